@@ -1,0 +1,60 @@
+# make demo: install and see it work.   make test: everything that does not run for minutes.
+PYTHON ?= python3
+BIN := .venv/bin
+
+# An older interpreter or a missing ensurepip fails here, in words, before pip says it in fifty lines.
+define CHECK_PYTHON
+import sys
+name = "%d.%d" % sys.version_info[:2]
+if sys.version_info < (3, 11):
+    sys.exit("f3t-skin needs Python 3.11 or newer; $(PYTHON) is %s. Choose one: make PYTHON=python3.12" % name)
+import importlib.util, subprocess
+if importlib.util.find_spec("ensurepip") is None:
+    subprocess.call([".ci/debian-packages", "python%s-venv" % name])
+    importlib.invalidate_caches()
+    if importlib.util.find_spec("ensurepip") is None:
+        sys.exit("$(PYTHON) cannot make a virtual environment: sudo apt-get install python%s-venv" % name)
+endef
+export CHECK_PYTHON
+
+.PHONY: help install demo test test-long bench lint clean
+
+help:
+	@echo "make install    a virtual environment in .venv, with everything the tests need (PYTHON=python3)"
+	@echo "make demo       a simulated skin, no hardware needed"
+	@echo "make test       all tests but the long ones"
+	@echo "make test-long  the long ones"
+	@echo "make bench      the benchmarks: error beside time"
+	@echo "make lint       ruff, check and format"
+	@echo "make clean      remove .venv and everything built"
+
+install: .venv/installed
+
+.venv/installed: pyproject.toml
+	@command -v $(PYTHON) >/dev/null || { echo "f3t-skin needs Python 3.11 or newer; there is no $(PYTHON). Choose one: make PYTHON=python3.12" >&2; exit 1; }
+	@$(PYTHON) -c "$$CHECK_PYTHON"
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --disable-pip-version-check -e '.[test]'
+	@touch $@
+
+demo: install
+	$(BIN)/skin demo
+
+test: install
+	@.ci/debian-packages
+	$(BIN)/python -m pytest -m "not long"
+
+test-long: install
+	@.ci/debian-packages
+	$(BIN)/python -m pytest -m long
+
+bench: install
+	$(BIN)/python -m benchmarks
+
+lint: install
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+
+clean:
+	rm -rf .venv build dist .pytest_cache .hypothesis .ruff_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
