@@ -1,0 +1,24 @@
+"""Counts from wires: frames in batches, transports, and the assembly of frames into cycles."""
+
+from bus.cycle import ClosedBy, FrameCounters, RawCycle
+from bus.errors import BusClosedError, BusError, BusOpenError, LogError
+from bus.frame import FRAME_DTYPE, FrameBatch
+from bus.status import INVALID, Status
+from bus.transport import Transport, TransportCounters, open_transport
+
+__all__ = [
+    "FRAME_DTYPE",
+    "INVALID",
+    "BusClosedError",
+    "BusError",
+    "BusOpenError",
+    "ClosedBy",
+    "FrameBatch",
+    "FrameCounters",
+    "LogError",
+    "RawCycle",
+    "Status",
+    "Transport",
+    "TransportCounters",
+    "open_transport",
+]

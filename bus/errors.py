@@ -1,0 +1,29 @@
+"""Errors of the bus.
+
+::
+
+    BusError                 everything below
+    ├── BusOpenError         a bus of the topology could not be opened
+    ├── BusClosedError       the transport was closed, or its interface is gone
+    └── LogError             a log file is not what it says it is
+"""
+
+from __future__ import annotations
+
+__all__ = ["BusClosedError", "BusError", "BusOpenError", "LogError"]
+
+
+class BusError(Exception):
+    """Anything that goes wrong between wires and counts."""
+
+
+class BusOpenError(BusError):
+    """A bus of the topology could not be opened; the message names bus, interface and remedy."""
+
+
+class BusClosedError(BusError):
+    """The transport was closed, or its interface is gone for good."""
+
+
+class LogError(BusError):
+    """A log file is not what it says it is; the message names file and first offending position."""

@@ -1,0 +1,133 @@
+"""FrameBatch: frames as one structured array, the same from a live bus, a log and the simulator."""
+
+from __future__ import annotations
+
+import numpy as np
+
+__all__ = [
+    "CAN_EFF",
+    "CAN_ERR",
+    "CAN_RTR",
+    "ECHO",
+    "FD_BRS",
+    "FD_ESI",
+    "FD_FDF",
+    "FRAME_DTYPE",
+    "FrameBatch",
+]
+
+CAN_EFF = 0x8000_0000
+"""Bit of `id`: 29-bit identifier."""
+CAN_RTR = 0x4000_0000
+"""Bit of `id`: remote frame."""
+CAN_ERR = 0x2000_0000
+"""Bit of `id`: error frame; the lower bits are the error class."""
+
+FD_BRS = 1
+"""Bit of `flags`: data phase at the second bit rate."""
+FD_ESI = 2
+"""Bit of `flags`: the sender is error-passive."""
+FD_FDF = 4
+"""Bit of `flags`: CAN FD frame."""
+ECHO = 1
+"""Bit of `origin`: this host sent the frame itself."""
+
+FRAME_DTYPE = np.dtype(
+    [
+        ("stamp_ns", "<i8"),
+        ("id", "<u4"),
+        ("length", "u1"),
+        ("flags", "u1"),
+        ("origin", "u1"),
+        ("bus", "u1"),
+        ("data", "u1", (64,)),
+    ]
+)
+"""One frame, 80 bytes. From `id` on it is the kernel's `struct canfd_frame`, byte for byte, so that
+`recvmmsg` can write into a batch; `origin` and `bus` lie in that struct's two reserved bytes.
+Bytes of `data` past `length` are undefined."""
+
+
+class FrameBatch:
+    """A buffer of frames that is filled, read and cleared without allocating.
+
+    Parameters
+    ----------
+    capacity : int
+        Frames that fit.
+
+    Attributes
+    ----------
+    records : ndarray, shape (capacity,), FRAME_DTYPE
+        The buffer itself; the first `count` records are valid.
+    count : int
+        Number of valid frames.
+    """
+
+    __slots__ = ("count", "records")
+
+    def __init__(self, capacity: int = 1024) -> None:
+        self.records = np.zeros(capacity, FRAME_DTYPE)
+        self.count = 0
+
+    def __len__(self) -> int:
+        return self.count
+
+    @property
+    def capacity(self) -> int:
+        """Number of frames that fit."""
+        return self.records.size
+
+    @property
+    def room(self) -> int:
+        """Number of frames that still fit."""
+        return self.records.size - self.count
+
+    @property
+    def frames(self) -> np.ndarray:
+        """View of the valid records, shape (count,)."""
+        return self.records[: self.count]
+
+    def clear(self) -> None:
+        """Forget all frames."""
+        self.count = 0
+
+    def append(
+        self,
+        can_id: int,
+        data: bytes,
+        *,
+        stamp_ns: int = 0,
+        flags: int = 0,
+        origin: int = 0,
+        bus: int = 0,
+    ) -> None:
+        """Add one frame.
+
+        Raises
+        ------
+        IndexError
+            The batch is full.
+        ValueError
+            More than 64 bytes of data.
+        """
+        if len(data) > 64:
+            raise ValueError(f"data: must be at most 64 bytes; got {len(data)}")
+        if self.count == self.records.size:
+            raise IndexError(f"batch is full ({self.records.size} frames)")
+        record = self.records[self.count]
+        record["stamp_ns"] = stamp_ns
+        record["id"] = can_id
+        record["length"] = len(data)
+        record["flags"] = flags
+        record["origin"] = origin
+        record["bus"] = bus
+        record["data"][: len(data)] = np.frombuffer(data, np.uint8)
+        self.count += 1
+
+    def extend(self, records: np.ndarray) -> int:
+        """Copy as many of `records` as fit; return how many that were."""
+        taken = min(self.room, records.size)
+        self.records[self.count : self.count + taken] = records[:taken]
+        self.count += taken
+        return taken

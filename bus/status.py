@@ -1,0 +1,54 @@
+"""Status of a unit: one word of flags that travels with every number."""
+
+from __future__ import annotations
+
+from enum import IntFlag
+
+__all__ = ["INVALID", "Status"]
+
+
+class Status(IntFlag):
+    """Flags of one unit in one cycle; 0 is a healthy, fresh reading.
+
+    The lower byte is set by the bus (is there a number at all?), the upper by the decoder (is the
+    number within what the unit can measure?).
+    """
+
+    OK = 0
+    NEVER = 1 << 0
+    """No good frame has ever arrived."""
+    LATE = 1 << 1
+    """Missing in this cycle; the last value is shown."""
+    STALE = 1 << 2
+    """Missing for `stale_cycles` or longer."""
+    FROZEN = 1 << 3
+    """Bit-identical counts for longer than noise allows."""
+    FAULT = 1 << 4
+    """The unit reports a fault of its own."""
+    DUPLICATE = 1 << 5
+    """Two units send with this identifier."""
+    DISABLED = 1 << 6
+    """Switched off in the topology file."""
+    TORN = 1 << 7
+    """Frames of different cycles met in this unit; the last whole value is shown."""
+
+    SATURATED = 1 << 8
+    """A count at its rail, or the tangential field at the crest: the value is a lower bound."""
+    OUT_OF_RANGE = 1 << 9
+    """Counts that no working unit produces (broken gel, stopped timer)."""
+    EXTRAPOLATED = 1 << 10
+    """Beyond the calibrated range of force, displacement or temperature."""
+
+
+INVALID = (
+    Status.NEVER
+    | Status.LATE
+    | Status.STALE
+    | Status.FROZEN
+    | Status.FAULT
+    | Status.DUPLICATE
+    | Status.DISABLED
+    | Status.TORN
+    | Status.OUT_OF_RANGE
+)
+"""Any of these, and array features (wrench, centroid, clusters) leave the unit out."""

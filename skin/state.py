@@ -1,0 +1,92 @@
+"""What a cycle means: readings of the units, features of the array."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bus.cycle import ClosedBy, FrameCounters
+from bus.status import INVALID, Status
+
+__all__ = ["INVALID", "WANTS", "Reading", "State", "Status"]
+
+UNIT_WANTS = ("temperature", "force", "tangential", "theta", "displacement")
+ARRAY_WANTS = ("wrench", "centroid")
+WANTS = UNIT_WANTS + ARRAY_WANTS
+"""Everything that `want` may select. What is not wanted is not computed and reads None; what a
+wanted quantity needs is computed with it (a wrench needs forces)."""
+
+
+@dataclass(slots=True)
+class Reading:
+    """Decoded units. Arrays are views of the decoder's buffers, valid until its next call.
+
+    With a batch of t cycles every array has a leading axis t. Units that have never been heard
+    of are NaN; a unit that is missing shows its last value and says so in `status`.
+
+    Attributes
+    ----------
+    temperature : ndarray, shape (n,), float32 or float64, or None
+        Degree Celsius, of the ion gel.
+    force : ndarray, shape (3, n), or None
+        Newton, unit frame: Fx, Fy tangential, Fz normal, positive when pressed (z points into the
+        skin). The force that the world exerts on the unit.
+    tangential : ndarray, shape (n,), or None
+        Newton, |Ft|. Rician at small loads: average `force`, not this.
+    theta : ndarray, shape (n,), or None
+        Radian, direction of the tangential force in the unit frame, in [-pi, pi].
+    displacement_mm : ndarray, shape (3, n), or None
+        Millimetre, unit frame: tangential x, y and pressed depth H. R is the length of the first
+        two.
+    status : ndarray, shape (n,), uint16
+        `Status` flags.
+    valid : ndarray, shape (n,), bool
+        Whether array features may use the unit: no flag of `INVALID`.
+    """
+
+    temperature: np.ndarray | None
+    force: np.ndarray | None
+    tangential: np.ndarray | None
+    theta: np.ndarray | None
+    displacement_mm: np.ndarray | None
+    status: np.ndarray
+    valid: np.ndarray
+
+
+@dataclass(slots=True)
+class State:
+    """The skin at one cycle. Arrays are valid until the next cycle.
+
+    Attributes
+    ----------
+    cycle : int
+        SYNC number, counted on without wrapping.
+    stamp_ns : int
+        Time stamp of the SYNC.
+    units : Reading
+        All units.
+    wrench : ndarray, shape (6,), float64, or None
+        Force in newton and moment in newton metre about the origin of the skin frame, summed over
+        the valid units in contact: what the world exerts on the skin.
+    centroid : ndarray, shape (3,), float64, or None
+        Centre of pressure of the normal loads, metre, skin frame; NaN where nothing touches.
+    contact : ndarray, shape (n,), bool, or None
+        Units whose normal load is above the contact gate.
+    coverage : float
+        Share of the sensing area whose units are valid.
+    closed_by : ClosedBy
+        What ended the cycle.
+    counters : FrameCounters
+        Frames by what became of them, running totals.
+    """
+
+    cycle: int
+    stamp_ns: int
+    units: Reading
+    wrench: np.ndarray | None
+    centroid: np.ndarray | None
+    contact: np.ndarray | None
+    coverage: float
+    closed_by: ClosedBy
+    counters: FrameCounters

@@ -1,0 +1,19 @@
+"""What hangs where: topology files, unit models and wire layouts, loaded into arrays."""
+
+from topology.arrays import Frames, Topology
+from topology.model import MODELS, THETA_KNOTS, UnitModel
+from topology.schema import Bus
+from topology.wire import CHANNELS, LAYOUTS, Signal, WireLayout
+
+__all__ = [
+    "CHANNELS",
+    "LAYOUTS",
+    "MODELS",
+    "THETA_KNOTS",
+    "Bus",
+    "Frames",
+    "Signal",
+    "Topology",
+    "UnitModel",
+    "WireLayout",
+]

@@ -1,0 +1,118 @@
+"""Topology: what hangs where, as arrays. The only thing that `bus` and `skin` know of a file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from topology.schema import Bus
+from topology.wire import WireLayout
+
+__all__ = ["Frames", "Topology"]
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """The data frames that are expected on the buses, f of them, ordered by (bus, id).
+
+    Attributes
+    ----------
+    bus : ndarray, shape (f,), int32
+        Index into `Topology.buses`.
+    can_id : ndarray, shape (f,), uint32
+        Identifier, as SocketCAN writes it: bit 31 set for a 29-bit identifier.
+    layout : ndarray, shape (f,), int32
+        Index into `Topology.layouts`.
+    part : ndarray, shape (f,), int32
+        Which of the layout's consecutive frames this is.
+    units : ndarray, shape (f, s), int32
+        Unit in each slot, -1 where the slot is empty; s is the largest `units` of all layouts.
+    """
+
+    bus: np.ndarray
+    can_id: np.ndarray
+    layout: np.ndarray
+    part: np.ndarray
+    units: np.ndarray
+
+    def __len__(self) -> int:
+        return self.bus.size
+
+
+@dataclass(frozen=True, eq=False)
+class Topology:
+    """A loaded topology: n units as a struct of arrays, unit axis last; all arrays read-only.
+
+    The skin frame is the root of the file's frames. The unit frame has its origin in the middle
+    of the sensing face, x and y tangential and **z into the skin**: the way a press goes, so that
+    the paper's Fz is positive when pressed and `rotation @ force` is a plain force vector, the
+    force that the world exerts on the skin. The outward normal is -z.
+
+    Attributes
+    ----------
+    name : str
+        Name of the skin.
+    path : Path or None
+        The file it came from.
+    buses : tuple of Bus
+        The buses, in the order of the file.
+    layouts : tuple of WireLayout
+        The wire layouts in use.
+    frames : Frames
+        Expected data frames.
+    unit_names : tuple of str, length n
+        "patch/r3c4" (grid) or "patch/17", or the name given in the file.
+    patch_names : tuple of str
+        Names of the patches.
+    patch : ndarray, shape (n,), int32
+        Index into `patch_names`.
+    enabled : ndarray, shape (n,), bool
+        False for units that the file switches off.
+    position : ndarray, shape (3, n), float64
+        Metre, skin frame.
+    rotation : ndarray, shape (3, 3, n), float64
+        Columns are the unit's axes in the skin frame (R_skin_unit).
+    area : ndarray, shape (n,), float64
+        Sensing area, m².
+    parameters : dict of str to ndarray, shape (n,) (theta_correction_rad: (THETA_KNOTS, n)), float64
+        Every parameter of `UnitModel` for each unit, calibration files applied.
+    scale, offset : ndarray, shape (c, n), float64
+        Physical value = scale * raw + offset, channels as in `topology.CHANNELS`.
+    wired : ndarray, shape (c, n), bool
+        Whether the wire carries the channel.
+    neighbour_start : ndarray, shape (n + 1,), int32
+    neighbour_index : ndarray, shape (m,), int32
+        Neighbour graph in compressed rows: the neighbours of unit i are
+        ``neighbour_index[neighbour_start[i]:neighbour_start[i + 1]]``; symmetric, sorted.
+    """
+
+    name: str
+    path: Path | None
+    buses: tuple[Bus, ...]
+    layouts: tuple[WireLayout, ...]
+    frames: Frames
+    unit_names: tuple[str, ...]
+    patch_names: tuple[str, ...]
+    patch: np.ndarray
+    enabled: np.ndarray
+    position: np.ndarray
+    rotation: np.ndarray
+    area: np.ndarray
+    parameters: dict[str, np.ndarray]
+    scale: np.ndarray
+    offset: np.ndarray
+    wired: np.ndarray
+    neighbour_start: np.ndarray
+    neighbour_index: np.ndarray
+
+    @property
+    def n(self) -> int:
+        """Number of units."""
+        return len(self.unit_names)
+
+    @property
+    def cycle_rate_hz(self) -> float:
+        """Cycle rate, the same on all buses of a skin."""
+        return self.buses[0].cycle_rate_hz

@@ -1,0 +1,162 @@
+"""Unit models: every constant of an F3T unit, with its unit in its name and its source in its doc.
+
+A `UnitModel` is what a unit *nominally* is. A topology file may override any parameter for a model,
+a calibration file for a single unit; the loaded `Topology` holds the outcome as one array a
+parameter (`Topology.parameters`). The simulator turns these parameters into counts, the decoder
+turns them into the coefficients of its kernel; neither holds a constant of its own.
+
+Sources: [paper] stands in Yang et al., "F3T: A soft tactile unit with 3D force and temperature
+mathematical decoupling ability for robots"; [derived] follows from the paper's figures;
+[assumed] is a preset chosen here because the paper does not say.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+__all__ = ["MODELS", "THETA_KNOTS", "UnitModel"]
+
+THETA_KNOTS = 16
+"""Knots of the direction-correction table, equally spaced over [-pi, pi), periodic."""
+
+Positive = Annotated[float, Meta(gt=0)]
+
+
+def _doc(text: str, **bounds: float) -> Meta:
+    return Meta(description=text, **bounds)
+
+
+class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Parameters of one kind of unit; the defaults are the built-in model `f3t-paper`.
+
+    Names end in the unit of the value; `_mm`, `_ut` (microtesla), `_hz`, `_ua` (microampere), `_c`
+    (degree Celsius), `_k` (kelvin, of differences), `_n` (newton), `_rad`, `_s`.
+    """
+
+    # -- temperature: gel current ----------------------------------------------------------------
+    gel_current_20c_ua: Annotated[
+        float, _doc("Gel current at 20 °C [assumed; only ratios matter]", gt=0)
+    ] = 10.0
+    gel_current_ratio: Annotated[
+        float,
+        _doc("Current at 80 °C over current at 20 °C, exponential law (Fig. 3a) [assumed]", gt=1),
+    ] = 12.0
+    temperature_min_c: Annotated[
+        float, _doc("Lower end of the calibrated temperature range [assumed]")
+    ] = 15.0
+    temperature_max_c: Annotated[
+        float, _doc("Upper end of the calibrated range; the PVA task stays below 90 °C [paper]")
+    ] = 95.0
+    gel_noise_relative: Annotated[
+        float, _doc("One-sigma noise of the gel current, relative (0.05 °C) [assumed]", ge=0)
+    ] = 0.002
+
+    # -- normal force: timer frequency -----------------------------------------------------------
+    frequency_rest_hz: Annotated[
+        float, _doc("Timer frequency of the unloaded unit, tared per unit [assumed]", gt=0)
+    ] = 4500.0
+    frequency_slope_hz_per_mm: Annotated[
+        float, _doc("Fall of the frequency per mm pressed (Fig. 3d) [paper]", gt=0)
+    ] = 900.0
+    normal_break_hz: Annotated[
+        float, _doc("Frequency fall at which the stiffness changes; gives 7.2 N at 2 mm [derived]",
+                    ge=0),
+    ] = 540.0
+    normal_soft_n_per_hz: Annotated[
+        float, _doc("Normal force per Hz below the break (Fig. 3e) [paper]", gt=0)
+    ] = 1.0 / 600.0
+    normal_stiff_n_per_hz: Annotated[
+        float, _doc("Normal force per Hz above the break (Fig. 3e) [paper]", gt=0)
+    ] = 1.0 / 200.0
+    normal_max_n: Annotated[
+        float, _doc("Upper end of the calibrated normal force [paper]", gt=0)
+    ] = 7.2
+    frequency_noise_hz: Annotated[
+        float, _doc("One-sigma frequency noise: 0.01 N below 1 N, 0.03 N above [derived]", ge=0)
+    ] = 6.0
+
+    # -- tangential force: lateral field of the Halbach film -------------------------------------
+    field_wavenumber_rad_per_mm: Annotated[
+        float, _doc("k of M_r = M0 sin(k R) (eq. 1); crest at 2.5 mm [derived]", gt=0)
+    ] = math.pi / 5.0
+    field_amplitude_ut: Annotated[
+        float, _doc("M0 at the reference depth, 25 °C [derived from Fig. 3i]", gt=0)
+    ] = 11073.0
+    field_reference_mm: Annotated[
+        float, _doc("Pressed depth at which the amplitude is given [paper]", ge=0)
+    ] = 2.0
+    field_growth_per_mm: Annotated[
+        float, _doc("d ln M0 / dH, from magnet field theory [derived]", gt=0)
+    ] = 0.72
+    field_vertical_ratio: Annotated[
+        float, _doc("Bz on the axis over M0: Bz = ratio * M0 cos(k R) [derived]", gt=0)
+    ] = 1.65
+    shear_soft_n_per_mm: Annotated[
+        float, _doc("Ft per mm of tangential displacement: 1 N at 2 mm [paper]", gt=0)
+    ] = 0.5
+    shear_break_mm: Annotated[
+        float, _doc("Displacement at which the shear law stiffens [derived]", gt=0)
+    ] = 2.0
+    shear_stiff_n_per_mm: Annotated[
+        float, _doc("Slope added beyond the break: 2 N at 2.348 mm [derived]", ge=0)
+    ] = 2.375
+    shear_gain_per_mm: Annotated[
+        float,
+        _doc("Relative change of Ft(R) per mm of depth, about the reference depth [assumed]"),
+    ] = 0.0
+    tangential_max_mm: Annotated[
+        float, _doc("Upper end of the one-to-one range of R [paper]", gt=0)
+    ] = 2.5
+    field_noise_ut: Annotated[
+        float, _doc("One-sigma noise of each field axis: 0.01 N at 2 mm depth [derived]", ge=0)
+    ] = 105.0
+
+    # -- temperature of film and Hall chip -------------------------------------------------------
+    film_drift_per_k: Annotated[
+        float, _doc("Relative change of M0 per kelvin of the film [assumed, NdFeB]")
+    ] = -0.0011
+    film_reference_c: Annotated[float, _doc("Film temperature at which M0 holds [assumed]")] = 25.0
+    film_lag_s: Annotated[
+        float, _doc("Time constant of the film behind the gel, 1-D heat model [assumed]", ge=0)
+    ] = 7.0
+    hall_gain_per_k: Annotated[
+        float, _doc("Relative change of the Hall chip's gain per kelvin (Fig. 3l) [assumed]")
+    ] = 0.0005
+    hall_reference_c: Annotated[float, _doc("Chip temperature of zero drift [assumed]")] = 25.0
+    hall_lag_s: Annotated[
+        float,
+        _doc("Time constant of the chip behind the gel, used where the wire does not carry the "
+             "chip's own temperature [assumed]", ge=0),
+    ] = 190.0
+    hall_offset_x_ut: Annotated[float, _doc("Offset of Bx at the reference temperature")] = 0.0
+    hall_offset_y_ut: Annotated[float, _doc("Offset of By at the reference temperature")] = 0.0
+    hall_offset_z_ut: Annotated[float, _doc("Offset of Bz at the reference temperature")] = 0.0
+    hall_drift_x_ut_per_k: Annotated[float, _doc("Drift of the Bx offset [assumed]")] = 0.0
+    hall_drift_y_ut_per_k: Annotated[float, _doc("Drift of the By offset [assumed]")] = 0.0
+    hall_drift_z_ut_per_k: Annotated[float, _doc("Drift of the Bz offset [assumed]")] = 0.0
+
+    # -- direction -------------------------------------------------------------------------------
+    field_xx: Annotated[float, _doc("2x2 map of (Bx, By): x from x (harmonics 0-2)")] = 1.0
+    field_xy: Annotated[float, _doc("2x2 map of (Bx, By): x from y")] = 0.0
+    field_yx: Annotated[float, _doc("2x2 map of (Bx, By): y from x")] = 0.0
+    field_yy: Annotated[float, _doc("2x2 map of (Bx, By): y from y")] = 1.0
+    theta_correction_rad: Annotated[
+        tuple[float, ...],
+        _doc(f"Added to theta = atan2(By, Bx): {THETA_KNOTS} knots equally spaced from -pi, "
+             "periodic, linear between (Fig. 3j-k, S8); empty: none"),
+    ] = ()
+
+    # -- geometry and health ---------------------------------------------------------------------
+    radius_m: Annotated[float, _doc("Radius of the cylindrical unit [paper]", gt=0)] = 0.006
+    frozen_cycles: Annotated[
+        int,
+        _doc("Bit-identical cycles after which a unit counts as frozen; 0: never [assumed]", ge=0),
+    ] = 50
+
+
+MODELS: dict[str, UnitModel] = {"f3t-paper": UnitModel()}
+"""Built-in unit models by name."""

@@ -1,0 +1,309 @@
+"""The topology file, format version 1, as frozen structs.
+
+A file is TOML. `json_schema()` describes it to editors; `topology/builtin/palm.toml` is the
+commented example. Lengths are metres and angles degrees, and every name says so.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, Union, get_type_hints
+
+import msgspec
+from msgspec import Meta
+
+from topology.model import UnitModel
+from topology.wire import WireLayout
+
+__all__ = [
+    "PARAMETERS",
+    "Bus",
+    "CalibrationFile",
+    "Cylinder",
+    "Dome",
+    "File",
+    "Frame",
+    "Grid",
+    "Hex",
+    "List",
+    "ListUnit",
+    "Model",
+    "Overrides",
+    "Patch",
+    "Pose",
+    "Scale",
+    "UnitException",
+    "json_schema",
+]
+
+Name = Annotated[
+    str,
+    Meta(
+        pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$(?!\n)",
+        max_length=64,
+        description="Letters, digits, `_`, `-` and `.`",
+    ),
+]
+Vector = tuple[float, float, float]
+Length = Annotated[float, Meta(gt=0, le=100)]
+Count = Annotated[int, Meta(ge=1, le=100_000)]
+Identifier = Annotated[int, Meta(ge=0, le=0x1FFFFFFF)]
+
+
+class _Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A table of the file: no key but the ones it names."""
+
+
+class Bus(_Table, frozen=True, kw_only=True):
+    """One CAN bus (`[[buses]]`)."""
+
+    name: Name
+    interface: Annotated[
+        str,
+        Meta(description="`memory` (in-process), `socketcan`, or any interface of python-can"),
+    ] = "memory"
+    channel: Annotated[str, Meta(description="Channel of the interface, e.g. `can0`")] = ""
+    bitrate: Annotated[int, Meta(gt=0, description="Nominal bit rate, bit/s")] = 1_000_000
+    data_bitrate: Annotated[
+        Annotated[int, Meta(gt=0)] | None,
+        Meta(description="CAN FD data bit rate, bit/s; absent: classic CAN"),
+    ] = None
+    cycle_rate_hz: Annotated[
+        float, Meta(gt=0, description="Cycles a second; the same on all buses of a skin")
+    ] = 250.0
+    sync_id: Annotated[
+        Annotated[int, Meta(ge=0, le=0x7FF)] | None,
+        Meta(description="Identifier of SYNC; absent: units send freely"),
+    ] = None
+    max_load: Annotated[
+        float, Meta(gt=0, le=1, description="Share of the bus that worst-case bits may fill")
+    ] = 0.8
+    options: Annotated[
+        dict[str, Any], Meta(description="Further keyword arguments of the python-can interface")
+    ] = {}
+
+    @property
+    def fd(self) -> bool:
+        """Whether the bus carries CAN FD frames."""
+        return self.data_bitrate is not None
+
+
+class Pose(_Table, frozen=True, kw_only=True):
+    """Where a frame or a patch sits in its parent: turned first, then moved."""
+
+    xyz_m: Annotated[Vector, Meta(description="Origin in the parent, metres")] = (0.0, 0.0, 0.0)
+    rpy_deg: Annotated[
+        Vector | None,
+        Meta(description="Roll, pitch, yaw about the parent's fixed x, y, z, degrees (as in URDF)"),
+    ] = None
+    quaternion_wxyz: Annotated[
+        tuple[float, float, float, float] | None,
+        Meta(description="Unit quaternion, w first, in place of `rpy_deg`"),
+    ] = None
+
+
+class Frame(_Table, frozen=True, kw_only=True):
+    """A named frame (`[[frames]]`); the root is `skin` and needs no table."""
+
+    name: Name
+    parent: Annotated[str, Meta(description="`skin` or another frame of the file")] = "skin"
+    pose: Pose = Pose()
+
+
+class Scale(_Table, frozen=True, kw_only=True):
+    """Physical value = scale * integer + offset, for the units of a model."""
+
+    scale: float
+    offset: float = 0.0
+
+
+PARAMETERS: tuple[str, ...] = UnitModel.__struct_fields__
+"""Names of the parameters of a unit, in the order of `UnitModel`."""
+
+Overrides = msgspec.defstruct(
+    "Overrides",
+    [(name, kind | None, None)
+     for name, kind in get_type_hints(UnitModel, include_extras=True).items()],
+    bases=(_Table,),
+    frozen=True,
+    kw_only=True,
+    module=__name__,
+)
+Overrides.__doc__ = "Any parameters of `UnitModel`; an absent one (None) is left as it is."
+
+
+class Model(Overrides, frozen=True, kw_only=True):
+    """A unit model of one's own (`[[models]]`): a base and what differs from it."""
+
+    name: Name
+    base: Annotated[str, Meta(description="A built-in model, or one further up in the file")] = (
+        "f3t-paper"
+    )
+    scales: Annotated[
+        dict[str, Scale],
+        Meta(description="Channel to {scale, offset}, in place of the wire layout's own"),
+    ] = {}
+
+
+class _Patch(_Table, frozen=True, kw_only=True, tag_field="kind"):
+    name: Name
+    bus: Annotated[str, Meta(description="Name of the bus that the units hang on")]
+    layout: Annotated[
+        str, Meta(description="`f3t-classic`, `f3t-fd16`, `f3t-fd64` or one of `[[layouts]]`")
+    ]
+    model: Annotated[str, Meta(description="`f3t-paper` or one of `[[models]]`")] = "f3t-paper"
+    frame: Annotated[str, Meta(description="Frame that `pose` is given in")] = "skin"
+    pose: Annotated[Pose, Meta(description="Patch frame in `frame`")] = Pose()
+    extended: Annotated[bool, Meta(description="Identifiers are 29-bit ones")] = False
+    calibration: Annotated[
+        str | None, Meta(description="Calibration file, relative to this file")
+    ] = None
+
+
+class _Numbered(_Patch, frozen=True, kw_only=True):
+    first_id: Annotated[
+        Identifier,
+        Meta(description="Identifier of the first frame; the next frames follow one by one"),
+    ]
+
+
+class Grid(_Numbered, frozen=True, kw_only=True, tag="grid"):
+    """Flat, square: columns along x, rows along y, middle in the origin, outward normal +z."""
+
+    rows: Count
+    columns: Count
+    pitch_m: Annotated[Length, Meta(description="Distance of neighbours in a row, metres")]
+    row_pitch_m: Annotated[
+        Length | None, Meta(description="Distance of the rows; absent: `pitch_m`")
+    ] = None
+
+
+class Hex(_Numbered, frozen=True, kw_only=True, tag="hex"):
+    """Flat, hexagonal: a grid whose odd rows are moved half a pitch along x."""
+
+    rows: Count
+    columns: Count
+    pitch_m: Annotated[Length, Meta(description="Distance of nearest neighbours, metres")]
+
+
+class Cylinder(_Numbered, frozen=True, kw_only=True, tag="cylinder"):
+    """A grid or hexagonal grid bent about an axis along y, at z = -radius."""
+
+    radius_m: Annotated[Length, Meta(description="Radius of the cylinder, metres")]
+    rows: Annotated[Count, Meta(description="Rows along the axis")]
+    columns: Annotated[Count, Meta(description="Columns around the axis")]
+    pitch_m: Annotated[Length, Meta(description="Distance of neighbours along the arc, metres")]
+    row_pitch_m: Annotated[
+        Length | None,
+        Meta(description="Distance of the rows; absent: `pitch_m`, or hexagonal if staggered"),
+    ] = None
+    stagger: Annotated[bool, Meta(description="Move odd rows half a pitch: hexagonal")] = False
+
+
+class Dome(_Numbered, frozen=True, kw_only=True, tag="dome"):
+    """A spherical cap: one unit on top, in the origin, and rings around it."""
+
+    radius_m: Annotated[Length, Meta(description="Radius of the sphere, metres")]
+    rings: Annotated[int, Meta(ge=0, le=1000, description="Rings around the middle unit")]
+    pitch_m: Annotated[Length, Meta(description="Distance of the rings along the arc, metres")]
+
+
+class ListUnit(_Table, frozen=True, kw_only=True):
+    """One unit of a list (`[[patches.units]]`)."""
+
+    xyz_m: Annotated[Vector, Meta(description="Middle of the sensing face, patch frame, metres")]
+    normal: Annotated[Vector, Meta(description="Outward normal, patch frame, any length")]
+    x_axis: Annotated[
+        Vector | None,
+        Meta(description="Direction of the unit's x axis, made square to the normal; absent: x of "
+             "the patch frame, or its y where x is nearly the normal"),
+    ] = None
+    name: Annotated[Name | None, Meta(description="Absent: its number in the list, from 0")] = None
+    id: Annotated[
+        Identifier | None, Meta(description="Identifier of its frame, in place of `first_id`")
+    ] = None
+    slot: Annotated[
+        Annotated[int, Meta(ge=0, le=31)] | None,
+        Meta(description="Place in the frame, from 0; only with `id`"),
+    ] = None
+
+
+class List(_Patch, frozen=True, kw_only=True, tag="list"):
+    """Units placed one by one."""
+
+    units: Annotated[tuple[ListUnit, ...], Meta(min_length=1)]
+    first_id: Annotated[
+        Identifier | None,
+        Meta(description="Identifier of the first frame; absent where every unit names its own"),
+    ] = None
+
+
+Patch = Union[Grid, Hex, Cylinder, Dome, List]  # noqa: UP007 - evaluated by msgspec at run time
+
+
+class UnitException(Overrides, frozen=True, kw_only=True):
+    """What differs for one unit (`[[units]]`); any parameter of its model may stand here too."""
+
+    unit: Annotated[str, Meta(description="Patch and unit, e.g. `palm/r3c4`")]
+    enabled: Annotated[bool, Meta(description="False: the unit is left out everywhere")] = True
+    model: Annotated[str | None, Meta(description="Another model than its patch's")] = None
+    xyz_m: Annotated[
+        Vector, Meta(description="Moves it from its nominal place, patch frame, metres")
+    ] = (0.0, 0.0, 0.0)
+    id: Annotated[Identifier | None, Meta(description="Another frame than its turn gives")] = None
+    slot: Annotated[
+        Annotated[int, Meta(ge=0, le=31)] | None,
+        Meta(description="Place in the frame, from 0; only with `id`"),
+    ] = None
+
+
+class File(_Table, frozen=True, kw_only=True):
+    """A topology file."""
+
+    format: Annotated[Literal[1], Meta(description="Version of the file format")]
+    name: Annotated[Name, Meta(description="Name of the skin")]
+    description: str = ""
+    buses: Annotated[tuple[Bus, ...], Meta(min_length=1)]
+    frames: tuple[Frame, ...] = ()
+    models: tuple[Model, ...] = ()
+    layouts: tuple[WireLayout, ...] = ()
+    patches: Annotated[tuple[Patch, ...], Meta(min_length=1)]
+    units: tuple[UnitException, ...] = ()
+
+
+class CalibrationFile(_Table, frozen=True, kw_only=True):
+    """A calibration file: what was measured of the units of one patch."""
+
+    format: Annotated[Literal[1], Meta(description="Version of the file format")]
+    patch: Annotated[str, Meta(description="Patch that it belongs to")]
+    date: Annotated[str, Meta(description="When it was measured")] = ""
+    bench: Annotated[str, Meta(description="Where and how it was measured")] = ""
+    units: Annotated[
+        dict[str, Overrides], Meta(description="Unit (`r3c4`) to the parameters that differ")
+    ] = {}
+
+
+def json_schema(struct: type[msgspec.Struct] = File) -> dict[str, Any]:
+    """JSON Schema of a topology file (or of a `CalibrationFile`), for editors of TOML.
+
+    Examples
+    --------
+    >>> json_schema()["$ref"]
+    '#/$defs/File'
+    """
+    schema = _without_null(msgspec.json.schema(struct))
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
+
+
+def _without_null(node: Any) -> Any:
+    """TOML has no null: an optional key is one that may be absent."""
+    if isinstance(node, list):
+        return [_without_null(item) for item in node]
+    if not isinstance(node, dict):
+        return node
+    node = {key: _without_null(value) for key, value in node.items()
+            if not (key == "default" and value is None)}
+    choices = [item for item in node.get("anyOf", ()) if item != {"type": "null"}]
+    if len(choices) == 1:
+        del node["anyOf"]
+        node = {**choices[0], **node}
+    return node

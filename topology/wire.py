@@ -1,0 +1,122 @@
+"""Frame layouts as data: which bits of which frame carry which channel of which unit.
+
+Bit numbers are those of a DBC file, so that a layout and a DBC message say the same thing:
+little-endian (Intel) signals start at their least significant bit, big-endian (Motorola) signals at
+their most significant bit in sawtooth numbering.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+
+__all__ = ["CHANNELS", "FRAME_FIELDS", "LAYOUTS", "UNIT_FIELDS", "Signal", "WireLayout"]
+
+CHANNELS = ("gel", "frequency", "bx", "by", "bz", "hall_temperature")
+"""Rows of every raw array, in order: `raw` is int16, shape (6, n)."""
+
+UNIT_FIELDS = ("unit_status",)
+"""What a unit says of itself beside its channels; not 0 means a self-reported fault."""
+
+FRAME_FIELDS = ("sequence", "status", "crc")
+"""What a frame carries once, whatever its number of units."""
+
+QUANTITIES = {
+    "gel": "µA",
+    "frequency": "Hz",
+    "bx": "µT",
+    "by": "µT",
+    "bz": "µT",
+    "hall_temperature": "°C",
+}
+
+
+class Signal(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One integer in a frame. Physical value = scale * integer + offset."""
+
+    name: Annotated[str, Meta(description="A channel, `unit_status`, `sequence`, `status` or `crc`")]
+    start: Annotated[int, Meta(ge=0, le=511, description="Start bit, numbered as in a DBC")]
+    length: Annotated[int, Meta(ge=1, le=16, description="Bits")]
+    signed: bool = False
+    order: Literal["little", "big"] = "little"
+    scale: float = 1.0
+    offset: float = 0.0
+    slot: Annotated[int, Meta(ge=0, description="Which of the frame's units; 0 for frame fields")] = 0
+    part: Annotated[int, Meta(ge=0, description="Which of the consecutive frames carries it")] = 0
+
+
+class WireLayout(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One data frame (or `parts` frames with consecutive ids) and the signals in it.
+
+    The crc, where there is one, is CRC-16/CCITT-FALSE over the CAN id (two bytes, low first) and
+    then every byte of the frame that is not the crc itself.
+    """
+
+    name: str
+    size: Annotated[int, Meta(ge=1, le=64, description="Bytes of each frame")]
+    fd: bool = False
+    units: Annotated[int, Meta(ge=1, le=32, description="Units that one frame carries")] = 1
+    parts: Annotated[int, Meta(ge=1, le=16, description="Frames that make one set of units")] = 1
+    signals: tuple[Signal, ...] = ()
+
+    def frame_field(self, name: str, part: int = 0) -> Signal | None:
+        """The signal `name` ("sequence", "status", "crc") of frame `part`, or None."""
+        found = (s for s in self.signals if s.name == name and s.part == part)
+        return next(found, None)
+
+    def carries(self, name: str) -> bool:
+        """Whether any frame of this layout carries the channel or field `name`."""
+        return any(s.name == name for s in self.signals)
+
+
+def _record(slot: int, byte: int) -> tuple[Signal, ...]:
+    """The 12-byte unit record of the FD layouts, at `byte` of the frame."""
+    bit = 8 * byte
+    field = {"length": 16, "signed": True, "slot": slot}
+    return (
+        Signal(name="gel", start=bit, scale=0.007, **field),
+        Signal(name="frequency", start=bit + 16, scale=0.25, **field),
+        Signal(name="bx", start=bit + 32, scale=2.0, **field),
+        Signal(name="by", start=bit + 48, scale=2.0, **field),
+        Signal(name="bz", start=bit + 64, scale=2.0, **field),
+        Signal(name="hall_temperature", start=bit + 80, length=8, signed=True, scale=0.5,
+               offset=25.0, slot=slot),
+        Signal(name="unit_status", start=bit + 88, length=8, slot=slot),
+    )
+
+
+_HEADER = (
+    Signal(name="sequence", start=0, length=8),
+    Signal(name="status", start=8, length=8),
+    Signal(name="crc", start=16, length=16),
+)
+
+LAYOUTS: dict[str, WireLayout] = {
+    layout.name: layout
+    for layout in (
+        WireLayout(
+            name="f3t-classic",
+            size=8,
+            signals=(
+                Signal(name="gel", start=0, length=12, scale=0.055),
+                Signal(name="frequency", start=12, length=14, scale=0.5),
+                Signal(name="bx", start=26, length=11, signed=True, scale=64.0),
+                Signal(name="by", start=37, length=11, signed=True, scale=64.0),
+                Signal(name="bz", start=48, length=11, signed=True, scale=64.0),
+                Signal(name="sequence", start=59, length=4),
+                Signal(name="unit_status", start=63, length=1),
+            ),
+        ),
+        WireLayout(name="f3t-fd16", size=16, fd=True, signals=(*_HEADER, *_record(0, 4))),
+        WireLayout(
+            name="f3t-fd64",
+            size=64,
+            fd=True,
+            units=5,
+            signals=_HEADER + tuple(s for i in range(5) for s in _record(i, 4 + 12 * i)),
+        ),
+    )
+}
+"""Built-in layouts by name."""
