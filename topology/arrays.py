@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from topology.schema import Bus
@@ -116,3 +117,10 @@ class Topology:
     def cycle_rate_hz(self) -> float:
         """Cycle rate, the same on all buses of a skin."""
         return self.buses[0].cycle_rate_hz
+
+    def on(self, *, interface: str | None = None, channel: str | None = None) -> Topology:
+        """The same skin on another interface or channel; None keeps what the file says."""
+        changes = {"interface": interface, "channel": channel}
+        given = {name: value for name, value in changes.items() if value is not None}
+        buses = tuple(msgspec.structs.replace(bus, **given) for bus in self.buses)
+        return replace(self, buses=buses)

@@ -1,0 +1,88 @@
+"""The `skin` command: one file a sub-command, the file named after it.
+
+Exit status: 0 fine, 1 a check failed, 2 wrong use or bad input. Every command that reports takes
+`--json` and then ends with one JSON object as the last line of standard output.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from importlib import import_module
+
+__all__ = ["COMMANDS", "main"]
+
+COMMANDS = {
+    "demo": "simulate a palm, decode it live, and show the errors against the truth",
+    "check": "check a topology file and show what hangs where, and the load of each bus",
+    "sim": "run simulated units alone, on the buses of a topology",
+    "run": "listen to the buses of a topology and show what the skin feels",
+    "decode": "turn a recorded log into forces",
+}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one sub-command; return its exit status."""
+    import tyro
+
+    given = sys.argv[1:] if arguments is None else arguments
+    if not given or given[0] in ("-h", "--help"):
+        print(_overview())
+        return 0 if given else 2
+    name, *rest = given
+    if name == "--version":
+        from importlib.metadata import version
+
+        print(version("f3t-skin"))
+        return 0
+    if name not in COMMANDS:
+        from difflib import get_close_matches
+
+        near = get_close_matches(name, COMMANDS, n=1)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        return _refuse(f"skin: command must be one of {', '.join(COMMANDS)}; got {name!r}{hint}")
+    command: Callable[..., int] = getattr(import_module(f"skin.cli.{name}"), name)
+    return _guarded(
+        lambda: tyro.cli(
+            command,
+            prog=f"skin {name}",
+            args=rest,
+            config=(tyro.conf.FlagCreatePairsOff, tyro.conf.PositionalRequiredArgs),
+        )
+    )
+
+
+def _guarded(call: Callable[[], int]) -> int:
+    """Turn the errors that a user can mend into a message and exit status 2."""
+    from bus.errors import BusError
+    from skin.errors import SkinError
+    from topology.errors import TopologyError
+
+    try:
+        return call()
+    except (BusError, SkinError, TopologyError) as error:
+        return _refuse(str(error))
+    except OSError as error:
+        where = error.filename if error.filename is not None else "skin"
+        return _refuse(f"{where}: {error.strerror or error}")
+    except KeyboardInterrupt:
+        return 130
+    except BrokenPipeError:
+        sys.stderr.close()
+        return 0
+
+
+def _refuse(message: str) -> int:
+    print(message, file=sys.stderr)
+    return 2
+
+
+def _overview() -> str:
+    width = max(map(len, COMMANDS))
+    rows = "\n".join(f"  {name:<{width}}  {text}" for name, text in COMMANDS.items())
+    return (
+        "usage: skin COMMAND [OPTIONS]\n\n"
+        "Tactile skins of F3T units on CAN: frames in, contacts out.\n\n"
+        f"commands:\n{rows}\n\n"
+        "skin COMMAND --help tells more of one; skin --version the version."
+    )

@@ -1,0 +1,120 @@
+"""`skin decode`: a recorded log into forces."""
+
+from __future__ import annotations
+
+import csv
+import json as json_text
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any, TextIO
+
+import numpy as np
+import tyro
+
+__all__ = ["decode"]
+
+
+def decode(
+    log: Annotated[Path, tyro.conf.Positional],
+    /,
+    *,
+    topology: Annotated[str, tyro.conf.arg(help="file or built-in name of the skin's topology")],
+    output: Annotated[
+        Path | None,
+        tyro.conf.arg(help="where to write: .csv (a row per cycle and unit) or .npz (arrays)"),
+    ] = None,
+    json: Annotated[bool, tyro.conf.arg(help="end with one JSON object")] = False,
+) -> int:
+    """Decode a recorded CAN log (candump, BLF, ASC, TRC, …) of a skin with one bus.
+
+    The arrays of an .npz are time_s (t), temperature_c (t, n), force_n (t, 3, n), status (t, n),
+    wrench (t, 6), centroid_m (t, 3) and unit (n); nothing in it needs pickle. Exits 1 if the log
+    holds no cycle of this skin.
+    """
+    from bus.assemble import Assembler
+    from bus.logs import read
+    from skin.errors import SkinError
+    from skin.live import CycleReader
+    from topology import load
+
+    if output is not None and output.suffix not in (".csv", ".npz"):
+        raise SkinError(f"--output: must end in .csv or .npz; got {output.name!r}")
+    loaded = load(topology)
+    assembler = Assembler(loaded)
+    reader = CycleReader(loaded, want=None, estimator="sine", dtype="float64")
+    rows: list[tuple[Any, ...]] = []
+
+    def keep(cycle: Any) -> None:
+        state = reader(cycle)
+        units = state.units
+        rows.append(
+            (state.stamp_ns, units.temperature.copy(), units.force.copy(), units.status.copy(),
+             units.valid.copy(), state.wrench.copy(), state.centroid.copy())
+        )  # fmt: skip
+
+    for batch in read(log):
+        for cycle in assembler.feed(batch.frames):
+            keep(cycle)
+    last = assembler.flush()
+    if last is not None:
+        keep(last)
+    counters = asdict(assembler.counters)
+    if output is not None and rows:
+        _write(output, loaded, rows)
+    valid = sum(int(row[4].sum()) for row in rows)
+    peak = max((float(np.linalg.norm(row[5][:3])) for row in rows), default=0.0)
+    report = {
+        "topology": loaded.name,
+        "units": loaded.n,
+        "cycles": len(rows),
+        "valid_share": valid / max(1, len(rows) * loaded.n),
+        "peak_force_n": peak,
+        "counters": counters,
+        "output": str(output.resolve()) if output is not None and rows else None,
+    }
+    if json:
+        print(json_text.dumps(report))
+    else:
+        kinds = ", ".join(f"{name} {count}" for name, count in counters.items() if count)
+        print(f"{len(rows)} cycles of {loaded.n} units; frames: {kinds or 'none'}")
+        print(f"valid readings {100 * report['valid_share']:.2f} %, peak force {peak:.2f} N")
+        if report["output"]:
+            print(f"written: {report['output']}")
+    return 0 if rows else 1
+
+
+def _write(path: Path, topology: Any, rows: list[tuple[Any, ...]]) -> None:
+    stamp, temperature, force, status, valid, wrench, centroid = zip(*rows, strict=True)
+    time_s = (np.array(stamp, np.int64) - stamp[0]) * 1e-9
+    if path.suffix == ".npz":
+        beside = path.with_name(f".{path.name}.part.npz")
+        np.savez_compressed(
+            beside, time_s=time_s, temperature_c=np.stack(temperature), force_n=np.stack(force),
+            status=np.stack(status), wrench=np.stack(wrench), centroid_m=np.stack(centroid),
+            unit=np.array(topology.unit_names),
+        )  # fmt: skip
+        os.replace(beside, path)
+        return
+    with _replacing(path) as file:
+        table = csv.writer(file)
+        table.writerow(
+            ["time_s", "unit", "temperature_c", "fx_n", "fy_n", "fz_n", "status", "valid"]
+        )
+        for t, warm, f, flags, good in zip(time_s, temperature, force, status, valid, strict=True):
+            for i, name in enumerate(topology.unit_names):
+                table.writerow(
+                    [f"{t:.6f}", name, f"{warm[i]:.3f}", *(f"{v:.4f}" for v in f[:, i]),
+                     int(flags[i]), int(good[i])]
+                )  # fmt: skip
+
+
+@contextmanager
+def _replacing(path: Path) -> Iterator[TextIO]:
+    """A text file beside `path` that takes its place once it is whole."""
+    beside = path.with_name(f".{path.name}.part")
+    with beside.open("w", newline="", encoding="utf-8") as file:
+        yield file
+    os.replace(beside, path)

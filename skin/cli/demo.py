@@ -1,0 +1,159 @@
+"""`skin demo`: the main job on simulated units, with the truth to compare with."""
+
+from __future__ import annotations
+
+import json as json_text
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+
+__all__ = ["demo", "errors_against_truth"]
+
+LOADED_N = 0.05
+"""True normal load above which a unit counts as loaded in the force error."""
+
+CENTROID_LOAD_N = 1.0
+"""Total normal load above which the centre of pressure is compared."""
+
+
+def demo(
+    topology: Annotated[str, tyro.conf.Positional] = "palm",
+    /,
+    *,
+    seconds: Annotated[float, tyro.conf.arg(help="simulated time")] = 8.0,
+    seed: Annotated[int, tyro.conf.arg(help="seed of the simulated noise")] = 0,
+    fast: Annotated[
+        bool, tyro.conf.arg(help="as fast as possible instead of in real time")
+    ] = False,
+    picture: Annotated[Path, tyro.conf.arg(help="where to write the picture")] = Path(
+        "skin-demo.png"
+    ),
+    json: Annotated[bool, tyro.conf.arg(help="end with one JSON object")] = False,
+) -> int:
+    """Simulate the units of a topology under a sphere that presses, slides and lifts; decode the
+    frames live; compare with the truth; draw a picture."""
+    import skin
+    from skin.errors import SkinError
+    from skin.view.picture import save_run
+    from skin.view.terminal import LiveTable
+    from topology import load
+
+    if not 0.0 < seconds <= 3600.0:
+        raise SkinError(f"--seconds: must be above 0 and at most 3600; got {seconds:g}")
+    loaded = load(topology)
+    cycles = max(1, round(seconds * loaded.cycle_rate_hz))
+    table = LiveTable(loaded)
+    log = _Log()
+    with skin.open(loaded, simulate=True, pace=not fast, seed=seed) as opened:
+        for state in opened:
+            table.show(state, opened.timing.work_ns)
+            log.add(state, opened.nodes.truth, opened.timing.work_ns)
+            if len(log.time_s) == cycles:
+                break
+        counters = opened.counters
+    run, figures = errors_against_truth(log)
+    save_run(picture, loaded, run)
+    report = {
+        "topology": loaded.name,
+        "units": loaded.n,
+        "cycles": cycles,
+        "frames": counters.data,
+        "lost_frames": counters.lost,
+        **figures,
+        "picture": str(picture.resolve()),
+    }
+    if json:
+        print(json_text.dumps(report))
+    else:
+        print(_table(report))
+    return 0
+
+
+@dataclass
+class _Log:
+    """What the demo remembers of each cycle."""
+
+    time_s: list[float] = field(default_factory=list)
+    work_us: list[float] = field(default_factory=list)
+    found: list[tuple[np.ndarray, ...]] = field(default_factory=list)
+    truth: list[tuple[np.ndarray, ...]] = field(default_factory=list)
+
+    def add(self, state: Any, truth: Any, work_ns: int) -> None:
+        self.time_s.append(truth.time_s)
+        self.work_us.append(work_ns * 1e-3)
+        units = state.units
+        self.found.append(
+            (units.force.copy(), units.temperature.copy(), state.wrench.copy(),
+             state.centroid.copy(), units.valid.copy())
+        )  # fmt: skip
+        self.truth.append(
+            (truth.force.copy(), truth.temperature.copy(), truth.wrench.copy(),
+             truth.centroid.copy())
+        )  # fmt: skip
+
+
+def errors_against_truth(log: _Log) -> tuple[Any, dict[str, float]]:
+    """The run as arrays, and its errors.
+
+    Force errors are taken over each component of the valid units whose true normal load exceeds
+    0.05 N, the temperature error over all valid units, the error of the total force over its
+    components while anything touches, that of the centre of pressure over its distance from the
+    true one while the total normal load exceeds 1 N.
+    """
+    from skin.view.picture import Run
+
+    force, temperature, wrench, centroid, valid = map(np.stack, zip(*log.found, strict=True))
+    true_force, true_temperature, true_wrench, true_centroid = map(
+        np.stack, zip(*log.truth, strict=True)
+    )
+    time_s = np.array(log.time_s)
+    run = Run(time_s, force, true_force, wrench, true_wrench, centroid, true_centroid)
+    loaded = (true_force[:, 2] > LOADED_N) & valid
+    force_error = (force - true_force).transpose(0, 2, 1)[loaded]
+    touching = true_force[:, 2].sum(axis=1) > LOADED_N
+    wrench_error = (wrench - true_wrench)[touching, :3]
+    heavy = true_force[:, 2].sum(axis=1) > CENTROID_LOAD_N
+    off = (np.linalg.norm(centroid - true_centroid, axis=1) * 1e3)[heavy]
+    p50, p99 = np.percentile(log.work_us, [50, 99])
+    figures = {
+        "temperature_rmse_c": _rms((temperature - true_temperature)[valid]),
+        "force_rmse_n": _rms(force_error),
+        "force_max_error_n": float(np.abs(force_error).max(initial=0.0)),
+        "wrench_force_rmse_n": _rms(wrench_error),
+        "centroid_rmse_mm": _rms(off),
+        "centroid_max_error_mm": float(off.max(initial=0.0)),
+        "cycle_us_p50": float(p50),
+        "cycle_us_p99": float(p99),
+    }
+    return run, {name: round(value, 6) for name, value in figures.items()}
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(values)))) if values.size else 0.0
+
+
+def _table(report: dict[str, Any]) -> str:
+    rows = [
+        ("units, cycles", f"{report['units']}, {report['cycles']}"),
+        ("frames, lost", f"{report['frames']}, {report['lost_frames']}"),
+        ("temperature error", f"{report['temperature_rmse_c']:.3f} °C rms"),
+        (
+            "force error, loaded units",
+            f"{report['force_rmse_n']:.4f} N rms, {report['force_max_error_n']:.3f} N worst",
+        ),
+        ("total force error", f"{report['wrench_force_rmse_n']:.4f} N rms"),
+        (
+            "centre of pressure error",
+            f"{report['centroid_rmse_mm']:.3f} mm rms, "
+            f"{report['centroid_max_error_mm']:.3f} mm worst",
+        ),
+        (
+            "frames to wrench",
+            f"{report['cycle_us_p50']:.1f} µs p50, {report['cycle_us_p99']:.1f} µs p99",
+        ),
+        ("picture", report["picture"]),
+    ]
+    return "\n".join(f"{name:<26} {text}" for name, text in rows)

@@ -1,0 +1,125 @@
+"""`skin run`: listen to the buses of a topology."""
+
+from __future__ import annotations
+
+import json as json_text
+import time
+from dataclasses import asdict
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import tyro
+
+__all__ = ["run"]
+
+
+def run(
+    file: Annotated[str, tyro.conf.Positional],
+    /,
+    *,
+    seconds: Annotated[
+        float | None, tyro.conf.arg(help="stop after this time; otherwise until Ctrl-C")
+    ] = None,
+    interface: Annotated[
+        str | None, tyro.conf.arg(help="use this interface for every bus instead of the file's")
+    ] = None,
+    channel: Annotated[
+        str | None, tyro.conf.arg(help="use this channel for every bus instead of the file's")
+    ] = None,
+    sync: Annotated[
+        Literal["host", "bus"], tyro.conf.arg(help="who sends SYNC: this host or another node")
+    ] = "host",
+    json: Annotated[bool, tyro.conf.arg(help="end with one JSON object")] = False,
+) -> int:
+    """Open the buses of a topology, send SYNC, and show what the skin feels.
+
+    Exits 1 if no unit ever answered.
+    """
+    import skin
+    from skin.errors import SkinError
+    from skin.view.terminal import LiveTable
+    from topology import load
+
+    if seconds is not None and not seconds > 0.0:
+        raise SkinError(f"--seconds: must be above 0; got {seconds:g}")
+    loaded = load(file).on(interface=interface, channel=channel)
+    table = LiveTable(loaded)
+    tally = _Tally(loaded)
+    end = None if seconds is None else time.monotonic() + seconds
+    with skin.open(loaded, sync=sync) as opened:
+        try:
+            for state in opened:
+                table.show(state, opened.timing.work_ns)
+                tally.add(state, opened.timing.work_ns)
+                if end is not None and time.monotonic() >= end:
+                    break
+        except KeyboardInterrupt:
+            pass
+        report = tally.report() | {
+            "overruns": opened.timing.overruns,
+            "counters": asdict(opened.counters),
+        }
+    if json:
+        print(json_text.dumps(report))
+    else:
+        print(_table(report))
+    return 0 if report["units_heard"] else 1
+
+
+class _Tally:
+    """What is worth telling at the end of a run."""
+
+    def __init__(self, topology: Any) -> None:
+        self.topology = topology
+        self.cycles = 0
+        self.complete = 0
+        self.valid = np.zeros(topology.n, np.int64)
+        self.heard = np.zeros(topology.n, bool)
+        self.load = 0.0
+        self.work_us: list[float] = []
+
+    def add(self, state: Any, work_ns: int) -> None:
+        from skin.state import Status
+
+        self.cycles += 1
+        self.complete += state.closed_by == "complete"
+        self.valid += state.units.valid
+        self.heard |= (state.units.status & int(Status.NEVER | Status.DISABLED)) == 0
+        self.load = max(self.load, float(np.linalg.norm(state.wrench[:3])))
+        self.work_us.append(work_ns * 1e-3)
+
+    def report(self) -> dict[str, Any]:
+        silent = np.flatnonzero(~self.heard & self.topology.enabled)
+        p50, p99 = np.percentile(self.work_us, [50, 99]) if self.work_us else (0.0, 0.0)
+        return {
+            "topology": self.topology.name,
+            "units": self.topology.n,
+            "units_heard": int(self.heard.sum()),
+            "silent_units": [self.topology.unit_names[i] for i in silent],
+            "cycles": self.cycles,
+            "complete_cycles": int(self.complete),
+            "valid_share": float(self.valid.sum() / max(1, self.cycles * self.topology.n)),
+            "peak_force_n": self.load,
+            "cycle_us_p50": float(p50),
+            "cycle_us_p99": float(p99),
+        }
+
+
+def _table(report: dict[str, Any]) -> str:
+    counters = report["counters"]
+    kinds = ", ".join(f"{name} {count}" for name, count in counters.items() if count)
+    silent = report["silent_units"]
+    shown = ", ".join(silent[:8]) + (f" and {len(silent) - 8} more" if len(silent) > 8 else "")
+    rows = [
+        ("units heard", f"{report['units_heard']} of {report['units']}"),
+        ("silent", shown or "none"),
+        ("cycles, complete", f"{report['cycles']}, {report['complete_cycles']}"),
+        ("valid readings", f"{100 * report['valid_share']:.2f} %"),
+        ("frames", kinds or "none"),
+        ("peak force", f"{report['peak_force_n']:.2f} N"),
+        (
+            "frames to wrench",
+            f"{report['cycle_us_p50']:.1f} µs p50, {report['cycle_us_p99']:.1f} µs p99",
+        ),
+    ]
+    return "\n".join(f"{name:<18} {text}" for name, text in rows)

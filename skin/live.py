@@ -1,0 +1,302 @@
+"""Skin: a topology's buses, opened and decoded cycle by cycle."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+import topology as topology_package
+from bus.assemble import Assembler
+from bus.cycle import FrameCounters, RawCycle
+from bus.frame import FRAME_DTYPE, FrameBatch
+from bus.transport import Transport, open_transport
+from skin.contact.wrench import ArrayFeatures
+from skin.decode.decoder import Decoder
+from skin.errors import SkinError
+from skin.state import ARRAY_WANTS, UNIT_WANTS, State
+from topology import Topology
+
+if TYPE_CHECKING:
+    from skin.sim.node import Nodes
+    from skin.sim.scene import Scene
+
+__all__ = ["Skin", "Timing", "open"]
+
+
+@dataclass
+class Timing:
+    """Where the time of the last cycle went, and how often the host was late."""
+
+    work_ns: int = 0
+    """Assembling, decoding and array features of the last cycle, without waiting."""
+    overruns: int = 0
+    """SYNCs that could not be sent in time and were left out."""
+
+
+def open(  # noqa: A001 - reads as skin.open
+    source: Topology | str | Path,
+    *,
+    want: Collection[str] | None = None,
+    estimator: str = "sine",
+    dtype: str = "float32",
+    sync: Literal["host", "bus"] = "host",
+    pace: bool = True,
+    simulate: bool | Scene = False,
+    transports: Iterable[Transport] | None = None,
+    seed: int = 0,
+) -> Skin:
+    """Open the buses of a topology and decode what they carry.
+
+    Parameters
+    ----------
+    source : Topology, str or Path
+        A loaded topology, a file, or the name of a built-in one ("palm", "fingertip", …).
+    want : collection of str, optional
+        What to compute, of `skin.state.WANTS`; everything if not given.
+    estimator : str
+        Inversion of the tangential field.
+    dtype : "float32" or "float64"
+        Arithmetic of the decoder.
+    sync : "host" or "bus"
+        Who sends SYNC: this host, or another node (then this end only listens).
+    pace : bool
+        Keep the cycle rate of the topology; False asks for the next cycle as soon as one is done.
+    simulate : bool or Scene
+        Attach simulated units, in this process, instead of opening the buses of the file.
+    transports : iterable of Transport, optional
+        Transports to use instead of opening the file's buses, one for each bus, in order.
+    seed : int
+        Seed of the simulated noise.
+
+    Returns
+    -------
+    Skin
+        Context manager and iterator of `State`.
+
+    Raises
+    ------
+    topology.TopologyError
+        The file cannot be used; every problem is listed.
+    bus.BusOpenError
+        A bus cannot be opened.
+    skin.errors.SkinError
+        An option is not one of those there are.
+    """
+    loaded = source if isinstance(source, Topology) else topology_package.load(source)
+    if sync not in ("host", "bus"):
+        raise SkinError(f"sync: must be 'host' or 'bus'; got {sync!r}")
+    nodes = None
+    if simulate is not False:
+        from bus.memory import MemoryTransport
+        from skin.sim.node import Nodes
+
+        nodes = Nodes(loaded, None if simulate is True else simulate, seed=seed)
+        pairs = [MemoryTransport.pair(index=i) for i in range(len(loaded.buses))]
+        nodes.attach([far for _, far in pairs])
+        transports = [near for near, _ in pairs]
+    opened: list[Transport] = []
+    try:
+        if transports is not None:
+            opened = list(transports)
+        else:
+            for i, bus in enumerate(loaded.buses):
+                opened.append(open_transport(bus, i))
+        if len(opened) != len(loaded.buses):
+            raise SkinError(
+                f"transports: must be one for each of {len(loaded.buses)} buses; got {len(opened)}"
+            )
+        return Skin(
+            loaded, opened, want=want, estimator=estimator, dtype=dtype, sync=sync, pace=pace,
+            nodes=nodes,
+        )  # fmt: skip
+    except BaseException:
+        for transport in opened:
+            transport.close()
+        raise
+
+
+class Skin:
+    """An open skin; iterate over it for one `State` a cycle. Made by `skin.open`.
+
+    Attributes
+    ----------
+    topology : Topology
+    counters : FrameCounters
+        Frames by what became of them, running totals.
+    timing : Timing
+    nodes : Nodes or None
+        The simulated units, where there are any.
+    """
+
+    def __init__(
+        self,
+        topology: Topology,
+        transports: list[Transport],
+        *,
+        want: Collection[str] | None,
+        estimator: str,
+        dtype: str,
+        sync: str,
+        pace: bool,
+        nodes: Nodes | None = None,
+    ) -> None:
+        self.topology = topology
+        self.transports = transports
+        self.timing = Timing()
+        self.nodes = nodes
+        self._read = CycleReader(topology, want=want, estimator=estimator, dtype=dtype)
+        self._assembler = Assembler(topology)
+        self._batch = FrameBatch(4096)
+        self._pace = pace
+        self._period_ns = round(1e9 / topology.cycle_rate_hz)
+        self._synced = topology.buses[0].sync_id is not None
+        self._send_sync = self._synced and sync == "host"
+        self._sync_frames = _sync_frames(topology)
+        self._closed = False
+
+    @property
+    def counters(self) -> FrameCounters:
+        """Frames by what became of them, running totals."""
+        return self._assembler.counters
+
+    def __enter__(self) -> Skin:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Release the buses; closing twice is fine."""
+        self._closed = True
+        for transport in self.transports:
+            transport.close()
+
+    def __iter__(self) -> Iterator[State]:
+        self._read.warmup()
+        return self._host_cycles() if self._send_sync else self._bus_cycles()
+
+    def _host_cycles(self) -> Iterator[State]:
+        """This host sends SYNC: one cycle for each."""
+        counter = 0
+        due = time.monotonic_ns()
+        while not self._closed:
+            if self._pace:
+                due, skipped = _wait_until(due, self._period_ns)
+                self.timing.overruns += skipped
+            else:
+                due = time.monotonic_ns()
+            yield from self._take(self._sync(counter))
+            counter = (counter + 1) & 0xFF
+            while not self._closed and self._assembler.pending:
+                self._receive(due + self._assembler.deadline_ns - time.monotonic_ns())
+                yield from self._take(self._batch.frames)
+                late = self._assembler.expire(time.monotonic_ns())
+                if late is not None:
+                    yield self._state(late)
+            due += self._period_ns
+
+    def _bus_cycles(self) -> Iterator[State]:
+        """Somebody else sends SYNC, or nobody does: cycles come as they close."""
+        while not self._closed:
+            self._receive(self._period_ns)
+            yield from self._take(self._batch.frames)
+            late = self._assembler.expire(time.monotonic_ns())
+            if late is not None:
+                yield self._state(late)
+
+    def _sync(self, counter: int) -> np.ndarray:
+        """Send SYNC on every bus and return the frames, as a log would show them."""
+        frames = self._sync_frames
+        frames["data"][:, 0] = counter
+        frames["stamp_ns"] = time.time_ns()
+        for transport, frame in zip(self.transports, frames, strict=True):
+            transport.send(np.asarray(frame)[np.newaxis])
+        return frames
+
+    def _receive(self, wait_ns: int) -> None:
+        """Fill the batch with what the buses have; wait for the first frame if none has any."""
+        self._batch.clear()
+        for transport in self.transports:
+            transport.receive(self._batch)
+        if self._batch.count or wait_ns <= 0:
+            return
+        share = min(wait_ns, 1_000_000) if len(self.transports) > 1 else wait_ns
+        for transport in self.transports:
+            if transport.receive(self._batch, share * 1e-9):
+                return
+
+    def _take(self, frames: np.ndarray) -> Iterator[State]:
+        started = time.perf_counter_ns()
+        for cycle in self._assembler.feed(frames):
+            state = self._read(cycle)
+            self.timing.work_ns = time.perf_counter_ns() - started
+            yield state
+            started = time.perf_counter_ns()
+
+    def _state(self, cycle: RawCycle) -> State:
+        started = time.perf_counter_ns()
+        state = self._read(cycle)
+        self.timing.work_ns = time.perf_counter_ns() - started
+        return state
+
+
+class CycleReader:
+    """RawCycle → State: decoding and array features, for live cycles and for logs alike."""
+
+    def __init__(
+        self, topology: Topology, *, want: Collection[str] | None, estimator: str, dtype: str
+    ) -> None:
+        wanted = set(UNIT_WANTS + ARRAY_WANTS if want is None else want)
+        array_wanted = wanted.intersection(ARRAY_WANTS)
+        needed = wanted | ({"force"} if array_wanted else set())
+        self._decoder = Decoder(
+            topology, want=needed - array_wanted, estimator=estimator, dtype=dtype
+        )
+        self._features = ArrayFeatures(topology, want=array_wanted) if array_wanted else None
+        self._area = topology.area / topology.area.sum()
+
+    def warmup(self) -> None:
+        """Load or compile the kernels, so that the first cycle is not late."""
+        self._decoder.warmup()
+
+    def __call__(self, cycle: RawCycle) -> State:
+        """Decode one cycle; the arrays of the state are valid until the next call."""
+        reading = self._decoder(cycle.counts, cycle.status)
+        wrench = centroid = contact = None
+        if self._features is not None:
+            wrench, centroid, contact = self._features(reading)
+        return State(
+            cycle=cycle.number,
+            stamp_ns=cycle.stamp_ns,
+            units=reading,
+            wrench=wrench,
+            centroid=centroid,
+            contact=contact,
+            coverage=float(self._area @ reading.valid),
+            closed_by=cycle.closed_by,
+            counters=cycle.counters,
+        )
+
+
+def _sync_frames(topology: Topology) -> np.ndarray:
+    frames = np.zeros(len(topology.buses), FRAME_DTYPE)
+    for i, bus in enumerate(topology.buses):
+        frames[i]["id"] = bus.sync_id or 0
+        frames[i]["length"] = 1
+        frames[i]["bus"] = i
+    return frames
+
+
+def _wait_until(due: int, period: int) -> tuple[int, int]:
+    """Sleep until `due`; if that is more than a period ago, count the periods left out."""
+    now = time.monotonic_ns()
+    if now < due:
+        time.sleep((due - now) * 1e-9)
+        return due, 0
+    skipped = (now - due) // period
+    return due + skipped * period, int(skipped)

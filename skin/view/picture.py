@@ -1,0 +1,175 @@
+"""Picture of a run against its truth: forces over the array, wrench and centre over time."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from skin.errors import SkinError
+from topology import Topology
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["Run", "save_run"]
+
+INK = "#1b1f24"
+MUTED = "#6b7280"
+HUES = ("#0072b2", "#d55e00", "#009e73")
+"""Colours that colour-blind eyes tell apart (Okabe and Ito)."""
+
+
+@dataclass
+class Run:
+    """A recorded run of t cycles over n units, with the truth beside it.
+
+    Attributes
+    ----------
+    time_s : ndarray, shape (t,)
+    force, true_force : ndarray, shape (t, 3, n)
+        Newton, unit frames.
+    wrench, true_wrench : ndarray, shape (t, 6)
+        Newton and newton metre, skin frame.
+    centroid, true_centroid : ndarray, shape (t, 3)
+        Metre, skin frame; NaN where nothing touches.
+    """
+
+    time_s: np.ndarray
+    force: np.ndarray
+    true_force: np.ndarray
+    wrench: np.ndarray
+    true_wrench: np.ndarray
+    centroid: np.ndarray
+    true_centroid: np.ndarray
+
+
+def save_run(path: Path, topology: Topology, run: Run) -> None:
+    """Draw `run` and write it to `path` as a PNG file, whole or not at all.
+
+    Raises
+    ------
+    SkinError
+        matplotlib is not installed.
+    """
+    try:
+        import matplotlib as mpl
+    except ImportError as error:
+        raise SkinError(
+            "picture: must have matplotlib; not installed: pip install 'f3t-skin[plot]'"
+        ) from error
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    style = {
+        "font.size": 9, "axes.edgecolor": MUTED, "axes.labelcolor": INK, "xtick.color": MUTED,
+        "ytick.color": MUTED, "text.color": INK, "axes.spines.top": False,
+        "axes.spines.right": False,
+    }  # fmt: skip
+    with mpl.rc_context(style):
+        figure = Figure(figsize=(11.0, 7.6), layout="constrained")
+        FigureCanvasAgg(figure)
+        maps, lines = figure.subfigures(2, 1, height_ratios=(1.1, 1.0))
+        _draw_maps(maps, topology, run)
+        _draw_lines(lines, run)
+        beside = path.with_name(f".{path.name}.part")
+        figure.savefig(beside, dpi=120, format="png")
+        os.replace(beside, path)
+
+
+def moments(run: Run, count: int = 3) -> np.ndarray:
+    """Indices of `count` cycles to show: pressed, half way and at the end of the longest contact.
+
+    Returns
+    -------
+    ndarray, shape (count,), int
+    """
+    load = np.abs(run.true_wrench[:, :3]).sum(axis=1)
+    touching = np.concatenate([[False], load > 0.5 * load.max(), [False]])
+    if not touching.any():
+        return np.linspace(0, load.size - 1, count).astype(int)
+    edges = np.flatnonzero(np.diff(touching.astype(np.int8)))
+    start, end = max(edges.reshape(-1, 2), key=lambda pair: pair[1] - pair[0])
+    return np.linspace(start, end - 1, count + 2)[1:-1].astype(int)
+
+
+def _draw_maps(figure: Any, topology: Topology, run: Run) -> None:
+    from matplotlib.collections import EllipseCollection
+
+    axes = figure.subplots(1, 3)
+    flat = np.sort(np.argsort(-np.ptp(topology.position, axis=1), kind="stable")[:2])
+    x, y = topology.position[flat] * 1e3
+    size = 2e3 * np.sqrt(topology.area / np.pi)
+    chosen = moments(run)
+    top = max(float(run.force[chosen, 2].max()), 1.0)
+    shear = np.einsum("ijn,tjn->tin", topology.rotation[:, :2], run.force[chosen, :2])
+    longest = max(float(np.sqrt((shear[:, flat] ** 2).sum(axis=1)).max()), 0.2)
+    reach = 1.4 * float(np.median(size)) / longest
+    discs = None
+    for axis, k, tangential in zip(axes, chosen, shear, strict=True):
+        discs = EllipseCollection(
+            size, size, np.zeros(x.size), units="xy", offsets=np.stack([x, y], axis=1),
+            offset_transform=axis.transData, cmap="YlGnBu", edgecolors="#d7dbe0", linewidths=0.6,
+        )  # fmt: skip
+        discs.set_array(run.force[k, 2])
+        discs.set_clim(0.0, top)
+        axis.add_collection(discs)
+        touched = run.force[k, 2] > 0.02 * top
+        axis.quiver(
+            x[touched], y[touched], *(tangential[flat][:, touched] * reach), angles="xy",
+            scale_units="xy", scale=1.0, color=HUES[1], width=0.008,
+        )  # fmt: skip
+        centre = run.centroid[k, flat] * 1e3
+        axis.plot(*centre, marker="+", color=INK, markersize=11, markeredgewidth=1.6)
+        margin = float(size.max())
+        axis.set(
+            xlim=(x.min() - margin, x.max() + margin), ylim=(y.min() - margin, y.max() + margin),
+            aspect="equal", xlabel=f"{'xyz'[flat[0]]} / mm",
+            title=f"t = {run.time_s[k]:.2f} s",
+        )  # fmt: skip
+    axes[0].set_ylabel(f"{'xyz'[flat[1]]} / mm")
+    if discs is not None:
+        figure.colorbar(discs, ax=axes, shrink=0.85, label="normal load / N")
+    figure.suptitle(
+        f"{topology.name}: decoded forces (arrows: tangential, longest {longest:.2f} N; "
+        "+: centre of pressure)",
+        fontsize=10,
+    )
+
+
+def _draw_lines(figure: Any, run: Run) -> None:
+    axes = figure.subplots(2, 2, sharex=True, height_ratios=(2.2, 1.0))
+    force = [f"F{a}" for a in "xyz"]
+    _compare(axes[:, 0], run.time_s, run.wrench[:, :3], run.true_wrench[:, :3], force, "N")
+    centre = [f"c{a}" for a in "xyz"]
+    loaded = np.abs(run.true_wrench[:, :3]).sum(axis=1) > 1.0
+    found = np.where(loaded[:, None], run.centroid, np.nan) * 1e3
+    truth = np.where(loaded[:, None], run.true_centroid, np.nan) * 1e3
+    _compare(axes[:, 1], run.time_s, found, truth, centre, "mm")
+    axes[0, 0].set_title("total force on the skin", fontsize=10)
+    axes[0, 1].set_title("centre of pressure (while the load exceeds 1 N)", fontsize=10)
+    for axis in axes[1]:
+        axis.set_xlabel("time / s")
+
+
+def _compare(
+    axes: tuple[Axes, Axes],
+    time_s: np.ndarray,
+    found: np.ndarray,
+    truth: np.ndarray,
+    names: list[str],
+    unit: str,
+) -> None:
+    upper, lower = axes
+    for i, (name, hue) in enumerate(zip(names, HUES, strict=True)):
+        upper.plot(time_s, truth[:, i], color=INK, linewidth=2.4, alpha=0.25)
+        upper.plot(time_s, found[:, i], color=hue, linewidth=1.1, label=name)
+        lower.plot(time_s, found[:, i] - truth[:, i], color=hue, linewidth=0.8)
+    upper.plot([], [], color=INK, linewidth=2.4, alpha=0.25, label="truth")
+    upper.legend(frameon=False, ncols=4, loc="best", fontsize=8)
+    upper.set_ylabel(unit)
+    lower.axhline(0.0, color=MUTED, linewidth=0.6)
+    lower.set_ylabel(f"error / {unit}")

@@ -1,0 +1,178 @@
+"""A live table for a terminal: loads as a heat map, wrench, centre, temperature, health."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import time
+from collections import deque
+from typing import TextIO
+
+import numpy as np
+
+from skin.state import INVALID, State, Status
+from topology import Topology
+
+__all__ = ["LiveTable", "unit_map"]
+
+REFRESH_S = 0.2
+"""A person reads no faster, and the cycle must not wait for a terminal."""
+
+SHADES = " .:-=+*#%@"
+RAMP = (236, 23, 29, 35, 71, 107, 143, 179, 173, 167, 161)
+"""Colours of the 256-colour terminal palette, from no load to full load."""
+
+CLEAR_DOWN = "\x1b[J"
+
+
+def unit_map(topology: Topology, width: int = 64) -> tuple[np.ndarray, tuple[int, int]]:
+    """Character cell of each unit in a flat map of the skin.
+
+    The skin is seen along the axis in which it extends least; columns run along the longest one.
+
+    Parameters
+    ----------
+    topology : Topology
+    width : int
+        Largest number of columns.
+
+    Returns
+    -------
+    cells : ndarray, shape (2, n), int
+        Row and column, row 0 on top.
+    shape : tuple of int
+        Rows and columns of the map.
+    """
+    centred = topology.position - topology.position.mean(axis=1, keepdims=True)
+    spread = np.ptp(centred, axis=1)
+    flat = np.sort(np.argsort(-spread, kind="stable")[:2])
+    x, y = centred[flat]
+    pitch = _pitch(topology)
+    column = np.rint((x - x.min()) / pitch).astype(int)
+    row = np.rint((y.max() - y) / pitch).astype(int)
+    if column.max() >= width:
+        column = (column * (width - 1)) // column.max()
+    return np.stack([row, column]), (int(row.max()) + 1, int(column.max()) + 1)
+
+
+def _pitch(topology: Topology) -> float:
+    """Shortest distance between two units, metre."""
+    if topology.n == 1:
+        return 1.0
+    first = np.repeat(np.arange(topology.n), np.diff(topology.neighbour_start))
+    if first.size == 0:
+        return float(np.ptp(topology.position, axis=1).max()) or 1.0
+    step = topology.position[:, first] - topology.position[:, topology.neighbour_index]
+    return float(np.sqrt((step**2).sum(axis=0)).min())
+
+
+class LiveTable:
+    """Draws states over each other at most every 0.2 s; a file that is no terminal gets nothing.
+
+    Parameters
+    ----------
+    topology : Topology
+    full_scale_n : float
+        Load of the brightest cell.
+    stream : text file
+        Where to draw; standard output if not given.
+    """
+
+    def __init__(
+        self, topology: Topology, *, full_scale_n: float = 6.0, stream: TextIO | None = None
+    ) -> None:
+        self._topology = topology
+        self._full_scale = full_scale_n
+        self._stream = sys.stdout if stream is None else stream
+        self._cells, self._shape = unit_map(topology)
+        self._next = 0.0
+        self._lines = 0
+        self._work_us: deque[float] = deque(maxlen=1000)
+        self.live = self._stream.isatty()
+
+    def show(self, state: State, work_ns: int) -> None:
+        """Note a cycle's working time and redraw if it is time to."""
+        self._work_us.append(work_ns * 1e-3)
+        now = time.monotonic()
+        if not self.live or now < self._next:
+            return
+        self._next = now + REFRESH_S
+        lines = self.lines(state)
+        up = f"\x1b[{self._lines}A" if self._lines else ""
+        width = shutil.get_terminal_size().columns
+        body = "\n".join(line if "\x1b" in line else line[: width - 1] for line in lines)
+        self._stream.write(f"{up}\r{CLEAR_DOWN}{body}\n")
+        self._stream.flush()
+        self._lines = len(lines)
+
+    def lines(self, state: State) -> list[str]:
+        """The table for one state, one string a line."""
+        side = self._numbers(state)
+        rows = self._heat(state)
+        height = max(len(rows), len(side))
+        blank = "  " * self._shape[1]
+        rows += [blank] * (height - len(rows))
+        side += [""] * (height - len(side))
+        title = f"{self._topology.name}: {self._topology.n} units, cycle {state.cycle}"
+        return [title, *(f"  {a}   {b}" for a, b in zip(rows, side, strict=True))]
+
+    def _heat(self, state: State) -> list[str]:
+        load = np.full(self._shape, np.nan)
+        bad = np.zeros(self._shape, bool)
+        row, column = self._cells
+        bad[row, column] = (state.units.status & int(INVALID)) != 0
+        if state.units.force is not None:
+            load[row, column] = np.where(bad[row, column], 0.0, state.units.force[2])
+        level = np.nan_to_num(load / self._full_scale).clip(0.0, 1.0)
+        shade = np.rint(level * (len(SHADES) - 1)).astype(int)
+        colour = np.rint(level * (len(RAMP) - 1)).astype(int)
+        lines = []
+        for i in range(self._shape[0]):
+            cells = []
+            for j in range(self._shape[1]):
+                if bad[i, j]:
+                    cells.append("\x1b[97;41m! \x1b[0m")
+                elif np.isnan(load[i, j]):
+                    cells.append("  ")
+                else:
+                    glyph = SHADES[shade[i, j]]
+                    cells.append(f"\x1b[97;48;5;{RAMP[colour[i, j]]}m{glyph} \x1b[0m")
+            lines.append("".join(cells))
+        return lines
+
+    def _numbers(self, state: State) -> list[str]:
+        units, counters = state.units, state.counters
+        lines = []
+        if state.wrench is not None:
+            force, moment = state.wrench[:3], state.wrench[3:] * 1e3
+            lines.append("force     " + " ".join(f"{v:+7.2f}" for v in force) + "  N")
+            lines.append("moment    " + " ".join(f"{v:+7.1f}" for v in moment) + "  mN·m")
+        if state.centroid is not None:
+            if np.isnan(state.centroid).any():
+                lines.append("centre         –       –       –   mm")
+            else:
+                centre = " ".join(f"{v:+7.1f}" for v in state.centroid * 1e3)
+                lines.append(f"centre    {centre}  mm")
+        if units.temperature is not None and units.valid.any():
+            warm = units.temperature[units.valid]
+            lines.append(f"warmth    {warm.mean():7.1f} mean, {warm.max():.1f} max  °C")
+        lines.append(f"coverage  {100 * state.coverage:7.1f}  %")
+        lines.append(
+            f"frames    {counters.data:7d}, lost {counters.lost}, late {counters.late}, "
+            f"crc {counters.crc}, foreign {counters.foreign}"
+        )
+        if self._work_us:
+            p50, p99 = np.percentile(self._work_us, [50, 99])
+            lines.append(f"cycle     {p50:7.1f} µs p50, {p99:.1f} µs p99")
+        return lines + self._trouble(state)
+
+    def _trouble(self, state: State) -> list[str]:
+        flagged = np.flatnonzero(state.units.status & int(INVALID))
+        lines = []
+        for i in flagged[:3]:
+            flags = Status(int(state.units.status[i]) & int(INVALID))
+            names = ", ".join(str(flag.name).lower() for flag in flags)
+            lines.append(f"! {self._topology.unit_names[i]}: {names}")
+        if flagged.size > 3:
+            lines.append(f"! and {flagged.size - 3} more units")
+        return lines
