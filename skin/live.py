@@ -38,7 +38,7 @@ class Timing:
     """SYNCs that could not be sent in time and were left out."""
 
 
-def open(  # noqa: A001 - reads as skin.open
+def open(
     source: Topology | str | Path,
     *,
     want: Collection[str] | None = None,

@@ -77,8 +77,9 @@ class Topology:
         Columns are the unit's axes in the skin frame (R_skin_unit).
     area : ndarray, shape (n,), float64
         Sensing area, m².
-    parameters : dict of str to ndarray, shape (n,) (theta_correction_rad: (THETA_KNOTS, n)), float64
-        Every parameter of `UnitModel` for each unit, calibration files applied.
+    parameters : dict of str to ndarray, shape (n,), float64
+        Every parameter of `UnitModel` for each unit, calibration files applied;
+        `theta_correction_rad` has shape (THETA_KNOTS, n).
     scale, offset : ndarray, shape (c, n), float64
         Physical value = scale * raw + offset, channels as in `topology.CHANNELS`.
     wired : ndarray, shape (c, n), bool
