@@ -1,0 +1,17 @@
+"""What every test shares: the hypothesis profile and the place of compiled kernels."""
+
+import os
+from pathlib import Path
+
+from hypothesis import settings
+
+# One fixed place: a kernel compiles once for all test processes, the commands that tests start and
+# the kernel of the vcan tests included, whatever folder they run in. Set before numba is imported.
+os.environ["NUMBA_CACHE_DIR"] = str(Path(__file__).parent.parent / "build" / "numba")
+
+# No deadline: a law is not about time. In CI the same examples each time, so that a red run is
+# about the change at hand; on a desk new ones.
+settings.register_profile(
+    "f3t", deadline=None, max_examples=50, derandomize="CI" in os.environ, print_blob=True
+)
+settings.load_profile("f3t")

@@ -1,0 +1,100 @@
+"""Tests of this folder run on a real vcan: the machine's own, or one in User-Mode Linux.
+
+Where the machine has none, all selected tests of the folder run in one boot of a guest kernel; the
+guest's pytest writes its reports down, and here each test replays its own, as if it had run here.
+"""
+
+import json
+import os
+import subprocess
+from functools import cache
+from pathlib import Path
+
+import guest
+import pytest
+
+INTERFACES = ("vcan0", "vcan1")
+REPORTS = os.environ.get("VCAN_REPORTS")  # set inside the guest
+
+
+def pytest_itemcollected(item):
+    item.add_marker("vcan")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_protocol(item, nextitem):
+    """Replay the guest's reports; without any, the usual protocol goes on to the set-up below."""
+    if not _is_away(item):
+        return None
+    reports = _run_in_guest(item.session)[0].get(item.nodeid, [])
+    if [report.when for report in reports][-1:] != ["teardown"]:
+        return None
+    item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
+    for report in reports:
+        item.ihook.pytest_runtest_logreport(report=report)
+    item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
+    return True
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item):
+    """Say why the guest has not reported on a test."""
+    if not _is_away(item):
+        return
+    _, came_up, said = _run_in_guest(item.session)
+    if not came_up:
+        pytest.skip(said)
+    pytest.fail(f"the guest has not reported on this test; its console:\n{said}", pytrace=False)
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_makereport(item, call):
+    report = yield
+    if REPORTS:
+        data = item.config.hook.pytest_report_to_serializable(config=item.config, report=report)
+        with open(REPORTS, "a") as file:
+            print(json.dumps(data), file=file)
+    return report
+
+
+def _is_away(item):
+    return item.get_closest_marker("vcan") is not None and not _has_vcan(item.config)
+
+
+@cache
+def _has_vcan(config):
+    """Tell whether both interfaces are here and carry CAN FD, making those missing if we may."""
+    for name in INTERFACES:
+        settings = Path("/sys/class/net") / name
+        if not settings.exists():
+            if not _ip("link", "add", name, "type", "vcan"):
+                return False
+            config.add_cleanup(lambda name=name: _ip("link", "delete", name))
+            _ip("link", "set", name, "mtu", "72", "up")
+        is_up = int(settings.joinpath("flags").read_text(), 16) & 1
+        if not is_up or settings.joinpath("mtu").read_text().strip() != "72":
+            return False
+    return True
+
+
+def _ip(*arguments):
+    try:
+        return subprocess.run(["ip", *arguments], capture_output=True, check=False).returncode == 0
+    except FileNotFoundError:
+        return False
+
+
+@cache
+def _run_in_guest(session):
+    """Boot once a session: reports by test, whether the guest came up, what there is to say."""
+    if reason := guest.unavailable():
+        return {}, False, reason
+    nodeids = [item.nodeid for item in session.items if item.get_closest_marker("vcan")]
+    data, came_up, console = guest.run_tests(nodeids, session.config.rootpath)
+    if not came_up:
+        return {}, False, f"User-Mode Linux does not start on this machine:\n{console}"
+    hook, reports = session.config.hook, {}
+    for one in data:
+        report = hook.pytest_report_from_serializable(config=session.config, data=one)
+        reports.setdefault(report.nodeid, []).append(report)
+    return reports, True, console

@@ -1,0 +1,122 @@
+"""A Linux kernel with CAN as an ordinary program: runs tests where the machine's own has none.
+
+User-Mode Linux boots in seconds, as any user, and has the host's files for its own, so the same
+environment and checkout run inside. It is not a place to measure time: one processor, and system
+calls cost some 20 µs.
+"""
+
+import json
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from contextlib import suppress
+from pathlib import Path
+
+__all__ = ["run_tests", "unavailable"]
+
+KERNEL = "linux.uml"
+PROGRAMS = {KERNEL: "user-mode-linux", "insmod": "kmod", "ip": "iproute2", "candump": "can-utils"}
+MODULES = Path("/usr/lib/uml/modules")
+SEARCH = os.environ.get("PATH", "") + ":/usr/local/sbin:/usr/sbin:/sbin"
+LIMIT_S = 600  # of a boot with all its tests: a guard against a hang, not a measure
+
+
+def unavailable():
+    """Say which Debian packages are missing, or nothing when a guest can boot.
+
+    Returns
+    -------
+    str or None
+    """
+    missing = [package for name, package in PROGRAMS.items() if not shutil.which(name, path=SEARCH)]
+    if not missing:
+        return None
+    return f"no vcan0 here, nor a kernel with one: sudo apt-get install {' '.join(missing)}"
+
+
+def run_tests(nodeids, root):
+    """Boot, run the tests and power off.
+
+    Parameters
+    ----------
+    nodeids : list of str
+    root : Path
+        Of the checkout, where pytest is started.
+
+    Returns
+    -------
+    reports : list of dict
+        pytest's own reports in their serialised form: set-up, call and tear-down of each test.
+    came_up : bool
+        Whether the guest reached its first process.
+    console : str
+        All that it printed.
+    """
+    with tempfile.TemporaryDirectory(prefix="vcan-") as name:
+        directory = Path(name)
+        directory.joinpath("tests").write_text("\n".join(nodeids))
+        job = directory / "job"
+        job.write_text(_job(directory, root))
+        job.chmod(0o755)
+        # Beside the job, because a checkout's path may hold a blank and the command line's may not.
+        shutil.copy(Path(__file__).parent / "init", directory / "init")
+        console = _boot(directory)
+        reports = directory / "reports"
+        lines = reports.read_text().splitlines() if reports.exists() else []
+        return [json.loads(line) for line in lines], (directory / "up").exists(), console
+
+
+def _job(directory, root):
+    environment = {
+        "PATH": SEARCH,
+        "HOME": os.environ.get("HOME", "/"),
+        "LANG": "C.UTF-8",
+        "TMPDIR": str(directory),
+        # Caches are the host's: its compiled kernels serve here too (same processor, same name),
+        # and nothing else is written into the checkout.
+        "NUMBA_CACHE_DIR": os.environ["NUMBA_CACHE_DIR"],
+        "PYTHONDONTWRITEBYTECODE": "1",
+        "VCAN_REPORTS": str(directory / "reports"),
+    }
+    environment |= {name: os.environ[name] for name in ("CI",) if name in os.environ}
+    pytest = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--durations=0"]
+    pytest += ["--basetemp", str(directory / "pytest"), f"@{directory / 'tests'}"]
+    settings = shlex.join(f"{name}={value}" for name, value in environment.items())
+    return (
+        f"#!/bin/sh\ncd {shlex.quote(str(root))} && exec env -i {settings} {shlex.join(pytest)}\n"
+    )
+
+
+def _boot(directory):
+    modules = max(MODULES.glob("*/kernel"))
+    command = [shutil.which(KERNEL, path=SEARCH), "mem=2G", "quiet", f"uml_dir={directory}"]
+    command += [
+        "root=/dev/root",
+        "rootfstype=hostfs",
+        "rootflags=/",
+        "rw",
+        f"init={directory}/init",
+    ]
+    command += ["con=null", "con0=fd:0,fd:1", f"VCAN_DIR={directory}", f"VCAN_MODULES={modules}"]
+    process = subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        # The guest's memory is a file there: /dev/shm, its first choice, is often a few megabytes.
+        env=os.environ | {"TMPDIR": str(directory)},
+        start_new_session=True,
+    )
+    try:
+        console, _ = process.communicate(timeout=LIMIT_S)
+    except subprocess.TimeoutExpired as late:
+        console = (late.output or b"") + f"\nended after {LIMIT_S} s".encode()
+    finally:  # its helper processes do not end by themselves when it is cut short
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+    return console.decode(errors="replace")
