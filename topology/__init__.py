@@ -1,6 +1,8 @@
 """What hangs where: topology files, unit models and wire layouts, loaded into arrays."""
 
 from topology.arrays import Frames, Topology
+from topology.errors import TopologyError
+from topology.load import builtin, load
 from topology.model import MODELS, THETA_KNOTS, UnitModel
 from topology.schema import Bus
 from topology.wire import CHANNELS, LAYOUTS, Signal, WireLayout
@@ -14,6 +16,9 @@ __all__ = [
     "Frames",
     "Signal",
     "Topology",
+    "TopologyError",
     "UnitModel",
     "WireLayout",
+    "builtin",
+    "load",
 ]

@@ -121,8 +121,10 @@ PARAMETERS: tuple[str, ...] = UnitModel.__struct_fields__
 
 Overrides = msgspec.defstruct(
     "Overrides",
-    [(name, kind | None, None)
-     for name, kind in get_type_hints(UnitModel, include_extras=True).items()],
+    [
+        (name, kind | None, None)
+        for name, kind in get_type_hints(UnitModel, include_extras=True).items()
+    ],
     bases=(_Table,),
     frozen=True,
     kw_only=True,
@@ -214,8 +216,10 @@ class ListUnit(_Table, frozen=True, kw_only=True):
     normal: Annotated[Vector, Meta(description="Outward normal, patch frame, any length")]
     x_axis: Annotated[
         Vector | None,
-        Meta(description="Direction of the unit's x axis, made square to the normal; absent: x of "
-             "the patch frame, or its y where x is nearly the normal"),
+        Meta(
+            description="Direction of the unit's x axis, made square to the normal; absent: x of "
+            "the patch frame, or its y where x is nearly the normal"
+        ),
     ] = None
     name: Annotated[Name | None, Meta(description="Absent: its number in the list, from 0")] = None
     id: Annotated[
@@ -300,8 +304,11 @@ def _without_null(node: Any) -> Any:
         return [_without_null(item) for item in node]
     if not isinstance(node, dict):
         return node
-    node = {key: _without_null(value) for key, value in node.items()
-            if not (key == "default" and value is None)}
+    node = {
+        key: _without_null(value)
+        for key, value in node.items()
+        if not (key == "default" and value is None)
+    }
     choices = [item for item in node.get("anyOf", ()) if item != {"type": "null"}]
     if len(choices) == 1:
         del node["anyOf"]
