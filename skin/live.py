@@ -18,7 +18,7 @@ from bus.transport import Transport, open_transport
 from skin.contact.wrench import ArrayFeatures
 from skin.decode.decoder import Decoder
 from skin.errors import SkinError
-from skin.state import ARRAY_WANTS, UNIT_WANTS, State
+from skin.state import ARRAY_WANTS, UNIT_WANTS, State, Status, trouble
 from topology import Topology
 
 if TYPE_CHECKING:
@@ -163,6 +163,10 @@ class Skin:
     def counters(self) -> FrameCounters:
         """Frames by what became of them, running totals."""
         return self._assembler.counters
+
+    def trouble(self, state: State) -> dict[str, Status]:
+        """Units that must not be trusted in this state, and why, by unit name."""
+        return trouble(self.topology, state.units.status)
 
     def __enter__(self) -> Skin:
         return self

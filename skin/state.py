@@ -8,8 +8,9 @@ import numpy as np
 
 from bus.cycle import ClosedBy, FrameCounters
 from bus.status import INVALID, Status
+from topology import Topology
 
-__all__ = ["INVALID", "WANTS", "Reading", "State", "Status"]
+__all__ = ["INVALID", "WANTS", "Reading", "State", "Status", "trouble"]
 
 UNIT_WANTS = ("temperature", "force", "tangential", "theta", "displacement")
 ARRAY_WANTS = ("wrench", "centroid")
@@ -90,3 +91,21 @@ class State:
     coverage: float
     closed_by: ClosedBy
     counters: FrameCounters
+
+
+def trouble(topology: Topology, status: np.ndarray) -> dict[str, Status]:
+    """Units that must not be trusted, and why.
+
+    Parameters
+    ----------
+    topology : Topology
+    status : ndarray, shape (n,), uint16
+        `Status` flags.
+
+    Returns
+    -------
+    dict of str to Status
+        The flags of `INVALID` of each unit that has any, by unit name.
+    """
+    flagged = np.flatnonzero(status & int(INVALID))
+    return {topology.unit_names[i]: Status(int(status[i])) & INVALID for i in flagged}

@@ -6,11 +6,12 @@ import shutil
 import sys
 import time
 from collections import deque
+from itertools import islice
 from typing import TextIO
 
 import numpy as np
 
-from skin.state import INVALID, State, Status
+from skin.state import INVALID, State, trouble
 from topology import Topology
 
 __all__ = ["LiveTable", "unit_map"]
@@ -167,12 +168,9 @@ class LiveTable:
         return lines + self._trouble(state)
 
     def _trouble(self, state: State) -> list[str]:
-        flagged = np.flatnonzero(state.units.status & int(INVALID))
-        lines = []
-        for i in flagged[:3]:
-            flags = Status(int(state.units.status[i]) & int(INVALID))
-            names = ", ".join(str(flag.name).lower() for flag in flags)
-            lines.append(f"! {self._topology.unit_names[i]}: {names}")
-        if flagged.size > 3:
-            lines.append(f"! and {flagged.size - 3} more units")
-        return lines
+        found = trouble(self._topology, state.units.status)
+        lines = [
+            f"! {unit}: {', '.join(str(flag.name).lower() for flag in flags)}"
+            for unit, flags in islice(found.items(), 3)
+        ]
+        return lines + ([f"! and {len(found) - 3} more units"] if len(found) > 3 else [])
