@@ -1,0 +1,48 @@
+"""Forces, temperatures and contacts of a tactile skin, from the counts on its buses.
+
+::
+
+    import skin
+
+    with skin.open("palm.toml") as palm:
+        for state in palm:
+            print(state.wrench)
+
+Names are loaded when they are first used: `import skin` alone loads no compiler.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from skin import errors
+    from skin.decode.decoder import Decoder
+    from skin.live import Skin, open
+    from skin.state import Reading, State, Status
+
+__all__ = ["Decoder", "Reading", "Skin", "State", "Status", "errors", "open"]
+
+_HOMES = {
+    "Decoder": "skin.decode.decoder",
+    "Reading": "skin.state",
+    "Skin": "skin.live",
+    "State": "skin.state",
+    "Status": "skin.state",
+    "open": "skin.live",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name == "errors":
+        return import_module("skin.errors")
+    if name not in _HOMES:
+        raise AttributeError(f"module 'skin' has no attribute {name!r}")
+    value = getattr(import_module(_HOMES[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

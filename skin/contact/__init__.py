@@ -1,0 +1,1 @@
+"""Forces of many units to what touches the skin."""

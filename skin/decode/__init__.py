@@ -1,0 +1,1 @@
+"""Counts to forces and temperatures."""

@@ -1,0 +1,48 @@
+"""Errors of the skin.
+
+::
+
+    SkinError                everything below, and what no narrower name fits
+    ├── OptionError          an option, or the name of a quantity, that does not exist
+    ├── CountsError          an array that is not what the topology says it must be
+    └── CalibrationError     parameters that no working unit can have
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+__all__ = ["CalibrationError", "CountsError", "OptionError", "SkinError"]
+
+
+class SkinError(Exception):
+    """Anything that goes wrong between counts and contacts."""
+
+
+class OptionError(SkinError, ValueError):
+    """An option, or the name of a quantity, that does not exist; the message names those that do.
+
+    Examples
+    --------
+    >>> raise OptionError.unknown("estimator", "sin", ["sine"])
+    Traceback (most recent call last):
+    skin.errors.OptionError: estimator: must be 'sine'; got 'sin' (nearest: 'sine')
+    """
+
+    @classmethod
+    def unknown(cls, where: str, got: object, names: Iterable[str]) -> OptionError:
+        """The error for `got`, which is none of `names`."""
+        names = list(names)
+        one_of = "" if len(names) == 1 else "one of "
+        near = get_close_matches(str(got), names, n=1)
+        hint = f" (nearest: {near[0]!r})" if near else ""
+        return cls(f"{where}: must be {one_of}{', '.join(map(repr, names))}; got {got!r}{hint}")
+
+
+class CountsError(SkinError, ValueError):
+    """An array whose shape or type is not what the topology says it must be."""
+
+
+class CalibrationError(SkinError):
+    """Parameters that no working unit can have; the message names unit, parameter and value."""
