@@ -1,0 +1,86 @@
+"""Truth: what is really the matter with every unit at one instant."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+__all__ = ["Truth", "wrench_map"]
+
+
+@dataclass(slots=True)
+class Truth:
+    """State of n units at one instant, before any noise.
+
+    Attributes
+    ----------
+    time_s : float
+        Since the start of the scene.
+    contact : ndarray, shape (n,), bool
+    depth_mm : ndarray, shape (n,)
+        Pressed depth H.
+    displacement_mm : ndarray, shape (2, n)
+        Tangential displacement, unit frame.
+    force : ndarray, shape (3, n)
+        Newton, unit frame: the force of the world on the unit, z into the skin.
+    temperature, film_temperature, hall_temperature : ndarray, shape (n,)
+        Degree Celsius: gel, magnetic film, Hall chip.
+    wrench : ndarray, shape (6,)
+        Force in newton and moment in newton metre about the origin of the skin frame: of all
+        units together, each force acting in the middle of its unit's face.
+    centroid : ndarray, shape (3,)
+        Mean position of the units, weighted by normal load, metre, skin frame; NaN without load.
+    """
+
+    time_s: float
+    contact: np.ndarray
+    depth_mm: np.ndarray
+    displacement_mm: np.ndarray
+    force: np.ndarray
+    temperature: np.ndarray
+    film_temperature: np.ndarray
+    hall_temperature: np.ndarray
+    wrench: np.ndarray
+    centroid: np.ndarray
+
+    @classmethod
+    def at_rest(cls, n: int, temperature: float) -> Truth:
+        """n untouched units, all of one temperature."""
+        return cls(
+            time_s=0.0,
+            contact=np.zeros(n, bool),
+            depth_mm=np.zeros(n),
+            displacement_mm=np.zeros((2, n)),
+            force=np.zeros((3, n)),
+            temperature=np.full(n, temperature),
+            film_temperature=np.full(n, temperature),
+            hall_temperature=np.full(n, temperature),
+            wrench=np.zeros(6),
+            centroid=np.full(3, np.nan),
+        )
+
+    def copy(self) -> Truth:
+        """A truth of its own, that the scene no longer writes to."""
+        values = (getattr(self, field.name) for field in fields(self))
+        return Truth(*(v.copy() if isinstance(v, np.ndarray) else v for v in values))
+
+
+def wrench_map(position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+    """The linear map from the forces of all units to their wrench about the origin.
+
+    Parameters
+    ----------
+    position : ndarray, shape (3, n)
+        Metre, skin frame.
+    rotation : ndarray, shape (3, 3, n)
+        Columns are the units' axes in the skin frame.
+
+    Returns
+    -------
+    ndarray, shape (6, 3 n)
+        ``wrench_map(position, rotation) @ force.ravel()`` is the wrench of `force`, shape (3, n),
+        newton, unit frames.
+    """
+    arm = np.cross(position[:, np.newaxis, :], rotation, axis=0)
+    return np.concatenate([rotation, arm]).reshape(6, -1)

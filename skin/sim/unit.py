@@ -1,0 +1,148 @@
+"""Simulated units: what is the matter with a unit, as its electronics would count it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skin.sim.capacitor import Capacitor, Timer
+from skin.sim.field import Field, SineField
+from skin.sim.hall import HallChip
+from skin.sim.truth import Truth
+from topology import CHANNELS, Topology
+
+__all__ = ["UnitSimulator"]
+
+GEL, FREQUENCY, BX, BY, BZ, HALL_TEMPERATURE = range(len(CHANNELS))
+
+
+class UnitSimulator:
+    """Forward model of the n units of a topology, from displacement and temperature to counts.
+
+    Gel current from an exponential law, frequency from the capacitor's formula, field from the
+    film's law; then noise, quantisation and the rails of the wire.
+
+    Parameters
+    ----------
+    topology : Topology
+        Its `parameters` are the true parameters of the units.
+    seed : int
+        Seed of the noise.
+    noise : bool
+        False: only quantisation.
+    capacitor : Capacitor, optional
+        The capacitor of every unit.
+    field : Field, optional
+        The film's field; the paper's sine law if not given.
+
+    Attributes
+    ----------
+    lowest, highest : ndarray, shape (c, n), int32
+        Rails of the counts: what fits the wire's bits; 0 where the wire lacks the channel.
+    """
+
+    def __init__(
+        self,
+        topology: Topology,
+        *,
+        seed: int = 0,
+        noise: bool = True,
+        capacitor: Capacitor | None = None,
+        field: Field | None = None,
+    ) -> None:
+        p = topology.parameters
+        self.topology = topology
+        self._gel_20c = p["gel_current_20c_ua"]
+        self._gel_rate = np.log(p["gel_current_ratio"]) / 60.0
+        self._timer = Timer(topology, capacitor or Capacitor())
+        self._field = field or SineField(topology)
+        self._hall = HallChip(topology)
+        self._gel_noise = p["gel_noise_relative"]
+        self._noise = np.stack([p["frequency_noise_hz"], *3 * [p["field_noise_ut"]]])
+        self._random = np.random.default_rng(seed) if noise else None
+        self._scale = np.where(topology.wired, topology.scale, 1.0)
+        self._offset = topology.offset
+        self.lowest, self.highest = _rails(topology)
+
+    def quantities(
+        self,
+        depth_mm: np.ndarray,
+        displacement_mm: np.ndarray,
+        temperature: np.ndarray,
+        film_temperature: np.ndarray | None = None,
+        hall_temperature: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Physical values of the channels, without noise.
+
+        Parameters
+        ----------
+        depth_mm : ndarray, shape (..., n)
+            Pressed depth H.
+        displacement_mm : ndarray, shape (..., 2, n)
+            Tangential displacement, unit frame.
+        temperature : ndarray, shape (..., n)
+            Degree Celsius, of the gel; also of film and Hall chip where theirs are not given.
+
+        Returns
+        -------
+        ndarray, shape (..., c, n)
+            Channels as in `topology.CHANNELS`: µA, Hz, µT, °C.
+        """
+        film = temperature if film_temperature is None else film_temperature
+        chip = temperature if hall_temperature is None else hall_temperature
+        field = self._hall(self._field(displacement_mm, depth_mm, film), chip)
+        values = np.empty((*field.shape[:-2], len(CHANNELS), self.topology.n))
+        values[..., GEL, :] = self._gel_20c * np.exp(self._gel_rate * (temperature - 20.0))
+        values[..., FREQUENCY, :] = self._timer.frequency(depth_mm)
+        values[..., BX : BZ + 1, :] = field
+        values[..., HALL_TEMPERATURE, :] = chip
+        return values
+
+    def disturb(self, values: np.ndarray) -> np.ndarray:
+        """Add the noise of one sample to `values`, shape (..., c, n), in place."""
+        if self._random is not None:
+            noise = self._random.standard_normal((*values.shape[:-2], BZ + 1, values.shape[-1]))
+            values[..., GEL, :] *= 1.0 + self._gel_noise * noise[..., GEL, :]
+            values[..., FREQUENCY : BZ + 1, :] += self._noise * noise[..., FREQUENCY:, :]
+        return values
+
+    def quantise(self, values: np.ndarray) -> np.ndarray:
+        """Counts as the wire carries them: rounded, and held at the rails.
+
+        Parameters
+        ----------
+        values : ndarray, shape (..., c, n)
+            Physical values of the channels.
+
+        Returns
+        -------
+        ndarray, shape (..., c, n), int16
+        """
+        counts = np.rint((values - self._offset) / self._scale)
+        return np.clip(counts, self.lowest, self.highest).astype(np.int16)
+
+    def counts(self, truth: Truth) -> np.ndarray:
+        """One sample of all units, shape (c, n), int16."""
+        values = self.quantities(
+            truth.depth_mm,
+            truth.displacement_mm,
+            truth.temperature,
+            truth.film_temperature,
+            truth.hall_temperature,
+        )
+        return self.quantise(self.disturb(values))
+
+
+def _rails(topology: Topology) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest count of each channel and unit, shape (c, n)."""
+    lowest = np.zeros((len(CHANNELS), topology.n), np.int32)
+    highest = np.zeros_like(lowest)
+    frames = topology.frames
+    for layout_index, part, units in zip(frames.layout, frames.part, frames.units, strict=True):
+        for signal in topology.layouts[layout_index].signals:
+            if signal.part != part or signal.name not in CHANNELS or units[signal.slot] < 0:
+                continue
+            channel = CHANNELS.index(signal.name)
+            bits = signal.length - signal.signed
+            lowest[channel, units[signal.slot]] = -(1 << bits) if signal.signed else 0
+            highest[channel, units[signal.slot]] = min((1 << bits) - 1, np.iinfo(np.int16).max)
+    return lowest, highest
