@@ -103,21 +103,21 @@ def _boot(directory):
         f"init={directory}/init",
     ]
     command += ["con=null", "con0=fd:0,fd:1", f"VCAN_DIR={directory}", f"VCAN_MODULES={modules}"]
-    process = subprocess.Popen(
+    # The guest's memory is a file in TMPDIR: /dev/shm, its first choice, is often too small.
+    environment = os.environ | {"TMPDIR": str(directory)}
+    with subprocess.Popen(
         command,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
-        # The guest's memory is a file there: /dev/shm, its first choice, is often a few megabytes.
-        env=os.environ | {"TMPDIR": str(directory)},
+        env=environment,
         start_new_session=True,
-    )
-    try:
-        console, _ = process.communicate(timeout=LIMIT_S)
-    except subprocess.TimeoutExpired as late:
-        console = (late.output or b"") + f"\nended after {LIMIT_S} s".encode()
-    finally:  # its helper processes do not end by themselves when it is cut short
-        with suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
+    ) as process:
+        try:
+            console, _ = process.communicate(timeout=LIMIT_S)
+        except subprocess.TimeoutExpired as late:
+            console = (late.output or b"") + f"\nended after {LIMIT_S} s".encode()
+        finally:  # its helper processes do not end by themselves when it is cut short
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
     return console.decode(errors="replace")
