@@ -56,7 +56,8 @@ def run_tests(nodeids, root):
     console : str
         All that it printed.
     """
-    with tempfile.TemporaryDirectory(prefix="vcan-") as name:
+    # Not where TMPDIR may point: the guest has a /run and a /dev/shm of its own.
+    with tempfile.TemporaryDirectory(prefix="vcan-", dir="/var/tmp") as name:
         directory = Path(name)
         directory.joinpath("tests").write_text("\n".join(nodeids))
         job = directory / "job"
@@ -77,8 +78,7 @@ def _job(directory, root):
         "HOME": os.environ.get("HOME", "/"),
         "LANG": "C.UTF-8",
         "TMPDIR": str(directory),
-        # Caches are the host's: its compiled kernels serve here too (same processor, same name),
-        # and nothing else is written into the checkout.
+        # The host's compiled kernels serve here too: the processor is the same, and so is its name.
         "NUMBA_CACHE_DIR": os.environ["NUMBA_CACHE_DIR"],
         "PYTHONDONTWRITEBYTECODE": "1",
         "VCAN_REPORTS": str(directory / "reports"),
@@ -93,7 +93,7 @@ def _job(directory, root):
 
 
 def _boot(directory):
-    modules = max(MODULES.glob("*/kernel"))
+    modules = max(MODULES.glob("*/kernel"), default=MODULES)
     command = [shutil.which(KERNEL, path=SEARCH), "mem=2G", "quiet", f"uml_dir={directory}"]
     command += [
         "root=/dev/root",
