@@ -1,8 +1,10 @@
 """Counts from wires: frames in batches, transports, and the assembly of frames into cycles."""
 
+from bus.codec import Packer, crc16
 from bus.cycle import ClosedBy, FrameCounters, RawCycle
-from bus.errors import BusClosedError, BusError, BusOpenError, LogError
+from bus.errors import BusClosedError, BusError, BusOpenError, LayoutError, LogError
 from bus.frame import FRAME_DTYPE, FrameBatch
+from bus.memory import MemoryTransport
 from bus.status import INVALID, Status
 from bus.transport import Transport, TransportCounters, open_transport
 
@@ -15,10 +17,14 @@ __all__ = [
     "ClosedBy",
     "FrameBatch",
     "FrameCounters",
+    "LayoutError",
     "LogError",
+    "MemoryTransport",
+    "Packer",
     "RawCycle",
     "Status",
     "Transport",
     "TransportCounters",
+    "crc16",
     "open_transport",
 ]

@@ -5,12 +5,13 @@
     BusError                 everything below
     ├── BusOpenError         a bus of the topology could not be opened
     ├── BusClosedError       the transport was closed, or its interface is gone
+    ├── LayoutError          a wire layout that cannot be packed or unpacked
     └── LogError             a log file is not what it says it is
 """
 
 from __future__ import annotations
 
-__all__ = ["BusClosedError", "BusError", "BusOpenError", "LogError"]
+__all__ = ["BusClosedError", "BusError", "BusOpenError", "LayoutError", "LogError"]
 
 
 class BusError(Exception):
@@ -23,6 +24,10 @@ class BusOpenError(BusError):
 
 class BusClosedError(BusError):
     """The transport was closed, or its interface is gone for good."""
+
+
+class LayoutError(BusError):
+    """A wire layout that cannot be packed or unpacked; the message names layout and signal."""
 
 
 class LogError(BusError):

@@ -75,6 +75,11 @@ class Transport(ABC):
         -------
         int
             Number of frames taken by the interface; the others are counted in `send_failures`.
+
+        Raises
+        ------
+        BusClosedError
+            The transport was closed, or its interface is gone.
         """
 
     @abstractmethod

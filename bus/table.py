@@ -1,0 +1,165 @@
+"""FrameTable: the wire layouts of a topology as the integer tables that the kernels read."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from bus import kernels as k
+from bus.errors import LayoutError
+from topology import CHANNELS, Signal, Topology, WireLayout
+
+__all__ = ["FrameTable", "field_of"]
+
+
+class FrameTable:
+    """Tables of the f data frames of a topology; columns are named in `bus.kernels`.
+
+    Parameters
+    ----------
+    topology : Topology
+    sequence : "sync" or "own"
+        Whether units on a bus with SYNC echo its counter as their sequence number, or count
+        their own frames.
+
+    Attributes
+    ----------
+    frames : ndarray, shape (f, FRAME_COLUMNS), int32
+        What each frame looks like, and which rows of `signals` it has.
+    signals : ndarray, shape (m, SIGNAL_COLUMNS), int32
+    units : ndarray, shape (f, s), int32
+        Unit in each slot, or -1.
+    standard : ndarray, shape (buses, 2048), int32
+        Frame of each 11-bit identifier, or -1.
+    extended : ndarray, shape (e, 2), int64
+        Sorted ``bus << 32 | identifier`` of the frames with 29-bit identifiers, and the frame.
+    groups : ndarray, shape (g, p), int32
+        Frames of the g sets of units by part, -1 past the last part or where there is none.
+    parts : ndarray, shape (g,), int32
+        Frames that make a set whole.
+    unit_group : ndarray, shape (n,), int32
+        Set that the unit belongs to, -1 for none.
+
+    Raises
+    ------
+    LayoutError
+        A signal that is not within its frame, does not fit a count, or a crc of another shape.
+    """
+
+    def __init__(self, topology: Topology, sequence: Literal["sync", "own"] = "sync") -> None:
+        expected = topology.frames
+        self.units = np.ascontiguousarray(expected.units, np.int32)
+        rows, spans = _signal_rows(topology.layouts)
+        self.signals = np.array(rows, np.int32).reshape(-1, k.SIGNAL_COLUMNS)
+
+        firsts: dict[tuple[int, int, int], int] = {}
+        self.frames = np.zeros((len(expected), k.FRAME_COLUMNS), np.int32)
+        for f in range(len(expected)):
+            bus, layout_index = int(expected.bus[f]), int(expected.layout[f])
+            part, can_id = int(expected.part[f]), int(expected.can_id[f])
+            layout = topology.layouts[layout_index]
+            carried = self.units[f][self.units[f] >= 0]
+            row = self.frames[f]
+            row[k.BUS] = bus
+            row[k.IDENTIFIER] = np.uint32(can_id).astype(np.int32)
+            row[k.SIZE], row[k.IS_FD] = layout.size, layout.fd
+            row[k.FIRST_SIGNAL], row[k.END_SIGNAL] = spans[layout_index, part]
+            row[k.GROUP] = firsts.setdefault((bus, layout_index, can_id - part), len(firsts))
+            row[k.PART] = part
+            row[k.AWAITED] = topology.enabled[carried].any()
+            row[k.ECHOES] = sequence == "sync" and topology.buses[bus].sync_id is not None
+            _frame_fields(layout, part, row)
+        self._group(topology, len(firsts))
+        self._index(topology)
+
+    def _group(self, topology: Topology, count: int) -> None:
+        most = max((layout.parts for layout in topology.layouts), default=1)
+        self.groups = np.full((count, most), -1, np.int32)
+        self.parts = np.ones(count, np.int32)
+        self.unit_group = np.full(topology.n, -1, np.int32)
+        for f, row in enumerate(self.frames):
+            self.groups[row[k.GROUP], row[k.PART]] = f
+            self.parts[row[k.GROUP]] = topology.layouts[topology.frames.layout[f]].parts
+            self.unit_group[self.units[f][self.units[f] >= 0]] = row[k.GROUP]
+
+    def _index(self, topology: Topology) -> None:
+        bus, can_id = topology.frames.bus, topology.frames.can_id.astype(np.int64)
+        is_standard = can_id < 2048
+        frame = np.arange(can_id.size)
+        self.standard = np.full((len(topology.buses), 2048), -1, np.int32)
+        self.standard[bus[is_standard], can_id[is_standard]] = frame[is_standard]
+        others = np.stack([bus.astype(np.int64) << 32 | can_id, frame], axis=1)[~is_standard]
+        self.extended = others[np.argsort(others[:, 0])].reshape(-1, 2)
+
+
+def field_of(signal: Signal, size: int) -> tuple[int, int, int, int, int]:
+    """Where a signal lies in a record: three bytes, least significant first, shift and mask.
+
+    Bytes that the signal does not reach stand for others of the frame; the mask takes them away.
+    """
+    byte, bit = divmod(signal.start, 8)
+    if signal.order == "little":
+        shift, places = bit, [byte, byte + 1, byte + 2]
+    else:
+        last = 8 * byte + 7 - bit + signal.length - 1
+        byte, bit = divmod(last, 8)
+        shift, places = 7 - bit, [byte, byte - 1, byte - 2]
+    reach = (shift + signal.length + 7) // 8
+    if not all(0 <= place < size for place in places[:reach]):
+        raise ValueError(f"must lie within the {size} bytes of its frame")
+    inside = [k.PAYLOAD + min(max(place, 0), size - 1) for place in places]
+    return (*inside, shift, (1 << signal.length) - 1)
+
+
+def _signal_rows(
+    layouts: tuple[WireLayout, ...],
+) -> tuple[list[list[int]], dict[tuple[int, int], tuple[int, int]]]:
+    """Rows of `signals`, and which of them each (layout, part) has."""
+    rows: list[list[int]] = []
+    spans = {}
+    targets = {**{name: c for c, name in enumerate(CHANNELS)}, "unit_status": k.UNIT_STATUS}
+    for index, layout in enumerate(layouts):
+        for part in range(layout.parts):
+            first = len(rows)
+            for signal in layout.signals:
+                if signal.part != part or signal.name not in targets:
+                    continue
+                if signal.slot >= layout.units:
+                    raise _wrong(layout, signal, f"must be in one of {layout.units} slots",
+                                 f"slot {signal.slot}")  # fmt: skip
+                if signal.length == 16 and not signal.signed and signal.name in CHANNELS:
+                    raise _wrong(layout, signal, "must fit a 16-bit signed count",
+                                 "16 bits unsigned")  # fmt: skip
+                sign = 1 << (signal.length - 1) if signal.signed else 0
+                row = [*_field(layout, signal), sign, targets[signal.name], signal.slot]
+                rows.append(row)
+            spans[index, part] = first, len(rows)
+    return rows, spans
+
+
+def _frame_fields(layout: WireLayout, part: int, row: np.ndarray) -> None:
+    """The columns of one frame's sequence, status and crc."""
+    for name, column in (("sequence", k.SEQUENCE), ("status", k.STATUS), ("crc", k.CRC)):
+        signal = layout.frame_field(name, part)
+        # Without the field the mask is 0, and reading gives 0.
+        field = (k.PAYLOAD,) * 3 + (0, 0) if signal is None else _field(layout, signal)
+        row[column : column + k.FIELD_WIDTH] = field
+        if name == "crc" and signal is not None:
+            if signal.length != 16 or field[k.SHIFT]:
+                raise _wrong(layout, signal, "must be 16 bits that fill two bytes",
+                             f"{signal.length} bits from bit {signal.start}")  # fmt: skip
+            row[k.CRC_PLACE] = min(field[0], field[1])
+
+
+def _field(layout: WireLayout, signal: Signal) -> tuple[int, int, int, int, int]:
+    try:
+        return field_of(signal, layout.size)
+    except ValueError as error:
+        got = f"{signal.length} bits from bit {signal.start}, {signal.order} endian"
+        raise _wrong(layout, signal, str(error), got) from None
+
+
+def _wrong(layout: WireLayout, signal: Signal, expected: str, got: str) -> LayoutError:
+    where = f"layout {layout.name!r}: signal {signal.name!r} (slot {signal.slot})"
+    return LayoutError(f"{where}: {expected}; got {got}")

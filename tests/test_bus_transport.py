@@ -1,0 +1,32 @@
+"""Every transport that needs no hardware keeps the contract."""
+
+from itertools import count
+
+import pytest
+from transport_contract import CHECKS
+
+from bus import MemoryTransport
+from bus.transport import open_transport
+from topology import Bus
+
+names = (f"contract{i}" for i in count())
+
+
+def memory_pair():
+    return MemoryTransport.pair(index=3)
+
+
+def named_memory():
+    bus = Bus(name="main", interface="memory", channel=next(names))
+    return open_transport(bus, 2), open_transport(bus, 3)
+
+
+PAIRS = {"memory-pair": memory_pair, "memory": named_memory}
+
+
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+@pytest.mark.parametrize("pair", PAIRS.values(), ids=PAIRS)
+def test_transport_keeps_the_contract(pair, check):
+    near, far = pair()
+    with near, far:
+        check(near, far)
