@@ -8,6 +8,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from topology.errors import unknown_unit
 from topology.schema import Bus
 from topology.wire import WireLayout
 
@@ -88,6 +89,8 @@ class Topology:
     neighbour_index : ndarray, shape (m,), int32
         Neighbour graph in compressed rows: the neighbours of unit i are
         ``neighbour_index[neighbour_start[i]:neighbour_start[i + 1]]``; symmetric, sorted.
+    patch_frames : tuple of str
+        Frame of the file that carries each patch; patches of one frame move together.
     """
 
     name: str
@@ -108,6 +111,7 @@ class Topology:
     wired: np.ndarray
     neighbour_start: np.ndarray
     neighbour_index: np.ndarray
+    patch_frames: tuple[str, ...] = ()
 
     @property
     def n(self) -> int:
@@ -125,3 +129,16 @@ class Topology:
         given = {name: value for name, value in changes.items() if value is not None}
         buses = tuple(msgspec.structs.replace(bus, **given) for bus in self.buses)
         return replace(self, buses=buses)
+
+    def unit_index(self, name: str) -> int:
+        """Index of the unit of that name.
+
+        Raises
+        ------
+        UnknownNameError
+            There is none; the message has the nearest name.
+        """
+        try:
+            return self.unit_names.index(name)
+        except ValueError:
+            raise unknown_unit(name, self.name, self.unit_names) from None

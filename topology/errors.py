@@ -1,15 +1,181 @@
-"""Errors of the package.
+"""Errors of the package, and the wording of everything that can be wrong with a file.
 
 ::
 
     Exception
-    └── TopologyError (also a ValueError)    a topology or calibration file is wrong
+    └── TopologyError (also a ValueError)        a topology or calibration file is wrong
+        └── UnknownNameError (also a KeyError)   no unit of that name in a loaded topology
+
+A message reads `<file>:<line>: <where>: must be <expected>; got <value>`, and where the value is a
+name, the nearest valid one follows.
 """
 
 from __future__ import annotations
 
-__all__ = ["TopologyError"]
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+__all__ = [
+    "MESSAGES",
+    "Issue",
+    "TopologyError",
+    "UnknownNameError",
+    "nearest",
+    "unknown_unit",
+]
+
+MESSAGES: dict[str, str] = {
+    # -- the file itself
+    "no-topology": "must be a file or a ready-made topology ({names}); got no such file",
+    "no-file": "must be an existing file; got none at {path}",
+    "unreadable": "must be a readable file; got: {reason}",
+    "too-large": "must be at most {limit} MB; got {size:.0f} MB",
+    "encoding": "must be UTF-8 text; got the byte {byte:#04x}",
+    "syntax": "must be TOML; got: {reason}",
+    # -- keys and values
+    "unknown-key": "must be a known key; got {name}",
+    "missing-key": "must have the key {name}, {expected}; got none",
+    "value": "must be {expected}; got {got}",
+    # -- names
+    "duplicate-name": "must be a name used once; got {name}, also at line {line}",
+    "reserved-name": "must be another name than the built-in ones; got {name}",
+    "unknown-name": "must be the name of {kind}; got {name}",
+    "frame-cycle": "must be a frame that does not hang on this one; got {name}",
+    "one-exception": "must be a unit named once; got {name}, also at line {line}",
+    # -- poses
+    "two-rotations": "must be one of rpy_deg and quaternion_wxyz; got both",
+    "quaternion": "must be of length 1; got length {length:.4g}",
+    "direction": "must be a direction; got a vector of length 0",
+    "x-axis": "must be a direction across the normal; got one along it",
+    # -- buses
+    "cycle-rate": "must be {rate:g}, as on bus {other} (line {line}); got {got:g}",
+    "sync": "must be given on all buses or on none; got none, but {id:#05x} on bus {other} "
+    "(line {line})",
+    "channel": "must be a channel of its own; got {channel}, also of bus {other} (line {line})",
+    "data-bitrate": "must be at least the bitrate, {bitrate}; got {got}",
+    "overload": "must be at most {limit:.1%} of the bus at {rate:g} Hz in worst-case bits; got "
+    "{load:.1%} by {frames} data frames a cycle ({advice})",
+    # -- unit models and calibrations
+    "temperature-range": "must be above temperature_min_c, {minimum:g}; got {got:g}",
+    "normal-break": "must be below {limit:.4g}, where the soft slope alone reaches normal_max_n; "
+    "got {got:g}",
+    "frequency-range": "must be above {fall:.4g}, the fall of the frequency at normal_max_n; got "
+    "{got:g}",
+    "shear-break": "must be at most tangential_max_mm, {limit:g}; got {got:g}",
+    "crest": "must be at most {crest:.4g}, the crest pi / (2 field_wavenumber_rad_per_mm) beyond "
+    "which the field falls again; got {got:g}",
+    "field-map": "must make a 2x2 map that can be inverted; got determinant {got:.3g}",
+    "theta-count": "must be a list of {knots} numbers or of none; got {got}",
+    "theta-fold": "must fall by less than {spacing:.4g} from knot to knot, or directions fold over; "
+    "got {got:.4g} after knot {knot}",
+    "scale": "must not be 0; got 0",
+    "calibration-patch": "must be {patch}, the patch that names this file (line {line} of {file}); "
+    "got {got}",
+    # -- wire layouts
+    "frame-size": "must be a length of {kind} frames ({sizes}); got {got}",
+    "signal-bits": "must lie within the {bits} bits of the frame; got bits {first} to {last}",
+    "signal-overlap": "must have bits of its own; got bit {bit}, also of {other} (line {line})",
+    "signal-twice": "must be there once in a frame and slot; got a second one (first at line "
+    "{line})",
+    "signal-slot": "must be below {limit}, the layout's {what}; got {got}",
+    "signal-field": "must be slot 0 for what a frame carries once; got slot {got}",
+    "signal-missing": "must carry {names} of every unit; got none of slot {slot}",
+    "signal-range": "must be signed or at most 15 bits, to fit in 16 bits signed; got {got} bits "
+    "unsigned",
+    "crc": "must be 16 bits on two whole bytes side by side; got {length} bits at bit {start}",
+    "fd-layout": "must be a layout of classic frames, as bus {bus} (line {line}) has no "
+    "data_bitrate; got {name} with FD frames",
+    # -- geometry
+    "too-many": "must be a skin of at most {limit} units; got {got}",
+    "around": "must be at most {limit}, once around the cylinder; got {got}",
+    "far-side": "must be at most {limit}, before the far side of the sphere; got {got}",
+    "same-place": "must be {minimum_mm:.3g} mm or more from every other unit; got {got_mm:.3g} mm "
+    "between {unit} and {other} (line {line}){more}",
+    # -- addresses
+    "first-id": "must be given where a unit names no id; got none, and none of {unit}",
+    "id-extended": "must be at most 0x7ff unless `extended = true`; got {got}",
+    "id-range": "must keep its ids within {low:#x} to {high:#x}; got {got}",
+    "id-sync": "must keep its ids off SYNC of bus {bus} (line {line}); got {got}",
+    "duplicate-id": "must be ids of its own on bus {bus}; got {got}, also of {other} (line {line})",
+    "duplicate-slot": "must be a place of its own on bus {bus}; got slot {slot} of {id:#05x}, also "
+    "of {other} (line {line})",
+    "slot-range": "must be below {limit}, the units in a frame of {layout}; got {got}",
+    "slot-alone": "must stand beside an id; got a slot alone",
+}
+"""Wording of every issue by its code."""
+
+
+@dataclass(frozen=True)
+class Issue:
+    """One thing that is wrong with a file.
+
+    Attributes
+    ----------
+    code : str
+        Key of `MESSAGES`.
+    file : str
+        As the user wrote it.
+    line : int
+        From 1; 0 where it is about the file as a whole.
+    where : str
+        The table and key, e.g. "patches[0] 'palm' pitch_m"; may be empty.
+    message : str
+        "must be ...; got ...", and the nearest valid name.
+    """
+
+    code: str
+    file: str
+    line: int
+    where: str
+    message: str
+
+    def __str__(self) -> str:
+        place = f"{self.file}:{self.line}" if self.line else self.file
+        return ": ".join(part for part in (place, self.where, self.message) if part)
 
 
 class TopologyError(ValueError):
-    """A topology file, or a calibration file that it names, is wrong."""
+    """A topology file, or a calibration file that it names, is wrong.
+
+    Attributes
+    ----------
+    issues : tuple of Issue
+        Everything that is wrong, in the order of the files' lines; the message has one a line.
+    """
+
+    def __init__(self, issues: Iterable[Issue]) -> None:
+        self.issues = tuple(issues)
+        super().__init__(self.issues)
+
+    def __str__(self) -> str:
+        return "\n".join(map(str, self.issues))
+
+
+class UnknownNameError(TopologyError, KeyError):
+    """No unit of that name in a loaded topology."""
+
+
+def unknown_unit(name: str, skin: str, units: Iterable[str]) -> UnknownNameError:
+    """The error for a unit that a loaded skin does not have."""
+    message = MESSAGES["unknown-name"].format(kind=f"a unit of {skin!r}", name=repr(name))
+    return UnknownNameError([Issue("unknown-name", skin, 0, "", message + nearest(name, units))])
+
+
+def nearest(name: object, names: Iterable[str]) -> str:
+    """Ending of a message: the valid name nearest to a wrong one, or all where they are few.
+
+    Examples
+    --------
+    >>> nearest("pich_m", ["rows", "pitch_m"])
+    "; nearest: 'pitch_m'"
+    >>> nearest("bogus", ["can0", "can1"])
+    "; known: 'can0', 'can1'"
+    """
+    names = list(names)
+    close = difflib.get_close_matches(str(name), names, n=1)
+    if close:
+        return f"; nearest: {close[0]!r}"
+    if 0 < len(names) <= 12:
+        return "; known: " + ", ".join(map(repr, names))
+    return ""

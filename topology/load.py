@@ -3,103 +3,192 @@
 from __future__ import annotations
 
 import os
-import tomllib
 from pathlib import Path
 
-import msgspec
 import numpy as np
 
-from topology import pose
-from topology.address import EXTENDED, Address, number, to_frames
-from topology.arrays import Topology
-from topology.layout import nominal_distance, place
-from topology.model import MODELS, THETA_KNOTS
+from topology.address import Address, to_frames
+from topology.arrays import Frames, Topology
+from topology.budget import bus_load
+from topology.check.addresses import check_clashes
+from topology.check.patches import place_patches
+from topology.check.places import check_places
+from topology.draft import Draft
+from topology.errors import nearest
+from topology.layout import nominal_distance
 from topology.neighbours import compressed_rows, nearest_distance, neighbour_pairs
-from topology.schema import PARAMETERS, File, Pose
-from topology.wire import CHANNELS, LAYOUTS
+from topology.parts import Parts, resolve
+from topology.read import open_source, read
+from topology.report import Report
+from topology.schema import File
+from topology.source import Source
+from topology.wire import CHANNELS
 
 __all__ = ["builtin", "load"]
 
 _FOLDER = Path(__file__).parent / "builtin"
-builtin: tuple[str, ...] = tuple(sorted(p.stem for p in _FOLDER.glob("*.toml")))
+
+builtin: tuple[str, ...] = tuple(sorted(path.stem for path in _FOLDER.glob("*.toml")))
+"""Names of the ready-made topologies."""
+
+NEIGHBOUR_REACH = 1.5
+"""Neighbours are nearer than this many times the distance of nearest neighbours in their patch."""
 
 
-def load(file: str | os.PathLike[str]) -> Topology:
-    path = _FOLDER / f"{file}.toml" if file in builtin else Path(file)
-    data = msgspec.convert(tomllib.loads(path.read_text("utf-8")), File)
-    frames = {"skin": pose.IDENTITY}
-    for frame in data.frames:
-        frames[frame.name] = pose.compose(frames[frame.parent], transform(frame.pose))
-    models = dict(MODELS)
-    layouts = {**LAYOUTS, **{w.name: w for w in data.layouts}}
-    used = tuple(dict.fromkeys(p.layout for p in data.patches))
-    buses = {b.name: i for i, b in enumerate(data.buses)}
-    names, positions, rotations, ids, slots, reach = [], [], [], [], [], []
-    for patch in data.patches:
-        placed = place(patch)
-        n = len(placed.names)
-        at = pose.compose(frames[patch.frame], transform(patch.pose))
-        rotation, position = pose.compose(at, (placed.rotation, placed.position))
-        names += [f"{patch.name}/{name}" for name in placed.names]
-        positions.append(position)
-        rotations.append(rotation)
-        can_id, slot = number(n, patch.first_id, layouts[patch.layout])
-        ids.append(can_id + EXTENDED * patch.extended)
-        slots.append(slot)
-        near = nominal_distance(patch) or np.median(nearest_distance(position))
-        reach.append(np.full(n, 1.5 * near))
-    sizes = [len(i) for i in ids]
-    patch = np.repeat(np.arange(len(sizes)), sizes).astype(np.int32)
-    at = Address(
-        bus=np.array([buses[p.bus] for p in data.patches], np.int32)[patch],
-        layout=np.array([used.index(p.layout) for p in data.patches], np.int32)[patch],
-        can_id=np.concatenate(ids),
-        slot=np.concatenate(slots),
+def load(file: str | os.PathLike[str], *, allow_overload: bool = False) -> Topology:
+    """Load a topology file, and the calibration files that it names.
+
+    Parameters
+    ----------
+    file : str or path
+        A file, or the name of a ready-made topology (`topology.builtin`).
+    allow_overload : bool
+        Accept buses that cannot carry their frames at their cycle rate, for a look at them.
+
+    Returns
+    -------
+    Topology
+
+    Raises
+    ------
+    TopologyError
+        With every problem of the files, each with its line.
+
+    Examples
+    --------
+    >>> load("palm").n
+    64
+    """
+    report = Report()
+    source = _open(file, report)
+    report.raise_if_any()
+    parts = resolve(read(File, source, report), source, report)
+    draft = Draft(parts, place_patches(parts, report), report)
+    _check_units(draft, parts, report)
+    known = draft.addressed
+    address = Address(*(a[known] for a in vars(draft.address).values()))
+    frames = to_frames(address, tuple(draft.layouts))
+    if not allow_overload:
+        _check_load(frames, draft, parts, report)
+    report.raise_if_any()
+    return _finish(frames, draft, parts)
+
+
+def _open(file: str | os.PathLike[str], report: Report) -> Source | None:
+    shown = os.fspath(file)
+    if shown in builtin:
+        path = _FOLDER / f"{shown}.toml"
+        return open_source(path, path.name, report)
+    path = Path(file)
+    if not path.exists():
+        names = ", ".join(builtin)
+        hint = "" if path.suffix or path.name != shown else nearest(shown, builtin)
+        report.about_file("no-topology", shown, hint=hint, names=names)
+        return None
+    return open_source(path, shown, report)
+
+
+def _check_units(draft: Draft, parts: Parts, report: Report) -> None:
+    """Rules that no unit can break alone: one place and one address for each."""
+    fixed, known = np.flatnonzero(draft.fixed), np.flatnonzero(draft.addressed)
+    check_places(
+        draft.position[:, fixed],
+        draft.parameters["radius_m"][fixed],
+        [draft.names[unit] for unit in fixed],
+        [draft.tables[unit] for unit in fixed],
+        parts.source,
+        report,
     )
-    wires = tuple(layouts[name] for name in used)
-    position = np.concatenate(positions, axis=-1)
-    rigid = np.array([list(frames).index(p.frame) for p in data.patches])[patch]
-    i, j = neighbour_pairs(position, np.concatenate(reach), rigid)
-    start, index = compressed_rows(len(names), i, j)
-    parameters = {}
-    for name in PARAMETERS:
-        value = [getattr(models[p.model], name) for p in data.patches]
-        if name == "theta_correction_rad":
-            parameters[name] = np.zeros((THETA_KNOTS, len(names)))
-        else:
-            parameters[name] = np.array(value, float)[patch]
-    shape = (len(CHANNELS), len(wires))
-    scale, offset, wired = np.ones(shape), np.zeros(shape), np.zeros(shape, bool)
-    for w, wire in enumerate(wires):
-        for signal in wire.signals:
-            if signal.name in CHANNELS:
-                c = CHANNELS.index(signal.name)
-                scale[c, w], offset[c, w], wired[c, w] = signal.scale, signal.offset, True
-    return Topology(
-        name=data.name,
-        path=path,
-        buses=data.buses,
-        layouts=wires,
-        frames=to_frames(at, wires),
-        unit_names=tuple(names),
-        patch_names=tuple(p.name for p in data.patches),
-        patch=patch,
-        enabled=np.ones(len(names), bool),
-        position=position,
-        rotation=np.concatenate(rotations, axis=-1),
-        area=np.pi * parameters["radius_m"] ** 2,
-        parameters=parameters,
-        scale=scale[:, at.layout],
-        offset=offset[:, at.layout],
-        wired=wired[:, at.layout],
+    check_clashes(
+        Address(*(a[known] for a in vars(draft.address).values())),
+        draft.layouts,
+        [draft.claims[unit] for unit in known],
+        [bus.name if bus is not None else "" for bus in parts.file.buses or ()],
+        parts.source,
+        report,
+    )
+
+
+def _check_load(frames: Frames, draft: Draft, parts: Parts, report: Report) -> None:
+    """A bus must carry its frames at its cycle rate, whatever their bits are."""
+    for key in parts.buses.values():
+        bus = parts.bus(key)
+        if not report.sound(parts.source, key):
+            continue
+        found = bus_load(key[1], bus, frames, tuple(draft.layouts))
+        if found.load > bus.max_load:
+            advice = f"at most {found.highest_rate_hz:.4g} Hz would do"
+            report.add("overload", parts.source, key, limit=bus.max_load, rate=bus.cycle_rate_hz,
+                       load=found.load, frames=found.frames, advice=advice)  # fmt: skip
+
+
+def _finish(frames: Frames, draft: Draft, parts: Parts) -> Topology:
+    n = len(draft.names)
+    reach = np.empty(n)
+    for index, placed in enumerate(draft.placed):
+        units = slice(draft.starts[index], draft.starts[index + 1])
+        distance = nominal_distance(placed.patch)
+        if distance is None:
+            distance = _typical(nearest_distance(placed.units.position))
+        reach[units] = NEIGHBOUR_REACH * distance
+    names = list(parts.frames)
+    body = np.array([names.index(placed.patch.frame) for placed in draft.placed])[draft.patch]
+    start, index = compressed_rows(n, *neighbour_pairs(draft.position, reach, body))
+    scale, offset, wired = _scales(draft, parts)
+    topology = Topology(
+        name=parts.file.name,
+        path=parts.source.path,
+        buses=parts.file.buses,
+        layouts=tuple(draft.layouts),
+        frames=frames,
+        unit_names=tuple(draft.names),
+        patch_names=tuple(placed.patch.name for placed in draft.placed),
+        patch=draft.patch,
+        enabled=draft.enabled,
+        position=draft.position,
+        rotation=np.ascontiguousarray(draft.rotation),
+        area=np.pi * draft.parameters["radius_m"] ** 2,
+        parameters=draft.parameters,
+        scale=scale,
+        offset=offset,
+        wired=wired,
         neighbour_start=start,
         neighbour_index=index,
+        patch_frames=tuple(placed.patch.frame for placed in draft.placed),
     )
+    for array in (*vars(frames).values(), *vars(topology).values(), *draft.parameters.values()):
+        if isinstance(array, np.ndarray):
+            array.setflags(write=False)
+    return topology
 
 
-def transform(given: Pose) -> pose.Transform:
-    if given.quaternion_wxyz is not None:
-        rotation = pose.from_quaternion(*given.quaternion_wxyz)
-    else:
-        rotation = pose.from_rpy(*np.radians(given.rpy_deg or (0, 0, 0)))
-    return rotation, np.array(given.xyz_m)
+def _typical(distance: np.ndarray) -> float:
+    """Distance of nearest neighbours in an uneven patch: the median, but not far off the least.
+
+    The limit keeps the neighbours few where half of the units stand far apart.
+    """
+    if distance.size < 2:
+        return 0.0
+    return float(min(np.median(distance), 4 * distance.min()))
+
+
+def _scales(draft: Draft, parts: Parts) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Scale, offset and presence of each channel of each unit, shape (c, n)."""
+    shape = (len(CHANNELS), len(draft.layouts))
+    by_layout = np.ones(shape), np.zeros(shape), np.zeros(shape, bool)
+    for column, layout in enumerate(draft.layouts):
+        for signal in layout.signals:
+            if signal.name in CHANNELS:
+                row = CHANNELS.index(signal.name)
+                for table, value in zip(
+                    by_layout, (signal.scale, signal.offset, True), strict=True
+                ):
+                    table[row, column] = value
+    scale, offset, wired = (table[:, draft.address.layout] for table in by_layout)
+    of_model = np.array(draft.model)
+    for name, channels in parts.scales.items():
+        for channel, given in channels.items():
+            units = of_model == name
+            row = CHANNELS.index(channel)
+            scale[row, units], offset[row, units] = given.scale, given.offset
+    return scale, offset, wired

@@ -63,8 +63,8 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         float, _doc("Fall of the frequency per mm pressed (Fig. 3d) [paper]", gt=0)
     ] = 900.0
     normal_break_hz: Annotated[
-        float, _doc("Frequency fall at which the stiffness changes; gives 7.2 N at 2 mm [derived]",
-                    ge=0),
+        float,
+        _doc("Frequency fall at which the stiffness changes; gives 7.2 N at 2 mm [derived]", ge=0),
     ] = 540.0
     normal_soft_n_per_hz: Annotated[
         float, _doc("Normal force per Hz below the break (Fig. 3e) [paper]", gt=0)
@@ -129,8 +129,11 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     hall_reference_c: Annotated[float, _doc("Chip temperature of zero drift [assumed]")] = 25.0
     hall_lag_s: Annotated[
         float,
-        _doc("Time constant of the chip behind the gel, used where the wire does not carry the "
-             "chip's own temperature [assumed]", ge=0),
+        _doc(
+            "Time constant of the chip behind the gel, used where the wire does not carry the "
+            "chip's own temperature [assumed]",
+            ge=0,
+        ),
     ] = 190.0
     hall_offset_x_ut: Annotated[float, _doc("Offset of Bx at the reference temperature")] = 0.0
     hall_offset_y_ut: Annotated[float, _doc("Offset of By at the reference temperature")] = 0.0
@@ -146,8 +149,10 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     field_yy: Annotated[float, _doc("2x2 map of (Bx, By): y from y")] = 1.0
     theta_correction_rad: Annotated[
         tuple[float, ...],
-        _doc(f"Added to theta = atan2(By, Bx): {THETA_KNOTS} knots equally spaced from -pi, "
-             "periodic, linear between (Fig. 3j-k, S8); empty: none"),
+        _doc(
+            f"Added to theta = atan2(By, Bx): {THETA_KNOTS} knots equally spaced from -pi, "
+            "periodic, linear between (Fig. 3j-k, S8); empty: none"
+        ),
     ] = ()
 
     # -- geometry and health ---------------------------------------------------------------------

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-__all__ = ["compressed_rows", "neighbour_pairs", "nearest_distance", "pairs_within"]
+__all__ = ["compressed_rows", "nearest_distance", "neighbour_pairs", "pairs_within"]
 
 # No row, column or diagonal of a regular patch lies square to this line: few points share a gap.
 _LINE = np.array([0.8017, 0.5153, 0.3029])

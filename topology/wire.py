@@ -36,14 +36,18 @@ QUANTITIES = {
 class Signal(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One integer in a frame. Physical value = scale * integer + offset."""
 
-    name: Annotated[str, Meta(description="A channel, `unit_status`, `sequence`, `status` or `crc`")]
+    name: Annotated[
+        str, Meta(description="A channel, `unit_status`, `sequence`, `status` or `crc`")
+    ]
     start: Annotated[int, Meta(ge=0, le=511, description="Start bit, numbered as in a DBC")]
     length: Annotated[int, Meta(ge=1, le=16, description="Bits")]
     signed: bool = False
     order: Literal["little", "big"] = "little"
     scale: float = 1.0
     offset: float = 0.0
-    slot: Annotated[int, Meta(ge=0, description="Which of the frame's units; 0 for frame fields")] = 0
+    slot: Annotated[
+        int, Meta(ge=0, description="Which of the frame's units; 0 for frame fields")
+    ] = 0
     part: Annotated[int, Meta(ge=0, description="Which of the consecutive frames carries it")] = 0
 
 
@@ -81,8 +85,15 @@ def _record(slot: int, byte: int) -> tuple[Signal, ...]:
         Signal(name="bx", start=bit + 32, scale=2.0, **field),
         Signal(name="by", start=bit + 48, scale=2.0, **field),
         Signal(name="bz", start=bit + 64, scale=2.0, **field),
-        Signal(name="hall_temperature", start=bit + 80, length=8, signed=True, scale=0.5,
-               offset=25.0, slot=slot),
+        Signal(
+            name="hall_temperature",
+            start=bit + 80,
+            length=8,
+            signed=True,
+            scale=0.5,
+            offset=25.0,
+            slot=slot,
+        ),
         Signal(name="unit_status", start=bit + 88, length=8, slot=slot),
     )
 

@@ -1,0 +1,129 @@
+"""Exact worst-case bits of frames, and how much of a bus they fill.
+
+Bit counts hold for ISO 11898-1:2015 and include stuff bits and the three bits of intermission.
+Stuffing is worst when, after the first five bits, every fourth one brings a stuff bit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from topology.address import EXTENDED
+from topology.arrays import Frames
+from topology.schema import Bus
+from topology.wire import WireLayout
+
+__all__ = ["BusLoad", "bus_load", "classic_bits", "fd_bits", "frame_seconds"]
+
+HEARTBEAT_SIZE = 8
+"""Bytes of a heartbeat, a classic frame that every sender of data sends once a second."""
+
+SYNC_SIZE = 1
+
+
+def classic_bits(size: int, extended: bool = False) -> int:
+    """Most bits that a classic data frame of `size` bytes can take.
+
+    Start, identifier, control, data and CRC (34 bits and the data; 54 with a 29-bit identifier)
+    are stuffed; CRC delimiter, ACK, end of frame and intermission (13 bits) are not.
+
+    Examples
+    --------
+    >>> classic_bits(8), classic_bits(8, extended=True)
+    (135, 160)
+    """
+    stuffed = (54 if extended else 34) + 8 * size
+    return stuffed + (stuffed - 1) // 4 + 13
+
+
+def fd_bits(size: int, extended: bool = False) -> tuple[int, int]:
+    """Most bits that a CAN FD data frame of `size` bytes can take, at either bit rate.
+
+    From the start to the bit that switches the rate (17 bits, 36 with a 29-bit identifier) and
+    from the CRC delimiter on (13 bits) the nominal rate holds; ESI, length, data, stuff count and
+    CRC (17 or 21 bits, with fixed stuff bits) go at the data rate. Stuff bits that may fall on
+    either side of the switch are counted at the nominal rate.
+
+    Returns
+    -------
+    nominal, data : int
+
+    Examples
+    --------
+    >>> fd_bits(16), fd_bits(64)
+    ((34, 193), (34, 678))
+    """
+    arbitration = 36 if extended else 17
+    slow_stuff = (arbitration - 1) // 4
+    payload = 5 + 8 * size
+    stuff = (arbitration + payload - 1) // 4
+    crc = 17 if size <= 16 else 21
+    fixed = -(-(4 + crc) // 4)
+    return arbitration + slow_stuff + 13, payload + stuff - slow_stuff + 4 + crc + fixed
+
+
+def frame_seconds(size: int, fd: bool, bus: Bus, extended: bool = False) -> float:
+    """Longest time that a data frame of `size` bytes takes on a bus, s."""
+    if not fd:
+        return classic_bits(size, extended) / bus.bitrate
+    nominal, data = fd_bits(size, extended)
+    return nominal / bus.bitrate + data / (bus.data_bitrate or bus.bitrate)
+
+
+@dataclass(frozen=True)
+class BusLoad:
+    """What the expected frames of one bus take.
+
+    Attributes
+    ----------
+    frames : int
+        Data frames a cycle.
+    cycle_s : float
+        Time on the wire of SYNC and all data frames of a cycle, s.
+    load : float
+        Share of the bus at its cycle rate, heartbeats included.
+    highest_rate_hz : float
+        Cycle rate at which the load is `max_load`; 0 where heartbeats alone exceed it.
+    """
+
+    frames: int
+    cycle_s: float
+    load: float
+    highest_rate_hz: float
+
+
+def bus_load(index: int, bus: Bus, frames: Frames, layouts: tuple[WireLayout, ...]) -> BusLoad:
+    """Worst-case load of a bus: SYNC and all data frames every cycle, heartbeats every second.
+
+    Parameters
+    ----------
+    index : int
+        Of the bus, as in `frames.bus`.
+    bus : Bus
+    frames : Frames
+        Of the skin.
+    layouts : tuple of WireLayout
+        As `frames.layout` counts them.
+    """
+    here = frames.bus == index
+    kinds = np.stack([frames.layout[here], (frames.can_id[here] & EXTENDED) != 0])
+    cycle_s = frame_seconds(SYNC_SIZE, False, bus) if bus.sync_id is not None else 0.0
+    for (layout, extended), number in zip(*_counts(kinds), strict=True):
+        wire = layouts[layout]
+        cycle_s += number * frame_seconds(wire.size, wire.fd, bus, bool(extended))
+    senders = int(np.count_nonzero(frames.part[here] == 0))
+    heartbeats = senders * frame_seconds(HEARTBEAT_SIZE, False, bus)
+    room = max(bus.max_load - heartbeats, 0.0)
+    return BusLoad(
+        frames=int(np.count_nonzero(here)),
+        cycle_s=cycle_s,
+        load=cycle_s * bus.cycle_rate_hz + heartbeats,
+        highest_rate_hz=room / cycle_s if cycle_s else float("inf"),
+    )
+
+
+def _counts(kinds: np.ndarray) -> tuple[list[tuple[int, int]], list[int]]:
+    values, number = np.unique(kinds, axis=1, return_counts=True)
+    return [tuple(v) for v in values.T.tolist()], number.tolist()

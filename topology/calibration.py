@@ -1,0 +1,80 @@
+"""Calibration files, format version 1: what was measured of the units of one patch.
+
+::
+
+    format = 1
+    patch = "palm"
+    date = "2026-03-01"                 # optional, as is `bench`
+    bench = "six-axis reference cell, 25 °C"
+
+    [units.r3c4]                        # any parameter of `UnitModel`
+    frequency_rest_hz = 4512.5
+    field_amplitude_ut = 10980.0
+
+What a file does not give stays as the model has it; an exception in the topology file
+(`[[units]]`) stands above both.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from topology.check.models import check_theta
+from topology.check.names import overrides, refer
+from topology.read import open_source, read
+from topology.report import Report
+from topology.schema import CalibrationFile
+from topology.source import Key, Source
+
+__all__ = ["read_calibration"]
+
+
+def read_calibration(
+    patch: str, units: tuple[str, ...], key: Key, source: Source, report: Report
+) -> tuple[Source | None, dict[int, dict[str, Any]]]:
+    """Read the calibration file that a patch names.
+
+    Parameters
+    ----------
+    patch : str
+        Its name.
+    units : tuple of str
+        Names of its units, without the patch's.
+    key : Key
+        The `calibration` of the patch in the topology file, whose value is a path relative to it.
+    source : Source
+        The topology file.
+    report : Report
+        Receives what is wrong.
+
+    Returns
+    -------
+    source : Source or None
+        The calibration file.
+    parameters : dict of int to dict
+        Parameters by index of the unit in its patch.
+    """
+    given = source.data["patches"][key[1]]["calibration"]
+    path = source.path.parent / given
+    shown = str(Path(source.shown).parent / given)
+    if not path.exists():
+        report.add("no-file", source, key, path=shown)
+        return None, {}
+    calibration = open_source(path, shown, report)
+    if calibration is None:
+        return None, {}
+    table = read(CalibrationFile, calibration, report)
+    if report.sound(calibration, (), "patch") and table.patch != patch:
+        report.add("calibration-patch", calibration, ("patch",), patch=repr(patch),
+                   line=source.line(key), file=source.shown, got=repr(table.patch))  # fmt: skip
+    known = {name: index for index, name in enumerate(units)}
+    parameters = {}
+    for name, entry in table.units.items():
+        at = ("units", name)
+        kind = f"a unit of patch {patch!r}"
+        if not refer(name, kind, known, at, calibration, report) or entry is None:
+            continue
+        if report.sound(calibration, at) and check_theta(entry, at, calibration, report):
+            parameters[known[name]] = overrides(entry)
+    return calibration, parameters

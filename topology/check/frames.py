@@ -1,0 +1,89 @@
+"""Frames: a tree that hangs on `skin`, with poses that are rigid."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from topology import pose
+from topology.check.names import check_name, entries, refer
+from topology.report import Report
+from topology.schema import File, Frame, Pose
+from topology.source import Key, Source
+
+__all__ = ["ROOT", "resolve_frames", "to_transform"]
+
+ROOT = "skin"
+"""The frame that everything hangs on."""
+
+QUATERNION_TOLERANCE = 1e-3
+
+
+def to_transform(given: Pose, key: Key, source: Source, report: Report) -> pose.Transform | None:
+    """T_parent_child of a pose; None where it is wrong."""
+    if not report.sound(source, key):
+        return None
+    if given.rpy_deg is not None and given.quaternion_wxyz is not None:
+        report.add("two-rotations", source, key)
+        return None
+    if given.quaternion_wxyz is None:
+        rotation = pose.from_rpy(*np.radians(given.rpy_deg or (0.0, 0.0, 0.0)))
+        return rotation, np.array(given.xyz_m)
+    length = float(np.linalg.norm(given.quaternion_wxyz))
+    if abs(length - 1) > QUATERNION_TOLERANCE:
+        report.add("quaternion", source, (*key, "quaternion_wxyz"), length=length)
+        return None
+    return pose.from_quaternion(*given.quaternion_wxyz), np.array(given.xyz_m)
+
+
+def resolve_frames(file: File, source: Source, report: Report) -> dict[str, pose.Transform | None]:
+    """T_skin_frame of every frame by name; None where its pose or a parent is wrong."""
+    first: dict[str, Key] = {}
+    frames: dict[str, Frame] = {}
+    for key, frame in entries(file, "frames"):
+        if report.sound(source, key, "name"):
+            check_name(frame.name, key, first, {ROOT}, source, report)
+            frames.setdefault(frame.name, frame)
+    frames.pop(ROOT, None)
+
+    local = {
+        name: to_transform(frames[name].pose, (*key, "pose"), source, report)
+        for name, key in first.items()
+    }
+    parents = {}
+    for name, key in first.items():
+        parent = frames[name].parent
+        sound = report.sound(source, key, "parent")
+        if sound and refer(parent, "a frame", {ROOT, *first}, (*key, "parent"), source, report):
+            parents[name] = parent
+    for name in _on_cycles(parents):
+        report.add("frame-cycle", source, (*first[name], "parent"), name=repr(parents[name]))
+        del parents[name]
+
+    absolute: dict[str, pose.Transform | None] = {ROOT: pose.IDENTITY}
+    for name in first:
+        chain = [name]
+        while chain[-1] not in absolute and chain[-1] in parents:
+            chain.append(parents[chain[-1]])
+        outer = absolute.get(chain.pop()) if chain[-1] in absolute else None
+        for link in reversed(chain):
+            inner = local[link]
+            outer = None if outer is None or inner is None else pose.compose(outer, inner)
+            absolute[link] = outer
+        absolute.setdefault(name, None)
+    return absolute
+
+
+def _on_cycles(parents: dict[str, str]) -> list[str]:
+    """Names that are their own ancestors."""
+    cycles: list[str] = []
+    done: set[str] = set()
+    for name in parents:
+        path: dict[str, None] = {}
+        while name in parents and name not in done and name not in path:
+            path[name] = None
+            name = parents[name]
+        if name in path:
+            walk = list(path)
+            cycles += walk[walk.index(name) :]
+        done.update(path)
+    return cycles

@@ -1,0 +1,152 @@
+"""Unit models: parameters that make sense together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from topology.check.names import check_name, entries, overrides, refer
+from topology.model import MODELS, THETA_KNOTS, UnitModel
+from topology.report import Report
+from topology.schema import PARAMETERS, File, Scale
+from topology.source import Key, Source
+from topology.wire import CHANNELS
+
+__all__ = ["Fault", "check_theta", "parameter_faults", "resolve_models", "to_arrays"]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A rule that the parameters of some units break.
+
+    Attributes
+    ----------
+    code : str
+        Of the message.
+    field : str
+        Parameter to blame.
+    broken : ndarray, shape (n,), bool
+    values : dict of str to ndarray, shape (n,)
+        What the message says.
+    """
+
+    code: str
+    field: str
+    broken: np.ndarray
+    values: dict[str, np.ndarray]
+
+
+def resolve_models(
+    file: File, source: Source, report: Report
+) -> tuple[dict[str, UnitModel | None], dict[str, dict[str, Scale]]]:
+    """Models by name, None where one is wrong, and the physical scales that they bring along."""
+    first: dict[str, Key] = {}
+    models: dict[str, UnitModel | None] = dict(MODELS)
+    scales: dict[str, dict[str, Scale]] = {name: {} for name in MODELS}
+    for key, entry in entries(file, "models"):
+        known = tuple(models)
+        named = report.sound(source, key, "name")
+        if named:
+            check_name(entry.name, key, first, MODELS, source, report)
+        fits = report.sound(source, key, *PARAMETERS) and check_theta(entry, key, source, report)
+        based = report.sound(source, key, "base") and refer(
+            entry.base, "a model further up or built in", known, (*key, "base"), source, report
+        )
+        base = models[entry.base] if based else None
+        model = None
+        if fits and base is not None:
+            model = msgspec.structs.replace(base, **overrides(entry))
+            if _report_faults(model, key, source, report):
+                model = None
+        _check_scales(entry.scales, (*key, "scales"), source, report)
+        if named and first.get(entry.name) == key:
+            models[entry.name] = model
+            inherited = scales[entry.base] if based else {}
+            scales[entry.name] = inherited | {
+                channel: scale for channel, scale in entry.scales.items() if channel in CHANNELS
+            }
+    return models, scales
+
+
+def check_theta(table: Any, key: Key, source: Source, report: Report) -> bool:
+    """Whether a table's theta_correction_rad has the right number of knots; reported if not."""
+    theta = table.theta_correction_rad
+    if theta is None or len(theta) in (0, THETA_KNOTS):
+        return True
+    report.add("theta-count", source, (*key, "theta_correction_rad"),
+               knots=THETA_KNOTS, got=len(theta))  # fmt: skip
+    return False
+
+
+def _report_faults(model: UnitModel, key: Key, source: Source, report: Report) -> bool:
+    faults = parameter_faults(to_arrays([model]))
+    found = [fault for fault in faults if fault.broken[0]]
+    for fault in found:
+        values = {name: value[0] for name, value in fault.values.items()}
+        report.add(fault.code, source, (*key, fault.field), **values)
+    return bool(found)
+
+
+def _check_scales(scales: Mapping[str, Scale], key: Key, source: Source, report: Report) -> None:
+    for channel, scale in scales.items():
+        known = refer(channel, "a channel", CHANNELS, (*key, channel), source, report)
+        if known and scale is not None and scale.scale == 0:
+            report.add("scale", source, (*key, channel, "scale"))
+
+
+def to_arrays(models: list[UnitModel]) -> dict[str, np.ndarray]:
+    """Parameters of n models as arrays, shape (n,); theta_correction_rad: (THETA_KNOTS, n)."""
+    arrays = {}
+    for name in PARAMETERS:
+        values = [getattr(model, name) for model in models]
+        if name == "theta_correction_rad":
+            values = [theta or (0.0,) * THETA_KNOTS for theta in values]
+        arrays[name] = np.ascontiguousarray(np.array(values, np.float64).T)
+    return arrays
+
+
+def parameter_faults(p: Mapping[str, np.ndarray]) -> Iterator[Fault]:
+    """Rules between parameters, and the units that break them.
+
+    Parameters
+    ----------
+    p : mapping of str to ndarray, shape (n,) or (THETA_KNOTS, n)
+        Parameters of n units.
+    """
+    low, high = p["temperature_min_c"], p["temperature_max_c"]
+    yield Fault("temperature-range", "temperature_max_c", high <= low,
+                {"minimum": low, "got": high})  # fmt: skip
+
+    limit = p["normal_max_n"] / p["normal_soft_n_per_hz"]
+    at_break = p["normal_break_hz"]
+    yield Fault("normal-break", "normal_break_hz", at_break >= limit,
+                {"limit": limit, "got": at_break})  # fmt: skip
+
+    stiff = (p["normal_max_n"] - at_break * p["normal_soft_n_per_hz"]) / p["normal_stiff_n_per_hz"]
+    fall = at_break + np.maximum(stiff, 0)
+    rest = p["frequency_rest_hz"]
+    yield Fault("frequency-range", "frequency_rest_hz", rest <= fall,
+                {"fall": fall, "got": rest})  # fmt: skip
+
+    reach = p["tangential_max_mm"]
+    yield Fault("shear-break", "shear_break_mm", p["shear_break_mm"] > reach,
+                {"limit": reach, "got": p["shear_break_mm"]})  # fmt: skip
+
+    crest = np.pi / (2 * p["field_wavenumber_rad_per_mm"])
+    yield Fault("crest", "tangential_max_mm", reach > crest * (1 + 1e-9),
+                {"crest": crest, "got": reach})  # fmt: skip
+
+    determinant = p["field_xx"] * p["field_yy"] - p["field_xy"] * p["field_yx"]
+    yield Fault("field-map", "field_xx", np.abs(determinant) < 1e-6, {"got": determinant})
+
+    spacing = 2 * np.pi / THETA_KNOTS
+    theta = p["theta_correction_rad"]
+    drop = theta - np.roll(theta, -1, axis=0)
+    knot = np.argmax(drop, axis=0)
+    worst = np.max(drop, axis=0)
+    yield Fault("theta-fold", "theta_correction_rad", worst >= spacing,
+                {"spacing": np.full_like(worst, spacing), "got": worst, "knot": knot})  # fmt: skip

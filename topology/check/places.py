@@ -1,0 +1,71 @@
+"""Places: no two units in one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import islice
+
+import numpy as np
+
+from topology.neighbours import pairs_within
+from topology.report import Report
+from topology.source import Key, Source
+
+__all__ = ["CLOSEST", "check_places", "overlapping"]
+
+CLOSEST = 0.1
+"""Units nearer than this share of their radius are one unit entered twice."""
+
+MOST_BATCHES = 1000
+
+
+def check_places(
+    position: np.ndarray,
+    radius: np.ndarray,
+    names: Sequence[str],
+    keys: Sequence[Key],
+    source: Source,
+    report: Report,
+) -> None:
+    """Report units that stand in one place, once for each pair of tables.
+
+    Parameters
+    ----------
+    position : ndarray, shape (3, n), float64
+        Metre.
+    radius : ndarray, shape (n,), float64
+        Metre.
+    names : sequence of str, length n
+    keys : sequence of Key, length n
+        Table that placed each unit.
+    """
+    found: dict[tuple[Key, Key], list[tuple[int, int, float]]] = {}
+    batches = pairs_within(position, CLOSEST * float(np.max(radius, initial=0.0)))
+    for i, j, distance in islice(batches, MOST_BATCHES):
+        close = distance < CLOSEST * np.minimum(radius[i], radius[j])
+        for a, b, d in zip(i[close], j[close], distance[close], strict=True):
+            found.setdefault((keys[a], keys[b]), []).append((int(a), int(b), float(d)))
+    for (other, blamed), pairs in found.items():
+        a, b, distance = min(pairs)
+        more = f", and {len(pairs) - 1} more such pairs" if len(pairs) > 1 else ""
+        report.add("same-place", source, blamed,
+                   minimum_mm=1e3 * CLOSEST * min(radius[a], radius[b]), got_mm=1e3 * distance,
+                   unit=repr(names[b]), other=repr(names[a]), line=source.line(other),
+                   more=more)  # fmt: skip
+
+
+def overlapping(position: np.ndarray, radius: np.ndarray) -> int:
+    """Number of pairs of units whose centres are nearer than their radii together.
+
+    Parameters
+    ----------
+    position : ndarray, shape (3, n), float64
+        Metre.
+    radius : ndarray, shape (n,), float64
+        Metre.
+    """
+    pairs = pairs_within(position, 2 * float(np.max(radius, initial=0.0)))
+    return sum(
+        int(np.count_nonzero(distance < (radius[i] + radius[j]) * (1 - 1e-6)))
+        for i, j, distance in pairs
+    )

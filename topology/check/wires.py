@@ -1,0 +1,119 @@
+"""Wire layouts: signals that fit into their frame, and carry what a unit needs."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+
+from topology.check.names import check_name, entries, refer
+from topology.report import Report
+from topology.schema import File
+from topology.source import Key, Source
+from topology.wire import CHANNELS, FRAME_FIELDS, LAYOUTS, UNIT_FIELDS, Signal, WireLayout
+
+__all__ = ["CLASSIC_SIZES", "FD_SIZES", "NEEDED", "resolve_layouts", "signal_bits"]
+
+CLASSIC_SIZES = tuple(range(1, 9))
+FD_SIZES = (*CLASSIC_SIZES, 12, 16, 20, 24, 32, 48, 64)
+
+NEEDED = ("gel", "frequency", "bx", "by")
+"""Channels without which a unit cannot be decoded."""
+
+
+def resolve_layouts(file: File, source: Source, report: Report) -> dict[str, WireLayout | None]:
+    """Layouts by name; None where one is wrong."""
+    first: dict[str, Key] = {}
+    layouts: dict[str, WireLayout | None] = dict(LAYOUTS)
+    for key, layout in entries(file, "layouts"):
+        if report.sound(source, key, "name"):
+            check_name(layout.name, key, first, LAYOUTS, source, report)
+        sound = report.sound(source, key)
+        if report.sound(source, key, "size", "fd", "units", "parts"):
+            _check_layout(layout, key, source, report)
+        if layout.name is not None and first.get(layout.name) == key:
+            layouts[layout.name] = layout if sound and report.sound(source, key) else None
+    return layouts
+
+
+def signal_bits(signal: Signal) -> list[int]:
+    """Bits of a signal in the frame, bit 8 b + i being bit i of byte b; least significant first.
+
+    Examples
+    --------
+    >>> signal_bits(Signal(name="gel", start=6, length=4))
+    [6, 7, 8, 9]
+    >>> signal_bits(Signal(name="gel", start=1, length=4, order="big"))
+    [14, 15, 0, 1]
+    """
+    if signal.order == "little":
+        return list(range(signal.start, signal.start + signal.length))
+    bits = [signal.start]
+    while len(bits) < signal.length:
+        bits.append(bits[-1] - 1 if bits[-1] % 8 else bits[-1] + 15)
+    return bits[::-1]
+
+
+def _check_layout(layout: WireLayout, key: Key, source: Source, report: Report) -> None:
+    sizes = FD_SIZES if layout.fd else CLASSIC_SIZES
+    if layout.size not in sizes:
+        report.add("frame-size", source, (*key, "size"), kind="CAN FD" if layout.fd else "classic",
+                   sizes=", ".join(map(str, sizes)), got=layout.size)  # fmt: skip
+    if not report.sound(source, key, "signals"):
+        return
+    owner: dict[tuple[int, int], Key] = {}
+    first: dict[tuple[str, int, int], Key] = {}
+    for index, signal in enumerate(layout.signals):
+        at = (*key, "signals", index)
+        _check_signal(signal, layout, at, source, report)
+        _check_bits(signal, layout, at, owner, source, report)
+        place = (signal.name, signal.slot, signal.part if signal.name in FRAME_FIELDS else 0)
+        if first.setdefault(place, at) != at:
+            report.add("signal-twice", source, at, line=source.line(first[place]))
+    lacking: dict[int, list[str]] = defaultdict(list)
+    for slot in range(layout.units):
+        for name in NEEDED:
+            if (name, slot, 0) not in first:
+                lacking[slot].append(name)
+    for slot, names in lacking.items():
+        report.add(
+            "signal-missing", source, (*key, "signals"), names=" and ".join(names), slot=slot
+        )
+
+
+def _check_signal(
+    signal: Signal, layout: WireLayout, at: Key, source: Source, report: Report
+) -> None:
+    fields = (*CHANNELS, *UNIT_FIELDS, *FRAME_FIELDS)
+    refer(signal.name, "a channel or field", fields, (*at, "name"), source, report)
+    for what, got, limit in (("slot", signal.slot, "units"), ("part", signal.part, "parts")):
+        if got >= getattr(layout, limit):
+            report.add("signal-slot", source, (*at, what),
+                       limit=getattr(layout, limit), what=limit, got=got)  # fmt: skip
+    if signal.name in FRAME_FIELDS and signal.slot:
+        report.add("signal-field", source, (*at, "slot"), got=signal.slot)
+    if signal.name in CHANNELS and signal.length == 16 and not signal.signed:
+        report.add("signal-range", source, (*at, "length"), got=signal.length)
+    if signal.name in CHANNELS and signal.scale == 0:
+        report.add("scale", source, (*at, "scale"))
+    whole = {"little": 0, "big": 7}[signal.order]
+    if signal.name == "crc" and (signal.length != 16 or signal.start % 8 != whole):
+        report.add("crc", source, at, length=signal.length, start=signal.start)
+
+
+def _check_bits(
+    signal: Signal,
+    layout: WireLayout,
+    at: Key,
+    owner: dict[tuple[int, int], Key],
+    source: Source,
+    report: Report,
+) -> None:
+    bits = signal_bits(signal)
+    if max(bits) >= 8 * layout.size:
+        report.add("signal-bits", source, at,
+                   bits=8 * layout.size, first=min(bits), last=max(bits))  # fmt: skip
+    for bit in sorted(bits):
+        other = owner.setdefault((signal.part, bit), at)
+        if other != at:
+            report.add("signal-overlap", source, at, bit=bit,
+                       other=source.where(other[2:]), line=source.line(other))  # fmt: skip
+            return

@@ -1,0 +1,60 @@
+"""What a file names, resolved: buses, frames, models and wire layouts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from topology import pose
+from topology.check.buses import resolve_buses
+from topology.check.frames import resolve_frames
+from topology.check.models import resolve_models
+from topology.check.wires import resolve_layouts
+from topology.model import UnitModel
+from topology.report import Report
+from topology.schema import Bus, File, Scale
+from topology.source import Key, Source
+from topology.wire import WireLayout
+
+__all__ = ["Parts", "resolve"]
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Everything that patches and units may refer to; None where it is wrong, and reported.
+
+    Attributes
+    ----------
+    source : Source
+        The text of the file.
+    file : File
+        Its tables.
+    buses : dict of str to Key
+        Where in the file each bus stands.
+    frames : dict of str to Transform or None
+        T_skin_frame.
+    models : dict of str to UnitModel or None
+    scales : dict of str to dict of str to Scale
+        Physical scales that a model has of its own, by channel.
+    layouts : dict of str to WireLayout or None
+    """
+
+    source: Source
+    file: File
+    buses: dict[str, Key]
+    frames: dict[str, pose.Transform | None]
+    models: dict[str, UnitModel | None]
+    scales: dict[str, dict[str, Scale]]
+    layouts: dict[str, WireLayout | None]
+
+    def bus(self, key: Key) -> Bus:
+        """The bus that stands at a key."""
+        return self.file.buses[key[1]]
+
+
+def resolve(file: File, source: Source, report: Report) -> Parts:
+    """Resolve what a file names, and report what is wrong with it."""
+    buses = resolve_buses(file, source, report)
+    frames = resolve_frames(file, source, report)
+    models, scales = resolve_models(file, source, report)
+    layouts = resolve_layouts(file, source, report)
+    return Parts(source, file, buses, frames, models, scales, layouts)

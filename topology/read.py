@@ -1,0 +1,301 @@
+"""From a file to structs, naming every key that does not fit."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import os
+import re
+import tomllib
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+from msgspec import inspect
+
+from topology.errors import nearest
+from topology.report import Report
+from topology.source import Key, Source
+
+__all__ = ["LARGEST_MB", "open_source", "read"]
+
+LARGEST_MB = 64
+"""Larger files are refused before they are parsed; a thousand explicit units are 0.2 MB."""
+
+DEEPEST = 64
+INTEGER_BITS = 63
+
+_FLOAT = inspect.FloatType()
+_Struct = TypeVar("_Struct", bound=msgspec.Struct)
+
+
+def open_source(path: Path, shown: str, report: Report) -> Source | None:
+    """Read and parse a file, or report why not.
+
+    Parameters
+    ----------
+    path : Path
+        An existing file.
+    shown : str
+        Its name in messages.
+    report : Report
+        Receives what is wrong.
+
+    Returns
+    -------
+    Source or None
+    """
+    try:
+        size = os.stat(path).st_size / 1e6
+        if size > LARGEST_MB:
+            return report.about_file("too-large", shown, limit=LARGEST_MB, size=size)
+        raw = path.read_bytes()
+    except OSError as error:
+        return report.about_file("unreadable", shown, reason=error.strerror)
+    try:
+        source = Source(path, raw.decode("utf-8-sig"), shown)
+    except UnicodeDecodeError as error:
+        line = raw.count(b"\n", 0, error.start) + 1
+        return report.about_file("encoding", shown, line, byte=raw[error.start])
+    except tomllib.TOMLDecodeError as error:
+        line, reason = _syntax(str(error), raw)
+        return report.about_file("syntax", shown, line, reason=reason)
+    except RecursionError:
+        return report.about_file("syntax", shown, reason=f"values nested over {DEEPEST} deep")
+    if not _shallow(source.data, DEEPEST):
+        return report.about_file("syntax", shown, reason=f"values nested over {DEEPEST} deep")
+    return source
+
+
+def _syntax(message: str, raw: bytes) -> tuple[int, str]:
+    """Line and reason of a message of `tomllib`."""
+    found = re.fullmatch(r"(.*) \(at (?:line (\d+), column \d+|end of document)\)", message, re.S)
+    last = raw.rstrip().count(b"\n") + 1
+    line = int(found[2]) if found[2] else last
+    return line, found[1][0].lower() + found[1][1:]
+
+
+def _shallow(node: Any, levels: int) -> bool:
+    if not isinstance(node, dict | list):
+        return True
+    items = node.values() if isinstance(node, dict) else node
+    return levels > 0 and all(_shallow(item, levels - 1) for item in items)
+
+
+def read(struct: type[_Struct], source: Source, report: Report) -> _Struct:
+    """Convert a parsed file to a struct.
+
+    Every key that does not fit is reported. What is left still comes back, so that the checks
+    between the parts can go on: a wrong key has its default there, or None, and `report.sound`
+    says which ones are not to be used.
+    """
+    try:
+        if _tame(source.data):
+            return msgspec.convert(source.data, struct)
+    except msgspec.ValidationError:
+        pass
+    return _Reader(source, report).table(inspect.type_info(struct), source.data, ())
+
+
+def _tame(node: Any) -> bool:
+    """Whether all numbers are finite, and integers no longer than TOML has them."""
+    if isinstance(node, dict):
+        return all(map(_tame, node.values()))
+    if isinstance(node, list):
+        return all(map(_tame, node))
+    if isinstance(node, float):
+        return math.isfinite(node)
+    return not isinstance(node, int) or node.bit_length() <= INTEGER_BITS
+
+
+class _Reader:
+    """Checks a tree of values against a type, item by item."""
+
+    def __init__(self, source: Source, report: Report) -> None:
+        self.source = source
+        self.report = report
+
+    def table(self, info: inspect.StructType, data: dict[str, Any], key: Key) -> Any:
+        fields = {field.encode_name: field for field in info.fields}
+        values: dict[str, Any] = {}
+        for name, value in data.items():
+            if name in fields:
+                values[name] = self.value(fields[name].type, value, (*key, name))
+            elif name != info.tag_field:
+                hint = nearest(name, fields)
+                self.report.add("unknown-key", self.source, (*key, name), hint, name=repr(name))
+        for name, field in fields.items():
+            if name not in data and field.required:
+                expected = describe(field.type)
+                self.report.add(
+                    "missing-key", self.source, key, part=name, name=name, expected=expected
+                )
+            if values.get(name) is None:
+                values.pop(name, None)
+                if field.required:
+                    values[name] = None
+        return info.cls(**values)
+
+    def value(self, info: inspect.Type, value: Any, key: Key) -> Any:
+        """The value converted, or None where it does not fit (and is reported)."""
+        info = _plain(info)
+        match info, value:
+            case inspect.StructType(), dict():
+                return self.table(info, value, key)
+            case inspect.UnionType(), dict():
+                return self.tagged(info, value, key)
+            case inspect.VarTupleType(), list() if len(value) >= (info.min_length or 0):
+                return self.all_of(
+                    tuple(self.value(info.item_type, v, (*key, i)) for i, v in enumerate(value)),
+                    info.item_type,
+                )
+            case inspect.TupleType(), list() if len(value) == len(info.item_types):
+                pairs = enumerate(zip(info.item_types, value, strict=True))
+                return self.all_of(
+                    tuple(self.value(kind, v, (*key, i)) for i, (kind, v) in pairs), _FLOAT
+                )
+            case inspect.DictType(), dict():
+                return {k: self.value(info.value_type, v, (*key, k)) for k, v in value.items()}
+            case inspect.AnyType(), dict() | list() if not _tame(value):
+                items = value.items() if isinstance(value, dict) else enumerate(value)
+                for part, item in items:
+                    self.value(info, item, (*key, part))
+                return None
+        if _fits(info, value):
+            return float(value) if isinstance(info, inspect.FloatType) else value
+        hint = nearest(value, info.values) if _has_names(info) else ""
+        self.report.add("value", self.source, key, hint, expected=describe(info), got=show(value))
+        return None
+
+    def all_of(self, items: tuple[Any, ...], kind: inspect.Type) -> tuple[Any, ...] | None:
+        """Numbers are of use together or not at all; tables one by one."""
+        tables = isinstance(_plain(kind), inspect.StructType | inspect.UnionType)
+        return items if tables or None not in items else None
+
+    def tagged(self, info: inspect.UnionType, data: dict[str, Any], key: Key) -> Any:
+        """A table whose tag (`kind`) says which struct it is."""
+        structs = {struct.tag: struct for struct in info.types}
+        tag = info.types[0].tag_field
+        given = data.get(tag)
+        if isinstance(given, str) and given in structs:
+            return self.table(structs[given], data, key)
+        expected = "one of " + ", ".join(map(repr, structs))
+        if tag in data:
+            self.report.add(
+                "value",
+                self.source,
+                (*key, tag),
+                nearest(given, structs),
+                expected=expected,
+                got=show(given),
+            )
+            for likely in difflib.get_close_matches(str(given), structs, n=1):
+                return self.table(structs[likely], data, key)
+        else:
+            self.report.add("missing-key", self.source, key, part=tag, name=tag, expected=expected)
+        return None
+
+
+def _plain(info: inspect.Type) -> inspect.Type:
+    """Without descriptions, and without the None of an optional key: TOML has no null."""
+    while isinstance(info, inspect.Metadata):
+        info = info.type
+    if isinstance(info, inspect.UnionType):
+        types = tuple(t for t in info.types if not isinstance(t, inspect.NoneType))
+        return _plain(types[0]) if len(types) == 1 else inspect.UnionType(types)
+    return info
+
+
+def _fits(info: inspect.Type, value: Any) -> bool:
+    match info:
+        case inspect.AnyType():
+            return _tame(value)
+        case inspect.BoolType():
+            return isinstance(value, bool)
+        case inspect.LiteralType():
+            return type(value) in (int, str) and value in info.values
+        case inspect.StrType():
+            return (
+                isinstance(value, str)
+                and len(value) <= (info.max_length or math.inf)
+                and (info.pattern is None or re.search(info.pattern, value) is not None)
+            )
+        case inspect.IntType() | inspect.FloatType():
+            whole = isinstance(info, inspect.IntType)
+            return (
+                isinstance(value, int if whole else int | float)
+                and not isinstance(value, bool)
+                and _tame(value)
+                and (info.gt is None or value > info.gt)
+                and (info.ge is None or value >= info.ge)
+                and (info.lt is None or value < info.lt)
+                and (info.le is None or value <= info.le)
+            )
+    return False
+
+
+def _has_names(info: inspect.Type) -> bool:
+    return isinstance(info, inspect.LiteralType) and isinstance(info.values[0], str)
+
+
+def describe(info: inspect.Type) -> str:
+    """What a key takes, in words: "an integer from 1 to 64"."""
+    info = _plain(info)
+    match info:
+        case inspect.StrType(pattern=str()):
+            return (
+                "a name of letters, digits, '_', '-' and '.', not led by '-' or '.', at most "
+                f"{info.max_length} long"
+            )
+        case inspect.StrType():
+            return "text"
+        case inspect.BoolType():
+            return "true or false"
+        case inspect.LiteralType():
+            return " or ".join(map(repr, info.values))
+        case inspect.IntType():
+            return "an integer" + _bounds(info)
+        case inspect.FloatType():
+            return "a finite number" + _bounds(info)
+        case inspect.TupleType():
+            return f"a list of {len(info.item_types)} numbers"
+        case inspect.VarTupleType():
+            of = "tables" if isinstance(_plain(info.item_type), _TABLES) else "numbers"
+            return f"a list of {of}" + (" with one at least" if info.min_length else "")
+        case inspect.AnyType():
+            return "a finite value"
+    return "a table"
+
+
+_TABLES = inspect.StructType | inspect.UnionType
+
+
+def _bounds(info: inspect.IntType | inspect.FloatType) -> str:
+    if info.ge is not None and info.le is not None:
+        return f" from {info.ge:.10g} to {info.le:.10g}"
+    named = {"greater than": info.gt, "at least": info.ge, "less than": info.lt, "at most": info.le}
+    words = [f"{name} {value:.10g}" for name, value in named.items() if value is not None]
+    return (" " + " and ".join(words)) if words else ""
+
+
+def show(value: Any) -> str:
+    """A value as a message shows it: as in TOML, and short.
+
+    Examples
+    --------
+    >>> show(True), show([1, 2]), show("x")
+    ('true', 'a list of 2', "'x'")
+    """
+    match value:
+        case bool():
+            return str(value).lower()
+        case list():
+            return f"a list of {len(value)}"
+        case dict():
+            return "a table"
+        case int() if value.bit_length() > INTEGER_BITS:
+            return "an integer of more than 64 bits"
+        case str() | int() | float():
+            text = repr(value)
+            return text if len(text) <= 60 else text[:57] + "..."
+    return f"a {type(value).__name__} ({value})"

@@ -1,0 +1,61 @@
+"""Collects everything that is wrong, so that one look at the messages is enough to mend a file."""
+
+from __future__ import annotations
+
+from topology.errors import MESSAGES, Issue, TopologyError
+from topology.source import Key, Source
+
+__all__ = ["Report"]
+
+
+class Report:
+    """Issues found so far, and what they make unfit for further checks.
+
+    Attributes
+    ----------
+    issues : list of Issue
+        In the order in which they were found.
+    """
+
+    def __init__(self) -> None:
+        self.issues: list[Issue] = []
+        self._touched: set[tuple[str, Key]] = set()
+
+    def about_file(self, code: str, file: str, line: int = 0, hint: str = "", **values: object):
+        """Report a file that could not be read at all."""
+        self.issues.append(Issue(code, file, line, "", MESSAGES[code].format(**values) + hint))
+
+    def add(
+        self,
+        code: str,
+        source: Source,
+        key: Key,
+        hint: str = "",
+        part: str | None = None,
+        **values: object,
+    ) -> None:
+        """Report the value at `key`, or what its table lacks under the key `part`.
+
+        `hint` is what follows the message: the nearest valid name.
+        """
+        message = MESSAGES[code].format(**values) + hint
+        self.issues.append(Issue(code, source.shown, source.line(key), source.where(key), message))
+        key = key if part is None else (*key, part)
+        self._touched.update((source.shown, key[: i + 1]) for i in range(len(key)))
+
+    def sound(self, source: Source, key: Key, *parts: str) -> bool:
+        """Whether nothing has been said yet against these keys of a table (or against any)."""
+        wanted = [(*key, part) for part in parts] or [key]
+        return not any((source.shown, part) in self._touched for part in wanted)
+
+    def raise_if_any(self) -> None:
+        """Raise everything at once, ordered by file and line.
+
+        Raises
+        ------
+        TopologyError
+            Something is wrong.
+        """
+        if self.issues:
+            files = {issue.file: turn for turn, issue in reversed(list(enumerate(self.issues)))}
+            raise TopologyError(sorted(self.issues, key=lambda i: (files[i.file], i.line)))
