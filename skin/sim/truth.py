@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -13,9 +14,11 @@ __all__ = ["Truth", "wrench_map"]
 class Truth:
     """State of n units at one instant, before any noise.
 
+    With `Truth.stack`, of t instants: every array, and `time_s`, has a leading axis t.
+
     Attributes
     ----------
-    time_s : float
+    time_s : float, or ndarray, shape (t,)
         Since the start of the scene.
     contact : ndarray, shape (n,), bool
     depth_mm : ndarray, shape (n,)
@@ -33,7 +36,7 @@ class Truth:
         Mean position of the units, weighted by normal load, metre, skin frame; NaN without load.
     """
 
-    time_s: float
+    time_s: float | np.ndarray
     contact: np.ndarray
     depth_mm: np.ndarray
     displacement_mm: np.ndarray
@@ -59,6 +62,12 @@ class Truth:
             wrench=np.zeros(6),
             centroid=np.full(3, np.nan),
         )
+
+    @classmethod
+    def stack(cls, truths: Iterable[Truth]) -> Truth:
+        """Many instants as one truth, along a leading axis."""
+        many = list(truths)
+        return cls(*(np.stack([getattr(t, field.name) for t in many]) for field in fields(cls)))
 
     def copy(self) -> Truth:
         """A truth of its own, that the scene no longer writes to."""

@@ -1,0 +1,345 @@
+"""Simulated nodes: units that answer SYNC, or send freely, with real frames on any transport."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from bus.codec import Packer
+from bus.frame import ECHO, FrameBatch
+from bus.memory import MemoryTransport
+from bus.transport import Transport
+from skin.errors import SkinError
+from skin.sim.heartbeat import Heartbeats
+from skin.sim.scene import PressSlideLift, Scene
+from skin.sim.truth import Truth
+from skin.sim.unit import UnitSimulator
+from topology import CHANNELS, Topology
+
+__all__ = ["Nodes", "Served"]
+
+RECENT = 16
+"""Cycles whose counts are kept for a bus that is behind another one."""
+
+POLL_S = 0.05
+"""How long a bus is waited for before looking whether to stop."""
+
+
+@dataclass
+class Served:
+    """What simulated nodes have done."""
+
+    seconds: float = 0.0
+    """Wall-clock time."""
+    cycles: int = 0
+    """Cycles that were sampled."""
+    frames: int = 0
+    """Frames that the buses took."""
+    send_failures: int = 0
+    """Frames that they would not take."""
+    skipped: int = 0
+    """Cycles of free-running units that were left out because this machine was late."""
+
+
+class Nodes:
+    """All units of a topology, with their boards, on all its buses.
+
+    Cycle `c` is the instant c / cycle rate of the scene, on every bus; on a bus with SYNC its
+    number is the counter of the SYNC, counted on without wrapping. All data frames of a bus answer
+    a SYNC, in the order of their priority, with its counter as their sequence number.
+
+    Parameters
+    ----------
+    topology : Topology
+    scene : Scene, optional
+        What happens to the skin; `PressSlideLift` if not given.
+    seed : int
+        Seed of the noise.
+    noise : bool
+        False: only quantisation.
+    units : UnitSimulator, optional
+        The units, in place of those of `topology`, `seed` and `noise`.
+    history : int or None
+        Cycles that `truth_at` remembers; None remembers all.
+    """
+
+    def __init__(
+        self,
+        topology: Topology,
+        scene: Scene | None = None,
+        *,
+        seed: int = 0,
+        noise: bool = True,
+        units: UnitSimulator | None = None,
+        history: int | None = 256,
+    ) -> None:
+        self.topology = topology
+        self.scene = scene or PressSlideLift(topology)
+        self.units = units or UnitSimulator(topology, seed=seed, noise=noise)
+        self.served = Served()
+        self._packer = Packer(topology)
+        self._heartbeats = Heartbeats(topology)
+        self._recent = np.zeros((RECENT, len(CHANNELS), topology.n), np.int16)
+        self._recent_cycle: list[int | None] = [None] * RECENT
+        self._history: deque[tuple[int, Truth]] = deque(maxlen=history)
+        self._cycle = self._first = -1
+        self._lock = threading.Lock()
+        self._stop = threading.Event()
+        self._threads: list[threading.Thread] = []
+        self._failures: list[Exception] = []
+        self._synced = [bus.sync_id is not None for bus in topology.buses]
+
+    # -- truth -------------------------------------------------------------------------------------
+
+    @property
+    def truth(self) -> Truth:
+        """Truth of the latest cycle."""
+        if not self._history:
+            raise SkinError("truth: must be asked for after the first cycle; got none yet")
+        return self._history[-1][1]
+
+    def truth_at(self, cycle: int) -> Truth:
+        """Truth of a cycle among the last `history` ones.
+
+        Raises
+        ------
+        SkinError
+            The cycle has not come yet, was left out, or is forgotten.
+        """
+        for number, truth in reversed(self._history):
+            if number == cycle:
+                return truth
+        known = f"{self._history[0][0]} to {self._history[-1][0]}" if self._history else "none"
+        raise SkinError(f"cycle: must be one that is remembered ({known}); got {cycle}")
+
+    @property
+    def history(self) -> tuple[tuple[int, Truth], ...]:
+        """Remembered cycles and their truths, oldest first."""
+        return tuple(self._history)
+
+    # -- frames ------------------------------------------------------------------------------------
+
+    def respond(self, records: np.ndarray, out: FrameBatch, bus: int = 0) -> int:
+        """Append the answers to every SYNC among `records`; return how many frames.
+
+        Parameters
+        ----------
+        records : ndarray, shape (m,), FRAME_DTYPE
+            Frames of one bus.
+        out : FrameBatch
+            Appended to; the answers bear the time stamp of their SYNC.
+        bus : int
+            Index of the bus.
+
+        Raises
+        ------
+        IndexError
+            `out` has not room for the answers.
+        """
+        count = out.count
+        for record in records[self._is_sync(records, bus)]:
+            with self._lock:
+                cycle = self._unwrapped(int(record["data"][0]))
+                self._append(cycle, out, bus, int(record["stamp_ns"]))
+        return out.count - count
+
+    def tick(self, cycle: int, out: FrameBatch, bus: int = 0, stamp_ns: int = 0) -> int:
+        """Append the frames of a cycle of free-running units; return how many."""
+        count = out.count
+        with self._lock:
+            self._append(cycle, out, bus, stamp_ns)
+        return out.count - count
+
+    def _is_sync(self, records: np.ndarray, bus: int) -> np.ndarray:
+        sync_id = self.topology.buses[bus].sync_id
+        if sync_id is None:
+            return np.zeros(records.size, bool)
+        own = (records["origin"] & ECHO) != 0
+        return (records["id"] == sync_id) & (records["length"] >= 1) & ~own
+
+    def _unwrapped(self, counter: int) -> int:
+        """Cycle that a SYNC counter means: a recent one, for a bus that is behind, or a new one."""
+        if self._cycle < 0:
+            return counter
+        behind = (self._cycle - counter) & 0xFF
+        return self._cycle - behind + (0 if behind < RECENT else 0x100)
+
+    def _append(self, cycle: int, out: FrameBatch, bus: int, stamp_ns: int) -> None:
+        if cycle > self._cycle:
+            self._sample(cycle)
+        slot = cycle % RECENT
+        if self._recent_cycle[slot] != cycle:  # no bus had it in its turn; the scene has gone on
+            slot = self._cycle % RECENT
+        counts = self._recent[slot]
+        self._packer(counts, out, sequence=cycle & 0xFF, stamp_ns=stamp_ns, bus=bus)
+        self._heartbeats.append(max(0, cycle - self._first), out, bus=bus, stamp_ns=stamp_ns)
+
+    def _sample(self, cycle: int) -> None:
+        if self._first < 0:
+            self._first = cycle
+        truth = self.scene.at((cycle - self._first) / self.topology.cycle_rate_hz)
+        slot = cycle % RECENT
+        self._recent[slot] = self.units.counts(truth)
+        self._recent_cycle[slot] = cycle
+        self._history.append((cycle, truth.copy()))
+        self._cycle = cycle
+        self.served.cycles += 1
+
+    def _batch(self, bus: int) -> FrameBatch:
+        """A batch that has room for one cycle of a bus."""
+        data = int(np.sum(self.topology.frames.bus == bus))
+        return FrameBatch(data + self._heartbeats.most(bus))
+
+    # -- buses -------------------------------------------------------------------------------------
+
+    def attach(self, transports: Sequence[MemoryTransport]) -> None:
+        """Answer on in-process buses, in the thread of whoever sends SYNC, before it goes on.
+
+        There is no waiting and no other thread, so a skin runs as fast as it asks. On buses without
+        SYNC the units send at their own pace, from a thread of their own, until `close`.
+
+        Parameters
+        ----------
+        transports : sequence of MemoryTransport
+            The units' end of each bus, in order.
+        """
+        self._check(transports)
+        self._stop = threading.Event()
+        for bus, transport in enumerate(transports):
+            if self._synced[bus]:
+                transport.listener = partial(self._answer, transport, self._batch(bus), bus)
+            else:
+                self._start(self._send_freely, transport, bus)
+
+    def serve(
+        self,
+        transports: Sequence[Transport],
+        *,
+        seconds: float | None = None,
+        stop: threading.Event | None = None,
+        watch: Callable[[Served], None] | None = None,
+    ) -> Served:
+        """Answer SYNC, or send at the cycle rate, on any buses, until told to stop.
+
+        Parameters
+        ----------
+        transports : sequence of Transport
+            The units' end of each bus, in order. Each is served by a thread of its own.
+        seconds : float, optional
+            When to stop.
+        stop : threading.Event, optional
+            Set by the caller to stop sooner, and when all is done.
+        watch : callable, optional
+            Called with the totals so far, about once a second.
+
+        Returns
+        -------
+        Served
+            Totals since these nodes were made.
+
+        Raises
+        ------
+        BusClosedError
+            A bus is gone.
+        SkinError
+            Not as many transports as buses.
+        """
+        self._check(transports)
+        self._stop = stop or threading.Event()
+        started = time.monotonic()
+        try:
+            for bus, transport in enumerate(transports):
+                self._start(
+                    self._listen if self._synced[bus] else self._send_freely, transport, bus
+                )
+            self._wait(started, seconds, watch)
+        finally:
+            self.close()
+            self.served.seconds += time.monotonic() - started
+        if self._failures:
+            raise self._failures.pop()
+        return self.served
+
+    def close(self) -> None:
+        """Stop all threads; closing twice is fine."""
+        self._stop.set()
+        while self._threads:
+            self._threads.pop().join()
+
+    def _wait(
+        self, started: float, seconds: float | None, watch: Callable[[Served], None] | None
+    ) -> None:
+        end = math.inf if seconds is None else started + seconds
+        told = started
+        while (now := time.monotonic()) < end and not self._stop.wait(min(POLL_S, end - now)):
+            if watch is not None and now - told >= 1.0:
+                told = now
+                watch(self.served)
+
+    def _check(self, transports: Sequence[Transport]) -> None:
+        expected = len(self.topology.buses)
+        if len(transports) != expected:
+            raise SkinError(
+                f"transports: must be one for each of {expected} buses; got {len(transports)}"
+            )
+
+    def _start(
+        self, work: Callable[[Transport, int], None], transport: Transport, bus: int
+    ) -> None:
+        def guarded() -> None:
+            try:
+                work(transport, bus)
+            except Exception as error:
+                self._failures.append(error)
+                self._stop.set()
+
+        name = f"units on {self.topology.buses[bus].name}"
+        thread = threading.Thread(target=guarded, name=name, daemon=True)
+        self._threads.append(thread)
+        thread.start()
+
+    def _answer(self, transport: Transport, out: FrameBatch, bus: int, records: np.ndarray) -> None:
+        for sync in np.flatnonzero(self._is_sync(records, bus)):
+            out.clear()
+            self.respond(records[sync : sync + 1], out, bus)
+            self._send(transport, out)
+
+    def _send(self, transport: Transport, out: FrameBatch) -> None:
+        taken = transport.send(out.frames)
+        with self._lock:
+            self.served.frames += taken
+            self.served.send_failures += out.count - taken
+
+    def _listen(self, transport: Transport, bus: int) -> None:
+        heard, out = FrameBatch(256), self._batch(bus)
+        while not self._stop.is_set():
+            heard.clear()
+            if transport.receive(heard, POLL_S):
+                self._answer(transport, out, bus, heard.frames)
+
+    def _send_freely(self, transport: Transport, bus: int) -> None:
+        heard, out = FrameBatch(256), self._batch(bus)
+        rate_hz = self.topology.cycle_rate_hz
+        cycle, started = 0, time.monotonic()
+        while True:
+            ahead_s = started + cycle / rate_hz - time.monotonic()
+            if self._stop.wait(max(0.0, ahead_s)):
+                return
+            late = int(-ahead_s * rate_hz)
+            if late > 0:
+                cycle += late
+                with self._lock:
+                    self.served.skipped += late
+            out.clear()
+            self.tick(cycle, out, bus)
+            self._send(transport, out)
+            cycle += 1
+            heard.clear()
+            transport.receive(heard)
