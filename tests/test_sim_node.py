@@ -1,0 +1,352 @@
+"""Simulated boards: what stands in their frames, and how they answer, on one bus and on several."""
+
+from __future__ import annotations
+
+import struct
+import threading
+import time
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bus.errors import BusClosedError
+from bus.frame import CAN_ERR, ECHO, FD_BRS, FD_FDF, FRAME_DTYPE, FrameBatch
+from bus.memory import MemoryTransport
+from skin.errors import SkinError
+from skin.sim.node import RECENT, Nodes, Served
+from skin.sim.scene import PressSlideLift
+from skin.sim.truth import Truth
+from skin.sim.unit import UnitSimulator
+from topology import CHANNELS, Topology, load
+
+SYNC = 0x080
+PALM, STRIP, HAND = load("palm"), load("strip"), load("hand")
+
+
+def sync(counter: int, **fields: int) -> np.ndarray:
+    record = np.zeros(1, FRAME_DTYPE)
+    record["id"], record["length"] = SYNC, 1
+    record["data"][0, 0] = counter & 0xFF
+    for name, value in fields.items():
+        record[name] = value
+    return record
+
+
+def free_running(topology: Topology) -> Topology:
+    """The same skin without SYNC."""
+    buses = tuple(msgspec.structs.replace(bus, sync_id=None) for bus in topology.buses)
+    return replace(topology, buses=buses)
+
+
+def field(data: np.ndarray, start: int, length: int, signed: bool = False) -> int:
+    """A little-endian bit field."""
+    value = int.from_bytes(data.tobytes(), "little") >> start & (1 << length) - 1
+    return value - (1 << length) if signed and value >> (length - 1) else value
+
+
+def crc(data: bytes) -> int:
+    """CRC-16/CCITT-FALSE, bit by bit."""
+    value = 0xFFFF
+    for byte in data:
+        for bit in range(7, -1, -1):
+            value = (value << 1) ^ (0x1021 if (value >> 15 ^ byte >> bit) & 1 else 0)
+            value &= 0xFFFF
+    return value
+
+
+def data_frames(frames: np.ndarray) -> np.ndarray:
+    return frames[frames["id"] < 0x700]
+
+
+def still_serving() -> list[str]:
+    return [t.name for t in threading.enumerate() if t.name.startswith("units on ")]
+
+
+def heartbeats(frames: np.ndarray) -> np.ndarray:
+    return frames[frames["id"] >= 0x700]
+
+
+# -- what stands in the frames ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("topology", [PALM, STRIP], ids=["fd64", "classic"])
+def test_frames_parse_back_to_the_counts(topology: Topology) -> None:
+    nodes, again = Nodes(topology, seed=3), UnitSimulator(topology, seed=3)
+    scene, out = PressSlideLift(topology), FrameBatch(64)
+    for cycle in range(0, 200, 20):
+        out.clear()
+        nodes.respond(sync(cycle), out)
+        expected = again.counts(scene.at(cycle / topology.cycle_rate_hz))
+        frames = data_frames(out.frames)
+        seen = np.zeros(topology.n, bool)
+        for f, record in enumerate(frames):
+            layout = topology.layouts[topology.frames.layout[f]]
+            payload = record["data"][: record["length"]]
+            for signal in layout.signals:
+                got = field(payload, signal.start, signal.length, signal.signed)
+                unit = topology.frames.units[f, signal.slot]
+                if signal.name in CHANNELS and unit >= 0:
+                    assert got == expected[CHANNELS.index(signal.name), unit]
+                    seen[unit] = True
+                elif signal.name == "sequence":
+                    assert got == cycle % (1 << signal.length)
+                elif signal.name != "crc":
+                    assert got == 0
+        assert seen.all()
+
+
+def test_frames_carry_their_crc_and_the_shape_of_their_bus() -> None:
+    out = FrameBatch(64)
+    Nodes(PALM).respond(sync(0), out)
+    frames = data_frames(out.frames)
+    assert frames.size == 13
+    for record in frames:
+        payload = record["data"].tobytes()
+        covered = struct.pack("<H", record["id"]) + payload[:2] + payload[4:64]
+        assert field(record["data"], 16, 16) == crc(covered)
+        assert record["length"] == 64
+        assert record["flags"] == FD_FDF | FD_BRS
+    out.clear()
+    Nodes(STRIP).respond(sync(0), out)
+    assert np.all(data_frames(out.frames)["length"] == 8)
+    assert np.all(data_frames(out.frames)["flags"] == 0)
+
+
+def test_answers_come_by_priority_and_bear_the_stamp_of_their_sync() -> None:
+    out = FrameBatch(64)
+    Nodes(PALM).respond(sync(7, stamp_ns=123_456_789), out)
+    ids = data_frames(out.frames)["id"]
+    np.testing.assert_array_equal(ids, PALM.frames.can_id)
+    assert np.all(np.diff(ids.astype(int)) > 0)
+    assert np.all(out.frames["stamp_ns"] == 123_456_789)
+
+
+def test_every_board_says_once_a_second_how_it_is() -> None:
+    nodes, out = Nodes(HAND), FrameBatch(64)
+    heard: dict[int, list[int]] = {}
+    for cycle in range(500):
+        for bus in range(2):
+            out.clear()
+            nodes.respond(sync(cycle), out, bus)
+            for record in heartbeats(out.frames):
+                state, uptime_s, firmware, serial, sent, received = struct.unpack(
+                    "<BHBHBB", record["data"][: record["length"]].tobytes()
+                )
+                assert (state, firmware, sent, received) == (1, 1, 0, 0)
+                assert uptime_s == cycle // 250
+                assert record["flags"] == 0
+                heard.setdefault(serial, []).append(cycle)
+                assert serial == bus << 8 | record["id"] - 0x700
+    boards = [int(np.sum(HAND.frames.bus == bus)) for bus in range(2)]
+    assert sorted(heard) == [bus << 8 | k for bus in range(2) for k in range(1, boards[bus] + 1)]
+    assert all(second - first == 250 for first, second in heard.values())
+    assert len({first for first, _ in heard.values()}) == max(boards)
+
+
+# -- SYNC ------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=10)
+@given(start=st.integers(0, 255), steps=st.lists(st.integers(1, 200), min_size=1, max_size=10))
+def test_the_counter_is_counted_on_without_wrapping(start: int, steps: list[int]) -> None:
+    nodes, out = Nodes(STRIP), FrameBatch(4096)
+    nodes.respond(sync(start), out)
+    number = start
+    assert nodes.truth.time_s == 0.0
+    for step in steps:
+        number += step
+        out.clear()
+        nodes.respond(sync(number), out)
+        assert nodes.truth_at(number).time_s == pytest.approx((number - start) / 250.0)
+        assert nodes.truth.time_s == nodes.truth_at(number).time_s
+
+
+def test_all_buses_of_a_skin_sample_the_same_instant() -> None:
+    """A bus that is a few cycles behind gets what was sampled then, bit for bit."""
+    nodes, straight = Nodes(HAND, seed=1), Nodes(HAND, seed=1)
+    out = {bus: FrameBatch(4096) for bus in range(2)}
+    expected = {bus: FrameBatch(4096) for bus in range(2)}
+    for cycle in range(300, 340):
+        for bus in range(2):
+            straight.respond(sync(cycle), expected[bus], bus)
+    for first in range(300, 340, 10):
+        for bus in (1, 0):
+            for cycle in range(first, first + 10):
+                nodes.respond(sync(cycle), out[bus], bus)
+    for bus in range(2):
+        assert out[bus].count > 40
+        np.testing.assert_array_equal(out[bus].frames, expected[bus].frames)
+
+
+def test_a_sync_that_one_bus_lost_does_not_move_the_scene() -> None:
+    nodes, out = Nodes(HAND), FrameBatch(4096)
+    for cycle in (0, 1, 3):
+        nodes.respond(sync(cycle), out, 0)
+    out.clear()
+    assert nodes.respond(sync(2), out, 1) > 0
+    assert nodes.truth.time_s == 3 / 250.0
+    assert field(data_frames(out.frames)[0]["data"], 0, 8) == 2
+    nodes.respond(sync(4), out, 1)
+    assert nodes.truth.time_s == 4 / 250.0
+
+
+def test_a_host_that_starts_anew_is_answered_at_once() -> None:
+    nodes, out = Nodes(PALM), FrameBatch(4096)
+    for cycle in range(RECENT + 60):
+        out.clear()
+        nodes.respond(sync(cycle), out)
+    before = nodes.truth.time_s
+    out.clear()
+    assert nodes.respond(sync(0), out) >= 13
+    assert nodes.truth.time_s > before
+
+
+def test_only_a_sync_is_answered() -> None:
+    nodes, out = Nodes(PALM), FrameBatch(64)
+    for other in (
+        sync(0, id=0x100), sync(0, length=0), sync(0, origin=ECHO), sync(0, id=SYNC | CAN_ERR),
+    ):  # fmt: skip
+        assert nodes.respond(other, out) == 0
+    assert out.count == 0
+    assert nodes.served.cycles == 0
+
+
+# -- truth -----------------------------------------------------------------------------------------
+
+
+def test_remembered_truth_is_that_of_its_cycle() -> None:
+    nodes, out, scene = Nodes(PALM, history=100), FrameBatch(64), PressSlideLift(PALM)
+    forces = []
+    for cycle in range(500):
+        out.clear()
+        nodes.respond(sync(cycle), out)
+        forces.append(scene.at(cycle / 250.0).force.copy())
+    for cycle in (400, 450, 499):
+        np.testing.assert_array_equal(nodes.truth_at(cycle).force, forces[cycle])
+    whole = Truth.stack(truth for _, truth in nodes.history)
+    assert whole.force.shape == (100, 3, 64)
+    np.testing.assert_array_equal(whole.force, forces[400:])
+    np.testing.assert_allclose(whole.time_s, np.arange(400, 500) / 250.0)
+    with pytest.raises(SkinError, match=r"^cycle: must be one .*\(400 to 499\); got 399$"):
+        nodes.truth_at(399)
+
+
+def test_there_is_no_truth_before_the_first_cycle() -> None:
+    with pytest.raises(SkinError, match="must be asked for after the first cycle"):
+        _ = Nodes(PALM).truth
+    with pytest.raises(SkinError, match=r"\(none\); got 0"):
+        Nodes(PALM).truth_at(0)
+
+
+@pytest.mark.parametrize("noise", [True, False])
+def test_the_seed_determines_every_byte(noise: bool) -> None:
+    batches = []
+    for seed in (4, 4, 5):
+        nodes, out = Nodes(PALM, seed=seed, noise=noise), FrameBatch(4096)
+        for cycle in range(20):
+            nodes.respond(sync(cycle), out)
+        batches.append(out.frames.copy())
+    assert batches[0].tobytes() == batches[1].tobytes()
+    assert (batches[0].tobytes() == batches[2].tobytes()) == (not noise)
+
+
+# -- transports ------------------------------------------------------------------------------------
+
+
+def test_attached_units_answer_before_the_sync_returns() -> None:
+    near, far = MemoryTransport.pair()
+    nodes, batch = Nodes(PALM), FrameBatch(4096)
+    nodes.attach([far])
+    for cycle in range(20):
+        batch.clear()
+        near.send(sync(cycle))
+        assert near.receive(batch) >= 13
+        assert nodes.truth.time_s == cycle / 250.0
+    assert nodes.served.frames == near.counters.received
+    near.close()
+
+
+def test_attached_units_without_sync_send_at_their_own_pace() -> None:
+    near, far = MemoryTransport.pair()
+    nodes, batch = Nodes(free_running(STRIP)), FrameBatch(8192)
+    nodes.attach([far])
+    try:
+        while len(data_frames(batch.frames)) < 50:
+            assert near.receive(batch, timeout_s=5.0) > 0
+    finally:
+        nodes.close()
+    frames = data_frames(batch.frames)
+    first = frames[frames["id"] == frames["id"][0]]
+    sequence = [field(record["data"], 59, 4) for record in first]
+    assert sequence[0] == 0
+    assert len(sequence) >= 5
+    assert nodes.served.skipped > 0 or np.all(np.diff(sequence) % 16 == 1)
+
+
+def test_serving_answers_every_sync_of_every_bus() -> None:
+    pairs = [MemoryTransport.pair(index=i) for i in range(2)]
+    nodes, stop, served = Nodes(HAND), threading.Event(), []
+    worker = threading.Thread(
+        target=lambda: served.append(nodes.serve([far for _, far in pairs], stop=stop))
+    )
+    worker.start()
+    try:
+        for cycle in range(30):
+            for bus, (near, _) in enumerate(pairs):
+                near.send(sync(cycle))
+                expected = int(np.sum(HAND.frames.bus == bus))
+                batch = FrameBatch(256)
+                while len(data_frames(batch.frames)) < expected:
+                    assert near.receive(batch, timeout_s=5.0) > 0
+                assert {field(r["data"], 0, 8) for r in data_frames(batch.frames)} == {cycle}
+    finally:
+        stop.set()
+        worker.join()
+    assert served[0].cycles == 30
+    assert served[0].frames == sum(near.counters.received for near, _ in pairs)
+    assert served[0].send_failures == 0
+
+
+def test_serving_ends_when_it_is_told_and_tells_how_it_goes() -> None:
+    near, far = MemoryTransport.pair()
+    stop, told = threading.Event(), []
+
+    def watch(served: Served) -> None:
+        told.append(served.frames)
+        stop.set()
+
+    served = Nodes(free_running(STRIP)).serve([far], stop=stop, watch=watch)
+    assert 0 < told[0] <= served.frames
+    assert served.seconds >= 1.0
+    batch = FrameBatch(16384)
+    assert near.receive(batch) == served.frames
+    assert data_frames(batch.frames).size == 10 * served.cycles
+    assert not still_serving()
+
+
+def test_serving_ends_on_time() -> None:
+    _, far = MemoryTransport.pair()
+    started = time.monotonic()
+    served = Nodes(PALM).serve([far], seconds=0.1)
+    assert time.monotonic() - started >= served.seconds >= 0.1
+    assert served == Served(seconds=served.seconds)
+    assert not still_serving()
+
+
+def test_a_bus_that_goes_away_ends_the_serving() -> None:
+    _, far = MemoryTransport.pair()
+    far.close()
+    with pytest.raises(BusClosedError):
+        Nodes(PALM).serve([far])
+    assert not still_serving()
+
+
+def test_one_transport_for_each_bus_is_asked_for() -> None:
+    _, far = MemoryTransport.pair()
+    for use in (Nodes(HAND).attach, Nodes(HAND).serve):
+        with pytest.raises(SkinError, match=r"^transports: must be one for each of 2 .*; got 1$"):
+            use([far])
