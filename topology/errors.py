@@ -67,8 +67,8 @@ MESSAGES: dict[str, str] = {
     "which the field falls again; got {got:g}",
     "field-map": "must make a 2x2 map that can be inverted; got determinant {got:.3g}",
     "theta-count": "must be a list of {knots} numbers or of none; got {got}",
-    "theta-fold": "must fall by less than {spacing:.4g} from knot to knot, or directions fold over; "
-    "got {got:.4g} after knot {knot}",
+    "theta-fold": "must fall by less than {spacing:.4g} from knot to knot, or directions fold "
+    "over; got {got:.4g} after knot {knot}",
     "scale": "must not be 0; got 0",
     "calibration-patch": "must be {patch}, the patch that names this file (line {line} of {file}); "
     "got {got}",

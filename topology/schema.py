@@ -143,7 +143,7 @@ class Model(Overrides, frozen=True, kw_only=True):
     scales: Annotated[
         dict[str, Scale],
         Meta(description="Channel to {scale, offset}, in place of the wire layout's own"),
-    ] = {}
+    ] = msgspec.field(default_factory=dict)
 
 
 class _Patch(_Table, frozen=True, kw_only=True, tag_field="kind"):

@@ -77,13 +77,13 @@ def _on_cycles(parents: dict[str, str]) -> list[str]:
     """Names that are their own ancestors."""
     cycles: list[str] = []
     done: set[str] = set()
-    for name in parents:
-        path: dict[str, None] = {}
-        while name in parents and name not in done and name not in path:
-            path[name] = None
+    for start in parents:
+        path: list[str] = []
+        name = start
+        while name in parents and name not in done:
+            done.add(name)
+            path.append(name)
             name = parents[name]
         if name in path:
-            walk = list(path)
-            cycles += walk[walk.index(name) :]
-        done.update(path)
+            cycles += path[path.index(name) :]
     return cycles

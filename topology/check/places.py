@@ -54,18 +54,22 @@ def check_places(
                    more=more)  # fmt: skip
 
 
-def overlapping(position: np.ndarray, radius: np.ndarray) -> int:
-    """Number of pairs of units whose centres are nearer than their radii together.
+def overlapping(position: np.ndarray, normal: np.ndarray, radius: np.ndarray) -> int:
+    """Number of pairs of units whose round faces run into each other.
+
+    Two faces that are tilted by 2 a to each other meet where their planes do, which is
+    distance / (2 cos a) from either centre.
 
     Parameters
     ----------
-    position : ndarray, shape (3, n), float64
-        Metre.
+    position, normal : ndarray, shape (3, n), float64
+        Metre; unit vectors.
     radius : ndarray, shape (n,), float64
         Metre.
     """
-    pairs = pairs_within(position, 2 * float(np.max(radius, initial=0.0)))
-    return sum(
-        int(np.count_nonzero(distance < (radius[i] + radius[j]) * (1 - 1e-6)))
-        for i, j, distance in pairs
-    )
+    pairs = 0
+    for i, j, distance in pairs_within(position, 2 * float(np.max(radius, initial=0.0))):
+        half_tilt = np.sqrt(np.clip((1 + np.sum(normal[:, i] * normal[:, j], axis=0)) / 2, 0, 1))
+        room = distance >= (radius[i] + radius[j]) * half_tilt * (1 - 1e-6)
+        pairs += int(np.count_nonzero(~room))
+    return pairs

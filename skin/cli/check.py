@@ -1,0 +1,107 @@
+"""`skin check`: what a topology file says, and whether its buses can carry it."""
+
+from __future__ import annotations
+
+import json as json_text
+import sys
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+if TYPE_CHECKING:
+    from topology.summary import BusSummary, PatchSummary, Summary
+
+__all__ = ["check"]
+
+
+def check(
+    file: Annotated[
+        str | None,
+        tyro.conf.Positional,
+        tyro.conf.arg(metavar="FILE", help="topology file, or the name of a ready-made one"),
+    ] = None,
+    /,
+    *,
+    json: Annotated[bool, tyro.conf.arg(help="end with one JSON object")] = False,
+    schema: Annotated[
+        bool, tyro.conf.arg(help="print the JSON Schema of topology files for your editor")
+    ] = False,
+) -> int:
+    """Check a topology file: units, identifiers, frames, and the load of each bus at worst.
+
+    Exits 1 if a bus cannot carry its cycle rate, and 2, with every problem and its line, if the
+    file is wrong.
+    """
+    import msgspec
+
+    from topology.errors import TopologyError
+    from topology.load import builtin, load
+    from topology.schema import json_schema
+    from topology.summary import summary
+
+    if schema:
+        print(json_text.dumps(json_schema(), indent=2))
+        return 0
+    if file is None:
+        names = ", ".join(builtin)
+        print(f"skin check: must have a file or the name of a ready-made topology ({names}); got "
+              "none", file=sys.stderr)  # fmt: skip
+        return 2
+    try:
+        found = summary(load(file, allow_overload=True))
+    except TopologyError as error:
+        print(error, file=sys.stderr)
+        return 2
+    print(_table(found))
+    if json:
+        print(json_text.dumps(msgspec.to_builtins(found)))
+    return 0 if found.ok else 1
+
+
+def _table(found: Summary) -> str:
+    disabled = f", {found.disabled} disabled" if found.disabled else ""
+    lines = [
+        f"{found.name}: {found.units} units{disabled}, {found.frames} frames a cycle, "
+        f"{found.neighbours:.1f} neighbours a unit",
+        "",
+        *_columns(["bus", "units", "frames", "ids", "cycle", "load", "limit", "at most"],
+                  [_bus_row(bus) for bus in found.buses]),
+        "",
+        *_columns(["patch", "units", "layout", "bus", "ids", "nearest"],
+                  [_patch_row(patch) for patch in found.patches]),
+    ]  # fmt: skip
+    for text in found.warnings:
+        lines += ["", f"note: {text}"]
+    for bus in found.buses:
+        if not bus.ok:
+            lines += [
+                "",
+                f"bus {bus.name!r} cannot carry {bus.cycle_rate_hz:g} Hz: worst-case load "
+                f"{bus.load:.1%}, limit {bus.max_load:.1%}",
+            ]
+    return "\n".join(lines)
+
+
+def _bus_row(bus: BusSummary) -> list[str]:
+    rate = "" if bus.highest_rate_hz is None else f"{bus.highest_rate_hz:.1f} Hz"
+    return [bus.name, str(bus.units), str(bus.frames), _ids(bus.ids), f"{bus.cycle_ms:.3f} ms",
+            f"{bus.load:.1%} at {bus.cycle_rate_hz:g} Hz", f"{bus.max_load:.1%}", rate]  # fmt: skip
+
+
+def _patch_row(patch: PatchSummary) -> list[str]:
+    off = f" ({patch.disabled} off)" if patch.disabled else ""
+    near = "" if patch.nearest_mm is None else f"{patch.nearest_mm:.2f} mm"
+    return [patch.name, f"{patch.units}{off}", ", ".join(patch.layouts), ", ".join(patch.buses),
+            _ids(patch.ids), near]  # fmt: skip
+
+
+def _ids(ids: tuple[int, int] | None) -> str:
+    return "" if ids is None else f"{ids[0]:#05x}–{ids[1]:#05x}"
+
+
+def _columns(head: list[str], rows: list[list[str]]) -> list[str]:
+    widths = [max(len(row[i]) for row in (head, *rows)) for i in range(len(head))]
+    return [
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        for row in (head, *rows)
+    ]

@@ -1,0 +1,156 @@
+"""A topology in figures: units, identifiers, frames, and how full each bus is at worst."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import msgspec
+import numpy as np
+
+from topology.address import EXTENDED
+from topology.arrays import Topology
+from topology.budget import bus_load
+from topology.check.places import overlapping
+from topology.neighbours import nearest_distance
+
+__all__ = ["BusSummary", "PatchSummary", "Summary", "summary"]
+
+
+class BusSummary(msgspec.Struct, frozen=True, kw_only=True):
+    """One bus; its load is that of worst-case bits, heartbeats included."""
+
+    name: str
+    interface: str
+    channel: str
+    bitrate: int
+    data_bitrate: int | None
+    cycle_rate_hz: float
+    sync_id: int | None
+    units: int
+    frames: int
+    """Data frames a cycle."""
+    ids: tuple[int, int] | None
+    """Lowest and highest identifier of data frames; None where no unit hangs on it."""
+    cycle_ms: float
+    """Time on the wire of SYNC and all data frames of a cycle."""
+    load: float
+    max_load: float
+    highest_rate_hz: float | None
+    """Cycle rate at which the load is `max_load`; None on an empty bus."""
+    ok: bool
+    """Whether the bus can carry its cycle rate."""
+
+
+class PatchSummary(msgspec.Struct, frozen=True, kw_only=True):
+    """One patch."""
+
+    name: str
+    units: int
+    disabled: int
+    layouts: tuple[str, ...]
+    buses: tuple[str, ...]
+    ids: tuple[int, int]
+    nearest_mm: float | None
+    """Median distance of nearest neighbours; None with a single unit."""
+
+
+class Summary(msgspec.Struct, frozen=True, kw_only=True):
+    """A whole skin."""
+
+    name: str
+    path: str | None
+    units: int
+    disabled: int
+    frames: int
+    neighbours: float
+    """Mean number of neighbours of a unit."""
+    buses: tuple[BusSummary, ...]
+    patches: tuple[PatchSummary, ...]
+    warnings: tuple[str, ...]
+    ok: bool
+    """Whether every bus can carry its cycle rate."""
+
+
+def summary(topology: Topology) -> Summary:
+    """Sum up a topology; it may have been loaded with `allow_overload`.
+
+    Examples
+    --------
+    >>> from topology.load import load
+    >>> found = summary(load("palm"))
+    >>> found.units, found.frames, found.buses[0].ids, round(found.buses[0].load, 3)
+    (64, 13, (256, 268), 0.569)
+    """
+    bus_of = _bus_of(topology)
+    buses = tuple(_bus(topology, index, bus_of) for index in range(len(topology.buses)))
+    return Summary(
+        name=topology.name,
+        path=str(topology.path) if topology.path is not None else None,
+        units=topology.n,
+        disabled=int(np.count_nonzero(~topology.enabled)),
+        frames=len(topology.frames),
+        neighbours=topology.neighbour_index.size / topology.n,
+        buses=buses,
+        patches=tuple(_patch(topology, i, bus_of) for i in range(len(topology.patch_names))),
+        warnings=tuple(_warnings(topology, buses)),
+        ok=all(bus.ok for bus in buses),
+    )
+
+
+def _bus_of(topology: Topology) -> np.ndarray:
+    """Bus of each unit, shape (n,)."""
+    bus = np.zeros(topology.n, int)
+    frame, slot = np.nonzero(topology.frames.units >= 0)
+    bus[topology.frames.units[frame, slot]] = topology.frames.bus[frame]
+    return bus
+
+
+def _bus(topology: Topology, index: int, bus_of: np.ndarray) -> BusSummary:
+    bus, frames = topology.buses[index], topology.frames
+    found = bus_load(index, bus, frames, topology.layouts)
+    ids = frames.can_id[frames.bus == index] & ~np.uint32(EXTENDED)
+    return BusSummary(
+        name=bus.name,
+        interface=bus.interface,
+        channel=bus.channel,
+        bitrate=bus.bitrate,
+        data_bitrate=bus.data_bitrate,
+        cycle_rate_hz=bus.cycle_rate_hz,
+        sync_id=bus.sync_id,
+        units=int(np.count_nonzero(bus_of == index)),
+        frames=found.frames,
+        ids=(int(ids.min()), int(ids.max())) if ids.size else None,
+        cycle_ms=1e3 * found.cycle_s,
+        load=found.load,
+        max_load=bus.max_load,
+        highest_rate_hz=found.highest_rate_hz if np.isfinite(found.highest_rate_hz) else None,
+        ok=found.load <= bus.max_load,
+    )
+
+
+def _patch(topology: Topology, index: int, bus_of: np.ndarray) -> PatchSummary:
+    units = np.flatnonzero(topology.patch == index)
+    frames = topology.frames
+    carrying = np.isin(frames.units, units).any(axis=1)
+    nearest = nearest_distance(topology.position[:, units])
+    ids = frames.can_id[carrying] & ~np.uint32(EXTENDED)
+    return PatchSummary(
+        name=topology.patch_names[index],
+        units=units.size,
+        disabled=int(np.count_nonzero(~topology.enabled[units])),
+        layouts=tuple(topology.layouts[i].name for i in np.unique(frames.layout[carrying])),
+        buses=tuple(topology.buses[i].name for i in np.unique(bus_of[units])),
+        ids=(int(ids.min()), int(ids.max())),
+        nearest_mm=1e3 * float(np.median(nearest)) if units.size > 1 else None,
+    )
+
+
+def _warnings(topology: Topology, buses: tuple[BusSummary, ...]) -> Iterator[str]:
+    """What may be meant, but is worth a second look."""
+    outward = -topology.rotation[:, 2]
+    overlaps = overlapping(topology.position, outward, topology.parameters["radius_m"])
+    if overlaps:
+        yield f"faces overlap between {overlaps} pairs of units, by their radius_m"
+    for bus in buses:
+        if bus.units == 0:
+            yield f"bus {bus.name!r} carries no unit"
