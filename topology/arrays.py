@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import dataclasses
+from dataclasses import dataclass
 from pathlib import Path
 
-import msgspec
 import numpy as np
+from msgspec.structs import replace
 
-from topology.errors import unknown_unit
+from topology.errors import MESSAGES, Issue, TopologyError
 from topology.schema import Bus
 from topology.wire import WireLayout
 
@@ -124,21 +125,29 @@ class Topology:
         return self.buses[0].cycle_rate_hz
 
     def on(self, *, interface: str | None = None, channel: str | None = None) -> Topology:
-        """The same skin on another interface or channel; None keeps what the file says."""
-        changes = {"interface": interface, "channel": channel}
-        given = {name: value for name, value in changes.items() if value is not None}
-        buses = tuple(msgspec.structs.replace(bus, **given) for bus in self.buses)
-        return replace(self, buses=buses)
+        """The same skin on another interface, or on other channels; None keeps the file's.
 
-    def unit_index(self, name: str) -> int:
-        """Index of the unit of that name.
+        Parameters
+        ----------
+        interface : str, optional
+            For all buses; the file's `options` go with the interface they were written for.
+        channel : str, optional
+            One for each bus, in order, with commas between ("vcan0,vcan1"): identifiers are
+            unique on a bus only, so two buses cannot share a channel.
 
         Raises
         ------
-        UnknownNameError
-            There is none; the message has the nearest name.
+        TopologyError
+            Not as many channels as buses.
         """
-        try:
-            return self.unit_names.index(name)
-        except ValueError:
-            raise unknown_unit(name, self.name, self.unit_names) from None
+        buses = self.buses
+        if interface is not None:
+            buses = tuple(replace(bus, interface=interface, options={}) for bus in buses)
+        if channel is not None:
+            names = channel.split(",")
+            if len(set(names)) != len(buses):
+                expected = f"one of its own for each bus ({', '.join(b.name for b in buses)})"
+                message = MESSAGES["value"].format(expected=expected, got=repr(channel))
+                raise TopologyError([Issue("value", self.name, 0, "channel", message)])
+            buses = tuple(replace(b, channel=name) for b, name in zip(buses, names, strict=True))
+        return dataclasses.replace(self, buses=buses)

@@ -24,7 +24,10 @@ def run(
         str | None, tyro.conf.arg(help="use this interface for every bus instead of the file's")
     ] = None,
     channel: Annotated[
-        str | None, tyro.conf.arg(help="use this channel for every bus instead of the file's")
+        str | None,
+        tyro.conf.arg(
+            help="use these channels instead of the file's, one for each bus, as vcan0,vcan1"
+        ),
     ] = None,
     sync: Annotated[
         Literal["host", "bus"], tyro.conf.arg(help="who sends SYNC: this host or another node")

@@ -31,7 +31,10 @@ def sim(
         str | None, tyro.conf.arg(help="use this interface for every bus instead of the file's")
     ] = None,
     channel: Annotated[
-        str | None, tyro.conf.arg(help="use this channel for every bus instead of the file's")
+        str | None,
+        tyro.conf.arg(
+            help="use these channels instead of the file's, one for each bus, as vcan0,vcan1"
+        ),
     ] = None,
     json: Annotated[bool, tyro.conf.arg(help="end with one JSON object")] = False,
 ) -> int:
