@@ -56,12 +56,15 @@ class SineField:
     ) -> np.ndarray:
         """Field in µT, shape (..., 3, n); see `Field`."""
         amplitude = self.amplitude(depth_mm, film_temperature)
-        x, y = displacement_mm[..., 0, :], displacement_mm[..., 1, :]
-        # np.sinc(u) is sin(pi u)/(pi u): the direction needs no division by a length that is 0
-        phase = self._wavenumber * np.hypot(x, y)
-        lateral = amplitude * self._wavenumber * np.sinc(phase / np.pi)
-        vertical = self._vertical * amplitude * np.cos(phase)
-        return np.stack(np.broadcast_arrays(lateral * x, lateral * y, vertical), axis=-2)
+        displacement = np.hypot(displacement_mm[..., 0, :], displacement_mm[..., 1, :])
+        phase = self._wavenumber * displacement
+        *lead, n = np.broadcast_shapes(phase.shape, amplitude.shape)
+        field = np.empty((*lead, 3, n))
+        # where the displacement is 0, so is the sine, and any divisor will do
+        lateral = amplitude * np.sin(phase) / np.maximum(displacement, 1e-300)
+        np.multiply(lateral[..., np.newaxis, :], displacement_mm, out=field[..., :2, :])
+        np.multiply(self._vertical * amplitude, np.cos(phase), out=field[..., 2, :])
+        return field
 
     def amplitude(self, depth_mm: np.ndarray, film_temperature: np.ndarray) -> np.ndarray:
         """M0(T, H) in µT, shape (..., n)."""

@@ -144,11 +144,14 @@ class Nodes:
             `out` has not room for the answers.
         """
         count = out.count
-        for record in records[self._is_sync(records, bus)]:
-            with self._lock:
-                cycle = self._unwrapped(int(record["data"][0]))
-                self._append(cycle, out, bus, int(record["stamp_ns"]))
+        for sync in records[self._is_sync(records, bus)]:
+            self._respond(sync, out, bus)
         return out.count - count
+
+    def _respond(self, sync: np.void, out: FrameBatch, bus: int) -> None:
+        with self._lock:
+            cycle = self._unwrapped(int(sync["data"][0]))
+            self._append(cycle, out, bus, int(sync["stamp_ns"]))
 
     def tick(self, cycle: int, out: FrameBatch, bus: int = 0, stamp_ns: int = 0) -> int:
         """Append the frames of a cycle of free-running units; return how many."""
@@ -306,9 +309,9 @@ class Nodes:
         thread.start()
 
     def _answer(self, transport: Transport, out: FrameBatch, bus: int, records: np.ndarray) -> None:
-        for sync in np.flatnonzero(self._is_sync(records, bus)):
+        for sync in records[self._is_sync(records, bus)]:
             out.clear()
-            self.respond(records[sync : sync + 1], out, bus)
+            self._respond(sync, out, bus)
             self._send(transport, out)
 
     def _send(self, transport: Transport, out: FrameBatch) -> None:

@@ -17,6 +17,10 @@ from topology import Topology
 __all__ = ["PressSlideLift", "Scene", "Thermal"]
 
 
+TINY = 1e-300
+"""Stands for a length of 0 in a quotient whose numerator is 0 as well."""
+
+
 class Scene(Protocol):
     """What happens to a skin."""
 
@@ -143,15 +147,12 @@ class PressSlideLift:
         """Take the faces along with the sphere, as far as friction holds them."""
         truth = self._truth
         truth.displacement_mm += 1e3 * np.einsum("ijn,i->jn", self._rotation[:, :2], moved)
-        truth.displacement_mm *= truth.contact
         held = self._elastic.displacement(self._friction * truth.force[2], truth.depth_mm)
         length = np.hypot(truth.displacement_mm[0], truth.displacement_mm[1])
-        # a length of 0 needs no holding back: 1 stands for it
-        share = np.minimum(1.0, held / np.where(length > 0.0, length, 1.0))
-        truth.displacement_mm *= np.where(length > 0.0, share, 1.0)
-        length *= share
+        truth.displacement_mm *= np.minimum(1.0, held / np.maximum(length, TINY))
+        np.minimum(length, held, out=length)
         force = self._elastic.tangential(length, truth.depth_mm)
-        truth.force[:2] = force / np.where(length > 0.0, length, 1.0) * truth.displacement_mm
+        truth.force[:2] = force / np.maximum(length, TINY) * truth.displacement_mm
 
     def _warm(self, dt_s: float) -> None:
         """Each layer follows the one above it; the gel, what it touches."""

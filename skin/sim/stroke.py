@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -88,21 +89,24 @@ class Stroke:
         return point + (self.radius_m + height_m) * normal
 
     def _point(self, share: float) -> tuple[np.ndarray, np.ndarray]:
-        """Point of the way and outward normal: a curve that leaves and arrives along the surface,
-        a circular arc where the surface is a cylinder or a sphere."""
-        a, b, n, m = self.start, self.end, self.start_normal, self.end_normal
-        chord = b - a
-        length = math.sqrt(chord @ chord)
-        angle = math.acos(min(1.0, max(-1.0, float(n @ m))))
-        speed = length / math.cos(angle / 4.0) ** 2
-        leave, arrive = _along(chord, n) * speed, _along(chord, m) * speed
+        """Point of the way and outward normal there."""
+        leave, arrive = self._tangents
         s, t = share, 1.0 - share
         point = (
-            (1.0 + 2.0 * s) * t * t * a + s * t * t * leave
-            + s * s * (3.0 - 2.0 * s) * b - s * s * t * arrive
+            (1.0 + 2.0 * s) * t * t * self.start + s * t * t * leave
+            + s * s * (3.0 - 2.0 * s) * self.end - s * s * t * arrive
         )  # fmt: skip
-        normal = t * n + s * m
+        normal = t * self.start_normal + s * self.end_normal
         return point, normal / math.sqrt(normal @ normal)
+
+    @cached_property
+    def _tangents(self) -> tuple[np.ndarray, np.ndarray]:
+        """Velocities at both ends of the way, along the surface, and such that the way is an arc
+        of a circle where the surface is a cylinder or a sphere."""
+        chord = self.end - self.start
+        angle = math.acos(min(1.0, max(-1.0, float(self.start_normal @ self.end_normal))))
+        speed = math.sqrt(chord @ chord) / math.cos(angle / 4.0) ** 2
+        return _along(chord, self.start_normal) * speed, _along(chord, self.end_normal) * speed
 
 
 def strokes(topology: Topology, *, depth_m: float, radius_m: float | None) -> tuple[Stroke, ...]:
