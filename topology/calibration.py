@@ -20,8 +20,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from topology.check.models import check_theta
-from topology.check.names import overrides, refer
+from topology.check.models import given_parameters
+from topology.check.names import refer
 from topology.read import open_source, read
 from topology.report import Report
 from topology.schema import CalibrationFile
@@ -75,6 +75,7 @@ def read_calibration(
         kind = f"a unit of patch {patch!r}"
         if not refer(name, kind, known, at, calibration, report) or entry is None:
             continue
-        if report.sound(calibration, at) and check_theta(entry, at, calibration, report):
-            parameters[known[name]] = overrides(entry)
+        given = given_parameters(entry, at, calibration, report)
+        if given:
+            parameters[known[name]] = given
     return calibration, parameters

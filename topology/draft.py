@@ -9,14 +9,14 @@ import numpy as np
 from topology.address import EXTENDED, Address, number
 from topology.calibration import read_calibration
 from topology.check.addresses import Claim, check_ids
-from topology.check.models import check_theta, parameter_faults, to_arrays
-from topology.check.names import entries, overrides, refer
+from topology.check.models import given_parameters, parameter_faults, to_arrays
+from topology.check.names import entries, refer
 from topology.check.patches import Placed
 from topology.model import MODELS
 from topology.parts import Parts
 from topology.pose import rotate
 from topology.report import Report
-from topology.schema import PARAMETERS, List, ListUnit, UnitException
+from topology.schema import List, ListUnit, UnitException
 from topology.source import Key, Source
 from topology.wire import WireLayout
 
@@ -61,7 +61,7 @@ class Draft:
         self.starts = np.concatenate([[0], np.cumsum(sizes, dtype=int)])
         self.names = [f"{p.patch.name}/{name}" for p in placed for name in p.units.names]
         self.tables = [table for p in placed for table in _tables(p)]
-        self.fixed = np.array([p.fixed for p in placed], bool)[self.patch]
+        self.fixed = np.concatenate([np.empty(0, bool), *(p.fixed for p in placed)])
         self.enabled = np.ones(len(self.names), bool)
         empty = np.empty((3, 0))
         self.position = np.concatenate([empty, *(p.units.position for p in placed)], axis=-1)
@@ -108,13 +108,14 @@ class Draft:
         if not report.sound(source, key, "extended", "first_id"):
             return
         listed = patch.units if isinstance(patch, List) else ()
-        alone = [i for i, unit in enumerate(listed) if unit.id is not None]
+        alone = []
         for i, unit in enumerate(listed):
-            self._address_one(self.starts[index] + i, unit, (*key, "units", i))
+            at = (*key, "units", i)
+            if unit.id is not None or not report.sound(source, at, "id"):
+                alone.append(i)
+            self._address_one(self.starts[index] + i, unit, at)
         turn = np.delete(np.arange(units.start, units.stop), alone)
-        if turn.size == 0 or not all(
-            report.sound(source, (*key, "units", i), "id", "slot") for i in range(len(listed))
-        ):
+        if turn.size == 0:
             return
         if patch.first_id is None:
             without = repr(self.names[turn[0]])
@@ -191,14 +192,15 @@ class Draft:
         """Whether a unit exists; silent where its patch is there but could not be placed."""
         if name in index:
             return True
-        patch, _, unit = name.partition("/")
-        here = [p for p in self.placed if p.patch.name == patch]
-        if here:
-            known = [f"{patch}/{local}" for p in here for local in p.units.names]
+        patch, slash, unit = name.partition("/")
+        patches = [p.name for _, p in entries(self.parts.file, "patches")]
+        if not slash:
+            known = [full for full in self.names if full.endswith(f"/{name}")]
+        elif any(p.patch.name == patch for p in self.placed):
+            known = [full for full in self.names if full.startswith(f"{patch}/")]
+        elif patch in patches:
+            return False
         else:
-            patches = [p.name for _, p in entries(self.parts.file, "patches")]
-            if patch in patches:
-                return False
             known = [f"{p}/{unit}" for p in patches]
         source = self.parts.source
         return refer(name, "a unit", known, (*key, "unit"), source, self.report)
@@ -214,10 +216,9 @@ class Draft:
             self.position[:, unit] += rotate(turn, np.array(entry.xyz_m))
             self.tables[unit] = key
         self._address_one(unit, entry, key)
-        if report.sound(source, key, *PARAMETERS) and check_theta(entry, key, source, report):
-            given = overrides(entry)
-            if given:
-                self._given.setdefault(unit, []).append((source, key, given))
+        given = given_parameters(entry, key, source, report)
+        if given:
+            self._given.setdefault(unit, []).append((source, key, given))
 
     def _resolve_parameters(self) -> dict[str, np.ndarray]:
         """Parameters of all units; what does not go together is reported."""

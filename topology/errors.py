@@ -46,7 +46,7 @@ MESSAGES: dict[str, str] = {
     # -- poses
     "two-rotations": "must be one of rpy_deg and quaternion_wxyz; got both",
     "quaternion": "must be of length 1; got length {length:.4g}",
-    "direction": "must be a direction; got a vector of length 0",
+    "direction": "must be a direction; got a vector of length {length:.3g}",
     "x-axis": "must be a direction across the normal; got one along it",
     # -- buses
     "cycle-rate": "must be {rate:g}, as on bus {other} (line {line}); got {got:g}",
@@ -93,7 +93,7 @@ MESSAGES: dict[str, str] = {
     "same-place": "must be {minimum_mm:.3g} mm or more from every other unit; got {got_mm:.3g} mm "
     "between {unit} and {other} (line {line}){more}",
     # -- addresses
-    "first-id": "must be given where a unit names no id; got none, and none of {unit}",
+    "first-id": "must be given, as {unit} names no id of its own; got none",
     "id-extended": "must be at most 0x7ff unless `extended = true`; got {got}",
     "id-range": "must keep its ids within {low:#x} to {high:#x}; got {got}",
     "id-sync": "must keep its ids off SYNC of bus {bus} (line {line}); got {got}",
@@ -162,8 +162,10 @@ def unknown_unit(name: str, skin: str, units: Iterable[str]) -> UnknownNameError
     return UnknownNameError([Issue("unknown-name", skin, 0, "", message + nearest(name, units))])
 
 
-def nearest(name: object, names: Iterable[str]) -> str:
+def nearest(name: object, names: Iterable[str], or_all: bool = True) -> str:
     """Ending of a message: the valid name nearest to a wrong one, or all where they are few.
+
+    `or_all` is False where the message has them all anyway.
 
     Examples
     --------
@@ -176,6 +178,6 @@ def nearest(name: object, names: Iterable[str]) -> str:
     close = difflib.get_close_matches(str(name), names, n=1)
     if close:
         return f"; nearest: {close[0]!r}"
-    if 0 < len(names) <= 12:
+    if or_all and 0 < len(names) <= 12:
         return "; known: " + ", ".join(map(repr, names))
     return ""

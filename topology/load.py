@@ -64,8 +64,10 @@ def load(file: str | os.PathLike[str], *, allow_overload: bool = False) -> Topol
     report.raise_if_any()
     parts = resolve(read(File, source, report), source, report)
     draft = Draft(parts, place_patches(parts, report), report)
-    _check_units(draft, parts, report)
     known = draft.addressed
+    if not known.any():
+        report.raise_if_any()
+    _check_units(draft, parts, report)
     address = Address(*(a[known] for a in vars(draft.address).values()))
     frames = to_frames(address, tuple(draft.layouts))
     if not allow_overload:

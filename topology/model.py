@@ -156,7 +156,7 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     ] = ()
 
     # -- geometry and health ---------------------------------------------------------------------
-    radius_m: Annotated[float, _doc("Radius of the cylindrical unit [paper]", gt=0)] = 0.006
+    radius_m: Annotated[float, _doc("Radius of the cylindrical unit [paper]", gt=0, le=1)] = 0.006
     frozen_cycles: Annotated[
         int,
         _doc("Bit-identical cycles after which a unit counts as frozen; 0: never [assumed]", ge=0),

@@ -163,7 +163,7 @@ class _Reader:
                 return None
         if _fits(info, value):
             return float(value) if isinstance(info, inspect.FloatType) else value
-        hint = nearest(value, info.values) if _has_names(info) else ""
+        hint = nearest(value, info.values, or_all=False) if _has_names(info) else ""
         self.report.add("value", self.source, key, hint, expected=describe(info), got=show(value))
         return None
 
@@ -185,7 +185,7 @@ class _Reader:
                 "value",
                 self.source,
                 (*key, tag),
-                nearest(given, structs),
+                nearest(given, structs, or_all=False),
                 expected=expected,
                 got=show(given),
             )
@@ -243,10 +243,7 @@ def describe(info: inspect.Type) -> str:
     info = _plain(info)
     match info:
         case inspect.StrType(pattern=str()):
-            return (
-                "a name of letters, digits, '_', '-' and '.', not led by '-' or '.', at most "
-                f"{info.max_length} long"
-            )
+            return f"a name of at most {info.max_length} letters, digits, '_', and inside '-', '.'"
         case inspect.StrType():
             return "text"
         case inspect.BoolType():

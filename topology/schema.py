@@ -43,8 +43,9 @@ Name = Annotated[
         description="Letters, digits, `_`, `-` and `.`",
     ),
 ]
-Vector = tuple[float, float, float]
-Length = Annotated[float, Meta(gt=0, le=100)]
+Coordinate = Annotated[float, Meta(ge=-1000, le=1000)]
+Vector = tuple[Coordinate, Coordinate, Coordinate]
+Length = Annotated[float, Meta(ge=1e-6, le=100)]
 Count = Annotated[int, Meta(ge=1, le=100_000)]
 Identifier = Annotated[int, Meta(ge=0, le=0x1FFFFFFF)]
 
@@ -68,7 +69,8 @@ class Bus(_Table, frozen=True, kw_only=True):
         Meta(description="CAN FD data bit rate, bit/s; absent: classic CAN"),
     ] = None
     cycle_rate_hz: Annotated[
-        float, Meta(gt=0, description="Cycles a second; the same on all buses of a skin")
+        float,
+        Meta(gt=0, le=100_000, description="Cycles a second; the same on all buses of a skin"),
     ] = 250.0
     sync_id: Annotated[
         Annotated[int, Meta(ge=0, le=0x7FF)] | None,
@@ -92,7 +94,7 @@ class Pose(_Table, frozen=True, kw_only=True):
 
     xyz_m: Annotated[Vector, Meta(description="Origin in the parent, metres")] = (0.0, 0.0, 0.0)
     rpy_deg: Annotated[
-        Vector | None,
+        tuple[float, float, float] | None,
         Meta(description="Roll, pitch, yaw about the parent's fixed x, y, z, degrees (as in URDF)"),
     ] = None
     quaternion_wxyz: Annotated[

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from topology import pose
-from topology.check.names import check_name, entries, refer
+from topology.check.names import all_named, check_name, entries, refer
 from topology.report import Report
 from topology.schema import File, Frame, Pose
 from topology.source import Key, Source
@@ -28,7 +30,7 @@ def to_transform(given: Pose, key: Key, source: Source, report: Report) -> pose.
     if given.quaternion_wxyz is None:
         rotation = pose.from_rpy(*np.radians(given.rpy_deg or (0.0, 0.0, 0.0)))
         return rotation, np.array(given.xyz_m)
-    length = float(np.linalg.norm(given.quaternion_wxyz))
+    length = math.hypot(*given.quaternion_wxyz)
     if abs(length - 1) > QUATERNION_TOLERANCE:
         report.add("quaternion", source, (*key, "quaternion_wxyz"), length=length)
         return None
@@ -50,10 +52,14 @@ def resolve_frames(file: File, source: Source, report: Report) -> dict[str, pose
         for name, key in first.items()
     }
     parents = {}
+    known = {ROOT, *first}
+    complete = all_named("frames", file, source, report)
     for name, key in first.items():
         parent = frames[name].parent
-        sound = report.sound(source, key, "parent")
-        if sound and refer(parent, "a frame", {ROOT, *first}, (*key, "parent"), source, report):
+        at = (*key, "parent")
+        if report.sound(source, at) and refer(
+            parent, "a frame", known, at, source, report, complete
+        ):
             parents[name] = parent
     for name in _on_cycles(parents):
         report.add("frame-cycle", source, (*first[name], "parent"), name=repr(parents[name]))

@@ -9,14 +9,14 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from topology.check.names import check_name, entries, overrides, refer
+from topology.check.names import all_named, check_name, entries, refer
 from topology.model import MODELS, THETA_KNOTS, UnitModel
 from topology.report import Report
 from topology.schema import PARAMETERS, File, Scale
 from topology.source import Key, Source
 from topology.wire import CHANNELS
 
-__all__ = ["Fault", "check_theta", "parameter_faults", "resolve_models", "to_arrays"]
+__all__ = ["Fault", "given_parameters", "parameter_faults", "resolve_models", "to_arrays"]
 
 
 @dataclass(frozen=True)
@@ -47,48 +47,58 @@ def resolve_models(
     first: dict[str, Key] = {}
     models: dict[str, UnitModel | None] = dict(MODELS)
     scales: dict[str, dict[str, Scale]] = {name: {} for name in MODELS}
+    complete = all_named("models", file, source, report)
     for key, entry in entries(file, "models"):
         known = tuple(models)
         named = report.sound(source, key, "name")
         if named:
             check_name(entry.name, key, first, MODELS, source, report)
-        fits = report.sound(source, key, *PARAMETERS) and check_theta(entry, key, source, report)
+        given = given_parameters(entry, key, source, report)
         based = report.sound(source, key, "base") and refer(
-            entry.base, "a model further up or built in", known, (*key, "base"), source, report
+            entry.base,
+            "a model further up or built in",
+            known,
+            (*key, "base"),
+            source,
+            report,
+            complete,
         )
         base = models[entry.base] if based else None
         model = None
-        if fits and base is not None:
-            model = msgspec.structs.replace(base, **overrides(entry))
-            if _report_faults(model, key, source, report):
-                model = None
+        if base is not None:
+            model = msgspec.structs.replace(base, **given)
+            _report_faults(model, key, source, report)
+        sound = model is not None and report.sound(source, key, *PARAMETERS)
         _check_scales(entry.scales, (*key, "scales"), source, report)
         if named and first.get(entry.name) == key:
-            models[entry.name] = model
+            models[entry.name] = model if sound else None
             inherited = scales[entry.base] if based else {}
             scales[entry.name] = inherited | {
-                channel: scale for channel, scale in entry.scales.items() if channel in CHANNELS
+                channel: scale
+                for channel, scale in entry.scales.items()
+                if channel in CHANNELS and scale is not None
             }
     return models, scales
 
 
-def check_theta(table: Any, key: Key, source: Source, report: Report) -> bool:
-    """Whether a table's theta_correction_rad has the right number of knots; reported if not."""
-    theta = table.theta_correction_rad
-    if theta is None or len(theta) in (0, THETA_KNOTS):
-        return True
-    report.add("theta-count", source, (*key, "theta_correction_rad"),
-               knots=THETA_KNOTS, got=len(theta))  # fmt: skip
-    return False
+def given_parameters(table: Any, key: Key, source: Source, report: Report) -> dict[str, Any]:
+    """The parameters that a table gives, if all of them are sound."""
+    if not report.sound(source, key, *PARAMETERS):
+        return {}
+    given = {name: value for name in PARAMETERS if (value := getattr(table, name)) is not None}
+    theta = given.get("theta_correction_rad", ())
+    if len(theta) not in (0, THETA_KNOTS):
+        report.add("theta-count", source, (*key, "theta_correction_rad"),
+                   knots=THETA_KNOTS, got=len(theta))  # fmt: skip
+        del given["theta_correction_rad"]
+    return given
 
 
-def _report_faults(model: UnitModel, key: Key, source: Source, report: Report) -> bool:
-    faults = parameter_faults(to_arrays([model]))
-    found = [fault for fault in faults if fault.broken[0]]
-    for fault in found:
-        values = {name: value[0] for name, value in fault.values.items()}
-        report.add(fault.code, source, (*key, fault.field), **values)
-    return bool(found)
+def _report_faults(model: UnitModel, key: Key, source: Source, report: Report) -> None:
+    for fault in parameter_faults(to_arrays([model])):
+        if fault.broken[0]:
+            values = {name: value[0] for name, value in fault.values.items()}
+            report.add(fault.code, source, (*key, fault.field), **values)
 
 
 def _check_scales(scales: Mapping[str, Scale], key: Key, source: Source, report: Report) -> None:
@@ -141,7 +151,7 @@ def parameter_faults(p: Mapping[str, np.ndarray]) -> Iterator[Fault]:
                 {"crest": crest, "got": reach})  # fmt: skip
 
     determinant = p["field_xx"] * p["field_yy"] - p["field_xy"] * p["field_yx"]
-    yield Fault("field-map", "field_xx", np.abs(determinant) < 1e-6, {"got": determinant})
+    yield Fault("field-map", "field_xx", ~(np.abs(determinant) >= 1e-6), {"got": determinant})
 
     spacing = 2 * np.pi / THETA_KNOTS
     theta = p["theta_correction_rad"]

@@ -7,10 +7,10 @@ from typing import Any
 
 from topology.errors import nearest
 from topology.report import Report
-from topology.schema import PARAMETERS, File
+from topology.schema import File
 from topology.source import Key, Source
 
-__all__ = ["check_name", "entries", "overrides", "refer"]
+__all__ = ["all_named", "check_name", "entries", "refer"]
 
 
 def entries(file: File, table: str) -> Iterator[tuple[Key, Any]]:
@@ -20,9 +20,13 @@ def entries(file: File, table: str) -> Iterator[tuple[Key, Any]]:
             yield (table, index), entry
 
 
-def overrides(table: Any) -> dict[str, Any]:
-    """The parameters that a table gives."""
-    return {name: value for name in PARAMETERS if (value := getattr(table, name)) is not None}
+def all_named(table: str, file: File, source: Source, report: Report) -> bool:
+    """Whether every item of an array of tables has a name: if not, a reference may be right."""
+    items = getattr(file, table)
+    return items is not None and all(
+        item is not None and report.sound(source, (table, index), "name")
+        for index, item in enumerate(items)
+    )
 
 
 def check_name(
@@ -42,10 +46,17 @@ def check_name(
 
 
 def refer(
-    name: str, kind: str, known: Collection[str], key: Key, source: Source, report: Report
+    name: str,
+    kind: str,
+    known: Collection[str],
+    key: Key,
+    source: Source,
+    report: Report,
+    complete: bool = True,
 ) -> bool:
-    """Whether a name is one of the known ones; reported where it is not."""
+    """Whether a name is one of the known ones; reported where it is not, if those are all."""
     if name in known:
         return True
-    report.add("unknown-name", source, key, nearest(name, known), kind=kind, name=repr(name))
+    if complete:
+        report.add("unknown-name", source, key, nearest(name, known), kind=kind, name=repr(name))
     return False

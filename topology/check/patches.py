@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 
 from topology import pose
 from topology.check.frames import to_transform
-from topology.check.names import check_name, entries, refer
+from topology.check.names import all_named, check_name, entries, refer
 from topology.layout import Placement, count, place
 from topology.parts import Parts
 from topology.report import Report
@@ -19,6 +21,13 @@ __all__ = ["MOST_UNITS", "Placed", "place_patches"]
 
 MOST_UNITS = 100_000
 """More units are refused: at 250 Hz a bus carries 90, so a file that has more is mistaken."""
+
+SHORTEST_AXIS = 1e-6
+
+PLACE = ("xyz_m", "normal", "x_axis")
+STAND_IN = ListUnit(xyz_m=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0))
+
+TABLES = {"bus": "buses", "layout": "layouts", "model": "models", "frame": "frames"}
 
 _NOT_SHAPE = {"name", "bus", "layout", "model", "frame", "pose", "extended", "calibration",
               "first_id"}  # fmt: skip
@@ -35,8 +44,8 @@ class Placed:
     patch : Patch
     units : Placement
         In the skin frame; in the patch frame where the pose is wrong.
-    fixed : bool
-        Whether the pose is sound.
+    fixed : ndarray, shape (n,), bool
+        Whether the place of each unit is known.
     turn : ndarray, shape (3, 3), float64
         R_skin_patch.
     """
@@ -44,7 +53,7 @@ class Placed:
     key: Key
     patch: Patch
     units: Placement
-    fixed: bool
+    fixed: np.ndarray
     turn: np.ndarray
 
 
@@ -57,6 +66,9 @@ def place_patches(parts: Parts, report: Report) -> list[Placed]:
         "model": parts.models,
         "frame": parts.frames,
     }
+    complete = {
+        field: all_named(table, parts.file, source, report) for field, table in TABLES.items()
+    }
     first: dict[str, Key] = {}
     placed = []
     total = 0
@@ -67,40 +79,45 @@ def place_patches(parts: Parts, report: Report) -> list[Placed]:
         for field, names in known.items():
             if report.sound(source, key, field):
                 at = (*key, field)
-                refer(getattr(patch, field), f"a {field}", names, at, source, report)
+                name = getattr(patch, field)
+                refer(name, f"a {field}", names, at, source, report, complete[field])
         own = to_transform(patch.pose, (*key, "pose"), source, report)
         base = parts.frames.get(patch.frame) if report.sound(source, key, "frame") else None
         if not _check_shape(patch, key, source, report):
             continue
-        if total + count(patch) > MOST_UNITS:
-            report.add("too-many", source, key, limit=MOST_UNITS, got=total + count(patch))
-            continue
         total += count(patch)
-        units = place(patch)
-        fixed = own is not None and base is not None
-        at = pose.compose(base, own) if fixed else pose.IDENTITY
+        if total > MOST_UNITS:
+            report.add("too-many", source, key, limit=MOST_UNITS, got=total)
+            total -= count(patch)
+            continue
+        if not named or first[patch.name] != key:
+            continue
+        sane, fixed = _without_faulty(patch, key, source, report)
+        units = place(sane)
+        if len(set(units.names)) < len(units.names):
+            _check_unit_names(units.names, key, source, report)
+        known_pose = own is not None and base is not None
+        at = pose.compose(base, own) if known_pose else pose.IDENTITY
         rotation, position = pose.compose(at, (units.rotation, units.position))
-        if named and first[patch.name] == key:
-            names = _check_unit_names(patch, key, units.names, source, report)
-            units = Placement(names, position, rotation)
-            placed.append(Placed(key, patch, units, fixed, at[0]))
+        units = Placement(units.names, position, rotation)
+        placed.append(Placed(key, sane, units, fixed & known_pose, at[0]))
     return placed
 
 
-def _check_unit_names(
-    patch: Patch, key: Key, names: tuple[str, ...], source: Source, report: Report
-) -> tuple[str, ...]:
-    if isinstance(patch, List) and len(set(names)) < len(names):
-        first: dict[str, Key] = {}
-        for index, name in enumerate(names):
-            check_name(name, (*key, "units", index), first, (), source, report)
-    return names
+def _check_unit_names(names: tuple[str, ...], key: Key, source: Source, report: Report) -> None:
+    first: dict[str, Key] = {}
+    for index, name in enumerate(names):
+        check_name(name, (*key, "units", index), first, (), source, report)
 
 
 def _check_shape(patch: Patch, key: Key, source: Source, report: Report) -> bool:
-    shape = {"kind", *patch.__struct_fields__} - _NOT_SHAPE
+    """Whether a patch can be built: a list if it has units at all, whatever is wrong with them."""
     if isinstance(patch, List):
-        return _check_list(patch, key, source, report)
+        for index, unit in enumerate(patch.units or ()):
+            if unit is not None:
+                _check_axes(unit, (*key, "units", index), source, report)
+        return bool(patch.units) and report.sound(source, key, "kind")
+    shape = {"kind", *patch.__struct_fields__} - _NOT_SHAPE
     if not report.sound(source, key, *shape):
         return False
     match patch:
@@ -109,34 +126,36 @@ def _check_shape(patch: Patch, key: Key, source: Source, report: Report) -> bool
             if patch.columns > around:
                 report.add("around", source, (*key, "columns"), limit=around, got=patch.columns)
         case Dome():
-            far = int(np.pi * patch.radius_m / patch.pitch_m - 0.5)
+            far = max(int(np.pi * patch.radius_m / patch.pitch_m - 0.5), 0)
             if patch.rings > far:
                 report.add("far-side", source, (*key, "rings"), limit=far, got=patch.rings)
     return report.sound(source, key, *shape)
 
 
-def _check_list(patch: List, key: Key, source: Source, report: Report) -> bool:
-    for index, unit in enumerate(patch.units or ()):
-        if unit is not None:
-            _check_axes(unit, (*key, "units", index), source, report)
-    if not report.sound(source, key, "kind") or not patch.units or None in patch.units:
-        return False
+def _without_faulty(
+    patch: Patch, key: Key, source: Source, report: Report
+) -> tuple[Patch, np.ndarray]:
+    """A list with a stand-in for every unit whose place is wrong, and a mask of the others."""
     at = (*key, "units")
-    return report.sound(source, at) or all(
-        report.sound(source, (*at, i), "xyz_m", "normal", "x_axis")
-        for i in range(len(patch.units))
-    )  # fmt: skip
+    if not isinstance(patch, List) or report.sound(source, at):
+        return patch, np.ones(count(patch), bool)
+    units, fixed = [], []
+    for i, unit in enumerate(patch.units):
+        given = unit or STAND_IN
+        fixed.append(unit is not None and report.sound(source, (*at, i), *PLACE))
+        stand_in = msgspec.structs.replace(STAND_IN, name=given.name, id=given.id, slot=given.slot)
+        units.append(given if fixed[-1] else stand_in)
+    return msgspec.structs.replace(patch, units=tuple(units)), np.array(fixed)
 
 
 def _check_axes(unit: ListUnit, at: Key, source: Source, report: Report) -> None:
     if not report.sound(source, at, "normal", "x_axis"):
         return
-    length = np.linalg.norm(unit.normal)
-    if length == 0:
-        report.add("direction", source, (*at, "normal"))
-    elif unit.x_axis is not None:
-        across = np.linalg.norm(np.cross(unit.x_axis, unit.normal))
-        if not any(unit.x_axis):
-            report.add("direction", source, (*at, "x_axis"))
-        elif across < 1e-6 * length * np.linalg.norm(unit.x_axis):
+    axes = {"normal": unit.normal, "x_axis": unit.x_axis}
+    for name, axis in axes.items():
+        if axis is not None and math.hypot(*axis) < SHORTEST_AXIS:
+            report.add("direction", source, (*at, name), length=math.hypot(*axis))
+    if unit.x_axis is not None and report.sound(source, at, "normal", "x_axis"):
+        across = math.hypot(*np.cross(unit.x_axis, unit.normal))
+        if across < 1e-6 * math.hypot(*unit.normal) * math.hypot(*unit.x_axis):
             report.add("x-axis", source, (*at, "x_axis"))

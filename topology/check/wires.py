@@ -57,19 +57,22 @@ def _check_layout(layout: WireLayout, key: Key, source: Source, report: Report) 
     if layout.size not in sizes:
         report.add("frame-size", source, (*key, "size"), kind="CAN FD" if layout.fd else "classic",
                    sizes=", ".join(map(str, sizes)), got=layout.size)  # fmt: skip
-    if not report.sound(source, key, "signals"):
+    if not layout.signals and not report.sound(source, key, "signals"):
         return
+    complete = report.sound(source, key, "signals")
     owner: dict[tuple[int, int], Key] = {}
     first: dict[tuple[str, int, int], Key] = {}
     for index, signal in enumerate(layout.signals):
         at = (*key, "signals", index)
+        if not report.sound(source, at):
+            continue
         _check_signal(signal, layout, at, source, report)
         _check_bits(signal, layout, at, owner, source, report)
         place = (signal.name, signal.slot, signal.part if signal.name in FRAME_FIELDS else 0)
         if first.setdefault(place, at) != at:
             report.add("signal-twice", source, at, line=source.line(first[place]))
     lacking: dict[int, list[str]] = defaultdict(list)
-    for slot in range(layout.units):
+    for slot in range(layout.units if complete else 0):
         for name in NEEDED:
             if (name, slot, 0) not in first:
                 lacking[slot].append(name)
