@@ -1,0 +1,190 @@
+"""Laws of the total wrench and of the centre of pressure."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
+
+import topology
+from skin.contact import kernels
+from skin.contact.wrench import ArrayFeatures, centroid, normal_gate, wrench
+from skin.state import Reading
+
+sizes = st.integers(1, 70)
+seeds = st.integers(0, 2**32 - 1)
+
+
+def array_of(n, seed):
+    """n random units: forces, positions, rotations."""
+    rng = np.random.default_rng(seed)
+    rotation = Rotation.random(n, random_state=rng).as_matrix().transpose(1, 2, 0)
+    return rng.normal(size=(3, n)), rng.normal(size=(3, n)) * 0.05, rotation
+
+
+def reference(force, position, rotation):
+    """The same sum, unit by unit."""
+    total = np.zeros(6)
+    for i in range(force.shape[1]):
+        f = rotation[:, :, i] @ force[:, i]
+        total += np.concatenate([f, np.cross(position[:, i], f)])
+    return total
+
+
+@given(sizes, seeds)
+def test_wrench_is_the_sum_over_units(n, seed):
+    arrays = array_of(n, seed)
+    assert wrench(*arrays) == pytest.approx(reference(*arrays), abs=1e-12)
+
+
+@given(sizes, seeds)
+def test_wrench_adds_up_over_disjoint_sets(n, seed):
+    arrays = array_of(n, seed)
+    part = np.random.default_rng(seed + 1).random(n) < 0.5
+    both = wrench(*arrays, valid=part) + wrench(*arrays, valid=~part)
+    assert both == pytest.approx(wrench(*arrays), abs=1e-12)
+
+
+@given(sizes, seeds)
+def test_wrench_moves_with_the_array(n, seed):
+    force, position, rotation = array_of(n, seed)
+    rng = np.random.default_rng(seed + 2)
+    turn, shift = Rotation.random(random_state=rng).as_matrix(), rng.normal(size=3)
+    moved = wrench(
+        force, turn @ position + shift[:, None], np.einsum("ij,jkn->ikn", turn, rotation)
+    )
+    before = wrench(force, position, rotation)
+    push = turn @ before[:3]
+    assert moved[:3] == pytest.approx(push, abs=1e-11)
+    assert moved[3:] == pytest.approx(turn @ before[3:] + np.cross(shift, push), abs=1e-11)
+
+
+@given(sizes, seeds)
+def test_wrench_about_another_point_is_shifted(n, seed):
+    arrays = array_of(n, seed)
+    point = np.random.default_rng(seed).normal(size=3)
+    here, there = wrench(*arrays), wrench(*arrays, origin=point)
+    assert there[:3] == pytest.approx(here[:3], abs=1e-12)
+    assert there[3:] == pytest.approx(here[3:] - np.cross(point, here[:3]), abs=1e-11)
+
+
+@given(sizes, seeds)
+def test_order_of_units_does_not_matter(n, seed):
+    force, position, rotation = array_of(n, seed)
+    order = np.random.default_rng(seed).permutation(n)
+    shuffled = wrench(force[:, order], position[:, order], rotation[:, :, order])
+    assert shuffled == pytest.approx(wrench(force, position, rotation), abs=1e-12)
+
+
+def test_far_origin_costs_no_digits():
+    force, position, rotation = array_of(64, 3)
+    far = np.array([100.0, -50.0, 20.0])
+    moved = wrench(force, position + far[:, None], rotation, origin=far)
+    assert np.abs(moved - wrench(force, position, rotation)).max() < 1e-11
+
+
+@given(st.integers(4, 70), seeds)
+def test_centroid_lies_within_the_loaded_units(n, seed):
+    rng = np.random.default_rng(seed)
+    position = rng.normal(size=(3, n))
+    load = np.where(rng.random(n) < 0.7, rng.random(n), 0.0)
+    load[:4] = 0.5
+    centre = centroid(load, position)
+    hull = ConvexHull(position[:, load > 0].T)
+    assert (hull.equations[:, :3] @ centre + hull.equations[:, 3] < 1e-9).all()
+
+
+@given(sizes, seeds, st.floats(1e-3, 1e3))
+def test_centroid_does_not_know_the_force_scale(n, seed, scale):
+    rng = np.random.default_rng(seed)
+    load, position = rng.random(n) + 0.01, rng.normal(size=(3, n))
+    assert centroid(scale * load, position) == pytest.approx(centroid(load, position), abs=1e-12)
+
+
+def test_no_load_has_no_centre():
+    assert np.isnan(centroid(np.zeros(5), np.ones((3, 5)))).all()
+    assert np.isnan(centroid(-np.ones(5), np.ones((3, 5)))).all()
+
+
+def reading_of(force, valid):
+    return Reading(None, force, None, None, None, (~valid).astype(np.uint16), valid)
+
+
+@pytest.fixture(params=["palm", "fingertip", "hand"])
+def skin(request):
+    return topology.load(request.param)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_features_are_those_of_the_units_in_contact(skin, dtype):
+    force, _, _ = array_of(skin.n, 7)
+    force = force.astype(dtype)
+    valid = np.random.default_rng(8).random(skin.n) < 0.8
+    total, centre, contact = ArrayFeatures(skin)(reading_of(force, valid))
+    touched = valid & (force[2] > normal_gate(skin))
+    assert (contact == touched).all()
+    expected = wrench(force, skin.position, skin.rotation, valid=touched)
+    assert total == pytest.approx(expected, abs=1e-12)
+    expected = centroid(force[2].astype(float), skin.position, valid=touched)
+    assert centre == pytest.approx(expected, abs=1e-12)
+
+
+def test_shear_alone_is_no_contact(skin):
+    force = np.zeros((3, skin.n))
+    force[:2] = 5.0
+    total, centre, contact = ArrayFeatures(skin)(reading_of(force, np.ones(skin.n, bool)))
+    assert not contact.any()
+    assert (total == 0.0).all()
+    assert np.isnan(centre).all()
+
+
+def test_nan_and_invalid_units_change_nothing_for_the_rest(skin):
+    force, _, _ = array_of(skin.n, 9)
+    force[2] = np.abs(force[2]) + 0.1
+    valid = np.ones(skin.n, bool)
+    valid[::3] = False
+    clean = force.copy()
+    clean[:, ::3] = 0.0
+    lying = force.copy()
+    lying[:, ::3] = np.nan
+    features = ArrayFeatures(skin)
+    results = [[a.copy() for a in features(reading_of(f, valid))] for f in (clean, force, lying)]
+    for other in results[1:]:
+        for one, two in zip(results[0], other, strict=True):
+            assert (one == two).all()
+
+
+def test_press_on_a_palm_that_faces_up_pushes_it_down():
+    palm = topology.load("palm")
+    force = np.zeros((3, palm.n))
+    force[2, 0] = 3.0
+    total, centre, _ = ArrayFeatures(palm)(reading_of(force, np.ones(palm.n, bool)))
+    assert total[:3] == pytest.approx([0.0, 0.0, -3.0], abs=1e-12)
+    assert centre == pytest.approx(palm.position[:, 0], abs=1e-12)
+
+
+def test_gate_is_three_sigma_of_the_frequency_noise():
+    gate = normal_gate(topology.load("palm"))
+    assert gate == pytest.approx(3 * 6.0 / 600.0, rel=1e-3)
+
+
+def test_what_is_not_wanted_is_not_given(skin):
+    reading = reading_of(np.ones((3, skin.n)), np.ones(skin.n, bool))
+    total, centre, _ = ArrayFeatures(skin, want={"centroid"})(reading)
+    assert total is None
+    assert centre is not None
+
+
+def test_kernel_and_its_python_agree(skin):
+    force, position, rotation = array_of(skin.n, 11)
+    valid, gate = np.ones(skin.n, bool), normal_gate(skin)
+    results = []
+    for kernel in (kernels.total, kernels.total_python):
+        contact, sums = np.zeros(skin.n, bool), np.zeros(10)
+        kernel(force, position, np.ascontiguousarray(rotation), valid, gate, contact, sums)
+        results.append((contact, sums))
+    assert (results[0][0] == results[1][0]).all()
+    assert results[0][1] == pytest.approx(results[1][1], abs=1e-12)
