@@ -6,8 +6,16 @@ import numpy as np
 
 from skin.errors import SkinError
 from skin.sim.fabrication import Fabrication
-from skin.sim.film_table import Axis, FilmTable, load_film_table
-from skin.sim.magnet import LANES, Arrays, Grid, Units, chip_fields, rest_fields, skin_fields
+from skin.sim.film_table import FilmTable, load_film_table
+from skin.sim.magnet import (
+    LANES,
+    Arrays,
+    Tables,
+    Units,
+    chip_fields,
+    rest_fields,
+    skin_fields,
+)
 from skin.sim.surroundings import Surroundings, dipole_field_ut
 from topology import Topology
 from topology.neighbours import compressed_rows, pairs_within
@@ -74,7 +82,7 @@ class HalbachField:
         self._drift, self._reference_c = p["film_drift_per_k"], p["film_reference_c"]
         reference_mm, which = np.unique(p["field_reference_mm"], return_inverse=True)
         self._strength = p["field_amplitude_ut"] / crest_ut(table, reference_mm)[which]
-        self._near, self._far = grids(table)
+        self._tables, self._rho, self._z = _tables(table), table.rho, table.z
         self._units = _units(table, fabrication)
         inward = topology.rotation[:, 2]
         self._film_rest = 1e3 * topology.position + table.film.middle_mm * inward
@@ -124,7 +132,7 @@ class HalbachField:
         strength = _contiguous(self._strength * (1.0 + self._drift * warmer), (-1, n))
         films = displacement, depth, tilt, strength
         out = np.empty((len(depth), 3, n))
-        chip_fields(self._near, self._far, self._units, self._arrays, *films, out)
+        chip_fields(self._tables, self._units, self._arrays, *films, out)
         if not np.isfinite(out).all():
             raise self._out_of_range(out, films)
         if self.surroundings is not None:
@@ -146,7 +154,7 @@ class HalbachField:
             offset = self._chip - place[:, np.newaxis]
             inside = np.sum(offset**2, axis=0) <= (1e3 * tool.radius_m) ** 2
             local = np.empty((len(out), 3))
-            skin_fields(self._near, self._far, self._units, rest, turn, place, *films, local)
+            skin_fields(self._tables, self._units, rest, turn, place, *films, local)
             if inside.any() or not np.isfinite(local).all():
                 raise SkinError(
                     f"tool: must be outside of all units; got a sphere of {tool.radius_m:g} m "
@@ -161,17 +169,15 @@ class HalbachField:
         between = self._chip[:, chip] - self._film_rest[:, index]
         offset = np.einsum("abm,am->mb", self._rotation[:, :, index], between)
         turn = np.einsum("abm,bcm->mac", self._to_chip[:, :, chip], self._rotation[:, :, index])
-        arrays = Arrays(
-            start, index, np.ascontiguousarray(offset), turn.reshape(-1, 9).copy(),
-            np.empty_like(offset, order="C"),
-        )  # fmt: skip
-        rest_fields(self._near, self._far, self._units, arrays)
-        return arrays
+        offset, turn = np.ascontiguousarray(offset), turn.reshape(-1, 9).copy()
+        at_rest = np.empty_like(offset)
+        rest_fields(self._tables, self._units, index, offset, turn, at_rest)
+        return Arrays(start, index, offset, turn, at_rest)
 
     def _out_of_range(self, out: np.ndarray, films: tuple[np.ndarray, ...]) -> SkinError:
         displacement, depth, tilt, _ = films
         own = np.empty_like(out)
-        chip_fields(self._near, self._far, self._units, _alone(len(self._names)), *films, own)
+        chip_fields(self._tables, self._units, _alone(len(self._names)), *films, own)
         lost = ~np.isfinite(own if not np.isfinite(own).all() else out).all(axis=1)
         t, i = np.unravel_index(int(np.argmax(lost)), lost.shape)
         if np.isfinite(own).all():
@@ -180,9 +186,7 @@ class HalbachField:
                 "of them inside or beside a film"
             )
         (x, y), (u, v) = displacement[t, :, i], tilt[t, :, i]
-        near, middle = self._near, self._units.chip_mm
-        deepest = middle - near.first_b
-        widest = near.first_a + (near.count_a - 1) / near.per_unit_a
+        deepest, widest = self._units.chip_mm - self._z.first, self._rho.last
         return SkinError(
             f"{self._names[i]}: displacement_mm, depth_mm: must keep the film within "
             f"{widest:.3g} mm of its chip's axis and less than {deepest:.3g} mm deep; got "
@@ -206,32 +210,35 @@ def crest_ut(table: FilmTable, depth_mm: np.ndarray) -> np.ndarray:
     out = np.empty((depth_mm.size, 3, n))
     units = _units(table, Fabrication.perfect(n, table.film.sectors))
     chip_fields(
-        *grids(table), units, _alone(n), displacement, depth, np.zeros_like(displacement),
+        _tables(table), units, _alone(n), displacement, depth, np.zeros_like(displacement),
         np.ones_like(depth), out,
     )  # fmt: skip
     return out[:, 0].max(axis=-1)
 
 
-def grids(table: FilmTable) -> tuple[Grid, Grid]:
+def _tables(table: FilmTable) -> Tables:
     """Near and far table as the compiled code takes them."""
-    near = _grid(table.near, table.near_orders, table.rho, table.z)
-    return near, _grid(table.far, table.far_orders, table.inverse_r, table.theta)
-
-
-def _grid(values: np.ndarray, orders: np.ndarray, a: Axis, b: Axis) -> Grid:
-    rows = values.reshape(a.count * b.count, -1)
-    return Grid(
-        np.pad(rows, ((0, 0), (0, -rows.shape[1] % LANES))), orders,
-        a.first, 1.0 / a.step, a.count, b.first, 1.0 / b.step, b.count,
-    )  # fmt: skip
+    axes = ((table.rho, table.z), (table.inverse_r, table.theta))
+    rows = [values.reshape(-1, 3 * values.shape[-1]) for values in (table.near, table.far)]
+    rows = [np.pad(part, ((0, 0), (0, -part.shape[1] % LANES))) for part in rows]
+    return Tables(
+        values=np.concatenate([part.ravel() for part in rows]),
+        begin=np.array([0, rows[0].size]),
+        columns=np.array([part.shape[1] for part in rows]),
+        orders=np.concatenate([table.near_orders, table.far_orders]),
+        orders_start=np.cumsum([0, table.near_orders.size, table.far_orders.size]),
+        first=np.array([[axis.first for axis in pair] for pair in axes]),
+        per_unit=np.array([[1.0 / axis.step for axis in pair] for pair in axes]),
+        count=np.array([[axis.count for axis in pair] for pair in axes]),
+        far_mm2=table.inverse_r.last**-2,
+    )
 
 
 def _units(table: FilmTable, fabrication: Fabrication) -> Units:
-    near = fabrication.coefficients(table.near_orders)
-    far = fabrication.coefficients(table.far_orders)
-    parts = (near.real, near.imag, far.real, far.imag)
+    orders = np.concatenate([table.near_orders, table.far_orders])
+    coefficients = fabrication.coefficients(orders)
     return Units(
-        *(np.ascontiguousarray(part) for part in parts),
+        np.ascontiguousarray(coefficients.real), np.ascontiguousarray(coefficients.imag),
         fabrication.centre_mm, fabrication.tilt_rad, table.film.chip_mm,
     )  # fmt: skip
 

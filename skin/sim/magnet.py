@@ -13,49 +13,54 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-__all__ = ["Arrays", "Grid", "Units", "chip_fields", "chip_fields_python", "rest_fields",
-           "rest_fields_python", "skin_fields", "skin_fields_python"]  # fmt: skip
+__all__ = ["FAR", "LANES", "NEAR", "Arrays", "Tables", "Units", "chip_fields",
+           "chip_fields_python", "rest_fields", "rest_fields_python", "skin_fields",
+           "skin_fields_python"]  # fmt: skip
 
 LANES = 16
 """Rows of a table are filled up with zeros to a multiple of this."""
+
+NEAR, FAR = 0, 1
+"""The two tables, as an index."""
 
 # A signed index may count from the end, and that possibility alone keeps a loop from vectorising.
 _0, _1, _2, _3 = (np.uint64(i) for i in range(4))
 
 _FLAGS = {"error_model": "numpy", "fastmath": {"contract", "reassoc"}}
-# a table is a dozen values to hand over: a call would cost more than most functions here
+# the arguments are dozens of words each: a call would cost more than most functions here
 _inlined = register_jitable(forceinline=True, **_FLAGS)
 
 
-class Grid(NamedTuple):
-    """One table: nodes ``first + i / per_unit`` along two coordinates.
+class Tables(NamedTuple):
+    """Near and far table; along each coordinate the nodes are ``first + i / per_unit``.
 
-    `values` has shape (count_a * count_b, columns), float32: a row for each node, the three
-    components' orders one after the other, filled up. `orders` : int64, ascending.
+    `values` : float32, flat: for each table, from `begin` on, a row of `columns` for each node:
+    the three components' orders one after the other, filled up. `orders` : int64, ascending;
+    those of a table are ``orders[orders_start[k]:orders_start[k + 1]]``. `first`, `per_unit`,
+    `count` : (tables, coordinates); `begin`, `columns` : (tables,). `far_mm2` : squared distance
+    from which on the far table holds.
     """
 
     values: np.ndarray
+    begin: np.ndarray
+    columns: np.ndarray
     orders: np.ndarray
-    first_a: float
-    per_unit_a: float
-    count_a: int
-    first_b: float
-    per_unit_b: float
-    count_b: int
+    orders_start: np.ndarray
+    first: np.ndarray
+    per_unit: np.ndarray
+    count: np.ndarray
+    far_mm2: float
 
 
 class Units(NamedTuple):
     """The films of n units: Fourier coefficients of their sectors, and how they sit.
 
-    `near_real`, `near_imaginary` : (n, orders of the near table), `far_real`, `far_imaginary` :
-    (n, orders of the far table); `centre_mm`, `tilt_rad` : (2, n); `chip_mm` : from the middle of
-    the film at rest to the chip.
+    `real`, `imaginary` : (n, orders of both tables); `centre_mm`, `tilt_rad` : (2, n); `chip_mm` :
+    from the middle of the film at rest to the chip.
     """
 
-    near_real: np.ndarray
-    near_imaginary: np.ndarray
-    far_real: np.ndarray
-    far_imaginary: np.ndarray
+    real: np.ndarray
+    imaginary: np.ndarray
     centre_mm: np.ndarray
     tilt_rad: np.ndarray
     chip_mm: float
@@ -91,121 +96,105 @@ def _weights(t):
 @_inlined
 def _power(c, s, exponent):
     """Cosine and sine of a multiple of the angle of which `c` and `s` are cosine and sine."""
-    if exponent == 1:
-        return c, s
-    power_c, power_s = 1.0, 0.0
+    power_c, power_s = (c, s) if exponent & 1 else (1.0, 0.0)
+    exponent >>= 1
     while exponent > 0:
+        c, s = c * c - s * s, 2.0 * c * s
         if exponent & 1:
             power_c, power_s = power_c * c - power_s * s, power_s * c + power_c * s
-        c, s = c * c - s * s, 2.0 * c * s
         exponent >>= 1
     return power_c, power_s
 
 
 @_inlined
-def _along_b(values, row, column, weights):
-    """One column of the table, interpolated over four nodes from `row` on."""
+def _along_b(values, at, columns, weights):
+    """One column of a table, interpolated over four nodes."""
     w0, w1, w2, w3 = weights
     return (
-        w0 * values[row, column] + w1 * values[row + _1, column]
-        + w2 * values[row + _2, column] + w3 * values[row + _3, column]
+        w0 * values[at] + w1 * values[at + columns]
+        + w2 * values[at + _2 * columns] + w3 * values[at + _3 * columns]
     )  # fmt: skip
 
 
 @_inlined
-def _components(grid, a, b, cosine, sine, real, imaginary, i, series):
-    """The table's three components at (a, b) and an azimuth; NaN out of the table's range.
+def _components(tables, units, i, table, a, b, cosine, sine, series):
+    """Three components of film i from a table at (a, b) and an azimuth; NaN out of its range.
 
-    `real`, `imaginary` : row i holds the film's coefficients. `series` : (3, columns), float32,
-    is overwritten where a component has its orders and must be 0 elsewhere.
+    `series` : (6, columns), float32; three rows for each table, overwritten where a component has
+    its orders and 0 elsewhere.
     """
-    at_a = (a - grid.first_a) * grid.per_unit_a
-    at_b = (b - grid.first_b) * grid.per_unit_b
-    # a comparison with NaN is false; below its first node the table goes on to a = 0
-    within = (at_a <= grid.count_a - 1) & (at_b >= 0.0) & (at_b <= grid.count_b - 1)
-    at_a, at_b = (at_a, at_b) if within else (np.nan, np.nan)
-    orders = grid.orders.size
+    start = tables.orders_start[table]
+    orders = tables.orders_start[table + 1] - start
     c, s, order = 1.0, 0.0, 0
     for k in range(orders):
-        step_c, step_s = _power(cosine, sine, grid.orders[k] - order)
-        c, s, order = c * step_c - s * step_s, s * step_c + c * step_s, grid.orders[k]
-        even = real[i, k] * c - imaginary[i, k] * s
-        series[0, k] = even
-        series[1, orders + k] = even
-        series[2, 2 * orders + k] = real[i, k] * s + imaginary[i, k] * c
-    base_a = min(max(int(at_a if within else 0.0) - 1, 0), grid.count_a - 4)
-    base_b = min(max(int(at_b if within else 0.0) - 1, 0), grid.count_b - 4)
-    u0, u1, u2, u3 = _weights(at_a - base_a)
+        next_order = tables.orders[start + k]
+        step_c, step_s = _power(cosine, sine, next_order - order)
+        c, s, order = c * step_c - s * step_s, s * step_c + c * step_s, next_order
+        real, imaginary = units.real[i, start + k], units.imaginary[i, start + k]
+        even = np.float32(real * c - imaginary * s)
+        series[3 * table, k] = even
+        series[3 * table + 1, orders + k] = even
+        series[3 * table + 2, 2 * orders + k] = np.float32(real * s + imaginary * c)
+    at_a = (a - tables.first[table, 0]) * tables.per_unit[table, 0]
+    at_b = (b - tables.first[table, 1]) * tables.per_unit[table, 1]
+    count_a, count_b = tables.count[table, 0], tables.count[table, 1]
+    # a comparison with NaN is false; below its first node a table goes on to a = 0
+    within = (at_a <= count_a - 1) & (at_b >= 0.0) & (at_b <= count_b - 1)
+    base_a = min(max(int(at_a if within else 0.0) - 1, 0), count_a - 4)
+    base_b = min(max(int(at_b if within else 0.0) - 1, 0), count_b - 4)
+    u0, u1, u2, u3 = _weights(at_a - base_a if within else np.nan)
     v = _weights(at_b - base_b)
-    values, count_b = grid.values, np.uint64(grid.count_b)
-    row_0 = np.uint64(base_a * grid.count_b + base_b)
-    row_1, row_2 = row_0 + count_b, row_0 + count_b + count_b
-    row_3 = row_2 + count_b
+    columns = np.uint64(tables.columns[table])
+    down = np.uint64(count_b) * columns
+    row_0 = np.uint64(tables.begin[table]) + np.uint64(base_a * count_b + base_b) * columns
+    row_1, row_2 = row_0 + down, row_0 + _2 * down
+    row_3 = row_2 + down
+    values, plane = tables.values, _3 * np.uint64(table)
     first, second, third = np.float32(0.0), np.float32(0.0), np.float32(0.0)
-    for k in range(np.uint64(series.shape[1])):
+    for k in range(columns):
         value = (
-            u0 * _along_b(values, row_0, k, v) + u1 * _along_b(values, row_1, k, v)
-            + u2 * _along_b(values, row_2, k, v) + u3 * _along_b(values, row_3, k, v)
-        )  # fmt: skip
-        first += series[_0, k] * value
-        second += series[_1, k] * value
-        third += series[_2, k] * value
-    return first, second, third
+            u0 * _along_b(values, row_0 + k, columns, v)
+            + u1 * _along_b(values, row_1 + k, columns, v)
+            + u2 * _along_b(values, row_2 + k, columns, v)
+            + u3 * _along_b(values, row_3 + k, columns, v)
+        )
+        first += series[plane, k] * value
+        second += series[plane + _1, k] * value
+        third += series[plane + _2, k] * value
+    return float(first), float(second), float(third)
 
 
 @_inlined
-def _azimuth(x, y):
-    """Distance from the axis, cosine and sine of the azimuth; on the axis the azimuth is 0."""
-    rho = np.sqrt(x * x + y * y)
-    if rho > 0.0:
-        return rho, x / rho, y / rho
-    return rho, 1.0, 0.0
-
-
-@_inlined
-def _near(grid, x, y, z, real, imaginary, i, series):
-    """Field at (x, y, z) of the film frame, under the film."""
-    rho, cosine, sine = _azimuth(x, y)
-    radial, axial, around = _components(grid, rho, z, cosine, sine, real, imaginary, i, series)
+def _film_field(tables, units, i, x, y, z, series):
+    """Field of film i at (x, y, z) of its frame; NaN in the film and beside it."""
+    rho2 = x * x + y * y
+    r2 = rho2 + z * z
+    rho = np.sqrt(rho2)
+    cosine, sine = (x / rho, y / rho) if rho > 0.0 else (1.0, 0.0)
+    table, a, b = NEAR, rho, z
+    c, s, scale = 1.0, 0.0, 1.0
+    if r2 >= tables.far_mm2:
+        a = 1.0 / np.sqrt(r2)
+        table, b = FAR, np.arctan2(rho, z)
+        # the components there are along r and theta: turned to rho and z by the polar angle
+        s, c, scale = z * a, rho * a, a * a * a
+    first, second, around = _components(tables, units, i, table, a, b, cosine, sine, series)
+    radial, axial = scale * (first * c + second * s), scale * (first * s - second * c)
+    if table == NEAR:
+        axial = second
+    around *= scale
     return radial * cosine - around * sine, radial * sine + around * cosine, axial
 
 
 @_inlined
-def _far(grid, x, y, z, real, imaginary, i, series):
-    """Field at (x, y, z) of the film frame, well outside the sphere around the film."""
-    rho, cosine, sine = _azimuth(x, y)
-    inverse = 1.0 / np.sqrt(rho * rho + z * z)
-    outward, down, around = _components(
-        grid, inverse, np.arctan2(rho, z), cosine, sine, real, imaginary, i, series
-    )
-    sin_theta, cos_theta = rho * inverse, z * inverse
-    radial = outward * sin_theta + down * cos_theta
-    cube = inverse * inverse * inverse
-    return (
-        cube * (radial * cosine - around * sine),
-        cube * (radial * sine + around * cosine),
-        cube * (outward * cos_theta - down * sin_theta),
-    )
-
-
-@_inlined
-def _anywhere(near, far, units, i, x, y, z, near_series, far_series):
-    """Field of film i at (x, y, z) of its frame; NaN in or beside the film."""
-    farthest = far.first_a + (far.count_a - 1) / far.per_unit_a
-    if (x * x + y * y + z * z) * farthest * farthest >= 1.0:
-        return _far(far, x, y, z, units.far_real, units.far_imaginary, i, far_series)
-    return _near(near, x, y, z, units.near_real, units.near_imaginary, i, near_series)
-
-
-@_inlined
-def _place(units, displacement, depth, tilt, place):
+def _place(units, displacement, depth, tilt, t, place):
     """Where the films are: rows of `place` are the middle (3) and the rotation (9), unit frame."""
-    for i in range(depth.size):
-        place[i, 0] = displacement[0, i] + units.centre_mm[0, i]
-        place[i, 1] = displacement[1, i] + units.centre_mm[1, i]
-        place[i, 2] = depth[i]
-        u = tilt[0, i] + units.tilt_rad[0, i]
-        v = tilt[1, i] + units.tilt_rad[1, i]
+    for i in range(depth.shape[1]):
+        place[i, 0] = displacement[t, 0, i] + units.centre_mm[0, i]
+        place[i, 1] = displacement[t, 1, i] + units.centre_mm[1, i]
+        place[i, 2] = depth[t, i]
+        u = tilt[t, 0, i] + units.tilt_rad[0, i]
+        v = tilt[t, 1, i] + units.tilt_rad[1, i]
         half = 0.5 * np.sqrt(u * u + v * v)
         sinc = np.sin(half) / half if half > 0.0 else 1.0
         k = 0.5 * sinc * sinc
@@ -222,17 +211,6 @@ def _place(units, displacement, depth, tilt, place):
 
 
 @_inlined
-def _in_film(place, i, x, y, z):
-    """A point of the unit frame in the film's."""
-    x, y, z = x - place[i, 0], y - place[i, 1], z - place[i, 2]
-    return (
-        place[i, 3] * x + place[i, 6] * y + place[i, 9] * z,
-        place[i, 4] * x + place[i, 7] * y + place[i, 10] * z,
-        place[i, 5] * x + place[i, 8] * y + place[i, 11] * z,
-    )
-
-
-@_inlined
 def _turned(turn, i, first, x, y, z):
     """A vector times the matrix in row i of `turn` from column `first` on."""
     return (
@@ -243,34 +221,43 @@ def _turned(turn, i, first, x, y, z):
 
 
 @_inlined
-def _stray(near, far, units, j, offset, turn, pair, place, near_series, far_series):
-    """Field of film j, in the axes of the chip that feels it."""
-    x, y, z = _in_film(place, j, offset[pair, 0], offset[pair, 1], offset[pair, 2])
-    x, y, z = _anywhere(near, far, units, j, x, y, z, near_series, far_series)
-    x, y, z = _turned(place, j, 3, x, y, z)
-    return _turned(turn, pair, 0, x, y, z)
+def _turned_back(turn, i, first, x, y, z):
+    """A vector times the transposed matrix."""
+    return (
+        turn[i, first] * x + turn[i, first + 3] * y + turn[i, first + 6] * z,
+        turn[i, first + 1] * x + turn[i, first + 4] * y + turn[i, first + 7] * z,
+        turn[i, first + 2] * x + turn[i, first + 5] * y + turn[i, first + 8] * z,
+    )
 
 
-def rest_fields_python(near, far, units, arrays):
-    """Fill in `arrays.rest_ut`."""
-    n = arrays.start.size - 1
+@_inlined
+def _placed_field(tables, units, i, place, x, y, z, series):
+    """Field of film i, where it is, at (x, y, z) of its unit's frame, in that frame."""
+    x, y, z = x - place[i, 0], y - place[i, 1], z - place[i, 2]
+    x, y, z = _turned_back(place, i, 3, x, y, z)
+    x, y, z = _film_field(tables, units, i, x, y, z, series)
+    return _turned(place, i, 3, x, y, z)
+
+
+def rest_fields_python(tables, units, index, offset_mm, turn, rest_ut):
+    """Fill in `Arrays.rest_ut` from the rest of `Arrays`."""
+    n = units.real.shape[0]
     place = np.empty((n, 12))
-    near_series = np.zeros((3, near.values.shape[1]), np.float32)
-    far_series = np.zeros((3, far.values.shape[1]), np.float32)
-    _place(units, np.zeros((2, n)), np.zeros(n), np.zeros((2, n)), place)
-    _, index, offset, turn, rest = arrays
+    series = np.zeros((6, tables.columns.max()), np.float32)
+    _place(units, np.zeros((1, 2, n)), np.zeros((1, n)), np.zeros((1, 2, n)), 0, place)
     for pair in range(index.size):
-        rest[pair] = _stray(
-            near, far, units, index[pair], offset, turn, pair, place, near_series, far_series
-        )
+        x, y, z = offset_mm[pair, 0], offset_mm[pair, 1], offset_mm[pair, 2]
+        x, y, z = _placed_field(tables, units, index[pair], place, x, y, z, series)
+        x, y, z = _turned(turn, pair, 0, x, y, z)
+        rest_ut[pair, 0], rest_ut[pair, 1], rest_ut[pair, 2] = x, y, z
 
 
-def chip_fields_python(near, far, units, arrays, displacement, depth, tilt, strength, out):
+def chip_fields_python(tables, units, arrays, displacement, depth, tilt, strength, out):
     """Field of the films at all chips, in the axes of the chips.
 
     Parameters
     ----------
-    near, far : Grid
+    tables : Tables
     units : Units
     arrays : Arrays
     displacement, depth, tilt : ndarray, shape (t, 2, n), (t, n), (t, 2, n), float64
@@ -278,50 +265,46 @@ def chip_fields_python(near, far, units, arrays, displacement, depth, tilt, stre
     strength : ndarray, shape (t, n), float64
         Factor of each film's field.
     out : ndarray, shape (t, 3, n), float64
-        Microtesla; NaN where a chip is out of a table's range.
+        Microtesla; NaN where a chip is out of the tables' range.
     """
     cycles, n = depth.shape
+    start, index, offset, turn, rest = arrays
     place = np.empty((n, 12))
     moved = np.empty(n, np.bool_)
-    start, index, offset, turn, rest = arrays
-    near_series = np.zeros((3, near.values.shape[1]), np.float32)
-    far_series = np.zeros((3, far.values.shape[1]), np.float32)
+    series = np.zeros((6, tables.columns.max()), np.float32)
     for t in range(cycles):
-        _place(units, displacement[t], depth[t], tilt[t], place)
+        _place(units, displacement, depth, tilt, t, place)
         for i in range(n):
             x, y, z = displacement[t, 0, i], displacement[t, 1, i], depth[t, i]
             u, v = tilt[t, 0, i], tilt[t, 1, i]
-            moved[i] = x != 0.0 or y != 0.0 or z != 0.0 or u != 0.0 or v != 0.0
+            moved[i] = (x != 0.0) | (y != 0.0) | (z != 0.0) | (u != 0.0) | (v != 0.0)
         for i in range(n):
-            x, y, z = _in_film(place, i, 0.0, 0.0, units.chip_mm)
-            bx, by, bz = _near(near, x, y, z, units.near_real, units.near_imaginary, i, near_series)
-            bx, by, bz = _turned(place, i, 3, bx, by, bz)
-            # the chip is mounted half a turn about z from the unit's axes
-            bx, by, bz = -strength[t, i] * bx, -strength[t, i] * by, strength[t, i] * bz
-            for pair in range(start[i], start[i + 1]):
-                j = index[pair]
-                if moved[j]:
-                    x, y, z = _stray(
-                        near, far, units, j, offset, turn, pair, place, near_series, far_series
-                    )
+            bx, by, bz = 0.0, 0.0, 0.0
+            # the chip itself, of which the unit's own film is the first neighbour
+            for pair in range(start[i] - 1, start[i + 1]):
+                own = pair < start[i]
+                j = i if own else index[pair]
+                if own or moved[j]:
+                    x, y, z = 0.0, 0.0, units.chip_mm
+                    if not own:
+                        x, y, z = offset[pair, 0], offset[pair, 1], offset[pair, 2]
+                    x, y, z = _placed_field(tables, units, j, place, x, y, z, series)
+                    # the chip is mounted half a turn about z from its unit's axes
+                    x, y, z = (-x, -y, z) if own else _turned(turn, pair, 0, x, y, z)
                 else:
                     x, y, z = rest[pair, 0], rest[pair, 1], rest[pair, 2]
                 bx += strength[t, j] * x
                 by += strength[t, j] * y
                 bz += strength[t, j] * z
-            out[t, 0, i] = bx
-            out[t, 1, i] = by
-            out[t, 2, i] = bz
+            out[t, 0, i], out[t, 1, i], out[t, 2, i] = bx, by, bz
 
 
-def skin_fields_python(
-    near, far, units, rest, turn, point, displacement, depth, tilt, strength, out
-):
+def skin_fields_python(tables, units, rest, turn, point, displacement, depth, tilt, strength, out):
     """Field of all films together at one point, in the skin frame.
 
     Parameters
     ----------
-    near, far : Grid
+    tables : Tables
     units : Units
     rest : ndarray, shape (n, 3)
         Middle of each film at rest, mm, skin frame.
@@ -336,28 +319,19 @@ def skin_fields_python(
     """
     cycles, n = depth.shape
     place = np.empty((n, 12))
-    near_series = np.zeros((3, near.values.shape[1]), np.float32)
-    far_series = np.zeros((3, far.values.shape[1]), np.float32)
+    series = np.zeros((6, tables.columns.max()), np.float32)
     for t in range(cycles):
-        _place(units, displacement[t], depth[t], tilt[t], place)
+        _place(units, displacement, depth, tilt, t, place)
         bx, by, bz = 0.0, 0.0, 0.0
         for i in range(n):
             x, y, z = point[0] - rest[i, 0], point[1] - rest[i, 1], point[2] - rest[i, 2]
-            x, y, z = (
-                turn[i, 0] * x + turn[i, 3] * y + turn[i, 6] * z,
-                turn[i, 1] * x + turn[i, 4] * y + turn[i, 7] * z,
-                turn[i, 2] * x + turn[i, 5] * y + turn[i, 8] * z,
-            )
-            x, y, z = _in_film(place, i, x, y, z)
-            x, y, z = _anywhere(near, far, units, i, x, y, z, near_series, far_series)
-            x, y, z = _turned(place, i, 3, x, y, z)
+            x, y, z = _turned_back(turn, i, 0, x, y, z)
+            x, y, z = _placed_field(tables, units, i, place, x, y, z, series)
             x, y, z = _turned(turn, i, 0, x, y, z)
             bx += strength[t, i] * x
             by += strength[t, i] * y
             bz += strength[t, i] * z
-        out[t, 0] = bx
-        out[t, 1] = by
-        out[t, 2] = bz
+        out[t, 0], out[t, 1], out[t, 2] = bx, by, bz
 
 
 rest_fields = njit(rest_fields_python, nogil=True, cache=True, **_FLAGS)
