@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from msgspec.structs import replace
 
-from topology.errors import MESSAGES, Issue, TopologyError
+from topology.errors import MESSAGES, Issue, TopologyError, unknown_unit
 from topology.schema import Bus
 from topology.wire import WireLayout
 
@@ -151,3 +151,16 @@ class Topology:
                 raise TopologyError([Issue("value", self.name, 0, "channel", message)])
             buses = tuple(replace(b, channel=name) for b, name in zip(buses, names, strict=True))
         return dataclasses.replace(self, buses=buses)
+
+    def unit_index(self, name: str) -> int:
+        """Index of the unit of that name.
+
+        Raises
+        ------
+        UnknownNameError
+            There is none; the message has the nearest name.
+        """
+        try:
+            return self.unit_names.index(name)
+        except ValueError:
+            raise unknown_unit(name, self.name, self.unit_names) from None

@@ -10,7 +10,7 @@ from topology.address import EXTENDED, Address, number
 from topology.calibration import read_calibration
 from topology.check.addresses import Claim, check_ids
 from topology.check.models import given_parameters, parameter_faults, to_arrays
-from topology.check.names import entries, refer
+from topology.check.names import all_named, entries, refer
 from topology.check.patches import Placed
 from topology.model import MODELS
 from topology.parts import Parts
@@ -92,12 +92,12 @@ class Draft:
         key, patch = placed.key, placed.patch
         if not report.sound(source, key, "bus", "layout"):
             return
-        layout = self.parts.layouts[patch.layout]
-        if layout is None:
+        layout = self.parts.layouts.get(patch.layout)
+        bus_key = self.parts.buses.get(patch.bus)
+        if layout is None or bus_key is None:
             return
         if layout not in self.layouts:
             self.layouts.append(layout)
-        bus_key = self.parts.buses[patch.bus]
         units = slice(self.starts[index], self.starts[index + 1])
         self.address.bus[units] = bus_key[1]
         self.address.layout[units] = self.layouts.index(layout)
@@ -209,7 +209,8 @@ class Draft:
         source, report = self.parts.source, self.report
         self.enabled[unit] = entry.enabled
         if entry.model is not None and report.sound(source, key, "model"):
-            if refer(entry.model, "a model", self.parts.models, (*key, "model"), source, report):
+            at, complete = (*key, "model"), all_named("models", self.parts.file, source, report)
+            if refer(entry.model, "a model", self.parts.models, at, source, report, complete):
                 self.model[unit] = entry.model
         if any(entry.xyz_m):
             turn = self.placed[self.patch[unit]].turn

@@ -18,7 +18,7 @@ import numpy as np
 from topology.pose import from_axes
 from topology.schema import Cylinder, Dome, Grid, Hex, List, Patch
 
-__all__ = ["Placement", "count", "nominal_distance", "place"]
+__all__ = ["Placement", "count", "place"]
 
 HEX_ROW = np.sqrt(0.75)
 
@@ -64,20 +64,7 @@ def place(patch: Patch) -> Placement:
             return _place_rows(patch)
 
 
-def nominal_distance(patch: Patch) -> float | None:
-    """Distance of nearest neighbours that the patch is made with, metres; None for a list."""
-    match patch:
-        case List():
-            return None
-        case Cylinder() | Dome():
-            return 2 * patch.radius_m * np.sin(patch.pitch_m / patch.radius_m / 2)
-        case Grid(row_pitch_m=float() as rows):
-            return min(patch.pitch_m, rows)
-        case _:
-            return patch.pitch_m
-
-
-def row_pitch(patch: Grid | Hex | Cylinder) -> float:
+def _row_pitch(patch: Grid | Hex | Cylinder) -> float:
     """Distance of the rows, metres."""
     given = getattr(patch, "row_pitch_m", None)
     if given is not None:
@@ -94,7 +81,7 @@ def _place_rows(patch: Grid | Hex | Cylinder) -> Placement:
     names = tuple(f"r{r}c{c}" for r in range(patch.rows) for c in range(patch.columns))
     across = column + 0.5 * (row % 2) * _staggered(patch)
     x = patch.pitch_m * (across - (across.min() + across.max()) / 2)
-    y = row_pitch(patch) * (row - (patch.rows - 1) / 2)
+    y = _row_pitch(patch) * (row - (patch.rows - 1) / 2)
     zero = np.zeros_like(x)
     if isinstance(patch, Cylinder):
         angle = x / patch.radius_m

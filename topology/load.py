@@ -15,7 +15,6 @@ from topology.check.patches import place_patches
 from topology.check.places import check_places
 from topology.draft import Draft
 from topology.errors import nearest
-from topology.layout import nominal_distance
 from topology.neighbours import compressed_rows, nearest_distance, neighbour_pairs
 from topology.parts import Parts, resolve
 from topology.read import open_source, read
@@ -129,10 +128,8 @@ def _finish(frames: Frames, draft: Draft, parts: Parts) -> Topology:
     reach = np.empty(n)
     for index, placed in enumerate(draft.placed):
         units = slice(draft.starts[index], draft.starts[index + 1])
-        distance = nominal_distance(placed.patch)
-        if distance is None:
-            distance = _typical(nearest_distance(placed.units.position))
-        reach[units] = NEIGHBOUR_REACH * distance
+        alone = 2 * draft.parameters["radius_m"][units]
+        reach[units] = NEIGHBOUR_REACH * _typical(nearest_distance(placed.units.position), alone)
     names = list(parts.frames)
     body = np.array([names.index(placed.patch.frame) for placed in draft.placed])[draft.patch]
     start, index = compressed_rows(n, *neighbour_pairs(draft.position, reach, body))
@@ -164,14 +161,15 @@ def _finish(frames: Frames, draft: Draft, parts: Parts) -> Topology:
     return topology
 
 
-def _typical(distance: np.ndarray) -> float:
-    """Distance of nearest neighbours in an uneven patch: the median, but not far off the least.
+def _typical(distance: np.ndarray, alone: np.ndarray) -> np.ndarray | float:
+    """Distance of nearest neighbours in a patch: the median, but not far off the least.
 
-    The limit keeps the neighbours few where half of the units stand far apart.
+    The limit keeps the neighbours few in a patch that is dense here and sparse there. A unit alone
+    in its patch counts with its diameter.
     """
     if distance.size < 2:
-        return 0.0
-    return float(min(np.median(distance), 4 * distance.min()))
+        return alone
+    return min(np.median(distance), 4 * distance.min())
 
 
 def _scales(draft: Draft, parts: Parts) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -306,11 +306,7 @@ def _without_null(node: Any) -> Any:
         return [_without_null(item) for item in node]
     if not isinstance(node, dict):
         return node
-    node = {
-        key: _without_null(value)
-        for key, value in node.items()
-        if not (key == "default" and value is None)
-    }
+    node = {key: _without_null(value) for key, value in node.items() if value is not None}
     choices = [item for item in node.get("anyOf", ()) if item != {"type": "null"}]
     if len(choices) == 1:
         del node["anyOf"]

@@ -58,7 +58,7 @@ class WireLayout(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     then every byte of the frame that is not the crc itself.
     """
 
-    name: str
+    name: Annotated[str, Meta(description="Name of the layout")]
     size: Annotated[int, Meta(ge=1, le=64, description="Bytes of each frame")]
     fd: bool = False
     units: Annotated[int, Meta(ge=1, le=32, description="Units that one frame carries")] = 1
