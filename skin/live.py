@@ -177,6 +177,8 @@ class Skin:
     def close(self) -> None:
         """Release the buses; closing twice is fine."""
         self._closed = True
+        if self.nodes is not None:
+            self.nodes.close()
         for transport in self.transports:
             transport.close()
 
@@ -209,7 +211,8 @@ class Skin:
         while not self._closed:
             self._receive(self._period_ns)
             yield from self._take(self._batch.frames)
-            late = self._assembler.expire(time.monotonic_ns())
+            now = time.monotonic_ns()
+            late = self._assembler.expire(now) or self._assembler.silence(now)
             if late is not None:
                 yield self._state(late)
 
