@@ -43,7 +43,7 @@ class HalbachField:
     fabrication : Fabrication, optional
         How the films were made; perfect ones if not given.
     reach_m : float
-        Distance of unit centres up to which films are felt; 0: only the own film.
+        Films are felt by units whose centres are nearer than this; 0: only the own film.
     surroundings : Surroundings, optional
         Ambient field and tools; none if not given.
     table : FilmTable, optional
@@ -82,7 +82,8 @@ class HalbachField:
         self._drift, self._reference_c = p["film_drift_per_k"], p["film_reference_c"]
         reference_mm, which = np.unique(p["field_reference_mm"], return_inverse=True)
         self._strength = p["field_amplitude_ut"] / crest_ut(table, reference_mm)[which]
-        self._tables, self._rho, self._z = _tables(table), table.rho, table.z
+        self._tables = _tables(table)
+        self._deepest_mm = table.film.chip_mm - table.z.first
         self._units = _units(table, fabrication)
         inward = topology.rotation[:, 2]
         self._film_rest = 1e3 * topology.position + table.film.middle_mm * inward
@@ -186,11 +187,10 @@ class HalbachField:
                 "of them inside or beside a film"
             )
         (x, y), (u, v) = displacement[t, :, i], tilt[t, :, i]
-        deepest, widest = self._units.chip_mm - self._z.first, self._rho.last
         return SkinError(
-            f"{self._names[i]}: displacement_mm, depth_mm: must keep the film within "
-            f"{widest:.3g} mm of its chip's axis and less than {deepest:.3g} mm deep; got "
-            f"({x:.4g}, {y:.4g}) mm, {depth[t, i]:.4g} mm, tilt ({u:.3g}, {v:.3g}) rad"
+            f"{self._names[i]}: displacement_mm, depth_mm: must be finite and keep the film less "
+            f"than {self._deepest_mm:.3g} mm deep; got ({x:.4g}, {y:.4g}) mm, {depth[t, i]:.4g} "
+            f"mm, tilt ({u:.3g}, {v:.3g}) rad"
         )
 
 
@@ -252,8 +252,11 @@ def _alone(n: int) -> Arrays:
 
 
 def _within(topology: Topology, reach_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Units within reach of each other, compressed rows."""
-    pairs = [np.stack([i, j]) for i, j, _ in pairs_within(topology.position, reach_m)]
+    """Units nearer to each other than `reach_m`, compressed rows."""
+    pairs = [
+        np.stack([i, j])[:, distance < reach_m]
+        for i, j, distance in pairs_within(topology.position, reach_m)
+    ]
     i, j = np.concatenate([np.empty((2, 0), np.int64), *pairs], axis=1)
     return compressed_rows(topology.n, i, j)
 
