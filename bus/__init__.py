@@ -1,5 +1,6 @@
 """Counts from wires: frames in batches, transports, and the assembly of frames into cycles."""
 
+from bus.assemble import Assembler
 from bus.codec import Packer, crc16
 from bus.cycle import ClosedBy, FrameCounters, RawCycle
 from bus.errors import BusClosedError, BusError, BusOpenError, LayoutError, LogError
@@ -11,6 +12,7 @@ from bus.transport import Transport, TransportCounters, open_transport
 __all__ = [
     "FRAME_DTYPE",
     "INVALID",
+    "Assembler",
     "BusClosedError",
     "BusError",
     "BusOpenError",

@@ -25,9 +25,9 @@ class FrameTable:
 
     Attributes
     ----------
-    frames : ndarray, shape (f, FRAME_COLUMNS), int32
+    frames : ndarray, shape (f, FRAME_COLUMNS), uint32
         What each frame looks like, and which rows of `signals` it has.
-    signals : ndarray, shape (m, SIGNAL_COLUMNS), int32
+    signals : ndarray, shape (m, SIGNAL_COLUMNS), uint32
     units : ndarray, shape (f, s), int32
         Unit in each slot, or -1.
     standard : ndarray, shape (buses, 2048), int32
@@ -40,6 +40,8 @@ class FrameTable:
         Frames that make a set whole.
     unit_group : ndarray, shape (n,), int32
         Set that the unit belongs to, -1 for none.
+    tables : Tables
+        All of the above but the last, as the kernels take them.
 
     Raises
     ------
@@ -51,10 +53,10 @@ class FrameTable:
         expected = topology.frames
         self.units = np.ascontiguousarray(expected.units, np.int32)
         rows, spans = _signal_rows(topology.layouts)
-        self.signals = np.array(rows, np.int32).reshape(-1, k.SIGNAL_COLUMNS)
+        self.signals = np.array(rows, np.uint32).reshape(-1, k.SIGNAL_COLUMNS)
 
         firsts: dict[tuple[int, int, int], int] = {}
-        self.frames = np.zeros((len(expected), k.FRAME_COLUMNS), np.int32)
+        self.frames = np.zeros((len(expected), k.FRAME_COLUMNS), np.uint32)
         for f in range(len(expected)):
             bus, layout_index = int(expected.bus[f]), int(expected.layout[f])
             part, can_id = int(expected.part[f]), int(expected.can_id[f])
@@ -62,7 +64,7 @@ class FrameTable:
             carried = self.units[f][self.units[f] >= 0]
             row = self.frames[f]
             row[k.BUS] = bus
-            row[k.IDENTIFIER] = np.uint32(can_id).astype(np.int32)
+            row[k.IDENTIFIER] = can_id
             row[k.SIZE], row[k.IS_FD] = layout.size, layout.fd
             row[k.FIRST_SIGNAL], row[k.END_SIGNAL] = spans[layout_index, part]
             row[k.GROUP] = firsts.setdefault((bus, layout_index, can_id - part), len(firsts))
@@ -72,6 +74,10 @@ class FrameTable:
             _frame_fields(layout, part, row)
         self._group(topology, len(firsts))
         self._index(topology)
+        self.tables = k.Tables(
+            self.frames, self.signals, self.units, self.standard, self.extended, self.groups,
+            self.parts,
+        )  # fmt: skip
 
     def _group(self, topology: Topology, count: int) -> None:
         most = max((layout.parts for layout in topology.layouts), default=1)

@@ -6,11 +6,30 @@ import numpy as np
 
 import topology
 from bus import FRAME_DTYPE, FrameBatch, Packer
-from topology import CHANNELS, LAYOUTS, Bus, Frames, Topology
+from topology import CHANNELS, LAYOUTS, Bus, Frames, Signal, Topology, WireLayout
 
 SYNC_ID = 0x80
 PERIOD_NS = 10_000_000
 PLAIN = topology.load("strip")
+TWO_PARTS = WireLayout(
+    name="two-parts",
+    size=6,
+    units=2,
+    parts=2,
+    signals=tuple(
+        Signal(name=name, start=22 * slot + 11 * i, length=11, signed=True, slot=slot, part=part)
+        for part, names in enumerate([("gel", "bx"), ("frequency", "by")])
+        for slot in range(2)
+        for i, name in enumerate(names)
+    )
+    + tuple(Signal(name="sequence", start=44, length=4, part=part) for part in range(2)),
+)
+"""Two units in two frames: gel and bx in the first, frequency and by in the second."""
+
+
+def name_of(layout):
+    """Name of a layout, as the id of a test."""
+    return layout.name if isinstance(layout, WireLayout) else None
 
 
 def make_topology(
