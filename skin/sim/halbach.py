@@ -49,6 +49,13 @@ class HalbachField:
     table : FilmTable, optional
         The shipped table if not given.
 
+    Attributes
+    ----------
+    surroundings : Surroundings or None
+        May be changed, or its parts, between calls.
+    film : Film
+        The film as drawn, and where it and the chip sit in a unit.
+
     Examples
     --------
     >>> from topology import load
@@ -78,12 +85,13 @@ class HalbachField:
             )
         p = topology.parameters
         self.surroundings = surroundings
+        self.film = table.film
         self._names = topology.unit_names
         self._drift, self._reference_c = p["film_drift_per_k"], p["film_reference_c"]
         reference_mm, which = np.unique(p["field_reference_mm"], return_inverse=True)
         self._strength = p["field_amplitude_ut"] / crest_ut(table, reference_mm)[which]
         self._tables = _tables(table)
-        self._deepest_mm = table.film.chip_mm - table.z.first
+        self._deepest_mm = self.film.chip_mm - table.z.first
         self._units = _units(table, fabrication)
         inward = topology.rotation[:, 2]
         self._film_rest = 1e3 * topology.position + table.film.middle_mm * inward

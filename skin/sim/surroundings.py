@@ -11,7 +11,7 @@ __all__ = ["Surroundings", "Tool", "dipole_field_ut"]
 EARTH_UT = (20.0, 0.0, -44.0)
 """North and up, in central Europe."""
 
-UT_MM3_PER_AM2 = 1e14
+UT_MM3_PER_AM2 = 1e8
 """mu0 / 4 pi = 1e-7 T m / A, in µT mm³ per A m²."""
 
 
