@@ -12,6 +12,7 @@ name, the nearest valid one follows.
 
 from __future__ import annotations
 
+import bisect
 import difflib
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -106,6 +107,10 @@ MESSAGES: dict[str, str] = {
 """Wording of every issue by its code."""
 
 
+MANY_NAMES = 256
+"""Of more names only those that begin alike are compared: a patch may have thousands of units."""
+
+
 @dataclass(frozen=True)
 class Issue:
     """One thing that is wrong with a file.
@@ -175,6 +180,10 @@ def nearest(name: object, names: Iterable[str], or_all: bool = True) -> str:
     "; known: 'can0', 'can1'"
     """
     names = list(names)
+    if len(names) > MANY_NAMES:
+        names.sort()
+        at = bisect.bisect(names, str(name))
+        names = names[max(at - MANY_NAMES // 2, 0) : at + MANY_NAMES // 2]
     close = difflib.get_close_matches(str(name), names, n=1)
     if close:
         return f"; nearest: {close[0]!r}"
