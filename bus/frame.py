@@ -131,3 +131,17 @@ class FrameBatch:
         self.records[self.count : self.count + taken] = records[:taken]
         self.count += taken
         return taken
+
+    def merge(self) -> None:
+        """Put the frames of several buses, received one bus after the other, in order of time.
+
+        The order of each bus stays as it is, even where its stamps step back.
+        """
+        frames = self.frames
+        stamps = frames["stamp_ns"].copy()
+        if (stamps[1:] >= stamps[:-1]).all():
+            return
+        for bus in np.unique(frames["bus"]):
+            mine = frames["bus"] == bus
+            stamps[mine] = np.maximum.accumulate(stamps[mine])
+        frames[:] = frames[np.argsort(stamps, kind="stable")]

@@ -402,15 +402,18 @@ def _accept_count(f, sequence, row, data, tables, memory):
     state, sources = memory.state, memory.sources
     mask = np.int64(tables.frames[f, SEQUENCE + MASK])
     heard, back = sources[f, HEARD], sources[f, BACK]
+    was_silent = heard < 0 or sources[f, MISSED] >= state[STALE_CYCLES]
     step = (sequence - heard) & mask
     if heard >= 0 and step == 0:
-        repeat(f, row, data, tables, memory)
-        return False
+        # The same number after a silence may be chance, but not if all bytes are the same.
+        if not was_silent or not is_other_payload(f, row, data, tables, memory):
+            repeat(f, row, data, tables, memory)
+            return False
     if not state[OPEN]:
         sources[f, MISSED] = 0
         drop(memory, f, LATE)
         return False
-    if heard >= 0 and sources[f, MISSED] < state[STALE_CYCLES]:
+    if not was_silent:
         if step < max((mask + 1) // 2, 2):
             lose(f, step - 1, mask + 1, memory)
         elif back >= 0 and sequence == (back + 1) & mask:
@@ -594,7 +597,7 @@ def _is_tick(stamp, memory):
     elif stamp < state[TICK] - 2 * period:
         state[TICK] = stamp + period // 2
     elif stamp >= state[TICK]:
-        if state[IDLE] <= state[STALE_CYCLES]:
+        if state[BUSY] or state[IDLE] <= state[STALE_CYCLES]:
             state[TICK] += period
             return True
         periods = (stamp - state[TICK]) // period + 1
