@@ -7,7 +7,8 @@ turns them into the coefficients of its kernel; neither holds a constant of its 
 
 Sources: [paper] stands in Yang et al., "F3T: A soft tactile unit with 3D force and temperature
 mathematical decoupling ability for robots"; [derived] follows from the paper's figures;
-[assumed] is a preset chosen here because the paper does not say.
+[assumed] is a preset chosen here because the paper does not say; [calibrated] is a property of the
+single unit, without effect until a calibration gives it.
 """
 
 from __future__ import annotations
@@ -22,8 +23,6 @@ __all__ = ["MODELS", "THETA_KNOTS", "UnitModel"]
 
 THETA_KNOTS = 16
 """Knots of the direction-correction table, equally spaced over [-pi, pi), periodic."""
-
-Positive = Annotated[float, Meta(gt=0)]
 
 
 def _doc(text: str, **bounds: float) -> Meta:
@@ -135,23 +134,31 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
             ge=0,
         ),
     ] = 190.0
-    hall_offset_x_ut: Annotated[float, _doc("Offset of Bx at the reference temperature")] = 0.0
-    hall_offset_y_ut: Annotated[float, _doc("Offset of By at the reference temperature")] = 0.0
-    hall_offset_z_ut: Annotated[float, _doc("Offset of Bz at the reference temperature")] = 0.0
-    hall_drift_x_ut_per_k: Annotated[float, _doc("Drift of the Bx offset [assumed]")] = 0.0
-    hall_drift_y_ut_per_k: Annotated[float, _doc("Drift of the By offset [assumed]")] = 0.0
-    hall_drift_z_ut_per_k: Annotated[float, _doc("Drift of the Bz offset [assumed]")] = 0.0
+    hall_offset_x_ut: Annotated[
+        float, _doc("Offset of Bx at the reference temperature [calibrated]")
+    ] = 0.0
+    hall_offset_y_ut: Annotated[
+        float, _doc("Offset of By at the reference temperature [calibrated]")
+    ] = 0.0
+    hall_offset_z_ut: Annotated[
+        float, _doc("Offset of Bz at the reference temperature [calibrated]")
+    ] = 0.0
+    hall_drift_x_ut_per_k: Annotated[float, _doc("Drift of the Bx offset [calibrated]")] = 0.0
+    hall_drift_y_ut_per_k: Annotated[float, _doc("Drift of the By offset [calibrated]")] = 0.0
+    hall_drift_z_ut_per_k: Annotated[float, _doc("Drift of the Bz offset [calibrated]")] = 0.0
 
     # -- direction -------------------------------------------------------------------------------
-    field_xx: Annotated[float, _doc("2x2 map of (Bx, By): x from x (harmonics 0-2)")] = 1.0
-    field_xy: Annotated[float, _doc("2x2 map of (Bx, By): x from y")] = 0.0
-    field_yx: Annotated[float, _doc("2x2 map of (Bx, By): y from x")] = 0.0
-    field_yy: Annotated[float, _doc("2x2 map of (Bx, By): y from y")] = 1.0
+    field_xx: Annotated[
+        float, _doc("2x2 map of (Bx, By): x from x (harmonics 0-2) [calibrated]")
+    ] = 1.0
+    field_xy: Annotated[float, _doc("2x2 map of (Bx, By): x from y [calibrated]")] = 0.0
+    field_yx: Annotated[float, _doc("2x2 map of (Bx, By): y from x [calibrated]")] = 0.0
+    field_yy: Annotated[float, _doc("2x2 map of (Bx, By): y from y [calibrated]")] = 1.0
     theta_correction_rad: Annotated[
         tuple[float, ...],
         _doc(
             f"Added to theta = atan2(By, Bx): {THETA_KNOTS} knots equally spaced from -pi, "
-            "periodic, linear between (Fig. 3j-k, S8); empty: none"
+            "periodic, linear between (Fig. 3j-k, S8); empty: none [calibrated]"
         ),
     ] = ()
 

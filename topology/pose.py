@@ -17,7 +17,6 @@ __all__ = [
     "from_axes",
     "from_quaternion",
     "from_rpy",
-    "inverse",
     "rotate",
 ]
 
@@ -114,9 +113,3 @@ def apply(transform: Transform, points: np.ndarray) -> np.ndarray:
 def rotate(rotation: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Vectors of shape (3, ...) turned by one rotation."""
     return np.tensordot(rotation, vectors, axes=1)
-
-
-def inverse(transform: Transform) -> Transform:
-    """T_b_a from one T_a_b."""
-    rotation, translation = transform
-    return (rotation.T, -(rotation.T @ translation))

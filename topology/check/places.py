@@ -56,7 +56,8 @@ def check_places(
         b, a, distance = min(pairs)
         more = f", and {len(pairs) - 1} more" if len(pairs) > 1 else ""
         report.add("same-place", source, table,
-                   minimum_mm=1e3 * CLOSEST * min(radius[a], radius[b]), got_mm=1e3 * distance,
+                   minimum_mm=1e3 * CLOSEST * min(radius[a], radius[b]),
+                   got_mm=round(1e3 * distance, 6),
                    unit=repr(names[b]), other=repr(names[a]), line=source.line(other),
                    more=more)  # fmt: skip
 
