@@ -205,8 +205,8 @@ def _wanted(topology: Topology, want: Collection[str] | None) -> frozenset[str]:
     for name in sorted(wanted, key=str):
         if name in ARRAY_WANTS:
             raise OptionError(
-                f"want: must be a quantity of units ({', '.join(UNIT_WANTS)}); got {name!r}, one of "
-                "the array: use skin.open or skin.contact.wrench.ArrayFeatures"
+                f"want: must be of the units, one of {', '.join(map(repr, UNIT_WANTS))}; "
+                f"got {name!r}, which is of the array: use skin.open or ArrayFeatures"
             )
         if name not in UNIT_WANTS:
             raise OptionError.unknown("want", name, UNIT_WANTS)

@@ -174,7 +174,7 @@ def _asin(x, single):
 
 @register_jitable(forceinline=True, **_OPTIONS)
 def _atan2(y, x, single):
-    """atan2(y, x); 0 at the origin, and +pi on the negative x axis whatever the sign of y's zero."""
+    """atan2(y, x); 0 at the origin, +pi on the negative x axis whatever the sign of y's zero."""
     real = type(x)
     ax = abs(x)
     ay = abs(y)
