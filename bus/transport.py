@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import threading
+import time
 from abc import ABC, abstractmethod
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
 
-from bus.frame import FrameBatch
+from bus.frame import CAN_ERR, FrameBatch
+from bus.linux import has_batches
+from bus.state import BusChange, BusState, read_error_frame
 from topology import Bus
 
 __all__ = ["Transport", "TransportCounters", "open_transport"]
+
+CHANGES_KEPT = 256
+"""Changes of state that a transport remembers; all of them are counted."""
 
 
 @dataclass
@@ -23,10 +31,20 @@ class TransportCounters:
     """Frames given to the interface."""
     send_failures: int = 0
     """Frames that the interface would not take."""
+    send_waits: int = 0
+    """Times that `send` had to wait for room in the interface's transmit queue."""
     queue_drops: int = 0
     """Frames lost in the interface's or the socket's receive queue."""
     ring_overflows: int = 0
     """Frames lost in a ring of our own, because the caller did not read in time."""
+    controller_overflows: int = 0
+    """Times that the controller reported its own receive queue full; each lost a frame or more."""
+    error_frames: int = 0
+    """Error frames of the controller; counted in `received` too."""
+    state_changes: int = 0
+    """Changes of `Transport.state`."""
+    reopenings: int = 0
+    """Times that an interface came back after it was gone."""
 
 
 class Transport(ABC):
@@ -37,13 +55,34 @@ class Transport(ABC):
     - frames arrive in the order of the bus, none twice, and a lost one is counted;
     - frames that this end sent itself do not come back;
     - error and remote frames come through with their bits set in `id`;
-    - `receive` and `send` may be called from different threads, each from one.
+    - `receive` and `send` may be called from different threads, each from one;
+    - every change of the bus's state that the interface tells of is in `changes`.
+
+    Attributes
+    ----------
+    index : int
+        Written to `bus` of every received frame.
+    state : BusState
+        How the bus is; as it was when last heard of, so `receive` must be called for news.
+    changes : deque of BusChange
+        The last CHANGES_KEPT changes of `state`, oldest first. The caller may take them out.
     """
 
     def __init__(self, index: int = 0) -> None:
         self.index = index
-        """Written to `bus` of every received frame."""
-        self.counters = TransportCounters()
+        self.state = BusState.ACTIVE
+        self.changes: deque[BusChange] = deque(maxlen=CHANGES_KEPT)
+        self._counters = TransportCounters()
+        self._changing = threading.Lock()
+
+    @property
+    def counters(self) -> TransportCounters:
+        """What has been counted since the transport was opened."""
+        return self._counters
+
+    def fileno(self) -> int:
+        """Descriptor that `poll` can wait on for frames; -1 where there is none."""
+        return -1
 
     @abstractmethod
     def receive(self, batch: FrameBatch, timeout_s: float = 0.0) -> int:
@@ -86,6 +125,39 @@ class Transport(ABC):
     def close(self) -> None:
         """Release the interface; closing twice is fine."""
 
+    def _enter(self, state: BusState, reason: str, stamp_ns: int = 0) -> None:
+        """Set `state`; a state that is new is noted, with the host's time if there is no stamp."""
+        with self._changing:
+            if state is self.state:
+                return
+            change = BusChange(stamp_ns or time.time_ns(), self.state, state, reason)
+            self.changes.append(change)
+            self._counters.state_changes += 1
+            self.state = state
+
+    def _hear(self, records: np.ndarray) -> None:
+        """Read the error frames among received records, shape (m,), in the order of the bus.
+
+        A controller that is off the bus receives nothing, so that a frame after its error frame
+        tells that it is back.
+        """
+        previous = -1
+        for i in np.flatnonzero(records["id"] & CAN_ERR):
+            if i > previous + 1:
+                self._hear_data(records[previous + 1])
+            previous = i
+            error = read_error_frame(records[i])
+            self._counters.error_frames += 1
+            self._counters.controller_overflows += error.is_overflow
+            if error.state is not None:
+                self._enter(error.state, error.words, int(records["stamp_ns"][i]))
+        if previous + 1 < records.size:
+            self._hear_data(records[previous + 1])
+
+    def _hear_data(self, record: np.void) -> None:
+        if self.state is BusState.BUS_OFF:
+            self._enter(BusState.ACTIVE, "frames arrive again", int(record["stamp_ns"]))
+
     def __enter__(self) -> Transport:
         return self
 
@@ -93,10 +165,20 @@ class Transport(ABC):
         self.close()
 
 
-def open_transport(bus: Bus, index: int = 0) -> Transport:
+def open_transport(bus: Bus, index: int = 0, *, filters: np.ndarray | None = None) -> Transport:
     """Open one bus of a topology by its `interface`.
 
-    `memory` is in-process; any other name goes to python-can.
+    `memory` is in-process, `socketcan` the batch reader of Linux; any other name goes to
+    python-can, and so does `socketcan` where there is no batch reader.
+
+    Parameters
+    ----------
+    bus : Bus
+    index : int
+        Written to `bus` of every received frame.
+    filters : ndarray, shape (k, 2), uint32, optional
+        Identifiers and masks that the kernel lets through, from `bus.socketcan.filters`; other
+        transports hear all frames.
 
     Raises
     ------
@@ -107,6 +189,10 @@ def open_transport(bus: Bus, index: int = 0) -> Transport:
         from bus.memory import MemoryTransport
 
         return MemoryTransport(bus.channel or bus.name, index=index)
+    if bus.interface == "socketcan" and has_batches():
+        from bus.socketcan import SocketCanTransport
+
+        return SocketCanTransport(bus, index, filters=filters)
     from bus.pythoncan import PythonCanTransport
 
     return PythonCanTransport(bus, index=index)
