@@ -1,0 +1,230 @@
+"""DatagramTransport: frames between a datagram socket and batches, many a system call."""
+
+from __future__ import annotations
+
+import errno
+import os
+import socket
+import threading
+import time
+
+import numpy as np
+
+from bus import mmsg
+from bus.errors import BusClosedError
+from bus.frame import FRAME_DTYPE, FrameBatch
+from bus.linux import SO_MEMINFO, SO_RCVBUFFORCE, SO_RXQ_OVFL, SO_TIMESTAMPNS
+from bus.state import BusState
+from bus.transport import Transport, TransportCounters
+
+__all__ = ["DatagramTransport"]
+
+_DROPS_IN_MEMINFO = 8
+_FRAME_CHARGE = 768
+"""Bytes that the kernel charges a receive buffer for one frame, of any length."""
+
+QUEUE_BYTES = 8 << 20
+"""Receive buffer asked for; the kernel doubles it. 20 000 frames, two seconds of a full bus."""
+PATIENCE_S = 0.01
+"""Longest wait for room in the transmit queue; ten frames of a full 1 Mbit/s bus go in 1.4 ms."""
+_RETRY_S = 0.0002
+_BUSY = (errno.ENOBUFS, errno.EAGAIN, errno.ENOMEM)
+_UNSENDABLE = (errno.EINVAL, errno.EMSGSIZE)
+_LOOK_NS = 50_000_000
+
+
+class DatagramTransport(Transport):
+    """Frames over a socket whose datagrams are `struct can_frame` or `struct canfd_frame`.
+
+    `SocketCanTransport` is one; over a pair of connected UDP sockets it stands in for a bus where
+    the kernel has no CAN.
+
+    Parameters
+    ----------
+    sock : socket
+        Open and bound; closed with the transport.
+    name : str
+        For messages: bus, interface, channel.
+    index : int
+        Written to `bus` of every received frame.
+    queue_bytes : int
+        Receive buffer to ask the kernel for.
+    patience_s : float
+        How long `send` waits while the interface takes no frame. A transmitter that stays stuck
+        costs that once, not at every call: after it, `send` no longer waits until a frame goes.
+
+    Attributes
+    ----------
+    queue_frames : int
+        Frames that the receive buffer holds, as large as the kernel allowed.
+    """
+
+    def __init__(
+        self,
+        sock: socket.socket,
+        name: str,
+        index: int = 0,
+        *,
+        queue_bytes: int = QUEUE_BYTES,
+        patience_s: float = PATIENCE_S,
+    ) -> None:
+        super().__init__(index)
+        self.name = name
+        self._socket = sock
+        self._fd = sock.fileno()
+        sock.setblocking(False)
+        sock.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+        sock.setsockopt(socket.SOL_SOCKET, SO_RXQ_OVFL, 1)
+        self.queue_frames = _enlarge(sock, queue_bytes) // _FRAME_CHARGE
+        self._patience_s = patience_s
+        self._wake = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        self._polled = mmsg.pollfds(self._fd, self._wake)
+        self._incoming, self._outgoing = mmsg.Buffers(), mmsg.Buffers()
+        self._receiving, self._sending = threading.Lock(), threading.Lock()
+        self._records = np.zeros(0, FRAME_DTYPE)
+        self._words = mmsg.as_words(self._records)
+        self._drops_seen = 0
+        self._dropping = threading.Lock()
+        self._is_stuck = self._is_closed = False
+        self._looked_ns = 0
+
+    @property
+    def counters(self) -> TransportCounters:
+        """What has been counted; drops are the kernel's own count at this moment."""
+        with self._dropping:
+            if not self._is_closed:
+                size = 4 * (_DROPS_IN_MEMINFO + 1)
+                memory = self._socket.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, size)
+                self._count_drops(int.from_bytes(memory[-4:], "little"))
+        return self._counters
+
+    def fileno(self) -> int:
+        """Descriptor that `poll` can wait on; it stays the same until the transport is closed."""
+        return self._fd
+
+    def receive(self, batch: FrameBatch, timeout_s: float = 0.0) -> int:
+        """Append waiting frames to `batch`; see `Transport.receive`.
+
+        The kernel writes straight into the batch. Returns early, with 0, when the state of the bus
+        changes meanwhile.
+        """
+        with self._receiving:
+            left_ns = int(min(timeout_s, 1e9) * 1e9)
+            until = time.monotonic_ns() + left_ns if left_ns > 0 else 0
+            while not self._is_closed:
+                before = self._counters.state_changes
+                if self.state is not BusState.ACTIVE:
+                    self._look_again()
+                    left_ns = min(left_ns, _LOOK_NS)
+                taken = self._receive(batch, left_ns)
+                if taken or not batch.room or until == 0:
+                    return taken
+                left_ns = until - time.monotonic_ns()
+                if left_ns <= 0 or self._counters.state_changes != before:
+                    return 0
+        raise self._closed()
+
+    def _receive(self, batch: FrameBatch, wait_ns: int) -> int:
+        if batch.records is not self._records:
+            self._records, self._words = batch.records, mmsg.as_words(batch.records)
+        into, first = self._incoming, batch.count
+        taken = mmsg.receive(
+            self._fd, self._polled, wait_ns, first, batch.room, self.index, self._words,
+            into.headers, into.vectors, into.control, into.report,
+        )  # fmt: skip
+        drops, failure, errors = into.report.tolist()
+        batch.count = first + taken
+        self._counters.received += taken
+        if drops != self._drops_seen:
+            with self._dropping:
+                self._count_drops(drops)
+            self._look_again()  # an error frame may be among the lost ones
+        if errors or self.state is BusState.BUS_OFF:
+            self._hear(batch.records[first : batch.count])
+        if failure:
+            self._fail(failure)
+        return taken
+
+    def send(self, records: np.ndarray) -> int:
+        """Send frames, in order; see `Transport.send`.
+
+        Waits for room in the transmit queue (ENOBUFS) as long as frames go. A frame that the
+        interface cannot carry, such as CAN FD on a classic bus, is counted and left out.
+        """
+        words = mmsg.as_words(np.ascontiguousarray(records, FRAME_DTYPE))
+        total, at, sent, waiting_since = len(words), 0, 0, 0.0
+        out = self._outgoing
+        with self._sending:
+            while at < total and not self._is_closed:
+                taken = mmsg.send(
+                    self._fd, at, total - at, words,
+                    out.staged, out.headers, out.vectors, out.report,
+                )  # fmt: skip
+                at += taken
+                sent += taken
+                failure = int(out.report[mmsg.ERRNO])
+                if taken:
+                    self._is_stuck, waiting_since = False, 0.0
+                elif failure in _BUSY:
+                    now = time.monotonic()
+                    waiting_since = waiting_since or now
+                    self._is_stuck |= now - waiting_since >= self._patience_s
+                    if self._is_stuck or self.state is BusState.BUS_OFF:
+                        break
+                    self._counters.send_waits += 1
+                    time.sleep(_RETRY_S)
+                elif failure in _UNSENDABLE:
+                    at += 1
+                elif failure != errno.EINTR:
+                    self._fail(failure)
+                    break
+            self._counters.sent += sent
+            self._counters.send_failures += total - sent
+            if self._is_closed:
+                raise self._closed()
+        return sent
+
+    def close(self) -> None:
+        """Close the socket; closing twice is fine, and a waiting `receive` ends."""
+        _ = self.counters  # the last word of the kernel on drops
+        with self._dropping:
+            if self._is_closed:
+                return
+            self._is_closed = True
+        os.eventfd_write(self._wake, 1)
+        with self._receiving, self._sending, self._dropping:
+            self._socket.close()
+            os.close(self._wake)
+            self._fd = -1
+
+    def _closed(self) -> BusClosedError:
+        return BusClosedError(f"{self.name}: closed at this end")
+
+    def _count_drops(self, total: int) -> None:
+        # A frame carries the count of when it came, which may be older than the last one asked for.
+        fresh = (total - self._drops_seen) & 0xFFFF_FFFF
+        if fresh < 1 << 31:
+            self._counters.queue_drops += fresh
+            self._drops_seen = total
+
+    def _fail(self, number: int) -> None:
+        """Handle an error that the socket reports; a plain socket's frames are just not taken."""
+
+    def _look_again(self) -> None:
+        """Look at the interface, at most every _LOOK_NS."""
+        now = time.monotonic_ns()
+        if now - self._looked_ns >= _LOOK_NS:
+            self._looked_ns = now
+            self._look()
+
+    def _look(self) -> None:
+        """Compare `state` with the interface; a plain socket has none."""
+
+
+def _enlarge(sock: socket.socket, wanted: int) -> int:
+    """Set the receive buffer to `wanted` bytes or what is allowed; return what the kernel has."""
+    try:
+        sock.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, wanted)
+    except PermissionError:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, wanted)
+    return sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
