@@ -51,7 +51,8 @@ class FrameTable:
 
     def __init__(self, topology: Topology, sequence: Literal["sync", "own"] = "sync") -> None:
         expected = topology.frames
-        self.units = np.array(expected.units, np.int32, order="C")  # a copy: topologies are read-only
+        # A copy, because a topology's arrays are read-only.
+        self.units = np.array(expected.units, np.int32, order="C")
         rows, spans = _signal_rows(topology.layouts)
         self.signals = np.array(rows, np.uint32).reshape(-1, k.SIGNAL_COLUMNS)
 
