@@ -17,8 +17,8 @@ from bus.frame import FRAME_DTYPE, FrameBatch
 from bus.transport import Transport, open_transport
 from skin.contact.wrench import ArrayFeatures
 from skin.decode.decoder import Decoder
-from skin.errors import SkinError
-from skin.state import ARRAY_WANTS, UNIT_WANTS, State, Status, trouble
+from skin.errors import OptionError, SkinError
+from skin.state import ARRAY_WANTS, WANTS, State, Status, trouble
 from topology import Topology
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ def open(
     """
     loaded = source if isinstance(source, Topology) else topology_package.load(source)
     if sync not in ("host", "bus"):
-        raise SkinError(f"sync: must be 'host' or 'bus'; got {sync!r}")
+        raise OptionError.unknown("sync", sync, ("host", "bus"))
     nodes = None
     if simulate is not False:
         from bus.memory import MemoryTransport
@@ -258,7 +258,9 @@ class CycleReader:
     def __init__(
         self, topology: Topology, *, want: Collection[str] | None, estimator: str, dtype: str
     ) -> None:
-        wanted = set(UNIT_WANTS + ARRAY_WANTS if want is None else want)
+        wanted = set(WANTS if want is None else want)
+        for name in sorted(wanted.difference(WANTS)):
+            raise OptionError.unknown("want", name, WANTS)
         array_wanted = wanted.intersection(ARRAY_WANTS)
         needed = wanted | ({"force"} if array_wanted else set())
         self._decoder = Decoder(

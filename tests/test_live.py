@@ -1,0 +1,210 @@
+"""The live skin: cycles from buses, units that fall silent, options that are refused."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import bus
+import skin
+import topology
+from bus.memory import MemoryTransport
+from bus.status import Status
+from skin.errors import SkinError
+from skin.sim.node import Nodes
+from skin.state import WANTS
+
+
+def take(opened, count):
+    return list(itertools.islice(opened, count))
+
+
+def topology_of(tmp_path, *changes, base="strip"):
+    """A ready-made topology with lines of its file replaced."""
+    text = topology.load(base).path.read_text()
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    file = tmp_path / f"{base}.toml"
+    file.write_text(text)
+    return topology.load(file)
+
+
+@pytest.mark.parametrize("name", ["palm", "fingertip", "hand", "strip"])
+def test_every_ready_made_skin_runs_simulated(name):
+    with skin.open(name, simulate=True, pace=False) as opened:
+        for number, state in enumerate(itertools.islice(opened, 20)):
+            assert state.cycle == number
+            assert state.closed_by == "complete"
+            assert state.units.valid.all()
+            assert state.coverage == pytest.approx(1.0)
+        assert opened.counters.lost == 0
+        assert opened.counters.data == 20 * len(opened.topology.frames)
+        assert opened.trouble(state) == {}
+
+
+def test_state_follows_the_truth():
+    with skin.open("palm", simulate=True, pace=False, dtype="float64") as palm:
+        state = take(palm, 400)[-1]
+        truth = palm.nodes.truth
+        assert truth.contact.any()
+        loaded = truth.force[2] > 0.05
+        error = (state.units.force - truth.force)[:, loaded]
+        assert np.sqrt((error**2).mean()) < 0.05
+        assert np.abs(state.wrench[:3] - truth.wrench[:3]).max() < 0.3
+
+
+def test_pace_keeps_the_cycle_rate():
+    with skin.open("strip", simulate=True) as strip:
+        states = iter(strip)
+        next(states)
+        started = time.monotonic()
+        for _ in itertools.islice(states, 30):
+            pass
+        seconds = time.monotonic() - started
+    assert seconds >= 29 / strip.topology.cycle_rate_hz
+
+
+@pytest.mark.parametrize("wanted", WANTS)
+def test_what_is_not_wanted_is_none(wanted):
+    with skin.open("strip", simulate=True, pace=False, want={wanted}) as strip:
+        (state,) = take(strip, 1)
+    values = {
+        "temperature": state.units.temperature,
+        "tangential": state.units.tangential,
+        "theta": state.units.theta,
+        "displacement": state.units.displacement_mm,
+        "wrench": state.wrench,
+        "centroid": state.centroid,
+    }
+    for name, value in values.items():
+        assert (value is not None) == (name == wanted), name
+
+
+def test_silent_bus_is_not_no_touch():
+    near, _ = MemoryTransport.pair()
+    with skin.open("strip", transports=[near], pace=False) as strip:
+        for state in itertools.islice(strip, 8):
+            assert not state.units.valid.any()
+            assert np.isnan(state.units.force).all()
+            assert state.coverage == 0.0
+            assert np.isnan(state.centroid).all()
+        assert len(strip.trouble(state)) == strip.topology.n
+
+
+def test_unit_that_dies_ages_and_is_left_out():
+    loaded = topology.load("strip")
+    near, far = MemoryTransport.pair()
+    nodes = Nodes(loaded, seed=1)
+    nodes.attach([far])
+    dead = int(loaded.frames.can_id[3])
+    unit = int(loaded.frames.units[3, 0])
+    answer = far.listener
+
+    with skin.open(loaded, transports=[near], pace=False) as strip:
+        states = iter(strip)
+        for _ in range(5):
+            state = next(states)
+        assert state.units.status[unit] == 0
+        last = state.units.force[:, unit].copy()
+        send = far.send
+        far.send = lambda records: send(records[records["id"] != dead])
+        flags = [Status(int(next(states).units.status[unit])) for _ in range(10)]
+        state = next(states)
+        assert flags[0] == Status.LATE
+        assert Status.STALE in flags[-1]
+        assert state.units.force[:, unit] == pytest.approx(last, abs=1e-3)
+        assert not state.units.valid[unit]
+        assert 0.0 < state.coverage < 1.0
+        far.send = send
+        for _ in range(3):
+            state = next(states)
+        assert state.units.valid.all()
+    assert callable(answer)
+
+
+def test_free_running_units_make_one_cycle_a_period(tmp_path):
+    loaded = topology_of(tmp_path, ("sync_id = 0x080\n", ""))
+    with skin.open(loaded, simulate=True) as strip:
+        states = take(strip, 25)
+        assert strip.counters.lost == 0
+    assert [state.cycle for state in states] == list(range(25))
+
+
+def test_listener_takes_the_sync_of_another_host():
+    loaded = topology.load("strip")
+    host, ears, far = (MemoryTransport("live-listener") for _ in range(3))
+    Nodes(loaded).attach([far])
+    stop = threading.Event()
+
+    def lead():
+        with skin.open(loaded, transports=[host]) as leader:
+            for _ in leader:
+                if stop.is_set():
+                    break
+
+    thread = threading.Thread(target=lead)
+    thread.start()
+    try:
+        with skin.open(loaded, transports=[ears], sync="bus") as listener:
+            states = take(listener, 10)
+            assert ears.counters.sent == 0
+    finally:
+        stop.set()
+        thread.join()
+        far.close()
+    assert all(state.units.valid.all() for state in states[2:])
+
+
+def test_listener_without_a_host_says_that_all_is_silent():
+    near, far = MemoryTransport.pair()
+    with far, skin.open("strip", transports=[near], sync="bus") as strip:
+        state = take(strip, 1)[0]
+        assert not state.units.valid.any()
+
+
+def test_host_that_is_slow_leaves_out_syncs_and_counts_them():
+    with skin.open("strip", simulate=True) as strip:
+        states = iter(strip)
+        next(states)
+        time.sleep(5.5 / strip.topology.cycle_rate_hz)
+        next(states)
+        assert strip.timing.overruns >= 4
+        assert strip.counters.lost == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"sync": "hots"}, "sync: must be one of 'host', 'bus'; got 'hots'"),
+        ({"want": {"wrnch"}}, "wrench"),
+        ({"estimator": "sin"}, "sine"),
+        ({"dtype": "float16"}, "float32"),
+        ({"transports": []}, "transports: must be one for each of 1 buses; got 0"),
+    ],
+)
+def test_wrong_option_is_refused(options, message):
+    with pytest.raises(SkinError, match=message):
+        skin.open("strip", simulate="transports" not in options, **options)
+
+
+def test_refused_skin_closes_its_buses():
+    near, far = MemoryTransport.pair()
+    with pytest.raises(SkinError):
+        skin.open("strip", transports=[near], want={"nothing"})
+    with pytest.raises(bus.BusClosedError):
+        near.receive(bus.FrameBatch(1))
+    far.close()
+
+
+def test_closed_skin_ends():
+    opened = skin.open("strip", simulate=True, pace=False)
+    states = iter(opened)
+    next(states)
+    opened.close()
+    opened.close()
+    assert list(states) == []
