@@ -1,0 +1,178 @@
+"""PythonCanReader: the formats that are read through python-can's readers."""
+
+from __future__ import annotations
+
+import io
+import re
+import struct
+from collections.abc import Generator, Iterator
+from typing import Any, BinaryIO
+
+import can
+
+from bus.errors import LogError
+from bus.frame import CAN_EFF, CAN_ERR, CAN_RTR, ECHO, FD_BRS, FD_ESI, FD_FDF, FrameBatch
+from bus.logs.channels import LEFT_OUT
+from bus.logs.reader import LogReader
+
+__all__ = ["FORMATS", "PythonCanReader"]
+
+CSV_HEAD = b"timestamp,arbitration_id,extended,remote,error,dlc,data"
+FORMATS: dict[str, tuple[type[can.io.generic.MessageReader], re.Pattern[bytes], str]] = {
+    ".asc": (can.ASCReader, re.compile(rb"\s*(date|base|//)", re.I), "'date', 'base' or '//'"),
+    ".csv": (can.CSVReader, re.compile(re.escape(CSV_HEAD)), f"{CSV_HEAD.decode()!r}"),
+    ".db": (can.SqliteReader, re.compile(rb"SQLite format 3\0"), "'SQLite format 3'"),
+    ".log": (can.CanutilsLogReader, re.compile(rb"\s*\("), "'('"),
+    ".blf": (can.BLFReader, re.compile(rb"LOGG"), "'LOGG'"),
+    ".trc": (can.TRCReader, re.compile(rb"\s*;"), "';'"),
+}
+"""Reader and beginning of each format; python-can's readers take any text for an empty log."""
+
+_HEAD_BYTES = 4096
+_ASC_BASE = re.compile(r"\s*base\s+(hex|dec)(\s+timestamps\s+(?P<stamps>\w+))?", re.I)
+_COMMENT = re.compile(r"\s*(;|//|$)")
+_RECORD = struct.Struct("<qIBBBB64s")
+_BUS_ERROR = 0x80
+_ERROR_LENGTH = 8
+
+
+class PythonCanReader(LogReader):
+    """Reads ASC, TRC, CSV and SQLite logs.
+
+    Stamps are as exact as python-can's floats, and rounded to 1 µs. Those of ASC count from the
+    start of the measurement. Lines that hold no frame and are no comment are counted as skipped.
+    CSV and SQLite hold no FD flag; a frame of more than 8 bytes can be nothing else.
+    """
+
+    def _fill(self, batch: FrameBatch) -> Generator[None]:
+        suffix = self.format_suffix
+        reader, beginning, expected = FORMATS[suffix]
+        with self._open() as file:
+            head = file.read(_HEAD_BYTES)
+            if head and not beginning.match(head):
+                raise LogError(f"{self.path}:1: must begin with {expected}; got {head[:40]!r}")
+            if suffix in (".db", ".blf"):
+                with reader(self.path) as messages:
+                    yield from self._take(batch, iter(messages), None)
+                return
+            file.seek(0)
+            lines = _Lines(file, self.path)
+            with reader(lines) as messages:
+                yield from self._take(batch, iter(messages), lines)
+
+    def _take(
+        self, batch: FrameBatch, messages: Iterator[can.Message], lines: _Lines | None
+    ) -> Generator[None]:
+        """Fill the batch from messages; `lines` are those that they come from."""
+        number = 0
+        while True:
+            try:
+                message = next(messages, None)
+                if lines is not None:
+                    lines.taken += message is not None
+                if message is None:
+                    break
+                number += 1
+                fields = self._fields(message)
+                if fields is not None:
+                    _RECORD.pack_into(batch.records, 80 * batch.count, *fields)
+                    batch.count += 1
+            except LogError:
+                yield
+                raise
+            except Exception as error:  # anything may come of feeding a parser what it cannot parse
+                yield
+                place, what = (f":{lines.number}", "line") if lines else (f": row {number}", "row")
+                got = f"{lines.text.strip()[:80]!r} ({error})" if lines else str(error)
+                raise LogError(
+                    f"{self.path}{place}: must be a {what} of a {self.format_suffix} log; got {got}"
+                ) from error
+            if not batch.room:
+                yield
+        if lines is not None and lines.without_frame:
+            self.skipped["line"] = lines.without_frame
+        yield
+
+    def _fields(self, message: can.Message) -> tuple[Any, ...] | None:
+        """Return what a record is packed from, or None for a bus left out."""
+        channel = message.channel
+        if channel is None:
+            name = "can0"
+        elif isinstance(channel, int):
+            # TRC counts buses from 1, and its reader leaves it at that.
+            name = f"can{channel - (self.format_suffix == '.trc')}"
+        else:
+            name = str(channel)
+        bus = self._channels.index(name)
+        if bus == LEFT_OUT:
+            self._skip(f"frame of {name}")
+            return None
+        can_id, length, flags, data = message.arbitration_id, message.dlc, 0, bytes(message.data)
+        limit = 0x1FFF_FFFF if message.is_extended_id or message.is_error_frame else 0x7FF
+        if not 0 <= can_id <= limit:
+            raise ValueError(f"identifier {can_id:#x} above {limit:#x}")
+        if message.is_error_frame:
+            can_id = CAN_ERR | (can_id or _BUS_ERROR)
+            length = _ERROR_LENGTH
+        else:
+            if message.is_fd or length > 8:
+                flags = FD_FDF | FD_BRS * message.bitrate_switch
+                flags |= FD_ESI * message.error_state_indicator
+            if message.is_extended_id:
+                can_id |= CAN_EFF
+            if message.is_remote_frame and not flags:
+                can_id |= CAN_RTR
+            elif len(data) != length:
+                raise ValueError(f"{len(data)} data bytes where {length} are told")
+        if length > 64:
+            raise ValueError(f"{length} data bytes")
+        stamp_ns = 1000 * round(1e6 * message.timestamp)
+        origin = 0 if message.is_rx else ECHO
+        return stamp_ns, can_id, length, flags, origin, bus, data
+
+
+class _Lines:
+    """Lines of a text file, as python-can's readers take them; knows how far they came."""
+
+    def __init__(self, file: BinaryIO, path: object) -> None:
+        self._file = io.TextIOWrapper(file, encoding="utf-8", errors="replace")
+        self._path = path
+        self._insert_blank = False
+        self.number = 0
+        self.text = ""
+        self.taken = 0
+        self._candidates = 0
+
+    @property
+    def without_frame(self) -> int:
+        """Lines that are neither comment nor frame."""
+        return self._candidates - self.taken
+
+    def __iter__(self) -> _Lines:
+        return self
+
+    def __next__(self) -> str:
+        if self._insert_blank:
+            self._insert_blank = False
+            return "\n"
+        self.text = next(self._file)
+        self.number += 1
+        if not self.text.endswith("\n"):
+            raise LogError(
+                f"{self._path}:{self.number}: must be a whole line, with its end; got "
+                f"{self.text[:80]!r}, then the end of the file"
+            )
+        self._candidates += not _COMMENT.match(self.text)
+        base = _ASC_BASE.match(self.text)
+        if base:
+            if (base["stamps"] or "").lower() == "relative":
+                raise LogError(
+                    f"{self._path}:{self.number}: must be a log with absolute time stamps; got "
+                    f"{self.text.strip()!r}"
+                )
+            # The ASC reader swallows one line after the header, be it a frame.
+            self._insert_blank = True
+        return self.text
+
+    def close(self) -> None:
+        self._file.close()
