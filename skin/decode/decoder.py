@@ -7,7 +7,7 @@ from collections.abc import Collection
 import numpy as np
 
 from skin.errors import CountsError, OptionError
-from skin.state import ARRAY_WANTS, UNIT_WANTS, Reading
+from skin.state import ARRAY_WANTS, UNIT_WANTS, WANTS, Reading
 from topology import CHANNELS, Topology
 
 __all__ = ["ESTIMATORS", "Decoder"]
@@ -209,7 +209,7 @@ def _wanted(topology: Topology, want: Collection[str] | None) -> frozenset[str]:
                 f"got {name!r}, which is of the array: use skin.open or ArrayFeatures"
             )
         if name not in UNIT_WANTS:
-            raise OptionError.unknown("want", name, UNIT_WANTS)
+            raise OptionError.unknown("want", name, WANTS)
     for name in UNIT_WANTS:
         for channel in _NEEDS[name] if name in wanted else ():
             missing = topology.enabled & ~topology.wired[CHANNELS.index(channel)]
