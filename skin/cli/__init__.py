@@ -36,18 +36,16 @@ def main(arguments: list[str] | None = None) -> int:
         print(version("f3t-skin"))
         return 0
     if name not in COMMANDS:
-        from difflib import get_close_matches
+        from skin.errors import OptionError
 
-        near = get_close_matches(name, COMMANDS, n=1)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
-        return _refuse(f"skin: command must be one of {', '.join(COMMANDS)}; got {name!r}{hint}")
+        return _refuse(str(OptionError.unknown("skin", name, COMMANDS)))
     command: Callable[..., int] = getattr(import_module(f"skin.cli.{name}"), name)
     return _guarded(
         lambda: tyro.cli(
             command,
             prog=f"skin {name}",
             args=rest,
-            config=(tyro.conf.FlagCreatePairsOff, tyro.conf.PositionalRequiredArgs),
+            config=(tyro.conf.FlagCreatePairsOff,),
         )
     )
 

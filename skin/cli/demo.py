@@ -23,7 +23,7 @@ def demo(
     topology: Annotated[str, tyro.conf.Positional] = "palm",
     /,
     *,
-    seconds: Annotated[float, tyro.conf.arg(help="simulated time")] = 8.0,
+    seconds: Annotated[float, tyro.conf.arg(help="simulated time; a stroke takes 7")] = 7.0,
     seed: Annotated[int, tyro.conf.arg(help="seed of the simulated noise")] = 0,
     fast: Annotated[
         bool, tyro.conf.arg(help="as fast as possible instead of in real time")

@@ -123,7 +123,8 @@ def _draw_maps(figure: Any, topology: Topology, run: Run) -> None:
             scale_units="xy", scale=1.0, color=HUES[1], width=0.008,
         )  # fmt: skip
         centre = run.centroid[k, flat] * 1e3
-        axis.plot(*centre, marker="+", color=INK, markersize=11, markeredgewidth=1.6)
+        for colour, width in (("white", 4.0), (INK, 1.6)):
+            axis.plot(*centre, marker="+", color=colour, markersize=11, markeredgewidth=width)
         margin = float(size.max())
         axis.set(
             xlim=(x.min() - margin, x.max() + margin), ylim=(y.min() - margin, y.max() + margin),

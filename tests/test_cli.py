@@ -1,0 +1,162 @@
+"""The command line, as a user meets it: exit status, the last line, refusals."""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import json
+
+import can
+import numpy as np
+import pytest
+
+import skin
+import topology
+from bus.frame import FrameBatch
+from skin.cli import COMMANDS, main
+from skin.sim.node import Nodes
+
+
+def last_json(capsys):
+    return json.loads(capsys.readouterr().out.splitlines()[-1])
+
+
+def test_overview_names_every_command(capsys):
+    assert main(["--help"]) == 0
+    text = capsys.readouterr().out
+    assert all(f"  {name}" in text for name in COMMANDS)
+
+
+def test_nothing_given_is_wrong_use(capsys):
+    assert main([]) == 2
+    assert "usage" in capsys.readouterr().out
+
+
+def test_unknown_command_names_the_nearest(capsys):
+    assert main(["dmeo"]) == 2
+    assert "nearest: 'demo'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_has_help(name, capsys):
+    with pytest.raises(SystemExit) as stopped:
+        main([name, "--help"])
+    assert stopped.value.code == 0
+    assert f"skin {name}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["demo", "plam"], "nearest: 'palm'"),
+        (["demo", "--seconds", "-1"], "--seconds: must be above 0"),
+        (["run", "palm", "--seconds", "0"], "--seconds: must be above 0"),
+        (["decode", "none.log", "--topology", "palm", "--output", "x.xls"], "must end in .csv"),
+        (["decode", "none.log", "--topology", "palm"], "none.log"),
+    ],
+)
+def test_bad_input_is_refused_with_a_message(arguments, message, capsys):
+    assert main(arguments) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_demo_ends_with_one_json_object(tmp_path, capsys):
+    picture = tmp_path / "demo.png"
+    assert main(["demo", "--seconds", "7", "--fast", "--json", "--picture", str(picture)]) == 0
+    report = last_json(capsys)
+    assert report["units"] == 64
+    assert report["cycles"] == 1750
+    assert report["lost_frames"] == 0
+    assert report["frames"] == 1750 * 13
+    assert 0.0 < report["temperature_rmse_c"] <= 0.5
+    assert 0.0 < report["force_rmse_n"] <= 0.04
+    assert report["force_max_error_n"] >= report["force_rmse_n"]
+    assert 0.0 < report["wrench_force_rmse_n"] <= 0.3
+    assert 0.0 < report["centroid_rmse_mm"] <= 1.0
+    assert report["cycle_us_p50"] <= report["cycle_us_p99"]
+    assert report["picture"] == str(picture)
+    assert picture.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    assert list(tmp_path.iterdir()) == [picture]
+
+
+@pytest.mark.parametrize("name", ["fingertip", "hand", "strip"])
+def test_demo_runs_on_every_ready_made_skin(name, tmp_path, capsys):
+    picture = tmp_path / "demo.png"
+    arguments = ["demo", name, "--seconds", "6", "--fast", "--json", "--picture", str(picture)]
+    assert main(arguments) == 0
+    report = last_json(capsys)
+    assert report["lost_frames"] == 0
+    assert report["temperature_rmse_c"] <= 0.6
+    assert picture.stat().st_size > 10_000
+
+
+def test_same_seed_same_figures(tmp_path, capsys):
+    arguments = ["demo", "--seconds", "2", "--fast", "--json", "--picture", str(tmp_path / "a.png")]
+    main(arguments)
+    first = last_json(capsys)
+    main(arguments)
+    second = last_json(capsys)
+    timed = {"cycle_us_p50", "cycle_us_p99"}
+    assert {k: v for k, v in first.items() if k not in timed} == {
+        k: v for k, v in second.items() if k not in timed
+    }
+
+
+def test_run_without_units_says_so(capsys):
+    assert main(["run", "palm", "--seconds", "0.2", "--json"]) == 1
+    report = last_json(capsys)
+    assert report["units_heard"] == 0
+    assert len(report["silent_units"]) == 64
+
+
+@pytest.fixture
+def recorded(tmp_path):
+    """A candump log of the simulated strip, written by python-can, and the forces felt live."""
+    loaded = topology.load("strip")
+    path = tmp_path / "strip.log"
+    nodes, sync, answers = Nodes(loaded, seed=5), FrameBatch(1), FrameBatch(64)
+    with can.CanutilsLogWriter(path) as writer:
+        for cycle in range(60):
+            sync.clear()
+            sync.append(loaded.buses[0].sync_id, bytes([cycle]))
+            answers.clear()
+            nodes.respond(sync.frames, answers)
+            for i, frame in enumerate([*sync.frames, *answers.frames]):
+                message = can.Message(
+                    timestamp=1.7e9 + cycle / loaded.cycle_rate_hz + i * 1e-4,
+                    arbitration_id=int(frame["id"]),
+                    is_extended_id=False,
+                    data=frame["data"][: frame["length"]].tobytes(),
+                )
+                writer.on_message_received(message)
+    with skin.open(loaded, simulate=True, pace=False, seed=5, dtype="float64") as strip:
+        live = [state.units.force.copy() for state in itertools.islice(strip, 60)]
+    return path, np.stack(live)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npz"])
+def test_decoded_log_is_what_was_felt_live(recorded, suffix, tmp_path, capsys):
+    log, live = recorded
+    output = tmp_path / f"forces{suffix}"
+    arguments = ["decode", str(log), "--topology", "strip", "--output", str(output), "--json"]
+    assert main(arguments) == 0
+    report = last_json(capsys)
+    assert report["cycles"] == 60
+    assert report["counters"]["lost"] == 0
+    n = live.shape[2]
+    if suffix == ".npz":
+        with np.load(output, allow_pickle=False) as arrays:
+            force = arrays["force_n"]
+    else:
+        with output.open() as file:
+            rows = list(csv.DictReader(file))
+        force = np.array([[float(r[k]) for k in ("fx_n", "fy_n", "fz_n")] for r in rows])
+        force = force.reshape(60, n, 3).transpose(0, 2, 1)
+    assert np.abs(force - live).max() < 1e-4  # digits of the table
+
+
+def test_log_of_another_skin_is_no_cycle(recorded, capsys):
+    log, _ = recorded
+    assert main(["decode", str(log), "--topology", "fingertip", "--json"]) in (0, 1)
+    report = last_json(capsys)
+    assert report["valid_share"] == 0.0
