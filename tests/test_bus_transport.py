@@ -21,7 +21,12 @@ def named_memory():
     return open_transport(bus, 2), open_transport(bus, 3)
 
 
-PAIRS = {"memory-pair": memory_pair, "memory": named_memory}
+def virtual():
+    bus = Bus(name="main", interface="virtual", channel=next(names), data_bitrate=5_000_000)
+    return open_transport(bus, 2), open_transport(bus, 3)
+
+
+PAIRS = {"memory-pair": memory_pair, "memory": named_memory, "python-can-virtual": virtual}
 
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)

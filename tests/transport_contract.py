@@ -171,6 +171,27 @@ def check_close(near, far):
     assert near.receive(FrameBatch(1)) == 0
 
 
+def check_close_ends_a_wait(near, far):
+    """A thread that waits in `receive` hears that its end was closed."""
+    outcome = []
+
+    def wait():
+        try:
+            outcome.append(far.receive(FrameBatch(1), 6 * PATIENCE_S))
+        except BusClosedError as error:
+            outcome.append(error)
+
+    thread = threading.Thread(target=wait)
+    started = time.monotonic()
+    thread.start()
+    time.sleep(0.01)  # so that it waits already, most of the time
+    far.close()
+    thread.join()
+    assert time.monotonic() - started < 3 * PATIENCE_S
+    assert isinstance(outcome[0], BusClosedError)
+    assert near.receive(FrameBatch(1)) == 0
+
+
 def check_nothing_to_send(near, far):
     """An empty array is sent at once."""
     assert near.send(numbered(1)[:0]) == 0
@@ -187,5 +208,6 @@ CHECKS = (
     check_time_out,
     check_sending_while_receiving,
     check_close,
+    check_close_ends_a_wait,
     check_nothing_to_send,
 )

@@ -1,0 +1,329 @@
+"""PythonCanTransport: any interface that python-can knows, one message at a time."""
+
+from __future__ import annotations
+
+import errno
+import socket
+import struct
+import threading
+import time
+from difflib import get_close_matches
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bus.errors import BusClosedError, BusOpenError
+from bus.frame import CAN_EFF, CAN_ERR, CAN_RTR, FD_BRS, FD_ESI, FD_FDF, FRAME_DTYPE, FrameBatch
+from bus.state import BusState
+from bus.transport import Transport
+from topology import Bus
+
+if TYPE_CHECKING:
+    import can
+
+__all__ = ["PythonCanTransport", "from_message", "to_message"]
+
+_HEAD = struct.Struct("<qIBBBB")
+_SIZE = FRAME_DTYPE.itemsize
+_EFF_MASK, _SFF_MASK = 0x1FFF_FFFF, 0x7FF
+
+_SLICE_S = 0.1
+"""Longest wait within python-can, so that `close` need not wait for longer."""
+_PATIENCE_S, _RETRY_S = 0.05, 0.001
+"""How long `send` waits in all for room in a full transmit queue, and between two attempts."""
+_RECEIVE_BUFFER = 8 << 20
+_SO_RCVBUFFORCE = 33  # a name that Python's socket module lacks
+
+_NO_BITRATE = ("socketcan", "socketcand", "virtual", "udp_multicast", "serial")
+"""Interfaces whose bit rate is none of python-can's business."""
+_LINUX_ERRORS = ("socketcan", "socketcand", "virtual", "udp_multicast")
+"""Interfaces whose error frames are Linux's; those of others have a language of their own."""
+_PCAN_BITRATES = (5, 10, 20, 33, 47, 50, 83, 95, 100, 125, 250, 500, 800, 1000)
+"""kbit/s that PCAN knows by name; any other it would take for 500 without a word."""
+_PCAN_CLOCK_HZ, _PCAN_FD_CLOCK_HZ = 8_000_000, 80_000_000
+_SAMPLE_POINT, _DATA_SAMPLE_POINT = 80.0, 75.0
+"""Per cent of a bit; CiA 601 recommends 80 for both phases, and less above 4 Mbit/s."""
+
+
+class PythonCanTransport(Transport):
+    """One end of a bus, through python-can.
+
+    No configuration file or environment variable has a say, only the topology. Time stamps are
+    those of the driver, as exact as a float of seconds (0.2 µs), and of the driver's own epoch.
+
+    Parameters
+    ----------
+    bus : Bus
+        `options` are further keyword arguments of the interface.
+    index : int
+        Written to `bus` of every received frame.
+
+    Attributes
+    ----------
+    receive_buffer_bytes : int or None
+        Size of the socket's receive queue as the system granted it; None where there is no socket.
+
+    Raises
+    ------
+    BusOpenError
+        The interface is unknown, cannot be opened, or cannot carry what the bus needs.
+    """
+
+    def __init__(self, bus: Bus, index: int = 0) -> None:
+        super().__init__(index)
+        self._name = f"bus {bus.name!r} ({bus.interface} {bus.channel})"
+        self._can = _open(bus)
+        # SocketCAN marks the frames of other programs on this host like a driver marks echoes,
+        # but delivers no echo unless asked to.
+        self._knows_echoes = bus.interface != "socketcan"
+        self._error_mask = _EFF_MASK if bus.interface in _LINUX_ERRORS else 0
+        self._descriptor = self._can.fileno() if bus.interface == "socketcan" else -1
+        self.receive_buffer_bytes = _enlarge(getattr(self._can, "socket", None))
+        self._receiving, self._sending = threading.Lock(), threading.Lock()
+        self._is_closed = False
+        self._fault: Exception | None = None
+
+    def fileno(self) -> int:
+        """Descriptor that `poll` can wait on for frames; -1 where there is none."""
+        return self._descriptor
+
+    def receive(self, batch: FrameBatch, timeout_s: float = 0.0) -> int:
+        """Append waiting frames to `batch`; see `Transport.receive`."""
+        start = batch.count
+        until = time.monotonic() + timeout_s
+        wait_s = min(timeout_s, _SLICE_S) if timeout_s > 0 else 0.0
+        view = memoryview(batch.records.view(np.uint8))
+        while batch.room:
+            message = self._receive(wait_s, batch.count > start)
+            if message is not None:
+                wait_s = 0.0
+                if self._knows_echoes and not message.is_rx:
+                    continue
+                from_message(message, view, batch.count, self.index, self._error_mask)
+                batch.count += 1
+                continue
+            remaining_s = until - time.monotonic()
+            if batch.count > start or remaining_s <= 0:
+                break
+            wait_s = min(remaining_s, _SLICE_S)
+        frames = batch.records[start : batch.count]
+        if frames.size:
+            self._counters.received += frames.size
+            if self.state is BusState.DOWN:
+                self._enter(BusState.ACTIVE, "frames arrive again", int(frames["stamp_ns"][0]))
+            self._hear(frames)
+        return frames.size
+
+    def _receive(self, wait_s: float, has_frames: bool) -> can.Message | None:
+        import can
+
+        with self._receiving:
+            self._check()
+            try:
+                return self._can.recv(wait_s)
+            except (can.CanError, OSError, ValueError) as error:
+                if _number(error) == errno.ENETDOWN:
+                    self._enter(BusState.DOWN, str(error))
+                    return None
+                self._enter(BusState.GONE, str(error))
+                self._fault = error
+                if has_frames:  # those first; the next call says what happened
+                    return None
+                raise self._gone(error) from error
+
+    def send(self, records: np.ndarray) -> int:
+        """Send frames one by one; waits a little where the transmit queue is full."""
+        import can
+
+        taken, patience_s = 0, _PATIENCE_S
+        with self._sending:
+            self._check()
+            while taken < records.size:
+                try:
+                    self._can.send(to_message(records[taken]), timeout=_PATIENCE_S)
+                except (can.CanError, OSError, ValueError) as error:
+                    if _number(error) in (errno.ENODEV, errno.ENXIO):
+                        self._enter(BusState.GONE, str(error))
+                        self._fault = error
+                        break
+                    if _number(error) != errno.ENOBUFS or patience_s <= 0:
+                        break
+                    self._counters.send_waits += 1
+                    time.sleep(_RETRY_S)
+                    patience_s -= _RETRY_S
+                else:
+                    taken += 1
+        self._counters.sent += taken
+        self._counters.send_failures += records.size - taken
+        return taken
+
+    def _check(self) -> None:
+        if self._is_closed:
+            raise BusClosedError(f"{self._name}: closed at this end")
+        if self._fault is not None:
+            raise self._gone(self._fault) from self._fault
+
+    def _gone(self, error: Exception) -> BusClosedError:
+        return BusClosedError(f"{self._name}: {error}")
+
+    def close(self) -> None:
+        """Release the interface; closing twice is fine, and a waiting `receive` ends."""
+        if self._is_closed:
+            return
+        self._is_closed = True
+        with self._receiving, self._sending:
+            self._can.shutdown()
+
+
+def from_message(
+    message: can.Message, view: memoryview, i: int, bus: int, error_mask: int = _EFF_MASK
+) -> None:
+    """Write a message of python-can into record i of FRAME_DTYPE records, seen as bytes.
+
+    `error_mask` says which bits of an error frame's identifier are a class as Linux has them.
+    """
+    can_id, data = message.arbitration_id, message.data
+    length = len(data) if not message.is_remote_frame else min(message.dlc, 64)
+    if message.is_error_frame:
+        can_id = CAN_ERR | can_id & error_mask
+    elif message.is_extended_id:
+        can_id = CAN_EFF | can_id & _EFF_MASK
+    else:
+        can_id &= _SFF_MASK
+    flags = 0
+    if message.is_remote_frame:
+        can_id |= CAN_RTR
+    elif message.is_fd:
+        flags = FD_FDF
+        if message.bitrate_switch:
+            flags |= FD_BRS
+        if message.error_state_indicator:
+            flags |= FD_ESI
+    stamp_ns = round(message.timestamp * 1e9) or time.time_ns()
+    start = i * _SIZE
+    _HEAD.pack_into(view, start, stamp_ns, can_id, length, flags, 0, bus)
+    if not message.is_remote_frame:
+        view[start + _HEAD.size : start + _HEAD.size + length] = data
+
+
+def to_message(record: np.void) -> can.Message:
+    """Turn a record of FRAME_DTYPE into a message of python-can."""
+    import can
+
+    can_id, length, flags = int(record["id"]), int(record["length"]), int(record["flags"])
+    is_remote, is_error = bool(can_id & CAN_RTR), bool(can_id & CAN_ERR)
+    return can.Message(
+        timestamp=int(record["stamp_ns"]) * 1e-9,
+        arbitration_id=can_id & _EFF_MASK,
+        is_extended_id=bool(can_id & CAN_EFF),
+        is_remote_frame=is_remote,
+        is_error_frame=is_error,
+        is_fd=bool(flags & FD_FDF),
+        bitrate_switch=bool(flags & FD_BRS),
+        error_state_indicator=bool(flags & FD_ESI),
+        dlc=length,
+        data=None if is_remote else record["data"][: min(length, 64)].tobytes(),
+    )
+
+
+def _open(bus: Bus) -> can.BusABC:
+    """Open an interface, or say what was wrong."""
+    import can
+
+    known = sorted({"memory", *can.interfaces.VALID_INTERFACES})
+    if bus.interface not in known:
+        near = get_close_matches(bus.interface, known, n=1)
+        hint = f"; nearest: {near[0]!r}" if near else ""
+        raise _must_be(bus, "interface", f"one of {', '.join(known)}", repr(bus.interface) + hint)
+    if bus.options.get("receive_own_messages"):
+        raise _must_be(bus, "options: receive_own_messages", "false or absent", "true")
+    try:
+        arguments = _arguments(bus)
+        opened = can.Bus(
+            bus.channel or None, interface=bus.interface, ignore_config=True, **arguments
+        )
+    # Drivers raise what they like: their own errors, those of ctypes, of missing modules, of types.
+    except Exception as error:
+        said = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+        remedy = f"; remedy: {_switch_on(bus)}" if bus.interface == "socketcan" else ""
+        where = f"bus {bus.name!r}: {bus.interface} channel {bus.channel!r}"
+        raise BusOpenError(f"{where}: cannot be opened: {said}{remedy}") from error
+    if bus.fd and opened.protocol is can.CanProtocol.CAN_20:
+        opened.shutdown()
+        expected = "absent, for python-can opens this interface for classic CAN only"
+        raise _must_be(bus, "data_bitrate", expected, str(bus.data_bitrate))
+    return opened
+
+
+def _arguments(bus: Bus) -> dict[str, Any]:
+    """Return what the interface wants to be told of bit rates and CAN FD, and the bus's options."""
+    import can
+
+    if bus.interface == "virtual":
+        protocol = can.CanProtocol.CAN_FD if bus.fd else can.CanProtocol.CAN_20
+        return {"protocol": protocol, **bus.options}
+    arguments: dict[str, Any] = {}
+    if bus.interface not in _NO_BITRATE:
+        arguments["bitrate"] = bus.bitrate
+    if bus.fd:
+        arguments["fd"] = True
+        if bus.interface == "nixnet":
+            arguments["fd_bitrate"] = bus.data_bitrate
+        elif bus.interface not in _NO_BITRATE:
+            arguments["data_bitrate"] = bus.data_bitrate
+    is_timed = {"timing", "f_clock", "f_clock_mhz"} & bus.options.keys()
+    if bus.interface == "pcan" and not is_timed:
+        timing = _pcan_timing(bus)
+        if timing is not None:
+            arguments = {"timing": timing}
+    return {**arguments, **bus.options}
+
+
+def _pcan_timing(bus: Bus) -> can.BitTiming | can.BitTimingFd | None:
+    """Bit timing where PCAN has no name for the bit rate, as it has none for CAN FD."""
+    import can
+
+    if bus.data_bitrate is not None:
+        return can.BitTimingFd.from_sample_point(
+            f_clock=_PCAN_FD_CLOCK_HZ,
+            nom_bitrate=bus.bitrate,
+            nom_sample_point=_SAMPLE_POINT,
+            data_bitrate=bus.data_bitrate,
+            data_sample_point=_DATA_SAMPLE_POINT,
+        )
+    if bus.bitrate in [1000 * rate for rate in _PCAN_BITRATES]:
+        return None
+    return can.BitTiming.from_sample_point(_PCAN_CLOCK_HZ, bus.bitrate, _SAMPLE_POINT)
+
+
+def _switch_on(bus: Bus) -> str:
+    """Command that sets a SocketCAN interface up for a bus."""
+    if bus.channel.startswith("vcan"):
+        mtu = 72 if bus.fd else 16
+        return (
+            f"sudo ip link add {bus.channel} type vcan; sudo ip link set {bus.channel} mtu {mtu} up"
+        )
+    fd = f" dbitrate {bus.data_bitrate} fd on" if bus.fd else ""
+    return f"sudo ip link set {bus.channel} up type can bitrate {bus.bitrate}{fd}"
+
+
+def _enlarge(sock: Any) -> int | None:
+    """Ask for a receive queue that outlasts a pause of this process; return what was granted."""
+    if not isinstance(sock, socket.socket):
+        return None
+    for option in (_SO_RCVBUFFORCE, socket.SO_RCVBUF):
+        try:
+            sock.setsockopt(socket.SOL_SOCKET, option, _RECEIVE_BUFFER)
+            break
+        except OSError:  # not permitted to exceed the system's limit: then up to it
+            continue
+    return sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+
+
+def _number(error: Exception) -> int | None:
+    """Return the system's error number, where there is one."""
+    return getattr(error, "error_code", None) or getattr(error, "errno", None)
+
+
+def _must_be(bus: Bus, where: str, expected: str, got: str) -> BusOpenError:
+    return BusOpenError(f"bus {bus.name!r}: {where}: must be {expected}; got {got}")
