@@ -46,6 +46,7 @@ def open(
     dtype: str = "float32",
     sync: Literal["host", "bus"] = "host",
     pace: bool = True,
+    deadline_s: float | None = None,
     simulate: bool | Scene = False,
     transports: Iterable[Transport] | None = None,
     seed: int = 0,
@@ -66,6 +67,9 @@ def open(
         Who sends SYNC: this host, or another node (then this end only listens).
     pace : bool
         Keep the cycle rate of the topology; False asks for the next cycle as soon as one is done.
+    deadline_s : float, optional
+        How long after its SYNC a cycle waits for missing frames; 0.9 of the cycle's period if not
+        given.
     simulate : bool or Scene
         Attach simulated units, in this process, instead of opening the buses of the file.
     transports : iterable of Transport, optional
@@ -90,6 +94,8 @@ def open(
     loaded = source if isinstance(source, Topology) else topology_package.load(source)
     if sync not in ("host", "bus"):
         raise OptionError.unknown("sync", sync, ("host", "bus"))
+    if deadline_s is not None and not deadline_s > 0.0:
+        raise OptionError(f"deadline_s: must be above 0; got {deadline_s}")
     nodes = None
     if simulate is not False:
         from bus.memory import MemoryTransport
@@ -112,9 +118,11 @@ def open(
             )
         return Skin(
             loaded, opened, want=want, estimator=estimator, dtype=dtype, sync=sync, pace=pace,
-            nodes=nodes,
+            deadline_s=deadline_s, nodes=nodes,
         )  # fmt: skip
     except BaseException:
+        if nodes is not None:
+            nodes.close()
         for transport in opened:
             transport.close()
         raise
@@ -143,6 +151,7 @@ class Skin:
         dtype: str,
         sync: str,
         pace: bool,
+        deadline_s: float | None,
         nodes: Nodes | None = None,
     ) -> None:
         self.topology = topology
@@ -150,7 +159,7 @@ class Skin:
         self.timing = Timing()
         self.nodes = nodes
         self._read = CycleReader(topology, want=want, estimator=estimator, dtype=dtype)
-        self._assembler = Assembler(topology)
+        self._assembler = Assembler(topology, deadline_s=deadline_s)
         self._batch = FrameBatch(4096)
         self._pace = pace
         self._period_ns = round(1e9 / topology.cycle_rate_hz)
