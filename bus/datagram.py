@@ -113,10 +113,10 @@ class DatagramTransport(Transport):
             until = time.monotonic_ns() + left_ns if left_ns > 0 else 0
             while not self._is_closed:
                 before = self._counters.state_changes
-                if self.state is not BusState.ACTIVE:
+                is_troubled = self.state is not BusState.ACTIVE
+                taken = self._receive(batch, min(left_ns, _LOOK_NS) if is_troubled else left_ns)
+                if is_troubled:
                     self._look_again()
-                    left_ns = min(left_ns, _LOOK_NS)
-                taken = self._receive(batch, left_ns)
                 if taken or not batch.room or until == 0:
                     return taken
                 left_ns = until - time.monotonic_ns()
@@ -182,6 +182,8 @@ class DatagramTransport(Transport):
             self._counters.send_failures += total - sent
             if self._is_closed:
                 raise self._closed()
+            if self.state is not BusState.ACTIVE:
+                self._look_again()
         return sent
 
     def close(self) -> None:

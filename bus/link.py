@@ -22,6 +22,7 @@ _NAME, _MTU, _DETAILS = 3, 4, 18
 _KIND, _DATA = 1, 2
 _BIT_TIMING, _CONTROLLER_STATE, _DATA_BIT_TIMING = 1, 4, 9
 _TYPE_CAN, _IS_UP = 280, 1
+_UNKNOWN_RATE = 0xFFFF_FFFF
 _NESTED = 0x3FFF
 _STATES = (BusState.ACTIVE, BusState.WARNING, BusState.PASSIVE, BusState.BUS_OFF)
 
@@ -87,8 +88,8 @@ def _link(message: bytes) -> Link:
         mtu=_number(fields[_MTU]) or 0,
         kind=_text(details.get(_KIND, b"")),
         controller=_STATES[state] if state is not None and state < len(_STATES) else None,
-        bitrate=_number(can.get(_BIT_TIMING)) or None,
-        data_bitrate=_number(can.get(_DATA_BIT_TIMING)) or None,
+        bitrate=_rate(can.get(_BIT_TIMING)),
+        data_bitrate=_rate(can.get(_DATA_BIT_TIMING)),
     )
 
 
@@ -102,8 +103,13 @@ def _attributes(data: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 def _number(data: bytes | None) -> int | None:
-    """First four bytes: the number itself, or the bit rate at the head of a bit timing."""
     return struct.unpack_from("=I", data)[0] if data else None
+
+
+def _rate(timing: bytes | None) -> int | None:
+    """Bit rate, at the head of a bit timing; drivers of serial adapters do not know theirs."""
+    rate = _number(timing)
+    return None if rate in (0, _UNKNOWN_RATE) else rate
 
 
 def _text(data: bytes) -> str:

@@ -157,6 +157,7 @@ class SocketCanTransport(DatagramTransport):
 
 def _bind(sock: socket.socket, link: Link, filters: bytes) -> int:
     """Hear an interface; all that an earlier one took with it is set again."""
+    sock.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)  # reading clears the earlier one's last
     sock.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)
     sock.setsockopt(socket.SOL_CAN_RAW, CAN_RAW_ERR_FILTER, _EVERY_ERROR)
     sock.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, filters)
