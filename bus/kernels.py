@@ -683,10 +683,10 @@ def _feed(row, words, data, tables, memory, shown):
                 totals[OVERFLOW] += 1
         elif can_id & CAN_RTR:
             totals[REMOTE] += 1
-        elif (header >> 48) & ECHO:
-            totals[ECHOED] += 1
         elif bus >= tables.standard.shape[0]:
             totals[FOREIGN] += 1
+        elif (header >> 48) & ECHO and can_id != memory.syncs[bus, SYNC_IDENTIFIER]:
+            totals[ECHOED] += 1
         else:
             if 0 <= words[row, 0] < STAMP_MAX:
                 state[LAST_STAMP] = words[row, 0]

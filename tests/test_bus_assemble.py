@@ -310,6 +310,18 @@ def test_a_sync_without_a_counter_counts_on():
     assert cycles[-1].valid.all()
 
 
+def test_the_hosts_own_sync_opens_a_cycle_in_its_log_and_none_twice_on_its_bus():
+    small = make_topology(units=2)
+    frames = [cycle_frames(small, i) for i in range(3)]
+    for records in frames:
+        records["origin"][0] = ECHO
+    assembler = Assembler(small)
+    cycles = run(assembler, *(join(r[:1], r) for r in frames), end=False)
+    assert [cycle.number for cycle in cycles] == [0, 1, 2]
+    assert all(cycle.valid.all() for cycle in cycles)
+    assert assembler.counters == FrameCounters(data=6, sync=6)
+
+
 def test_a_sync_of_another_size_is_none():
     small = make_topology(units=1)
     assembler = Assembler(small)
