@@ -1,0 +1,89 @@
+"""Contact mechanics the slow and obvious way, and plain skins to try it on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+from scipy.optimize import nnls
+
+from topology import Topology, load
+
+
+@cache
+def square(side: int, pitch_m: float = 0.012) -> Topology:
+    """A flat square of units in the plane z = 0, outward normal +z; units as those of the palm."""
+    palm, n = load("palm"), side * side
+    line = (np.arange(side) - 0.5 * (side - 1)) * pitch_m
+    x, y = (axis.ravel() for axis in np.meshgrid(line, line))
+    return replace(
+        palm,
+        unit_names=tuple(f"u{i}" for i in range(n)),
+        patch=np.zeros(n, np.int32),
+        position=np.stack([x, y, np.zeros(n)]),
+        rotation=np.repeat(palm.rotation[..., :1], n, axis=-1),
+        area=np.full(n, min(pitch_m**2, palm.area[0])),
+        parameters={k: np.repeat(v[..., :1], n, axis=-1) for k, v in palm.parameters.items()},
+    )
+
+
+@cache
+def jaws(width_m: float = 0.03) -> Topology:
+    """Two flat patches of 3 x 3 units that face each other across the plane z = 0."""
+    one = square(3)
+    up, down = one.rotation, np.diag([1.0, -1.0, -1.0]) @ one.rotation.transpose(2, 0, 1)
+    away = np.array([[0.0], [0.0], [0.5 * width_m]])
+    return replace(
+        one,
+        unit_names=tuple(f"{jaw}{i}" for jaw in ("low", "high") for i in range(9)),
+        patch_names=("low", "high"),
+        patch=np.repeat(np.arange(2, dtype=np.int32), 9),
+        position=np.concatenate([one.position - away, one.position + away], axis=1),
+        rotation=np.concatenate([up, down.transpose(1, 2, 0)], axis=2),
+        area=np.tile(one.area, 2),
+        parameters={k: np.tile(v, 2) for k, v in one.parameters.items()},
+    )
+
+
+def inside(
+    curvature: np.ndarray, planes: np.ndarray, points: np.ndarray, slack: float = 1e-12
+) -> np.ndarray:
+    """Which points, shape (3, m), lie in a body, all in the body's frame."""
+    within = (curvature @ points**2 <= 1.0 + slack) | (not curvature.any())
+    return within & np.all(planes[:3].T @ points <= planes[3][:, np.newaxis] + slack, axis=0)
+
+
+def line_integral_rectangle(x: float, y: float, half: float, fineness: int = 400) -> np.ndarray:
+    """Integrals of 1/r, x²/r³, y²/r³ and xy/r³ over a square seen from (x, y), by midpoints."""
+    line = (np.arange(fineness) + 0.5) / fineness * 2.0 * half - half
+    a, b = np.meshgrid(x - line, y - line)
+    r = np.hypot(a, b)
+    cell = (2.0 * half / fineness) ** 2
+    return cell * np.array([np.sum(f) for f in (1 / r, a * a / r**3, b * b / r**3, a * b / r**3)])
+
+
+def linear_contact(influence: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """Loads f >= 0 with influence @ f >= depth, and no load where there is a gap.
+
+    That is the least elastic energy, and with the matrix's Cholesky factor a least-squares problem
+    of numbers that may not be negative.
+    """
+    factor = np.linalg.cholesky(influence)
+    return nnls(factor.T, np.linalg.solve(factor, depth), maxiter=50 * depth.size)[0]
+
+
+def held_tractions(
+    influence: np.ndarray, want: np.ndarray, limit: np.ndarray, rounds: int = 20000
+) -> np.ndarray:
+    """Tractions of least energy within circles of radius `limit`: projected gradients.
+
+    `influence` has shape (2 n, 2 n), `want` (2, n).
+    """
+    force = np.zeros_like(want)
+    rate = 1.0 / np.linalg.eigvalsh(influence)[-1]
+    for _ in range(rounds):
+        force = force + rate * (want - (influence @ force.ravel()).reshape(want.shape))
+        size = np.hypot(*force)
+        force *= np.minimum(1.0, limit / np.where(size > 0.0, size, 1.0))
+    return force
