@@ -5,17 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from bus.status import INVALID, Status
-from topology import THETA_KNOTS
+from topology import CHANNELS, THETA_KNOTS
 
 
 def naive_decode(skin, raw, status=None):
     """Decode a batch from rest; raw has the shape (t, 6, n). Return a dict of float64 arrays."""
     p = skin.parameters
     period_s = 1.0 / skin.cycle_rate_hz
+    rails = _rails(skin)
     film = chip = None
     cycles = []
     for t in range(raw.shape[0]):
-        known = np.zeros(skin.n, np.uint16) if status is None else status[t].copy()
+        known = np.zeros(skin.n, int) if status is None else status[t].astype(int)
         known[~skin.enabled] |= Status.DISABLED
         value = skin.scale * raw[t] + skin.offset
         current, frequency, bx, by, _, chip_measured = value
@@ -31,7 +32,7 @@ def naive_decode(skin, raw, status=None):
             p["normal_soft_n_per_hz"] * p["normal_break_hz"]
             + p["normal_stiff_n_per_hz"] * (drop - p["normal_break_hz"]),
         )
-        flags = _flags_of_counts(skin, raw[t], temperature, frequency, normal, depth)
+        flags = _flags_of_counts(skin, raw[t], *rails, temperature, frequency, normal, depth)
         silent = known & (Status.NEVER | Status.DISABLED) != 0
         known = np.where(silent, known, known | flags)
 
@@ -90,17 +91,9 @@ def _correction(table, theta):
     )
 
 
-def _flags_of_counts(skin, raw, temperature, frequency, normal, depth):
+def _flags_of_counts(skin, raw, lowest, highest, temperature, frequency, normal, depth):
     p = skin.parameters
-    flags = np.zeros(skin.n, int)
-    for name, row in (("gel", 0), ("frequency", 1), ("bx", 2), ("by", 3), ("hall_temperature", 5)):
-        for i in range(skin.n):
-            signal = _signal(skin, i, name)
-            if signal is None:
-                continue
-            lowest = -(2 ** (signal.length - 1)) if signal.signed else None
-            highest = 2 ** (signal.length - int(signal.signed)) - 1
-            flags[i] |= Status.SATURATED * (raw[row, i] == lowest or raw[row, i] >= highest)
+    railed = ((raw <= lowest) | (raw >= highest)).any(axis=0)
     low, high = p["temperature_min_c"], p["temperature_max_c"]
     span = (high - low) / 2.0
     impossible = (temperature < low - span) | (temperature > high + span)
@@ -108,7 +101,9 @@ def _flags_of_counts(skin, raw, temperature, frequency, normal, depth):
     sigma_hz = np.hypot(p["frequency_noise_hz"], skin.scale[1] / np.sqrt(12.0))
     beyond = (temperature < low) | (temperature > high) | (normal > p["normal_max_n"])
     beyond |= depth * p["frequency_slope_hz_per_mm"] < -6.0 * sigma_hz
-    return flags | Status.OUT_OF_RANGE * impossible | Status.EXTRAPOLATED * beyond
+    return (
+        Status.SATURATED * railed | Status.OUT_OF_RANGE * impossible | Status.EXTRAPOLATED * beyond
+    )
 
 
 def _flags_of_field(skin, ratio, crest, reach):
@@ -122,10 +117,18 @@ def _flags_of_field(skin, ratio, crest, reach):
     return Status.SATURATED * (ratio + sigma >= 1.0) | Status.EXTRAPOLATED * (reach > limit)
 
 
-def _signal(skin, unit, name):
+def _rails(skin):
+    """First and last count of every signal that this estimator uses, shape (6, n)."""
+    lowest, highest = np.full((6, skin.n), -(10**6)), np.full((6, skin.n), 10**6)
     for row in range(len(skin.frames)):
-        for slot in np.flatnonzero(skin.frames.units[row] == unit):
-            for signal in skin.layouts[skin.frames.layout[row]].signals:
-                if signal.name == name and signal.slot == slot:
-                    return signal
-    return None
+        for signal in skin.layouts[skin.frames.layout[row]].signals:
+            unit = skin.frames.units[row, signal.slot]
+            if unit < 0 or signal.name not in CHANNELS or signal.name == "bz":
+                continue
+            channel = CHANNELS.index(signal.name)
+            if signal.signed:
+                lowest[channel, unit] = -(2 ** (signal.length - 1))
+                highest[channel, unit] = 2 ** (signal.length - 1) - 1
+            else:
+                highest[channel, unit] = 2**signal.length - 1
+    return lowest, highest

@@ -187,12 +187,18 @@ def temperature_polynomial(
     angle = np.pi * (np.arange(nodes) + 0.5) / nodes
     root = middle + half * np.cos(angle)[:, np.newaxis]
     temperature = 20.0 + 240.0 * np.log(root) / np.log(ratio)
-    series = np.cos(np.outer(np.arange(degree + 1), angle)) @ temperature * (2.0 / nodes)
+    waves = np.cos(np.outer(np.arange(degree + 1), angle))
+    series = _product(waves, temperature) * (2.0 / nodes)
     series[0] *= 0.5
     powers = np.zeros((degree + 1, degree + 1))
     for i in range(degree + 1):
         powers[: i + 1, i] = chebyshev.cheb2poly(np.eye(degree + 1)[i, : i + 1])
-    return 1.0 / half, -middle / half, powers @ series
+    return 1.0 / half, -middle / half, _product(powers, series)
+
+
+def _product(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Matrix product whose every column is the same to the bit, however many there are."""
+    return sum(np.outer(column, row) for column, row in zip(matrix.T, columns, strict=True))
 
 
 def _turns(topology: Topology) -> np.ndarray:

@@ -177,7 +177,8 @@ class Decoder:
             expected = f"{one} or {many}"
         else:
             expected = f"shape {(*cycles, *shape)}"
-        what = f"{got.dtype}, shape {got.shape}" if isinstance(got, np.ndarray) else repr(type(got))
+        is_array = isinstance(got, np.ndarray)
+        what = f"{got.dtype}, shape {got.shape}" if is_array else type(got).__name__
         name = self.topology.name
         return CountsError(f"{name}: {where}: must be an array of {kind}, {expected}; got {what}")
 
