@@ -157,3 +157,18 @@ def test_29_bit_identifiers_cost_what_they_take(tmp_path):
         found = load(file)
         cycle[extended] = bus_load(0, found.buses[0], found.frames, found.layouts).cycle_s
     assert cycle == pytest.approx({False: 4 * 135e-6, True: 4 * 160e-6})
+
+
+def test_a_board_beats_once_however_many_frames_it_sends(tmp_path):
+    signals = [
+        f'{{ name = "{name}", start = 0, length = 12, part = {part} }}'
+        for part, name in enumerate(("gel", "frequency", "bx", "by"))
+    ]
+    layout = f'[[layouts]]\nname = "own"\nsize = 8\nparts = 4\nsignals = [{", ".join(signals)}]'
+    patch = (
+        'kind = "grid"\nrows = 1\ncolumns = 3\npitch_m = 0.012\nlayout = "own"\nfirst_id = 0x100'
+    )
+    skin = load(write_topology(tmp_path, bus="cycle_rate_hz = 10", patch=patch, more=layout))
+    found = bus_load(0, skin.buses[0], skin.frames, skin.layouts)
+    assert found.frames == 12
+    assert found.load == pytest.approx(10 * 12 * 135e-6 + 3 * 135e-6)

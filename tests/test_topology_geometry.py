@@ -124,6 +124,18 @@ def test_domes_have_their_apex_in_the_origin_and_everything_else_below(patch):
     assert (position[2, 1:] < 0).all()
 
 
+@given(domes.filter(lambda patch: patch.rings))
+def test_odd_rings_of_a_dome_start_half_a_step_on(patch):
+    units = place(patch)
+    ring = np.rint(
+        np.arccos(np.clip(-units.rotation[2, 2], -1, 1)) * patch.radius_m / patch.pitch_m
+    )
+    for k in range(1, patch.rings + 1):
+        members = np.flatnonzero(ring == k)
+        x, y, _ = units.position[:, members[0]]
+        np.testing.assert_allclose(np.arctan2(y, x), (k % 2) * np.pi / members.size, atol=1e-6)
+
+
 @given(domes)
 def test_units_of_a_dome_are_at_least_as_far_apart_as_its_rings(patch):
     units = place(patch)
@@ -275,11 +287,14 @@ def test_nearest_distances_are_those_of_the_obvious_search(position):
     np.testing.assert_allclose(nearest_distance(position), naive.nearest_distance(position))
 
 
-@given(clouds, st.floats(0.1, 2), st.data())
-def test_neighbours_share_a_body_and_the_larger_reach(position, reach, data):
+@given(clouds, st.data())
+def test_neighbours_share_a_body_and_the_larger_reach(position, data):
     n = position.shape[1]
-    body = np.array(data.draw(st.lists(st.integers(0, 1), min_size=n, max_size=n)), int)
-    reaches = np.where(body == 0, reach, reach / 2)
+
+    def one_each(values):
+        return np.array(data.draw(st.lists(values, min_size=n, max_size=n)))
+
+    body, reaches = one_each(st.integers(0, 1)), one_each(st.sampled_from([0.3, 1.0, 2.0]))
     i, j = neighbour_pairs(position, reaches, body)
     found = set(zip(i.tolist(), j.tolist(), strict=True))
     wanted = {

@@ -191,6 +191,12 @@ def test_extended_identifiers_carry_bit_31_and_do_not_clash_with_short_ones(tmp_
     assert ids == [0x100, 0x101, 0x102, 0x80000100, 0x80000101, 0x80000102]
 
 
+def test_a_29_bit_identifier_may_have_the_number_of_sync(tmp_path):
+    patch = GRID.replace("0x100", "0x080") + "\nextended = true"
+    bus = "data_bitrate = 5_000_000\nsync_id = 0x081"
+    assert load(write_topology(tmp_path, patch=patch, bus=bus)).frames.can_id[1] == 0x80000081
+
+
 def test_one_identifier_may_stand_on_two_buses(tmp_path):
     bus = '[[buses]]\nname = "side"\ndata_bitrate = 5_000_000\n'
     more = '[[patches]]\nname = "two"\nbus = "side"\npose.xyz_m = [0.1, 0, 0]\n'
@@ -255,6 +261,69 @@ def test_exceptions_stand_above_calibration_and_calibration_above_the_model(tmp_
     np.testing.assert_allclose(theta[:, skin.unit_index("patch/r1c2")], knots)
     assert np.count_nonzero(theta.any(axis=0)) == 1
     assert skin.area[-1] == pytest.approx(np.pi * 0.004**2)
+
+
+def test_an_exception_may_take_a_calibrated_correction_away(tmp_path):
+    knots = [0.1] * THETA_KNOTS
+    (tmp_path / "a.toml").write_text(
+        f'format = 1\npatch = "patch"\n[units]\nr0c0.theta_correction_rad = {knots}\n'
+        f"r0c1.theta_correction_rad = {knots}\n"
+    )
+    more = '[[units]]\nunit = "patch/r0c0"\ntheta_correction_rad = []\n'
+    file = write_topology(tmp_path, patch=GRID + '\ncalibration = "a.toml"', more=more)
+    theta = load(file).parameters["theta_correction_rad"]
+    assert np.flatnonzero(theta.any(axis=0)).tolist() == [1]
+
+
+def test_of_two_sources_of_a_wrong_parameter_the_one_in_force_is_blamed(tmp_path):
+    (tmp_path / "a.toml").write_text(
+        'format = 1\npatch = "patch"\n[units]\nr0c0.frequency_rest_hz = 1000\n'
+        "r0c1.frequency_rest_hz = 1000\n"
+    )
+    more = '[[units]]\nunit = "patch/r0c0"\nfrequency_rest_hz = 1100\n'
+    file = write_topology(tmp_path, patch=GRID + '\ncalibration = "a.toml"', more=more)
+    with pytest.raises(TopologyError) as raised:
+        load(file)
+    assert {(Path(i.file).name, i.where) for i in raised.value.issues} == {
+        ("a.toml", "units r0c1 frequency_rest_hz"),
+        (file.name, "units[0] 'patch/r0c0' frequency_rest_hz"),
+    }
+
+
+# A sawtooth: it falls by 0.39 rad from knot to knot (less than a knot's width) and leaps up again.
+SAW = [-0.39 * (i % 8) for i in range(THETA_KNOTS)]
+
+
+@pytest.mark.parametrize(
+    ("parameters", "fits"),
+    [
+        ("temperature_max_c = 15.01", True),
+        ("temperature_max_c = 15.0", False),
+        ("normal_break_hz = 2160.1\nnormal_max_n = 3.6", False),
+        ("normal_break_hz = 2159.9\nnormal_max_n = 3.6", True),
+        ("frequency_rest_hz = 1800.1", True),  # 540 Hz, and 6.3 N at 200 Hz/N
+        ("frequency_rest_hz = 1800", False),
+        ("shear_break_mm = 2.5", True),
+        ("shear_break_mm = 2.501", False),
+        ("tangential_max_mm = 2.501", False),
+        ("field_wavenumber_rad_per_mm = 0.6284", False),  # pi / 5 is 0.62832
+        ("field_wavenumber_rad_per_mm = 0.6283", True),
+        ("field_xx = 0.0", False),
+        ("field_xx = 0.0\nfield_xy = 1.0\nfield_yx = -1.0", True),
+        (f"theta_correction_rad = {SAW}", True),
+        (f"theta_correction_rad = {[-x for x in SAW]}", False),
+        (f"theta_correction_rad = {[x * 1.01 for x in SAW]}", False),
+    ],
+)
+def test_parameters_may_go_to_their_limits_and_no_further(parameters, fits, tmp_path):
+    more = f'[[models]]\nname = "edge"\n{parameters}\n'
+    file = write_topology(tmp_path, patch=GRID + '\nmodel = "edge"', more=more)
+    if fits:
+        assert load(file).n == 12
+    else:
+        with pytest.raises(TopologyError) as raised:
+            load(file)
+        assert len(raised.value.issues) == 1
 
 
 def test_an_exception_moves_disables_and_readdresses_its_unit_alone(tmp_path):

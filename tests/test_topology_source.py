@@ -137,6 +137,13 @@ def test_what_is_not_there_has_the_line_of_what_is_around_it():
     assert source.where(("b", 0, "missing", 2)) == "b[0] 'x' missing[2]"
 
 
+@pytest.mark.parametrize("quote", ['"', "'"])
+def test_quotes_at_the_end_of_a_long_string_belong_to_it(quote):
+    source = Source(None, f"a = {quote * 3}x\n{quote * 2}{quote * 3}\nb = 1\n", "file.toml")
+    assert source.data == {"a": f"x\n{quote * 2}", "b": 1}
+    assert source.line(("b",)) == 3
+
+
 def places(node, path=()):
     """Every place of a tree of tables and lists."""
     yield path

@@ -30,7 +30,7 @@ def _check_channels(buses: list[tuple[Key, Bus]], source: Source, report: Report
     """Two buses on one wire would each read the other's frames as foreign."""
     seen: dict[tuple[str, str], tuple[Key, Bus]] = {}
     for key, bus in buses:
-        if not bus.channel or not report.sound(source, key, "interface", "channel", "options"):
+        if not bus.channel or not report.sound(source, key, "interface", "channel"):
             continue
         other_key, other = seen.setdefault((bus.interface, bus.channel), (key, bus))
         if other is not bus:
