@@ -43,6 +43,10 @@ def read(path: str | os.PathLike[str], **options: Any) -> LogReader:
         suffixes.pop()
     suffix = suffixes[-1] if suffixes else ""
     known = (".asc", ".blf", ".csv", ".db", ".log", ".trc")
+    if suffix == ".log":
+        from bus.logs.candump import CandumpReader
+
+        return CandumpReader(path, **options)
     if suffix in known:
         from bus.logs.pythoncan import PythonCanReader
 

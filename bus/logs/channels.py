@@ -12,6 +12,7 @@ LEFT_OUT = -1
 """Index for the frames of a channel that nobody asked for."""
 MOST_BUSES = 256
 """`bus` of a frame is one byte."""
+MOST_CHANNELS = 1024
 
 
 def buses_of(topology: Topology) -> dict[str, int]:
@@ -54,12 +55,10 @@ class Channels:
         """
         found = self.seen.get(name)
         if found is None:
-            if self.buses is not None:
-                found = self.buses.get(name, LEFT_OUT)
-            elif len(self.seen) < MOST_BUSES:
-                found = len(self.seen)
-            else:
-                raise ValueError(f"must be one of at most {MOST_BUSES} channels; got {name!r}")
+            most = MOST_BUSES if self.buses is None else MOST_CHANNELS
+            if len(self.seen) == most:
+                raise ValueError(f"must be one of at most {most} channels")
+            found = len(self.seen) if self.buses is None else self.buses.get(name, LEFT_OUT)
             self.seen[name] = found
         return found
 

@@ -22,7 +22,6 @@ FORMATS: dict[str, tuple[type[can.io.generic.MessageReader], re.Pattern[bytes], 
     ".asc": (can.ASCReader, re.compile(rb"\s*(date|base|//)", re.I), "'date', 'base' or '//'"),
     ".csv": (can.CSVReader, re.compile(re.escape(CSV_HEAD)), f"{CSV_HEAD.decode()!r}"),
     ".db": (can.SqliteReader, re.compile(rb"SQLite format 3\0"), "'SQLite format 3'"),
-    ".log": (can.CanutilsLogReader, re.compile(rb"\s*\("), "'('"),
     ".blf": (can.BLFReader, re.compile(rb"LOGG"), "'LOGG'"),
     ".trc": (can.TRCReader, re.compile(rb"\s*;"), "';'"),
 }

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import gzip
 import os
+import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Generator, Iterator, Mapping
 from pathlib import Path
 from typing import BinaryIO
 
+import numpy as np
+
 from bus.errors import LogError
-from bus.frame import FrameBatch
+from bus.frame import FRAME_DTYPE, FrameBatch
 from bus.logs.channels import Channels
 
-__all__ = ["LogReader"]
+__all__ = ["LogReader", "as_bytes", "as_words"]
 
 
 class LogReader(ABC):
@@ -112,5 +115,22 @@ class LogReader(ABC):
             return gzip.open(self.path, "rb")  # type: ignore[return-value]
         return self.path.open("rb")
 
+    def _read_into(self, file: BinaryIO, view: memoryview) -> int:
+        """Read as much as there is, up to the size of `view`; return the number of bytes."""
+        try:
+            return file.readinto(view)  # type: ignore[attr-defined]
+        except (OSError, EOFError, zlib.error) as error:
+            raise LogError(f"{self.path}: must be readable to its end; got: {error}") from error
+
     def _skip(self, kind: str, count: int = 1) -> None:
         self.skipped[kind] = self.skipped.get(kind, 0) + count
+
+
+def as_words(records: np.ndarray) -> np.ndarray:
+    """View of FRAME_DTYPE records, contiguous, as int64, shape (m, 10)."""
+    return records.view(np.int64).reshape(-1, FRAME_DTYPE.itemsize // 8)
+
+
+def as_bytes(records: np.ndarray) -> np.ndarray:
+    """View of FRAME_DTYPE records, contiguous, as uint8, shape (m, 80)."""
+    return records.view(np.uint8).reshape(-1, FRAME_DTYPE.itemsize)

@@ -1,0 +1,108 @@
+"""CandumpReader: logs of candump, parsed by compiled code."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+
+import numpy as np
+
+from bus.errors import LogError
+from bus.frame import FrameBatch
+from bus.logs import candump_kernels as kernels
+from bus.logs.reader import LogReader, as_bytes, as_words
+
+__all__ = ["CandumpReader"]
+
+CHUNK_BYTES = 1 << 20
+"""Read at a time; a line must fit in."""
+_SHOWN = 60
+
+
+class CandumpReader(LogReader):
+    """Reads what candump writes with -L or -l, and what it shows with -t a, each also with -x.
+
+    Lines may be blank or end in CR LF; stamps may have up to nine digits behind the point. What
+    candump shows to people tells the BRS and ESI flags of a CAN FD frame with -x alone.
+    """
+
+    def _fill(self, batch: FrameBatch) -> Generator[None]:
+        buffer = bytearray(CHUNK_BYTES)
+        self._text = np.frombuffer(buffer, np.uint8)
+        self._state = np.zeros(kernels.STATE_SIZE, np.int64)
+        self._names = np.zeros((kernels.MOST_NAMES, kernels.NAME_BYTES), np.uint8)
+        self._buses = np.zeros(kernels.MOST_NAMES, np.int64)
+        self._left_out = np.zeros(kernels.MOST_NAMES, np.int64)
+        end = 0
+        with self._open() as file:
+            while True:
+                try:
+                    got = self._read_into(file, memoryview(buffer)[end:])
+                except LogError:
+                    yield
+                    raise
+                end += got
+                whole = buffer.rfind(b"\n", 0, end) + 1
+                if not got:
+                    break
+                if not whole:
+                    continue
+                yield from self._parse(buffer, whole, batch)
+                buffer[: end - whole] = buffer[whole:end]
+                end -= whole
+        yield
+        if buffer[:end].strip():
+            raise LogError(
+                f"{self.path}:{self._state[kernels.LINE] + 1}: must be a whole line, with its end, "
+                f"of at most {CHUNK_BYTES} bytes; got {_shown(buffer[:end])}"
+            )
+
+    def _parse(self, buffer: bytearray, end: int, batch: FrameBatch) -> Generator[None]:
+        """Parse the text up to `end`; yield whenever the batch is full."""
+        words, data, state = as_words(batch.records), as_bytes(batch.records), self._state
+        state[kernels.POSITION] = 0
+        status = None
+        while status != kernels.MORE:
+            state[kernels.COUNT] = batch.count
+            status = kernels.parse(
+                self._text, end, self._names, self._buses, self._left_out, words, data, state
+            )
+            batch.count = int(state[kernels.COUNT])
+            if status == kernels.FULL:
+                yield
+            elif status == kernels.NEW_NAME:
+                fault = self._add(bytes(buffer[state[kernels.START] : state[kernels.END]]))
+                if fault:
+                    yield
+                    raise self._error(buffer, fault)
+            elif status != kernels.MORE:
+                yield
+                raise self._error(buffer, f"must be {kernels.EXPECTED[status]}")
+        for name, count in zip(self.channels, self._left_out, strict=False):
+            if count:
+                self.skipped[f"frame of {name}"] = int(count)
+
+    def _add(self, name: bytes) -> str:
+        """Give a new interface its bus; return what is wrong with it."""
+        k = int(self._state[kernels.NAMES])
+        try:
+            self._buses[k] = self._channels.index(name.decode("utf-8", "backslashreplace"))
+        except ValueError as error:
+            return str(error)
+        self._names[k, : len(name)] = np.frombuffer(name, np.uint8)
+        self._state[kernels.NAMES] = k + 1
+        return ""
+
+    def _error(self, buffer: bytearray, message: str) -> LogError:
+        """Say where in the line that was not read something is wrong."""
+        begin, place = int(self._state[kernels.POSITION]), int(self._state[kernels.START])
+        rest = buffer[place : buffer.index(b"\n", place)]
+        return LogError(
+            f"{self.path}:{self._state[kernels.LINE] + 1}: column {place - begin + 1}: {message}; "
+            f"got {_shown(rest)}"
+        )
+
+
+def _shown(text: bytes | bytearray) -> str:
+    """Return the beginning of a text, as a message shows it."""
+    shown = repr(text[:_SHOWN].decode("utf-8", "backslashreplace"))
+    return shown if len(text) <= _SHOWN else f"{shown}..."
