@@ -48,12 +48,14 @@ def run(
     loaded = load(file).on(interface=interface, channel=channel)
     table = LiveTable(loaded)
     tally = _Tally(loaded)
-    end = None if seconds is None else time.monotonic() + seconds
+    end = None
     with skin.open(loaded, sync=sync) as opened:
         try:
             for state in opened:
                 table.show(state, opened.timing.work_ns)
                 tally.add(state, opened.timing.work_ns)
+                if end is None and seconds is not None:
+                    end = time.monotonic() + seconds  # from the first cycle on
                 if end is not None and time.monotonic() >= end:
                     break
         except KeyboardInterrupt:

@@ -1,0 +1,60 @@
+"""Logs of the real candump, recorded from simulated units on a vcan, decode to known forces.
+
+The forces beside the logs are those of `skin decode`; regenerate with UPDATE_GOLDEN=1 after a
+change that is meant to move them, and look at the difference.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from skin.cli import main
+from skin.sim.scene import PressSlideLift
+from topology import load
+
+LOGS = Path(__file__).parent / "golden" / "logs"
+
+
+def table(path):
+    """The columns of a CSV file by name."""
+    with path.open() as file:
+        rows = list(csv.DictReader(file))
+    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+
+@pytest.mark.parametrize("name", ["strip", "palm"])
+def test_recorded_log_decodes_to_the_forces_beside_it(name, tmp_path, capsys):
+    output, golden = tmp_path / "forces.csv", LOGS / f"{name}-vcan.csv"
+    log = LOGS / f"{name}-vcan.log"
+    assert main(["decode", str(log), "--topology", name, "--output", str(output), "--json"]) == 0
+    report = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert report["counters"]["lost"] == report["counters"]["crc"] == 0
+    assert report["valid_share"] == 1.0
+    if os.environ.get("UPDATE_GOLDEN"):
+        golden.write_bytes(output.read_bytes())
+    found, expected = table(output), table(golden)
+    for column in ("unit", "status", "valid"):
+        assert (found[column] == expected[column]).all()
+    for column in ("temperature_c", "fx_n", "fy_n", "fz_n"):
+        difference = np.abs(found[column].astype(float) - expected[column].astype(float))
+        assert difference.max() <= 1.001e-3 if column == "temperature_c" else 1.001e-4
+
+
+@pytest.mark.parametrize("name", ["strip", "palm"])
+def test_recorded_forces_are_near_the_truth(name):
+    loaded = load(name)
+    found = table(LOGS / f"{name}-vcan.csv")
+    force = np.stack(
+        [found[k].astype(float).reshape(-1, loaded.n) for k in ("fx_n", "fy_n", "fz_n")]
+    )
+    scene, rate_hz = PressSlideLift(loaded), loaded.cycle_rate_hz
+    truth = [scene.at(cycle / rate_hz).force.copy() for cycle in range(force.shape[1])]
+    error = force - np.stack(truth, axis=1)
+    assert np.sqrt((error**2).mean()) < (0.12 if name == "strip" else 0.04)
+    assert np.abs(error.mean(axis=(1, 2))).max() < 0.02

@@ -1,0 +1,160 @@
+"""The whole way of the data over real AF_CAN sockets, with the real can-utils as witnesses."""
+
+import itertools
+import json
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import skin
+import topology
+from bus.assemble import Assembler
+from bus.codec import Packer
+from bus.frame import FrameBatch
+from bus.transport import open_transport
+from skin.sim.node import Nodes
+
+GOLDEN = Path(__file__).parent.parent / "golden" / "logs"
+SKIN = [sys.executable, "-c", "import sys; from skin.cli import main; sys.exit(main())"]
+ON_VCAN = ["--interface", "socketcan", "--channel", "vcan0"]
+
+
+@pytest.fixture
+def background():
+    """Start programs that end with the test, whatever happens."""
+    started = []
+
+    def start(*command):
+        process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+        started.append(process)
+        return process
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+@pytest.fixture(params=["strip", "palm"])
+def skin_on_vcan(request):
+    """A classic and an FD skin, on vcan0."""
+    return topology.load(request.param).on(interface="socketcan", channel="vcan0")
+
+
+def skin_json(*arguments):
+    done = subprocess.run(
+        [*SKIN, *arguments, "--json"], check=False, capture_output=True, text=True, timeout=90
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def packed(skin, sequence, level):
+    """One cycle of frames whose counts tell the unit and the level."""
+    counts = np.zeros((6, skin.n), np.int16)
+    counts[:] = (level + np.arange(skin.n)) * skin.wired
+    batch = FrameBatch(64)
+    Packer(skin)(counts, batch, sequence=sequence)
+    return counts, batch
+
+
+def collect(transport, batch, wanted, seconds=10.0):
+    end = time.monotonic() + seconds
+    while batch.count < wanted and time.monotonic() < end:
+        transport.receive(batch, 0.2)
+
+
+def test_simulator_and_skin_in_two_processes(background):
+    units = background(*SKIN, "sim", "strip", *ON_VCAN)
+    assert "10 units on socketcan vcan0" in units.stderr.readline()
+    report = skin_json("run", "strip", *ON_VCAN, "--seconds", "8")
+    assert report["units_heard"] == report["units"] == 10
+    assert report["silent_units"] == []
+    assert report["cycles"] > 40
+    counters = report["counters"]
+    assert counters["data"] > 400
+    assert counters["crc"] == counters["short"] == counters["foreign"] == 0
+
+
+def test_packed_frames_arrive_as_counts(skin_on_vcan):
+    skin = skin_on_vcan
+    counts, batch = packed(skin, 7, 60)
+    with open_transport(skin.buses[0]) as near, open_transport(skin.buses[0]) as far:
+        heard = FrameBatch(64)
+        sync = FrameBatch(1)
+        sync.append(skin.buses[0].sync_id, b"\x07")
+        far.send(sync.frames)
+        assert far.send(batch.frames) == batch.count
+        collect(near, heard, batch.count + 1)
+    cycles = [cycle.counts.copy() for cycle in Assembler(skin).feed(heard.frames)]
+    assert len(cycles) == 1
+    assert (cycles[0] == counts).all()
+
+
+def test_frames_of_the_real_cansend_arrive(skin_on_vcan):
+    skin = skin_on_vcan
+    bus = skin.buses[0]
+    counts, batch = packed(skin, 3, 40)
+    with open_transport(bus) as near:
+        heard = FrameBatch(64)
+        subprocess.run(["cansend", "vcan0", f"{bus.sync_id:03X}#03"], check=True)
+        for frame in batch.frames:
+            data = frame["data"][: frame["length"]].tobytes().hex()
+            mark = "##1" if bus.fd else "#"
+            subprocess.run(["cansend", "vcan0", f"{frame['id']:03X}{mark}{data}"], check=True)
+        collect(near, heard, batch.count + 1)
+    assembler = Assembler(skin)
+    cycles = [cycle.counts.copy() for cycle in assembler.feed(heard.frames)]
+    assert len(cycles) == 1
+    assert (cycles[0] == counts).all()
+    assert assembler.counters.data == batch.count
+
+
+def felt_live(loaded, cycles, **options):
+    """Forces of a skin on vcan0 whose simulated units answer from a thread of their own."""
+    stop, live = threading.Event(), []
+    with open_transport(loaded.buses[0]) as far:
+        nodes = Nodes(loaded, seed=4)
+        units = threading.Thread(target=nodes.serve, args=([far],), kwargs={"stop": stop})
+        units.start()
+        try:
+            with skin.open(loaded, dtype="float64", **options) as opened:
+                for state in itertools.islice(opened, cycles):
+                    live.append(state.units.force.copy())
+        finally:
+            stop.set()
+            units.join()
+    return np.stack(live)
+
+
+@pytest.mark.parametrize(("name", "cycles"), [("strip", 200), ("palm", 20)])
+def test_candump_records_the_simulator_and_the_log_decodes(name, cycles, tmp_path):
+    log, output = tmp_path / f"{name}.log", tmp_path / "forces.npz"
+    loaded = topology.load(name).on(interface="socketcan", channel="vcan0")
+    with log.open("w") as file:
+        recorder = subprocess.Popen(["candump", "-L", "vcan0"], stdout=file)
+        time.sleep(0.5)
+        live = felt_live(loaded, cycles, pace=False, deadline_s=60.0)
+        time.sleep(0.5)
+        recorder.terminate()
+        recorder.wait(10)
+    report = skin_json("decode", str(log), "--topology", name, "--output", str(output))
+    assert report["counters"]["lost"] == 0
+    with np.load(output, allow_pickle=False) as arrays:
+        recorded = arrays["force_n"]
+    assert recorded.shape == live.shape
+    assert np.array_equal(recorded, live, equal_nan=True)
+    # The same bytes on every machine: simulated units answer the same SYNC the same way.
+    golden = GOLDEN / f"{name}-vcan.log"
+    assert frames_of(log) == frames_of(golden), f"copy {log} over {golden} if that is meant"
+
+
+def frames_of(log):
+    """The frames of a candump log without time stamps, and without heartbeats, which tell time."""
+    frames = [line.split()[2] for line in log.read_text().splitlines()]
+    return [frame for frame in frames if not frame.startswith("7")]
