@@ -1,4 +1,4 @@
-"""A Linux kernel with CAN as an ordinary program: runs tests where the machine's own has none.
+"""A Linux kernel with CAN as an ordinary program, for machines whose own kernel has none.
 
 User-Mode Linux boots in seconds, as any user, and has the host's files for its own, so the same
 environment and checkout run inside. It is not a place to measure time: one processor, and system
@@ -13,10 +13,10 @@ import signal
 import subprocess
 import sys
 import tempfile
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
-__all__ = ["run_tests", "unavailable"]
+__all__ = ["run_program", "run_tests", "unavailable"]
 
 KERNEL = "linux.uml"
 PROGRAMS = {KERNEL: "user-mode-linux", "insmod": "kmod", "ip": "iproute2", "candump": "can-utils"}
@@ -56,39 +56,71 @@ def run_tests(nodeids, root):
     console : str
         All that it printed.
     """
-    # Not where TMPDIR may point: the guest has a /run and a /dev/shm of its own.
-    with tempfile.TemporaryDirectory(prefix="vcan-", dir="/var/tmp") as name:
-        directory = Path(name)
+    with _shared_directory() as directory:
         directory.joinpath("tests").write_text("\n".join(nodeids))
-        job = directory / "job"
-        job.write_text(_job(directory, root))
-        job.chmod(0o755)
-        # Beside the job, because a checkout's path may hold a blank and the command line's may not.
-        shutil.copy(Path(__file__).parent / "init", directory / "init")
-        console = _boot(directory)
+        pytest = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--durations=0"]
+        pytest += ["--basetemp", str(directory / "pytest"), f"@{directory / 'tests'}"]
         reports = directory / "reports"
+        console = _run(pytest, root, directory, VCAN_REPORTS=str(reports))
         written = reports.read_text() if reports.exists() else ""
         lines = written.split("\n")[:-1]  # a last one without its end was cut short
         return [ast.literal_eval(line) for line in lines], (directory / "up").exists(), console
 
 
-def _job(directory, root):
+def run_program(command, root):
+    """Boot, run a program and power off.
+
+    Parameters
+    ----------
+    command : list of str
+    root : Path
+        Where the program is started.
+
+    Returns
+    -------
+    output : str
+        What it wrote to its standard output.
+    console : str
+        All that the guest printed besides.
+    """
+    with _shared_directory() as directory:
+        output = directory / "output"
+        output.touch()
+        into = ["sh", "-c", f"exec {shlex.join(command)} >{shlex.quote(str(output))}"]
+        console = _run(into, root, directory)
+        return output.read_text(), console
+
+
+@contextmanager
+def _shared_directory():
+    # Not where TMPDIR may point: the guest has a /run and a /dev/shm of its own.
+    with tempfile.TemporaryDirectory(prefix="vcan-", dir="/var/tmp") as name:
+        yield Path(name)
+
+
+def _run(command, root, directory, **variables):
+    job = directory / "job"
+    job.write_text(_job(command, root, directory, variables))
+    job.chmod(0o755)
+    # Beside the job, because a checkout's path may hold a blank and the command line's may not.
+    shutil.copy(Path(__file__).parent / "init", directory / "init")
+    return _boot(directory)
+
+
+def _job(command, root, directory, variables):
     environment = {
         "PATH": SEARCH,
         "HOME": os.environ.get("HOME", "/"),
         "LANG": "C.UTF-8",
         "TMPDIR": str(directory),
-        # The host's compiled kernels serve here too: the processor is the same, and so is its name.
-        "NUMBA_CACHE_DIR": os.environ["NUMBA_CACHE_DIR"],
         "PYTHONDONTWRITEBYTECODE": "1",
-        "VCAN_REPORTS": str(directory / "reports"),
     }
-    environment |= {name: os.environ[name] for name in ("CI",) if name in os.environ}
-    pytest = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--durations=0"]
-    pytest += ["--basetemp", str(directory / "pytest"), f"@{directory / 'tests'}"]
-    settings = shlex.join(f"{name}={value}" for name, value in environment.items())
+    # The host's compiled kernels serve here too: the processor is the same, and so is its name.
+    passed = ("CI", "NUMBA_CACHE_DIR")
+    environment |= {name: os.environ[name] for name in passed if name in os.environ}
+    settings = shlex.join(f"{name}={value}" for name, value in (environment | variables).items())
     return (
-        f"#!/bin/sh\ncd {shlex.quote(str(root))} && exec env -i {settings} {shlex.join(pytest)}\n"
+        f"#!/bin/sh\ncd {shlex.quote(str(root))} && exec env -i {settings} {shlex.join(command)}\n"
     )
 
 
