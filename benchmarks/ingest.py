@@ -24,11 +24,11 @@ import can
 import numpy as np
 from can.interfaces.socketcan.socketcan import SocketcanBus
 
-from bus.datagram import QUEUE_BYTES, DatagramTransport
+from bus.datagram import QUEUE_BYTES, DatagramTransport, enlarge_queue
 from bus.errors import BusOpenError
 from bus.frame import FD_FDF, FRAME_DTYPE, FrameBatch
 from bus.link import can_links
-from bus.linux import SO_RCVBUFFORCE, SO_TIMESTAMPNS
+from bus.linux import SO_TIMESTAMPNS
 from bus.transport import open_transport
 from bus.wait import Waiter
 from topology import Bus
@@ -283,7 +283,7 @@ def _read_by_waiter(sock: socket.socket, way: str, expected: int):
 
 
 def _read_by_pythoncan(sock: socket.socket, way: str, expected: int):
-    sock.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, QUEUE_BYTES)
+    enlarge_queue(sock, QUEUE_BYTES)
     with _LoopbackBus(sock) as bus:
         frames = int(bus.recv(60.0) is not None)
         cpu, started = time.thread_time(), time.monotonic()

@@ -17,7 +17,7 @@ from bus.linux import SO_MEMINFO, SO_RCVBUFFORCE, SO_RXQ_OVFL, SO_TIMESTAMPNS
 from bus.state import BusState
 from bus.transport import Transport, TransportCounters
 
-__all__ = ["DatagramTransport"]
+__all__ = ["DatagramTransport", "enlarge_queue"]
 
 _DROPS_IN_MEMINFO = 8
 _FRAME_CHARGE = 768
@@ -75,7 +75,7 @@ class DatagramTransport(Transport):
         sock.setblocking(False)
         sock.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
         sock.setsockopt(socket.SOL_SOCKET, SO_RXQ_OVFL, 1)
-        self.queue_frames = _enlarge(sock, queue_bytes) // _FRAME_CHARGE
+        self.queue_frames = enlarge_queue(sock, queue_bytes) // _FRAME_CHARGE
         self._patience_s = patience_s
         self._wake = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._polled = mmsg.pollfds(self._fd, self._wake)
@@ -83,7 +83,7 @@ class DatagramTransport(Transport):
         self._receiving, self._sending = threading.Lock(), threading.Lock()
         self._records = np.zeros(0, FRAME_DTYPE)
         self._words = mmsg.as_words(self._records)
-        self._drops_seen = 0
+        self._drops_seen = self._drops_heard = 0
         self._dropping = threading.Lock()
         self._is_stuck = self._is_closed = False
         self._looked_ns = 0
@@ -135,7 +135,8 @@ class DatagramTransport(Transport):
         drops, failure, errors = into.report.tolist()
         batch.count = first + taken
         self._counters.received += taken
-        if drops != self._drops_seen:
+        if drops != self._drops_heard:
+            self._drops_heard = drops
             with self._dropping:
                 self._count_drops(drops)
             self._look_again()  # an error frame may be among the lost ones
@@ -223,7 +224,7 @@ class DatagramTransport(Transport):
         """Compare `state` with the interface; a plain socket has none."""
 
 
-def _enlarge(sock: socket.socket, wanted: int) -> int:
+def enlarge_queue(sock: socket.socket, wanted: int) -> int:
     """Set the receive buffer to `wanted` bytes or what is allowed; return what the kernel has."""
     try:
         sock.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, wanted)

@@ -94,7 +94,7 @@ class Transport(ABC):
         Returns
         -------
         int
-            Number of frames appended; 0 after the time-out.
+            Number of frames appended; 0 after the time-out, or when `state` has changed.
 
         Raises
         ------
