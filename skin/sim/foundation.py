@@ -1,0 +1,432 @@
+"""What carries a body: springs side by side (Winkler), or springs on one elastic half space.
+
+The surface at unit i yields by its own law and by what the half space under it does::
+
+    depth_i = own_i(f_i) + body * f_i + sum_j A_ij f_j,   f_i >= 0
+    shift_i = own_i(q_i) + body * q_i + sum_j B_ij q_j,   |q_i| <= limit_i
+
+Without A and B that is a Winkler foundation, solved in closed form; with them it is solved by
+projected Gauss-Seidel sweeps that start from the last step's forces. Each unit's own part of a
+sweep is exact, whatever the knees of its law, so that the sweeps end at the one solution there is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numba.extending import register_jitable
+
+from skin.errors import SkinError
+from skin.sim.influence import influence
+from topology import Topology
+
+__all__ = ["Foundation", "Springs"]
+
+SLIP_MM = 1e-6
+"""A face that gives way less than this in one step counts as stuck."""
+
+SWEEPS = 2000
+"""More sweeps than any contact needs."""
+
+
+@dataclass(frozen=True, eq=False)
+class Springs:
+    """How n units yield by themselves: compliance below a knee, beyond it, and the knee.
+
+    Attributes
+    ----------
+    normal : ndarray, shape (3, n)
+        mm/N below the knee, mm/N beyond it, knee in newton.
+    shear : ndarray, shape (3, n)
+        The same for the tangential force, at the reference depth.
+    gain_per_mm, reference_mm : ndarray, shape (n,)
+        Relative growth of the tangential stiffness per millimetre of depth about the reference.
+    """
+
+    normal: np.ndarray
+    shear: np.ndarray
+    gain_per_mm: np.ndarray
+    reference_mm: np.ndarray
+
+    @classmethod
+    def of(cls, topology: Topology) -> Springs:
+        """The elastic laws of `skin.sim.material.Elastic`, seen from the force."""
+        p = topology.parameters
+        per_mm = p["frequency_slope_hz_per_mm"]
+        soft, stiff = (p[f"normal_{part}_n_per_hz"] * per_mm for part in ("soft", "stiff"))
+        shear_soft = p["shear_soft_n_per_mm"]
+        shear_stiff = shear_soft + p["shear_stiff_n_per_mm"]
+        return cls(
+            np.array([1.0 / soft, 1.0 / stiff, soft * p["normal_break_hz"] / per_mm]),
+            np.array([1.0 / shear_soft, 1.0 / shear_stiff, shear_soft * p["shear_break_mm"]]),
+            p["shear_gain_per_mm"].copy(),
+            p["field_reference_mm"].copy(),
+        )
+
+    @classmethod
+    def rigid(cls, n: int) -> Springs:
+        """Units that do not yield by themselves: nothing but the half space gives way."""
+        return cls(np.zeros((3, n)), np.zeros((3, n)), np.zeros(n), np.zeros(n))
+
+
+class Foundation:
+    """What n units rest on.
+
+    Parameters
+    ----------
+    springs : Springs
+    normal : ndarray, shape (n, n), optional
+        A, mm/N: depth of unit i under the normal force of unit j.
+    shear : ndarray, shape (2 n, 2 n), optional
+        B, mm/N: rows and columns are x of all units, then y.
+    tolerance : float
+        Largest change in the last sweep, as a share of the largest force.
+
+    Raises
+    ------
+    SkinError
+        If A or B is not positive definite: it would give back more work than was put in.
+
+    Examples
+    --------
+    >>> from topology import load
+    >>> palm = Foundation.winkler(load("palm"))
+    >>> force, own_mm = np.zeros(64), np.zeros(64)
+    >>> palm.press(np.full(64, 2.0), force, own_mm)
+    1
+    >>> round(float(force[0]), 9)
+    7.2
+    """
+
+    def __init__(
+        self,
+        springs: Springs,
+        normal: np.ndarray | None = None,
+        shear: np.ndarray | None = None,
+        *,
+        tolerance: float = 1e-6,
+    ) -> None:
+        self.n = springs.gain_per_mm.size
+        self.springs = springs
+        self.tolerance = tolerance
+        self.normal = _definite("normal", normal, springs.normal[:2])
+        self.shear = _definite("shear", shear, np.tile(springs.shear[:2], 2))
+        self._units = np.empty(0, np.int64)
+        self._blocks = self.normal, self.shear
+
+    @classmethod
+    def winkler(cls, topology: Topology) -> Foundation:
+        """Each unit for itself."""
+        return cls(Springs.of(topology))
+
+    @classmethod
+    def half_space(
+        cls, topology: Topology, modulus_pa: float = 6e5, poisson: float = 0.5
+    ) -> Foundation:
+        """The units of a patch together on one elastic body; patches do not feel each other.
+
+        The default modulus is that of the casting silicone [assumed].
+        """
+        normal, shear = influence(
+            topology.position,
+            topology.rotation,
+            topology.area,
+            patch=topology.patch,
+            modulus_pa=modulus_pa,
+            poisson=poisson,
+        )
+        return cls(Springs.of(topology), normal, shear)
+
+    @property
+    def coupling_error(self) -> float:
+        """What the sweeps leave of the forces, as a share of them; 0 where units stand alone."""
+        return self.tolerance if self.normal.shape[1] else 0.0
+
+    def press(
+        self,
+        depth_mm: np.ndarray,
+        load: np.ndarray,
+        own_mm: np.ndarray,
+        *,
+        body_mm_per_n: float = 0.0,
+    ) -> int:
+        """Normal loads under a body that reaches `depth_mm` into the unloaded faces.
+
+        Parameters
+        ----------
+        depth_mm : ndarray, shape (n,)
+            As from `skin.sim.body.reach`; not above 0 where nothing touches.
+        load : ndarray, shape (n,)
+            Newton; on entry where the sweeps start, on return the loads, none below 0.
+        own_mm : ndarray, shape (n,)
+            Written: the unit's own part of the depth, which is what its electronics feel.
+        body_mm_per_n : float
+            What the body itself yields at each unit.
+
+        Returns
+        -------
+        int
+            Sweeps that were needed.
+
+        Raises
+        ------
+        SkinError
+            If the sweeps do not settle.
+        """
+        units = np.flatnonzero(depth_mm > 0.0)
+        sweeps = _press(
+            units, depth_mm, self.springs.normal, body_mm_per_n, self._within(units)[0],
+            self.tolerance, SWEEPS, load, own_mm,
+        )  # fmt: skip
+        return _settled("normal loads", sweeps)
+
+    def drag(
+        self,
+        want_mm: np.ndarray,
+        load: np.ndarray,
+        own_depth_mm: np.ndarray,
+        static: np.ndarray,
+        kinetic: np.ndarray,
+        slipping: np.ndarray,
+        traction: np.ndarray,
+        own_mm: np.ndarray,
+        held_mm: np.ndarray,
+        slip_mm: np.ndarray,
+        *,
+        body_mm_per_n: float = 0.0,
+    ) -> int:
+        """Tangential forces of faces that a body takes along, each as far as friction holds it.
+
+        The Coulomb return map: a face that would need more than it can be held with gives way
+        along its own force, until the force is what the friction of motion bears.
+
+        Parameters
+        ----------
+        want_mm : ndarray, shape (2, n)
+            Displacement of the surfaces if nothing slipped in this step.
+        load, own_depth_mm : ndarray, shape (n,)
+            From `press`, which says whom the body touches.
+        static, kinetic : ndarray, shape (n,)
+            Coefficients of friction at rest and in motion.
+        slipping : ndarray, shape (n,), bool
+            On entry whether the face was in motion, on return whether it is.
+        traction : ndarray, shape (2, n)
+            Newton; on entry where the sweeps start, on return the tangential forces.
+        own_mm, held_mm, slip_mm : ndarray, shape (2, n)
+            Written: the unit's own part of the displacement; all of the elastic displacement; and
+            how far the face gave way in this step. 0 where the body does not reach.
+        body_mm_per_n : float
+            What the body itself yields at each unit.
+
+        Returns
+        -------
+        int
+            Sweeps that were needed.
+
+        Raises
+        ------
+        SkinError
+            If the sweeps do not settle.
+        """
+        s = self.springs
+        sweeps = _drag(
+            self._units, want_mm, load, own_depth_mm, static, kinetic,
+            s.shear, s.gain_per_mm, s.reference_mm,
+            body_mm_per_n, self._blocks[1], self.tolerance, SWEEPS,
+            slipping, traction, own_mm, held_mm, slip_mm,
+        )  # fmt: skip
+        return _settled("tangential forces", sweeps)
+
+    def surface(self, units: np.ndarray, traction: np.ndarray) -> np.ndarray:
+        """Tangential displacement of faces that nothing touches, shape (2, m), millimetre.
+
+        Parameters
+        ----------
+        units : ndarray, shape (m,), int64
+        traction : ndarray, shape (2, n)
+            Newton, on the others.
+        """
+        if self.shear.shape[1] == 0:
+            return np.zeros((2, units.size))
+        rows = self.shear.reshape(2, self.n, 2 * self.n)[:, units]
+        return rows @ traction.reshape(-1)
+
+    def _within(self, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Influences among the touched units alone, kept as long as these stay the same."""
+        if self.normal.shape[1] + self.shear.shape[1] and not np.array_equal(units, self._units):
+            both = np.concatenate([units, self.n + units])
+            self._blocks = tuple(
+                matrix[np.ix_(rows, rows)] if matrix.shape[1] else matrix
+                for matrix, rows in ((self.normal, units), (self.shear, both))
+            )
+        self._units = units
+        return self._blocks
+
+
+def _settled(what: str, sweeps: int) -> int:
+    if sweeps > SWEEPS:
+        raise SkinError(f"{what}: must settle within {SWEEPS} sweeps; got no end")
+    return sweeps
+
+
+def _definite(name: str, matrix: np.ndarray | None, own: np.ndarray) -> np.ndarray:
+    """The matrix in C order, (size, 0) for none, after a look at its work."""
+    size = own.shape[1]
+    if matrix is None:
+        if size and own.min() <= 0.0:
+            raise SkinError(f"{name}: must yield somewhere; got rigid springs and no half space")
+        return np.empty((size, 0))
+    if matrix.shape != (size, size):
+        raise SkinError(f"{name}: must be of shape {(size, size)}; got {matrix.shape}")
+    try:
+        np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        raise SkinError(
+            f"{name}: must be positive definite; got a least eigenvalue of "
+            f"{np.linalg.eigvalsh(matrix)[0]:.3g} mm/N (do sensing areas overlap?)"
+        ) from None
+    return np.ascontiguousarray(matrix, float)
+
+
+# -- kernels ---------------------------------------------------------------------------------------
+
+_FLAGS = {"error_model": "numpy", "fastmath": {"contract", "reassoc"}}
+
+
+@register_jitable(**_FLAGS)
+def _force(target, below, beyond, knee):
+    """Force under which two compliances, one below the knee and one beyond, yield by `target`."""
+    at_knee = below * knee
+    return target / below if target <= at_knee else knee + (target - at_knee) / beyond
+
+
+@register_jitable(**_FLAGS)
+def _displacement(force, below, beyond, knee):
+    """The inverse of `_force`."""
+    return below * min(force, knee) + beyond * max(force - knee, 0.0)
+
+
+def _press_python(units, depth, own, body, coupled, tolerance, sweeps, load, own_mm):
+    """`Foundation.press`, in place; the sweeps needed, or one more than `sweeps`."""
+    count = units.size
+    together = coupled.shape[1] > 0
+    force = load[units]
+    load[:] = 0.0
+    own_mm[:] = 0.0
+    needed = sweeps + 1
+    for sweep in range(sweeps):
+        change = largest = 0.0
+        for k in range(count):
+            i = units[k]
+            target, series = depth[i], body
+            if together:
+                row = coupled[k]
+                others = 0.0
+                for m in range(count):
+                    others += row[m] * force[m]
+                target -= others - row[k] * force[k]
+                series += row[k]
+            new = 0.0
+            if target > 0.0:
+                new = _force(target, own[0, i] + series, own[1, i] + series, own[2, i])
+            change = max(change, abs(new - force[k]))
+            largest = max(largest, new)
+            force[k] = new
+        if not together or change <= tolerance * largest:
+            needed = sweep + 1
+            break
+    for k in range(count):
+        i = units[k]
+        load[i] = force[k]
+        own_mm[i] = _displacement(force[k], own[0, i], own[1, i], own[2, i])
+    return needed
+
+
+def _drag_python(
+    units, want, load, depth, static, kinetic, own, gain, reference, body, coupled,
+    tolerance, sweeps, slipping, traction, own_mm, held, slip,
+):  # fmt: skip
+    """`Foundation.drag`, in place; the sweeps needed, or one more than `sweeps`."""
+    count = units.size
+    together = coupled.shape[1] > 0
+    # forces on the touched units, x of all and then y, and what holds them
+    force, limit, stiff = np.zeros(2 * count), np.empty(count), np.empty(count)
+    for k in range(count):
+        i = units[k]
+        limit[k] = load[i] * (kinetic[i] if slipping[i] else static[i])
+        stiff[k] = 1.0 + gain[i] * (depth[i] - reference[i])
+        if limit[k] > 0.0:
+            force[k], force[count + k] = traction[0, i], traction[1, i]
+    traction[:] = 0.0
+    own_mm[:] = 0.0
+    held[:] = 0.0
+    slip[:] = 0.0
+    needed = 0
+    settled = False
+    while not settled and needed <= sweeps:
+        change = largest = 0.0
+        for k in range(count):
+            if not limit[k] > 0.0:
+                continue
+            i = units[k]
+            x, y, series = want[0, i], want[1, i], body
+            if together:
+                by_x = by_y = 0.0
+                for m in range(2 * count):
+                    by_x += coupled[k, m] * force[m]
+                    by_y += coupled[count + k, m] * force[m]
+                # a square yields alike along x and y, and not across
+                series += coupled[k, k]
+                x -= by_x - coupled[k, k] * force[k]
+                y -= by_y - coupled[k, k] * force[count + k]
+            length = np.sqrt(x * x + y * y)
+            size = _force(
+                length, own[0, i] / stiff[k] + series, own[1, i] / stiff[k] + series,
+                own[2, i] * stiff[k],
+            )  # fmt: skip
+            size = min(size, limit[k])
+            share = size / length if length > 0.0 else 0.0
+            x, y = share * x, share * y
+            largest = max(largest, size)
+            change = max(change, abs(x - force[k]), abs(y - force[count + k]))
+            force[k], force[count + k] = x, y
+        needed += 1
+        if together and change > tolerance * largest:
+            continue
+        # what cannot be held moves, and what moves is held by less: others may follow
+        settled = True
+        for k in range(count):
+            i = units[k]
+            x, y = force[k], force[count + k]
+            size = np.sqrt(x * x + y * y)
+            share = own[0, i] / stiff[k]
+            if size > 0.0:
+                share = _displacement(
+                    size, own[0, i] / stiff[k], own[1, i] / stiff[k], own[2, i] * stiff[k]
+                ) / size  # fmt: skip
+            traction[0, i], traction[1, i] = x, y
+            own_mm[0, i], own_mm[1, i] = share * x, share * y
+            by_x = by_y = 0.0
+            if together:
+                for m in range(2 * count):
+                    by_x += coupled[k, m] * force[m]
+                    by_y += coupled[count + k, m] * force[m]
+            held[0, i] = (share + body) * x + by_x
+            held[1, i] = (share + body) * y + by_y
+            # short of the limit nothing slips: what is left there is the sweeps' own error
+            if limit[k] > 0.0 and size >= (1.0 - 1e-12) * limit[k]:
+                slip[0, i], slip[1, i] = want[0, i] - held[0, i], want[1, i] - held[1, i]
+                if not slipping[i] and np.hypot(slip[0, i], slip[1, i]) > SLIP_MM:
+                    slipping[i] = True
+                    if kinetic[i] < static[i]:
+                        limit[k] = load[i] * kinetic[i]
+                        settled = False
+    for i in range(slipping.size):
+        slipping[i] = np.hypot(slip[0, i], slip[1, i]) > SLIP_MM
+    return needed if settled else sweeps + 1
+
+
+_press = njit(_press_python, nogil=True, cache=True, **_FLAGS)
+_drag = njit(_drag_python, nogil=True, cache=True, **_FLAGS)
