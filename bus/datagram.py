@@ -80,11 +80,12 @@ class DatagramTransport(Transport):
         self._wake = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._polled = mmsg.pollfds(self._fd, self._wake)
         self._incoming, self._outgoing = mmsg.Buffers(), mmsg.Buffers()
-        self._receiving, self._sending = threading.Lock(), threading.Lock()
+        # Re-entrant, so that a signal's handler may close what its own thread is waiting for.
+        self._receiving, self._sending = threading.RLock(), threading.RLock()
         self._records = np.zeros(0, FRAME_DTYPE)
         self._words = mmsg.as_words(self._records)
         self._drops_seen = self._drops_heard = 0
-        self._dropping = threading.Lock()
+        self._dropping = threading.RLock()
         self._is_stuck = self._is_closed = False
         self._looked_ns = 0
 

@@ -136,7 +136,10 @@ class SocketCanTransport(DatagramTransport):
     def _look(self) -> None:
         name = self._bus.channel
         with self._looking:
-            link = read_link(name)
+            try:
+                link = read_link(name)
+            except OSError:  # out of descriptors, say: no news, and no reason to end a cycle
+                return
             if link is None or not link.is_can:
                 self._enter(BusState.GONE, f"there is no CAN interface {name}")
                 return

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from transport_contract import CHECKS, PATIENCE_S, numbered, numbers, receive
 
 from bus import BusClosedError, BusOpenError, FrameBatch, MemoryTransport
 from bus.frame import CAN_EFF, CAN_ERR, CAN_RTR, ECHO, FD_BRS, FD_ESI, FD_FDF, FRAME_DTYPE
-from bus.linux import has_batches
+from bus.linux import SO_RCVBUFFORCE, has_batches
 from bus.state import BusState, read_error_frame
 from bus.transport import CHANGES_KEPT, open_transport
 from bus.wait import Waiter
@@ -32,7 +33,7 @@ if not has_batches():
 from datagramfixtures import datagram_pair, sockets
 
 from bus import mmsg, socketcan
-from bus.datagram import DatagramTransport
+from bus.datagram import DatagramTransport, enlarge_queue
 from bus.link import can_links, read_link
 
 
@@ -253,6 +254,18 @@ def test_the_receive_buffer_is_as_large_as_the_kernel_allows():
         assert near.queue_frames in range(200, (2 << 20) // 768 + 1)
 
 
+def test_a_user_without_privileges_gets_what_the_system_allows_all():
+    class Unprivileged(socket.socket):
+        def setsockopt(self, level, option, value):
+            if option == SO_RCVBUFFORCE:
+                raise PermissionError(errno.EPERM, os.strerror(errno.EPERM))
+            super().setsockopt(level, option, value)
+
+    with Unprivileged(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        allowed = int(Path("/proc/sys/net/core/rmem_max").read_text())
+        assert enlarge_queue(sock, 1 << 30) == 2 * allowed
+
+
 @pytest.mark.parametrize("idle", ["alone", "in a thread"])
 def test_close_ends_a_waiting_receive(pair, idle):
     far = pair[1]
@@ -298,6 +311,16 @@ def test_a_signal_interrupts_a_waiting_receive(pair):
     signal.setitimer(signal.ITIMER_REAL, 0.05)
     try:
         with pytest.raises(Interrupted):
+            pair[1].receive(FrameBatch(1), 60.0)
+    finally:
+        signal.signal(signal.SIGALRM, previous)
+
+
+def test_the_handler_of_a_signal_may_close_what_its_thread_waits_for(pair):
+    previous = signal.signal(signal.SIGALRM, lambda *_: pair[1].close())
+    signal.setitimer(signal.ITIMER_REAL, 0.05)
+    try:
+        with pytest.raises(BusClosedError):
             pair[1].receive(FrameBatch(1), 60.0)
     finally:
         signal.signal(signal.SIGALRM, previous)
