@@ -121,9 +121,17 @@ def _positive(**sizes: float) -> None:
 
 
 def moved(pose: Pose, shift_m: np.ndarray) -> Pose:
-    """The pose after a translation `shift_m`, shape (3,), skin frame."""
+    """The pose after a translation, skin frame.
+
+    Parameters
+    ----------
+    pose : Pose
+    shift_m : ndarray, shape (3,) or (3, k)
+        Metre; one for all poses, or one for each.
+    """
     rotation, position = pose
-    return rotation, position + np.reshape(shift_m, (3,) + (1,) * (position.ndim - 1))
+    shift_m = np.asarray(shift_m, float)
+    return rotation, position + (shift_m if shift_m.ndim == position.ndim else shift_m[:, None])
 
 
 def turned(pose: Pose, axis: np.ndarray, angle_rad: float, about: np.ndarray | None = None) -> Pose:
