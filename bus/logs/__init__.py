@@ -47,6 +47,10 @@ def read(path: str | os.PathLike[str], **options: Any) -> LogReader:
         from bus.logs.candump import CandumpReader
 
         return CandumpReader(path, **options)
+    if suffix == ".blf":
+        from bus.logs.blf import BlfReader
+
+        return BlfReader(path, **options)
     if suffix in known:
         from bus.logs.pythoncan import PythonCanReader
 

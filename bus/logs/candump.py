@@ -35,11 +35,7 @@ class CandumpReader(LogReader):
         end = 0
         with self._open() as file:
             while True:
-                try:
-                    got = self._read_into(file, memoryview(buffer)[end:])
-                except LogError:
-                    yield
-                    raise
+                got = self._read_into(file, memoryview(buffer)[end:])
                 end += got
                 whole = buffer.rfind(b"\n", 0, end) + 1
                 if not got:
@@ -49,7 +45,6 @@ class CandumpReader(LogReader):
                 yield from self._parse(buffer, whole, batch)
                 buffer[: end - whole] = buffer[whole:end]
                 end -= whole
-        yield
         if buffer[:end].strip():
             raise LogError(
                 f"{self.path}:{self._state[kernels.LINE] + 1}: must be a whole line, with its end, "
@@ -72,10 +67,8 @@ class CandumpReader(LogReader):
             elif status == kernels.NEW_NAME:
                 fault = self._add(bytes(buffer[state[kernels.START] : state[kernels.END]]))
                 if fault:
-                    yield
                     raise self._error(buffer, fault)
             elif status != kernels.MORE:
-                yield
                 raise self._error(buffer, f"must be {kernels.EXPECTED[status]}")
         for name, count in zip(self.channels, self._left_out, strict=False):
             if count:

@@ -101,7 +101,7 @@ def _read_stamp(text, p, words, i, state):
     p += 1
     first, seconds = p, 0
     while True:
-        digit = int(text[p]) - _ZERO
+        digit = np.int64(text[p]) - _ZERO
         if digit < 0 or digit > 9:
             break
         seconds = 10 * seconds + digit
@@ -115,7 +115,7 @@ def _read_stamp(text, p, words, i, state):
     p += 1
     first, fraction, unit = p, 0, _S
     while unit > 1:
-        digit = int(text[p]) - _ZERO
+        digit = np.int64(text[p]) - _ZERO
         if digit < 0 or digit > 9:
             break
         fraction = 10 * fraction + digit
@@ -147,7 +147,7 @@ def _find_name(text, start, end, names, state):
 def _read_identifier(text, p, words, i, state):
     first, identifier = p, 0
     while p - first < 9:
-        digit = int(_HEX[text[p]])
+        digit = np.int64(_HEX[text[p]])
         if digit == _NO_DIGIT:
             break
         identifier = 16 * identifier + digit
@@ -174,7 +174,7 @@ def _read_short(text, p, words, data, i, state):
     limit = _CLASSIC_BYTES
     if text[p] == _HASH:
         limit = _FD_BYTES
-        flags = int(_HEX[text[p + 1]])
+        flags = np.int64(_HEX[text[p + 1]])
         if flags == _NO_DIGIT:
             return fault(state, FLAGS, p + 1)
         data[i, _FLAGS_AT] = (flags & (FD_BRS | FD_ESI)) | FD_FDF
@@ -184,16 +184,16 @@ def _read_short(text, p, words, data, i, state):
         words[i, 1] |= CAN_RTR
         p += 1
         if _HEX[text[p]] != _NO_DIGIT:
-            length = int(_HEX[text[p]])
+            length = np.int64(_HEX[text[p]])
             if length > _CLASSIC_BYTES:
                 return fault(state, DLC, p)
             p += 1
     else:
         while True:
-            high = int(_HEX[text[p]])
+            high = np.int64(_HEX[text[p]])
             if high == _NO_DIGIT:
                 break
-            low = int(_HEX[text[p + 1]])
+            low = np.int64(_HEX[text[p + 1]])
             if low == _NO_DIGIT:
                 return fault(state, BYTE, p)
             if length == limit:
@@ -223,12 +223,12 @@ def _read_long(text, p, words, data, i, flags, state):
     elif text[p] != _SQUARE:
         return fault(state, LENGTH, p)
     first = p + 1
-    length = int(_HEX[text[first]])
+    length = np.int64(_HEX[text[first]])
     if length == _NO_DIGIT or (length > 9 and closing == _SQUARE_END):
         return fault(state, LENGTH, p)
     p = first + 1
     if text[p] != closing:
-        digit = int(text[p]) - _ZERO
+        digit = np.int64(text[p]) - _ZERO
         if digit < 0 or digit > 9 or text[p + 1] != closing or closing == _CURLY_END:
             return fault(state, LENGTH, first - 1)
         length = 10 * length + digit
@@ -249,9 +249,9 @@ def _read_long(text, p, words, data, i, flags, state):
         return q + _REMOTE.size
     for k in range(length):
         q = skip_blanks(text, p)
-        high, low = int(_HEX[text[q]]), 0
+        high, low = np.int64(_HEX[text[q]]), 0
         if high != _NO_DIGIT:
-            low = int(_HEX[text[q + 1]])
+            low = np.int64(_HEX[text[q + 1]])
         if q == p or max(high, low) == _NO_DIGIT:
             return fault(state, BYTE, q)
         data[i, _DATA_AT + k] = 16 * high + low
@@ -279,7 +279,7 @@ def _read_direction(text, p, state):
         return fault(state, DIRECTION, p)
     if (text[p + 5] != _DASH and text[p + 5] != _E) or text[p + 6] != _BLANK:
         return fault(state, DIRECTION, p)
-    return FD_BRS * int(text[p + 3] == _B) + FD_ESI * int(text[p + 5] == _E)
+    return FD_BRS * np.int64(text[p + 3] == _B) + FD_ESI * np.int64(text[p + 5] == _E)
 
 
 def _read_line(text, p, names, words, data, i, state):
@@ -396,7 +396,7 @@ def _format_frame(text, p, words, data, i, names, lengths, directed):
     p = write_digits(text, p + 1, rest // _US, _MICROSECOND_DIGITS)
     text[p], text[p + 1] = _CLOSE, _BLANK
     p += 2
-    bus = int(data[i, _BUS_AT])
+    bus = np.int64(data[i, _BUS_AT])
     for k in range(lengths[bus]):
         text[p + k] = names[bus, k]
     p += lengths[bus]
@@ -410,7 +410,7 @@ def _format_frame(text, p, words, data, i, names, lengths, directed):
         p = write_hex(text, p + 1, identifier & _STANDARD_LIMIT, 3)
     text[p] = _HASH
     p += 1
-    length, flags = int(data[i, _LENGTH_AT]), int(data[i, _FLAGS_AT])
+    length, flags = np.int64(data[i, _LENGTH_AT]), np.int64(data[i, _FLAGS_AT])
     if flags & FD_FDF:
         text[p], text[p + 1] = _HASH, _DIGITS[flags & 15]
         p += 2
@@ -422,7 +422,7 @@ def _format_frame(text, p, words, data, i, names, lengths, directed):
             p += 1
     else:
         for k in range(length):
-            p = write_hex(text, p, int(data[i, _DATA_AT + k]), 2)
+            p = write_hex(text, p, np.int64(data[i, _DATA_AT + k]), 2)
     if directed:
         text[p], text[p + 1] = _BLANK, _T if data[i, _ORIGIN_AT] & ECHO else _R
         p += 2

@@ -22,7 +22,6 @@ FORMATS: dict[str, tuple[type[can.io.generic.MessageReader], re.Pattern[bytes], 
     ".asc": (can.ASCReader, re.compile(rb"\s*(date|base|//)", re.I), "'date', 'base' or '//'"),
     ".csv": (can.CSVReader, re.compile(re.escape(CSV_HEAD)), f"{CSV_HEAD.decode()!r}"),
     ".db": (can.SqliteReader, re.compile(rb"SQLite format 3\0"), "'SQLite format 3'"),
-    ".blf": (can.BLFReader, re.compile(rb"LOGG"), "'LOGG'"),
     ".trc": (can.TRCReader, re.compile(rb"\s*;"), "';'"),
 }
 """Reader and beginning of each format; python-can's readers take any text for an empty log."""
@@ -50,7 +49,7 @@ class PythonCanReader(LogReader):
             head = file.read(_HEAD_BYTES)
             if head and not beginning.match(head):
                 raise LogError(f"{self.path}:1: must begin with {expected}; got {head[:40]!r}")
-            if suffix in (".db", ".blf"):
+            if suffix == ".db":
                 with reader(self.path) as messages:
                     yield from self._take(batch, iter(messages), None)
                 return
@@ -77,10 +76,8 @@ class PythonCanReader(LogReader):
                     _RECORD.pack_into(batch.records, 80 * batch.count, *fields)
                     batch.count += 1
             except LogError:
-                yield
                 raise
             except Exception as error:  # anything may come of feeding a parser what it cannot parse
-                yield
                 place, what = (f":{lines.number}", "line") if lines else (f": row {number}", "row")
                 got = f"{lines.text.strip()[:80]!r} ({error})" if lines else str(error)
                 raise LogError(
@@ -90,7 +87,6 @@ class PythonCanReader(LogReader):
                 yield
         if lines is not None and lines.without_frame:
             self.skipped["line"] = lines.without_frame
-        yield
 
     def _fields(self, message: can.Message) -> tuple[Any, ...] | None:
         """Return what a record is packed from, or None for a bus left out."""

@@ -88,21 +88,23 @@ class LogReader(ABC):
         batch = FrameBatch(self._capacity)
         try:
             for _ in self._fill(batch):
-                if len(batch):
-                    self.count += len(batch)
-                    yield batch
-                    batch.clear()
+                self.count += len(batch)
+                yield batch
+                batch.clear()
             missing = self._channels.missing()
             if missing:
                 raise LogError(f"{self.path}: {missing}")
         except LogError as error:
             self.damage = error
-            if self.strict:
-                raise
+        if len(batch):
+            self.count += len(batch)
+            yield batch
+        if self.strict and self.damage is not None:
+            raise self.damage
 
     @abstractmethod
     def _fill(self, batch: FrameBatch) -> Generator[None]:
-        """Fill the empty batch and yield, again and again; then raise what is wrong."""
+        """Fill the batch, yielding whenever it is full, and raise what is wrong."""
 
     def _start(self) -> None:
         self._channels = Channels(self._buses)
