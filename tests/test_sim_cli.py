@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import _thread
 import json
+import signal
 import threading
 from collections.abc import Iterator
 
@@ -33,11 +34,13 @@ def host(monkeypatch: pytest.MonkeyPatch) -> Iterator[MemoryTransport]:
                 _thread.interrupt_main()
                 return
 
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in a background job
     worker = threading.Thread(target=ask)
     worker.start()
     yield near
     over.set()
     worker.join()
+    signal.signal(signal.SIGINT, before)
 
 
 def test_it_ends_with_one_json_object(
