@@ -32,7 +32,9 @@ def naive_decode(skin, raw, status=None):
             p["normal_soft_n_per_hz"] * p["normal_break_hz"]
             + p["normal_stiff_n_per_hz"] * (drop - p["normal_break_hz"]),
         )
-        flags = _flags_of_counts(skin, raw[t], *rails, temperature, frequency, normal, depth)
+        flags = _flags_of_counts(
+            skin, raw[t], *rails, temperature, frequency, chip_measured, normal, depth
+        )
         silent = known & (Status.NEVER | Status.DISABLED) != 0
         known = np.where(silent, known, known | flags)
 
@@ -91,12 +93,13 @@ def _correction(table, theta):
     )
 
 
-def _flags_of_counts(skin, raw, lowest, highest, temperature, frequency, normal, depth):
+def _flags_of_counts(skin, raw, lowest, highest, temperature, frequency, chip, normal, depth):
     p = skin.parameters
     railed = ((raw <= lowest) | (raw >= highest)).any(axis=0)
     low, high = p["temperature_min_c"], p["temperature_max_c"]
     span = (high - low) / 2.0
     impossible = (temperature < low - span) | (temperature > high + span)
+    impossible |= skin.wired[5] & ((chip < low - span) | (chip > high + span))
     impossible |= (frequency <= 0.0) | (frequency > 1.2 * p["frequency_rest_hz"])
     sigma_hz = np.hypot(p["frequency_noise_hz"], skin.scale[1] / np.sqrt(12.0))
     beyond = (temperature < low) | (temperature > high) | (normal > p["normal_max_n"])

@@ -56,6 +56,10 @@ def frequency_of(depth_mm):
         ({"gel": 0}, Status.OUT_OF_RANGE | Status.EXTRAPOLATED),
         ({"gel": -100}, Status.OUT_OF_RANGE | Status.EXTRAPOLATED),
         ({"gel": gel_of(-25.5)}, Status.OUT_OF_RANGE | Status.EXTRAPOLATED),
+        # a chip that reads -25.5 °C, and one at its rail
+        ({"hall_temperature": -101}, Status.OUT_OF_RANGE),
+        ({"hall_temperature": -100}, Status.OK),
+        ({"hall_temperature": -128}, Status.SATURATED | Status.OUT_OF_RANGE),
         # beyond what was calibrated
         ({"gel": gel_of(14.9)}, Status.EXTRAPOLATED),
         ({"gel": gel_of(15.1)}, Status.OK),
@@ -241,6 +245,24 @@ def test_any_memory_layout_will_do():
         np.testing.assert_array_equal(Decoder(skin)(other).force, expected)
     status = np.zeros((20, 3), np.uint16).T
     np.testing.assert_array_equal(Decoder(skin)(raw, status).force, expected)
+    one = Decoder(skin)
+    for t in range(3):
+        np.testing.assert_array_equal(one(frozen[t]).force, expected[t])
+
+
+def test_arrays_that_are_filled_again_are_read_again():
+    """A live bus writes each cycle into the same arrays; others may come in between."""
+    skin = calibrated(row_of(20))
+    raw = sensible_counts(skin, 6, 1)
+    expected = Decoder(skin)(raw).force
+    decoder, counts, status = Decoder(skin), np.zeros((6, 20), np.int16), np.zeros(20, np.uint16)
+    for t in range(6):
+        counts[:] = raw[t]
+        given = (raw[t], None) if t == 2 else (counts, None if t > 3 else status)
+        np.testing.assert_array_equal(decoder(*given).force, expected[t])
+    status[3] = Status.NEVER
+    assert np.isnan(decoder(counts, status).temperature[3])
+    assert np.isfinite(decoder(counts).temperature[3])
 
 
 def test_no_cycles_make_an_empty_batch():
@@ -260,6 +282,7 @@ EXPECTED = "row: raw: must be an array of int16, shape (6, 3) or shape (t, 6, 3)
         (np.zeros((6, 3)), "float64, shape (6, 3)"),
         (np.zeros((1, 1, 6, 3), np.int16), "int16, shape (1, 1, 6, 3)"),
         ([[0] * 3] * 6, "list"),
+        (None, "NoneType"),
     ],
 )
 def test_counts_of_another_shape_are_refused(raw, got):

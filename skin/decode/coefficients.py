@@ -217,15 +217,17 @@ def _limits(topology: Topology) -> np.ndarray:
 
     low, high = p["temperature_min_c"], p["temperature_max_c"]
     span = 0.5 * (high - low)
-    for row, ends in ((k.LIMIT_POSSIBLE, (low - span, high + span)),
+    coldest, warmest = low - span, high + span
+    out[k.LIMIT_POSSIBLE + 4 : k.LIMIT_CALIBRATED] = _counts(topology, k.CHIP, coldest, warmest)
+    for row, ends in ((k.LIMIT_POSSIBLE, (coldest, warmest)),
                       (k.LIMIT_CALIBRATED, (low, high))):  # fmt: skip
         current = [p["gel_current_20c_ua"] * current_ratio(t, p["gel_current_ratio"]) for t in ends]
         out[row : row + 2] = _counts(topology, k.GEL, *current)
 
     rest = p["frequency_rest_hz"]
-    tiny = np.abs(topology.scale[k.FREQUENCY])
+    one_step = np.abs(topology.scale[k.FREQUENCY])
     out[k.LIMIT_POSSIBLE + 2 : k.LIMIT_POSSIBLE + 4] = _counts(
-        topology, k.FREQUENCY, tiny, (1.0 + STRETCH_MAX) * rest
+        topology, k.FREQUENCY, one_step, (1.0 + STRETCH_MAX) * rest
     )
     least, most = tidy_drop(topology)
     out[k.LIMIT_CALIBRATED + 2 : k.LIMIT_CALIBRATED + 4] = _counts(

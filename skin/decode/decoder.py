@@ -15,6 +15,9 @@ __all__ = ["ESTIMATORS", "Decoder"]
 ESTIMATORS = ("sine",)
 """Inversions of the tangential field. `sine` is the paper's: R = asin(|B| / M0) / k (eq. 1)."""
 
+_NONE_YET = object()
+"""Stands for the arrays of a cycle before there was one."""
+
 _NEEDS = {
     "temperature": ("gel",),
     "force": ("frequency", "bx", "by"),
@@ -86,7 +89,8 @@ class Decoder:
 
         n = topology.n
         self._shape = (len(CHANNELS), n)
-        self._none_known = np.zeros((1, n), np.uint16)
+        self._none_known = np.zeros(n, np.uint16)
+        self._raw = self._status = _NONE_YET
         self._out = self._outputs(1)
         self._reading = Reading(*(None if out is None else out[0] for out in self._out))
         self.reset()
@@ -99,7 +103,7 @@ class Decoder:
     def warmup(self) -> None:
         """Compile the kernel, or load it; the state stays as it is."""
         nothing = np.zeros((0, *self._shape), np.int16)
-        self._kernel(nothing, self._none_known, *self._calibration, *self._out)
+        self._kernel(nothing, self._none_known[np.newaxis], *self._calibration, *self._out)
 
     def __call__(self, raw: np.ndarray, status: np.ndarray | None = None) -> Reading:
         """Decode.
@@ -123,31 +127,38 @@ class Decoder:
         CountsError
             An array of another shape or type.
         """
-        if type(raw) is not np.ndarray or raw.dtype != np.int16 or raw.shape[-2:] != self._shape:
-            raise self._mismatch("raw", raw, "int16", self._shape)
-        if raw.ndim == 2:
-            counts = raw[np.newaxis]
-            out, reading = self._out, self._reading
-        elif raw.ndim == 3:
-            counts = raw
-            out = self._outputs(raw.shape[0])
-            reading = Reading(*out)
-        else:
-            raise self._mismatch("raw", raw, "int16", self._shape)
+        # A live bus hands over the same arrays each cycle: they are looked at once.
+        if raw is not self._raw or status is not self._status:
+            if not isinstance(raw, np.ndarray) or raw.ndim != 2:
+                return self._batch(raw, status)
+            self._accept(raw, status)
+        self._kernel(self._counts, self._known, *self._calibration, *self._out)
+        return self._reading
 
+    def _accept(self, raw: np.ndarray, status: np.ndarray | None) -> None:
+        """Check the arrays of one cycle and keep them as the kernel takes them."""
+        self._raw = _NONE_YET
+        self._check("raw", raw, np.int16, self._shape)
+        if status is not None:
+            self._check("status", status, np.uint16, self._shape[1:])
+        flags = self._none_known if status is None else status
+        counts, known = _plain(raw), _plain(flags)
+        self._counts, self._known = counts[np.newaxis], known[np.newaxis]
+        if counts is raw and known is flags:
+            self._raw, self._status = raw, status
+
+    def _batch(self, raw: np.ndarray, status: np.ndarray | None) -> Reading:
+        """Decode consecutive cycles into new arrays."""
+        cycles = raw.shape[:1] if isinstance(raw, np.ndarray) else ()
+        self._check("raw", raw, np.int16, (*cycles, *self._shape))
+        known = (*cycles, self.topology.n)
         if status is None:
-            known = self._none_known if raw.ndim == 2 else np.zeros(out[-1].shape, np.uint16)
-        elif (
-            type(status) is np.ndarray
-            and status.dtype == np.uint16
-            and status.shape == (raw.shape[-1:] if raw.ndim == 2 else out[-1].shape)
-        ):
-            known = status[np.newaxis] if raw.ndim == 2 else status
+            status = np.zeros(known, np.uint16)
         else:
-            raise self._mismatch("status", status, "uint16", self._shape[1:], raw.shape[:-2])
-
-        self._kernel(_plain(counts), _plain(known), *self._calibration, *out)
-        return reading
+            self._check("status", status, np.uint16, known)
+        out = self._outputs(raw.shape[0])
+        self._kernel(_plain(raw), _plain(status), *self._calibration, *out)
+        return Reading(*out)
 
     def _outputs(self, cycles: int) -> tuple[np.ndarray | None, ...]:
         """Arrays of a Reading, in its order, with a leading axis."""
@@ -163,28 +174,25 @@ class Decoder:
         flags = (np.zeros((cycles, self.topology.n), kind) for kind in (np.uint16, bool))
         return (*values, *flags)
 
-    def _mismatch(
-        self,
-        where: str,
-        got: object,
-        kind: str,
-        shape: tuple[int, ...],
-        cycles: tuple[int, ...] | None = None,
-    ) -> CountsError:
-        one = f"shape {shape}"
-        many = f"shape (t, {', '.join(map(str, shape))})"
-        if cycles is None:
-            expected = f"{one} or {many}"
-        else:
-            expected = f"shape {(*cycles, *shape)}"
+    def _check(self, where: str, got: object, kind: type, shape: tuple[int, ...]) -> None:
+        """Raise CountsError unless `got` is an array of that kind and shape."""
         is_array = isinstance(got, np.ndarray)
+        if is_array and got.dtype == kind and got.shape == shape:
+            return
         what = f"{got.dtype}, shape {got.shape}" if is_array else type(got).__name__
-        name = self.topology.name
-        return CountsError(f"{name}: {where}: must be an array of {kind}, {expected}; got {what}")
+        expected = f"shape {shape}"
+        if where == "raw":
+            units = ", ".join(map(str, self._shape))
+            expected = f"shape ({units}) or shape (t, {units})"
+        raise CountsError(
+            f"{self.topology.name}: {where}: must be an array of {kind.__name__}, {expected}; "
+            f"got {what}"
+        )
 
 
 def _plain(array: np.ndarray) -> np.ndarray:
     """`array` as the kernel is compiled for: contiguous and writeable; a copy if it is not."""
+    array = np.asarray(array)
     flags = array.flags
     return array if flags.c_contiguous and flags.writeable else array.copy()
 

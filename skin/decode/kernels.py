@@ -47,8 +47,8 @@ LIMIT_STATUS = 0
 LIMIT_RAIL = 1
 """Counts off the rails, two rows a channel."""
 LIMIT_POSSIBLE = LIMIT_RAIL + 2 * CHANNELS
-"""Counts that a working unit produces: gel, frequency."""
-LIMIT_CALIBRATED = LIMIT_POSSIBLE + 4
+"""Counts that a working unit produces: gel, frequency, chip temperature."""
+LIMIT_CALIBRATED = LIMIT_POSSIBLE + 6
 """Counts within the calibrated range: gel, frequency."""
 LIMIT_ROWS = LIMIT_CALIBRATED + 4
 
@@ -99,7 +99,7 @@ REAL_ROWS = 9
 GROWTH_MAX = 6.0
 """Bound of ln(M0 / amplitude) for which `_exp` holds."""
 GAIN_MIN = 0.1
-"""Below this a gain is the work of an impossible temperature, and the unit is OUT_OF_RANGE."""
+"""Bound of the gain; only a temperature of a unit that is OUT_OF_RANGE reaches it."""
 
 NOT_NEGATIVE = 2**62 - 1
 """Mask that changes nothing, but shows the compiler that an index does not count from the end: it
@@ -236,8 +236,10 @@ def _judge(integers, i, limits, at):
         | _outside(integers[i + BY * CHUNK], limits, at, LIMIT_RAIL + 2 * BY)
         | _outside(integers[i + CHIP * CHUNK], limits, at, LIMIT_RAIL + 2 * CHIP)
     )
-    impossible = _outside(gel, limits, at, LIMIT_POSSIBLE) | _outside(
-        frequency, limits, at, LIMIT_POSSIBLE + 2
+    impossible = (
+        _outside(gel, limits, at, LIMIT_POSSIBLE)
+        | _outside(frequency, limits, at, LIMIT_POSSIBLE + 2)
+        | _outside(integers[i + CHIP * CHUNK], limits, at, LIMIT_POSSIBLE + 4)
     )
     beyond = _outside(gel, limits, at, LIMIT_CALIBRATED) | _outside(
         frequency, limits, at, LIMIT_CALIBRATED + 2
