@@ -31,13 +31,16 @@ UNIT_STATUS = CHANNEL_COUNT
 BYTE0, BYTE1, BYTE2, SHIFT, MASK = range(5)
 FIELD_WIDTH = 5
 # Columns of `signals`; the first five are a field.
-SIGN, TARGET, SLOT = range(FIELD_WIDTH, FIELD_WIDTH + 3)
-SIGNAL_COLUMNS = FIELD_WIDTH + 3
+# A count is (field ^ FLIP) - BIAS: that is how signs, and 16 bits unsigned, are read.
+FLIP, BIAS, TARGET, SLOT = range(FIELD_WIDTH, FIELD_WIDTH + 4)
+SIGNAL_COLUMNS = FIELD_WIDTH + 4
 # Columns of `frames`; the last three are fields of five columns each, mask 0 where there is none.
-BUS, IDENTIFIER, SIZE, IS_FD, FIRST_SIGNAL, END_SIGNAL, GROUP, PART, AWAITED, ECHOES, CRC_PLACE = (
-    range(11)
-)
-SEQUENCE = 11
+# PAGES frames have the same identifier (0: it is the frame's own), and PAGE as their first byte.
+(
+    BUS, IDENTIFIER, SIZE, IS_FD, FIRST_SIGNAL, END_SIGNAL, GROUP, PART, PAGES, PAGE, AWAITED,
+    ECHOES, CRC_PLACE,
+) = range(13)  # fmt: skip
+SEQUENCE = 13
 STATUS = SEQUENCE + FIELD_WIDTH
 CRC = STATUS + FIELD_WIDTH
 FRAME_COLUMNS = CRC + FIELD_WIDTH
@@ -242,8 +245,8 @@ def _unpack_frame(data, row, f, frames, signals, units, counts, codes):
             continue
         value = read_bits(data, row, signals, k, 0)
         if signals[k, TARGET] < UNIT_STATUS:
-            sign = np.int64(signals[k, SIGN])
-            counts[signals[k, TARGET], np.uintp(unit)] = (value ^ sign) - sign
+            flip, bias = np.int64(signals[k, FLIP]), np.int64(signals[k, BIAS])
+            counts[signals[k, TARGET], np.uintp(unit)] = (value ^ flip) - bias
         elif value != 0:
             codes[np.uintp(unit)] = min(value, 255)
 
@@ -261,16 +264,18 @@ def _pack(first, end, sequence, stamp, counts, codes, frames, signals, units, wo
         data[row, 15] = frames[f, BUS]
         for k in range(PAYLOAD, data.shape[1]):
             data[row, k] = 0
+        if frames[f, PAGES]:
+            data[row, PAYLOAD] = frames[f, PAGE]
         write_bits(sequence, data, row, frames, f, SEQUENCE)
         for k in range(frames[f, FIRST_SIGNAL], frames[f, END_SIGNAL]):
             unit = units[f, signals[k, SLOT]]
             if unit < 0:
                 continue
             target = signals[k, TARGET]
-            sign, mask = np.int64(signals[k, SIGN]), np.int64(signals[k, MASK])
+            flip, bias = np.int64(signals[k, FLIP]), np.int64(signals[k, BIAS])
             value = np.int64(codes[unit] if target == UNIT_STATUS else counts[target, unit])
-            low, high = (-sign, sign - 1) if sign else (0, mask)
-            write_bits(min(max(value, low), high), data, row, signals, k, 0)
+            value = min(max(value + bias, 0), np.int64(signals[k, MASK]))
+            write_bits(value ^ flip, data, row, signals, k, 0)
         if frames[f, CRC + MASK]:
             write_bits(frame_crc(data, row, frames, f), data, row, frames, f, CRC)
 
@@ -302,6 +307,15 @@ def _find(bus, can_id, tables):
     if low < tables.extended.shape[0] and tables.extended[low, 0] == key:
         return tables.extended[low, 1]
     return np.int64(-1)
+
+
+def _page_of(f, row, data, frames):
+    """The frame that its first byte says, of those with the identifier of f; -1: none of them."""
+    pages = np.int64(frames[f, PAGES])
+    for k in range(pages):
+        if frames[f + k, PAGE] == data[row, PAYLOAD]:
+            return f + k
+    return np.int64(-1) if pages else f
 
 
 def _sync_number(bus, counter, stamp, memory):
@@ -390,7 +404,7 @@ def _accept_echo(f, sequence, row, data, tables, memory):
         # Closed without waiting for it: the next cycle shall wait.
         sources[f, MISSED] = 0
         drop(memory, f, LATE)
-    elif behind <= size // 2 and number - behind == sources[f, HEARD]:
+    elif number - behind == sources[f, HEARD]:
         repeat(f, row, data, tables, memory)
     else:
         drop(memory, f, LATE)
@@ -419,7 +433,6 @@ def _accept_count(f, sequence, row, data, tables, memory):
         elif back >= 0 and sequence == (back + 1) & mask:
             # A count that goes on from a step back: restarted, or there are two of them.
             sources[f, EVIDENCE] += PIECE
-            sources[f, BACK] = -1
         else:
             sources[f, BACK] = sequence
             drop(memory, f, LATE)
@@ -694,6 +707,8 @@ def _feed(row, words, data, tables, memory, shown):
                 close_cycle(BY_DEADLINE, tables, memory, shown)
                 return row
             f = find(bus, can_id, tables)
+            if f >= 0:
+                f = page_of(f, row, data, tables.frames)
             if can_id == memory.syncs[bus, SYNC_IDENTIFIER]:
                 if not take_sync(bus, row, words, data, tables, memory):
                     close_cycle(BY_SYNC, tables, memory, shown)
@@ -783,6 +798,7 @@ pack = _compiled(
 count = _compiled(_count)
 drop = _compiled(_drop)
 find = _compiled(_find)
+page_of = _compiled(_page_of)
 sync_number = _compiled(_sync_number)
 open_cycle = _compiled(_open_cycle)
 is_other_payload = _compiled(_is_other_payload)

@@ -64,7 +64,7 @@ def assemble(records, units, first_id=0x100, sync_id=0x80, stale_cycles=5):
         if behind is None:
             totals["late"] += 1
             dropped[u] += 1
-        elif behind <= RANGE // 2 and last == number - behind:
+        elif last == number - behind:
             totals["repeated"] += 1
         elif behind or not is_open:
             totals["late"] += 1

@@ -299,6 +299,10 @@ def test_a_bus_that_was_silent_for_long_falls_in_again():
     cycles = run(assembler, *(cycle_frames(small, i) for i in range(1000, 1003)), end=False)
     assert [cycle.number for cycle in cycles] == [1000, 1001, 1002]
     assert cycles[-1].valid.all()
+    # It is in step again: it leads as well as the other one.
+    alone = [join(sync(i, bus=1), data_frames(small, i, i, bus=1)) for i in range(1003, 1006)]
+    cycles = run(assembler, *alone)
+    assert [cycle.number for cycle in cycles] == [1003, 1004, 1005]
 
 
 def test_a_sync_without_a_counter_counts_on():
@@ -370,6 +374,17 @@ def test_every_missing_frame_is_counted_where_it_is_missing(layout, missing):
     assert assembler.counters.lost == sum(missing)
 
 
+def test_a_frame_that_came_and_could_not_be_used_is_not_lost_as_well():
+    small = make_topology("f3t-fd16", units=1)
+    parts = [cycle_frames(small, i) for i in range(6)]
+    parts[2]["data"][1, 9] ^= 1
+    parts[4]["length"][1] = 8
+    assembler = Assembler(small)
+    run(assembler, *parts)
+    counters = assembler.counters
+    assert (counters.crc, counters.short, counters.lost, counters.data) == (1, 1, 0, 4)
+
+
 def test_a_long_absence_is_silence_not_loss():
     small = make_topology("f3t-fd16", units=2)
     assembler = Assembler(small)
@@ -421,6 +436,18 @@ def test_own_counts_count_gaps_repeats_and_restarts():
     ]  # fmt: skip
     counters = assembler.counters
     assert (counters.lost, counters.repeated, counters.late) == (4, 1, 1)
+
+
+def test_a_count_of_one_bit_goes_on_by_turning_over():
+    gel = Signal(name="gel", start=0, length=12)
+    layout = WireLayout(
+        name="bit", size=2, signals=(gel, Signal(name="sequence", start=15, length=1))
+    )
+    small = make_topology(layout, units=1)
+    assembler = Assembler(small, sequence="own")
+    cycles = run(assembler, *(join(sync(i), data_frames(small, i, i)) for i in range(9)))
+    assert all(cycle.valid.all() for cycle in cycles)
+    assert assembler.counters == FrameCounters(data=9, sync=9)
 
 
 def test_units_that_count_for_themselves_belong_to_the_cycle_they_arrive_in():
@@ -490,8 +517,11 @@ def test_two_interleaved_counts_are_two_senders(offset):
         parts.append(
             data_frames(small, step + 30 * twin, step + offset * twin, stamp_ns=i * PERIOD_NS // 2)
         )
-    cycles = run(Assembler(small), *parts)
+    assembler = Assembler(small)
+    cycles = run(assembler, *parts)
     assert flags(cycles[-1])[0] & Status.DUPLICATE
+    # Once they are found, the gaps between their counts are no loss.
+    assert assembler.counters.lost < 10 * offset
 
 
 # -- frozen ----------------------------------------------------------------------------------------
@@ -638,6 +668,18 @@ def test_a_set_with_a_missing_part_is_torn_and_keeps_its_last_whole_value():
     counters = assembler.counters
     assert (counters.torn, counters.data, counters.lost) == (1, 10, 1)
     assert assembler.by_frame("torn").tolist() == [0, 1, 0, 0]
+
+
+def test_a_fault_told_in_any_part_counts_for_its_cycle():
+    signals = (*TWO_PARTS.signals[:-2], Signal(name="unit_status", start=44, length=4, part=1))
+    small = make_topology(
+        WireLayout(name="own", size=6, units=2, parts=2, signals=signals), units=2
+    )
+    codes = np.array([5, 0], np.uint8)
+    parts = [join(sync(i), data_frames(small, i, i, fault_code=codes * (i == 1))) for i in range(3)]
+    cycles = run(Assembler(small), *parts)
+    assert [cycle.fault_code.tolist() for cycle in cycles] == [[0, 0], [5, 0], [0, 0]]
+    assert [flags(cycle)[0] for cycle in cycles] == [Status.OK, Status.FAULT, Status.OK]
 
 
 @given(st.lists(st.integers(0, 15), max_size=40), st.booleans())

@@ -218,6 +218,15 @@ def test_the_parts_of_a_set_may_lie_on_both_sides_of_a_tick():
     assert assembler.counters.torn == 0
 
 
+def test_a_set_that_is_incomplete_at_the_end_is_torn():
+    small = make_topology(TWO_PARTS, units=2, sync_id=None)
+    assembler = Assembler(small)
+    frames = data_frames(small, 0, 0, stamp_ns=START)
+    (cycle,) = run(assembler, frames[:1])
+    assert flags(cycle) == [Status.NEVER | Status.TORN] * 2
+    assert (assembler.counters.torn, assembler.counters.data) == (1, 0)
+
+
 def test_parts_of_different_sequence_are_torn():
     small = make_topology(TWO_PARTS, units=2, sync_id=None)
     first, second, third = (
