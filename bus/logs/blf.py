@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import struct
 import zlib
+from collections import deque
 from collections.abc import Generator
+from concurrent.futures import Future, ThreadPoolExecutor
 from datetime import UTC, datetime, timedelta
 from typing import BinaryIO
 
@@ -26,10 +28,16 @@ CONTAINER_HEAD = struct.Struct("<4sHHLLH6xL4x")
 PLAIN, DEFLATED = 0, 2
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
-_CHUNK_BYTES = 1 << 18
+_CHUNK_BYTES = 1 << 16
 _LARGEST_FILE_HEAD = 1 << 16
 _LARGEST_CONTAINER = 1 << 26
 _MOST_PADDING = 3
+_THREADS = min(4, os.cpu_count() or 1)
+_AHEAD = 2 * _THREADS
+_END = "the end of the file"
+
+Fault = tuple[str, str] | None
+"""What must be there, and what is."""
 
 
 class BlfReader(LogReader):
@@ -47,6 +55,7 @@ class BlfReader(LogReader):
         self._left_out = np.zeros(1 << 16, np.int64)
         self._types = np.zeros(kernels.TYPES, np.int64)
         self._told_objects = self._told_bytes = 0
+        self._end = _END
         self._views = as_words(batch.records), as_bytes(batch.records)
         try:
             with self._open() as file:
@@ -58,96 +67,87 @@ class BlfReader(LogReader):
                 self.skipped[f"frame of {_name(channel)}"] = int(self._left_out[channel])
 
     def _read(self, file: BinaryIO, batch: FrameBatch) -> Generator[None]:
-        """Read the file's objects, and those in its containers."""
+        """Read the file's objects and those in its containers, which are inflated ahead."""
         objects, contents = _Objects(self._read_head(file)), _Objects(0)
-        data, container = None, 0
-        while data != b"":
-            data = self._take(file, _CHUNK_BYTES)
-            status = yield from self._parse(objects, data, batch)
-            while status == kernels.CONTAINER:
-                container, inside, cut = objects.place, *self._unpack(file, objects)
-                status = yield from self._parse(contents, inside, batch)
-                if status == kernels.CONTAINER:
-                    expected = "an object other than a container, in a container"
-                    raise self._damage(container, expected, "one", contents.place)
-                if status != kernels.MORE:
-                    expected, got = kernels.EXPECTED[status], _shown(contents.rest)
-                    raise self._damage(container, expected, got, contents.place)
-                if cut:
-                    raise self._damage(container, *cut)
-                status = yield from self._parse(objects, b"", batch)
-            if status != kernels.MORE:
-                expected, got = kernels.EXPECTED[status], _shown(objects.rest)
-                raise self._damage(objects.place, expected, got)
+        ahead: deque[tuple[int, Future[tuple[bytes, Fault]]]] = deque()
+        place, status = 0, kernels.MORE
+        with ThreadPoolExecutor(_THREADS, "blf") as pool:
+            while True:
+                while len(ahead) < _AHEAD and self._finds_container(file, objects):
+                    ahead.append((objects.place, pool.submit(_inflate, *self._take(file, objects))))
+                if ahead:
+                    place, inflated = ahead.popleft()
+                    inside, fault = inflated.result()
+                    status = yield from self._parse(contents, inside, batch)
+                    if status != kernels.MORE:
+                        expected, got = kernels.EXPECTED[status], _shown(contents.rest)
+                        raise self._damage(place, expected, got, contents.place)
+                    if fault:
+                        raise self._damage(place, *fault)
+                    continue
+                data = self._read_some(file, _CHUNK_BYTES)
+                status = yield from self._parse(objects, data, batch)
+                if status == kernels.MORE and not data:
+                    break
+                if status not in (kernels.MORE, kernels.CONTAINER):
+                    expected, got = kernels.EXPECTED[status], _shown(objects.rest)
+                    raise self._damage(objects.place, expected, got)
         if not contents.is_whole:
             got = "the end of the last container"
-            raise self._damage(container, "a whole object", got, contents.place)
+            raise self._damage(place, "a whole object", got, contents.place)
         if not objects.is_whole:
-            raise self._damage(objects.place, "a whole object", "the end of the file")
+            raise self._damage(objects.place, "a whole object", self._end)
         length = objects.place + len(objects.rest)
-        if self._told_bytes > length:
-            expected = f"the rest of a file of {self._told_bytes} bytes"
-            raise self._damage(length, expected, "its end")
+        if self._told_bytes > length or self._end != _END:
+            raise self._damage(length, f"more, up to byte {self._told_bytes}", self._end)
 
     def _read_head(self, file: BinaryIO) -> int:
         """Read what stands before the first object; return its length."""
-        head = self._take(file, FILE_HEAD.size)
+        head = self._read_up_to(file, FILE_HEAD.size)
         if not head.startswith(b"LOGG"):
-            raise LogError(f"{self.path}: byte 0: must be 'LOGG'; got {_shown(head)}")
+            raise self._damage(0, "'LOGG'", _shown(head) if head else self._end)
         if len(head) < FILE_HEAD.size:
-            raise LogError(
-                f"{self.path}: byte {len(head)}: must be a head of {FILE_HEAD.size} bytes; got the "
-                "end of the file"
-            )
+            raise self._damage(len(head), f"a head of {FILE_HEAD.size} bytes", self._end)
         _, length, *_, told_bytes, _, told_objects, _ = (fields := FILE_HEAD.unpack(head))[:14]
         if not FILE_HEAD.size <= length <= _LARGEST_FILE_HEAD:
-            raise LogError(
-                f"{self.path}: byte 4: must be a length of {FILE_HEAD.size} to "
-                f"{_LARGEST_FILE_HEAD}; got {length}"
-            )
+            expected = f"a length of {FILE_HEAD.size} to {_LARGEST_FILE_HEAD}"
+            raise self._damage(4, expected, f"{length}")
         self._told_bytes, self._told_objects = told_bytes, told_objects
         self._state[kernels.START_NS] = _to_ns(*fields[14:22])
-        rest = self._take(file, length - FILE_HEAD.size)
-        return FILE_HEAD.size + len(rest)
+        there = len(head) + len(self._read_up_to(file, length - len(head)))
+        if there < length:
+            raise self._damage(there, f"a head of {length} bytes", self._end)
+        return length
 
-    def _unpack(self, file: BinaryIO, objects: _Objects) -> tuple[bytes, tuple[str, str] | None]:
-        """Take the container that `objects` begin with, and inflate it.
+    def _finds_container(self, file: BinaryIO, objects: _Objects) -> bool:
+        """Whether a container comes next; if so, `objects` then begin with it."""
+        if objects.skip:
+            return False
+        least = kernels.MOST_PADDING + CONTAINER_HEAD.size
+        while len(objects.rest) < least and (more := self._read_some(file, _CHUNK_BYTES)):
+            objects.rest += more
+        padding = objects.rest.find(b"LOBJ", 0, kernels.MOST_PADDING + 3)
+        kind = objects.rest[padding + 12 : padding + 16]
+        if padding < 0 or int.from_bytes(kind, "little") != kernels.LOG_CONTAINER:
+            return False
+        objects.drop(padding)
+        return True
 
-        Returns
-        -------
-        bytes
-            What is in it, as far as it is there and right.
-        tuple of str, or None
-            Where that is not all: what must have been there, and what was.
-        """
-        head, size = objects.rest, CONTAINER_HEAD.size
-        if len(head) < size:
-            head += self._take(file, size - len(head))
-            if len(head) < size:
-                objects.drop(len(head))
-                return b"", (f"a container's head of {size} bytes", "the end of the file")
-        *_, length, _, method, _ = CONTAINER_HEAD.unpack_from(head)
-        if not size <= length <= _LARGEST_CONTAINER:
-            return b"", (f"a container of {size} to {_LARGEST_CONTAINER} bytes", str(length))
+    def _take(self, file: BinaryIO, objects: _Objects) -> tuple[int, bytes, Fault]:
+        """Take the container that `objects` begin with: compression, contents, what is wrong."""
+        head = CONTAINER_HEAD.size
+        if len(objects.rest) < head:
+            objects.drop(len(objects.rest))
+            return PLAIN, b"", (f"a container's head of {head} bytes", self._end)
+        *_, length, _, method, _ = CONTAINER_HEAD.unpack_from(objects.rest)
+        if not head <= length <= _LARGEST_CONTAINER:
+            return PLAIN, b"", (f"a container of {head} to {_LARGEST_CONTAINER} bytes", f"{length}")
         if method not in (PLAIN, DEFLATED):
-            return b"", (f"compression {PLAIN} or {DEFLATED}", str(method))
-        objects.rest = head + self._take(file, max(0, length - len(head)))
-        packed, fault = objects.rest[size:length], None
-        if len(objects.rest) < length:
-            fault = f"a container of {length} bytes", "the end of the file"
-        objects.drop(min(length, len(objects.rest)))
-        if method == PLAIN:
-            return packed, fault
-        inflater = zlib.decompressobj()
-        try:
-            inside = inflater.decompress(packed, _LARGEST_CONTAINER)
-        except zlib.error as error:
-            # None of it is sure: the checksum comes last.
-            return b"", ("a container with whole contents", str(error))
-        if not inflater.eof:
-            limit = f"a container with whole contents of at most {_LARGEST_CONTAINER} bytes"
-            fault = fault or (limit, "contents without end")
-        return inside, fault
+            return PLAIN, b"", (f"compression {PLAIN} or {DEFLATED}", f"{method}")
+        objects.rest += self._read_up_to(file, max(0, length - len(objects.rest)))
+        packed, there = objects.rest[head:length], len(objects.rest)
+        objects.drop(min(length, there))
+        return method, packed, None if there >= length else (f"{length} bytes", self._end)
 
     def _parse(
         self, objects: _Objects, data: bytes, batch: FrameBatch
@@ -177,12 +177,23 @@ class BlfReader(LogReader):
         objects.skip = int(state[kernels.SKIP])
         return status
 
-    def _take(self, file: BinaryIO, size: int) -> bytes:
-        """Read up to `size` bytes, fewer at the end alone."""
+    def _read_some(self, file: BinaryIO, size: int) -> bytes:
+        """Read at most `size` bytes; none at the end, where `_end` tells what ended it."""
+        if self._end != _END:
+            return b""
         try:
-            return file.read(size)
+            return file.read1(size)  # type: ignore[attr-defined]
         except (OSError, EOFError, zlib.error) as error:
-            raise LogError(f"{self.path}: must be readable to its end; got: {error}") from error
+            self._end = str(error)
+            return b""
+
+    def _read_up_to(self, file: BinaryIO, size: int) -> bytes:
+        """Read `size` bytes, fewer at the end alone."""
+        parts = [b""]
+        while size and (more := self._read_some(file, size)):
+            parts.append(more)
+            size -= len(more)
+        return b"".join(parts)
 
     def _damage(self, place: int, expected: str, got: str, inside: int | None = None) -> LogError:
         """Say what is wrong at a place of the file, and how much was read."""
@@ -193,6 +204,22 @@ class BlfReader(LogReader):
             size = os.path.getsize(self.path)
             read += f", up to the last {size - place} of {size} bytes"
         return LogError(f"{self.path}: {where}: must be {expected}; got {got} (read: {read})")
+
+
+def _inflate(method: int, packed: bytes, fault: Fault) -> tuple[bytes, Fault]:
+    """Return what is in a container, as far as it is sure, and what is wrong with it."""
+    if method == PLAIN:
+        return packed, fault
+    inflater = zlib.decompressobj()
+    try:
+        inside = inflater.decompress(packed, _LARGEST_CONTAINER)
+    except zlib.error as error:
+        # None of it is sure, as the checksum comes last.
+        return b"", ("a container with whole contents", str(error))
+    if not inflater.eof and not fault:
+        expected = f"contents of at most {_LARGEST_CONTAINER} bytes, with their end"
+        fault = expected, f"{len(inside)} bytes without one"
+    return inside, fault
 
 
 class _Objects:
@@ -231,4 +258,4 @@ def _to_ns(
 
 
 def _shown(data: bytes) -> str:
-    return repr(data[:16]) if data else "the end of the file"
+    return repr(data[:16])

@@ -39,9 +39,12 @@ STATE_SIZE = 6
 MORE, FULL, CONTAINER, NEW_CHANNEL = range(4)
 SIGNATURE, SIZE, HEADER, SHORT, STAMP, LENGTH = range(-6, 0)
 LARGEST_OBJECT = 1 << 16
+MOST_PADDING = 8
+"""Places behind an object where the next one may begin."""
 MOST_OBJECT_BYTES = 128
 """No object that `build` writes is longer."""
 EXPECTED = {
+    CONTAINER: "an object other than a container, in a container",
     SIGNATURE: "the beginning of an object, 'LOBJ'",
     SIZE: f"an object of at least 16 bytes, and at most {LARGEST_OBJECT} for a frame",
     HEADER: "a header of at least 32 bytes, within its object",
@@ -54,7 +57,6 @@ UNKNOWN = -2
 """Bus of the channels that did not appear yet."""
 _OBJECT_HEAD, _FRAME_HEAD = 16, 32
 _SIGNATURE = np.frombuffer(b"LOBJ", np.uint8)
-_MOST_PADDING = 8
 # Contents of objects, as long as they have to be.
 _CLASSIC_SIZE, _ERROR_SIZE, _ERROR_EXT_SIZE, _FD_SIZE, _FD_64_SIZE, _FD_ERROR_64_SIZE = (
     16, 2, 32, 20, 40, 44,
@@ -93,7 +95,7 @@ def _u64(blob, p):
 
 def _find_object(blob, p, end):
     # How many bytes pad an object depends on who wrote it. Returns the place, _CUT or _NONE.
-    for k in range(_MOST_PADDING):
+    for k in range(MOST_PADDING):
         if p + k + 4 > end:
             return _CUT
         same = 0

@@ -32,7 +32,7 @@ class LogReader(ABC):
         Bus index of each channel that counts; frames of others are left out. Without it the first
         channel that appears is bus 0, the next one bus 1, and so on.
     batch : int
-        Most frames of a batch.
+        Most frames of a batch; of those given by default a processor's cache holds all.
     strict : bool
         Whether damage is raised. If not, reading ends there all the same, and `damage` tells.
 
@@ -58,7 +58,7 @@ class LogReader(ABC):
         path: str | os.PathLike[str],
         *,
         buses: Mapping[str, int] | None = None,
-        batch: int = 65536,
+        batch: int = 4096,
         strict: bool = True,
     ) -> None:
         if batch < 1:
@@ -118,9 +118,10 @@ class LogReader(ABC):
         return self.path.open("rb")
 
     def _read_into(self, file: BinaryIO, view: memoryview) -> int:
-        """Read as much as there is, up to the size of `view`; return the number of bytes."""
+        """Read some bytes into `view`; return their number, 0 at the end."""
         try:
-            return file.readinto(view)  # type: ignore[attr-defined]
+            # What one read gives, so that a damage takes nothing along that came before it.
+            return file.readinto1(view)  # type: ignore[attr-defined]
         except (OSError, EOFError, zlib.error) as error:
             raise LogError(f"{self.path}: must be readable to its end; got: {error}") from error
 
