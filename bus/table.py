@@ -31,7 +31,7 @@ class FrameTable:
     units : ndarray, shape (f, s), int32
         Unit in each slot, or -1.
     standard : ndarray, shape (buses, 2048), int32
-        Frame of each 11-bit identifier, or -1.
+        Frame of each 11-bit identifier (the first of its pages), or -1.
     extended : ndarray, shape (e, 2), int64
         Sorted ``bus << 32 | identifier`` of the frames with 29-bit identifiers, and the frame.
     groups : ndarray, shape (g, p), int32
@@ -46,7 +46,7 @@ class FrameTable:
     Raises
     ------
     LayoutError
-        A signal that is not within its frame, does not fit a count, or a crc of another shape.
+        A signal that is not within its frame, or a crc of another shape.
     """
 
     def __init__(self, topology: Topology, sequence: Literal["sync", "own"] = "sync") -> None:
@@ -68,8 +68,11 @@ class FrameTable:
             row[k.IDENTIFIER] = can_id
             row[k.SIZE], row[k.IS_FD] = layout.size, layout.fd
             row[k.FIRST_SIGNAL], row[k.END_SIGNAL] = spans[layout_index, part]
-            row[k.GROUP] = firsts.setdefault((bus, layout_index, can_id - part), len(firsts))
+            first_id = can_id if layout.pages else can_id - part
+            row[k.GROUP] = firsts.setdefault((bus, layout_index, first_id), len(firsts))
             row[k.PART] = part
+            if layout.pages:
+                row[k.PAGES], row[k.PAGE] = layout.parts, layout.pages[part]
             row[k.AWAITED] = topology.enabled[carried].any()
             row[k.ECHOES] = sequence == "sync" and topology.buses[bus].sync_id is not None
             _frame_fields(layout, part, row)
@@ -93,7 +96,9 @@ class FrameTable:
     def _index(self, topology: Topology) -> None:
         bus, can_id = topology.frames.bus, topology.frames.can_id.astype(np.int64)
         is_standard = can_id < 2048
-        frame = np.arange(can_id.size)
+        # Of the pages of one identifier the first; the others follow it.
+        paged = self.frames[:, k.PAGES] > 0
+        frame = np.arange(can_id.size) - self.frames[:, k.PART] * paged
         self.standard = np.full((len(topology.buses), 2048), -1, np.int32)
         self.standard[bus[is_standard], can_id[is_standard]] = frame[is_standard]
         others = np.stack([bus.astype(np.int64) << 32 | can_id, frame], axis=1)[~is_standard]
@@ -135,11 +140,10 @@ def _signal_rows(
                 if signal.slot >= layout.units:
                     raise _wrong(layout, signal, f"must be in one of {layout.units} slots",
                                  f"slot {signal.slot}")  # fmt: skip
-                if signal.length == 16 and not signal.signed and signal.name in CHANNELS:
-                    raise _wrong(layout, signal, "must fit a 16-bit signed count",
-                                 "16 bits unsigned")  # fmt: skip
-                sign = 1 << (signal.length - 1) if signal.signed else 0
-                row = [*_field(layout, signal), sign, targets[signal.name], signal.slot]
+                is_channel = signal.name in CHANNELS
+                flip = 1 << (signal.length - 1) if signal.signed and is_channel else 0
+                bias = -signal.rails[0] if is_channel else 0
+                row = [*_field(layout, signal), flip, bias, targets[signal.name], signal.slot]
                 rows.append(row)
             spans[index, part] = first, len(rows)
     return rows, spans

@@ -51,7 +51,8 @@ def make_topology(
         for g, start in enumerate(range(mine.start, mine.stop, layout.units)):
             carried = [u if u < mine.stop else -1 for u in range(start, start + layout.units)]
             for part in range(layout.parts):
-                rows.append((b, first_id + g * layout.parts + part, part, carried))
+                can_id = first_id + g * layout.ids + (0 if layout.pages else part)
+                rows.append((b, can_id, part, carried))
     frames = Frames(
         bus=np.array([row[0] for row in rows], np.int32),
         can_id=np.array([row[1] for row in rows], np.uint32),

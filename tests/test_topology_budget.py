@@ -99,8 +99,8 @@ def test_known_figures_of_single_frames():
 
 def most_units(bus, layout, rate_hz, heartbeats=True):
     """Most units whose frames keep within 80 % of a bus at a cycle rate."""
-    frame = frame_seconds(layout.size, layout.fd, bus) * rate_hz
-    beat = frame_seconds(8, False, bus) if heartbeats else 0.0
+    frame = layout.parts * frame_seconds(layout.size, layout.fd, bus) * rate_hz
+    beat = frame_seconds(8, False, bus) if heartbeats and not layout.counts_only else 0.0
     room = 0.8 - frame_seconds(1, False, bus) * rate_hz
     return int(room / (frame + beat)) * layout.units
 

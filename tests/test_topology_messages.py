@@ -36,9 +36,9 @@ def expected_in(file):
         marked = re.search(r"# expect: (.+)", row)
         for code in marked[1].split(",") if marked else ():
             found[str(file), line, code.strip()] += 1
-    for calibration in re.findall(r'^calibration = "(.+?)"', text, re.M):
-        if Path(calibration).exists():
-            found += expected_in(calibration)
+    for other in set(re.findall(r'^(?:calibration|dbc) = "(.+?)"', text, re.M)):
+        if Path(other).is_file():
+            found += expected_in(other)
     return found
 
 

@@ -50,6 +50,7 @@ def as_toml(layout):
         rows.append(f"    {{ {pairs} }},")
     head = f'[[layouts]]\nname = "{layout.name}-copy"\nsize = {layout.size}\n'
     head += f"fd = {toml(layout.fd)}\nunits = {layout.units}\nparts = {layout.parts}\n"
+    head += f"pages = {list(layout.pages)}\ncounts_only = {toml(layout.counts_only)}\n"
     return head + "signals = [\n" + "\n".join(rows) + "\n]\n"
 
 

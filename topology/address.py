@@ -36,14 +36,14 @@ class Address:
 
 
 def number(n: int, first_id: int, layout: WireLayout) -> tuple[np.ndarray, np.ndarray]:
-    """Identifiers and slots of n units in turn: `layout.units` a frame, `layout.parts` ids a frame.
+    """Identifiers and slots of n units in turn: `layout.units` a frame, `layout.ids` ids a frame.
 
     Returns
     -------
     can_id, slot : ndarray, shape (n,), int64
     """
     group, slot = np.divmod(np.arange(n), layout.units)
-    return first_id + group * layout.parts, slot
+    return first_id + group * layout.ids, slot
 
 
 def to_frames(address: Address, layouts: tuple[WireLayout, ...]) -> Frames:
@@ -57,9 +57,10 @@ def to_frames(address: Address, layouts: tuple[WireLayout, ...]) -> Frames:
     parts = np.array([layout.parts for layout in layouts])[groups[2]]
     frame = np.repeat(np.arange(parts.size), parts)
     part = np.arange(frame.size) - np.repeat(np.cumsum(parts) - parts, parts)
+    has_ids = np.array([layout.ids > 1 for layout in layouts])[groups[2]]
     return Frames(
         bus=groups[0, frame].astype(np.int32),
-        can_id=(groups[1, frame] + part).astype(np.uint32),
+        can_id=(groups[1, frame] + part * has_ids[frame]).astype(np.uint32),
         layout=groups[2, frame].astype(np.int32),
         part=part.astype(np.int32),
         units=units[frame],

@@ -83,7 +83,8 @@ class Topology:
         Every parameter of `UnitModel` for each unit, calibration files applied;
         `theta_correction_rad` has shape (THETA_KNOTS, n).
     scale, offset : ndarray, shape (c, n), float64
-        Physical value = scale * raw + offset, channels as in `topology.CHANNELS`.
+        Physical value = scale * count + offset, channels as in `topology.CHANNELS`. A count is the
+        integer on the wire, but for 16 bits unsigned, which are 32768 above it.
     wired : ndarray, shape (c, n), bool
         Whether the wire carries the channel.
     neighbour_start : ndarray, shape (n + 1,), int32
@@ -123,6 +124,15 @@ class Topology:
     def cycle_rate_hz(self) -> float:
         """Cycle rate, the same on all buses of a skin."""
         return self.buses[0].cycle_rate_hz
+
+    @property
+    def counts_only(self) -> np.ndarray:
+        """Which units are sensors of another kind, known by their counts only; shape (n,), bool."""
+        foreign = np.array([layout.counts_only for layout in self.layouts], bool)
+        carried = self.frames.units[foreign[self.frames.layout]]
+        found = np.zeros(self.n, bool)
+        found[carried[carried >= 0]] = True
+        return found
 
     def on(self, *, interface: str | None = None, channel: str | None = None) -> Topology:
         """The same skin on another interface, or on other channels; None keeps the file's.

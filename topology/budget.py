@@ -18,7 +18,8 @@ from topology.wire import WireLayout
 __all__ = ["BusLoad", "bus_load", "classic_bits", "fd_bits", "frame_seconds"]
 
 HEARTBEAT_SIZE = 8
-"""Bytes of a heartbeat, a classic frame that every sender of data sends once a second."""
+"""Bytes of a heartbeat, a classic frame that every sender of data sends once a second; sensors of
+another kind do not."""
 
 SYNC_SIZE = 1
 
@@ -113,7 +114,8 @@ def bus_load(index: int, bus: Bus, frames: Frames, layouts: tuple[WireLayout, ..
     for (layout, extended), number in zip(*_counts(kinds), strict=True):
         wire = layouts[layout]
         cycle_s += number * frame_seconds(wire.size, wire.fd, bus, bool(extended))
-    senders = int(np.count_nonzero(frames.part[here] == 0))
+    own = ~np.array([layout.counts_only for layout in layouts], bool)
+    senders = int(np.count_nonzero((frames.part[here] == 0) & own[frames.layout[here]]))
     heartbeats = senders * frame_seconds(HEARTBEAT_SIZE, False, bus)
     room = max(bus.max_load - heartbeats, 0.0)
     return BusLoad(

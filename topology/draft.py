@@ -151,7 +151,7 @@ class Draft:
         placed = self.placed[self.patch[units[0]]]
         bus_key = self.parts.buses[placed.patch.bus]
         known = self.report.sound(self.parts.source, bus_key, "sync_id")
-        ids = np.unique(can_id[:, None] + np.arange(layout.parts))
+        ids = np.unique(can_id[:, None] + np.arange(layout.ids))
         check_ids(claim, ids, placed.patch.extended, layout,
                   self.parts.bus(bus_key) if known else None, bus_key,
                   self.parts.source, self.report)  # fmt: skip

@@ -82,11 +82,17 @@ MESSAGES: dict[str, str] = {
     "signal-slot": "must be below {limit}, the layout's {what}; got {got}",
     "signal-field": "must be slot 0 for what a frame carries once; got slot {got}",
     "signal-missing": "must carry {names} of every unit; got none of slot {slot}",
-    "signal-range": "must be signed or at most 15 bits, to fit in 16 bits signed; got {got} bits "
-    "unsigned",
+    "pages": "must be {parts} different bytes, one for each part; got {got}",
     "crc": "must be 16 bits on two whole bytes side by side; got {length} bits at bit {start}",
     "fd-layout": "must be a layout of classic frames, as bus {bus} (line {line}) has no "
     "data_bitrate; got {name} with FD frames",
+    # -- wire layouts from a DBC file
+    "dbc-line": "must be {expected}; got {got}",
+    "dbc-quote": "must close its quotes; got one that is open to the end of the file",
+    "dbc-says": "must be absent, as the DBC says it; got one",
+    "dbc-signal": "must be an integer of at most {bits} bits that is in every frame; got {name}, "
+    "{got} ({file}:{line})",
+    "dbc-twice": "must be a name used once; got {name}, also at line {first}",
     # -- geometry
     "too-many": "must be a skin of at most {limit} units; got {got}",
     "around": "must be at most {limit}, once around the cylinder; got {got}",

@@ -173,22 +173,23 @@ def _typical(distance: np.ndarray, alone: np.ndarray) -> np.ndarray | float:
 
 
 def _scales(draft: Draft, parts: Parts) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Scale, offset and presence of each channel of each unit, shape (c, n)."""
-    shape = (len(CHANNELS), len(draft.layouts))
-    by_layout = np.ones(shape), np.zeros(shape), np.zeros(shape, bool)
+    """Scale and offset from counts, and presence, of each channel of each unit, shape (c, n)."""
+    slots = max(layout.units for layout in draft.layouts)
+    shape = (len(CHANNELS), len(draft.layouts), slots)
+    by_place = np.ones(shape), np.zeros(shape), np.zeros(shape), np.zeros(shape, bool)
     for column, layout in enumerate(draft.layouts):
         for signal in layout.signals:
             if signal.name in CHANNELS:
                 row = CHANNELS.index(signal.name)
-                for table, value in zip(
-                    by_layout, (signal.scale, signal.offset, True), strict=True
-                ):
-                    table[row, column] = value
-    scale, offset, wired = (table[:, draft.address.layout] for table in by_layout)
+                values = signal.scale, signal.offset, signal.bias, True
+                for table, value in zip(by_place, values, strict=True):
+                    table[row, column, signal.slot] = value
+    place = draft.address.layout, draft.address.slot
+    scale, offset, bias, wired = (table[:, *place] for table in by_place)
     of_model = np.array(draft.model)
     for name, channels in parts.scales.items():
         for channel, given in channels.items():
             units = of_model == name
             row = CHANNELS.index(channel)
             scale[row, units], offset[row, units] = given.scale, given.offset
-    return scale, offset, wired
+    return scale, offset + scale * bias, wired

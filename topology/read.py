@@ -140,6 +140,10 @@ class _Reader:
         """The value converted, or None where it does not fit (and is reported)."""
         info = _plain(info)
         match info, value:
+            case inspect.UnionType(types=types), _ if not any(map(_is_table, types)):
+                for kind in types:
+                    if _shape(kind) is type(value):
+                        return self.value(kind, value, key)
             case inspect.StructType(), dict():
                 return self.table(info, value, key)
             case inspect.UnionType(), dict():
@@ -206,6 +210,22 @@ def _plain(info: inspect.Type) -> inspect.Type:
     return info
 
 
+def _is_table(info: inspect.Type) -> bool:
+    return isinstance(_plain(info), inspect.StructType)
+
+
+def _shape(info: inspect.Type) -> type | None:
+    """What a value of a type is in a parsed file, as far as unions need it."""
+    match _plain(info):
+        case inspect.StrType():
+            return str
+        case inspect.VarTupleType():
+            return list
+        case inspect.DictType():
+            return dict
+    return None
+
+
 def _fits(info: inspect.Type, value: Any) -> bool:
     match info:
         case inspect.AnyType():
@@ -257,8 +277,12 @@ def describe(info: inspect.Type) -> str:
         case inspect.TupleType():
             return f"a list of {len(info.item_types)} numbers"
         case inspect.VarTupleType():
-            of = "tables" if isinstance(_plain(info.item_type), _TABLES) else "numbers"
+            item = _plain(info.item_type)
+            of = "tables" if isinstance(item, _TABLES) else "numbers"
+            of = "names" if isinstance(item, inspect.StrType) else of
             return f"a list of {of}" + (" with one at least" if info.min_length else "")
+        case inspect.UnionType(types=types) if not any(map(_is_table, types)):
+            return " or ".join(map(describe, types))
         case inspect.AnyType():
             return "a finite value"
     return "a table"

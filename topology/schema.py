@@ -12,7 +12,7 @@ import msgspec
 from msgspec import Meta
 
 from topology.model import UnitModel
-from topology.wire import WireLayout
+from topology.wire import Signal
 
 __all__ = [
     "PARAMETERS",
@@ -24,6 +24,7 @@ __all__ = [
     "Frame",
     "Grid",
     "Hex",
+    "Layout",
     "List",
     "ListUnit",
     "Model",
@@ -148,11 +149,51 @@ class Model(Overrides, frozen=True, kw_only=True):
     ] = msgspec.field(default_factory=dict)
 
 
+class Layout(_Table, frozen=True, kw_only=True):
+    """A wire layout of one's own (`[[layouts]]`): its bits, or a message of a DBC file."""
+
+    name: Annotated[str, Meta(description="Name of the layout")]
+    size: Annotated[
+        Annotated[int, Meta(ge=1, le=64)] | None,
+        Meta(description="Bytes of each frame; a DBC says it itself"),
+    ] = None
+    fd: Annotated[
+        bool | None,
+        Meta(description="CAN FD frames; absent: what the DBC says, or false"),
+    ] = None
+    units: Annotated[int, Meta(ge=1, le=32, description="Units that one frame carries")] = 1
+    parts: Annotated[int, Meta(ge=1, le=16, description="Frames that make one set of units")] = 1
+    pages: Annotated[
+        tuple[Annotated[int, Meta(ge=0, le=255)], ...],
+        Meta(description="First byte of each part, where all parts have one identifier"),
+    ] = ()
+    counts_only: Annotated[
+        bool,
+        Meta(description="Sensors of another kind: nothing is known of them but their counts"),
+    ] = False
+    signals: Annotated[
+        tuple[Signal, ...] | dict[str, str | tuple[str, ...]],
+        Meta(
+            description="Bits of each channel and field; with `dbc`, names of the signals in its "
+            "message by channel or field: one with `{slot}` (from 0) or `{slot+1}` in it, or a "
+            "list, where a frame carries several units"
+        ),
+    ] = ()
+    dbc: Annotated[
+        str | None, Meta(description="DBC file that has the layout, relative to this file")
+    ] = None
+    message: Annotated[str | None, Meta(description="Name of its message in the DBC file")] = None
+
+
 class _Patch(_Table, frozen=True, kw_only=True, tag_field="kind"):
     name: Name
     bus: Annotated[str, Meta(description="Name of the bus that the units hang on")]
     layout: Annotated[
-        str, Meta(description="`f3t-classic`, `f3t-fd16`, `f3t-fd64` or one of `[[layouts]]`")
+        str,
+        Meta(
+            description="`f3t-classic`, `f3t-fd16`, `f3t-fd64`, one of `[[layouts]]`, or a foreign "
+            "one that gives counts only: `xela-uskin`, `icub-skin`"
+        ),
     ]
     model: Annotated[str, Meta(description="`f3t-paper` or one of `[[models]]`")] = "f3t-paper"
     frame: Annotated[str, Meta(description="Frame that `pose` is given in")] = "skin"
@@ -271,7 +312,7 @@ class File(_Table, frozen=True, kw_only=True):
     buses: Annotated[tuple[Bus, ...], Meta(min_length=1)]
     frames: tuple[Frame, ...] = ()
     models: tuple[Model, ...] = ()
-    layouts: tuple[WireLayout, ...] = ()
+    layouts: tuple[Layout, ...] = ()
     patches: Annotated[tuple[Patch, ...], Meta(min_length=1)]
     units: tuple[UnitException, ...] = ()
 

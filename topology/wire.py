@@ -50,20 +50,45 @@ class Signal(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     ] = 0
     part: Annotated[int, Meta(ge=0, description="Which of the consecutive frames carries it")] = 0
 
+    @property
+    def bias(self) -> int:
+        """What the integer on the wire is above the count: 16 bits unsigned do not fit in int16."""
+        return 0 if self.signed or self.length < 16 else 1 << 15
+
+    @property
+    def rails(self) -> tuple[int, int]:
+        """Lowest and highest count."""
+        low = -(1 << (self.length - 1)) if self.signed else -self.bias
+        return low, low + (1 << self.length) - 1
+
 
 class WireLayout(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One data frame (or `parts` frames with consecutive ids) and the signals in it.
+    """One data frame, or the `parts` frames of one set of units, and the signals in it.
 
+    Parts have consecutive ids, or, where there are `pages`, one id and another first byte each.
     The crc, where there is one, is CRC-16/CCITT-FALSE over the CAN id (two bytes, low first) and
     then every byte of the frame that is not the crc itself.
     """
 
     name: Annotated[str, Meta(description="Name of the layout")]
     size: Annotated[int, Meta(ge=1, le=64, description="Bytes of each frame")]
-    fd: bool = False
+    fd: Annotated[bool, Meta(description="CAN FD frames")] = False
     units: Annotated[int, Meta(ge=1, le=32, description="Units that one frame carries")] = 1
     parts: Annotated[int, Meta(ge=1, le=16, description="Frames that make one set of units")] = 1
+    pages: Annotated[
+        tuple[Annotated[int, Meta(ge=0, le=255)], ...],
+        Meta(description="First byte of each part, where all parts have one identifier"),
+    ] = ()
+    counts_only: Annotated[
+        bool,
+        Meta(description="Sensors of another kind: nothing is known of them but their counts"),
+    ] = False
     signals: tuple[Signal, ...] = ()
+
+    @property
+    def ids(self) -> int:
+        """Identifiers that one set of units takes."""
+        return 1 if self.pages else self.parts
 
     def frame_field(self, name: str, part: int = 0) -> Signal | None:
         """The signal `name` ("sequence", "status", "crc") of frame `part`, or None."""
@@ -104,6 +129,24 @@ _HEADER = (
     Signal(name="crc", start=16, length=16),
 )
 
+
+def _triangle() -> tuple[Signal, ...]:
+    """The twelve taxels of an iCub triangle: seven in the head, five and their errors in the tail.
+
+    A taxel out of its range has a bit in a 12-bit mask, whose upper byte comes first; four flags
+    of the whole triangle follow (no acknowledge, not connected).
+    """
+    signals = [Signal(name="status", start=56, length=4, part=1)]
+    for k in range(12):
+        byte, part = (1 + k, 0) if k < 7 else (k - 6, 1)
+        mask = 60 + k if k < 4 else 44 + k
+        signals += [
+            Signal(name="frequency", start=8 * byte, length=8, slot=k, part=part),
+            Signal(name="unit_status", start=mask, length=1, slot=k, part=1),
+        ]
+    return tuple(signals)
+
+
 LAYOUTS: dict[str, WireLayout] = {
     layout.name: layout
     for layout in (
@@ -128,6 +171,26 @@ LAYOUTS: dict[str, WireLayout] = {
             units=5,
             signals=_HEADER + tuple(s for i in range(5) for s in _record(i, 4 + 12 * i)),
         ),
+        # XELA uSkin: a frame for each taxel, its chip's status byte and three axes; no sequence.
+        WireLayout(
+            name="xela-uskin",
+            size=7,
+            counts_only=True,
+            signals=tuple(
+                Signal(name=name, start=8 * byte + 7, length=16, order="big")
+                for name, byte in (("bx", 1), ("by", 3), ("bz", 5))
+            ),
+        ),
+        # iCub skin: two frames a triangle; a capacitance falls when pressed, as our frequency does.
+        WireLayout(
+            name="icub-skin",
+            size=8,
+            units=12,
+            parts=2,
+            pages=(0x40, 0xC0),
+            counts_only=True,
+            signals=_triangle(),
+        ),
     )
 }
-"""Built-in layouts by name."""
+"""Built-in layouts by name: the project's own, and two foreign ones that give counts only."""

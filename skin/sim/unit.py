@@ -142,7 +142,6 @@ def _rails(topology: Topology) -> tuple[np.ndarray, np.ndarray]:
             if signal.part != part or signal.name not in CHANNELS or units[signal.slot] < 0:
                 continue
             channel = CHANNELS.index(signal.name)
-            bits = signal.length - signal.signed
-            lowest[channel, units[signal.slot]] = -(1 << bits) if signal.signed else 0
-            highest[channel, units[signal.slot]] = min((1 << bits) - 1, np.iinfo(np.int16).max)
+            unit = units[signal.slot]
+            lowest[channel, unit], highest[channel, unit] = signal.rails
     return lowest, highest

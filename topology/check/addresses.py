@@ -75,7 +75,8 @@ def check_ids(
     if extended:
         allowed = (0, LARGEST_EXTENDED)
     else:
-        allowed = DATA_IDS if layout.name in LAYOUTS else (0, LARGEST_STANDARD)
+        own = layout.name in LAYOUTS and not layout.counts_only
+        allowed = DATA_IDS if own else (0, LARGEST_STANDARD)
     if low < allowed[0] or high > allowed[1]:
         report.add("id-range", source, claim.key, low=allowed[0], high=allowed[1], got=got)
     elif bus is not None and bus.sync_id is not None and not extended and bus.sync_id in ids:
@@ -130,10 +131,10 @@ def _clashes(address: Address, layouts: list[WireLayout]) -> list[tuple[int, int
     clashes = [(int(order[s]), int(order[s + 1]), True) for s in same_slot]
 
     head = np.flatnonzero(np.append(True, (key[:3, 1:] != key[:3, :-1]).any(axis=0)))
-    parts = np.array([layout.parts for layout in layouts])[key[2, head]]
-    frame = np.repeat(head, parts)
-    part = np.arange(frame.size) - np.repeat(np.cumsum(parts) - parts, parts)
-    taken = np.stack([key[0, frame], key[1, frame] + part])
+    ids = np.array([layout.ids for layout in layouts])[key[2, head]]
+    frame = np.repeat(head, ids)
+    step = np.arange(frame.size) - np.repeat(np.cumsum(ids) - ids, ids)
+    taken = np.stack([key[0, frame], key[1, frame] + step])
     turn = np.lexsort((frame, taken[1], taken[0]))
     taken, frame = taken[:, turn], frame[turn]
     same_id = np.flatnonzero((taken[:, 1:] == taken[:, :-1]).all(axis=0))

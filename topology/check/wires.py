@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections import defaultdict
 
+from topology.check.dbc import DbcFiles, from_dbc
 from topology.check.names import check_name, entries, refer
+from topology.read import show
 from topology.report import Report
-from topology.schema import File
+from topology.schema import File, Layout
 from topology.source import Key, Source
 from topology.wire import CHANNELS, FRAME_FIELDS, LAYOUTS, UNIT_FIELDS, Signal, WireLayout
 
@@ -23,15 +25,53 @@ def resolve_layouts(file: File, source: Source, report: Report) -> dict[str, Wir
     """Layouts by name; None where one is wrong."""
     first: dict[str, Key] = {}
     layouts: dict[str, WireLayout | None] = dict(LAYOUTS)
+    files: DbcFiles = {}
     for key, layout in entries(file, "layouts"):
         if report.sound(source, key, "name"):
             check_name(layout.name, key, first, LAYOUTS, source, report)
         sound = report.sound(source, key)
-        if report.sound(source, key, "size", "fd", "units", "parts"):
-            _check_layout(layout, key, source, report)
+        wire = None
+        if report.sound(source, key, "size", "fd", "units", "parts", "pages", "dbc"):
+            if layout.dbc is None:
+                made = _as_written(layout, key, source, report)
+            else:
+                made = from_dbc(layout, key, source, report, files)
+            if made is not None:
+                wire, places = made
+                _check_layout(wire, places, key, source, report)
         if layout.name is not None and first.get(layout.name) == key:
-            layouts[layout.name] = layout if sound and report.sound(source, key) else None
+            layouts[layout.name] = wire if sound and report.sound(source, key) else None
     return layouts
+
+
+def _as_written(
+    layout: Layout, key: Key, source: Source, report: Report
+) -> tuple[WireLayout, list[Key]] | None:
+    """A layout whose bits stand in the file, and where each of its signals does."""
+    if layout.message is not None:
+        report.add("missing-key", source, key, part="dbc", name="dbc",
+                   expected="the DBC file of the message")  # fmt: skip
+        return None
+    if isinstance(layout.signals, dict):
+        report.add("value", source, (*key, "signals"), expected="a list of tables, without a dbc",
+                   got=show(layout.signals))  # fmt: skip
+        return None
+    if layout.size is None:
+        report.add("missing-key", source, key, part="size", name="size",
+                   expected="an integer from 1 to 64")  # fmt: skip
+        return None
+    given = [(i, signal) for i, signal in enumerate(layout.signals) if signal is not None]
+    wire = WireLayout(
+        name=layout.name,
+        size=layout.size,
+        fd=bool(layout.fd),
+        units=layout.units,
+        parts=layout.parts,
+        pages=layout.pages,
+        counts_only=layout.counts_only,
+        signals=tuple(signal for _, signal in given),
+    )
+    return wire, [(*key, "signals", i) for i, _ in given]
 
 
 def signal_bits(signal: Signal) -> list[int]:
@@ -52,7 +92,9 @@ def signal_bits(signal: Signal) -> list[int]:
     return bits[::-1]
 
 
-def _check_layout(layout: WireLayout, key: Key, source: Source, report: Report) -> None:
+def _check_layout(
+    layout: WireLayout, places: list[Key], key: Key, source: Source, report: Report
+) -> None:
     sizes = FD_SIZES if layout.fd else CLASSIC_SIZES
     if layout.size not in sizes:
         report.add("frame-size", source, (*key, "size"), kind="CAN FD" if layout.fd else "classic",
@@ -61,9 +103,12 @@ def _check_layout(layout: WireLayout, key: Key, source: Source, report: Report) 
         return
     complete = report.sound(source, key, "signals")
     owner: dict[tuple[int, int], Key] = {}
+    if layout.pages:
+        owner = {(part, bit): (*key, "pages") for part in range(layout.parts) for bit in range(8)}
+        if len(set(layout.pages)) != len(layout.pages) or len(layout.pages) != layout.parts:
+            report.add("pages", source, (*key, "pages"), parts=layout.parts, got=list(layout.pages))
     first: dict[tuple[str, int, int], Key] = {}
-    for index, signal in enumerate(layout.signals):
-        at = (*key, "signals", index)
+    for signal, at in zip(layout.signals, places, strict=True):
         if not report.sound(source, at):
             continue
         _check_signal(signal, layout, at, source, report)
@@ -73,6 +118,10 @@ def _check_layout(layout: WireLayout, key: Key, source: Source, report: Report) 
             report.add("signal-twice", source, at, line=source.line(first[place]))
     lacking: dict[int, list[str]] = defaultdict(list)
     for slot in range(layout.units if complete else 0):
+        if layout.counts_only:
+            if not any((name, slot, 0) in first for name in CHANNELS):
+                lacking[slot].append("a channel")
+            continue
         for name in NEEDED:
             if (name, slot, 0) not in first:
                 lacking[slot].append(name)
@@ -93,8 +142,6 @@ def _check_signal(
                        limit=getattr(layout, limit), what=limit, got=got)  # fmt: skip
     if signal.name in FRAME_FIELDS and signal.slot:
         report.add("signal-field", source, (*at, "slot"), got=signal.slot)
-    if signal.name in CHANNELS and signal.length == 16 and not signal.signed:
-        report.add("signal-range", source, (*at, "length"), got=signal.length)
     if signal.name in CHANNELS and signal.scale == 0:
         report.add("scale", source, (*at, "scale"))
     whole = {"little": 0, "big": 7}[signal.order]
