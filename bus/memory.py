@@ -97,8 +97,9 @@ class MemoryTransport(Transport):
                 taken += batch.extend(self._ring[: self._waiting - straight])
             self._first = (self._first + taken) % self._ring.size
             self._waiting -= taken
-            self.counters.received += taken
-            return taken
+        self._counters.received += taken
+        self._hear(batch.records[batch.count - taken : batch.count])
+        return taken
 
     def send(self, records: np.ndarray) -> int:
         """Give frames to all other ends; every frame is taken."""
@@ -123,7 +124,7 @@ class MemoryTransport(Transport):
             listener = end.listener
             if listener is not None:
                 listener(heard)
-        self.counters.sent += stamped.size
+        self._counters.sent += stamped.size
         return stamped.size
 
     def _queue(self, records: np.ndarray) -> None:
@@ -134,7 +135,7 @@ class MemoryTransport(Transport):
             self._ring[place : place + part.size] = part
             self._ring["bus"][place : place + part.size] = self.index
         self._waiting += taken
-        self.counters.ring_overflows += records.size - taken
+        self._counters.ring_overflows += records.size - taken
         self._arrival.notify()
 
     def close(self) -> None:

@@ -9,6 +9,8 @@ from hypothesis import strategies as st
 from transport_contract import numbered, numbers, receive
 
 from bus import BusClosedError, FrameBatch, MemoryTransport
+from bus.frame import CAN_ERR
+from bus.state import BusState
 
 
 def test_every_end_of_a_channel_hears_all_others_in_one_order():
@@ -105,6 +107,20 @@ def test_a_listener_answers_before_send_returns():
         assert numbers(batch.frames) == [100, 101, 102]
         assert threads == [threading.current_thread()]
         assert far.receive(FrameBatch(1)) == 0
+
+
+def test_error_frames_on_the_bus_tell_its_state():
+    near, far = MemoryTransport.pair()
+    with near, far:
+        near.send(join(frame(CAN_ERR | 0x40, bytes(8), stamp_ns=5), frame(1, stamp_ns=9)))
+        receive(far, 2)
+        assert [(change.stamp_ns, change.state) for change in far.changes] == [
+            (5, BusState.BUS_OFF),
+            (9, BusState.ACTIVE),
+        ]
+        near.send(frame(CAN_ERR | 0x4, [0, 1, 0, 0, 0, 0, 0, 0]))
+        receive(far, 1)
+        assert (far.counters.error_frames, far.counters.controller_overflows) == (2, 1)
 
 
 def test_a_closed_end_says_which():
