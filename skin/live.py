@@ -14,7 +14,9 @@ import topology as topology_package
 from bus.assemble import Assembler
 from bus.cycle import FrameCounters, RawCycle
 from bus.frame import FRAME_DTYPE, FrameBatch
+from bus.state import BusChange
 from bus.transport import Transport, open_transport
+from bus.wait import Waiter
 from skin.contact.wrench import ArrayFeatures
 from skin.decode.decoder import Decoder
 from skin.errors import OptionError, SkinError
@@ -45,6 +47,7 @@ def open(
     estimator: str = "sine",
     dtype: str = "float32",
     sync: Literal["host", "bus"] = "host",
+    wait: Literal["event", "drain"] = "event",
     pace: bool = True,
     deadline_s: float | None = None,
     simulate: bool | Scene = False,
@@ -65,6 +68,8 @@ def open(
         Arithmetic of the decoder.
     sync : "host" or "bus"
         Who sends SYNC: this host, or another node (then this end only listens).
+    wait : "event" or "drain"
+        Wake for every arrival (least latency), or once a cycle at its deadline (least work).
     pace : bool
         Keep the cycle rate of the topology; False asks for the next cycle as soon as one is done.
     deadline_s : float, optional
@@ -94,6 +99,8 @@ def open(
     loaded = source if isinstance(source, Topology) else topology_package.load(source)
     if sync not in ("host", "bus"):
         raise OptionError.unknown("sync", sync, ("host", "bus"))
+    if wait not in ("event", "drain"):
+        raise OptionError.unknown("wait", wait, ("event", "drain"))
     if deadline_s is not None and not deadline_s > 0.0:
         raise OptionError(f"deadline_s: must be above 0; got {deadline_s}")
     nodes = None
@@ -118,7 +125,7 @@ def open(
             )
         return Skin(
             loaded, opened, want=want, estimator=estimator, dtype=dtype, sync=sync, pace=pace,
-            deadline_s=deadline_s, nodes=nodes,
+            deadline_s=deadline_s, wait=wait, nodes=nodes,
         )  # fmt: skip
     except BaseException:
         if nodes is not None:
@@ -151,6 +158,7 @@ class Skin:
         dtype: str,
         sync: str,
         pace: bool,
+        wait: Literal["event", "drain"],
         deadline_s: float | None,
         nodes: Nodes | None = None,
     ) -> None:
@@ -161,12 +169,19 @@ class Skin:
         self._read = CycleReader(topology, want=want, estimator=estimator, dtype=dtype)
         self._assembler = Assembler(topology, deadline_s=deadline_s)
         self._batch = FrameBatch(4096)
+        self._waiter = Waiter(transports, wait)
         self._pace = pace
         self._period_ns = round(1e9 / topology.cycle_rate_hz)
         self._synced = topology.buses[0].sync_id is not None
         self._send_sync = self._synced and sync == "host"
         self._sync_frames = _sync_frames(topology)
         self._closed = False
+
+    @property
+    def bus_changes(self) -> list[tuple[str, BusChange]]:
+        """Changes of state of every bus so far, by its name: warnings, bus-off, unplugged, …"""
+        pairs = zip(self.topology.buses, self.transports, strict=True)
+        return [(bus.name, change) for bus, end in pairs for change in end.changes]
 
     @property
     def counters(self) -> FrameCounters:
@@ -235,16 +250,9 @@ class Skin:
         return frames
 
     def _receive(self, wait_ns: int) -> None:
-        """Fill the batch with what the buses have; wait for the first frame if none has any."""
+        """Fill the batch with what the buses have, waiting as the user chose."""
         self._batch.clear()
-        for transport in self.transports:
-            transport.receive(self._batch)
-        if self._batch.count or wait_ns <= 0:
-            return
-        share = min(wait_ns, 1_000_000) if len(self.transports) > 1 else wait_ns
-        for transport in self.transports:
-            if transport.receive(self._batch, share * 1e-9):
-                return
+        self._waiter.receive(self._batch, wait_ns)
 
     def _take(self, frames: np.ndarray) -> Iterator[State]:
         started = time.perf_counter_ns()

@@ -187,6 +187,7 @@ def test_host_that_is_slow_leaves_out_syncs_and_counts_them():
         ({"sync": "hots"}, "sync: must be one of 'host', 'bus'; got 'hots'"),
         ({"want": {"wrnch"}}, "wrench"),
         ({"estimator": "sin"}, "sine"),
+        ({"wait": "evnt"}, "wait: must be one of 'event', 'drain'; got 'evnt'"),
         ({"deadline_s": 0.0}, "deadline_s: must be above 0; got 0.0"),
         ({"dtype": "float16"}, "float32"),
         ({"transports": []}, "transports: must be one for each of 1 buses; got 0"),

@@ -32,6 +32,10 @@ def run(
     sync: Annotated[
         Literal["host", "bus"], tyro.conf.arg(help="who sends SYNC: this host or another node")
     ] = "host",
+    wait: Annotated[
+        Literal["event", "drain"],
+        tyro.conf.arg(help="wake for every arrival (least latency) or once a cycle (least work)"),
+    ] = "event",
     json: Annotated[bool, tyro.conf.arg(help="end with one JSON object")] = False,
 ) -> int:
     """Open the buses of a topology, send SYNC, and show what the skin feels.
@@ -49,7 +53,7 @@ def run(
     table = LiveTable(loaded)
     tally = _Tally(loaded)
     end = None
-    with skin.open(loaded, sync=sync) as opened:
+    with skin.open(loaded, sync=sync, wait=wait) as opened:
         try:
             for state in opened:
                 table.show(state, opened.timing.work_ns)
@@ -63,6 +67,11 @@ def run(
         report = tally.report() | {
             "overruns": opened.timing.overruns,
             "counters": asdict(opened.counters),
+            "buses": {
+                bus.name: asdict(end.counters)
+                for bus, end in zip(loaded.buses, opened.transports, strict=True)
+            },
+            "bus_changes": [f"{name}: {change}" for name, change in opened.bus_changes],
         }
     if json:
         print(json_text.dumps(report))
@@ -121,6 +130,8 @@ def _table(report: dict[str, Any]) -> str:
         ("cycles, complete", f"{report['cycles']}, {report['complete_cycles']}"),
         ("valid readings", f"{100 * report['valid_share']:.2f} %"),
         ("frames", kinds or "none"),
+        ("lost on this host", _host_losses(report["buses"])),
+        ("bus changes", "; ".join(report["bus_changes"][-4:]) or "none"),
         ("peak force", f"{report['peak_force_n']:.2f} N"),
         (
             "frames to wrench",
@@ -128,3 +139,19 @@ def _table(report: dict[str, Any]) -> str:
         ),
     ]
     return "\n".join(f"{name:<18} {text}" for name, text in rows)
+
+
+def _host_losses(buses: dict[str, dict[str, int]]) -> str:
+    """Frames that reached this machine and not the caller, by place, where there are any."""
+    places = {
+        "controller_overflows": "in the controller",
+        "queue_drops": "in the socket",
+        "ring_overflows": "in our own ring",
+    }
+    told = [
+        f"{counts[key]} {place} of {name}"
+        for name, counts in buses.items()
+        for key, place in places.items()
+        if counts[key]
+    ]
+    return ", ".join(told) or "none"
