@@ -1,0 +1,183 @@
+"""Heat on its way through a unit: from what touches the gel to film, elastomer and chip.
+
+Each layer is a first-order lag behind the one above it. Between two steps, what touches and the
+room are as constant as they are given, and the update is exact, however long the step.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from scipy.linalg import expm
+
+from skin.errors import OptionError
+from topology import Topology
+
+__all__ = ["LAYERS", "STEADY_SHARES", "ThermalChain"]
+
+LAYERS = ("gel", "film", "elastomer", "chip")
+"""From the outside in: rows of all temperatures."""
+
+STEADY_SHARES = (0.99, 0.974, 0.86, 0.76)
+"""What is left in each layer, after long contact, of the difference between what touches it and the
+room: 1-D heat model, the elastomer's in the middle between its neighbours' [assumed]."""
+
+SHORTEST_S = 1e-6
+"""A lag of 0 is taken for this."""
+
+
+class ThermalChain:
+    """Temperatures of the layers of n units.
+
+    Parameters
+    ----------
+    topology : Topology
+        Its `film_lag_s` is the film's lag behind the gel, `hall_lag_s` the chip's, also behind the
+        gel: the mean delay of a change on its way.
+    ambient : float
+        Temperature of everything at the start, degree Celsius.
+    contact_lag_s : float
+        Lag of the gel behind what touches it.
+    free_lag_s : float
+        Lag of the untouched gel behind the room [assumed].
+    elastomer_lag_s : float
+        Lag of the elastomer: the part of the chip's that lies between film and elastomer [assumed].
+    steady_shares : sequence of 4 floats
+        Steady state of each layer, as in `STEADY_SHARES`; all 1: heat is not lost on its way.
+    direct : bool
+        Each layer follows the gel itself, with its whole lag, instead of the layer above it: what
+        the decoder believes.
+
+    Attributes
+    ----------
+    temperature : ndarray, shape (4, n)
+        Degree Celsius, rows as in `LAYERS`.
+
+    Raises
+    ------
+    OptionError
+        If a lag is negative or the shares do not fall from 1.
+
+    Examples
+    --------
+    >>> from topology import load
+    >>> chain = ThermalChain(load("palm"), ambient=20.0)
+    >>> warm = chain.step(4.0, contact=np.ones(64, bool), source=80.0, ambient=20.0)
+    >>> warm[:, 0].round(1)
+    array([57.9, 30.4, 20.3, 20. ])
+    """
+
+    def __init__(
+        self,
+        topology: Topology,
+        *,
+        ambient: float = 24.0,
+        contact_lag_s: float = 4.0,
+        free_lag_s: float = 60.0,
+        elastomer_lag_s: float = 60.0,
+        steady_shares: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0),
+        direct: bool = False,
+    ) -> None:
+        film, chip = (topology.parameters[f"{layer}_lag_s"] for layer in ("film", "hall"))
+        own = [film, np.full_like(film, elastomer_lag_s), chip]
+        if not direct:
+            own[2] = chip - film - elastomer_lag_s
+            if own[2].min(initial=0.0) < 0.0:
+                worst = int(np.argmin(own[2]))
+                raise OptionError(
+                    f"elastomer_lag_s: must be at most hall_lag_s - film_lag_s, "
+                    f"{chip[worst] - film[worst]:g} ({topology.unit_names[worst]}); "
+                    f"got {elastomer_lag_s:g}"
+                )
+        for name, lag in (("contact_lag_s", contact_lag_s), ("free_lag_s", free_lag_s),
+                          ("elastomer_lag_s", elastomer_lag_s)):  # fmt: skip
+            if not lag >= 0.0:
+                raise OptionError(f"{name}: must be at least 0; got {lag:g}")
+        shares = np.array([1.0, *steady_shares])
+        if len(steady_shares) != len(LAYERS) or shares[-1] <= 0.0 or np.any(np.diff(shares) > 0.0):
+            raise OptionError(
+                f"steady_shares: must be {len(LAYERS)} numbers that fall from 1 and stay above 0; "
+                f"got {tuple(steady_shares)}"
+            )
+        self.temperature = np.full((len(LAYERS), topology.n), float(ambient))
+        # units of the same lags share a row
+        lags, self._kind = np.unique(np.stack(own), axis=1, return_inverse=True)
+        self._flows = np.stack(
+            [
+                [_flows(first, shares, kind, touched, direct) for kind in lags.T]
+                for first, touched in ((free_lag_s, False), (contact_lag_s, True))
+            ]
+        )
+        self._kind = self._kind.reshape(-1)
+        self._outside = np.empty((2, topology.n))
+        self._dt_s, self._update = -1.0, np.empty(0)
+
+    def step(
+        self,
+        dt_s: float,
+        contact: np.ndarray,
+        source: float | np.ndarray,
+        ambient: float | np.ndarray,
+    ) -> np.ndarray:
+        """Go on by `dt_s` seconds.
+
+        Parameters
+        ----------
+        dt_s : float
+        contact : ndarray, shape (n,), bool
+            Which units are touched during the step.
+        source : float or ndarray, shape (n,)
+            Temperature of what touches them, degree Celsius.
+        ambient : float or ndarray, shape (n,)
+            Temperature of the room.
+
+        Returns
+        -------
+        ndarray, shape (4, n)
+            `temperature`, which is updated in place.
+        """
+        # differences of times are never the same to the last bit
+        if not math.isclose(dt_s, self._dt_s, rel_tol=1e-9):
+            self._update = np.ascontiguousarray(expm(dt_s * self._flows)[:, :, : len(LAYERS)])
+            self._dt_s = dt_s
+        self._outside[0], self._outside[1] = source, ambient
+        _step(self._update, self._kind, contact, self._outside, self.temperature)
+        return self.temperature
+
+
+def _flows(
+    first_lag_s: float, shares: np.ndarray, lags_s: np.ndarray, touched: bool, direct: bool
+) -> np.ndarray:
+    """d/dt of (gel, film, elastomer, chip, source, room), shape (6, 6); the last two are constant.
+
+    A layer goes to room + s (above - room), s being its share over the share of the one above.
+    """
+    flows = np.zeros((6, 6))
+    for layer, lag_s in enumerate([first_lag_s, *lags_s]):
+        rate = 1.0 / max(lag_s, SHORTEST_S)
+        above = 4 if layer == 0 else 0 if direct else layer - 1
+        below = shares[0] if layer == 0 else shares[1] if direct else shares[layer]
+        share = (shares[layer + 1] / below) if layer or touched else 0.0
+        flows[layer, layer] -= rate
+        flows[layer, above] += rate * share
+        flows[layer, 5] += rate * (1.0 - share)
+    return flows
+
+
+def _step_python(update, kind, contact, outside, temperature):
+    """`ThermalChain.step`, in place."""
+    layers = temperature.shape[0]
+    now = np.empty(layers)
+    for i in range(kind.size):
+        linear = update[int(contact[i]), kind[i]]
+        for a in range(layers):
+            now[a] = linear[a, layers] * outside[0, i] + linear[a, layers + 1] * outside[1, i]
+            for b in range(layers):
+                now[a] += linear[a, b] * temperature[b, i]
+        for a in range(layers):
+            temperature[a, i] = now[a]
+
+
+_step = njit(_step_python, error_model="numpy", fastmath={"contract"}, nogil=True, cache=True)

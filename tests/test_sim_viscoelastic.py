@@ -1,0 +1,198 @@
+"""Relaxation against closed forms, loops against their width, and both ways as inverses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.integrate import solve_ivp
+
+from skin.errors import OptionError
+from skin.sim import viscoelastic as room
+from skin.sim.viscoelastic import Hysteresis, Prony
+
+SEEDS = st.integers(0, 2**32 - 1)
+WAYS = arrays(float, (30, 2), elements=st.floats(0.0, 7.0))
+BOTH_WAYS = arrays(float, (30, 2), elements=st.floats(-7.0, 7.0))
+
+
+# -- Prony -----------------------------------------------------------------------------------------
+
+
+@given(
+    weights=st.lists(st.floats(0.01, 0.5), min_size=1, max_size=4),
+    fastest=st.floats(0.01, 1.0),
+    dt_s=st.floats(1e-4, 5.0),
+)
+def test_a_step_relaxes_as_the_series_says(
+    weights: list[float], fastest: float, dt_s: float
+) -> None:
+    """1 + sum of w exp(-t / tau), whatever the time step."""
+    times = fastest * 7.0 ** np.arange(len(weights))
+    prony = Prony((1,), weights, times)
+    held = np.array([3.0])
+    assert prony.force(held, 0.0)[0] == pytest.approx(3.0 * (1.0 + sum(weights)))
+    for k in range(1, 20):
+        expected = 3.0 * (1.0 + weights @ np.exp(-k * dt_s / times))
+        assert prony.force(held, dt_s)[0] == pytest.approx(expected, rel=1e-9)
+
+
+@given(seed=SEEDS)
+def test_forces_that_change_linearly_are_exact(seed: int) -> None:
+    """The same as the differential equations, between corners of any way, in uneven steps."""
+    rng = np.random.default_rng(seed)
+    weights, times = rng.uniform(0.05, 0.5, 2), rng.uniform(0.1, 3.0, 2)
+    corners, at = rng.uniform(0.0, 5.0, 6), np.cumsum(rng.uniform(0.05, 1.0, 6))
+    prony = Prony((1,), weights, times)
+    q, before, t = np.zeros(2), 0.0, 0.0
+    for corner, now in zip(corners, at, strict=True):
+        rate = (corner - before) / (now - t)
+        q = solve_ivp(
+            lambda _, y, rate=rate: weights * rate - y / times, (0.0, now - t), q,
+            rtol=1e-10, atol=1e-12,
+        ).y[:, -1]  # fmt: skip
+        # in two pieces: where a line is cut does not matter
+        prony.force(np.array([before + 0.3 * (corner - before)]), 0.3 * (now - t))
+        got = prony.force(np.array([corner]), 0.7 * (now - t))
+        assert got[0] == pytest.approx(corner + q.sum(), abs=1e-7)
+        before, t = corner, now
+
+
+@given(seed=SEEDS)
+def test_the_force_of_the_displacement_under_a_force_is_that_force(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    there, back = Prony((3, 2)), Prony((3, 2))
+    for _ in range(30):
+        load, dt_s = rng.normal(size=(3, 2)), rng.choice([0.0, 0.004, 1.0])
+        np.testing.assert_allclose(back.force(there.elastic(load, dt_s), dt_s), load, atol=1e-12)
+    np.testing.assert_allclose(there.terms, back.terms, atol=1e-12)
+
+
+@given(seed=SEEDS)
+def test_relaxation_never_gives_work_back(seed: int) -> None:
+    """Around any closed way, from rest to rest: the loop of force over elastic force is not
+    negative."""
+    way = np.random.default_rng(seed).normal(size=40).cumsum()
+    way = np.concatenate([[0.0], way, [0.0]])
+    prony, before, work = Prony((1,), [0.4, 0.2], [0.05, 0.5]), np.zeros(2), 0.0
+    for x in way:
+        # finer than the fastest term, so that the corners of the force are seen
+        for part in np.linspace(before[0], x, 20):
+            force = prony.force(np.array([part]), 0.005)[0]
+            work += 0.5 * (force + before[1]) * (part - before[0])
+            before = np.array([part, force])
+    assert work >= -1e-9
+
+
+def test_a_constant_load_creeps_to_the_elastic_displacement() -> None:
+    prony, load = Prony((1,)), np.array([2.0])
+    found = np.array([prony.elastic(load, 0.004 if k else 0.0)[0] for k in range(25000)])
+    assert found[0] == pytest.approx(2.0 / 1.18)
+    assert np.all(np.diff(found) >= 0.0)
+    assert found[-1] == pytest.approx(2.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("prony", [Prony((2,), (), ()), Prony((2,), (0.0,), (1.0,))])
+def test_without_weight_there_is_no_relaxation(prony: Prony) -> None:
+    for load in np.random.default_rng(0).normal(size=(10, 2)):
+        np.testing.assert_array_equal(prony.force(load, 0.1), load)
+        np.testing.assert_array_equal(prony.elastic(load, 0.1), load)
+
+
+# -- hysteresis ------------------------------------------------------------------------------------
+
+
+@given(
+    width=st.floats(0.01, 1.0), span=st.floats(0.5, 20.0), operators=st.integers(1, 10),
+    one_sided=st.booleans(),
+)  # fmt: skip
+def test_the_loop_is_as_wide_as_it_was_set(
+    width: float, span: float, operators: int, one_sided: bool
+) -> None:
+    loop = Hysteresis((1,), width_n=width, span_n=span, one_sided=one_sided, operators=operators)
+    ends = (0.0, span) if one_sided else (-0.5 * span, 0.5 * span)
+    middle = 0.5 * sum(ends)
+    loop.force(np.array([ends[1]]))
+    loop.force(np.array([ends[0]]))
+    up = loop.force(np.array([middle]))[0]
+    loop.force(np.array([ends[1]]))
+    down = loop.force(np.array([middle]))[0]
+    assert up - down == pytest.approx(width, rel=1e-9)
+    if not one_sided:
+        assert up - middle == pytest.approx(middle - down, abs=1e-9)
+
+
+@given(way=WAYS)
+def test_pressing_leaves_no_force_behind(way: np.ndarray) -> None:
+    """At 0 it is 0, whatever was before, and never below it."""
+    loop = Hysteresis((2,), width_n=0.3, span_n=7.2)
+    for at in way:
+        assert np.all(loop.force(at) >= at - 1e-12)
+    np.testing.assert_allclose(loop.force(np.zeros(2)), 0.0, atol=1e-12)
+    np.testing.assert_allclose(loop.stops, 0.0, atol=1e-12)
+
+
+@given(way=BOTH_WAYS, one_sided=st.booleans())
+def test_loops_never_give_work_back(way: np.ndarray, one_sided: bool) -> None:
+    """Around any way twice: the second round ends where it began, and its loop is not negative."""
+    way = np.abs(way) if one_sided else way
+    loop = Hysteresis((2,), width_n=0.5, span_n=7.2, one_sided=one_sided)
+    fine = np.concatenate(
+        [np.linspace(a, b, 15) for a, b in zip(way, np.roll(way, -1, 0), strict=True)]
+    )
+    work, before = np.zeros(2), None
+    for k, x in enumerate(np.concatenate([fine, fine])):
+        force = loop.force(x)
+        if before is not None and k >= len(fine):
+            work += 0.5 * (force + before[1]) * (x - before[0])
+        before = x, force
+    assert np.all(work >= -0.02)
+
+
+@given(way=BOTH_WAYS, one_sided=st.booleans(), operators=st.integers(1, 8))
+def test_the_force_of_the_elastic_force_under_a_force_is_that_force(
+    way: np.ndarray, one_sided: bool, operators: int
+) -> None:
+    there, back = (
+        Hysteresis((2,), width_n=0.8, span_n=7.2, one_sided=one_sided, operators=operators)
+        for _ in range(2)
+    )
+    for load in way:
+        np.testing.assert_allclose(back.force(there.elastic(load)), load, atol=1e-9)
+    np.testing.assert_allclose(there.stops, back.stops, atol=1e-9)
+
+
+@given(way=WAYS)
+def test_without_width_there_is_no_loop(way: np.ndarray) -> None:
+    loop = Hysteresis((2,), width_n=0.0, span_n=7.2)
+    for at in way:
+        np.testing.assert_array_equal(loop.force(at), at)
+        np.testing.assert_allclose(loop.elastic(at), at, atol=1e-12)
+
+
+@given(way=BOTH_WAYS)
+def test_compiled_and_plain_python_agree(way: np.ndarray) -> None:
+    compiled, plain = (Hysteresis((2,), width_n=0.8, span_n=7.2) for _ in range(2))
+    for load in way:
+        found = compiled.elastic(load)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(room, "_yield", room._yield_python)
+            np.testing.assert_allclose(found, plain.elastic(load), atol=1e-12)
+
+
+# -- the rest --------------------------------------------------------------------------------------
+
+
+def test_impossible_parameters_are_refused() -> None:
+    for refused, message in (
+        (lambda: Prony((1,), [0.1], [1.0, 2.0]), r"times_s: must be as many as weights, 1; got 2"),
+        (lambda: Prony((1,), [-0.1], [1.0]), r"weights: must be at least 0; got -0\.1"),
+        (lambda: Prony((1,), [0.1], [0.0]), r"times_s: must be more than 0; got 0"),
+        (lambda: Hysteresis((1,), width_n=-1.0, span_n=1.0), r"width_n: must be at least 0; got"),
+        (lambda: Hysteresis((1,), width_n=1.0, span_n=0.0), r"span_n: must be more than 0; got 0"),
+        (lambda: Hysteresis((1,), width_n=1.0, span_n=1.0, operators=0), r"operators: must be at"),
+    ):
+        with pytest.raises(OptionError, match=f"^{message}"):
+            refused()
