@@ -1,0 +1,93 @@
+"""LogWriter: what the writers of both formats have in common."""
+
+from __future__ import annotations
+
+import os
+from abc import ABC, abstractmethod
+from pathlib import Path
+
+import numpy as np
+
+from bus.errors import LogError
+from bus.frame import CAN_ERR, CAN_RTR, FD_FDF, FRAME_DTYPE, FrameBatch
+
+__all__ = ["PIECE", "LogWriter"]
+
+PIECE = 4096
+"""Frames handed to `_append` at once, at most."""
+_CLASSIC_BYTES, _FD_BYTES = 8, 64
+
+
+class LogWriter(ABC):
+    """Writes frames to a log file; a context manager that closes it.
+
+    Parameters
+    ----------
+    path : path
+        A file that is there already is overwritten.
+
+    Attributes
+    ----------
+    count : int
+        Frames written.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+        self.count = 0
+
+    def __enter__(self) -> LogWriter:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def write(self, frames: FrameBatch | np.ndarray) -> None:
+        """Append frames.
+
+        Parameters
+        ----------
+        frames : FrameBatch, or ndarray, shape (m,), FRAME_DTYPE
+
+        Raises
+        ------
+        LogError
+            One of them is no CAN frame, or its bus has no name; none is written then.
+        """
+        records = frames.frames if isinstance(frames, FrameBatch) else frames
+        records = np.ascontiguousarray(records, FRAME_DTYPE)
+        self._check(records)
+        for first in range(0, records.size, PIECE):
+            self._append(records[first : first + PIECE])
+        self.count += records.size
+
+    @abstractmethod
+    def flush(self) -> None:
+        """Hand everything to the operating system, so that it outlives this process."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Write what is left and close the file; again does nothing."""
+
+    @abstractmethod
+    def _append(self, records: np.ndarray) -> None:
+        """Write good frames, `PIECE` at most."""
+
+    def _check(self, records: np.ndarray) -> None:
+        fd = records["flags"] & FD_FDF > 0
+        limit = np.where(fd, _FD_BYTES, _CLASSIC_BYTES)
+        self._refuse(
+            records["length"] > limit, "at most 8 data bytes, or 64 in a CAN FD frame",
+            records["length"],
+        )  # fmt: skip
+        self._refuse(
+            fd & (records["id"] & (CAN_RTR | CAN_ERR) > 0), "a data frame where it is a CAN FD one",
+            records["id"],
+        )  # fmt: skip
+
+    def _refuse(self, wrong: np.ndarray, expected: str, values: np.ndarray) -> None:
+        """Raise for the first wrong frame."""
+        if wrong.any():
+            i = int(wrong.argmax())
+            where = f"frame {self.count + i}"
+            raise LogError(f"{self.path}: {where}: must be {expected}; got {values[i]}")
