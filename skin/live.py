@@ -234,6 +234,8 @@ class Skin:
         """Somebody else sends SYNC, or nobody does: cycles come as they close."""
         while not self._closed:
             self._receive(self._period_ns)
+            if len(self.transports) > 1:
+                self._batch.merge()
             yield from self._take(self._batch.frames)
             now = time.monotonic_ns()
             late = self._assembler.expire(now) or self._assembler.silence(now)

@@ -76,7 +76,8 @@ def test_a_bus_within_the_process_is_refused(capsys: pytest.CaptureFixture[str])
     assert main(["sim", "palm"]) == 2
     assert capsys.readouterr().err == (
         "palm: buses[0] 'main': interface: must be one that other processes can reach; "
-        "got 'memory' (try --interface socketcan --channel vcan0, or --interface udp_multicast)\n"
+        "got 'memory' (try --interface socketcan --channel vcan0, or --interface udp_multicast "
+        "--channel 239.74.163.2)\n"
     )
 
 

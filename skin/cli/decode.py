@@ -56,6 +56,9 @@ def decode(
         )  # fmt: skip
 
     for batch in read(log):
+        batch.frames["origin"] = (
+            0  # who recorded a frame as its own sent it on the bus all the same
+        )
         for cycle in assembler.feed(batch.frames):
             keep(cycle)
     last = assembler.flush()

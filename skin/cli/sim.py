@@ -43,7 +43,8 @@ def sim(
     A sphere presses, slides and lifts all over the skin. Listen in another process with
     `skin run FILE` and the same options. On Linux use `--interface socketcan --channel vcan0`
     (`ip link add vcan0 type vcan; ip link set vcan0 mtu 72 up`); where there is no vcan,
-    `--interface udp_multicast` (`pip install 'f3t-skin[udp]'`). Exits 1 if no SYNC ever came.
+    `--interface udp_multicast --channel 239.74.163.2` (`pip install 'f3t-skin[udp]'`). Exits 1 if
+    no SYNC ever came.
     """
     from bus.transport import open_transport
     from skin.errors import SkinError
@@ -85,7 +86,7 @@ def _within_reach(file: str, topology: Topology) -> None:
             raise SkinError(
                 f"{file}: buses[{i}] {bus.name!r}: interface: must be one that other processes can "
                 "reach; got 'memory' (try --interface socketcan --channel vcan0, or --interface "
-                "udp_multicast)"
+                "udp_multicast --channel 239.74.163.2)"
             )
 
 
