@@ -38,6 +38,8 @@ class Status(IntFlag):
     """Counts that no working unit produces (broken gel, stopped timer)."""
     EXTRAPOLATED = 1 << 10
     """Beyond the calibrated range of force, displacement or temperature."""
+    NOT_F3T = 1 << 11
+    """A sensor of another kind, of which nothing is known but its counts."""
 
 
 INVALID = (
@@ -50,5 +52,6 @@ INVALID = (
     | Status.DISABLED
     | Status.TORN
     | Status.OUT_OF_RANGE
+    | Status.NOT_F3T
 )
 """Any of these, and array features (wrench, centroid, clusters) leave the unit out."""

@@ -176,7 +176,7 @@ def test_float32_agrees_with_float64(seed):
 
 
 def test_status_bits_of_the_kernel_are_those_of_the_bus():
-    names = ("NEVER", "DISABLED", "SATURATED", "OUT_OF_RANGE", "EXTRAPOLATED")
+    names = ("NEVER", "DISABLED", "SATURATED", "OUT_OF_RANGE", "EXTRAPOLATED", "NOT_F3T")
     assert [getattr(kernels, name) for name in names] == [int(Status[name]) for name in names]
     assert int(INVALID) == kernels.INVALID
 

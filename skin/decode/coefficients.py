@@ -213,6 +213,7 @@ def _limits(topology: Topology) -> np.ndarray:
     p = topology.parameters
     out = np.empty((k.LIMIT_ROWS, topology.n))
     out[k.LIMIT_STATUS] = np.where(topology.enabled, 0, int(Status.DISABLED))
+    out[k.LIMIT_STATUS] += np.where(topology.counts_only, int(Status.NOT_F3T), 0)
     _rails(topology, out[k.LIMIT_RAIL : k.LIMIT_POSSIBLE])
 
     low, high = p["temperature_min_c"], p["temperature_max_c"]

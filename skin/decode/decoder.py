@@ -219,9 +219,10 @@ def _wanted(topology: Topology, want: Collection[str] | None) -> frozenset[str]:
             )
         if name not in UNIT_WANTS:
             raise OptionError.unknown("want", name, WANTS)
+    needed = topology.enabled & ~topology.counts_only
     for name in UNIT_WANTS:
         for channel in _NEEDS[name] if name in wanted else ():
-            missing = topology.enabled & ~topology.wired[CHANNELS.index(channel)]
+            missing = needed & ~topology.wired[CHANNELS.index(channel)]
             if missing.any():
                 unit = topology.unit_names[int(np.argmax(missing))]
                 raise OptionError(f"{unit}: must have {channel!r} on the wire to decode {name!r}; "

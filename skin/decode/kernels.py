@@ -37,13 +37,15 @@ DISABLED = 1 << 6
 SATURATED = 1 << 8
 OUT_OF_RANGE = 1 << 9
 EXTRAPOLATED = 1 << 10
-SILENT = NEVER | DISABLED
-INVALID = 0x2FF
+NOT_F3T = 1 << 11
+UNKNOWN = NEVER | NOT_F3T
+SILENT = UNKNOWN | DISABLED
+INVALID = 0xAFF
 """Flags with which array features leave a unit out."""
 
 # -- limits: rows of int16; ranges are a row of lower and a row of upper ends, ends included ------
 LIMIT_STATUS = 0
-"""Flags that a unit has before a count has come: DISABLED."""
+"""Flags that a unit has before a count has come: DISABLED, NOT_F3T."""
 LIMIT_RAIL = 1
 """Counts off the rails, two rows a channel."""
 LIMIT_POSSIBLE = LIMIT_RAIL + 2 * CHANNELS
@@ -441,10 +443,10 @@ def decode_python(
                     i = start + j
                     c = k_coefficients + j
                     flags = integers[i + FLAGS * CHUNK]
-                    never = flags & NEVER != 0
+                    unknown = flags & UNKNOWN != 0
                     t = _temperature(real(integers[i + GEL * CHUNK]), coefficients, c, single)
                     if temperature is not None:
-                        tile[i + TEMPERATURE * CHUNK] = nothing if never else t
+                        tile[i + TEMPERATURE * CHUNK] = nothing if unknown else t
                     if (
                         force is not None
                         or tangential is not None
@@ -475,18 +477,18 @@ def decode_python(
                         if turning is not None:
                             x, y = _turn(x, y, coefficients, c, single)
                         if force is not None:
-                            tile[i + FX * CHUNK] = nothing if never else ft * x
-                            tile[i + FY * CHUNK] = nothing if never else ft * y
-                            tile[i + FZ * CHUNK] = nothing if never else fz
+                            tile[i + FX * CHUNK] = nothing if unknown else ft * x
+                            tile[i + FY * CHUNK] = nothing if unknown else ft * y
+                            tile[i + FZ * CHUNK] = nothing if unknown else fz
                         if tangential is not None:
-                            tile[i + FT * CHUNK] = nothing if never else ft
+                            tile[i + FT * CHUNK] = nothing if unknown else ft
                         if theta is not None:
-                            tile[i + THETA * CHUNK] = nothing if never else _atan2(y, x, single)
+                            tile[i + THETA * CHUNK] = nothing if unknown else _atan2(y, x, single)
                         if displacement is not None:
                             h = coefficients[c + DEPTH_PER_HZ * LANES] * drop
-                            tile[i + DX * CHUNK] = nothing if never else reach * x
-                            tile[i + DY * CHUNK] = nothing if never else reach * y
-                            tile[i + H * CHUNK] = nothing if never else h
+                            tile[i + DX * CHUNK] = nothing if unknown else reach * x
+                            tile[i + DY * CHUNK] = nothing if unknown else reach * y
+                            tile[i + H * CHUNK] = nothing if unknown else h
 
             for j in range(count):
                 status[cycle, first + j] = integers[FLAGS * CHUNK + j]
