@@ -24,7 +24,8 @@ class Reading:
     """Decoded units. Arrays are views of the decoder's buffers, valid until its next call.
 
     With a batch of t cycles every array has a leading axis t. Units that have never been heard
-    of, and sensors of another kind, are NaN; a unit that is missing shows its last value and says so in `status`.
+    of, and sensors of another kind, are NaN; a unit that is missing shows its last value and says
+    so in `status`.
 
     Attributes
     ----------
