@@ -6,12 +6,20 @@
     ├── BusOpenError         a bus of the topology could not be opened
     ├── BusClosedError       the transport was closed, or its interface is gone
     ├── LayoutError          a wire layout that cannot be packed or unpacked
-    └── LogError             a log file is not what it says it is
+    ├── LogError             a log file is not what it says it is
+    └── FaultScriptError     a script of faults to order cannot be used
 """
 
 from __future__ import annotations
 
-__all__ = ["BusClosedError", "BusError", "BusOpenError", "LayoutError", "LogError"]
+__all__ = [
+    "BusClosedError",
+    "BusError",
+    "BusOpenError",
+    "FaultScriptError",
+    "LayoutError",
+    "LogError",
+]
 
 
 class BusError(Exception):
@@ -32,3 +40,7 @@ class LayoutError(BusError):
 
 class LogError(BusError):
     """A log file is not what it says it is; the message names file and first offending position."""
+
+
+class FaultScriptError(BusError):
+    """A script of faults to order cannot be used; the message has one problem a line."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json as json_text
 import sys
+from collections import Counter
+from collections.abc import Iterable
 from contextlib import ExitStack
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated
@@ -36,6 +38,9 @@ def sim(
             help="use these channels instead of the file's, one for each bus, as vcan0,vcan1"
         ),
     ] = None,
+    faults: Annotated[
+        str | None, tyro.conf.arg(metavar="FILE", help="do to the frames what this script says")
+    ] = None,
     json: Annotated[bool, tyro.conf.arg(help="end with one JSON object")] = False,
 ) -> int:
     """Put simulated units on the buses of a topology; they answer whoever sends SYNC.
@@ -46,6 +51,7 @@ def sim(
     `--interface udp_multicast --channel 239.74.163.2` (`pip install 'f3t-skin[udp]'`). Exits 1 if
     no SYNC ever came.
     """
+    from bus.faults import FaultyTransport, load_script
     from bus.transport import open_transport
     from skin.errors import SkinError
     from skin.sim.node import Nodes
@@ -55,21 +61,34 @@ def sim(
         raise SkinError(f"--seconds: must be above 0; got {seconds:g}")
     loaded = load(file).on(interface=interface, channel=channel)
     _within_reach(file, loaded)
+    script = None if faults is None else load_script(faults, loaded)
     nodes = Nodes(loaded, seed=seed, noise=noise)
     with ExitStack() as opened:
         transports: list[Transport] = [
             opened.enter_context(open_transport(bus, i)) for i, bus in enumerate(loaded.buses)
         ]
+        faulty = (
+            []
+            if script is None
+            else [
+                FaultyTransport(end, script, topology=loaded, direction="send")
+                for end in transports
+            ]
+        )
         names = ", ".join(f"{bus.interface} {bus.channel}".rstrip() for bus in loaded.buses)
         print(f"{loaded.n} units on {names}; Ctrl-C ends it", file=sys.stderr, flush=True)
         try:
-            nodes.serve(transports, seconds=seconds, watch=_Progress() if _watched() else None)
+            nodes.serve(
+                faulty or transports, seconds=seconds, watch=_Progress() if _watched() else None
+            )
         except KeyboardInterrupt:
             pass
         finally:
             if _watched():
                 print(file=sys.stderr)
     report = {"topology": loaded.name, "units": loaded.n, **asdict(nodes.served)}
+    if script is not None:
+        report["faults"] = _total(end.injected for end in faulty)
     if json:
         print(json_text.dumps(report))
     else:
@@ -110,6 +129,14 @@ class _Progress:
         )  # fmt: skip
 
 
+def _total(parts: Iterable[dict[str, int]]) -> dict[str, int]:
+    """Faults by kind, over all buses."""
+    total: Counter[str] = Counter()
+    for part in parts:
+        total.update(part)
+    return dict(total)
+
+
 def _table(report: dict[str, object]) -> str:
     rows = [
         ("units", f"{report['units']}"),
@@ -118,4 +145,7 @@ def _table(report: dict[str, object]) -> str:
         ("frames not taken", f"{report['send_failures']}"),
         ("time", f"{report['seconds']:.1f} s"),
     ]
+    if "faults" in report:
+        struck = ", ".join(f"{kind} {count}" for kind, count in report["faults"].items())
+        rows.append(("faults put in", struck or "none"))
     return "\n".join(f"{name:<18} {text}" for name, text in rows)
