@@ -6,16 +6,20 @@ from bus.cycle import ClosedBy, FrameCounters, RawCycle
 from bus.errors import BusClosedError, BusError, BusOpenError, LayoutError, LogError
 from bus.frame import FRAME_DTYPE, FrameBatch
 from bus.memory import MemoryTransport
+from bus.state import BusChange, BusState
 from bus.status import INVALID, Status
 from bus.transport import Transport, TransportCounters, open_transport
+from bus.wait import Waiter
 
 __all__ = [
     "FRAME_DTYPE",
     "INVALID",
     "Assembler",
+    "BusChange",
     "BusClosedError",
     "BusError",
     "BusOpenError",
+    "BusState",
     "ClosedBy",
     "FrameBatch",
     "FrameCounters",
@@ -27,6 +31,7 @@ __all__ = [
     "Status",
     "Transport",
     "TransportCounters",
+    "Waiter",
     "crc16",
     "open_transport",
 ]
