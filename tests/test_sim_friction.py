@@ -403,6 +403,92 @@ def test_a_block_in_a_two_finger_grip() -> None:
     assert truth.slip_share == 1.0
 
 
+# -- bodies under a force --------------------------------------------------------------------------
+
+
+def hands_off(mechanics: Mechanics, pose: Pose, force_n: np.ndarray, steps: int, **grip: object):
+    """Truths of a body that is let go at a pose, under a force that grows from 0 to `force_n`."""
+    for k in range(steps):
+        part = np.asarray(force_n) * [k / (steps - 1), k / (steps - 1), 1.0]
+        yield mechanics.pull(0.004 * k, pose, part, **grip)
+        pose = mechanics.truth.pose
+
+
+@KINDS
+@settings(max_examples=6)
+@given(x=st.floats(-1.5, 1.5), y=st.floats(-1.5, 1.5), down=st.floats(2.0, 20.0))
+def test_a_body_comes_to_rest_where_the_skin_bears_its_force(
+    kind: str, x: float, y: float, down: float
+) -> None:
+    """As long as friction holds it; and there it would stay."""
+    force = np.array([0.2 * x * down, 0.2 * y * down, -down])
+    mechanics = ball(kind, friction=Friction(64, 0.8))
+    truth = [*hands_off(mechanics, over(0.002, -0.001, 1e-3), force, 5, damping_ns_per_m=0.0)][-1]
+    np.testing.assert_allclose(truth.wrench[:3], force, atol=1e-6 * down)
+    kept = truth.copy()
+    truth = mechanics.step(1.0, truth.pose)
+    np.testing.assert_allclose(truth.force, kept.force, atol=1e-4)
+
+
+@KINDS
+def test_what_friction_cannot_hold_goes_on_against_its_damping(kind: str) -> None:
+    """Pulled with 5 N over 8 N at 0.5, then 0.4: it gives way, and 1.8 N drive it on."""
+    plate = Mechanics(
+        load("palm"), Body.plate(0.3, 0.3), foundation=foundation(kind, "palm"),
+        friction=Friction(64, 0.5, 0.4),
+    )  # fmt: skip
+    pose = np.eye(3), np.array([0.0, 0.0, -1e-4])
+    ways, ratios = [], []
+    for truth in hands_off(plate, pose, np.array([5.0, 0.0, -8.0]), 400, damping_ns_per_m=100.0):
+        ways.append(truth.pose[1][0])
+        ratios.append(truth.wrench[0] / 8.0)
+    # in a half space the rim is in motion before the rest has reached its limit
+    assert {"winkler": 0.49, "half_space": 0.45}[kind] < max(ratios) <= 0.5
+    assert ratios[-1] == pytest.approx(0.4, rel=1e-5)
+    assert (ways[-1] - ways[-2]) / 0.004 == pytest.approx((5.0 - 3.2) / 100.0, rel=0.01)
+    gross = round(truth.onset_s[-1] / 0.004)
+    assert 0.9 * max(ratios) / 0.625 * 400 <= gross < 1.1 * max(ratios) / 0.625 * 400
+    assert truth.slip_share == pytest.approx(1.0)
+
+
+def test_a_gripper_holds_a_weight_until_it_is_too_heavy_and_again_when_it_closes() -> None:
+    skin = jaws(0.03)
+    block = Mechanics(skin, Body.block(0.06, 0.06, 0.03), friction=Friction(18, 0.5))
+    inward = skin.rotation[:, 2, [0, 9]]
+    pose = np.repeat(np.eye(3)[..., np.newaxis], 2, axis=2), 1e-4 * inward
+    sunk, shares = [], []
+    for k in range(300):
+        weight, grip_n = min(0.04 * k, 6.0), 5.0 if k < 200 else 8.0
+        truth = block.pull(
+            0.004 * k, pose, np.array([0.0, weight, 0.0]), grip_n=grip_n, grip=inward
+        )
+        pose = truth.pose
+        for finger in (truth.load[:9], truth.load[9:]):
+            assert finger.sum() == pytest.approx(grip_n, rel=1e-6)
+        assert np.isnan(truth.normal).all()
+        np.testing.assert_array_equal(pose[1][1, 0], pose[1][1, 1])
+        sunk.append(pose[1][1, 0])
+        shares.append(truth.slip_share)
+    assert max(shares[:120]) == 0.0
+    assert min(shares[150:200]) == pytest.approx(1.0)
+    assert (sunk[199] - sunk[189]) / 0.04 == pytest.approx((6.0 - 5.0) / 100.0, rel=0.02)
+    assert sunk[299] - sunk[289] < 1e-7
+    assert truth.wrench[1] == pytest.approx(6.0, rel=1e-6)
+    assert truth.slip_share == 0.0
+
+
+def test_a_body_that_nothing_can_hold_is_refused() -> None:
+    flat = Mechanics(load("palm"), Body.plate(0.3, 0.3))
+    pose = np.eye(3), np.array([0.0, 0.0, -1e-4])
+    with pytest.raises(SkinError, match=r"^pull: force_n must be one that the skin can hold; got"):
+        flat.pull(0.0, pose, np.array([0.0, 0.0, 1.0]))
+    flat.pull(0.1, pose, np.array([0.0, 0.0, -1.0]))
+    with pytest.raises(OptionError, match=r"^time_s: must be after 0\.1; got 0\.1$"):
+        flat.pull(0.1, pose, np.array([0.0, 0.0, -1.0]))
+    with pytest.raises(OptionError, match=r"^pose: must be one for each patch of a gripper; got a"):
+        flat.pull(0.2, pose, np.zeros(3), grip_n=1.0, grip=np.zeros((3, 1)))
+
+
 def test_an_edge_presses_a_line_of_units() -> None:
     skin = square(5)
     turn = turned((np.eye(3), np.zeros(3)), np.array([0.0, 0.0, 1.0]), np.pi / 2)[0]

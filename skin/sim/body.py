@@ -171,6 +171,11 @@ def _stacked(pose: Pose) -> Pose:
     return np.ascontiguousarray(rotation, float), np.ascontiguousarray(position, float)
 
 
+def _parts(part: np.ndarray | None, pose: Pose, n: int) -> np.ndarray:
+    """Which pose holds for each unit; the only one if there is one."""
+    return np.zeros(n, np.int32) if pose[1].ndim == 1 or part is None else part
+
+
 # -- contact of a body and faces -------------------------------------------------------------------
 
 
@@ -198,7 +203,7 @@ def reach(
     radius_m : ndarray, shape (n,), optional
         Radius of each face; needed where it feels at more than its middle.
     part : ndarray, shape (n,), int32, optional
-        Which pose holds for each unit; the only one if None.
+        Which of several poses holds for each unit.
     face : str
         Key of `FACES`. Where a face feels at several points the depth is their weighted mean, each
         not less than 0.
@@ -230,8 +235,7 @@ def reach(
     n = position.shape[1]
     depth_mm, normal = out or (np.empty(n), np.empty((3, n)))
     _reach(
-        body.curvature, body.planes, *_stacked(pose),
-        np.zeros(n, np.int32) if part is None else part,
+        body.curvature, body.planes, *_stacked(pose), _parts(part, pose, n),
         position, rotation, np.zeros(n) if radius_m is None else radius_m, FACES[face],
         depth_mm, normal,
     )  # fmt: skip
@@ -265,11 +269,20 @@ def carried(
     -------
     ndarray, shape (2, n)
         Millimetre, along x and y of the unit; 0 where `depth_mm` is not above 0.
+
+    Raises
+    ------
+    OptionError
+        If there are more poses before than after, or fewer.
     """
     n = position.shape[1]
     shift_mm = np.empty((2, n)) if out is None else out
+    if before[1].shape != after[1].shape:
+        raise OptionError(
+            f"after: must be as many poses as before, {before[1].shape}; got {after[1].shape}"
+        )
     _carry(
-        *_stacked(before), *_stacked(after), np.zeros(n, np.int32) if part is None else part,
+        *_stacked(before), *_stacked(after), _parts(part, after, n),
         position, rotation, depth_mm, shift_mm,
     )  # fmt: skip
     return shift_mm

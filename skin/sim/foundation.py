@@ -253,6 +253,42 @@ class Foundation:
         rows = self.shear.reshape(2, self.n, 2 * self.n)[:, units]
         return rows @ traction.reshape(-1)
 
+    def stiffness(
+        self,
+        load: np.ndarray,
+        traction: np.ndarray,
+        own_depth_mm: np.ndarray,
+        *,
+        body_mm_per_n: float = 0.0,
+        shear_body_mm_per_n: float = 0.0,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What a unit resists a small motion of the body with, the others being held.
+
+        Parameters
+        ----------
+        load : ndarray, shape (n,)
+        traction : ndarray, shape (2, n)
+        own_depth_mm : ndarray, shape (n,)
+            As from `press` and `drag`.
+        body_mm_per_n, shear_body_mm_per_n : float
+            What the body itself yields.
+
+        Returns
+        -------
+        normal, shear : ndarray, shape (n,)
+            N/mm; 0 without load.
+        """
+        s, together = self.springs, self.normal.shape[1] > 0
+        stiff = 1.0 + s.gain_per_mm * (own_depth_mm - s.reference_mm)
+        size = np.hypot(traction[0], traction[1])
+        normal = np.where(load > s.normal[2], s.normal[1], s.normal[0]) + body_mm_per_n
+        shear = np.where(size > s.shear[2] * stiff, s.shear[1], s.shear[0]) / stiff
+        shear += shear_body_mm_per_n
+        if together:
+            normal += np.diag(self.normal)
+            shear += np.diag(self.shear)[: self.n]
+        return (load > 0.0) / normal, (load > 0.0) / shear
+
     def _within(self, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Influences among the touched units alone, kept as long as these stay the same."""
         if self.normal.shape[1] + self.shear.shape[1] and not np.array_equal(units, self._units):
@@ -416,6 +452,7 @@ def _drag_python(
             held[0, i] = (share + body) * x + by_x
             held[1, i] = (share + body) * y + by_y
             # short of the limit nothing slips: what is left there is the sweeps' own error
+            slip[0, i] = slip[1, i] = 0.0
             if limit[k] > 0.0 and size >= (1.0 - 1e-12) * limit[k]:
                 slip[0, i], slip[1, i] = want[0, i] - held[0, i], want[1, i] - held[1, i]
                 if not slipping[i] and np.hypot(slip[0, i], slip[1, i]) > SLIP_MM:

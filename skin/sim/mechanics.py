@@ -6,22 +6,18 @@ along its own x and y, whatever the slope of the body there.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-
 import numpy as np
 
-from skin.errors import SkinError
+from skin.errors import OptionError, SkinError
+from skin.sim.balance import balance, root
 from skin.sim.body import Body, Pose, carried, moved, reach
 from skin.sim.foundation import Foundation
-from skin.sim.friction import ONSETS, Friction, Slip
+from skin.sim.friction import Friction, Slip
+from skin.sim.mechanics_truth import MechanicsTruth
 from skin.sim.truth import wrench_map
 from topology import Topology
 
-__all__ = ["Mechanics", "MechanicsTruth"]
-
-TRIALS = 100
-"""Depths tried before a load is said not to be had."""
+__all__ = ["Mechanics"]
 
 FURTHEST_M = 1.0
 """How far a body is moved in search of a load."""
@@ -29,72 +25,8 @@ FURTHEST_M = 1.0
 FIRST_M = 1e-4
 """First step of that search, where nothing is known of the stiffness."""
 
-
-@dataclass(slots=True)
-class MechanicsTruth:
-    """What really goes on between a body and n units at one instant.
-
-    Attributes
-    ----------
-    time_s : float
-    pose : Pose
-        Where the body is.
-    contact : ndarray, shape (n,), bool
-        Units that bear load.
-    force : ndarray, shape (3, n)
-        Newton, unit frame: the force of the body on the unit, z into the skin.
-    displacement_mm : ndarray, shape (3, n)
-        Millimetre, unit frame: tangential x, y and pressed depth H of the units themselves, by
-        their elastic laws.
-    slipping : ndarray, shape (n,), bool
-        Faces over which the body moved in this step; loaded faces that do not slip stick.
-    slip_mm : ndarray, shape (2, n)
-        How far.
-    slip_share : float
-        Share of the load on faces that have slipped since the contact began to stick.
-    onset_s : ndarray, shape (4,)
-        When the share first passed each stage of `skin.sim.friction.ONSETS`; NaN: not yet.
-    dissipated_j : float
-        Work that friction took in this step.
-    wrench : ndarray, shape (6,)
-        Force in newton and moment in newton metre about the origin of the skin frame, each force
-        acting in the middle of its face.
-    centroid : ndarray, shape (3,)
-        Mean position of the units, weighted by load, metre, skin frame; NaN without load.
-    normal : ndarray, shape (3,)
-        Unit vector out of the skin: mean normal of the body's surface, weighted by load; NaN
-        without load.
-    """
-
-    time_s: float
-    pose: Pose
-    contact: np.ndarray
-    force: np.ndarray
-    displacement_mm: np.ndarray
-    slipping: np.ndarray
-    slip_mm: np.ndarray
-    slip_share: float
-    onset_s: np.ndarray
-    dissipated_j: float
-    wrench: np.ndarray
-    centroid: np.ndarray
-    normal: np.ndarray
-
-    @property
-    def load(self) -> np.ndarray:
-        """Normal forces, newton, shape (n,)."""
-        return self.force[2]
-
-    @property
-    def tangential(self) -> np.ndarray:
-        """Tangential forces, newton, shape (2, n)."""
-        return self.force[:2]
-
-    def copy(self) -> MechanicsTruth:
-        """A truth of its own, that later steps do not write to."""
-        names = self.__dataclass_fields__
-        arrays = {k: v.copy() for k in names if isinstance(v := getattr(self, k), np.ndarray)}
-        return replace(self, **arrays)
+LONGEST_M = 1e-3
+"""Longest step in search of a balance."""
 
 
 class Mechanics:
@@ -142,32 +74,22 @@ class Mechanics:
         if self.foundation.n != n:
             raise SkinError(f"foundation: must carry {n} units; got {self.foundation.n}")
         self._position, self._rotation = topology.position, topology.rotation
-        self._patch, self._one = topology.patch, np.zeros(n, np.int32)
+        self._patch = topology.patch
         self._patches = len(topology.patch_names)
         self._radius_m, self._face = topology.parameters["radius_m"], face
         self._to_wrench = wrench_map(topology.position, topology.rotation)
         self._reached = np.full(n, -np.inf), np.full((3, n), np.nan)
         self._before_mm = np.full(n, -np.inf)
         self._load = np.zeros(n)
-        self._shift_mm, self._held_mm = np.zeros((2, n)), np.zeros((2, n))
+        self._want_mm, self._holds_mm = np.zeros((2, n)), np.zeros((2, n))
+        # as of the last step; what is tried starts from here
+        self._held_mm, self._traction = np.zeros((2, n)), np.zeros((2, n))
+        self._slipping = np.zeros(n, bool)
         self._slip = Slip(n)
         self._last: Pose | None = None
         self._sunk_m, self._slope = 0.0, 0.0
-        self.truth = MechanicsTruth(
-            time_s=0.0,
-            pose=(np.eye(3), np.full(3, np.nan)),
-            contact=np.zeros(n, bool),
-            force=np.zeros((3, n)),
-            displacement_mm=np.zeros((3, n)),
-            slipping=np.zeros(n, bool),
-            slip_mm=np.zeros((2, n)),
-            slip_share=0.0,
-            onset_s=np.full(len(ONSETS), np.nan),
-            dissipated_j=0.0,
-            wrench=np.zeros(6),
-            centroid=np.full(3, np.nan),
-            normal=np.full(3, np.nan),
-        )
+        self._last_stiffness: np.ndarray | None = None
+        self.truth = MechanicsTruth.at_rest(n)
 
     def step(self, time_s: float, pose: Pose) -> MechanicsTruth:
         """Bring the body to a pose.
@@ -179,7 +101,8 @@ class Mechanics:
             One for the skin, or one for each patch of the topology.
         """
         self._press(pose)
-        return self._drag(time_s, pose)
+        self._drag(time_s, pose)
+        return self._commit(time_s, pose)
 
     def push(
         self, time_s: float, pose: Pose, load_n: float, direction: np.ndarray
@@ -206,11 +129,7 @@ class Mechanics:
         SkinError
             If there is no such load that way.
         """
-        if direction.ndim == 2:
-            direction_of = direction[:, self._patch]
-        else:
-            direction_of = direction[:, np.newaxis]
-        along = (self._rotation[:, 2] * direction_of).sum(axis=0)
+        along = self._along(direction)
 
         def excess(sunk_m: float) -> float:
             self._press(moved(pose, sunk_m * direction))
@@ -224,9 +143,125 @@ class Mechanics:
             if gap_mm < 1e-3 * FIRST_M:
                 break
             sunk_m += 1e-3 * gap_mm if np.isfinite(gap_mm) else 0.0
-        tolerance_n = max(1e-9, self.foundation.coupling_error) * max(1.0, load_n)
-        self._sunk_m, self._slope = _root(excess, sunk_m, self._slope, tolerance_n)
-        return self._drag(time_s, moved(pose, self._sunk_m * direction))
+        found = root(
+            excess,
+            sunk_m,
+            self._slope,
+            tolerance=self._tolerance_n(load_n),
+            first_step=FIRST_M,
+            furthest=FURTHEST_M,
+        )
+        if found is None:
+            raise SkinError(
+                f"push: load_n must be one that the body meets along direction; got {load_n:g}"
+            )
+        self._sunk_m, self._slope = found
+        pose = moved(pose, self._sunk_m * direction)
+        self._drag(time_s, pose)
+        return self._commit(time_s, pose)
+
+    def pull(
+        self,
+        time_s: float,
+        pose: Pose,
+        force_n: np.ndarray,
+        *,
+        grip_n: float = 0.0,
+        grip: np.ndarray | None = None,
+        damping_ns_per_m: float = 100.0,
+    ) -> MechanicsTruth:
+        """Let go of the body at a pose, under a force: it is shifted until the skin holds it.
+
+        The body keeps its orientation and has no mass. What friction cannot hold moves on, as fast
+        as its damping lets it.
+
+        Parameters
+        ----------
+        time_s : float
+        pose : Pose
+            Usually that of the last truth; the body touches the skin there.
+        force_n : ndarray, shape (3,)
+            Newton, skin frame: weight, pushes and pulls on the body.
+        grip_n : float
+            Load of each finger of a gripper, along its direction.
+        grip : ndarray, shape (3, k), optional
+            Unit vector into each patch, along which the fingers close on the body.
+        damping_ns_per_m : float
+            Force per speed of the body, N·s/m; fingers close at once.
+
+        Returns
+        -------
+        MechanicsTruth
+            Its `pose` says where the body is.
+
+        Raises
+        ------
+        SkinError
+            If there is no balance, because nothing touches that could hold the body.
+        OptionError
+            If time stands still, or fingers have no poses of their own.
+        """
+        # ways in which the body can go, as each unit sees them; the forces along them; what resists
+        ways, target = self._rotation.transpose(1, 2, 0), np.asarray(force_n, float)
+        if grip is not None:
+            if pose[0].ndim != 3:
+                raise OptionError("pose: must be one for each patch of a gripper; got a single one")
+            close = np.einsum("ijn,in->jn", self._rotation, grip[:, self._patch])
+            ways = np.concatenate([ways, close[:, :, np.newaxis]], axis=2)
+            target = np.append(target, grip_n * np.count_nonzero(grip.any(axis=0)))
+        damping = np.zeros(target.size)
+        if self._last is None:
+            self.step(time_s, pose)
+        elif time_s > self.truth.time_s:
+            damping[:3] = damping_ns_per_m / (time_s - self.truth.time_s)
+        else:
+            raise OptionError(f"time_s: must be after {self.truth.time_s:g}; got {time_s:g}")
+
+        def shifted(x: np.ndarray) -> Pose:
+            shift = x[:3] if grip is None else x[:3, np.newaxis] + x[3] * grip
+            return moved(pose, shift)
+
+        def lacking(x: np.ndarray) -> np.ndarray:
+            there = shifted(x)
+            self._press(there)
+            self._drag(time_s, there)
+            return target - damping * x - np.einsum("jnm,jn->m", ways, self.truth.force)
+
+        def stiffness() -> np.ndarray:
+            units = self._stiffness(time_s)
+            felt = np.einsum("jkn,knl->jnl", units, ways)
+            return np.diag(damping) + np.tensordot(ways, felt, axes=((0, 1), (0, 1)))
+
+        rested, guess = self._slipping.copy(), self._last_stiffness
+        if guess is not None and len(guess) != target.size:
+            guess = None
+        while True:
+            found = balance(
+                lacking,
+                stiffness,
+                guess,
+                target.size,
+                tolerance=self._tolerance_n(float(np.abs(target).max())),
+                longest=LONGEST_M,
+            )
+            if found is not None:
+                shift, self._last_stiffness = found
+                return self._commit(time_s, shifted(shift))
+            # a face that has begun to move is held by less from then on: with it, start again
+            begun = self.truth.slipping & ~self._slipping
+            if not begun.any():
+                self._slipping[:] = rested
+                raise SkinError("pull: force_n must be one that the skin can hold; got no balance")
+            self._slipping |= begun
+            guess = None
+
+    def _along(self, direction: np.ndarray) -> np.ndarray:
+        """How much of each unit's load is along a direction, shape (n,)."""
+        each = direction[:, self._patch] if direction.ndim == 2 else direction[:, np.newaxis]
+        return (self._rotation[:, 2] * each).sum(axis=0)
+
+    def _tolerance_n(self, force_n: float) -> float:
+        return max(1e-9, self.foundation.coupling_error) * max(1.0, abs(force_n))
 
     def _press(self, pose: Pose) -> None:
         many = pose[0].ndim == 3
@@ -241,7 +276,7 @@ class Mechanics:
             self._position,
             self._rotation,
             radius_m=self._radius_m,
-            part=self._patch if many else self._one,
+            part=self._patch,
             face=self._face,
             out=self._reached,
         )
@@ -252,45 +287,48 @@ class Mechanics:
             body_mm_per_n=self.body.compliance_mm_per_n,
         )
 
-    def _drag(self, time_s: float, pose: Pose) -> MechanicsTruth:
-        truth, depth_mm = self.truth, self._reached[0]
-        shift_mm = self._shift_mm
+    def _drag(self, time_s: float, pose: Pose) -> None:
+        """Take the faces that are pressed along from the last step's pose to this one."""
+        truth, depth_mm, want_mm = self.truth, self._reached[0], self._want_mm
         carried(
             pose if self._last is None else self._last,
             pose,
             self._position,
             self._rotation,
             depth_mm,
-            part=self._patch if pose[0].ndim == 3 else self._one,
-            out=shift_mm,
+            part=self._patch,
+            out=want_mm,
         )
         new = np.flatnonzero((depth_mm > 0.0) & ~(self._before_mm > 0.0))
         if new.size:
             # a face goes along from where it is, and for as long as it has been touched
             since = depth_mm[new] / (depth_mm[new] - self._before_mm[new])
-            shift_mm[:, new] *= since
-            self._held_mm[:, new] = self.foundation.surface(new, truth.force[:2])
-        shift_mm += self._held_mm
+            want_mm[:, new] *= since
+            self._held_mm[:, new] = self.foundation.surface(new, self._traction)
+        want_mm += self._held_mm
+        truth.slipping[:] = self._slipping
         self.foundation.drag(
-            shift_mm,
+            want_mm,
             self._load,
             truth.displacement_mm[2],
             *self.friction.at(time_s),
             truth.slipping,
             truth.force[:2],
             truth.displacement_mm[:2],
-            self._held_mm,
+            self._holds_mm,
             truth.slip_mm,
             body_mm_per_n=self.body.shear_compliance_mm_per_n,
         )
-        self._before_mm[:] = depth_mm
-        self._last = pose
         truth.force[2] = self._load
-        self._sum_up(time_s, pose)
-        return truth
 
-    def _sum_up(self, time_s: float, pose: Pose) -> None:
+    def _commit(self, time_s: float, pose: Pose) -> MechanicsTruth:
+        """Go on from what was tried last, and sum it up."""
         truth, load = self.truth, self._load
+        self._held_mm[:] = self._holds_mm
+        self._traction[:] = truth.force[:2]
+        self._slipping[:] = truth.slipping
+        self._before_mm[:] = self._reached[0]
+        self._last = pose
         self._slip.follow(time_s, load, truth.slipping)
         truth.time_s, truth.pose = time_s, pose
         truth.slip_share, truth.onset_s = self._slip.share, self._slip.onset_s
@@ -298,39 +336,36 @@ class Mechanics:
         truth.wrench = self._to_wrench @ truth.force.reshape(-1)
         np.greater(load, 0.0, out=truth.contact)
         total = float(load.sum())
+        truth.centroid, truth.normal = np.full(3, np.nan), np.full(3, np.nan)
         if total > 0.0:
             truth.centroid = self._position @ load / total
             # normals are NaN where nothing meets, and 0 times that is not 0
             out = -np.where(truth.contact, self._reached[1], 0.0) @ load
-            truth.normal = out / np.sqrt(out @ out)
-        else:
-            truth.centroid, truth.normal = np.full(3, np.nan), np.full(3, np.nan)
+            length = float(np.sqrt(out @ out))
+            if length > 1e-9 * total:
+                truth.normal = out / length
+        return truth
 
-
-def _root(
-    function: Callable[[float], float], x: float, slope: float, tolerance: float
-) -> tuple[float, float]:
-    """Where a function that never falls is 0, and its slope there: secants within a bracket.
-
-    `x` is a first guess; `slope` too, 0 if there is none.
-    """
-    low, high, step = -np.inf, np.inf, FIRST_M
-    x_before, y_before = np.nan, np.nan
-    for _ in range(TRIALS):
-        y = function(x)
-        if abs(y) <= tolerance:
-            return x, slope
-        if np.isfinite(x_before):
-            slope = max((y - y_before) / (x - x_before), 0.0)
-        low, high = (x, high) if y < 0.0 else (low, x)
-        x_before, y_before = x, y
-        new = x - y / slope if slope > 0.0 else np.inf
-        if not low < new < high:
-            new = 0.5 * (low + high)
-        if not np.isfinite(new):
-            new = x - np.copysign(step, y)
-            step *= 2.0
-        if new == x or abs(new) > FURTHEST_M:
-            break
-        x = new
-    raise SkinError("push: load_n must be one that the body meets along direction; got no end")
+    def _stiffness(self, time_s: float) -> np.ndarray:
+        """What each unit would resist a small motion of the body with, N/m, shape (3, 3, n)."""
+        truth, load = self.truth, self._load
+        normal, shear = self.foundation.stiffness(
+            load,
+            truth.force[:2],
+            truth.displacement_mm[2],
+            body_mm_per_n=self.body.compliance_mm_per_n,
+            shear_body_mm_per_n=self.body.shear_compliance_mm_per_n,
+        )
+        moving = truth.slipping
+        size = np.hypot(truth.force[0], truth.force[1])
+        along = truth.force[:2] / np.where(size > 0.0, size, 1.0)
+        # a face that slips resists only what turns its force, and what presses it
+        want = np.hypot(self._want_mm[0], self._want_mm[1])
+        across = np.where(moving, size / np.where(want > 0.0, want, 1.0), shear)
+        units = np.zeros((3, 3, load.size))
+        units[2, 2] = normal
+        units[:2, :2] = across * (
+            np.eye(2)[..., np.newaxis] - moving * along[:, np.newaxis] * along
+        )
+        units[:2, 2] = moving * self.friction.at(time_s)[1] * normal * along
+        return 1e3 * units
