@@ -152,9 +152,8 @@ def _warnings(topology: Topology, buses: tuple[BusSummary, ...]) -> Iterator[str
     if overlaps:
         yield f"faces overlap between {overlaps} pairs of units, by their radius_m"
     for index in np.unique(topology.patch[topology.counts_only]):
-        carrying = np.isin(topology.frames.units, np.flatnonzero(topology.patch == index)).any(
-            axis=1
-        )
+        units = np.flatnonzero(topology.patch == index)
+        carrying = np.isin(topology.frames.units, units).any(axis=1)
         layout = topology.layouts[topology.frames.layout[carrying][0]].name
         yield (
             f"patch {topology.patch_names[index]!r} gives counts only: its layout {layout!r} is of "

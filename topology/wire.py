@@ -12,7 +12,15 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-__all__ = ["CHANNELS", "FRAME_FIELDS", "LAYOUTS", "UNIT_FIELDS", "Signal", "WireLayout"]
+__all__ = [
+    "CHANNELS",
+    "FRAME_FIELDS",
+    "LAYOUTS",
+    "QUANTITIES",
+    "UNIT_FIELDS",
+    "Signal",
+    "WireLayout",
+]
 
 CHANNELS = ("gel", "frequency", "bx", "by", "bz", "hall_temperature")
 """Rows of every raw array, in order: `raw` is int16, shape (6, n)."""
@@ -31,6 +39,7 @@ QUANTITIES = {
     "bz": "µT",
     "hall_temperature": "°C",
 }
+"""What each channel is measured in, scale and offset applied."""
 
 
 class Signal(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

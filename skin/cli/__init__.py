@@ -17,7 +17,9 @@ COMMANDS = {
     "check": "check a topology file and show what hangs where, and the load of each bus",
     "sim": "run simulated units alone, on the buses of a topology",
     "run": "listen to the buses of a topology and show what the skin feels",
+    "doctor": "listen to the buses of a topology, and say what is wrong and why",
     "decode": "turn a recorded log into forces",
+    "dbc": "write a DBC file for each bus, for every other CAN tool",
 }
 
 

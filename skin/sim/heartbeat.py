@@ -1,37 +1,19 @@
-"""Heartbeats: what every board says of itself once a second."""
+"""Heartbeats of simulated boards."""
 
 from __future__ import annotations
 
-import struct
-
-import numpy as np
-
 from bus.frame import FrameBatch
+from bus.heartbeat import FIRST_ID, LAYOUT, PERIOD_S, STATES, beating_nodes
 from topology import Topology
 
-__all__ = ["FIRST_ID", "LAST_ID", "Heartbeats"]
-
-FIRST_ID = 0x700
-"""The heartbeat of node k, counted from 1 on each bus, has the identifier FIRST_ID + k."""
-LAST_ID = 0x7DF
-
-STARTING, RUNNING, FAULT = range(3)
-
-LAYOUT = struct.Struct("<BHBHBB")
-"""Eight bytes, little endian: state u8 (0 starting, 1 running, 2 fault), uptime u16 in s (stays at
-its highest), firmware id u8, serial number u16, transmit and receive error counter of the CAN
-controller u8 each."""
+__all__ = ["Heartbeats"]
 
 FIRMWARE_ID = 1
-PERIOD_S = 1.0
+RUNNING = STATES.index("running")
 
 
 class Heartbeats:
     """The heartbeats of simulated boards, spread over the second so that no cycle has them all.
-
-    A board is what sends one set of data frames: `parts` frames of consecutive identifiers. Boards
-    are nodes 1, 2, … of their bus in the order of their identifiers; there are as many heartbeats
-    as there are identifiers for them.
 
     Parameters
     ----------
@@ -41,12 +23,7 @@ class Heartbeats:
     def __init__(self, topology: Topology) -> None:
         self._rate_hz = topology.cycle_rate_hz
         self._period = max(1, round(PERIOD_S * self._rate_hz))
-        frames = topology.frames
-        boards = [
-            int(np.sum((frames.bus == bus) & (frames.part == 0)))
-            for bus in range(len(topology.buses))
-        ]
-        self._nodes = [range(1, min(n, LAST_ID - FIRST_ID) + 1) for n in boards]
+        self._nodes = [beating_nodes(topology, bus) for bus in range(len(topology.buses))]
 
     def append(self, cycle: int, batch: FrameBatch, *, bus: int, stamp_ns: int = 0) -> int:
         """Append the heartbeats that are due in a cycle; return how many."""

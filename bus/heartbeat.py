@@ -1,0 +1,55 @@
+"""Heartbeats: what every board says of itself once a second, eight bytes.
+
+A board is what sends one set of data frames. Boards are nodes 1, 2, … of their bus in the order of
+their identifiers; there are as many heartbeats as there are identifiers for them. Sensors of
+another kind are boards too, but send none.
+"""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+
+from topology import Topology
+
+__all__ = ["FIELDS", "FIRST_ID", "LAYOUT", "PERIOD_S", "STATES", "beating_nodes"]
+
+FIRST_ID = 0x700
+"""The heartbeat of node k has the identifier FIRST_ID + k."""
+_LAST_ID = 0x7DF
+
+PERIOD_S = 1.0
+
+FIELDS = (
+    ("state", 8),
+    ("uptime_s", 16),  # stays at its highest
+    ("firmware_id", 8),
+    ("serial_number", 16),
+    ("transmit_errors", 8),  # error counters of the CAN controller
+    ("receive_errors", 8),
+)
+"""Unsigned integers, little endian, one after the other: name and bits."""
+LAYOUT = struct.Struct("<" + "".join({8: "B", 16: "H"}[bits] for _, bits in FIELDS))
+STATES = ("starting", "running", "fault")
+"""Names of the values of `state`."""
+
+
+def beating_nodes(topology: Topology, bus: int) -> list[int]:
+    """Numbers of the nodes on a bus that send heartbeats.
+
+    Examples
+    --------
+    >>> from topology import load
+    >>> beating_nodes(load("palm"), 0)
+    [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13]
+    """
+    frames = topology.frames
+    here = frames.bus == bus
+    taken = set(frames.can_id[here].tolist())
+    boards = np.flatnonzero(here & (frames.part == 0))[: _LAST_ID - FIRST_ID]
+    return [
+        node
+        for node, frame in enumerate(boards, 1)
+        if not topology.layouts[frames.layout[frame]].counts_only and FIRST_ID + node not in taken
+    ]

@@ -1,0 +1,47 @@
+"""`skin dbc`: the buses of a topology, described to every other CAN tool."""
+
+from __future__ import annotations
+
+import json as json_text
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+__all__ = ["dbc"]
+
+
+def dbc(
+    file: Annotated[
+        str,
+        tyro.conf.Positional,
+        tyro.conf.arg(metavar="FILE", help="topology file, or the name of a ready-made one"),
+    ],
+    /,
+    *,
+    output: Annotated[Path, tyro.conf.arg(metavar="DIR", help="folder to write into")] = Path("."),
+    json: Annotated[bool, tyro.conf.arg(help="end with one JSON object")] = False,
+) -> int:
+    """Write one DBC file for each bus, named after the skin and the bus: palm-main.dbc.
+
+    They hold SYNC, the data frames with their scales, and the heartbeats, and are read by cantools,
+    canmatrix and SavvyCAN.
+    """
+    from bus.dbc import write_dbc
+    from topology import load
+
+    topology = load(file)
+    written = write_dbc(topology, output)
+    rows = [("bus", "messages", "signals", "file")]
+    rows += [(f.bus, str(f.messages), str(f.signals), str(f.path)) for f in written]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        print("  ".join(map(str.ljust, row, widths)).rstrip())
+    if json:
+        files = [
+            {"path": str(found.path.resolve()), "bus": found.bus, "messages": found.messages,
+             "signals": found.signals}
+            for found in written
+        ]  # fmt: skip
+        print(json_text.dumps({"topology": topology.name, "files": files}))
+    return 0
