@@ -1,0 +1,566 @@
+"""All compiled code of what a contact is: wrench, centre, shape, warmth, path.
+
+One pass over the units of the contacts adds up moments about the middle of the array, in float64;
+everything else follows from the sums, and the sums of the skin are those of its contacts. The
+constants are this file's own: a cached kernel does not see another file change.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numba.extending import register_jitable
+
+__all__ = [
+    "DEPTH",
+    "GEOMETRY",
+    "SUMS",
+    "WARMTH",
+    "WAYPOINTS",
+    "WEAK_SIGMAS",
+    "describe",
+    "describe_python",
+]
+
+WEAK, NORMAL_ASSUMED, TORSION_BLIND = 1, 2, 4
+BORN = 1
+BRIDGE, SILENT = 2, 3
+KIND, LABEL, MEMBERS = range(3)
+
+POSITION, ROTATION, AREA = 0, 3, 12
+GEOMETRY = 16
+"""Columns of `geometry`: position about the middle of the array; rotation, row by row; area. Units
+are picked here and there: what belongs to one lies together."""
+
+DEPTH, WARMTH = 1, 2
+"""What the caller has: pressed depths; temperatures."""
+
+WEAK_SIGMAS = 5.0
+"""Below this many sigmas of its load, a contact has no centre."""
+ROUND = 0.05
+"""Second over first extent of the touched points, above which they span a plane."""
+STEP_SIGMAS = 3.0
+STEP_M = 2e-4
+"""A centre that moved this far, in its sigmas and at least, has really moved."""
+WAYPOINTS = 128
+"""Centres of a contact that are remembered."""
+
+# Sums over the units of a contact; symmetric matrices as upper triangles, row by row.
+(LOAD, LOAD_VARIANCE, UNITS, SURFACE, PEAK, PEAK_UNIT) = range(6)
+(LOAD_P, LOAD_S, LOAD_SS, VAR_P, VAR_PP, LOAD_Z, LOAD_X) = (6, 9, 12, 18, 21, 27, 30)
+FORCE, MOMENT, COVARIANCE = 33, 36, 39
+WARM, WARM_T, WARM_P, WARM_TP, WARM_PP, HOT, HOT_UNIT = 60, 61, 62, 65, 68, 74, 75
+SILENT_AREA = 76
+SUMS = 77
+
+# Units are taken into tiles, a row for each factor of the sums: sums over rows become vector
+# instructions. Rows are a little longer than a tile, or they would fight for the same cache lines.
+TILE, LANES = 64, 8
+TILE_SHAPE = (33, TILE + LANES)
+T_LOAD, T_VARIANCE, T_P, T_S = 0, 1, 2, 5
+T_AXIS, T_AXIS_ROWS = 8, 8
+"""For each axis of the unit: force along it, its variance, the axis, position x axis."""
+T_ONE = 32
+
+
+@register_jitable
+def _fill(units, force, force_sigma, displacement, geometry, have, s, tile):
+    """Take units into a tile, fill it up with zeros; returns the length in use."""
+    for j in range(units.size):
+        i = units[j]
+        row = geometry[i]
+        load = np.float64(force[2, i])
+        depth = 1e-3 * displacement[2, i] if have & DEPTH else 0.0
+        if not np.isfinite(depth):
+            depth = 0.0
+        s[SURFACE] += row[AREA]
+        if load > s[PEAK] * row[AREA]:
+            s[PEAK] = load / row[AREA]
+            s[PEAK_UNIT] = i
+        tile[T_LOAD, j] = load
+        tile[T_VARIANCE, j] = np.float64(force_sigma[2, i]) ** 2
+        px, py, pz = row[POSITION], row[POSITION + 1], row[POSITION + 2]
+        tile[T_P, j], tile[T_P + 1, j], tile[T_P + 2, j] = px, py, pz
+        for a in range(3):
+            tile[T_S + a, j] = row[POSITION + a] + depth * row[ROTATION + 3 * a + 2]
+        for axis in range(3):
+            at = T_AXIS + T_AXIS_ROWS * axis
+            x, y, z = row[ROTATION + axis], row[ROTATION + 3 + axis], row[ROTATION + 6 + axis]
+            tile[at, j] = np.float64(force[axis, i])
+            tile[at + 1, j] = np.float64(force_sigma[axis, i]) ** 2
+            tile[at + 2, j], tile[at + 3, j], tile[at + 4, j] = x, y, z
+            tile[at + 5, j] = py * z - pz * y
+            tile[at + 6, j] = pz * x - px * z
+            tile[at + 7, j] = px * y - py * x
+        tile[T_ONE, j] = 1.0
+    length = (units.size + LANES - 1) // LANES * LANES
+    for row in range(TILE_SHAPE[0]):
+        for j in range(units.size, length):
+            tile[row, j] = 0.0
+    return length
+
+
+def _products():
+    """Which rows of a tile are multiplied with each other, and the sum that they add to."""
+    table = [(LOAD, T_LOAD, T_ONE, T_ONE), (LOAD_VARIANCE, T_VARIANCE, T_ONE, T_ONE)]
+    axes = [T_AXIS + T_AXIS_ROWS * axis for axis in range(3)]
+    row = 0
+    for a in range(3):
+        table += [
+            (LOAD_P + a, T_LOAD, T_P + a, T_ONE),
+            (LOAD_S + a, T_LOAD, T_S + a, T_ONE),
+            (VAR_P + a, T_VARIANCE, T_P + a, T_ONE),
+            (LOAD_Z + a, T_LOAD, axes[2] + 2 + a, T_ONE),
+            (LOAD_X + a, T_LOAD, axes[0] + 2 + a, T_ONE),
+        ]
+        for b in range(a, 3):
+            table.append((LOAD_SS + row, T_LOAD, T_S + a, T_S + b))
+            table.append((VAR_PP + row, T_VARIANCE, T_P + a, T_P + b))
+            row += 1
+    row = 0
+    for a in range(6):
+        table += [(FORCE + a, at, at + 2 + a, T_ONE) for at in axes]
+        for b in range(a, 6):
+            table += [(COVARIANCE + row, at + 1, at + 2 + a, at + 2 + b) for at in axes]
+            row += 1
+    return np.array(table)
+
+
+PRODUCTS = _products()
+
+
+@register_jitable
+def _add_tile(tile, length, s):
+    """Add a tile to the sums."""
+    for k in range(PRODUCTS.shape[0]):
+        a, b, c = tile[PRODUCTS[k, 1]], tile[PRODUCTS[k, 2]], tile[PRODUCTS[k, 3]]
+        total = 0.0
+        for j in range(length):
+            total += a[j] * b[j] * c[j]
+        s[PRODUCTS[k, 0]] += total
+
+
+@register_jitable
+def _add_warmth(units, temperature, geometry, s):
+    for j in range(units.size):
+        i = units[j]
+        warmth = np.float64(temperature[i])
+        if not np.isfinite(warmth):
+            continue
+        place = geometry[i]
+        area = place[AREA]
+        s[WARM] += area
+        s[WARM_T] += area * warmth
+        if s[HOT_UNIT] < 0.0 or warmth > s[HOT]:
+            s[HOT] = warmth
+            s[HOT_UNIT] = i
+        row = 0
+        for a in range(3):
+            s[WARM_P + a] += area * place[a]
+            s[WARM_TP + a] += area * warmth * place[a]
+            for b in range(a, 3):
+                s[WARM_PP + row] += area * place[a] * place[b]
+                row += 1
+
+
+@register_jitable
+def _add_units(units, force, force_sigma, displacement, temperature, geometry, have, s, tile):
+    """Add units to the sums."""
+    s[UNITS] += units.size
+    for first in range(0, units.size, TILE):
+        some = units[first : first + TILE]
+        length = _fill(some, force, force_sigma, displacement, geometry, have, s, tile)
+        _add_tile(tile, length, s)
+        if have & WARMTH:
+            _add_warmth(some, temperature, geometry, s)
+
+
+@register_jitable
+def _clear(s):
+    s[:] = 0.0
+    s[PEAK_UNIT] = -1.0
+    s[HOT_UNIT] = -1.0
+
+
+@register_jitable
+def _add_sums(s, total):
+    for row in range(SUMS):
+        if row not in (PEAK, PEAK_UNIT, HOT, HOT_UNIT):
+            total[row] += s[row]
+    if s[PEAK] > total[PEAK]:
+        total[PEAK] = s[PEAK]
+        total[PEAK_UNIT] = s[PEAK_UNIT]
+    if s[HOT_UNIT] >= 0.0 and (total[HOT_UNIT] < 0.0 or s[HOT] > total[HOT]):
+        total[HOT] = s[HOT]
+        total[HOT_UNIT] = s[HOT_UNIT]
+
+
+@register_jitable
+def _add_silence(kind, label, start, index, geometry, sums):
+    """Area of silent units beside each contact, each unit once a contact."""
+    for i in range(kind.size):
+        if kind[i] != BRIDGE and kind[i] != SILENT:
+            continue
+        for at in range(start[i], start[i + 1]):
+            k = label[index[at]]
+            fresh = k >= 0
+            for before in range(start[i], at):
+                fresh &= label[index[before]] != k
+            if fresh:
+                sums[k, SILENT_AREA] += geometry[i, AREA]
+
+
+@register_jitable
+def _unpack(s, row, matrix):
+    """Upper triangle from `row` on to a full symmetric matrix."""
+    size = matrix.shape[0]
+    for a in range(size):
+        for b in range(a, size):
+            matrix[a, b] = s[row]
+            matrix[b, a] = s[row]
+            row += 1
+
+
+@register_jitable
+def _eigen(m, v):
+    """Eigenvectors of the symmetric m into the columns of v, by Jacobi rotations; m is destroyed.
+
+    The eigenvalues are left on the diagonal of m.
+    """
+    for a in range(3):
+        for b in range(3):
+            v[a, b] = 1.0 if a == b else 0.0
+    scale = m[0, 0] + m[1, 1] + m[2, 2]
+    for _ in range(12):
+        if abs(m[0, 1]) + abs(m[0, 2]) + abs(m[1, 2]) <= 1e-13 * scale:
+            return
+        for p in range(2):
+            for q in range(p + 1, 3):
+                if abs(m[p, q]) <= 1e-20 * scale:
+                    continue
+                half = 0.5 * (m[q, q] - m[p, p]) / m[p, q]
+                t = 1.0 / (abs(half) + np.sqrt(1.0 + half * half))
+                if half < 0.0:
+                    t = -t
+                c = 1.0 / np.sqrt(1.0 + t * t)
+                sn = t * c
+                for r in range(3):
+                    x, y = m[r, p], m[r, q]
+                    m[r, p], m[r, q] = c * x - sn * y, sn * x + c * y
+                for r in range(3):
+                    x, y = m[p, r], m[q, r]
+                    m[p, r], m[q, r] = c * x - sn * y, sn * x + c * y
+                for r in range(3):
+                    x, y = v[r, p], v[r, q]
+                    v[r, p], v[r, q] = c * x - sn * y, sn * x + c * y
+
+
+@register_jitable
+def _cross(a, b, out):
+    out[0] = a[1] * b[2] - a[2] * b[1]
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]
+
+
+@register_jitable
+def _shift_covariance(covariance, shift, moment_only, out, k):
+    """Covariance of a wrench after its moment has been moved: M' = M + shift x F.
+
+    With `moment_only`, just the block of the moment. The matrix k is scratch.
+    """
+    k[0, 0], k[1, 1], k[2, 2] = 0.0, 0.0, 0.0
+    k[0, 1], k[0, 2], k[1, 2] = -shift[2], shift[1], -shift[0]
+    k[1, 0], k[2, 0], k[2, 1] = shift[2], -shift[1], shift[0]
+    skip = 3 if moment_only else 0
+    for a in range(3):
+        for b in range(3):
+            low = covariance[a + 3, b + 3]
+            side = covariance[a, b + 3]
+            for r in range(3):
+                side += covariance[a, r] * k[b, r]
+                low += k[a, r] * covariance[r, b + 3] + covariance[a + 3, r] * k[b, r]
+                for q in range(3):
+                    low += k[a, r] * covariance[r, q] * k[b, q]
+            out[a + 3 - skip, b + 3 - skip] = low
+            if not moment_only:
+                out[a, b] = covariance[a, b]
+                out[a, b + 3] = side
+                out[b + 3, a] = side
+
+
+@register_jitable
+def _orient(s, record, m, v, vectors):
+    """Axes and normal: plane through the touched points, or the mean of the units' normals."""
+    load = s[LOAD]
+    row = 0
+    for a in range(3):
+        for b in range(a, 3):
+            second = s[LOAD_SS + row] / load - s[LOAD_S + a] * s[LOAD_S + b] / (load * load)
+            m[a, b] = second
+            m[b, a] = second
+            row += 1
+    _eigen(m, v)
+    large, small = 0, 0
+    for a in range(1, 3):
+        if m[a, a] > m[large, large]:
+            large = a
+        if m[a, a] <= m[small, small]:
+            small = a
+    if large == small:
+        large, small = 0, 2
+    middle = 3 - large - small
+    first, second = max(m[large, large], 0.0), max(m[middle, middle], 0.0)
+    condition = np.sqrt(second / first) if first > 0.0 else 0.0
+    axes, normal = record["axes"], record["normal"]
+    outward, major = vectors[0], vectors[1]
+    length = 0.0
+    for a in range(3):
+        outward[a] = -s[LOAD_Z + a]
+        length += outward[a] ** 2
+    length = np.sqrt(length)
+    along = 0.0
+    for a in range(3):
+        outward[a] /= length
+        along += v[a, small] * outward[a]
+    planar = s[UNITS] >= 3.0 and condition > ROUND
+    for a in range(3):
+        normal[a] = (v[a, small] if along >= 0.0 else -v[a, small]) if planar else outward[a]
+    if not planar:
+        record["flags"] |= NORMAL_ASSUMED
+    # The major axis keeps its sense from cycle to cycle.
+    same = 0.0
+    across = 0.0
+    for a in range(3):
+        major[a] = v[a, large] if first > 0.0 else s[LOAD_X + a]
+        across += major[a] * normal[a]
+    length = 0.0
+    for a in range(3):
+        major[a] -= across * normal[a]
+        length += major[a] ** 2
+        same += major[a] * axes[a, 0]
+    length = np.sqrt(length) if same >= 0.0 else -np.sqrt(length)
+    for a in range(3):
+        major[a] /= length
+        axes[a, 0] = major[a]
+        axes[a, 2] = normal[a]
+    _cross(normal, major, outward)
+    for a in range(3):
+        axes[a, 1] = outward[a]
+    record["extent"][0] = np.sqrt(first)
+    record["extent"][1] = np.sqrt(second)
+    record["normal_condition"] = condition
+
+
+@register_jitable
+def _warm(s, record, m):
+    """Mean, hottest unit, and slope of the temperature along the two axes of the contact."""
+    gradient = record["temperature_gradient"]
+    gradient[:] = np.nan
+    record["hot_unit"] = int(s[HOT_UNIT])
+    if s[WARM] <= 0.0:
+        record["temperature"] = np.nan
+        record["hot_temperature"] = np.nan
+        return
+    record["temperature"] = s[WARM_T] / s[WARM]
+    record["hot_temperature"] = s[HOT]
+    if s[UNITS] < 3.0:
+        return
+    axes = record["axes"]
+    m[:] = 0.0
+    rhs = m[2]
+    row = 0
+    for a in range(3):
+        slope = s[WARM_TP + a] - s[WARM_T] * s[WARM_P + a] / s[WARM]
+        for k in range(2):
+            rhs[k] += axes[a, k] * slope
+        for b in range(a, 3):
+            spread = s[WARM_PP + row] - s[WARM_P + a] * s[WARM_P + b] / s[WARM]
+            row += 1
+            for k in range(2):
+                for j in range(2):
+                    both = axes[a, k] * axes[b, j]
+                    if a != b:
+                        both += axes[b, k] * axes[a, j]
+                    m[k, j] += both * spread
+    det = m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]
+    if det <= ROUND**4 * (m[0, 0] + m[1, 1]) ** 2:
+        return
+    first = (rhs[0] * m[1, 1] - rhs[1] * m[0, 1]) / det
+    second = (rhs[1] * m[0, 0] - rhs[0] * m[1, 0]) / det
+    for a in range(3):
+        gradient[a] = first * axes[a, 0] + second * axes[a, 1]
+
+
+@register_jitable
+def _conclude(s, record, origin, c6, spare):
+    """Everything that follows from the sums of one contact; `origin` is the array's middle."""
+    m, v, about = spare[0], spare[1], spare[2, 2]
+    load = s[LOAD]
+    record["flags"] = 0
+    record["load"] = load
+    record["load_sigma"] = np.sqrt(s[LOAD_VARIANCE])
+    record["area"] = s[SURFACE]
+    record["mean_pressure"] = load / s[SURFACE]
+    record["peak_pressure"] = s[PEAK]
+    record["peak_unit"] = int(s[PEAK_UNIT])
+    record["coverage"] = s[SURFACE] / (s[SURFACE] + s[SILENT_AREA])
+    force = s[FORCE : FORCE + 3]
+    _unpack(s, COVARIANCE, c6)
+    wrench = record["wrench"]
+    _cross(origin, force, wrench[3:])
+    for a in range(3):
+        wrench[a] = force[a]
+        wrench[a + 3] += s[MOMENT + a]
+    _shift_covariance(c6, origin, False, record["wrench_covariance"], m)
+    _orient(s, record, m, v, spare[2])
+    _warm(s, record, m)
+    centre, moment, normal = record["centre"], record["moment"], record["normal"]
+    along = 0.0
+    for a in range(3):
+        along += force[a] * normal[a]
+    across = 0.0
+    for a in range(3):
+        across += (force[a] - along * normal[a]) ** 2
+    record["shear"] = np.sqrt(across)
+    if s[UNITS] < 2.0:
+        record["flags"] |= TORSION_BLIND
+    if load < WEAK_SIGMAS * record["load_sigma"]:
+        record["flags"] |= WEAK
+        centre[:] = np.nan
+        moment[:] = np.nan
+        record["centre_covariance"][:] = np.nan
+        record["moment_covariance"][:] = np.nan
+        record["torsion"] = np.nan
+        record["torsion_sigma"] = np.nan
+        return
+    for a in range(3):
+        about[a] = -s[LOAD_P + a] / load
+        centre[a] = origin[a] - about[a]
+    _cross(about, force, moment)
+    for a in range(3):
+        moment[a] += s[MOMENT + a]
+    _shift_covariance(c6, about, True, record["moment_covariance"], m)
+    torsion, variance = 0.0, 0.0
+    row = 0
+    for a in range(3):
+        torsion += moment[a] * normal[a]
+        for b in range(3):
+            variance += normal[a] * record["moment_covariance"][a, b] * normal[b]
+        for b in range(a, 3):
+            spread = s[VAR_PP + row] + about[a] * s[VAR_P + b] + about[b] * s[VAR_P + a]
+            spread = (spread + about[a] * about[b] * s[LOAD_VARIANCE]) / (load * load)
+            record["centre_covariance"][a, b] = spread
+            record["centre_covariance"][b, a] = spread
+            row += 1
+    record["torsion"] = torsion
+    record["torsion_sigma"] = np.sqrt(max(variance, 0.0))
+
+
+@register_jitable
+def _arm(members, first, last, force, geometry, origin, record):
+    """Load-weighted mean distance from the centre, across the normal."""
+    centre, normal = record["centre"], record["normal"]
+    moment, load = 0.0, 0.0
+    for at in range(first, last):
+        i = members[at]
+        along, square = 0.0, 0.0
+        for a in range(3):
+            d = geometry[i, POSITION + a] + origin[a] - centre[a]
+            along += d * normal[a]
+            square += d * d
+        load += force[2, i]
+        moment += force[2, i] * np.sqrt(max(square - along * along, 0.0))
+    record["arm"] = moment / load
+
+
+@register_jitable
+def _walk(record, path):
+    """Take the centre as a waypoint if it has really moved."""
+    centre, waypoint = record["centre"], record["waypoint"]
+    if record["event"] & BORN:
+        record["waypoints"] = 0
+        record["travel"] = 0.0
+    if not np.isfinite(centre[0]):
+        return
+    if record["waypoints"] == 0:
+        record["origin"][:] = centre
+    else:
+        square, variance = 0.0, 0.0
+        for a in range(3):
+            square += (centre[a] - waypoint[a]) ** 2
+            variance += record["centre_covariance"][a, a]
+        if square <= max(STEP_M**2, STEP_SIGMAS**2 * variance):
+            return
+        record["travel"] += np.sqrt(square)
+    waypoint[:] = centre
+    path[record["waypoints"] % WAYPOINTS] = centre
+    record["waypoints"] += 1
+
+
+def describe_python(
+    count, untracked_end, have, force, force_sigma, displacement, temperature,
+    geometry, origin, graph, units, slots, contacts, sums, path,
+):  # fmt: skip
+    """Describe the contacts that `find_contacts` has found, and their total.
+
+    Parameters
+    ----------
+    count : int
+        Contacts.
+    untracked_end : int
+        Units in contact, those of contacts beyond the capacity included.
+    have : int
+        DEPTH and WARMTH, as far as given.
+    force, force_sigma : ndarray, shape (3, n)
+        Newton, unit frame, and its one-sigma.
+    displacement : ndarray, shape (3, n)
+        Millimetre, unit frame; the last row is the pressed depth.
+    temperature : ndarray, shape (n,)
+        Degree Celsius.
+    geometry : ndarray, shape (n, 16), float64
+        See `GEOMETRY`.
+    origin : ndarray, shape (3,), float64
+        Metre, middle of the array in the skin frame.
+    graph, units, slots : ndarray
+        As in `find_contacts`.
+    contacts : ndarray, shape (s + 1,), CONTACT
+        The records; the last is the total.
+    sums : ndarray, shape (s // 2 + 2, SUMS), float64
+        Scratch.
+    path : ndarray, shape (s, WAYPOINTS, 3), float64
+        Last waypoints of each record, a ring.
+    """
+    n = force.shape[1]
+    kind, label, members = units[KIND], units[LABEL], units[MEMBERS]
+    total = sums[count + 1]
+    _clear(total)
+    c6, spare, tile = np.empty((6, 6)), np.empty((3, 3, 3)), np.empty(TILE_SHAPE)
+    end = 0
+    for k in range(count + 1):
+        _clear(sums[k])
+    for k in range(count):
+        record = contacts[slots[0, k]]
+        end = max(end, record["end"])
+        _add_units(
+            members[record["begin"] : record["end"]],
+            force, force_sigma, displacement, temperature, geometry, have, sums[k], tile,
+        )  # fmt: skip
+    if untracked_end > end:
+        _add_units(
+            members[end:untracked_end],
+            force, force_sigma, displacement, temperature, geometry, have, sums[count], tile,
+        )  # fmt: skip
+    _add_silence(kind[:n], label, graph[: n + 1], graph[n + 1 :], geometry, sums)
+    for k in range(count):
+        record = contacts[slots[0, k]]
+        _conclude(sums[k], record, origin, c6, spare)
+        _arm(members, record["begin"], record["end"], force, geometry, origin, record)
+        _walk(record, path[slots[0, k]])
+    for k in range(count + 1):
+        _add_sums(sums[k], total)
+    _conclude(total, contacts[contacts.size - 1], origin, c6, spare)
+
+
+describe = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})(
+    describe_python
+)
