@@ -285,12 +285,15 @@ class CycleReader:
         self._decoder = Decoder(
             topology, want=needed - array_wanted, estimator=estimator, dtype=dtype
         )
+        self._dtype = dtype
         self._features = ArrayFeatures(topology, want=array_wanted) if array_wanted else None
         self._area = topology.area / topology.area.sum()
 
     def warmup(self) -> None:
         """Load or compile the kernels, so that the first cycle is not late."""
         self._decoder.warmup()
+        if self._features is not None:
+            self._features.warmup(self._dtype)
 
     def __call__(self, cycle: RawCycle) -> State:
         """Decode one cycle; the arrays of the state are valid until the next call."""

@@ -183,8 +183,10 @@ def test_kernel_and_its_python_agree(skin):
     valid, gate = np.ones(skin.n, bool), normal_gate(skin)
     results = []
     for kernel in (kernels.total, kernels.total_python):
-        contact, sums = np.zeros(skin.n, bool), np.zeros(10)
-        kernel(force, position, np.ascontiguousarray(rotation), valid, gate, contact, sums)
-        results.append((contact, sums))
+        contact, out = np.zeros(skin.n, bool), np.zeros(kernels.ROWS)
+        arm, centre = np.array([0.1, -0.2, 0.3]), np.array([1.0, 2.0, 3.0])
+        turned = np.ascontiguousarray(rotation)
+        kernel(force, position, turned, valid, gate, arm, centre, contact, out)
+        results.append((contact, out))
     assert (results[0][0] == results[1][0]).all()
     assert results[0][1] == pytest.approx(results[1][1], abs=1e-12)

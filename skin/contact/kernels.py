@@ -10,13 +10,14 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-__all__ = ["total", "total_python"]
+__all__ = ["CENTRE", "LOAD", "ROWS", "WRENCH", "total", "total_python"]
 
-FX, FY, FZ, MX, MY, MZ, LOAD, PX, PY, PZ = range(10)
-"""Rows of the sums: force, moment, normal load, normal load times position."""
+WRENCH, LOAD, CENTRE = 0, 6, 7
+"""Rows of the result: force and moment, normal load, centre of pressure."""
+ROWS = 10
 
 
-def total_python(force, position, rotation, valid, gate, contact, sums):
+def total_python(force, position, rotation, valid, gate, arm, centre, contact, out):
     """Sum the forces of the valid units whose normal load is above their gate.
 
     Parameters
@@ -30,10 +31,14 @@ def total_python(force, position, rotation, valid, gate, contact, sums):
     valid : ndarray, shape (n,), bool
     gate : ndarray, shape (n,), float64
         Newton; NaN forces never pass it.
+    arm : ndarray, shape (3,), float64
+        Metre, from the point for which the moment is wanted to the origin of `position`.
+    centre : ndarray, shape (3,), float64
+        Metre, the origin of `position` in the frame for which the centre of pressure is wanted.
     contact : ndarray, shape (n,), bool
         Written: units that were summed.
-    sums : ndarray, shape (10,), float64
-        Written: force, moment, load, load times position.
+    out : ndarray, shape (10,), float64
+        Written: force, moment, load, centre of pressure (NaN without load).
     """
     fx = fy = fz = mx = my = mz = load = px = py = pz = 0.0
     for i in range(force.shape[1]):
@@ -55,9 +60,15 @@ def total_python(force, position, rotation, valid, gate, contact, sums):
             px += c * u
             py += c * v
             pz += c * w
-    sums[FX], sums[FY], sums[FZ] = fx, fy, fz
-    sums[MX], sums[MY], sums[MZ] = mx, my, mz
-    sums[LOAD], sums[PX], sums[PY], sums[PZ] = load, px, py, pz
+    out[0], out[1], out[2] = fx, fy, fz
+    out[3] = mx + arm[1] * fz - arm[2] * fy
+    out[4] = my + arm[2] * fx - arm[0] * fz
+    out[5] = mz + arm[0] * fy - arm[1] * fx
+    out[LOAD] = load
+    loaded = load > 0.0
+    out[7] = centre[0] + px / load if loaded else np.nan
+    out[8] = centre[1] + py / load if loaded else np.nan
+    out[9] = centre[2] + pz / load if loaded else np.nan
 
 
 total = njit(total_python, error_model="numpy", nogil=True, cache=True, fastmath={"contract"})

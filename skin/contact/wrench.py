@@ -57,8 +57,8 @@ def wrench(
     [0.0, 0.0, 2.0, 0.0, -0.2, 0.0]
     """
     used = np.ones(force.shape[1], bool) if valid is None else valid
-    centre, sums, _ = _total(force, position, rotation, used, np.full(used.size, -np.inf))
-    return _shifted(sums, centre if origin is None else centre - origin, np.empty(6))
+    about = np.zeros(3) if origin is None else np.asarray(origin, float)
+    return _total(force, position, rotation, used, -np.inf, about)[:6]
 
 
 def centroid(
@@ -84,8 +84,7 @@ def centroid(
     force = np.zeros((3, load.size), load.dtype)
     force[2] = load
     rotation = np.broadcast_to(np.eye(3)[:, :, np.newaxis], (3, 3, load.size))
-    centre, sums, _ = _total(force, position, rotation, used, np.zeros(used.size))
-    return _centre(sums, centre, np.empty(3))
+    return _total(force, position, rotation, used, 0.0, np.zeros(3))[7:]
 
 
 def normal_gate(topology: Topology) -> np.ndarray:
@@ -123,9 +122,14 @@ class ArrayFeatures:
         self._rotation = np.ascontiguousarray(topology.rotation)
         self._gate = normal_gate(topology)
         self._contact = np.zeros(topology.n, bool)
-        self._sums = np.zeros(10)
-        self._wrench = np.zeros(6) if "wrench" in want else None
-        self._centroid = np.zeros(3) if "centroid" in want else None
+        self._out = np.zeros(kernels.ROWS)
+        self._wrench = self._out[kernels.WRENCH : kernels.LOAD] if "wrench" in want else None
+        self._centroid = self._out[kernels.CENTRE :] if "centroid" in want else None
+
+    def warmup(self, dtype: str) -> None:
+        """Compile the kernel for forces of this type, or load it."""
+        nothing = np.zeros((3, self._contact.size), dtype)
+        self._sum(nothing, np.zeros(self._contact.size, bool))
 
     def __call__(self, reading: Reading) -> tuple[np.ndarray | None, np.ndarray | None, np.ndarray]:
         """Features of one reading; the arrays are valid until the next call.
@@ -139,43 +143,34 @@ class ArrayFeatures:
         contact : ndarray, shape (n,), bool
             Valid units above their gate.
         """
-        self._total(
-            reading.force, self._position, self._rotation, reading.valid, self._gate,
-            self._contact, self._sums,
-        )  # fmt: skip
-        if self._wrench is not None:
-            _shifted(self._sums, self._centre, self._wrench)
-        if self._centroid is not None:
-            _centre(self._sums, self._centre, self._centroid)
+        self._sum(reading.force, reading.valid)
         return self._wrench, self._centroid, self._contact
 
+    def _sum(self, force: np.ndarray, valid: np.ndarray) -> None:
+        self._total(
+            force, self._position, self._rotation, valid, self._gate,
+            self._centre, self._centre, self._contact, self._out,
+        )  # fmt: skip
 
-def _total(force, position, rotation, valid, gate):
+
+def _total(
+    force: np.ndarray,
+    position: np.ndarray,
+    rotation: np.ndarray,
+    valid: np.ndarray,
+    gate_n: float,
+    origin: np.ndarray,
+) -> np.ndarray:
+    """Wrench about `origin`, load and centre of plain arrays, shape (10,)."""
     from skin.contact import kernels
 
     position = np.asarray(position, float)
     centre = position.mean(axis=1)
-    contact, sums = np.zeros(force.shape[1], bool), np.zeros(10)
+    n = force.shape[1]
+    contact, out = np.zeros(n, bool), np.zeros(kernels.ROWS)
     kernels.total(
         np.ascontiguousarray(force), np.ascontiguousarray(position - centre[:, np.newaxis]),
-        np.ascontiguousarray(rotation, float), np.ascontiguousarray(valid), gate, contact, sums,
+        np.ascontiguousarray(rotation, float), np.ascontiguousarray(valid), np.full(n, gate_n),
+        centre - origin, centre, contact, out,
     )  # fmt: skip
-    return centre, sums, contact
-
-
-def _shifted(sums: np.ndarray, arm: np.ndarray, out: np.ndarray) -> np.ndarray:
-    """Force and moment, the moment moved by `arm` x force."""
-    fx, fy, fz, mx, my, mz = sums[:6].tolist()
-    x, y, z = arm.tolist()
-    out[:] = (fx, fy, fz, mx + y * fz - z * fy, my + z * fx - x * fz, mz + x * fy - y * fx)
-    return out
-
-
-def _centre(sums: np.ndarray, centre: np.ndarray, out: np.ndarray) -> np.ndarray:
-    load = sums[6]
-    if load > 0.0:
-        np.divide(sums[7:], load, out=out)
-        out += centre
-    else:
-        out[:] = np.nan
     return out
