@@ -18,6 +18,11 @@ from bus.frame import FrameBatch
 from bus.logs import blf_kernels as kernels
 from bus.logs.reader import LogReader, as_bytes, as_words
 
+try:
+    from isal import isal_zlib as inflating  # the extra `blf`: inflates half as fast again
+except ImportError:
+    inflating = zlib
+
 __all__ = ["CONTAINER_HEAD", "DEFLATED", "EPOCH", "FILE_HEAD", "BlfReader"]
 
 FILE_HEAD = struct.Struct("<4sLBBBBBBBBQQLL8H8H")
@@ -210,10 +215,10 @@ def _inflate(method: int, packed: bytes, fault: Fault) -> tuple[bytes, Fault]:
     """Return what is in a container, as far as it is sure, and what is wrong with it."""
     if method == PLAIN:
         return packed, fault
-    inflater = zlib.decompressobj()
+    inflater = inflating.decompressobj()
     try:
         inside = inflater.decompress(packed, _LARGEST_CONTAINER)
-    except zlib.error as error:
+    except inflating.error as error:
         # None of it is sure, as the checksum comes last.
         return b"", ("a container with whole contents", str(error))
     if not inflater.eof and not fault:

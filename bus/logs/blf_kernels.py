@@ -56,7 +56,7 @@ EXPECTED = {
 UNKNOWN = -2
 """Bus of the channels that did not appear yet."""
 _OBJECT_HEAD, _FRAME_HEAD = 16, 32
-_SIGNATURE = np.frombuffer(b"LOBJ", np.uint8)
+_SIGNATURE = int.from_bytes(b"LOBJ", "little")
 # Contents of objects, as long as they have to be.
 _CLASSIC_SIZE, _ERROR_SIZE, _ERROR_EXT_SIZE, _FD_SIZE, _FD_64_SIZE, _FD_ERROR_64_SIZE = (
     16, 2, 32, 20, 40, 44,
@@ -77,6 +77,8 @@ _LENGTH_AT, _FLAGS_AT, _ORIGIN_AT, _BUS_AT, _DATA_AT = (
     FRAME_DTYPE.fields[name][1] for name in ("length", "flags", "origin", "bus", "data")
 )
 _CLASSIC_BYTES, _FD_BYTES = 8, 64
+_MASKS = np.array([(1 << 8 * k) - 1 for k in range(8)] + [-1], np.int64)
+"""Of as many bytes, from the lowest on."""
 _LATEST_NS = (1 << 63) - 1
 _CUT, _NONE = -101, -100
 
@@ -98,10 +100,7 @@ def _find_object(blob, p, end):
     for k in range(MOST_PADDING):
         if p + k + 4 > end:
             return _CUT
-        same = 0
-        for j in range(4):
-            same += np.int64(blob[p + k + j] == _SIGNATURE[j])
-        if same == 4:
+        if u32(blob, p + k) == _SIGNATURE:
             return p + k
     return _NONE
 
@@ -128,8 +127,7 @@ def _read_classic(blob, p, words, data, i):
         identifier |= CAN_RTR
     put(words, data, i, identifier, length, 0, ECHO if flags & _TX else 0)
     if not flags & _REMOTE:
-        for k in range(length):
-            data[i, _DATA_AT + k] = blob[p + 8 + k]
+        words[i, _DATA_AT // 8] = u64(blob, p + 8) & _MASKS[length]
     return u16(blob, p)
 
 
@@ -325,8 +323,7 @@ def _build_object(blob, p, words, data, i, start):
         kind, size = CAN_FD_MESSAGE, _FRAME_HEAD + _FD_SIZE + _FD_BYTES
     for k in range(size):
         blob[p + k] = 0
-    for k in range(4):
-        blob[p + k] = _SIGNATURE[k]
+    write_number(blob, p, _SIGNATURE, 4)
     write_number(blob, p + 4, _FRAME_HEAD, 2)
     write_number(blob, p + 6, 1, 2)
     write_number(blob, p + 8, size, 4)
