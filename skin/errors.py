@@ -5,7 +5,8 @@
     SkinError                everything below, and what no narrower name fits
     ├── OptionError          an option, or the name of a quantity, that does not exist
     ├── CountsError          an array that is not what the topology says it must be
-    └── CalibrationError     parameters that no working unit can have
+    ├── CalibrationError     parameters that no working unit can have
+    └── SceneError           a scene file that is wrong, or that cannot be on this skin
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from difflib import get_close_matches
 
-__all__ = ["CalibrationError", "CountsError", "OptionError", "SkinError"]
+__all__ = ["CalibrationError", "CountsError", "OptionError", "SceneError", "SkinError"]
 
 
 class SkinError(Exception):
@@ -46,3 +47,7 @@ class CountsError(SkinError, ValueError):
 
 class CalibrationError(SkinError):
     """Parameters that no working unit can have; the message names unit, parameter and value."""
+
+
+class SceneError(SkinError, ValueError):
+    """A scene file is wrong, or cannot be on this skin; the message has one problem a line."""

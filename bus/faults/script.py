@@ -55,6 +55,7 @@ __all__ = [
     "Truncate",
     "check_script",
     "load_script",
+    "problems",
 ]
 
 _Identifier = Annotated[int, Meta(ge=0, le=0x1FFF_FFFF)]
@@ -225,7 +226,7 @@ def load_script(path: str | Path, topology: Topology | None = None) -> FaultScri
         if source is not None:
             script = read(FaultScript, source, report)
         if script is not None and not report.issues:
-            for i, key, hint, values in _problems(script, topology):
+            for i, key, hint, values in problems(script, topology):
                 report.add("value", source, ("faults", i, key), hint, **values)
     if script is None or report.issues:
         raise FaultScriptError("\n".join(map(str, report.issues)))
@@ -242,13 +243,13 @@ def check_script(script: FaultScript, topology: Topology | None) -> None:
     """
     lines = [
         f"faults[{i}] {key}: {MESSAGES['value'].format(**values)}{hint}"
-        for i, key, hint, values in _problems(script, topology)
+        for i, key, hint, values in problems(script, topology)
     ]
     if lines:
         raise FaultScriptError("\n".join(lines))
 
 
-def _problems(
+def problems(
     script: FaultScript, topology: Topology | None
 ) -> Iterator[tuple[int, str, str, dict[str, Any]]]:
     """Fault, key, hint, and what was expected and came, of everything that does not fit."""

@@ -1,0 +1,192 @@
+"""From a scene file, or the name of a ready-made scene, to a script that this skin can play."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bus.faults.script import FaultScript, problems
+from skin.errors import SceneError, SkinError
+from skin.sim.mechanics import Mechanics
+from skin.sim.motion import Motion, frame_of, shape_of
+from skin.sim.play import DEEPEST_MM
+from skin.sim.script import BodyTable, HalfSpace, SceneFile
+from topology import Topology
+from topology.errors import nearest
+from topology.read import open_source, read
+from topology.report import Report
+from topology.source import Key, Source
+
+__all__ = ["load_scene", "scenes"]
+
+_FOLDER = Path(__file__).parent / "scenes"
+
+scenes: tuple[str, ...] = tuple(sorted(path.stem for path in _FOLDER.glob("*.toml")))
+"""Names of the ready-made scenes."""
+
+
+def load_scene(file: str | os.PathLike[str], topology: Topology) -> SceneFile:
+    """Load a scene file, and hold it against the skin that is to play it.
+
+    Parameters
+    ----------
+    file : str or path
+        A file, or the name of a ready-made scene (`scenes`).
+    topology : Topology
+
+    Returns
+    -------
+    SceneFile
+
+    Raises
+    ------
+    SceneError
+        With every problem of the file, each with its line.
+
+    Examples
+    --------
+    >>> from topology import load
+    >>> load_scene("press", load("palm")).bodies[0].name
+    'ball'
+    """
+    report = Report()
+    source = _open(file, report)
+    script = None if source is None else read(SceneFile, source, report)
+    if script is not None and not report.issues:
+        _Check(script, source, topology, report).all()
+    if report.issues:
+        issues = sorted(report.issues, key=lambda issue: issue.line)
+        raise SceneError("\n".join(map(str, issues)))
+    return script
+
+
+def _open(file: str | os.PathLike[str], report: Report) -> Source | None:
+    shown = os.fspath(file)
+    if shown in scenes:
+        path = _FOLDER / f"{shown}.toml"
+        return open_source(path, path.name, report)
+    path = Path(file)
+    if not path.exists():
+        names = ", ".join(scenes)
+        hint = "" if path.suffix or path.name != shown else nearest(shown, scenes, or_all=False)
+        expected, got = f"a file or a ready-made scene ({names})", "no such file"
+        report.about_file("value", shown, hint=hint, expected=expected, got=got)
+        return None
+    return open_source(path, shown, report)
+
+
+class _Check:
+    """What a file can only be told beside the topology, or beside its other keys."""
+
+    def __init__(
+        self, script: SceneFile, source: Source, topology: Topology, report: Report
+    ) -> None:
+        self.script, self.source, self.topology, self.report = script, source, topology, report
+
+    def all(self) -> None:
+        script = self.script
+        if not (script.bodies or script.loads or script.room):
+            self.must((), "a scene with [[bodies]], [[loads]] or [[room]]", "none of them")
+        self.rows(("room",), script.room, ())
+        for name in ("bodies", "loads"):
+            for i, table in enumerate(getattr(script, name)):
+                self.rows((name, i, "keys"), table.keys, table.waves)
+        self.names()
+        self.faults()
+        if isinstance(script.foundation, HalfSpace) and len(script.bodies) > 1:
+            self.must(
+                ("foundation", "kind"), "'winkler' where there are several bodies", "'half-space'"
+            )
+        if not self.report.issues:
+            for i, body in enumerate(script.bodies):
+                self.place(i, body)
+
+    def must(self, key: Key, expected: str, got: object, hint: str = "") -> None:
+        self.report.add("value", self.source, key, hint, expected=expected, got=got)
+
+    def rows(self, key: Key, keys: Sequence[Any], waves: Sequence[Any]) -> None:
+        """Time runs forwards, and ends with the scene."""
+        for i, row in enumerate(keys):
+            if row.t_s > self.script.seconds:
+                end = self.source.line(("seconds",))
+                expected = f"at most the scene's seconds, {self.script.seconds:g} (line {end})"
+                self.must((*key, i, "t_s"), expected, f"{row.t_s:g}")
+            if i and row.t_s <= keys[i - 1].t_s:
+                expected = f"later than the key before, {keys[i - 1].t_s:g}"
+                self.must((*key, i, "t_s"), expected, f"{row.t_s:g}")
+        for i, wave in enumerate(waves):
+            if wave.to_s <= wave.from_s:
+                place = (*key[:-1], "waves", i, "to_s")
+                self.must(place, f"later than from_s, {wave.from_s:g}", f"{wave.to_s:g}")
+
+    def names(self) -> None:
+        topology, source = self.topology, self.source
+        known = (*topology.patch_names, *topology.unit_names)
+        seen: dict[str, int] = {}
+        for i, body in enumerate(self.script.bodies):
+            key = ("bodies", i)
+            if body.name in seen:
+                line = source.line(("bodies", seen[body.name], "name"))
+                self.report.add(
+                    "duplicate-name", source, (*key, "name"), name=repr(body.name), line=line
+                )
+            seen.setdefault(body.name, i)
+            if body.on is not None and body.on not in known:
+                self.unknown((*key, "on"), body.on, known)
+        for i, load in enumerate(self.script.loads):
+            for j, name in enumerate(load.units):
+                if name not in (*known, "*"):
+                    self.unknown(("loads", i, "units", j), name, known)
+
+    def unknown(self, key: Key, name: str, known: Sequence[str]) -> None:
+        kind = f"a patch or unit of {self.topology.name!r}"
+        self.report.add(
+            "unknown-name", self.source, key, nearest(name, known), kind=kind, name=repr(name)
+        )
+
+    def faults(self) -> None:
+        script = FaultScript(seed=self.script.seed, faults=self.script.faults)
+        for i, key, hint, values in problems(script, self.topology):
+            self.report.add("value", self.source, ("faults", i, key), hint, **values)
+
+    def place(self, index: int, table: BodyTable) -> None:
+        """A body is outside of the array, or pressed as far into it as units can be."""
+        motion = Motion(table, self.topology, 20.0)
+        inward = -frame_of(self.topology, table.on)[0][:, 2]
+        body = shape_of(table.shape, table.compliance_mm_per_n)
+        for i, key, time_s in _instants(table):
+            pose = motion.pose(time_s)
+            press_n = motion.press_n(time_s)
+            mechanics = Mechanics(self.topology, body)
+            where = ("bodies", index, "keys", i, key)
+            try:
+                if not motion.pressed:
+                    depth_mm = mechanics.step(time_s, pose).displacement_mm[2]
+                elif press_n > 0.0:
+                    depth_mm = mechanics.push(time_s, pose, press_n, inward).displacement_mm[2]
+                else:
+                    continue
+            except SkinError:
+                self.must(where, "a force that the skin can bear where the body is", press_n)
+                return
+            if not depth_mm.max() <= DEEPEST_MM:
+                unit = self.topology.unit_names[int(np.argmax(depth_mm))]
+                self.must(
+                    where,
+                    f"a body outside of the array, at most {DEEPEST_MM:g} mm into any unit",
+                    f"{depth_mm.max():.3g} mm into {unit}",
+                )
+                return
+
+
+def _instants(table: BodyTable) -> Iterator[tuple[int, str, float]]:
+    """Keys at which the place of a body, or its load, is told: index, field and time."""
+    for i, key in enumerate(table.keys):
+        for name in ("press_n", "xyz_m", "rpy_deg"):
+            if getattr(key, name) is not None:
+                yield i, name, key.t_s
+                break
