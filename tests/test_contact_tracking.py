@@ -99,7 +99,7 @@ def test_of_two_that_merged_the_one_that_stays_is_itself(watch):
     assert events == 1
     assert watch.see(bump(12.5, 4, 2.0)) == [2]
     assert watch.record(2)["event"] & Event.RESUMED
-    assert watch.tracker.ended.tolist() == [1]
+    assert watch.tracker.contacts["id"][watch.tracker.present].tolist() == [2]
 
 
 def test_of_one_that_splits_the_heavier_part_stays_itself(watch):

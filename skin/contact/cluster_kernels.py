@@ -210,7 +210,8 @@ def _part_ways(parts, contacts, shared, settle_ns, slot_of, part_of, now_ns, own
             count += 1
             record["track"] = LOST
         elif track == PRESENT:
-            contacts[into]["event"] |= MERGED
+            if contacts[into]["track"] == PRESENT:
+                contacts[into]["event"] |= MERGED
             record["track"] = ABSORBED
             if record["seen_ns"] - record["born_ns"] < settle_ns:
                 _free(slot, contacts, owner)

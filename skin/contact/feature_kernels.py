@@ -39,6 +39,8 @@ WEAK_SIGMAS = 5.0
 """Below this many sigmas of its load, a contact has no centre."""
 ROUND = 0.05
 """Second over first extent of the touched points, above which they span a plane."""
+ONE_POINT = 1e-13
+"""Spread of points over their square distance from the middle of the array that is rounding."""
 STEP_SIGMAS = 3.0
 STEP_M = 2e-4
 """A centre that moved this far, in its sigmas and at least, has really moved."""
@@ -292,6 +294,7 @@ def _shift_covariance(covariance, shift, moment_only, out, k):
 def _orient(s, record, m, v, vectors):
     """Axes and normal: plane through the touched points, or the mean of the units' normals."""
     load = s[LOAD]
+    size = (s[LOAD_SS] + s[LOAD_SS + 3] + s[LOAD_SS + 5]) / load
     row = 0
     for a in range(3):
         for b in range(a, 3):
@@ -299,6 +302,8 @@ def _orient(s, record, m, v, vectors):
             m[a, b] = second
             m[b, a] = second
             row += 1
+    if m[0, 0] + m[1, 1] + m[2, 2] <= ONE_POINT * size:
+        m[:] = 0.0
     _eigen(m, v)
     large, small = 0, 0
     for a in range(1, 3):
