@@ -13,8 +13,11 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 if TYPE_CHECKING:
+    from bus.faults import FaultScript
     from bus.transport import Transport
-    from skin.sim.node import Served
+    from skin.sim.node import Nodes, Served
+    from skin.sim.play import ScriptedScene
+    from skin.sim.scene import Scene
     from topology import Topology
 
 __all__ = ["sim"]
@@ -27,7 +30,9 @@ def sim(
     seconds: Annotated[
         float | None, tyro.conf.arg(help="stop after this time; otherwise until Ctrl-C")
     ] = None,
-    seed: Annotated[int, tyro.conf.arg(help="seed of the simulated noise")] = 0,
+    seed: Annotated[
+        int | None, tyro.conf.arg(help="seed of the simulated noise; else 0, or the scene's")
+    ] = None,
     noise: Annotated[bool, tyro.conf.arg(help="leave the noise out, keep the quantisation")] = True,
     interface: Annotated[
         str | None, tyro.conf.arg(help="use this interface for every bus instead of the file's")
@@ -41,59 +46,151 @@ def sim(
     faults: Annotated[
         str | None, tyro.conf.arg(metavar="FILE", help="do to the frames what this script says")
     ] = None,
+    scene: Annotated[
+        str | None,
+        tyro.conf.arg(metavar="NAME|FILE", help="play this scene, ready-made or from a file"),
+    ] = None,
+    truth: Annotated[
+        str | None,
+        tyro.conf.arg(metavar="FILE.npz", help="write down the truth about every cycle"),
+    ] = None,
+    fast: Annotated[
+        bool,
+        tyro.conf.arg(help="make the frames of the scene as fast as possible, on no bus"),
+    ] = False,
     json: Annotated[bool, tyro.conf.arg(help="end with one JSON object")] = False,
 ) -> int:
     """Put simulated units on the buses of a topology; they answer whoever sends SYNC.
 
-    A sphere presses, slides and lifts all over the skin. Listen in another process with
-    `skin run FILE` and the same options. On Linux use `--interface socketcan --channel vcan0`
-    (`ip link add vcan0 type vcan; ip link set vcan0 mtu 72 up`); where there is no vcan,
-    `--interface udp_multicast --channel 239.74.163.2` (`pip install 'f3t-skin[udp]'`). Exits 1 if
-    no SYNC ever came.
+    Without a scene a sphere presses, slides and lifts all over the skin. A scene's own faults are
+    done to the frames where `--faults` names no others; where all buses are in-process it plays
+    `--fast`. Listen in another process with `skin run FILE` and the same options. On Linux use
+    `--interface socketcan --channel vcan0` (`ip link add vcan0 type vcan; ip link set vcan0 mtu 72
+    up`); where there is no vcan, `--interface udp_multicast --channel 239.74.163.2`
+    (`pip install 'f3t-skin[udp]'`). Exits 1 if no SYNC ever came.
     """
-    from bus.faults import FaultyTransport, load_script
-    from bus.transport import open_transport
+    from bus.faults import load_script
     from skin.errors import SkinError
-    from skin.sim.node import Nodes
     from topology import load
 
     if seconds is not None and not seconds > 0.0:
         raise SkinError(f"--seconds: must be above 0; got {seconds:g}")
+    if scene is None and (truth is not None or fast):
+        raise SkinError(f"{'--truth' if truth else '--fast'}: must be given with --scene; got none")
     loaded = load(file).on(interface=interface, channel=channel)
-    _within_reach(file, loaded)
+    fast = fast or (scene is not None and _in_process(loaded))
+    if not fast:
+        _within_reach(file, loaded)
     script = None if faults is None else load_script(faults, loaded)
-    nodes = Nodes(loaded, seed=seed, noise=noise)
     with ExitStack() as opened:
-        transports: list[Transport] = [
-            opened.enter_context(open_transport(bus, i)) for i, bus in enumerate(loaded.buses)
-        ]
-        faulty = (
-            []
-            if script is None
-            else [
-                FaultyTransport(end, script, topology=loaded, direction="send")
-                for end in transports
-            ]
-        )
-        names = ", ".join(f"{bus.interface} {bus.channel}".rstrip() for bus in loaded.buses)
-        print(f"{loaded.n} units on {names}; Ctrl-C ends it", file=sys.stderr, flush=True)
-        try:
-            nodes.serve(
-                faulty or transports, seconds=seconds, watch=_Progress() if _watched() else None
-            )
-        except KeyboardInterrupt:
-            pass
-        finally:
-            if _watched():
-                print(file=sys.stderr)
-    report = {"topology": loaded.name, "units": loaded.n, **asdict(nodes.served)}
+        if scene is None:
+            nodes = _unscripted(loaded, seed, noise)
+        else:
+            played = _scripted(loaded, scene, seed, noise)
+            script = script or _own_faults(played)
+            nodes = _nodes(played, None if truth is None else _recorder(opened, played, truth))
+        if fast:
+            served, injected = _play(nodes, played, seconds, script)
+        else:
+            served, injected = _serve(opened, nodes, seconds, script)
+    report = {"topology": loaded.name, "units": loaded.n, **asdict(served)}
+    if scene is not None:
+        lasted = served.cycles / loaded.cycle_rate_hz
+        report |= {"scene": played.script.name, "truth": truth if served.cycles else None}
+        report["real_time_factor"] = lasted / served.seconds if served.seconds else 0.0
     if script is not None:
-        report["faults"] = _total(end.injected for end in faulty)
+        report["faults"] = _total(injected)
     if json:
         print(json_text.dumps(report))
     else:
         print(_table(report))
-    return 0 if nodes.served.cycles else 1
+    return 0 if served.cycles else 1
+
+
+def _unscripted(topology: Topology, seed: int | None, noise: bool) -> Nodes:
+    from skin.sim.node import Nodes
+
+    return Nodes(topology, seed=seed or 0, noise=noise)
+
+
+def _scripted(topology: Topology, scene: str, seed: int | None, noise: bool) -> ScriptedScene:
+    from msgspec.structs import replace
+
+    from skin.sim.play import ScriptedScene
+    from skin.sim.script_load import load_scene
+
+    script = load_scene(scene, topology)
+    if seed is not None:
+        script = replace(script, seed=seed)
+    if not noise:
+        script = replace(script, non_ideal=replace(script.non_ideal, noise=False))
+    return ScriptedScene(topology, script)
+
+
+def _own_faults(played: ScriptedScene) -> FaultScript | None:
+    from bus.faults import FaultScript
+
+    own = played.script
+    return FaultScript(seed=own.seed, faults=own.faults) if own.faults else None
+
+
+def _recorder(opened: ExitStack, played: ScriptedScene, path: str) -> Scene:
+    from skin.sim.record import Recorder
+
+    return opened.enter_context(Recorder(played, path))
+
+
+def _nodes(played: ScriptedScene, recorder: Scene | None) -> Nodes:
+    from skin.sim.node import Nodes
+
+    return Nodes(played.topology, recorder or played, units=played.units, history=1)
+
+
+def _play(
+    nodes: Nodes, played: ScriptedScene, seconds: float | None, script: FaultScript | None
+) -> tuple[Served, list[dict[str, int]]]:
+    """Without any bus, as fast as this machine can."""
+    from skin.sim.fast import play
+
+    lasting = played.seconds if seconds is None else seconds
+    print(f"{nodes.topology.n} units on no bus, {lasting:g} s", file=sys.stderr, flush=True)
+    return play(nodes, lasting, script)
+
+
+def _serve(
+    opened: ExitStack, nodes: Nodes, seconds: float | None, script: FaultScript | None
+) -> tuple[Served, list[dict[str, int]]]:
+    """On real buses, for whoever asks."""
+    from bus.faults import FaultyTransport
+    from bus.transport import open_transport
+
+    topology = nodes.topology
+    transports: list[Transport] = [
+        opened.enter_context(open_transport(bus, i)) for i, bus in enumerate(topology.buses)
+    ]
+    faulty = (
+        []
+        if script is None
+        else [
+            FaultyTransport(end, script, topology=topology, direction="send") for end in transports
+        ]
+    )
+    names = ", ".join(f"{bus.interface} {bus.channel}".rstrip() for bus in topology.buses)
+    print(f"{topology.n} units on {names}; Ctrl-C ends it", file=sys.stderr, flush=True)
+    try:
+        nodes.serve(
+            faulty or transports, seconds=seconds, watch=_Progress() if _watched() else None
+        )
+    except KeyboardInterrupt:
+        pass
+    finally:
+        if _watched():
+            print(file=sys.stderr)
+    return nodes.served, [end.injected for end in faulty]
+
+
+def _in_process(topology: Topology) -> bool:
+    return all(bus.interface == "memory" for bus in topology.buses)
 
 
 def _within_reach(file: str, topology: Topology) -> None:
@@ -145,6 +242,10 @@ def _table(report: dict[str, object]) -> str:
         ("frames not taken", f"{report['send_failures']}"),
         ("time", f"{report['seconds']:.1f} s"),
     ]
+    if "scene" in report:
+        rows.append(("scene", f"{report['scene']}"))
+        rows.append(("truth", f"{report['truth'] or 'not written'}"))
+        rows.append(("times real time", f"{report['real_time_factor']:.1f}"))
     if "faults" in report:
         struck = ", ".join(f"{kind} {count}" for kind, count in report["faults"].items())
         rows.append(("faults put in", struck or "none"))

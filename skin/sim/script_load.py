@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from bus.faults.script import FaultScript, problems
@@ -61,7 +62,7 @@ def load_scene(file: str | os.PathLike[str], topology: Topology) -> SceneFile:
     if report.issues:
         issues = sorted(report.issues, key=lambda issue: issue.line)
         raise SceneError("\n".join(map(str, issues)))
-    return script
+    return script if script.name else msgspec.structs.replace(script, name=source.path.stem)
 
 
 def _open(file: str | os.PathLike[str], report: Report) -> Source | None:
