@@ -436,6 +436,10 @@ def test_every_commented_table_of_the_example_is_valid(tmp_path):
     calibration = re.findall(r"^# +#   (.+)", text, re.M)
     (tmp_path / "palm-calibration.toml").write_text(re.sub(r" +\(.*\)", "", "\n".join(calibration)))
     (tmp_path / "all.toml").write_text(text)
+    names = ("Temp_raw", "Freq", "X", "Y", "Count")
+    signals = [f' SG_ {s} : {8 * i}|8@1+ (1,0) [0|0] "" Host' for i, s in enumerate(names)]
+    vendor = "\n".join(["BO_ 256 TaxelData: 8 Node", *signals])
+    (tmp_path / "vendor.dbc").write_text(vendor)
     skin = load(tmp_path / "all.toml")
     unit = skin.unit_index("palm/r3c4")
     assert not skin.enabled[unit]
@@ -443,7 +447,7 @@ def test_every_commented_table_of_the_example_is_valid(tmp_path):
     assert skin.scale[0, unit] == 0.01
     file = msgspec.toml.decode(text)
     assert {"buses", "frames", "models", "layouts", "patches", "units"} <= set(file)
-    assert file["layouts"][0]["name"] not in LAYOUTS
+    assert [layout["name"] in LAYOUTS for layout in file["layouts"]] == [False, False]
 
 
 UNITS = r"(ua|c|k|hz|mm|n|rad|s|m|ut|cycles|relative|ratio|xx|xy|yx|yy)"
