@@ -1,0 +1,353 @@
+"""The doctor's rules about one bus: who is silent, who is strange, who is wrong or lost."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator
+
+import numpy as np
+
+from bus.discover import STALE_CYCLES, Heard, Survey
+from bus.finding import Finding, frame_kind, hex_id, rates, some
+from bus.status import Status
+
+__all__ = ["LONG_SILENCE", "BusRules"]
+
+LONG_SILENCE = 20
+"""Cycles without a reading that are more than losses in a row."""
+_RATE_TOLERANCE = 0.1
+_HEARTBEATS = range(0x700, 0x780)
+
+
+class BusRules:
+    """The rules about one bus."""
+
+    def __init__(self, survey: Survey, index: int) -> None:
+        self.survey, self.index = survey, index
+        self.skin = survey.topology
+        self.bus = self.skin.buses[index]
+        self.name = f"bus {self.bus.name!r}"
+        self.rows = np.flatnonzero(self.skin.frames.bus == index)
+        self.ids = [int(can_id) for can_id in self.skin.frames.can_id[self.rows]]
+        self.here = {kind: n for kind, n in survey.heard.items() if kind.bus == index}
+        heard = {kind.can_id for kind in self.here}
+        self.never = np.array([can_id not in heard for can_id in self.ids], bool)
+        self.fell = np.array([self._has_fallen(row) for row in self.rows], bool) & ~self.never
+        self.enabled = np.array([self._is_enabled(row) for row in self.rows], bool)
+        self.gone = (self.never | self.fell) & self.enabled
+        self.interrupted = np.array([self._has_come_back(row) for row in self.rows], bool)
+        self.slow = np.zeros(self.rows.size, bool)
+        """Frames that come evenly, at another rate: no losses."""
+
+    def findings(self) -> Iterator[Finding]:
+        """Everything about this bus."""
+        yield from self._errors()
+        yield from self._sync()
+        yield from self._silence()
+        yield from self._unknown()
+        yield from self._shape()
+        yield from self._rate()
+        yield from self._losses()
+
+    # -- what the rows of this bus are ---------------------------------------------------------
+
+    def _units(self, row: int) -> np.ndarray:
+        units = self.skin.frames.units[row]
+        return units[units >= 0]
+
+    def _is_enabled(self, row: int) -> bool:
+        return bool(self.skin.enabled[self._units(row)].any())
+
+    def _has_fallen(self, row: int) -> bool:
+        age = self.survey.age[self._units(row)]
+        return age.size > 0 and bool((age >= STALE_CYCLES).all())
+
+    def _has_come_back(self, row: int) -> bool:
+        return self.survey.longest_age[self._units(row)].max(initial=0) >= LONG_SILENCE
+
+    def _frame(self, place: int) -> str:
+        """A frame of this bus in words, by its units."""
+        units = [self.skin.unit_names[u] for u in self._units(self.rows[place])]
+        names = units[0] if len(units) == 1 else f"{units[0]} … {units[-1]}"
+        return f"{names} ({hex_id(self.ids[place])})"
+
+    # -- rules ---------------------------------------------------------------------------------
+
+    def _errors(self) -> Iterator[Finding]:
+        told = self.survey.errors[self.index]
+        count = sum(told.values())
+        if not count:
+            return
+        words, most = max(told.items(), key=lambda item: item[1])
+        if not self.survey.traffic[self.index]:
+            yield Finding(
+                "wrong-bitrate", "error", self.name, count,
+                f"{some(count, 'error frame')} ({words}) and not a single frame",
+                f"another bit rate than {rates(self.bus)} on this host or on the units; else "
+                "CAN_H and CAN_L swapped, or nobody else on the bus to acknowledge",
+            )  # fmt: skip
+        else:
+            yield Finding(
+                "bus-errors", "warning", self.name, count,
+                f"{some(count, 'error frame')} between the others, most often ({most}): {words}",
+                "termination (120 ohm at both ends, and no more), a bad contact, or a unit with "
+                "another sample point or data bit rate",
+            )  # fmt: skip
+
+    def _sync(self) -> Iterator[Finding]:
+        if self.bus.sync_id is None:
+            return
+        survey, b = self.survey, self.index
+        foreign = int(survey.foreign_syncs[b])
+        if survey.sends_sync and foreign:
+            yield Finding(
+                "second-sync", "error", self.name, foreign,
+                f"{foreign} SYNCs of somebody else, beside this host's own",
+                "another host, or a second program on this one, sends SYNC too; listen with "
+                "--sync bus, or stop the other",
+            )  # fmt: skip
+        elif not survey.syncs[b] and survey.traffic[b]:
+            yield Finding(
+                "no-sync", "error", self.name, 0,
+                f"no SYNC ({hex_id(self.bus.sync_id)}), which units answer to",
+                "nobody sends it (--sync host does), or its identifier is another one",
+            )  # fmt: skip
+        elif survey.syncs[b] and not survey.sends_sync:
+            yield from self._sync_rate(int(survey.syncs[b]))
+
+    def _sync_rate(self, syncs: int) -> Iterator[Finding]:
+        if self.survey.cycles < LONG_SILENCE or not self.survey.seconds:
+            return
+        rate_hz = syncs / self.survey.seconds
+        if abs(rate_hz / self.bus.cycle_rate_hz - 1.0) > _RATE_TOLERANCE:
+            yield Finding(
+                "wrong-rate", "warning", self.name, syncs,
+                f"SYNC comes at {rate_hz:.1f} Hz; expected {self.bus.cycle_rate_hz:g} Hz",
+                "whoever sends SYNC has another rate than cycle_rate_hz of the file",
+            )  # fmt: skip
+
+    def _silence(self) -> Iterator[Finding]:
+        if not self.gone.any():
+            return
+        if self.gone[self.enabled].all() and self.never[self.enabled].all():
+            yield from self._silent_bus()
+            return
+        left = self.gone.copy()
+        for places, where in self._branches():
+            if left[places].all():
+                yield self._branch(places, where)
+                left[places] = False
+        for place in np.flatnonzero(left):
+            count = self._units(self.rows[place]).size
+            yield Finding(
+                "missing-unit", "error", self._frame(place), count,
+                self._how(np.array([place])),
+                "no power, a loose plug, or another address than the file says"
+                if self.never[place]
+                else "a loose plug, or a unit that has reset or lost its power",
+            )  # fmt: skip
+
+    def _silent_bus(self) -> Iterator[Finding]:
+        traffic, errors = self.survey.traffic[self.index], self.survey.errors[self.index]
+        units = sum(self._units(row).size for row in self.rows)
+        if traffic:
+            yield Finding(
+                "silent-bus", "error", self.name, units,
+                f"none of {units} units is heard, though others send",
+                "units without power, another first_id than the file's, or the file of another "
+                "skin",
+            )  # fmt: skip
+        elif not errors and self.bus.interface == "memory":
+            yield Finding(
+                "no-traffic", "error", self.name, units, "not a single frame",
+                "the interface 'memory' reaches this process only; name the real one with "
+                "--interface and --channel",
+            )  # fmt: skip
+        elif not errors:
+            cause = "no power, no cable, or units that wait for a SYNC which nobody sends"
+            if self.bus.sync_id is None or self.survey.sends_sync:
+                cause = "no power, no cable, or the wrong channel"
+            yield Finding("no-traffic", "error", self.name, units, "not a single frame", cause)
+
+    def _branches(self) -> Iterator[tuple[np.ndarray, str]]:
+        """Runs of silent frames that one cable may explain, and where they begin."""
+        off = ~self.enabled
+        quiet = self.gone | off
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], quiet, [0]])))
+        for start, end in edges.reshape(-1, 2):
+            places = np.arange(start, end)[~off[start:end]]
+            if start and end == quiet.size and places.size >= 2:
+                yield places, f"all units behind {self._frame(start - 1)}"
+        for patch, name in enumerate(self.skin.patch_names):
+            mine = np.array([(self.skin.patch[self._units(row)] == patch).all()
+                             for row in self.rows]) & self.enabled  # fmt: skip
+            places = np.flatnonzero(mine)
+            if places.size >= 2:
+                yield places, f"all of patch {name!r}"
+        for start, end in edges.reshape(-1, 2):
+            places = np.arange(start, end)[~off[start:end]]
+            if places.size >= 3:
+                yield places, f"all units from {self._frame(start)} to {self._frame(end - 1)}"
+
+    def _branch(self, places: np.ndarray, where: str) -> Finding:
+        units = sum(self._units(self.rows[place]).size for place in places)
+        return Finding(
+            "silent-branch", "error", self.name, units,
+            f"{where}, {units} units on {hex_id(self.ids[places[0]])} to "
+            f"{hex_id(self.ids[places[-1]])}: {self._how(places)}",
+            "the cable or plug between the last unit that is heard and the first that is not, or "
+            "the power of that branch",
+        )  # fmt: skip
+
+    def _how(self, places: np.ndarray) -> str:
+        """Never heard, or silent since when."""
+        if self.never[places].all():
+            return "never heard"
+        fallen = places[self.fell[places]]
+        age = min(int(self.survey.age[self._units(self.rows[p])].min()) for p in fallen)
+        return f"silent for the last {age / self.bus.cycle_rate_hz:.1f} s"
+
+    def _unknown(self) -> Iterator[Finding]:
+        known = {*self.ids, self.bus.sync_id}
+        ids: dict[int, list[tuple[Heard, int]]] = {}
+        for kind, count in self.here.items():
+            if kind.can_id not in known and kind.can_id not in _HEARTBEATS:
+                ids.setdefault(kind.can_id, []).append((kind, count))
+        totals = {can_id: sum(n for _, n in kinds) for can_id, kinds in ids.items()}
+        for can_id in sorted(totals, key=lambda i: -totals[i]):
+            count, kind = totals[can_id], ids[can_id][0][0]
+            yield Finding(
+                "unknown-id", "warning", f"{hex_id(can_id)} on {self.name}", count,
+                f"{some(count, 'frame')}{self._at(count)} of {some(kind.length, 'byte')} that the "
+                "file does not know",
+                self._stranger(can_id, kind),
+            )  # fmt: skip
+        if self.index == 0 and self.survey.more_kinds:
+            yield Finding(
+                "unknown-id", "warning", "further identifiers", self.survey.more_kinds,
+                f"{self.survey.more_kinds} frames of more kinds than are listed",
+                "a device that sends with identifiers of chance: a babbling node or a fuzzer",
+            )  # fmt: skip
+
+    def _stranger(self, can_id: int, kind: Heard) -> str:
+        frames = self.skin.frames
+        for other in np.flatnonzero((frames.can_id == can_id) & (frames.bus != self.index)):
+            name = self.skin.buses[frames.bus[other]].name
+            return f"the cables of two buses swapped: bus {name!r} expects it"
+        missing = [hex_id(i) for i, gone in zip(self.ids, self.gone, strict=True) if gone]
+        sizes = {(layout.size, layout.fd) for layout in self.skin.layouts}
+        if missing and (kind.length, kind.is_fd) in sizes:
+            near = difflib.get_close_matches(hex_id(can_id), missing, 1, 0.0)[0]
+            return (
+                f"a unit with a wrong address: {near} is missing, and this is a frame of that size"
+            )
+        if self.survey.seconds and sum(self.here.values()) < 4 * sum(
+            n for k, n in self.here.items() if k.can_id == can_id
+        ):
+            return "a babbling node: it fills a quarter of all frames"
+        return "another device on the bus, or a unit that the file lacks"
+
+    def _at(self, count: int) -> str:
+        if not self.survey.seconds or count < LONG_SILENCE:
+            return ""
+        return f" ({count / self.survey.seconds:.1f} Hz)"
+
+    def _shape(self) -> Iterator[Finding]:
+        """Frames of another length or kind than their layout's."""
+        found, fd_mismatches = [], 0
+        for place in range(self.rows.size):
+            if place and self.ids[place] == self.ids[place - 1]:
+                continue  # another page of the same identifier
+            layout = self.skin.layouts[self.skin.frames.layout[self.rows[place]]]
+            kinds = {k: n for k, n in self.here.items() if k.can_id == self.ids[place]}
+            wrong = {k: n for k, n in kinds.items()
+                     if (k.length, k.is_fd) != (layout.size, layout.fd)}  # fmt: skip
+            if not wrong:
+                continue
+            count, kind = sum(wrong.values()), max(wrong, key=lambda k: wrong[k])
+            if kind.is_fd != layout.fd:
+                fd_mismatches += 1
+                found.append(self._fd_mismatch(self._frame(place), count, layout.fd))
+                continue
+            found.append(Finding(
+                "wrong-length", "error", self._frame(place), count,
+                f"{count} frames of {kind.length} bytes; expected {layout.size}",
+                "another firmware, or another layout than the file's" if len(wrong) == len(kinds)
+                else "a gateway or adapter that cuts frames, or a second device on this id",
+            ))  # fmt: skip
+        if fd_mismatches > 1 and fd_mismatches == len(set(self.ids)) - len(self._never_heard()):
+            total = sum(finding.count for finding in found)
+            yield self._fd_mismatch(self.name, total, found[0].text.endswith("CAN FD"))
+        else:
+            yield from found
+
+    def _never_heard(self) -> set[int]:
+        return {can_id for can_id, never in zip(self.ids, self.never, strict=True) if never}
+
+    def _fd_mismatch(self, subject: str, count: int, is_fd_expected: bool) -> Finding:
+        got, expected = frame_kind(not is_fd_expected), frame_kind(is_fd_expected)
+        return Finding(
+            "fd-mismatch", "error", subject, count, f"{count} {got} frames; expected {expected}",
+            f"the units, or this host's interface, are set to {got} frames",
+        )  # fmt: skip
+
+    def _rate(self) -> Iterator[Finding]:
+        """Units that send less or more often than once a cycle, and do it evenly."""
+        survey, cycles = self.survey, self.survey.cycles
+        if cycles < LONG_SILENCE:
+            return
+        if self.bus.sync_id is None:
+            cycles = survey.seconds * self.bus.cycle_rate_hz
+        data, lost = (survey.by_frame(kind) for kind in ("data", "lost"))
+        extra = survey.by_frame("late") + survey.by_frame("repeated")
+        for place, row in enumerate(self.rows):
+            units = self._units(row)
+            if self.gone[place] or self.interrupted[place] or not data[row]:
+                continue
+            share = (data[row] + extra[row]) / cycles
+            divided = 1.0 / round(1.0 / share) if share <= 0.6 else 1.0
+            even = self.bus.sync_id is not None and abs(share / divided - 1.0) < 0.05
+            free = self.bus.sync_id is None and lost[row] < 0.5 * (cycles - data[row])
+            twice = share > 1.0 + _RATE_TOLERANCE and not self._is_double(units)
+            self.slow[place] = share < 1.0 - _RATE_TOLERANCE and (free or (even and divided < 1.0))
+            if twice or self.slow[place]:
+                yield Finding(
+                    "wrong-rate", "warning", self._frame(place), int(data[row]),
+                    f"sends at {share * self.bus.cycle_rate_hz:.1f} Hz; expected "
+                    f"{self.bus.cycle_rate_hz:g} Hz",
+                    "a unit configured to another rate" + (
+                        ", or too slow to answer each SYNC" if self.bus.sync_id is not None else ""
+                    ),
+                )  # fmt: skip
+
+    def _is_double(self, units: np.ndarray) -> bool:
+        return bool(self.survey.flagged[Status.DUPLICATE][units].any())
+
+    def _losses(self) -> Iterator[Finding]:
+        survey = self.survey
+        doubled = np.array([self._is_double(self._units(row)) for row in self.rows])
+        for code, kind, text, one, many in (
+            ("sequence-gaps", "lost", "frames are missing by their sequence numbers",
+             "this unit's plug or supply, or its CPU is too slow",
+             "the bus (errors, load) or this host loses them; compare with the other findings"),
+            ("crc", "crc", "frames fail their CRC, though CAN's own was right",
+             "this unit's memory or firmware, or another unit that sends with its identifier",
+             "a gateway or adapter that changes frames, or a firmware with another CRC"),
+            ("late", "late", "frames came after their cycle was closed",
+             "this unit takes too long from SYNC to its frame",
+             "the bus is too full for the cycle rate, or this host is late"),
+        ):  # fmt: skip
+            if kind == "late" and self.bus.sync_id is not None and not survey.syncs[self.index]:
+                continue  # without a SYNC there is no cycle to be in time for
+            explained = doubled | ((self.interrupted | self.slow) & (kind == "lost"))
+            counts = survey.by_frame(kind)[self.rows] * ~explained
+            if kind == "lost":  # a frame that came late was missed first
+                counts = np.maximum(counts - survey.by_frame("late")[self.rows], 0)
+            hit, total = np.flatnonzero(counts), int(counts.sum())
+            if not total:
+                continue
+            is_one = counts.max() > 0.8 * total
+            subject = self._frame(int(counts.argmax())) if is_one else self.name
+            where = "" if is_one else f", of {hit.size} of {self.rows.size} identifiers"
+            yield Finding(code, "warning", subject, total, f"{total} {text}{where}",
+                          one if is_one else many)  # fmt: skip

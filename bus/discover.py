@@ -1,0 +1,254 @@
+"""Survey: what is heard on the buses of a topology, for a comparison with what is expected.
+
+`bus.diagnose` turns a survey into findings. Whatever comes, a survey stays small: frames are
+counted by bus, identifier, length and kind, and of kinds beyond the first few thousand only how
+many there were.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from bus.assemble import Assembler
+from bus.cycle import FrameCounters, RawCycle
+from bus.errors import BusClosedError
+from bus.frame import CAN_ERR, CAN_RTR, ECHO, FD_FDF, FRAME_DTYPE, FrameBatch
+from bus.state import read_error_frame
+from bus.status import Status
+from bus.transport import Transport
+from topology import Topology
+
+__all__ = ["Heard", "Survey", "listen"]
+
+MOST_KINDS = 4096
+STALE_CYCLES = 5
+_LONGEST_STEP_NS = 1_000_000_000
+_WATCHED = (Status.FROZEN, Status.FAULT, Status.DUPLICATE)
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """A kind of frame that was heard."""
+
+    bus: int
+    can_id: int
+    length: int
+    is_fd: bool
+
+
+class Survey:
+    """What is heard on the buses of a topology.
+
+    Parameters
+    ----------
+    topology : Topology
+    sends_sync : bool
+        Whether this host sends SYNC; a SYNC of somebody else is then one too many.
+
+    Attributes
+    ----------
+    cycles : int
+        Cycles that have ended.
+    heard : dict of Heard to int
+        Frames of others, error and remote frames left out.
+    more_kinds : int
+        Frames of kinds beyond those in `heard`.
+    errors : list of dict of str to int
+        Error frames of each bus by what they say; those of a full controller left out.
+    traffic, syncs : ndarray, shape (buses,), int64
+        Frames of others, error frames left out; SYNCs of anybody.
+    foreign_syncs : ndarray, shape (buses,), int64
+        SYNCs of others.
+    flagged : dict of Status to ndarray, shape (n,), int64
+        Cycles in which a unit had a flag.
+    fault_code : ndarray, shape (n,), uint8
+        Last fault that a unit told of itself.
+    age, longest_age : ndarray, shape (n,), int64
+        Cycles since the last reading, -1 for never; the longest silence that ended.
+    seconds : float
+        How long was listened, by time stamps; steps back, and on by more than a second, left out.
+    closed : str
+        Why a bus could not be listened to until the end; empty if it could.
+    """
+
+    def __init__(self, topology: Topology, *, sends_sync: bool = False) -> None:
+        self.topology = topology
+        self.sends_sync = sends_sync
+        self.cycles = 0
+        self.heard: dict[Heard, int] = {}
+        self.more_kinds = 0
+        self.errors: list[dict[str, int]] = [{} for _ in topology.buses]
+        self.traffic, self.syncs, self.foreign_syncs = np.zeros((3, len(topology.buses)), np.int64)
+        self.flagged = {flag: np.zeros(topology.n, np.int64) for flag in _WATCHED}
+        self.fault_code = np.zeros(topology.n, np.uint8)
+        self.age = np.full(topology.n, -1, np.int64)
+        self.longest_age = np.zeros(topology.n, np.int64)
+        self.seconds = 0.0
+        self.closed = ""
+        self._assembler = Assembler(topology, stale_cycles=STALE_CYCLES)
+        self._stamp_ns: int | None = None
+        self._words: dict[tuple[int, int, bytes], str] = {}
+
+    @property
+    def counters(self) -> FrameCounters:
+        """Frames by what became of them."""
+        return self._assembler.counters
+
+    def by_frame(self, kind: str) -> np.ndarray:
+        """Totals of one kind by frame of the topology; see `Assembler.by_frame`."""
+        return self._assembler.by_frame(kind)
+
+    def feed(self, frames: np.ndarray) -> None:
+        """Take frames, in the order of the bus.
+
+        Parameters
+        ----------
+        frames : ndarray, shape (m,), FRAME_DTYPE
+            From all buses; the host's own SYNC among them, marked as its own (`ECHO`).
+        """
+        if not frames.size:
+            return
+        self._time(frames["stamp_ns"])
+        known = frames[frames["bus"] < len(self.topology.buses)]
+        is_error = (known["id"] & np.uint32(CAN_ERR)) != 0
+        self._hear_errors(known[is_error])
+        self._hear(known[~is_error])
+        for cycle in self._assembler.feed(frames):
+            self._see(cycle)
+
+    def expire(self, now_ns: int) -> None:
+        """End the open cycle if its time is over, or a silent one; for a live bus."""
+        cycle = self._assembler.expire(now_ns) or self._assembler.silence(now_ns)
+        if cycle is not None:
+            self._see(cycle)
+
+    def finish(self) -> None:
+        """End the open cycle."""
+        cycle = self._assembler.flush()
+        if cycle is not None:
+            self._see(cycle)
+
+    def _time(self, stamps: np.ndarray) -> None:
+        first = stamps[0] if self._stamp_ns is None else self._stamp_ns
+        steps = np.diff(stamps, prepend=first)
+        self.seconds += float(steps[(steps > 0) & (steps <= _LONGEST_STEP_NS)].sum()) * 1e-9
+        self._stamp_ns = int(stamps[-1])
+
+    def _hear(self, frames: np.ndarray) -> None:
+        own = (frames["origin"] & ECHO) != 0
+        for b, bus in enumerate(self.topology.buses):
+            here = frames["bus"] == b
+            self.traffic[b] += np.count_nonzero(here & ~own)
+            if bus.sync_id is not None:
+                is_sync = here & (frames["id"] == bus.sync_id)
+                self.syncs[b] += np.count_nonzero(is_sync)
+                self.foreign_syncs[b] += np.count_nonzero(is_sync & ~own)
+        data = frames[~own & ((frames["id"] & np.uint32(CAN_RTR)) == 0)]
+        is_fd = (data["flags"] & FD_FDF) != 0
+        keys = (
+            data["id"].astype(np.uint64)
+            | data["length"].astype(np.uint64) << np.uint64(32)
+            | is_fd.astype(np.uint64) << np.uint64(40)
+            | data["bus"].astype(np.uint64) << np.uint64(48)
+        )
+        for key, count in zip(*(a.tolist() for a in np.unique(keys, return_counts=True)),
+                              strict=True):  # fmt: skip
+            kind = Heard(key >> 48, key & 0xFFFF_FFFF, (key >> 32) & 0xFF, bool(key >> 40 & 1))
+            if kind in self.heard or len(self.heard) < MOST_KINDS:
+                self.heard[kind] = self.heard.get(kind, 0) + count
+            else:
+                self.more_kinds += count
+
+    def _hear_errors(self, frames: np.ndarray) -> None:
+        for record in frames:
+            key = (int(record["id"]), int(record["length"]), record["data"][:8].tobytes())
+            words = self._words.get(key)
+            if words is None:
+                error = read_error_frame(record)
+                words = "" if error.is_overflow else error.words
+                if len(self._words) < MOST_KINDS:
+                    self._words[key] = words
+            if not words:  # a full controller is no error of the bus; the assembler counts it
+                continue
+            told = self.errors[record["bus"]]
+            words = words if words in told or len(told) < MOST_KINDS else "other errors"
+            told[words] = told.get(words, 0) + 1
+
+    def _see(self, cycle: RawCycle) -> None:
+        self.cycles += 1
+        for flag in self.flagged:
+            self.flagged[flag] += (cycle.status & int(flag)) != 0
+        told = cycle.fault_code != 0
+        self.fault_code[told] = cycle.fault_code[told]
+        is_back = (cycle.age == 0) & (self.age > 0)
+        self.longest_age[is_back] = np.maximum(self.longest_age, self.age)[is_back]
+        self.age[:] = cycle.age
+
+
+def listen(
+    survey: Survey,
+    transports: Sequence[Transport],
+    seconds: float,
+    *,
+    sync: Literal["host", "bus"] = "host",
+    clock: Callable[[], int] = time.monotonic_ns,
+) -> None:
+    """Let a survey listen to live buses.
+
+    A bus that closes meanwhile ends it early, and the survey says so.
+
+    Parameters
+    ----------
+    survey : Survey
+    transports : sequence of Transport
+        One for each bus of the survey's topology, in order.
+    seconds : float
+        How long.
+    sync : "host" or "bus"
+        Who sends SYNC: this host, at the cycle rate, or another node.
+    clock : callable
+        Monotonic clock, in ns.
+    """
+    skin, batch = survey.topology, FrameBatch(4096)
+    period_ns = round(1e9 / skin.cycle_rate_hz)
+    sends = sync == "host" and skin.buses[0].sync_id is not None
+    survey.sends_sync = sends
+    now = due = clock()
+    end = now + round(seconds * 1e9)
+    counter = 0
+    try:
+        while now < end:
+            if sends and now >= due:
+                survey.feed(_send_sync(skin, transports, counter))
+                counter += 1
+                due = max(due + period_ns, now)
+            wait_ns = min(end, due if sends else now + period_ns) - clock()
+            batch.clear()
+            for transport in transports:
+                transport.receive(batch)
+            if not batch.count and wait_ns > 0:
+                share_ns = wait_ns if len(transports) == 1 else min(wait_ns, 1_000_000)
+                for transport in transports:
+                    transport.receive(batch, share_ns * 1e-9)
+            survey.feed(batch.frames)
+            now = clock()
+            survey.expire(now)
+    except BusClosedError as error:
+        survey.closed = str(error)
+    survey.finish()
+
+
+def _send_sync(skin: Topology, transports: Sequence[Transport], counter: int) -> np.ndarray:
+    """Send SYNC on every bus, and return it as the host's own frames."""
+    frames = np.zeros(len(skin.buses), FRAME_DTYPE)
+    frames["stamp_ns"], frames["length"], frames["origin"] = time.time_ns(), 1, ECHO
+    frames["data"][:, 0] = counter & 0xFF
+    for i, (bus, transport) in enumerate(zip(skin.buses, transports, strict=True)):
+        frames[i]["id"], frames[i]["bus"] = bus.sync_id, i
+        transport.send(frames[i : i + 1])
+    return frames

@@ -1,0 +1,166 @@
+"""`skin doctor`: listen to the buses of a topology, and say what is wrong and why."""
+
+from __future__ import annotations
+
+import json as json_text
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tyro
+
+if TYPE_CHECKING:
+    from bus.diagnose import Finding
+    from bus.discover import Survey
+    from topology import Topology
+
+__all__ = ["doctor"]
+
+
+def doctor(
+    file: Annotated[str, tyro.conf.Positional],
+    /,
+    *,
+    seconds: Annotated[float, tyro.conf.arg(help="how long to listen")] = 5.0,
+    sync: Annotated[
+        Literal["host", "bus"], tyro.conf.arg(help="who sends SYNC: this host or another node")
+    ] = "host",
+    interface: Annotated[
+        str | None, tyro.conf.arg(help="use this interface for every bus instead of the file's")
+    ] = None,
+    channel: Annotated[
+        str | None,
+        tyro.conf.arg(
+            help="use these channels instead of the file's, one for each bus, as vcan0,vcan1"
+        ),
+    ] = None,
+    log: Annotated[
+        str | None, tyro.conf.arg(metavar="FILE", help="diagnose a recorded log instead")
+    ] = None,
+    json: Annotated[bool, tyro.conf.arg(help="end with one JSON object")] = False,
+) -> int:
+    """Listen to the buses of a topology, and compare what is heard with what the file expects.
+
+    Each finding comes with its likely cause: missing units, silent branches, wrong identifiers,
+    lengths and rates, two units of one address, losses by where they happen, errors of the bus.
+    Exits 0 if all is well, 1 if there are findings.
+    """
+    from bus.diagnose import diagnose
+    from bus.discover import Survey
+    from skin.errors import SkinError
+    from topology import load
+
+    if not seconds > 0.0:
+        raise SkinError(f"--seconds: must be above 0; got {seconds:g}")
+    loaded = load(file).on(interface=interface, channel=channel)
+    survey = Survey(loaded)
+    found = list(_of_this_host())
+    if log is not None:
+        _read(log, survey)
+        found = diagnose(survey) + found
+    else:
+        found = _listen(survey, seconds, sync) + found
+    counters = {name: count for name, count in asdict(survey.counters).items() if count}
+    report = {
+        "topology": loaded.name,
+        "units": loaded.n,
+        "units_heard": int((survey.age >= 0).sum()),
+        "cycles": survey.cycles,
+        "counters": counters,
+        "findings": [asdict(finding) for finding in found],
+        "healthy": not found,
+    }
+    print(_table(loaded, report, found))
+    if json:
+        print(json_text.dumps(report))
+    return 1 if found else 0
+
+
+def _listen(survey: Survey, seconds: float, sync: Literal["host", "bus"]) -> list[Finding]:
+    from bus.diagnose import diagnose
+    from bus.discover import listen
+    from bus.transport import open_transport
+
+    with ExitStack() as opened:
+        transports = [
+            opened.enter_context(open_transport(bus, i))
+            for i, bus in enumerate(survey.topology.buses)
+        ]
+        print(f"listening for {seconds:g} s …", file=sys.stderr, flush=True)
+        listen(survey, transports, seconds, sync=sync)
+        return diagnose(survey, transports)
+
+
+def _read(log: str, survey: Survey) -> None:
+    """Feed a log; one of a skin with a single bus may name its channel as it likes."""
+    from bus.logs import buses_of, read
+
+    topology = survey.topology
+    buses = buses_of(topology) if len(topology.buses) > 1 else None
+    for batch in read(log, buses=buses):
+        survey.feed(batch.frames)
+    survey.finish()
+
+
+def _of_this_host() -> Iterator[Finding]:
+    """What is wrong with the installation."""
+    import bus
+    import skin
+    import topology
+    from bus.diagnose import Finding
+
+    homes = {module.__name__: Path(module.__file__).parent.parent for module in
+             (skin, bus, topology)}  # fmt: skip
+    for name, home in homes.items():
+        if home != homes["skin"]:
+            yield Finding(
+                "mixed-installation", "error", "host", 1,
+                f"package {name!r} is not the one beside 'skin': {home}, not {homes['skin']}",
+                "another package of this name on PYTHONPATH or in the working folder",
+            )  # fmt: skip
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    caches = [Path(given)] if given else [homes["bus"] / "bus", Path.home() / ".cache"]
+    if not any(_is_writable(folder) for folder in caches):
+        yield Finding(
+            "no-cache", "warning", "host", 1,
+            f"compiled code cannot be kept in {' or '.join(map(str, caches))}, so every start "
+            "compiles anew",
+            "a read-only installation; set NUMBA_CACHE_DIR to a folder that can be written",
+        )  # fmt: skip
+
+
+def _is_writable(folder: Path) -> bool:
+    """Whether a folder, or the nearest one above that exists, can be written."""
+    while not folder.exists() and folder != folder.parent:
+        folder = folder.parent
+    return os.access(folder, os.W_OK)
+
+
+def _table(loaded: Topology, report: dict[str, Any], found: list[Finding]) -> str:
+    kinds = ", ".join(f"{name} {count}" for name, count in report["counters"].items())
+    lines = [
+        f"{loaded.name}: {report['units_heard']} of {loaded.n} units heard in {report['cycles']} "
+        "cycles",
+        f"frames: {kinds or 'none'}",
+    ]
+    for finding in found:
+        lines += [
+            "",
+            f"{finding.severity}: {finding.subject}: {finding.text}",
+            f"    likely cause: {finding.likely_cause}",
+        ]
+    lines += ["", _verdict(found)]
+    return "\n".join(lines)
+
+
+def _verdict(found: list[Finding]) -> str:
+    from bus.finding import some
+
+    if not found:
+        return "all is well"
+    errors = sum(finding.severity == "error" for finding in found)
+    return f"findings: {some(errors, 'error')}, {some(len(found) - errors, 'warning')}"
