@@ -22,7 +22,7 @@ from skin.sim.script import (
     lowest_m,
 )
 from topology import Topology
-from topology.pose import compose, from_axes, from_rpy
+from topology.pose import from_axes, from_rpy
 
 __all__ = ["Motion", "Track", "frame_of", "shape_of"]
 
@@ -180,11 +180,15 @@ class Motion:
         self._temperature_c = track("temperature_c", room_c)
         self._friction = track("friction", table.friction)
         self.pressed, self.dragged = self._press_n.given, self._drag_n.given
+        self.changes_friction = self._friction.given
 
     def pose(self, time_s: float) -> Pose:
         """Where the body is held, skin frame."""
-        xyz_m = self._xyz_m(time_s) + self._lowest_m
-        return compose(self.frame, (from_rpy(*np.radians(self._rpy_deg(time_s))), xyz_m))
+        rotation, origin = self.frame
+        position = rotation @ (self._xyz_m(time_s) + self._lowest_m) + origin
+        if self._rpy_deg.given:
+            rotation = rotation @ from_rpy(*np.radians(self._rpy_deg(time_s)))
+        return rotation, position
 
     def press_n(self, time_s: float) -> float:
         """How hard it is pressed, where `pressed`."""

@@ -64,9 +64,10 @@ class PlayedBody:
         self.name = table.name
         self.motion = Motion(table, topology, room_c)
         motion, share = self.motion, table.friction_share
-        friction = Friction(
-            topology.n, static=motion.friction, kinetic=lambda t: share * motion.friction(t)
-        )
+        if motion.changes_friction:
+            friction = Friction(topology.n, motion.friction, lambda t: share * motion.friction(t))
+        else:
+            friction = Friction(topology.n, table.friction, share * table.friction)
         body = shape_of(table.shape, table.compliance_mm_per_n)
         self.mechanics = Mechanics(topology, body, foundation=foundation, friction=friction)
         self.force = np.zeros((3, topology.n))
@@ -75,7 +76,6 @@ class PlayedBody:
         self._names = topology.unit_names
         self._dragged_m = np.zeros(3)
         self._springs = foundation.springs
-        self._away = False
 
     @property
     def slip_share(self) -> float:
@@ -303,7 +303,7 @@ class ScriptedScene:
         truth.centroid = (
             self._position @ truth.force[2] / total if total > 0.0 else np.full(3, np.nan)
         )
-        if self._surroundings is not None:
+        if self._surroundings is not None and self._attitude_deg.given:
             turn = np.radians(self._attitude_deg(time_s))
             self._surroundings.attitude = from_rpy(*turn)
 
