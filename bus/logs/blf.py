@@ -152,7 +152,8 @@ class BlfReader(LogReader):
         objects.rest += self._read_up_to(file, max(0, length - len(objects.rest)))
         packed, there = objects.rest[head:length], len(objects.rest)
         objects.drop(min(length, there))
-        return method, packed, None if there >= length else (f"{length} bytes", self._end)
+        whole = f"a container of {length} bytes"
+        return method, packed, None if there >= length else (whole, self._end)
 
     def _parse(
         self, objects: _Objects, data: bytes, batch: FrameBatch

@@ -64,9 +64,9 @@ class CandumpWriter(LogWriter):
 
     def _check(self, records: np.ndarray) -> None:
         super()._check(records)
-        known = f"a bus with a name, below {self._lengths.size}"
+        known = f"of a bus with a name, below {self._lengths.size}"
         self._refuse(records["bus"] >= self._lengths.size, known, records["bus"])
-        self._refuse(records["stamp_ns"] < 0, "a time since 1970", records["stamp_ns"])
+        self._refuse(records["stamp_ns"] < 0, "of a time since 1970", records["stamp_ns"])
 
     def _append(self, records: np.ndarray) -> None:
         size = kernels.format_frames(

@@ -67,7 +67,7 @@ class LogReader(ABC):
         if not self.path.is_file():
             raise LogError(f"{path}: must be an existing file; got none")
         self.strict = strict
-        self._buses = buses
+        self._asked = buses
         self._capacity = batch
         self._start()
 
@@ -107,7 +107,7 @@ class LogReader(ABC):
         """Fill the batch, yielding whenever it is full, and raise what is wrong."""
 
     def _start(self) -> None:
-        self._channels = Channels(self._buses)
+        self._channels = Channels(self._asked)
         self.count = 0
         self.skipped: dict[str, int] = {}
         self.damage: LogError | None = None
