@@ -29,7 +29,7 @@ from bus.errors import BusOpenError
 from bus.frame import FD_FDF, FRAME_DTYPE, FrameBatch
 from bus.link import can_links
 from bus.linux import SO_TIMESTAMPNS
-from bus.transport import open_transport
+from bus.open import open_transport
 from bus.wait import Waiter
 from topology import Bus
 

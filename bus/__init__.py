@@ -6,9 +6,10 @@ from bus.cycle import ClosedBy, FrameCounters, RawCycle
 from bus.errors import BusClosedError, BusError, BusOpenError, LayoutError, LogError
 from bus.frame import FRAME_DTYPE, FrameBatch
 from bus.memory import MemoryTransport
+from bus.open import open_transport
 from bus.state import BusChange, BusState
 from bus.status import INVALID, Status
-from bus.transport import Transport, TransportCounters, open_transport
+from bus.transport import Transport, TransportCounters
 from bus.wait import Waiter
 
 __all__ = [

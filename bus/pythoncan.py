@@ -245,7 +245,12 @@ def _open(bus: Bus) -> can.BusABC:
     # Drivers raise what they like: their own errors, those of ctypes, of missing modules, of types.
     except Exception as error:
         said = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-        remedy = f"; remedy: {_switch_on(bus)}" if bus.interface == "socketcan" else ""
+        remedies = {
+            "socketcan": _switch_on(bus),
+            "udp_multicast": "a multicast group as the channel, such as 239.74.163.2",
+        }
+        remedy = remedies.get(bus.interface)
+        remedy = f"; remedy: {remedy}" if remedy else ""
         where = f"bus {bus.name!r}: {bus.interface} channel {bus.channel!r}"
         raise BusOpenError(f"{where}: cannot be opened: {said}{remedy}") from error
     if bus.fd and opened.protocol is can.CanProtocol.CAN_20:

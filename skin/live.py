@@ -14,8 +14,9 @@ import topology as topology_package
 from bus.assemble import Assembler
 from bus.cycle import FrameCounters, RawCycle
 from bus.frame import FRAME_DTYPE, FrameBatch
+from bus.open import open_transport
 from bus.state import BusChange
-from bus.transport import Transport, open_transport
+from bus.transport import Transport
 from bus.wait import Waiter
 from skin.contact.wrench import ArrayFeatures
 from skin.decode.decoder import Decoder

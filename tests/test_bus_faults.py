@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from test_topology_messages import check_golden
 from transport_contract import CHECKS
 
-import bus.transport
+import bus.open
 import topology
 from benchmarks import faults as figures
 from bus import Assembler, FrameBatch, MemoryTransport, Status
@@ -407,7 +407,7 @@ def test_simulated_units_fail_to_order(tmp_path, monkeypatch, capsys):
     script = tmp_path / "faults.toml"
     script.write_text('[[faults]]\nkind = "drop"\nids = [0x100]\n[[faults]]\nkind = "remote"\n')
     near, far = MemoryTransport.pair()
-    monkeypatch.setattr(bus.transport, "open_transport", lambda _bus, _index: far)
+    monkeypatch.setattr(bus.open, "open_transport", lambda _bus, _index: far)
     answers = FrameBatch(64)
 
     def ask():

@@ -22,8 +22,9 @@ from transport_contract import CHECKS, PATIENCE_S, numbered, numbers, receive
 from bus import BusClosedError, BusOpenError, FrameBatch, MemoryTransport
 from bus.frame import CAN_EFF, CAN_ERR, CAN_RTR, ECHO, FD_BRS, FD_ESI, FD_FDF, FRAME_DTYPE
 from bus.linux import SO_RCVBUFFORCE, has_batches
+from bus.open import open_transport
 from bus.state import BusState, read_error_frame
-from bus.transport import CHANGES_KEPT, open_transport
+from bus.transport import CHANGES_KEPT
 from bus.wait import Waiter
 from topology import Bus
 

@@ -6,7 +6,7 @@ import pytest
 from transport_contract import CHECKS
 
 from bus import MemoryTransport
-from bus.transport import open_transport
+from bus.open import open_transport
 from topology import Bus
 
 names = (f"contract{i}" for i in count())

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-import bus.transport
+import bus.open
 from bus.frame import FRAME_DTYPE, FrameBatch
 from bus.memory import MemoryTransport
 from skin.cli import main
@@ -22,7 +22,7 @@ def host(monkeypatch: pytest.MonkeyPatch) -> Iterator[MemoryTransport]:
     """The other end of the bus that the command opens: it sends SYNC until it is answered, and
     then presses Ctrl-C."""
     near, far = MemoryTransport.pair()
-    monkeypatch.setattr(bus.transport, "open_transport", lambda _bus, _index: far)
+    monkeypatch.setattr(bus.open, "open_transport", lambda _bus, _index: far)
     over = threading.Event()
 
     def ask() -> None:
@@ -67,7 +67,7 @@ def test_a_bus_without_sync_is_a_failed_check(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     _, far = MemoryTransport.pair()
-    monkeypatch.setattr(bus.transport, "open_transport", lambda _bus, _index: far)
+    monkeypatch.setattr(bus.open, "open_transport", lambda _bus, _index: far)
     assert main(["sim", "palm", "--interface", "socketcan", "--seconds", "0.05", "--json"]) == 1
     assert json.loads(capsys.readouterr().out)["frames"] == 0
 

@@ -83,7 +83,7 @@ def doctor(
 def _listen(survey: Survey, seconds: float, sync: Literal["host", "bus"]) -> list[Finding]:
     from bus.diagnose import diagnose
     from bus.discover import listen
-    from bus.transport import open_transport
+    from bus.open import open_transport
 
     with ExitStack() as opened:
         transports = [

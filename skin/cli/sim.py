@@ -162,7 +162,7 @@ def _serve(
 ) -> tuple[Served, list[dict[str, int]]]:
     """On real buses, for whoever asks."""
     from bus.faults import FaultyTransport
-    from bus.transport import open_transport
+    from bus.open import open_transport
 
     topology = nodes.topology
     transports: list[Transport] = [

@@ -16,7 +16,7 @@ import topology
 from bus.assemble import Assembler
 from bus.codec import Packer
 from bus.frame import FrameBatch
-from bus.transport import open_transport
+from bus.open import open_transport
 from skin.sim.node import Nodes
 
 GOLDEN = Path(__file__).parent.parent / "golden" / "logs"

@@ -26,9 +26,9 @@ from transport_contract import CHECKS, PATIENCE_S, numbered, numbers, receive
 from bus import FRAME_DTYPE, BusOpenError, FrameBatch
 from bus.frame import CAN_ERR, ECHO, FD_BRS, FD_FDF
 from bus.link import can_links, read_link
+from bus.open import open_transport
 from bus.socketcan import SocketCanTransport, filters
 from bus.state import BusState
-from bus.transport import open_transport
 from bus.wait import Waiter
 from topology import Bus
 
