@@ -115,9 +115,9 @@ def write_by_pythoncan(path, found):
             writer(message)
 
 
-def blf_object(kind, contents, *, stamp=0, flags=2, version=1, size=None, head=None):
+def blf_object(kind, contents, *, stamp=0, resolution=2, version=1, size=None, head=None):
     """Make one object; `size` and `head` lie about its own and its header's length."""
-    times = struct.pack("<LHHQ", flags, 0, 0, stamp) + bytes(8 * (version == 2))
+    times = struct.pack("<LHHQ", resolution, 0, 0, stamp) + bytes(8 * (version == 2))
     length = 16 + len(times)
     total = length + len(contents) if size is None else size
     start = struct.pack("<4sHHLL", b"LOBJ", length if head is None else head, version, total, kind)

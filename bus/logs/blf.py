@@ -56,7 +56,7 @@ class BlfReader(LogReader):
 
     def _fill(self, batch: FrameBatch) -> Generator[None]:
         self._state = np.zeros(kernels.STATE_SIZE, np.int64)
-        self._buses = np.full(1 << 16, kernels.UNKNOWN, np.int64)
+        self._buses = np.full(1 << 16, kernels.UNKNOWN, np.int16)
         self._left_out = np.zeros(1 << 16, np.int64)
         self._types = np.zeros(kernels.TYPES, np.int64)
         self._told_objects = self._told_bytes = 0
@@ -224,7 +224,7 @@ def _inflate(method: int, packed: bytes, fault: Fault) -> tuple[bytes, Fault]:
         return b"", ("a container with whole contents", str(error))
     if not inflater.eof and not fault:
         expected = f"contents of at most {_LARGEST_CONTAINER} bytes, with their end"
-        fault = expected, f"{len(inside)} bytes without one"
+        return b"", (expected, f"{len(inside)} bytes without one")
     return inside, fault
 
 

@@ -229,7 +229,7 @@ def _parse(blob, end, buses, left_out, skipped, words, data, state):
     blob : ndarray, uint8
     end : int
         Place behind its last byte.
-    buses : ndarray, shape (65536,), int64
+    buses : ndarray, shape (65536,), int16
         Bus of each channel, UNKNOWN or LEFT_OUT.
     left_out : ndarray, shape (65536,), int64
         Counts the frames of each channel left out.
@@ -290,7 +290,7 @@ def _parse(blob, end, buses, left_out, skipped, words, data, state):
         if channel < 0:
             status = channel
             break
-        bus = buses[channel]
+        bus = np.int64(buses[channel])
         if bus == UNKNOWN:
             state[CHANNEL] = channel
             status = NEW_CHANNEL
@@ -399,7 +399,9 @@ read_fd_64 = _compiled(_read_fd_64)
 put_error = _compiled(_put_error)
 read_error = _compiled(_read_error)
 read_frame = _compiled(_read_frame)
-parse = _compiled(_parse, _int(_blob_in, _int, _ints, _ints, _ints, _words, _data, _ints))
+parse = _compiled(
+    _parse, _int(_blob_in, _int, types.int16[::1], _ints, _ints, _words, _data, _ints)
+)
 write_number = _compiled(_write_number)
 build_object = _compiled(_build_object)
 build = _compiled(_build, _int(_blob, _words_in, _data_in, _int))
