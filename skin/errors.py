@@ -51,3 +51,7 @@ class CalibrationError(SkinError):
 
 class SceneError(SkinError, ValueError):
     """A scene file is wrong, or cannot be on this skin; the message has one problem a line."""
+
+
+class ScanError(SkinError, ValueError):
+    """A recording of a bench that cannot tell what is asked of it; the message says what lacks."""

@@ -1,0 +1,210 @@
+"""What every fit shares: a look at the recording, linear least squares, and a result with names.
+
+Every fit takes plain arrays, one entry a sample, so that the recording of a real bench serves as
+well as a simulated one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from skin.errors import ScanError
+
+__all__ = ["Fit", "check_levels", "check_samples", "gauss_newton", "least_squares"]
+
+RANK = 1e-7
+"""Singular value, of a matrix with columns of length 1, below which a column tells nothing new."""
+STEPS = 40
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Fitted parameters and how well they are known.
+
+    Attributes
+    ----------
+    names : tuple of str, length p
+        Where `UnitModel` has the parameter, its name there; "name[3]" is an entry of a list.
+    values : ndarray, shape (p,)
+    covariance : ndarray, shape (p, p)
+        Of the values, from the noise that was stated; where the residuals are larger than that
+        noise explains, scaled up to what they show.
+    residual_rms, residual_max : float
+        Measured minus fitted over all samples, in the unit of the measured quantity.
+    chi2 : float
+        Sum of squared residuals over their variances, per degree of freedom: 1 where the model
+        holds and the noise is as stated.
+    samples : int
+    """
+
+    names: tuple[str, ...]
+    values: np.ndarray
+    covariance: np.ndarray
+    residual_rms: float
+    residual_max: float
+    chi2: float
+    samples: int
+
+    @property
+    def sigma(self) -> np.ndarray:
+        """One-sigma of each value, shape (p,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def __getitem__(self, name: str) -> float:
+        return float(self.values[self.names.index(name)])
+
+    def derived(self, names: Sequence[str], values: np.ndarray, jacobian: np.ndarray) -> Fit:
+        """The same fit told in other parameters, `jacobian` being d values / d self.values."""
+        return Fit(
+            tuple(names), np.asarray(values, float), jacobian @ self.covariance @ jacobian.T,
+            self.residual_rms, self.residual_max, self.chi2, self.samples,
+        )  # fmt: skip
+
+
+def check_samples(least: int, **arrays: np.ndarray) -> int:
+    """Number of samples of finite arrays of one length; their first axis is the sample.
+
+    Raises
+    ------
+    ScanError
+        Arrays of different lengths, too few samples, or a value that is not finite.
+    """
+    lengths = {name: len(np.atleast_1d(array)) for name, array in arrays.items()}
+    (first, length), *others = lengths.items()
+    for name, other in others:
+        if other != length:
+            raise ScanError(f"{name}: must be {length} samples, as {first}; got {other}")
+    if length < least:
+        raise ScanError(f"{first}: must be {least} samples or more; got {length}")
+    for name, array in arrays.items():
+        finite = np.isfinite(array).reshape(length, -1).all(axis=1)
+        if not finite.all():
+            at = int(np.argmin(finite))
+            raise ScanError(
+                f"{name}[{at}]: must be finite; got {np.asarray(array)[at]} (and "
+                f"{int(np.sum(~finite)) - 1} more such samples)"
+            )
+    return length
+
+
+def check_levels(name: str, values: np.ndarray, least: int, apart: float) -> None:
+    """Raise ScanError unless `values` has that many levels, at least `apart` from each other."""
+    ordered = np.sort(np.ravel(values))
+    levels, last = 0, -np.inf
+    for value in ordered:
+        if value - last >= apart:
+            levels, last = levels + 1, value
+    if levels < least:
+        raise ScanError(
+            f"{name}: must have {least} levels or more, {apart:g} apart, to tell its effect; got "
+            f"{levels} between {ordered[0]:.4g} and {ordered[-1]:.4g}"
+        )
+
+
+def least_squares(
+    matrix: np.ndarray,
+    values: np.ndarray,
+    sigma: np.ndarray | float,
+    names: Sequence[str],
+) -> Fit:
+    """Weighted linear least squares by orthogonal decomposition, in float64.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (t, p)
+    values : ndarray, shape (t,)
+    sigma : ndarray, shape (t,), or float
+        One-sigma of each value.
+    names : sequence of str, length p
+
+    Returns
+    -------
+    Fit
+
+    Raises
+    ------
+    ScanError
+        Fewer samples than parameters, or parameters that the samples do not tell apart; the
+        message names these.
+    """
+    samples, count = matrix.shape
+    if samples < count:
+        raise ScanError(f"scan: must have {count} samples or more to tell {count} parameters "
+                        f"({names[0]} … {names[-1]}); got {samples}")  # fmt: skip
+    weight = 1.0 / np.broadcast_to(np.asarray(sigma, float), values.shape)
+    weighted = matrix * weight[:, np.newaxis]
+    length = np.linalg.norm(weighted, axis=0)
+    if not length.all():
+        silent = [name for name, size in zip(names, length, strict=True) if size == 0.0]
+        raise ScanError(f"scan: must have samples that tell {', '.join(silent)}; got none")
+    q, r = np.linalg.qr(weighted / length)
+    _, singular, rows = np.linalg.svd(r)
+    if singular[-1] < RANK * singular[0]:
+        mixed = np.flatnonzero(np.abs(rows[-1]) > 0.1 * np.abs(rows[-1]).max())
+        raise ScanError(
+            f"scan: must tell {', '.join(names[i] for i in mixed)} apart; got samples in which "
+            "they have one and the same effect"
+        )
+    inverse = np.linalg.inv(r)
+    solution = inverse @ (q.T @ (values * weight)) / length
+    spread = inverse / length[:, np.newaxis]
+    residual = values - matrix @ solution
+    freedom = samples - count
+    chi2 = float(np.sum((residual * weight) ** 2) / freedom) if freedom else 1.0
+    return Fit(
+        tuple(names), solution, spread @ spread.T * max(chi2, 1.0),
+        float(np.sqrt(np.mean(residual**2))), float(np.abs(residual).max()), chi2, samples,
+    )  # fmt: skip
+
+
+def gauss_newton(
+    model: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
+    start: np.ndarray,
+    values: np.ndarray,
+    sigma: np.ndarray | float,
+    names: Sequence[str],
+) -> Fit:
+    """Least squares of a curved model, from a start that is near.
+
+    Parameters
+    ----------
+    model : callable
+        Parameters, shape (p,), to predicted values, shape (t,), and their derivatives, (t, p).
+    start : ndarray, shape (p,)
+    values, sigma, names
+        As in `least_squares`.
+
+    Raises
+    ------
+    ScanError
+        As `least_squares`, or the steps do not come to rest.
+    """
+    found = np.array(start, float)
+
+    def cost(at: np.ndarray) -> float:
+        return float(np.sum(((values - model(at)[0]) / sigma) ** 2))
+
+    now = cost(found)
+    for _ in range(STEPS):
+        predicted, derivatives = model(found)
+        step = least_squares(derivatives, values - predicted, sigma, names)
+        share, then = 1.0, cost(found + step.values)
+        while not then <= now and share > 1e-6:
+            share *= 0.5
+            then = cost(found + share * step.values)
+        if then <= now:
+            found, now = found + share * step.values, then
+        # a thousandth of its own sigma is no step worth taking
+        if share <= 1e-6 or np.all(np.abs(share * step.values) <= 1e-3 * step.sigma + 1e-15):
+            final = least_squares(model(found)[1], values - model(found)[0], sigma, names)
+            return Fit(
+                final.names, found, final.covariance, final.residual_rms, final.residual_max,
+                final.chi2, final.samples,
+            )  # fmt: skip
+    raise ScanError(
+        f"scan: must settle on {', '.join(names)}; got steps that do not come to rest after "
+        f"{STEPS} (last: {dict(zip(names, found.tolist(), strict=True))})"
+    )
