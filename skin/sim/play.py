@@ -41,7 +41,7 @@ SLIDE_M_PER_S = 0.05
 """How fast a body moves that is dragged harder than friction holds it."""
 
 LOOP_SHARE = 0.05
-"""Width of the elastomer's loops over the force that they span."""
+"""Width of the elastomer's loops over the force that they span [assumed, a soft silicone]."""
 
 ROOM_C = 24.0
 
