@@ -1,0 +1,354 @@
+"""What the sine estimator needs of a unit: rest frequency, M0(H), k, drifts, and its direction."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skin.calibrate.fit import Fit, check_levels, check_samples, gauss_newton, least_squares
+from skin.errors import ScanError
+from topology import THETA_KNOTS
+
+__all__ = [
+    "fit_amplitude",
+    "fit_bare_chip",
+    "fit_direction",
+    "fit_drift",
+    "fit_frequency",
+    "fit_theta",
+    "map_field",
+]
+
+WAVENUMBER_RAD_PER_MM = (0.05, 1.5)
+"""Where k is looked for; R must stay within one period of the sine."""
+AXES = "xyz"
+MAP = ("field_xx", "field_xy", "field_yx", "field_yy")
+OFFSET = ("hall_offset_x_ut", "hall_offset_y_ut")
+
+
+def fit_frequency(frequency_hz: np.ndarray, depth_mm: np.ndarray, *, sigma_hz: float = 6.0) -> Fit:
+    """Rest frequency and its fall per mm from a scan over depth: f = f0 - slope H.
+
+    Parameters
+    ----------
+    frequency_hz, depth_mm : ndarray, shape (t,)
+    sigma_hz : float
+
+    Raises
+    ------
+    ScanError
+        Too few samples or depths, or a value that is not finite.
+    """
+    check_samples(2, frequency_hz=frequency_hz, depth_mm=depth_mm)
+    check_levels("depth_mm", depth_mm, 2, 0.05)
+    matrix = np.stack([np.ones(len(depth_mm)), -np.asarray(depth_mm, float)], axis=1)
+    names = ("frequency_rest_hz", "frequency_slope_hz_per_mm")
+    return least_squares(matrix, np.asarray(frequency_hz, float), sigma_hz, names)
+
+
+def fit_amplitude(
+    lateral_ut: np.ndarray,
+    depth_mm: np.ndarray,
+    displacement_mm: np.ndarray,
+    *,
+    reference_mm: float = 2.0,
+    degree: int = 1,
+    sigma_ut: float = 105.0,
+) -> Fit:
+    """k and ln M0(H) of M_r = M0(H) sin(k R), from a scan over depth and displacement.
+
+    With k given, ln M0 is linear in its coefficients: k is found alone (variable projection), and
+    all of them are then refined together on the field itself, whose noise is even.
+
+    Parameters
+    ----------
+    lateral_ut : ndarray, shape (t,)
+        Lateral field along the displacement, at the reference temperatures.
+    depth_mm, displacement_mm : ndarray, shape (t,)
+        As commanded; R up to the crest, where the decoder ends.
+    reference_mm : float
+        Depth at which the amplitude is told.
+    degree : int
+        1: ``field_growth_per_mm`` alone; 2: also ``field_growth_quadratic_per_mm2``.
+    sigma_ut : float
+
+    Returns
+    -------
+    Fit
+        ``field_wavenumber_rad_per_mm``, ``field_amplitude_ut``, and the growth.
+
+    Raises
+    ------
+    ScanError
+        Too few samples, depths or displacements, or a value that is not finite.
+    """
+    if degree not in (1, 2):
+        raise ScanError(f"degree: must be 1 or 2; got {degree}")
+    check_samples(
+        degree + 2, lateral_ut=lateral_ut, depth_mm=depth_mm, displacement_mm=displacement_mm
+    )
+    check_levels("depth_mm", depth_mm, degree + 1, 0.05)
+    lateral, displacement = np.asarray(lateral_ut, float), np.asarray(displacement_mm, float)
+    if not (lateral > 5.0 * sigma_ut).any():
+        raise ScanError(
+            f"lateral_ut: must rise above 5 sigma, {5.0 * sigma_ut:.4g} µT; got "
+            f"{lateral.max():.4g} at most"
+        )
+    moved = displacement[lateral > 5.0 * sigma_ut]
+    check_levels("displacement_mm", moved, 3, 0.05)
+    above = np.asarray(depth_mm, float) - reference_mm
+    powers = np.vander(above, degree + 1, increasing=True)
+    names = ("field_wavenumber_rad_per_mm", "ln_amplitude", "field_growth_per_mm",
+             "field_growth_quadratic_per_mm2")[: degree + 2]  # fmt: skip
+
+    def model(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        amplitude = np.exp(np.clip(powers @ at[1:], -50.0, 50.0))
+        sine, cosine = np.sin(at[0] * displacement), np.cos(at[0] * displacement)
+        columns = [amplitude * displacement * cosine, *(powers * (amplitude * sine)[:, None]).T]
+        return amplitude * sine, np.stack(columns, axis=1)
+
+    start = _project(lateral, displacement, powers, sigma_ut, names[1:])
+    fit = gauss_newton(model, start, lateral, sigma_ut, names)
+    amplitude = np.exp(fit["ln_amplitude"])
+    values, jacobian = fit.values.copy(), np.eye(degree + 2)
+    values[1] = jacobian[1, 1] = amplitude
+    return fit.derived((names[0], "field_amplitude_ut", *names[2:]), values, jacobian)
+
+
+def _project(
+    lateral: np.ndarray, displacement: np.ndarray, powers: np.ndarray, sigma: float, names
+) -> np.ndarray:
+    """k, and what is best of the rest with it: the start of the fit."""
+    strong = (lateral > 5.0 * sigma) & (displacement > 0.0)
+    low, high = WAVENUMBER_RAD_PER_MM
+    high = min(high, 0.95 * np.pi / displacement[strong].max())
+    best, least = None, np.inf
+    for k in np.linspace(low, high, 100):
+        sine = np.sin(k * displacement[strong])
+        fit = least_squares(
+            powers[strong], np.log(lateral[strong] / sine), sigma / lateral[strong], names
+        )
+        cost = fit.chi2
+        if cost < least:
+            best, least = np.concatenate([[k], fit.values]), cost
+    return best
+
+
+def fit_bare_chip(
+    field_ut: np.ndarray,
+    chip_temperature: np.ndarray,
+    *,
+    reference_c: float = 25.0,
+    sigma_ut: float = 105.0,
+) -> Fit:
+    """Offset of each axis and its drift, from a chip that is heated before it has a film.
+
+    With a film on it, an offset of Bz cannot be told from the film's own field.
+
+    Parameters
+    ----------
+    field_ut : ndarray, shape (t, 3)
+        In no field.
+    chip_temperature : ndarray, shape (t,)
+        Degree Celsius.
+
+    Raises
+    ------
+    ScanError
+        Too few samples or temperatures, or a value that is not finite.
+    """
+    check_samples(2, field_ut=field_ut, chip_temperature=chip_temperature)
+    check_levels("chip_temperature", chip_temperature, 2, 5.0)
+    warmer = np.asarray(chip_temperature, float) - reference_c
+    block = np.stack([np.ones(len(warmer)), warmer], axis=1)
+    names = [name for axis in AXES
+             for name in (f"hall_offset_{axis}_ut", f"hall_drift_{axis}_ut_per_k")]  # fmt: skip
+    values = np.asarray(field_ut, float).T.ravel()
+    return least_squares(np.kron(np.eye(3), block), values, sigma_ut, names)
+
+
+def fit_drift(
+    field_ut: np.ndarray,
+    film_temperature: np.ndarray,
+    chip_temperature: np.ndarray,
+    pose: np.ndarray,
+    *,
+    film_reference_c: float = 25.0,
+    chip_reference_c: float = 25.0,
+    sigma_ut: float = 105.0,
+) -> Fit:
+    """Drift of film and chip from a few poses that are held while the unit is heated.
+
+    ``B = (1 + a_hall dT_chip)(1 + a_film dT_film) B_pose + b1 dT_chip``; the field of each pose at
+    the reference temperatures is fitted along and is not returned.
+
+    Parameters
+    ----------
+    field_ut : ndarray, shape (t, 3)
+        Without the chip's offset at the reference temperature.
+    film_temperature, chip_temperature : ndarray, shape (t,)
+        Degree Celsius; one must not simply follow the other.
+    pose : ndarray, shape (t,), int
+        Number of the pose of each sample.
+
+    Returns
+    -------
+    Fit
+        ``film_drift_per_k``, ``hall_gain_per_k``, ``hall_drift_x_ut_per_k`` and so on.
+
+    Raises
+    ------
+    ScanError
+        Too few samples, poses of one field only, temperatures that do not change or go together,
+        or a value that is not finite.
+    """
+    check_samples(
+        8, field_ut=field_ut, film_temperature=film_temperature,
+        chip_temperature=chip_temperature, pose=pose,
+    )  # fmt: skip
+    check_levels("film_temperature", film_temperature, 2, 5.0)
+    check_levels("chip_temperature", chip_temperature, 2, 5.0)
+    film = np.asarray(film_temperature, float) - film_reference_c
+    chip = np.asarray(chip_temperature, float) - chip_reference_c
+    apart = np.stack([np.ones_like(film), film, chip], axis=1)
+    apart = np.linalg.svd(apart / np.linalg.norm(apart, axis=0), compute_uv=False)
+    if apart[-1] < 1e-2:
+        raise ScanError(
+            "film_temperature, chip_temperature: must change apart from each other to tell "
+            "film_drift_per_k and hall_gain_per_k apart (heat film and chip in turn); got "
+            "temperatures of which one follows the other"
+        )
+    field = np.asarray(field_ut, float)
+    _, which = np.unique(pose, return_inverse=True)
+    poses = which.max() + 1
+    if poses < 2:
+        raise ScanError(
+            "pose: must be 2 or more, of different fields, to tell the chip's gain from its "
+            f"offset's drift; got {poses}"
+        )
+    names = ("film_drift_per_k", "hall_gain_per_k", *(f"hall_drift_{a}_ut_per_k" for a in AXES))
+    of_poses = tuple(f"pose {p} B{axis}" for axis in AXES for p in range(poses))
+    held = np.eye(poses)[which]
+
+    def model(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        of_film, of_chip = 1.0 + at[0] * film, 1.0 + at[1] * chip
+        predicted, rows = [], []
+        for axis in range(3):
+            first = 5 + axis * poses
+            own = at[first : first + poses][which]
+            predicted.append(of_film * of_chip * own + at[2 + axis] * chip)
+            row = np.zeros((len(film), at.size))
+            row[:, 0], row[:, 1] = film * of_chip * own, of_film * chip * own
+            row[:, 2 + axis] = chip
+            row[:, first : first + poses] = (of_film * of_chip)[:, None] * held
+            rows.append(row)
+        return np.concatenate(predicted), np.concatenate(rows)
+
+    mean = (held.T @ field) / held.sum(axis=0)[:, None]
+    start = np.concatenate([np.zeros(5), mean.T.ravel()])
+    fit = gauss_newton(model, start, field.T.ravel(), sigma_ut, (*names, *of_poses))
+    return fit.derived(names, fit.values[:5], np.eye(5, fit.values.size))
+
+
+def fit_direction(
+    field_ut: np.ndarray,
+    direction_rad: np.ndarray,
+    strength_ut: np.ndarray | float = 1.0,
+    *,
+    sigma_ut: float = 105.0,
+) -> Fit:
+    """2x2 map and offset of the lateral field from circular shears.
+
+    The map undoes ``(Bx, By) = offset + C strength (cos, sin)`` up to its size, which is the
+    amplitude's: its determinant is 1. Fit the amplitude to the mapped field.
+
+    Parameters
+    ----------
+    field_ut : ndarray, shape (t, 2) or (t, 3)
+    direction_rad : ndarray, shape (t,)
+        Commanded direction.
+    strength_ut : ndarray, shape (t,), or float
+        Lateral field of each sample up to a common factor; a number for a single circle.
+
+    Returns
+    -------
+    Fit
+        ``field_xx`` to ``field_yy``, ``hall_offset_x_ut``, ``hall_offset_y_ut``.
+
+    Raises
+    ------
+    ScanError
+        Too few samples or directions, a map that has no inverse, or a value that is not finite.
+    """
+    samples = check_samples(4, field_ut=field_ut, direction_rad=direction_rad)
+    strength = np.broadcast_to(np.asarray(strength_ut, float), (samples,))
+    check_samples(4, strength_ut=strength)
+    around = np.stack([np.cos(direction_rad), np.sin(direction_rad)])
+    check_levels("direction_rad", np.arctan2(around[1], around[0]), 4, 0.2)
+    block = np.stack([*(around * strength), np.ones(samples)], axis=1)
+    raw = ("C[0][0]", "C[0][1]", OFFSET[0], "C[1][0]", "C[1][1]", OFFSET[1])
+    values = np.asarray(field_ut, float)[:, :2].T.ravel()
+    fit = least_squares(np.kron(np.eye(2), block), values, sigma_ut, raw)
+
+    def told(at: np.ndarray) -> np.ndarray:
+        forward = np.array([[at[0], at[1]], [at[3], at[4]]])
+        size = np.sqrt(abs(np.linalg.det(forward)))
+        return np.concatenate([size * np.linalg.inv(forward).ravel(), at[[2, 5]]])
+
+    forward = fit.values[[0, 1, 3, 4]].reshape(2, 2)
+    if np.linalg.cond(forward) > 1e3:
+        raise ScanError(
+            "field_ut: must go around as the direction does; got a lateral field along one line"
+        )
+    jacobian = np.empty((6, 6))
+    scale = np.abs(forward).max()
+    for column, step in enumerate(1e-6 * np.array([scale, scale, 1.0, scale, scale, 1.0])):
+        moved = np.zeros(6)
+        moved[column] = step
+        jacobian[:, column] = (told(fit.values + moved) - told(fit.values - moved)) / (2.0 * step)
+    return fit.derived((*MAP, *OFFSET), told(fit.values), jacobian)
+
+
+def map_field(field_ut: np.ndarray, direction: Fit) -> np.ndarray:
+    """Lateral field without offset and mapped by `fit_direction`, Bz as it is; shape (t, 3)."""
+    out = np.array(field_ut, float)
+    xx, xy, yx, yy, x0, y0 = (direction[name] for name in (*MAP, *OFFSET))
+    x, y = out[:, 0] - x0, out[:, 1] - y0
+    out[:, 0], out[:, 1] = xx * x + xy * y, yx * x + yy * y
+    return out
+
+
+def fit_theta(field_ut: np.ndarray, direction_rad: np.ndarray, *, sigma_ut: float = 105.0) -> Fit:
+    """Correction of the direction at each knot, from circular shears: what the map leaves.
+
+    Parameters
+    ----------
+    field_ut : ndarray, shape (t, 2) or (t, 3)
+        Mapped, without offset.
+    direction_rad : ndarray, shape (t,)
+        Commanded direction.
+
+    Returns
+    -------
+    Fit
+        ``theta_correction_rad[0]`` to ``[15]``; residuals in radian.
+
+    Raises
+    ------
+    ScanError
+        Too few samples, a knot without samples around it, or a value that is not finite.
+    """
+    check_samples(THETA_KNOTS, field_ut=field_ut, direction_rad=direction_rad)
+    x, y = np.asarray(field_ut, float)[:, :2].T
+    theta, strength = np.arctan2(y, x), np.hypot(x, y)
+    if not (strength > 0.0).all():
+        raise ScanError(f"field_ut[{int(np.argmin(strength))}]: must have a direction; got 0 µT")
+    wanted = (np.asarray(direction_rad, float) - theta + np.pi) % (2.0 * np.pi) - np.pi
+    along = (theta + np.pi) * (THETA_KNOTS / (2.0 * np.pi))
+    before = np.floor(along).astype(int)
+    share = along - before
+    matrix = np.zeros((len(theta), THETA_KNOTS))
+    rows = np.arange(len(theta))
+    matrix[rows, before % THETA_KNOTS] = 1.0 - share
+    matrix[rows, (before + 1) % THETA_KNOTS] += share
+    names = tuple(f"theta_correction_rad[{knot}]" for knot in range(THETA_KNOTS))
+    return least_squares(matrix, wanted, sigma_ut / strength, names)
