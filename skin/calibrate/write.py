@@ -1,0 +1,99 @@
+"""Fitted parameters to a calibration file, format 1, that `topology.load` reads."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import tempfile
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from skin.calibrate.fit import Fit
+from skin.errors import CalibrationError, OptionError
+from topology import UnitModel
+
+__all__ = ["write_calibration"]
+
+KNOWN = tuple(field.name for field in msgspec.structs.fields(UnitModel))
+ENTRY = re.compile(r"(\w+)\[(\d+)\]")
+
+
+def write_calibration(
+    file: str | os.PathLike[str],
+    patch: str,
+    units: Mapping[str, Iterable[Fit]],
+    *,
+    date: str = "",
+    bench: str = "",
+) -> None:
+    """Write what was fitted of the units of a patch, with the sigma of each value beside it.
+
+    The file is written beside its place and then renamed: it is there whole or not at all.
+
+    Parameters
+    ----------
+    file : str or path
+    patch : str
+        Its name in the topology file.
+    units : dict of str to list of Fit
+        Unit, without the patch's name ("r3c4"), to its fits; a later fit stands above an earlier.
+    date, bench : str
+        When, where and how it was measured.
+
+    Raises
+    ------
+    OptionError
+        A fit of what is no parameter of `UnitModel`.
+    CalibrationError
+        A value that is not finite.
+    """
+    lines = ["format = 1", f"patch = {_text(patch)}"]
+    lines += [f"{key} = {_text(text)}" for key, text in (("date", date), ("bench", bench)) if text]
+    for unit, fits in units.items():
+        found: dict[str, dict[int | None, tuple[float, float]]] = {}
+        for fit in fits:
+            told: dict[str, dict[int | None, tuple[float, float]]] = {}
+            for name, value, sigma in zip(fit.names, fit.values, fit.sigma, strict=True):
+                entry = ENTRY.fullmatch(name)
+                key, at = (entry[1], int(entry[2])) if entry else (name, None)
+                if key not in KNOWN:
+                    raise OptionError.unknown(f"{patch}/{unit}", name, KNOWN)
+                if not np.isfinite(value):
+                    raise CalibrationError(f"{patch}/{unit}: {name}: must be finite; got {value}")
+                told.setdefault(key, {})[at] = float(value), float(sigma)
+            found.update(told)
+        lines += ["", f"[units.{_text(unit)}]"]
+        lines += [_line(name, entries) for name, entries in found.items()]
+    _write(Path(file), "\n".join(lines) + "\n")
+
+
+def _line(name: str, entries: dict[int | None, tuple[float, float]]) -> str:
+    if None in entries:
+        value, sigma = entries[None]
+        return f"{name} = {value!r}  # ± {sigma:.2g}"
+    values = ", ".join(repr(entries[at][0]) for at in sorted(entries))
+    return f"{name} = [{values}]  # ± {max(sigma for _, sigma in entries.values()):.2g} at most"
+
+
+def _text(text: str) -> str:
+    """A basic string of TOML; JSON escapes alike, but for DEL, which TOML wants escaped."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _write(file: Path, text: str) -> None:
+    handle, beside = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as out:
+            out.write(text)
+        # mkstemp makes a private file; a calibration is as readable as any other
+        mask = os.umask(0)
+        os.umask(mask)
+        os.chmod(beside, 0o666 & ~mask)
+        os.replace(beside, file)
+    except BaseException:
+        Path(beside).unlink(missing_ok=True)
+        raise
