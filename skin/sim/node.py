@@ -67,7 +67,7 @@ class Nodes:
     units : UnitSimulator, optional
         The units, in place of those of `topology`, `seed` and `noise`.
     history : int or None
-        Cycles that `truth_at` remembers; None remembers all.
+        Cycles that `truth_at` remembers; None remembers all, 0 none.
     """
 
     def __init__(
@@ -191,7 +191,8 @@ class Nodes:
         slot = cycle % RECENT
         self._recent[slot] = self.units.counts(truth)
         self._recent_cycle[slot] = cycle
-        self._history.append((cycle, truth.copy()))
+        if self._history.maxlen != 0:
+            self._history.append((cycle, truth.copy()))
         self._cycle = cycle
         self.served.cycles += 1
 

@@ -245,7 +245,7 @@ class ScriptedScene:
         )
         self._position = topology.position
         self._to_wrench = wrench_map(topology.position, topology.rotation)
-        self._source_c = np.empty(n)
+        self._source_c, self._needed = np.empty(n), np.empty((3, n))
         self._truth = Truth.at_rest(n, room_c)
         self._began = False
 
@@ -322,8 +322,10 @@ class ScriptedScene:
         needed = truth.force
         if self._loops is not None:
             pressing, dragging = self._loops
-            needed = np.concatenate(
-                [dragging.elastic(needed[:2]), pressing.elastic(needed[2])[np.newaxis]]
+            needed = self._needed
+            needed[:2], needed[2] = (
+                dragging.elastic(truth.force[:2]),
+                pressing.elastic(truth.force[2]),
             )
         if self._prony is not None:
             needed = self._prony.elastic(needed, dt_s)
@@ -331,7 +333,7 @@ class ScriptedScene:
         size = np.hypot(needed[0], needed[1])
         length = self._elastic.displacement(size, truth.depth_mm)
         # where there is no force there is no direction, and any divisor will do
-        truth.displacement_mm[:] = length / np.maximum(size, 1e-300) * needed[:2]
+        np.multiply(length / np.maximum(size, 1e-300), needed[:2], out=truth.displacement_mm)
 
     def _field(self) -> Field:
         wanted, topology = self.non_ideal, self.topology

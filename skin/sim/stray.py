@@ -26,11 +26,14 @@ class StrayField:
 
     def __init__(self, topology: Topology, field: Field, surroundings: Surroundings) -> None:
         self._field, self._surroundings = field, surroundings
-        self._to_chip = CHIP_AXES[:, np.newaxis, np.newaxis] * topology.rotation.transpose(1, 0, 2)
+        # to_chip[a, n, b]: component a of chip n from component b of the skin frame
+        to_chip = CHIP_AXES[:, np.newaxis, np.newaxis] * topology.rotation.transpose(1, 2, 0)
+        self._to_chip = np.ascontiguousarray(to_chip)
 
     def __call__(
         self, displacement_mm: np.ndarray, depth_mm: np.ndarray, film_temperature: np.ndarray
     ) -> np.ndarray:
         """Field in µT, shape (..., 3, n); see `Field`."""
-        ambient = np.einsum("abn,b->an", self._to_chip, self._surroundings.in_skin())
-        return self._field(displacement_mm, depth_mm, film_temperature) + ambient
+        field = self._field(displacement_mm, depth_mm, film_temperature)
+        field += self._to_chip @ self._surroundings.in_skin()
+        return field
