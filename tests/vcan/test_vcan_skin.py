@@ -81,6 +81,22 @@ def test_simulator_and_skin_in_two_processes(background):
     assert counters["crc"] == counters["short"] == counters["foreign"] == 0
 
 
+def test_scene_plays_on_the_bus_and_its_truth_is_written(background, tmp_path):
+    truth = tmp_path / "truth.npz"
+    units = background(
+        *SKIN, "sim", "strip", "--scene", "press", *ON_VCAN, "--truth", truth, "--seconds", "12"
+    )
+    assert "10 units on socketcan vcan0" in units.stderr.readline()
+    report = skin_json("run", "strip", *ON_VCAN, "--seconds", "5")
+    assert units.wait(60) == 0
+    assert report["units_heard"] == 10
+    assert report["peak_force_n"] > 0.5
+    with np.load(truth, allow_pickle=False) as arrays:
+        assert str(arrays["scene"]) == "press"
+        assert len(arrays["time_s"]) > 0.5 * report["cycles"]
+        assert np.abs(arrays["wrench"][:, :3]).max() > 0.5
+
+
 def test_packed_frames_arrive_as_counts(skin_on_vcan):
     skin = skin_on_vcan
     counts, batch = packed(skin, 7, 60)
@@ -137,7 +153,7 @@ def test_candump_records_the_simulator_and_the_log_decodes(name, cycles, tmp_pat
     log, output = tmp_path / f"{name}.log", tmp_path / "forces.npz"
     loaded = topology.load(name).on(interface="socketcan", channel="vcan0")
     with log.open("w") as file:
-        recorder = subprocess.Popen(["candump", "-L", "vcan0"], stdout=file)
+        recorder = subprocess.Popen(["candump", "-r", "8000000", "-L", "vcan0"], stdout=file)
         time.sleep(0.5)
         live = felt_live(loaded, cycles, pace=False, deadline_s=60.0)
         time.sleep(0.5)
