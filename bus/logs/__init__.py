@@ -30,6 +30,7 @@ READERS = {
     ".csv": "bus.logs.pythoncan:PythonCanReader",
     ".db": "bus.logs.pythoncan:PythonCanReader",
     ".log": "bus.logs.candump:CandumpReader",
+    ".mf4": "bus.logs.mdf:MdfReader",
     ".trc": "bus.logs.pythoncan:PythonCanReader",
 }
 WRITERS = {
@@ -37,7 +38,7 @@ WRITERS = {
     ".log": "bus.logs.candump_writer:CandumpWriter",
 }
 """Module and class for each suffix, imported on use."""
-_NEVER_PACKED = {".db"}
+_NEVER_PACKED = {".db", ".mf4"}
 _PACKED_WRITERS = {".log"}
 
 

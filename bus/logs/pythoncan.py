@@ -9,6 +9,7 @@ from collections.abc import Generator, Iterator
 from typing import Any, BinaryIO
 
 import can
+from can.util import dlc2len
 
 from bus.errors import LogError
 from bus.frame import CAN_EFF, CAN_ERR, CAN_RTR, ECHO, FD_BRS, FD_ESI, FD_FDF, FrameBatch
@@ -118,7 +119,10 @@ class PythonCanReader(LogReader):
             if message.is_remote_frame and not flags:
                 can_id |= CAN_RTR
             elif len(data) != length:
-                raise ValueError(f"{len(data)} data bytes where {length} are told")
+                # The reader of TRC gives the length code of a CAN FD frame for its length.
+                if not (message.is_fd and length < 16 and len(data) == dlc2len(length)):
+                    raise ValueError(f"{len(data)} data bytes where {length} are told")
+                length = len(data)
         if length > 64:
             raise ValueError(f"{length} data bytes")
         stamp_ns = 1000 * round(1e6 * message.timestamp)

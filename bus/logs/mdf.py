@@ -1,0 +1,182 @@
+"""MdfReader: MDF 4 files with bus logging, through asammdf (the extra `mdf`)."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import numpy as np
+
+from bus.errors import LogError
+from bus.frame import (
+    CAN_EFF,
+    CAN_ERR,
+    CAN_RTR,
+    ECHO,
+    FD_BRS,
+    FD_ESI,
+    FD_FDF,
+    FRAME_DTYPE,
+    FrameBatch,
+)
+from bus.logs.channels import LEFT_OUT
+from bus.logs.reader import LogReader
+
+__all__ = ["MdfReader"]
+
+_BEGINNINGS = (b"MDF     ", b"UnFinMF ")
+_KINDS = ("CAN_DataFrame", "CAN_RemoteFrame", "CAN_ErrorFrame")
+_PIECE = 65536
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_IDENTIFIER, _STANDARD = 0x1FFF_FFFF, 0x7FF
+_BUS_ERROR = 0x80
+_CLASSIC_BYTES, _FD_BYTES, _ERROR_BYTES = 8, 64, 8
+
+
+class MdfReader(LogReader):
+    """Reads the frames of all buses from MDF 4 files that follow ASAM's bus logging.
+
+    The frames of all groups come in the order of their stamps, which are as exact as the file's
+    floats. Bus channel 1 is can1. In memory are some ten thousand frames and the stamps of all.
+    """
+
+    def _fill(self, batch: FrameBatch) -> Generator[None]:
+        with self.path.open("rb") as file:
+            beginning = file.read(len(_BEGINNINGS[0]))
+        if beginning not in _BEGINNINGS:
+            raise LogError(f"{self.path}: byte 0: must be {_BEGINNINGS[0]!r}; got {beginning!r}")
+        try:
+            from asammdf import MDF
+        except ImportError as error:
+            raise LogError(
+                f"{self.path}: must have asammdf; not installed: pip install 'f3t-skin[mdf]'"
+            ) from error
+        try:
+            with MDF(self.path) as file:
+                for records in self._pieces(file):
+                    taken = 0
+                    while taken < records.size:
+                        taken += batch.extend(records[taken:])
+                        if not batch.room:
+                            yield
+        except LogError:
+            raise
+        except Exception as error:  # anything may come of reading a file that is damaged
+            raise LogError(f"{self.path}: must be a whole MDF 4 file; got: {error!r}") from error
+
+    def _pieces(self, file: Any) -> Iterator[np.ndarray]:
+        """Yield the frames of all groups, merged by time, piece by piece."""
+        groups = []
+        for index, group in enumerate(file.groups):
+            names = {channel.name for channel in group.channels}
+            kind = next((kind for kind in _KINDS if f"{kind}.ID" in names), None)
+            if kind is not None and group.channel_group.cycles_nr:
+                groups.append(_Group(file, index, kind, names))
+        if not groups:
+            return
+        # A stamp that steps back must not change the order within a group.
+        stamps = [np.maximum.accumulate(group.stamps) for group in groups]
+        source = np.repeat(np.arange(len(groups)), [stamp.size for stamp in stamps])
+        source = source[np.argsort(np.concatenate(stamps), kind="stable")]
+        begin = file.header.start_time.astimezone(UTC) - _EPOCH
+        for first in range(0, source.size, _PIECE):
+            piece = source[first : first + _PIECE]
+            records, channels = np.zeros(piece.size, FRAME_DTYPE), np.zeros(piece.size, np.int64)
+            for g in np.unique(piece):
+                mine = piece == g
+                records[mine], channels[mine] = groups[g].read(int(mine.sum()))
+            records["stamp_ns"] += 1000 * (begin // timedelta(microseconds=1))
+            yield self._assign(records, channels)
+
+    def _assign(self, records: np.ndarray, channels: np.ndarray) -> np.ndarray:
+        """Give each frame its bus; return those of buses that count."""
+        found, first, inverse = np.unique(channels, return_index=True, return_inverse=True)
+        buses = np.zeros(found.size, np.int64)
+        for k in np.argsort(first):
+            name = f"can{found[k]}"
+            buses[k] = self._channels.index(name)
+            if buses[k] == LEFT_OUT:
+                self._skip(f"frame of {name}", int((inverse == k).sum()))
+        bus = buses[inverse]
+        records["bus"] = np.maximum(bus, 0)
+        return records[bus != LEFT_OUT]
+
+
+class _Group:
+    """Frames of one kind and channel group, read from the first to the last."""
+
+    def __init__(self, file: Any, index: int, kind: str, names: set[str]) -> None:
+        self.stamps = np.asarray(file.get_master(index), float)
+        self._file, self._index, self._kind, self._names = file, index, kind, names
+        self._next = 0
+
+    def read(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Read the next frames.
+
+        Returns
+        -------
+        records : ndarray, shape (count,), FRAME_DTYPE
+            Their stamps count from the beginning of the file.
+        channels : ndarray, shape (count,)
+        """
+        records = np.zeros(count, FRAME_DTYPE)
+        span = slice(self._next, self._next + count)
+        records["stamp_ns"] = np.round(1e9 * self.stamps[span])
+        identifier = self._column("ID", count)
+        extended = (self._column("IDE", count) > 0) | (identifier & CAN_EFF > 0)
+        extended |= identifier & _IDENTIFIER > _STANDARD
+        records["id"] = identifier & _IDENTIFIER | np.where(extended, CAN_EFF, 0)
+        length = self._column("DataLength", count) if self._has("DataLength") else None
+        data = self._data(count)
+        if self._kind == "CAN_RemoteFrame":
+            records["id"] |= CAN_RTR
+            length, data = np.minimum(self._column("DLC", count), _CLASSIC_BYTES), None
+        elif self._kind == "CAN_ErrorFrame":
+            number = identifier & _IDENTIFIER
+            records["id"] = CAN_ERR | np.where(number > 0, number, _BUS_ERROR)
+            length = np.full(count, _ERROR_BYTES)
+            data = data[:, :_ERROR_BYTES]
+        else:
+            if length is None:
+                length = np.minimum(self._column("DLC", count), _CLASSIC_BYTES)
+            records["flags"] = np.where(
+                (self._column("EDL", count) > 0) | (length > _CLASSIC_BYTES),
+                FD_FDF + FD_BRS * (self._column("BRS", count) > 0)
+                + FD_ESI * (self._column("ESI", count) > 0),
+                0,
+            )  # fmt: skip
+        if length.max() > _FD_BYTES:
+            raise ValueError(f"a frame of {length.max()} bytes")
+        records["length"] = length
+        if data is not None:
+            there = np.arange(data.shape[1]) < length[:, np.newaxis]
+            records["data"][:, : data.shape[1]] = np.where(there, data, 0)
+        records["origin"] = np.where(self._column("Dir", count) > 0, ECHO, 0)
+        channels = self._column("BusChannel", count)
+        self._next += count
+        return records, channels
+
+    def _has(self, name: str) -> bool:
+        return f"{self._kind}.{name}" in self._names
+
+    def _raw(self, name: str, count: int) -> np.ndarray:
+        return self._file.get(
+            f"{self._kind}.{name}", group=self._index, raw=True, record_offset=self._next,
+            record_count=count,
+        ).samples  # fmt: skip
+
+    def _column(self, name: str, count: int) -> np.ndarray:
+        """Return numbers, 0 where the file has no such column."""
+        if not self._has(name):
+            return np.zeros(count, np.int64)
+        values = self._raw(name, count)
+        if values.dtype.kind == "S":  # a direction in words
+            return (np.char.lower(values) == b"tx").astype(np.int64)
+        return values.astype(np.int64)
+
+    def _data(self, count: int) -> np.ndarray:
+        """Return the data bytes, shape (count, width), uint8, of at most 64."""
+        if not self._has("DataBytes"):
+            return np.zeros((count, _FD_BYTES), np.uint8)
+        return self._raw("DataBytes", count).reshape(count, -1)[:, :_FD_BYTES]
