@@ -80,9 +80,9 @@ def _measure(topology: Topology, seconds: float, repeats: int) -> dict:
         for _ in range(repeats):
             scene = ScriptedScene(topology, replace(script, non_ideal=non_ideal))
             # the first cycle loads what is compiled
-            play(Nodes(topology, scene, units=scene.units, history=0), 1.0 / RATE_HZ)
+            play(Nodes(topology, scene, history=0), 1.0 / RATE_HZ)
             scene = ScriptedScene(topology, replace(script, non_ideal=non_ideal))
-            nodes = Nodes(topology, scene, units=scene.units, history=0)
+            nodes = Nodes(topology, scene, history=0)
             started = time.perf_counter()
             served, _ = play(nodes, seconds)
             times.append(time.perf_counter() - started)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import threading
+from contextlib import ExitStack
 from functools import cache
 from pathlib import Path
 
@@ -12,8 +14,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+import skin as skin_package
 from bus.faults import FaultScript
 from bus.faults.script import Drop
+from bus.memory import MemoryTransport
+from bus.open import open_transport
 from skin import Decoder
 from skin.cli import main
 from skin.errors import SkinError
@@ -38,6 +43,9 @@ from skin.sim.truth import Truth
 from topology import Topology, load
 
 IDEAL = NonIdeal.only()
+
+PRESS = (Key(t_s=0.0, press_n=0.5), Key(t_s=0.15, press_n=3.0))
+"""A press within a few cycles."""
 
 
 @cache
@@ -367,6 +375,43 @@ def test_faults_of_a_scene_are_done_to_its_frames() -> None:
     lost = injected[0]["drop"]
     assert rest.frames == whole.frames - lost
     assert 0.4 < lost / whole.frames < 0.6
+
+
+@pytest.mark.parametrize("interface", ["memory", "virtual"])
+def test_a_played_scene_is_felt_through_a_bus(
+    interface: str, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    """Frames on the bus and the truth file tell the same, cycle by cycle."""
+    topology = skin().on(interface=interface, channel=f"scene-{request.node.name}")
+    script = load_scene("fig4b", topology)
+    script = replace(script, bodies=(replace(script.bodies[0], keys=PRESS),))
+    path = tmp_path / "truth.npz"
+    felt = []
+    played_scene = ScriptedScene(topology, script, non_ideal=IDEAL)
+    with ExitStack() as opened:
+        recorder = opened.enter_context(Recorder(played_scene, path))
+        nodes = Nodes(topology, recorder)
+        assert nodes.units is played_scene.units
+        if interface == "memory":
+            near, far = MemoryTransport.pair()
+            nodes.attach([far])
+        else:
+            far, near = (
+                opened.enter_context(open_transport(topology.buses[0], 0)) for _ in range(2)
+            )
+            stop = threading.Event()
+            worker = threading.Thread(target=nodes.serve, args=([far],), kwargs={"stop": stop})
+            worker.start()
+            opened.callback(worker.join)
+            opened.callback(stop.set)
+        with skin_package.open(topology, transports=[near], pace=False, deadline_s=5.0) as host:
+            for state, _ in zip(host, range(50), strict=False):
+                felt.append((state.cycle, state.units.force[2].sum()))
+    truth, _ = read_truth(path)
+    cycles, loads = np.array(felt).T
+    said = truth.force[(cycles - cycles[0]).astype(int), 2].sum(axis=1)
+    assert said.max() > 2.0
+    assert loads == pytest.approx(said, abs=0.05)
 
 
 def test_the_command_plays_a_scene_and_writes_its_truth(

@@ -143,7 +143,7 @@ def _recorder(opened: ExitStack, played: ScriptedScene, path: str) -> Scene:
 def _nodes(played: ScriptedScene, recorder: Scene | None) -> Nodes:
     from skin.sim.node import Nodes
 
-    return Nodes(played.topology, recorder or played, units=played.units, history=0)
+    return Nodes(played.topology, recorder or played, history=0)
 
 
 def _play(

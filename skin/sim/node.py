@@ -65,7 +65,8 @@ class Nodes:
     noise : bool
         False: only quantisation.
     units : UnitSimulator, optional
-        The units, in place of those of `topology`, `seed` and `noise`.
+        The units, in place of those of `topology`, `seed` and `noise`. A scene that has `units` of
+        its own, as a `skin.sim.play.ScriptedScene` does, brings them along.
     history : int or None
         Cycles that `truth_at` remembers; None remembers all, 0 none.
     """
@@ -82,7 +83,8 @@ class Nodes:
     ) -> None:
         self.topology = topology
         self.scene = scene or PressSlideLift(topology)
-        self.units = units or UnitSimulator(topology, seed=seed, noise=noise)
+        own = units or getattr(self.scene, "units", None)
+        self.units = own or UnitSimulator(topology, seed=seed, noise=noise)
         self.served = Served()
         self._packer = Packer(topology)
         self._heartbeats = Heartbeats(topology)

@@ -69,6 +69,11 @@ class Recorder:
     path : str or Path
         Replaced if it exists.
 
+    Attributes
+    ----------
+    units : UnitSimulator
+        Those of the scene.
+
     Raises
     ------
     SkinError
@@ -76,7 +81,7 @@ class Recorder:
     """
 
     def __init__(self, scene: ScriptedScene, path: str | Path) -> None:
-        self.scene, self.path = scene, Path(path)
+        self.scene, self.path, self.units = scene, Path(path), scene.units
         try:
             self._folder = Path(
                 tempfile.mkdtemp(prefix=f".{self.path.name}.", dir=self.path.absolute().parent)
