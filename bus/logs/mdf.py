@@ -45,7 +45,7 @@ class MdfReader(LogReader):
         with self.path.open("rb") as file:
             beginning = file.read(len(_BEGINNINGS[0]))
         if beginning not in _BEGINNINGS:
-            raise LogError(f"{self.path}: byte 0: must be {_BEGINNINGS[0]!r}; got {beginning!r}")
+            raise LogError(f"{self.path}: byte 0: must be 'MDF     '; got {beginning!r}")
         try:
             from asammdf import MDF
         except ImportError as error:
@@ -70,9 +70,9 @@ class MdfReader(LogReader):
         groups = []
         for index, group in enumerate(file.groups):
             names = {channel.name for channel in group.channels}
-            kind = next((kind for kind in _KINDS if f"{kind}.ID" in names), None)
+            kind = next((kind for kind in _KINDS if kind in names), None)
             if kind is not None and group.channel_group.cycles_nr:
-                groups.append(_Group(file, index, kind, names))
+                groups.append(_Group(file, index, kind))
         if not groups:
             return
         # A stamp that steps back must not change the order within a group.
@@ -106,9 +106,9 @@ class MdfReader(LogReader):
 class _Group:
     """Frames of one kind and channel group, read from the first to the last."""
 
-    def __init__(self, file: Any, index: int, kind: str, names: set[str]) -> None:
+    def __init__(self, file: Any, index: int, kind: str) -> None:
         self.stamps = np.asarray(file.get_master(index), float)
-        self._file, self._index, self._kind, self._names = file, index, kind, names
+        self._file, self._index, self._kind = file, index, kind
         self._next = 0
 
     def read(self, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -121,62 +121,40 @@ class _Group:
         channels : ndarray, shape (count,)
         """
         records = np.zeros(count, FRAME_DTYPE)
-        span = slice(self._next, self._next + count)
-        records["stamp_ns"] = np.round(1e9 * self.stamps[span])
-        identifier = self._column("ID", count)
-        extended = (self._column("IDE", count) > 0) | (identifier & CAN_EFF > 0)
-        extended |= identifier & _IDENTIFIER > _STANDARD
-        records["id"] = identifier & _IDENTIFIER | np.where(extended, CAN_EFF, 0)
-        length = self._column("DataLength", count) if self._has("DataLength") else None
-        data = self._data(count)
+        records["stamp_ns"] = np.round(1e9 * self.stamps[self._next : self._next + count])
+        rows = self._file.get(
+            self._kind, group=self._index, raw=True, record_offset=self._next, record_count=count
+        ).samples
+        self._next += count
+
+        def column(name: str) -> np.ndarray:
+            """Numbers, 0 where the file has no such column."""
+            full = f"{self._kind}.{name}"
+            if full not in rows.dtype.names:
+                return np.zeros(count, np.int64)
+            if rows[full].dtype.kind == "S":  # the direction, in words
+                return (np.char.lower(rows[full]) == b"tx").astype(np.int64)
+            return rows[full].astype(np.int64)
+
+        number = column("ID") & _IDENTIFIER
+        extended = (column("IDE") > 0) | (column("ID") & CAN_EFF > 0) | (number > _STANDARD)
+        can_id = number | np.where(extended, CAN_EFF, 0)
+        length = column("DataLength")
         if self._kind == "CAN_RemoteFrame":
-            records["id"] |= CAN_RTR
-            length, data = np.minimum(self._column("DLC", count), _CLASSIC_BYTES), None
+            can_id |= CAN_RTR
+            length = np.minimum(column("DLC"), _CLASSIC_BYTES)
         elif self._kind == "CAN_ErrorFrame":
-            number = identifier & _IDENTIFIER
-            records["id"] = CAN_ERR | np.where(number > 0, number, _BUS_ERROR)
+            can_id = CAN_ERR | np.where(number > 0, number, _BUS_ERROR)
             length = np.full(count, _ERROR_BYTES)
-            data = data[:, :_ERROR_BYTES]
         else:
-            if length is None:
-                length = np.minimum(self._column("DLC", count), _CLASSIC_BYTES)
-            records["flags"] = np.where(
-                (self._column("EDL", count) > 0) | (length > _CLASSIC_BYTES),
-                FD_FDF + FD_BRS * (self._column("BRS", count) > 0)
-                + FD_ESI * (self._column("ESI", count) > 0),
-                0,
-            )  # fmt: skip
+            kind = FD_FDF + FD_BRS * (column("BRS") > 0) + FD_ESI * (column("ESI") > 0)
+            records["flags"] = np.where((column("EDL") > 0) | (length > _CLASSIC_BYTES), kind, 0)
         if length.max() > _FD_BYTES:
             raise ValueError(f"a frame of {length.max()} bytes")
-        records["length"] = length
-        if data is not None:
+        if f"{self._kind}.DataBytes" in rows.dtype.names and self._kind != "CAN_RemoteFrame":
+            data = rows[f"{self._kind}.DataBytes"].reshape(count, -1)[:, :_FD_BYTES]
             there = np.arange(data.shape[1]) < length[:, np.newaxis]
             records["data"][:, : data.shape[1]] = np.where(there, data, 0)
-        records["origin"] = np.where(self._column("Dir", count) > 0, ECHO, 0)
-        channels = self._column("BusChannel", count)
-        self._next += count
-        return records, channels
-
-    def _has(self, name: str) -> bool:
-        return f"{self._kind}.{name}" in self._names
-
-    def _raw(self, name: str, count: int) -> np.ndarray:
-        return self._file.get(
-            f"{self._kind}.{name}", group=self._index, raw=True, record_offset=self._next,
-            record_count=count,
-        ).samples  # fmt: skip
-
-    def _column(self, name: str, count: int) -> np.ndarray:
-        """Return numbers, 0 where the file has no such column."""
-        if not self._has(name):
-            return np.zeros(count, np.int64)
-        values = self._raw(name, count)
-        if values.dtype.kind == "S":  # a direction in words
-            return (np.char.lower(values) == b"tx").astype(np.int64)
-        return values.astype(np.int64)
-
-    def _data(self, count: int) -> np.ndarray:
-        """Return the data bytes, shape (count, width), uint8, of at most 64."""
-        if not self._has("DataBytes"):
-            return np.zeros((count, _FD_BYTES), np.uint8)
-        return self._raw("DataBytes", count).reshape(count, -1)[:, :_FD_BYTES]
+        records["id"], records["length"] = can_id, length
+        records["origin"] = np.where(column("Dir") > 0, ECHO, 0)
+        return records, column("BusChannel")
