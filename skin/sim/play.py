@@ -114,8 +114,8 @@ class PlayedBody:
         except SkinError as error:
             raise SkinError(f"bodies {self.name!r} at {time_s:g} s: {error}") from None
         self.force[...] = truth.force
-        deepest = int(np.argmax(truth.displacement_mm[2]))
-        if not truth.displacement_mm[2, deepest] <= DEEPEST_MM:
+        if not truth.displacement_mm[2].max() <= DEEPEST_MM:
+            deepest = int(np.argmax(truth.displacement_mm[2]))
             raise SkinError(
                 f"bodies {self.name!r} at {time_s:g} s: must press no unit deeper than "
                 f"{DEEPEST_MM:g} mm; got {truth.displacement_mm[2, deepest]:.2f} mm at "
@@ -287,7 +287,7 @@ class ScriptedScene:
         self._share_out()
         for body in self.bodies:
             truth.force += body.force
-            source[body.force[2] > 0.0] = body.motion.temperature_c(time_s)
+            np.copyto(source, body.motion.temperature_c(time_s), where=body.force[2] > 0.0)
         for weights in self._weights:
             force = weights.force(time_s)
             truth.force[:, weights.units] += force[:, np.newaxis]
@@ -329,11 +329,15 @@ class ScriptedScene:
             )
         if self._prony is not None:
             needed = self._prony.elastic(needed, dt_s)
+        if not needed.any():
+            truth.depth_mm[:] = truth.displacement_mm[:] = 0.0
+            return
         truth.depth_mm[:] = self._elastic.depth(np.maximum(needed[2], 0.0))
         size = np.hypot(needed[0], needed[1])
         length = self._elastic.displacement(size, truth.depth_mm)
         # where there is no force there is no direction, and any divisor will do
-        np.multiply(length / np.maximum(size, 1e-300), needed[:2], out=truth.displacement_mm)
+        length /= np.maximum(size, 1e-300)
+        np.multiply(length, needed[:2], out=truth.displacement_mm)
 
     def _field(self) -> Field:
         wanted, topology = self.non_ideal, self.topology
