@@ -175,3 +175,36 @@ BAD_LINES = [
     )
 ]  # fmt: skip
 """Logs whose second line is wrong."""
+
+CANDUMP_FRAMES = [  # identifier, length, flags, data
+    (0x123, 3, 0, b"\x11\x22\x33"),
+    (0, 0, 0, b""),
+    (0x7FF, 8, 0, b"12345678"),
+    (0x1ABCDEF | CAN_EFF, 1, 0, b"\xff"),
+    (0x123 | CAN_RTR, 0, 0, b""),
+    (0x1FFFFFFF | CAN_EFF | CAN_RTR, 8, 0, b""),
+    (CAN_ERR | 0x88, 8, 0, bytes(range(8))),
+    (0x124, 0, FD_FDF, b""),
+    (0x124, 12, FD_FDF | FD_BRS, bytes(range(12))),
+    (0x1ABCDEF | CAN_EFF, 64, FD_FDF | FD_ESI, bytes(range(64))),
+    (0x125, 8, FD_FDF | FD_BRS | FD_ESI, bytes(8)),
+]
+"""What was sent while candump wrote the logs `kinds-*`."""
+CANDUMP_WAYS = {
+    "L": ("-L",),
+    "L-x": ("-L", "-x"),
+    "shown": ("-t", "a"),
+    "shown-x": ("-t", "a", "-x"),
+    "shown-a": ("-t", "a", "-a"),
+}
+"""How candump was told to write them."""
+
+
+def check_candump(found, way):
+    """Check that the log of one way was read as the frames that were sent."""
+    assert len(found) == len(CANDUMP_FRAMES)
+    assert (np.diff(found["stamp_ns"]) > 0).all()
+    known = FD_FDF if way in ("shown", "shown-a") else FD_FDF | FD_BRS | FD_ESI
+    origin = ECHO if way.endswith("-x") else 0
+    for row, (can_id, length, flags, data) in zip(rows(found), CANDUMP_FRAMES, strict=True):
+        assert row[1:] == (can_id, length, flags & known, origin, 0, data)

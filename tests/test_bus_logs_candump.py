@@ -12,7 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from logfixtures import (
     BAD_LINES,
+    CANDUMP_WAYS,
     CHANNELS,
+    check_candump,
     frames,
     from_messages,
     records,
@@ -25,7 +27,7 @@ from bus.frame import CAN_ERR, CAN_RTR
 from bus.logs import buses_of, candump, candump_kernels, open_writer, read, read_all, write
 from topology import load
 
-GOLDEN = Path(__file__).parent / "golden"
+GOLDEN = Path(__file__).parent / "golden" / "logs"
 EXAMPLE = b"""\
 (1436509052.249713) vcan0 123#1122334455667788
 (1436509052.249714) can0 12345678#R
@@ -103,20 +105,17 @@ def test_error_frames_of_pythoncan_are_read(tmp_path):
     assert rows(read_all(path)) == [(1_500_000_000, CAN_ERR | 0x80, 0, 0, 0, 0, b"")]
 
 
-@pytest.mark.parametrize("log", sorted(GOLDEN.glob("logs/*.log")), ids=lambda path: path.stem)
-def test_what_candump_wrote_is_written_again_byte_by_byte(log, tmp_path):
-    found = read(log)
-    copy = tmp_path / log.name
-    shown = log.read_bytes()
-    if shown.startswith(b"("):
-        with open_writer(
-            copy, channels=["vcan0"], directed=shown.endswith((b" R\n", b" T\n"))
-        ) as writer:
-            for batch in found:
-                writer.write(batch)
-        assert copy.read_bytes() == shown
+@pytest.mark.parametrize("way", CANDUMP_WAYS)
+def test_each_way_of_candump_is_read_as_what_was_sent(way):
+    check_candump(read_all(GOLDEN / f"kinds-{way}.log"), way)
+
+
+@pytest.mark.parametrize("name", ["kinds-L", "kinds-L-x", "strip-vcan", "palm-vcan"])
+def test_what_candump_wrote_is_written_again_byte_by_byte(name, tmp_path):
+    copy, found = tmp_path / "copy.log", read(GOLDEN / f"{name}.log")
+    assert write(copy, found, channels=["vcan0"], directed=name.endswith("x")) == found.count > 0
     assert found.channels == {"vcan0": 0}
-    assert found.count == shown.count(b"\n") > 0
+    assert copy.read_bytes() == found.path.read_bytes()
 
 
 def test_an_example_of_each_kind_is_read(tmp_path):
