@@ -178,6 +178,39 @@ def test_a_text_cut_anywhere_gives_a_prefix(suffix, text, tmp_path):
         assert (log.damage is None) == (not size or text[size - 1] == "\n")
 
 
+def test_damaged_compression_ends_a_log(tmp_path):
+    path = tmp_path / "some.asc.gz"
+    packed = gzip.compress(ASC.encode())
+    for content in (packed[:40], packed[:-4], packed[:60] + b"???" + packed[63:]):
+        path.write_bytes(content)
+        log = read(path, strict=False)
+        found = [row for batch in log for row in rows(batch.frames)]
+        assert found == ASC_ROWS[: len(found)]
+        assert log.damage is not None
+    path.write_bytes(ASC.encode())
+    with pytest.raises(LogError, match=r"some.asc.gz: must be readable to its end; got: Not a gz"):
+        read_all(path)
+
+
+def test_what_only_begins_as_a_database_is_refused(tmp_path):
+    path = tmp_path / "some.db"
+    path.write_bytes(b"SQLite format 3\0" + bytes(99))
+    with pytest.raises(LogError, match=r"some\.db: row 1: must be a row of a \.db log; got "):
+        read_all(path)
+
+
+def test_a_file_that_cannot_be_opened_says_so(tmp_path, monkeypatch):
+    path = tmp_path / "some.log"
+    path.write_bytes(b"")
+
+    def refuse(*_):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(type(path), "open", refuse)
+    with pytest.raises(LogError, match=r"some\.log: must be a readable file; got: .*denied"):
+        read_all(path)
+
+
 def test_a_batch_that_is_full_is_given_at_once(tmp_path):
     path = tmp_path / "some.csv"
     write_by_pythoncan(path, records(*ROWS * 5))

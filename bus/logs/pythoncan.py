@@ -47,7 +47,8 @@ class PythonCanReader(LogReader):
         suffix = self.format_suffix
         reader, beginning, expected = FORMATS[suffix]
         with self._open() as file:
-            head = file.read(_HEAD_BYTES)
+            head = memoryview(bytearray(_HEAD_BYTES))
+            head = bytes(head[: self._read_into(file, head)])
             if head and not beginning.match(head):
                 raise LogError(f"{self.path}:1: must begin with {expected}; got {head[:40]!r}")
             if suffix == ".db":
@@ -65,13 +66,13 @@ class PythonCanReader(LogReader):
         """Fill the batch from messages; `lines` are those that they come from."""
         number = 0
         while True:
+            number += 1
             try:
                 message = next(messages, None)
                 if lines is not None:
                     lines.taken += message is not None
                 if message is None:
                     break
-                number += 1
                 fields = self._fields(message)
                 if fields is not None:
                     _RECORD.pack_into(batch.records, 80 * batch.count, *fields)

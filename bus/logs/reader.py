@@ -113,9 +113,12 @@ class LogReader(ABC):
         self.damage: LogError | None = None
 
     def _open(self) -> BinaryIO:
-        if self.path.suffix.lower() == ".gz":
-            return gzip.open(self.path, "rb")  # type: ignore[return-value]
-        return self.path.open("rb")
+        try:
+            if self.path.suffix.lower() == ".gz":
+                return gzip.open(self.path, "rb")  # type: ignore[return-value]
+            return self.path.open("rb")
+        except OSError as error:
+            raise LogError(f"{self.path}: must be a readable file; got: {error}") from error
 
     def _read_into(self, file: BinaryIO, view: memoryview) -> int:
         """Read some bytes into `view`; return their number, 0 at the end."""
