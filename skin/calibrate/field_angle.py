@@ -35,7 +35,8 @@ class FieldAngle:
         Largest angle of the scan: beyond it the polynomial extrapolates.
     depth_min_mm, depth_max_mm : float
     least_slope : float
-        Smallest dR / dpsi over the samples, mm/rad: positive, so R is one to one there.
+        Smallest dR / dpsi over the samples, to two sigma short of each, mm/rad: positive, so R is
+        one to one there.
     """
 
     coefficients: np.ndarray
@@ -139,7 +140,9 @@ def fit_field_angle(
         coefficients = fit.values.reshape(shape)
         slope = _slope(coefficients, angle, depth)
         sigma = np.clip(slope, 0.5 * typical, 2.0 * typical) * noise
-    least = float(slope.min())
+    # noise carries single samples beyond the scan, where the polynomial means nothing
+    within = np.maximum(np.abs(angle) - 2.0 * noise, 0.0)
+    least = float(_slope(coefficients, within, depth).min())
     if least <= 0.0:
         raise ScanError(
             "field_ut: must have an angle that grows with displacement over the scan, and noise "

@@ -46,7 +46,9 @@ def fit_shear(
         Too few samples or depths, no samples on one side of the break, or a value that is not
         finite.
     """
-    check_samples(6, force_n=force_n, displacement_mm=displacement_mm, depth_mm=depth_mm)
+    check_samples(
+        6 if with_depth else 5, force_n=force_n, displacement_mm=displacement_mm, depth_mm=depth_mm
+    )
     check_levels("displacement_mm", displacement_mm, 5, 0.02)
     if with_depth:
         check_levels("depth_mm", depth_mm, 2, 0.1)

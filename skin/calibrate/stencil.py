@@ -120,8 +120,8 @@ class Stencil:
     reach_m : float
         Neighbours nearer than this are in.
     left_out_ut : float
-        Bound of what farther neighbours add to a lateral or the normal field of the worst unit, if
-        all of them moved at once to where they add most (as on a flat skin).
+        What farther neighbours add to the field of the worst unit, if all of them, each as strong
+        as the strongest, moved at once to where on a flat skin they add most.
     residual_rms_ut, residual_max_ut : float
         Of the fits, of one neighbour at the nearest distance.
     """
@@ -261,7 +261,7 @@ def _at_rest(topology: Topology) -> np.ndarray:
 
 
 def _scan(topology: Topology, kinds: np.ndarray, moved: np.ndarray) -> np.ndarray:
-    """Change since rest of the field of a film of amplitude 1 µT at a chip beside it, film frame, azimuth 0.
+    """Field of a film of amplitude 1 µT at a chip at azimuth 0, film frame: change since rest.
 
     Parameters
     ----------

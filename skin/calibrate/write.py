@@ -19,6 +19,7 @@ from topology import UnitModel
 __all__ = ["write_calibration"]
 
 KNOWN = tuple(field.name for field in msgspec.structs.fields(UnitModel))
+BARE = re.compile(r"[A-Za-z0-9_-]+")
 ENTRY = re.compile(r"(\w+)\[(\d+)\]")
 
 
@@ -29,6 +30,7 @@ def write_calibration(
     *,
     date: str = "",
     bench: str = "",
+    tangential_max_mm: float = UnitModel().tangential_max_mm,
 ) -> None:
     """Write what was fitted of the units of a patch, with the sigma of each value beside it.
 
@@ -43,6 +45,9 @@ def write_calibration(
         Unit, without the patch's name ("r3c4"), to its fits; a later fit stands above an earlier.
     date, bench : str
         When, where and how it was measured.
+    tangential_max_mm : float
+        Of the units' model. Where the crest of a fitted `field_wavenumber_rad_per_mm` lies before
+        it, the range ends at the crest.
 
     Raises
     ------
@@ -66,7 +71,12 @@ def write_calibration(
                     raise CalibrationError(f"{patch}/{unit}: {name}: must be finite; got {value}")
                 told.setdefault(key, {})[at] = float(value), float(sigma)
             found.update(told)
-        lines += ["", f"[units.{_text(unit)}]"]
+        if "field_wavenumber_rad_per_mm" in found and "tangential_max_mm" not in found:
+            (k, sigma_k) = found["field_wavenumber_rad_per_mm"][None]
+            crest = np.floor(1e3 * 0.5 * np.pi / k) / 1e3
+            if crest < tangential_max_mm:
+                found["tangential_max_mm"] = {None: (float(crest), crest * sigma_k / k)}
+        lines += ["", f"[units.{unit if BARE.fullmatch(unit) else _text(unit)}]"]
         lines += [_line(name, entries) for name, entries in found.items()]
     _write(Path(file), "\n".join(lines) + "\n")
 
