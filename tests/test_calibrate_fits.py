@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from decodefixtures import calibrated, row_of, with_parameters
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skin.calibrate.amplitude import (
@@ -62,7 +62,7 @@ def scan_frequency(rng):
     return fit_frequency(rest - slope * PRESS + 6.0 * rng.standard_normal(PRESS.size), PRESS)
 
 
-def heated(rng, samples=300):
+def heated(rng, samples=150):
     """Four poses of known field, film and chip heated apart from each other."""
     poses = np.array([[0.0, 0.0, 17000.0], [9000.0, 0.0, 6e3], [0.0, 9e3, 6e3], [0.0, 0.0, 4e3]])
     pose = rng.integers(0, 4, samples)
@@ -162,10 +162,12 @@ def test_the_sine_law_fits_the_film_of_magnet_theory():
     assert linear.residual_max < 0.003 * linear["field_amplitude_ut"]
     assert quadratic.residual_rms < linear.residual_rms
     assert 0.61 < linear["field_wavenumber_rad_per_mm"] < 0.64
-    # the covariance owns up to what the law does not hold
-    assert linear.sigma[1] > fit_amplitude(field, PRESS, SLIDE, sigma_ut=0.01).sigma[1] * 0.9
+    # where the law does not hold to the stated noise, the covariance owns up to it
+    surer = fit_amplitude(field, PRESS, SLIDE, sigma_ut=0.01)
+    np.testing.assert_allclose(surer.sigma, linear.sigma, rtol=1e-3)
 
 
+@settings(max_examples=10)
 @given(st.permutations(range(PRESS.size)))
 def test_the_order_of_the_samples_does_not_matter(order):
     field = lateral(np.random.default_rng(3))
@@ -262,7 +264,7 @@ REFUSED = {
         "temperatures of which one follows the other",
     ),
     "one pose": (
-        lambda: fit_drift(*HEAT[:3], np.zeros(300, int)),
+        lambda: fit_drift(*HEAT[:3], np.zeros(150, int)),
         "pose: must be 2 or more, of different fields, to tell the chip's gain from its offset's "
         "drift; got 1",
     ),

@@ -142,8 +142,10 @@ def least_squares(
         raise ScanError(f"scan: must have samples that tell {', '.join(silent)}; got none")
     q, r = np.linalg.qr(weighted / length)
     _, singular, rows = np.linalg.svd(r)
-    if singular[-1] < RANK * singular[0]:
-        mixed = np.flatnonzero(np.abs(rows[-1]) > 0.1 * np.abs(rows[-1]).max())
+    lost = singular < RANK * singular[0]
+    if lost.any():
+        share = np.linalg.norm(rows[lost], axis=0)
+        mixed = np.flatnonzero(share > 0.1 * share.max())
         raise ScanError(
             f"scan: must tell {', '.join(names[i] for i in mixed)} apart; got samples in which "
             "they have one and the same effect"

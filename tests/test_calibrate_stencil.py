@@ -1,0 +1,216 @@
+"""Neighbours' stray fields as polynomials: against magnet theory, on skins of every shape."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import topology
+from skin.calibrate.stencil import Stencil, fit_stray, monomials, powers
+from skin.errors import ScanError
+from skin.sim.halbach import HalbachField
+from topology.pose import from_rpy
+
+
+@functools.cache
+def palm(pitch_mm):
+    skin = topology.load("palm")
+    return dataclasses.replace(skin, position=skin.position * (pitch_mm / 12.0))
+
+
+def displaced(n, cycles=20, seed=1):
+    """Films moved at random: displacement and depth together, shape (cycles, 3, n)."""
+    rng = np.random.default_rng(seed)
+    reach, angle = 2.5 * np.sqrt(rng.random((cycles, n))), rng.uniform(-np.pi, np.pi, (cycles, n))
+    depth = 2.0 * rng.random((cycles, n))
+    return np.stack([reach * np.cos(angle), reach * np.sin(angle), depth], axis=1)
+
+
+def neighbours_ut(skin, moved, reach_m=0.1):
+    """Field of the neighbours alone, from magnet theory."""
+    warm = np.broadcast_to(skin.parameters["film_reference_c"], moved[:, 2].shape)
+    both, own = HalbachField(skin, reach_m=reach_m), HalbachField(skin, reach_m=0.0)
+    given = moved[:, :2], moved[:, 2], warm
+    return both(*given) - own(*given)
+
+
+def change_ut(skin, moved, reach_m=0.1):
+    return neighbours_ut(skin, moved, reach_m) - neighbours_ut(skin, 0.0 * moved[:1], reach_m)
+
+
+def rms(field):
+    return np.sqrt(np.mean(np.square(field[:, :2])))
+
+
+@pytest.mark.parametrize(
+    ("pitch_mm", "limits"),
+    [(12.0, (0.33, 0.11, 0.045)), (13.5, (0.30, 0.09, 0.055)), (15.0, (0.28, 0.09, 0.07))],
+)
+def test_every_degree_leaves_less_of_the_cross_talk(pitch_mm, limits):
+    skin = palm(pitch_mm)
+    moved = displaced(skin.n)
+    true = change_ut(skin, moved)
+    for degree, limit in enumerate(limits, start=1):
+        left = Stencil.of(skin, degree=degree)(moved) - true
+        assert rms(left) < limit * rms(true)
+
+
+@pytest.mark.parametrize("name", ["fingertip", "hand"])
+def test_curved_skins_are_predicted_as_flat_ones_are(name):
+    skin = topology.load(name)
+    moved = displaced(skin.n, cycles=8)
+    true = change_ut(skin, moved, reach_m=0.03)
+    left = Stencil.of(skin, degree=3)(moved) - true
+    assert rms(left) < 0.06 * rms(true)
+
+
+def test_a_single_pair_is_predicted_within_the_residual_that_the_fit_states():
+    skin = palm(12.0)
+    stencil = Stencil.of(skin, degree=2, reach_m=0.013)
+    moved = np.zeros((60, 3, skin.n))
+    moved[:, :, 27] = displaced(1, cycles=60)[..., 0]
+    left = (stencil(moved) - change_ut(skin, moved, reach_m=0.013))[..., 28]
+    assert np.abs(left).max() < 1.2 * stencil.residual_max_ut
+    assert 0.2 * stencil.residual_rms_ut < np.sqrt(np.mean(left**2))
+
+
+def test_what_rests_adds_what_the_stencil_says():
+    skin = topology.load("hand")
+    stencil = Stencil.of(skin)
+    at_rest = neighbours_ut(skin, np.zeros((1, 3, skin.n)))[0]
+    np.testing.assert_allclose(stencil.rest_ut, at_rest, atol=1e-9)
+    assert (stencil(np.zeros((3, skin.n))) == 0.0).all()
+
+
+def test_what_is_left_out_stays_below_the_bound():
+    skin = palm(12.0)
+    moved = displaced(skin.n)
+    for reach_m in (0.013, 0.018, 0.03):
+        beyond = change_ut(skin, moved) - change_ut(skin, moved, reach_m)
+        bound = Stencil.of(skin, reach_m=reach_m).left_out_ut
+        assert np.linalg.norm(beyond, axis=1).max() < bound
+    bounds = [Stencil.of(skin, reach_m=reach_m).left_out_ut for reach_m in (0.013, 0.018, 0.03)]
+    assert bounds == sorted(bounds, reverse=True)
+    assert Stencil.of(skin, reach_m=0.1).left_out_ut == 0.0
+
+
+@settings(max_examples=6)
+@given(st.tuples(*3 * [st.floats(-3.0, 3.0)]), st.integers(1, 3))
+def test_turning_the_skin_as_a_whole_changes_nothing(rpy, degree):
+    skin = topology.load("fingertip")
+    turn = from_rpy(*rpy)
+    turned = dataclasses.replace(
+        skin, position=turn @ skin.position + 0.5,
+        rotation=np.einsum("ab,bcn->acn", turn, skin.rotation),
+    )  # fmt: skip
+    moved = displaced(skin.n, cycles=3)
+    one, other = (Stencil.of(s, degree=degree)(moved) for s in (skin, turned))
+    np.testing.assert_allclose(other, one, atol=2e-3 * np.abs(one).max())
+
+
+def test_an_irregular_skin_pairs_each_unit_with_its_own_neighbours():
+    skin = palm(12.0)
+    keep = np.array([0, 1, 9, 27, 28, 63])
+    rng = np.random.default_rng(0)
+    some = dataclasses.replace(
+        skin,
+        position=skin.position[:, keep] + 3e-4 * rng.uniform(-1.0, 1.0, (3, keep.size)),
+        rotation=skin.rotation[:, :, keep],
+        unit_names=tuple(skin.unit_names[k] for k in keep),
+        parameters={name: value[..., keep] for name, value in skin.parameters.items()},
+    )
+    stencil = Stencil.of(some, degree=3)
+    rows = [
+        stencil.neighbour[stencil.start[i] : stencil.start[i + 1]].tolist()
+        for i in range(keep.size)
+    ]
+    assert rows == [[1, 2], [0, 2], [0, 1], [4], [3], []]
+    moved = displaced(keep.size)
+    left = stencil(moved) - change_ut(some, moved, reach_m=0.03)
+    assert rms(left) < 0.06 * rms(change_ut(some, moved, reach_m=0.03))
+    assert (stencil(moved)[..., 5] == 0.0).all()
+
+
+def test_a_neighbour_counts_by_its_own_strength():
+    skin = palm(12.0)
+    stronger = skin.parameters["field_amplitude_ut"].copy()
+    stronger[27] *= 1.5
+    other = dataclasses.replace(
+        skin, parameters={**skin.parameters, "field_amplitude_ut": stronger}
+    )
+    one, two = Stencil.of(skin), Stencil.of(other)
+    of_27 = one.neighbour == 27
+    np.testing.assert_allclose(
+        two.coefficients[..., of_27], 1.5 * one.coefficients[..., of_27], rtol=1e-9, atol=1e-9
+    )
+    assert (two.coefficients[..., ~of_27] == one.coefficients[..., ~of_27]).all()
+
+
+def test_a_noisy_scan_lies_off_as_far_as_its_covariance_says():
+    # exactly cubic, so that the noise is all that is off
+    rng = np.random.default_rng(0)
+    moved = displaced(200, cycles=1)[0].T
+    truth = rng.uniform(-20.0, 20.0, (len(powers(3)), 3))
+    exact = monomials(moved.T, 3).T @ truth
+    off = []
+    for seed in range(8):
+        noise = np.random.default_rng(seed).standard_normal(exact.shape)
+        fits = fit_stray(exact + 5.0 * noise, moved, degree=3, sigma_ut=5.0)
+        off += [(fit.values - truth[:, axis]) / fit.sigma for axis, fit in enumerate(fits)]
+    assert 0.6 < np.mean(np.abs(off) < 1.0) < 0.8
+    assert np.mean(np.abs(off) < 3.0) > 0.98
+
+
+def test_noise_of_the_scan_widens_the_covariance_of_the_stencil():
+    skin = palm(12.0)
+    exact, noisy = Stencil.of(skin, degree=3), Stencil.of(skin, degree=3, sigma_ut=1e-2)
+    assert (noisy.coefficients != exact.coefficients).any()
+    off = np.abs(noisy.coefficients - exact.coefficients)
+    variance = np.einsum("appm->apm", noisy.covariance)
+    assert np.mean(off <= 4.0 * np.sqrt(variance) + 1e-9) > 0.99
+
+
+@given(st.integers(1, 3))
+def test_terms_come_by_degree(degree):
+    terms = powers(degree)
+    assert len(terms) == {1: 3, 2: 9, 3: 19}[degree]
+    assert (np.diff(terms.sum(axis=1)) >= 0).all()
+    assert terms[:3].tolist() == [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
+
+
+MOVED = displaced(60, cycles=1)[0].T
+FLAT = MOVED * [1.0, 1.0, 0.0] + [0.0, 0.0, 2.0]
+REFUSED = {
+    "one depth": (
+        (MOVED, FLAT),
+        {},
+        "displacement_mm (H): must have 3 levels or more, 0.05 apart, to tell its effect; got 1 "
+        "between 2 and 2",
+    ),
+    "one line": (
+        (MOVED, MOVED[:, [0, 0, 2]]),
+        {},
+        "scan: must tell dx^1, dy^1, dx^2, dx^1 dy^1, dx^1 H^1, dy^2, dy^1 H^1 apart; got samples "
+        "in which they have one and the same effect",
+    ),
+    "too few": ((MOVED[:5], MOVED[:5]), {}, "stray_ut: must be 9 samples or more; got 5"),
+    "not a number": (
+        (np.full_like(MOVED, np.nan), MOVED),
+        {},
+        "stray_ut[0]: must be finite; got [nan nan nan] (and 59 more such samples)",
+    ),
+    "degree": ((MOVED, MOVED), {"degree": 4}, "degree: must be 1, 2 or 3; got 4"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_a_scan_that_cannot_tell_is_refused_by_what_it_lacks(case):
+    given_, how, message = REFUSED[case]
+    with pytest.raises(ScanError) as caught:
+        fit_stray(*given_, **how)
+    assert str(caught.value) == message
