@@ -200,14 +200,14 @@ def test_what_only_begins_as_a_database_is_refused(tmp_path):
 
 
 def test_a_file_that_cannot_be_opened_says_so(tmp_path, monkeypatch):
-    path = tmp_path / "some.log"
+    path = tmp_path / "some.log.gz"
     path.write_bytes(b"")
 
     def refuse(*_):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(type(path), "open", refuse)
-    with pytest.raises(LogError, match=r"some\.log: must be a readable file; got: .*denied"):
+    monkeypatch.setattr("bus.logs.reader.gzip.open", refuse)
+    with pytest.raises(LogError, match=r"some\.log\.gz: must be a readable file; got: .*denied"):
         read_all(path)
 
 
