@@ -35,6 +35,7 @@ from bus.faults.script import (
 from bus.frame import FrameBatch
 from bus.memory import MemoryTransport
 from bus.status import INVALID, Status
+from bus.transport import Transport
 from topology import CHANNELS, Topology, load
 
 START_NS, SPACING_NS = 1_700_000_000_000_000_000, 50_000
@@ -116,6 +117,8 @@ class Tally:
         self.has_flag = np.zeros(skin.n, bool)
         self.early = np.zeros(skin.n, np.int64)
         self.wrong = self.standing = self.missing = self.steps = 0
+        self.struck_at: int | None = None
+        self.flagged_at: int | None = None
         self._wired = skin.wired
         self._period_ns = 1e9 / skin.cycle_rate_hz
         self._stamp_ns: int | None = None
@@ -125,6 +128,8 @@ class Tally:
         sent = self.sent[cycle.number]
         wrong = ((cycle.counts != sent) & self._wired).any(axis=0) & cycle.valid
         self.has_flag |= (cycle.status & self.flag) != 0
+        if self.flagged_at is None and self.has_flag.any():
+            self.flagged_at = cycle.number
         self.early += wrong & ~self.has_flag
         self.wrong += int((wrong & self.has_flag).sum())
         self.flagged |= (cycle.status & int(INVALID)) != 0
@@ -147,14 +152,20 @@ class Tally:
 
 
 def measure(trial: Trial, cycles: int, seed: int = 1) -> dict[str, object]:
-    """Send `cycles` cycles past one fault."""
-    skin = load(trial.skin)
-    near, far = MemoryTransport.pair()
+    """Send `cycles` cycles past one fault, in memory."""
+    return past(trial, load(trial.skin), *MemoryTransport.pair(), cycles, seed)
+
+
+def past(
+    trial: Trial, skin: Topology, near: Transport, far: Transport, cycles: int, seed: int = 1
+) -> dict[str, object]:
+    """Send `cycles` cycles of a skin from `near` to `far`, past one fault; closes both."""
     script = FaultScript(faults=(trial.fault,))
     with near, FaultyTransport(far, script, seed, skin) as host:
         tally, counters = play(skin, near, host, cycles, trial.flag, seed)
         (injected,) = host.injected.values()
     early = tally.finish()
+    seen = tally.struck_at is not None and tally.flagged_at is not None
     counted = (
         getattr(counters, trial.counter)
         if hasattr(counters, trial.counter)
@@ -167,13 +178,14 @@ def measure(trial: Trial, cycles: int, seed: int = 1) -> dict[str, object]:
         "counter": trial.counter,
         "units_flagged": int(tally.flagged.sum()),
         "units": skin.n,
+        "cycles_to_flag": tally.flagged_at - tally.struck_at if seen else None,
         "wrong_before_flag": early,
         "wrong_unflagged": tally.wrong,
     }
 
 
 def play(
-    skin: Topology, near: MemoryTransport, host: FaultyTransport, cycles: int, flag: Status,
+    skin: Topology, near: Transport, host: FaultyTransport, cycles: int, flag: Status,
     seed: int,
 ) -> tuple[Tally, FrameCounters]:  # fmt: skip
     """SYNC and data of all units, cycle by cycle, from `near` to an assembler behind `host`."""
@@ -193,6 +205,8 @@ def play(
         while heard.clear() is None and host.receive(heard):
             for cycle in assembler.feed(heard.frames):
                 tally.add(cycle)
+        if tally.struck_at is None and any(host.injected.values()):
+            tally.struck_at = number
     last = assembler.flush()
     if last is not None:
         tally.add(last)

@@ -88,7 +88,10 @@ def _run_in_guest(session):
     """Boot once a session: reports by test, whether the guest came up, what there is to say."""
     if reason := guest.unavailable():
         return {}, False, reason
-    nodeids = [item.nodeid for item in session.items if item.get_closest_marker("vcan")]
+    items = [item for item in session.items if item.get_closest_marker("vcan")]
+    if any(item.get_closest_marker("long") for item in items):
+        guest.LIMIT_S += guest.LONG_S
+    nodeids = [item.nodeid for item in items]
     data, came_up, console = guest.run_tests(nodeids, session.config.rootpath)
     if not came_up:
         return {}, False, f"User-Mode Linux does not start on this machine:\n{console}"

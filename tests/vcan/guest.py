@@ -23,6 +23,7 @@ PROGRAMS = {KERNEL: "user-mode-linux", "insmod": "kmod", "ip": "iproute2", "cand
 MODULES = Path("/usr/lib/uml/modules")
 SEARCH = os.environ.get("PATH", "") + ":/usr/local/sbin:/usr/sbin:/sbin"
 LIMIT_S = 600  # of a boot with all its tests: a guard against a hang, not a measure
+LONG_S = float(os.environ.get("F3T_LONG_S", "600"))  # what a long test adds to it
 
 
 def unavailable():
@@ -116,7 +117,7 @@ def _job(command, root, directory, variables):
         "PYTHONDONTWRITEBYTECODE": "1",
     }
     # The host's compiled kernels serve here too: the processor is the same, and so is its name.
-    passed = ("CI", "NUMBA_CACHE_DIR")
+    passed = ("CI", "NUMBA_CACHE_DIR", "F3T_LONG_S")
     environment |= {name: os.environ[name] for name in passed if name in os.environ}
     settings = shlex.join(f"{name}={value}" for name, value in (environment | variables).items())
     return (
