@@ -2,12 +2,44 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from skin.errors import CalibrationError
+from skin.errors import CalibrationError, SkinError
 from topology import THETA_KNOTS, Topology
 
-__all__ = ["HallChip"]
+__all__ = ["HallChip", "HallConverter"]
+
+
+@dataclass(frozen=True)
+class HallConverter:
+    """The converter of a Hall chip: its step and its range.
+
+    Attributes
+    ----------
+    lsb_ut : float
+        One step, µT; the default is a common chip's.
+    range_ut : float
+        Largest field of either sign that it can tell, µT.
+    """
+
+    lsb_ut: float = 98.0
+    range_ut: float = 130_000.0
+
+    def __post_init__(self) -> None:
+        for name in ("lsb_ut", "range_ut"):
+            if not 0.0 < getattr(self, name) < np.inf:
+                raise SkinError(f"{name}: must be above 0; got {getattr(self, name)}")
+
+    def read(self, field_ut: np.ndarray) -> np.ndarray:
+        """The field in whole steps, shape as given.
+
+        Infinite beyond the range, so that the board sends the rail of the wire and a lower bound
+        does not look like a reading.
+        """
+        steps = self.lsb_ut * np.rint(field_ut / self.lsb_ut)
+        return np.where(np.abs(field_ut) > self.range_ut, np.copysign(np.inf, field_ut), steps)
 
 
 class HallChip:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from skin.sim.capacitor import Capacitor, Timer
+from skin.sim.counter import Counter, Gate
+from skin.sim.divider import Divider
 from skin.sim.field import Field, SineField
-from skin.sim.hall import HallChip
+from skin.sim.hall import HallChip, HallConverter
 from skin.sim.truth import Truth
 from topology import CHANNELS, Topology
 
@@ -33,6 +35,12 @@ class UnitSimulator:
         The capacitor of every unit.
     field : Field, optional
         The film's field; the paper's sine law if not given.
+    counter : Counter, optional
+        How the timer's periods are counted; if not given, its frequency is known at once.
+    divider : Divider, optional
+        How the gel is measured; if not given, its current is known.
+    converter : HallConverter, optional
+        Step and range of the Hall chips; if not given, the wire's alone.
 
     Attributes
     ----------
@@ -48,6 +56,9 @@ class UnitSimulator:
         noise: bool = True,
         capacitor: Capacitor | None = None,
         field: Field | None = None,
+        counter: Counter | None = None,
+        divider: Divider | None = None,
+        converter: HallConverter | None = None,
     ) -> None:
         p = topology.parameters
         self.topology = topology
@@ -56,6 +67,10 @@ class UnitSimulator:
         self._timer = Timer(topology, capacitor or Capacitor())
         self._field = field or SineField(topology)
         self._hall = HallChip(topology)
+        self._counter = counter
+        self._gate = Gate(counter.gate_s) if counter is not None else None
+        self._divider = divider
+        self._converter = converter
         self._gel_noise = p["gel_noise_relative"]
         self._noise = np.stack([p["frequency_noise_hz"], *3 * [p["field_noise_ut"]]])
         self._random = np.random.default_rng(seed) if noise else None
@@ -105,6 +120,19 @@ class UnitSimulator:
             values[..., FREQUENCY : BZ + 1, :] += self._noise * noise[..., FREQUENCY:, :]
         return values
 
+    def measure(self, values: np.ndarray) -> np.ndarray:
+        """What the board's counter and converters make of `values`, shape (..., c, n), in place."""
+        if self._counter is not None:
+            frequency = values[..., FREQUENCY, :]
+            phase = 0.5 if self._random is None else self._random.random(frequency.shape)
+            values[..., FREQUENCY, :] = self._counter.read(frequency, phase)
+        if self._divider is not None:
+            values[..., GEL, :] = self._divider.read(values[..., GEL, :])
+        if self._converter is not None:
+            field = values[..., BX : BZ + 1, :]
+            values[..., BX : BZ + 1, :] = self._converter.read(field)
+        return values
+
     def quantise(self, values: np.ndarray) -> np.ndarray:
         """Counts as the wire carries them: rounded, and held at the rails.
 
@@ -121,7 +149,11 @@ class UnitSimulator:
         return np.clip(counts, self.lowest, self.highest).astype(np.int16)
 
     def counts(self, truth: Truth) -> np.ndarray:
-        """One sample of all units, shape (c, n), int16."""
+        """One sample of all units, shape (c, n), int16.
+
+        With a `counter`, the frequency is its mean over the gate that ends now, for which the truth
+        of one instant after the other must be given.
+        """
         values = self.quantities(
             truth.depth_mm,
             truth.displacement_mm,
@@ -129,7 +161,9 @@ class UnitSimulator:
             truth.film_temperature,
             truth.hall_temperature,
         )
-        return self.quantise(self.disturb(values))
+        if self._gate is not None:
+            values[FREQUENCY] = self._gate(truth.time_s, values[FREQUENCY])
+        return self.quantise(self.measure(self.disturb(values)))
 
 
 def _rails(topology: Topology) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,257 @@
+"""Counter, divider and converter of a unit: one non-ideality at a time, against closed forms."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bus.status import Status
+from skin import Decoder
+from skin.errors import SkinError
+from skin.sim.counter import Counter, Gate
+from skin.sim.divider import Divider
+from skin.sim.hall import HallConverter
+from skin.sim.truth import Truth
+from skin.sim.unit import UnitSimulator
+from topology import CHANNELS, load
+
+PALM = load("palm")
+GEL, FREQUENCY, BX, BY, BZ, HALL_TEMPERATURE = range(len(CHANNELS))
+RATE = np.log(12.0) / 60.0
+"""Of the gel's exponential law, per kelvin."""
+
+
+def at_rest(time_s: float = 0.0) -> Truth:
+    return replace(Truth.at_rest(PALM.n, 25.0), time_s=time_s)
+
+
+# -- counter ---------------------------------------------------------------------------------------
+
+
+def test_one_period_is_counted_to_20_hz_and_ten_milliseconds_to_half_a_hertz() -> None:
+    """f^2 / clock, and that over 45 periods."""
+    f = np.array([4500.0])
+    for gate_s, step_hz in [(1.5 / 4500.0, 20.25), (0.0101, 0.45)]:
+        counter = Counter(gate_s=gate_s, clock_hz=1e6)
+        near = counter.read(f + np.linspace(-2.0, 2.0, 4001) * step_hz, 0.5)
+        steps = np.diff(np.unique(near))
+        assert steps.max() == pytest.approx(step_hz, rel=0.02)
+
+
+@given(
+    frequency=st.floats(500.0, 5000.0),
+    gate_s=st.sampled_from([0.005, 0.01, 0.05]),
+    clock_hz=st.sampled_from([1e5, 1e6, 8e6]),
+    phase=st.floats(0.0, 0.999),
+)
+def test_a_count_is_off_by_one_tick_at_most(
+    frequency: float, gate_s: float, clock_hz: float, phase: float
+) -> None:
+    found = Counter(gate_s, clock_hz).read(np.array([frequency]), phase)[0]
+    periods = np.floor(frequency * gate_s * (1.0 + 1e-12))
+    assert abs(periods / found - periods / frequency) * clock_hz <= 1.0 + 1e-6
+
+
+@given(frequency=st.floats(500.0, 5000.0))
+def test_ticks_are_right_on_average_and_spread_as_their_remainder(frequency: float) -> None:
+    """Mean of the counted time is the true one, its variance r (1 - r) ticks for a remainder r."""
+    counter, phases = Counter(), (np.arange(20_000) + 0.5) / 20_000
+    found = counter.read(np.full(phases.size, frequency), phases)
+    periods = np.floor(frequency * 0.01 * (1.0 + 1e-12))
+    ticks, true_ticks = periods * 1e6 / found, periods * 1e6 / frequency
+    remainder = true_ticks % 1.0
+    assert ticks.mean() == pytest.approx(true_ticks, abs=1e-4)
+    assert ticks.var() == pytest.approx(remainder * (1.0 - remainder), abs=1e-4)
+
+
+@pytest.mark.parametrize(("gate_s", "clock_hz"), [(0.01, 1e6), (0.01, 1e5), (0.1, 1e5)])
+def test_noise_of_the_counter_is_that_of_the_closed_form(gate_s: float, clock_hz: float) -> None:
+    """f / (gate clock sqrt 6) over all frequencies, for gates that whole periods fill."""
+    random = np.random.default_rng(2)
+    periods = int(4500 * gate_s)
+    f = periods / gate_s * (1.0 + random.uniform(0.0, 0.5 / periods, 40_000))
+    off = Counter(gate_s, clock_hz).read(f, random.random(f.size)) - f
+    sigma = 4500.0 / (gate_s * clock_hz * np.sqrt(6.0))
+    assert off.std() == pytest.approx(sigma, rel=0.03)
+    # The mean of 1/M is above 1/(mean M) by var(M)/M^2, which is far below the noise.
+    assert abs(off.mean()) < 5.0 * sigma / np.sqrt(f.size) + 4500.0 / (gate_s * clock_hz) ** 2
+
+
+def test_a_timer_that_stands_still_is_counted_as_nothing() -> None:
+    found = Counter(gate_s=0.01).read(np.array([-1.0, 0.0, 99.0, 100.0, 101.0]), 0.5)
+    np.testing.assert_allclose(found[:3], 0.0)
+    np.testing.assert_allclose(found[3:], [100.0, 101.0], rtol=1e-4)
+
+
+# -- gate ------------------------------------------------------------------------------------------
+
+
+@given(
+    gate_s=st.sampled_from([0.001, 0.01, 0.013, 0.1]),
+    steps_s=st.lists(st.floats(0.001, 0.03), min_size=8, max_size=40),
+    slope=st.floats(-9000.0, 9000.0),
+)
+def test_a_gate_is_half_of_it_late(gate_s: float, steps_s: list[float], slope: float) -> None:
+    gate, times = Gate(gate_s), np.cumsum([0.0, *steps_s])
+    for t in times:
+        found = gate(float(t), np.array([4500.0 + slope * t]))
+        if t >= gate_s:
+            assert found[0] == pytest.approx(4500.0 + slope * (t - gate_s / 2.0), abs=1e-6)
+
+
+@given(seed=st.integers(0, 1000), gate_s=st.floats(0.002, 0.08))
+def test_a_gate_is_the_mean_of_the_line_through_the_samples(seed: int, gate_s: float) -> None:
+    random = np.random.default_rng(seed)
+    times = np.cumsum(random.uniform(0.001, 0.02, 30))
+    hz = random.uniform(2000.0, 4500.0, (30, 3))
+    gate = Gate(gate_s)
+    found = [gate(float(t), f) for t, f in zip(times, hz, strict=True)][-1]
+    inside = times[times > times[-1] - gate_s]
+    knots = np.concatenate([[times[-1] - gate_s], inside])
+    for unit in range(3):
+        line = np.interp(knots, times, hz[:, unit])
+        assert found[unit] == pytest.approx(np.trapezoid(line, knots) / gate_s, rel=1e-8)
+
+
+def test_a_scene_that_starts_anew_remembers_nothing() -> None:
+    gate = Gate(0.01)
+    for t in (0.0, 0.004, 0.008):
+        gate(t, np.array([3000.0]))
+    assert gate(0.0, np.array([4000.0]))[0] == pytest.approx(4000.0)
+
+
+# -- divider ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("series_ohm", "at_20", "at_80"), [(95_263.0, 0.034, 0.034), (29_180.0, 0.079, 0.0236)]
+)
+def test_a_step_of_the_converter_is_as_large_as_by_hand(
+    series_ohm: float, at_20: float, at_80: float
+) -> None:
+    """(I + Is)^2 / (4096 Is I ln 12 / 60) kelvin, Is the current of the resistor alone."""
+    divider = Divider(series_ohm=series_ohm)
+    for celsius, expected in [(20.0, at_20), (80.0, at_80)]:
+        around = 10.0 * np.exp(RATE * (celsius - 20.0 + np.linspace(-2.0, 2.0, 40_001)))
+        read = np.unique(divider.read(around))
+        kelvin = np.diff(np.log(read)) / RATE
+        assert np.median(kelvin) == pytest.approx(expected, rel=0.02)
+
+
+@given(celsius=st.floats(15.0, 85.0), bits=st.integers(8, 16))
+def test_a_reading_is_within_half_a_step(celsius: float, bits: int) -> None:
+    divider = Divider(bits=bits)
+    current = 10.0 * np.exp(RATE * (celsius - 20.0))
+    code = divider.code(np.array([current]))[0]
+    alone = 3.3 / 95_000.0 * 1e6
+    exact = 2**bits * current / (current + alone)
+    assert abs(code - exact) <= 0.5 + 1e-6
+    back = divider.read(np.array([current]))[0]
+    assert 2**bits * back / (back + alone) == pytest.approx(code, abs=1e-6)
+
+
+def test_the_divider_is_right_on_average() -> None:
+    random = np.random.default_rng(4)
+    celsius = random.uniform(20.0, 80.0, 100_000)
+    read = Divider().read(10.0 * np.exp(RATE * (celsius - 20.0)))
+    off = 20.0 + np.log(read / 10.0) / RATE - celsius
+    step = 0.034
+    assert abs(off.mean()) < 5.0 * step / np.sqrt(12 * celsius.size)
+    assert off.std() < step / np.sqrt(12.0)
+    assert np.abs(off).max() < 0.51 * step
+
+
+def test_a_broken_gel_is_at_the_ends_of_the_converter() -> None:
+    np.testing.assert_array_equal(Divider().read(np.array([-1.0, 0.0, 1e9])), [0.0, 0.0, np.inf])
+
+
+# -- Hall converter --------------------------------------------------------------------------------
+
+
+@given(field=st.floats(-130_000.0, 130_000.0), lsb=st.floats(0.5, 500.0))
+def test_the_field_comes_in_whole_steps(field: float, lsb: float) -> None:
+    read = HallConverter(lsb_ut=lsb).read(np.array([field]))[0]
+    assert abs(read - field) <= lsb / 2.0 * (1.0 + 1e-9)
+    assert read / lsb == pytest.approx(round(read / lsb), abs=1e-6)
+
+
+def test_a_field_beyond_the_chip_is_flagged_by_the_host() -> None:
+    unit = UnitSimulator(PALM, noise=False, converter=HallConverter(range_ut=9_000.0))
+    pressed = at_rest()
+    pressed.depth_mm[7], pressed.displacement_mm[0, 7] = 2.0, 2.0
+    counts = unit.counts(pressed)
+    assert counts[BX, 7] == unit.highest[BX, 7]
+    status = Decoder(PALM)(counts).status
+    assert Status(int(status[7])) & Status.SATURATED
+    assert not np.any(np.delete(status, 7) & Status.SATURATED)
+
+
+# -- the whole unit --------------------------------------------------------------------------------
+
+
+def test_without_electronics_nothing_is_measured() -> None:
+    unit = UnitSimulator(PALM, seed=9)
+    values = np.random.default_rng(0).uniform(-10.0, 5000.0, (len(CHANNELS), PALM.n))
+    np.testing.assert_array_equal(unit.measure(values.copy()), values)
+
+
+def test_each_part_changes_its_own_channels_only() -> None:
+    values = UnitSimulator(PALM, noise=False).quantities(
+        np.full(PALM.n, 1.234), np.full((2, PALM.n), 0.321), np.full(PALM.n, 33.3)
+    )
+    for parts, channels in [
+        ({"counter": Counter()}, [FREQUENCY]),
+        ({"divider": Divider()}, [GEL]),
+        ({"converter": HallConverter()}, [BX, BY, BZ]),
+    ]:
+        found = UnitSimulator(PALM, noise=False, **parts).measure(values.copy())
+        changed = np.flatnonzero(np.any(found != values, axis=1))
+        assert changed.tolist() == channels
+
+
+def test_a_press_is_felt_half_a_gate_late() -> None:
+    unit = UnitSimulator(PALM, noise=False, counter=Counter(gate_s=0.02, clock_hz=1e9))
+    ideal = UnitSimulator(PALM, noise=False)
+    for k in range(50):
+        truth, earlier = at_rest(k * 0.004), at_rest()
+        truth.depth_mm[:] = 5.0 * truth.time_s
+        earlier.depth_mm[:] = 5.0 * (truth.time_s - 0.01)
+        found = unit.counts(truth)
+        if k >= 5:
+            expected = ideal.counts(earlier)
+            assert np.abs(found[FREQUENCY] - expected[FREQUENCY].astype(int)).max() <= 1
+
+
+def test_a_working_board_decodes_within_its_resolution() -> None:
+    """All parts at once: 0.45 Hz and 0.017 K at most beyond what the wire rounds."""
+    unit = UnitSimulator(
+        PALM, noise=False, counter=Counter(), divider=Divider(), converter=HallConverter()
+    )
+    truth = at_rest()
+    truth.depth_mm[:] = np.linspace(0.0, 2.0, PALM.n)
+    truth.temperature[:] = np.linspace(20.0, 80.0, PALM.n)
+    found, exact = unit.counts(truth), UnitSimulator(PALM, noise=False).counts(truth)
+    step = PALM.scale[:, 0]
+    off = np.abs(found.astype(int) - exact) * PALM.scale
+    assert off[FREQUENCY].max() <= 0.45 + step[FREQUENCY]
+    assert (off[GEL] / (RATE * 10.0 * np.exp(RATE * (truth.temperature - 20.0)))).max() < 0.03
+    assert off[BX : BZ + 1].max() <= 49.0 + step[BX]
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Counter(gate_s=0.0),
+        lambda: Counter(clock_hz=-1.0),
+        lambda: Divider(series_ohm=0.0),
+        lambda: Divider(bits=0),
+        lambda: HallConverter(lsb_ut=0.0),
+    ],
+)
+def test_parts_that_cannot_be_are_refused(make) -> None:
+    with pytest.raises(SkinError, match=r"must be .*; got"):
+        make()
