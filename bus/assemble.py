@@ -176,11 +176,11 @@ class Assembler:
             raise ValueError(f"frames: must be FRAME_DTYPE of shape (m,); got {got}")
         kernels, state = self._kernels, self._state
         frames = np.ascontiguousarray(frames)
-        words, data = kernels.as_words(frames), kernels.as_bytes(frames)
+        views = kernels.as_words(frames), kernels.as_bytes(frames), kernels.as_quads(frames)
         row = 0
         while row < frames.size:
             number = state[kernels.NUMBER]
-            row = kernels.feed(row, words, data, *self._arrays)
+            row = kernels.feed(row, *views, *self._arrays)
             if state[kernels.NUMBER] != number and not state[kernels.FREE]:
                 self._since_ns = self._clock()
             if state[kernels.CLOSED_BY]:
@@ -298,9 +298,9 @@ def _memory(topology, tables, unit_group, stale_cycles):
         units=units,
         totals=np.zeros(k.KINDS, np.int64),
         tallies=np.zeros((frames, k.KINDS), np.int64),
-        gathered=np.zeros((len(CHANNELS), n), np.int16),
+        gathered=np.zeros(len(CHANNELS) * n, np.int16),
         gathered_codes=np.zeros(n, np.uint8),
-        staged=np.zeros((len(CHANNELS), n), np.int16),
+        staged=np.zeros(len(CHANNELS) * n, np.int16),
         staged_codes=np.zeros(n, np.uint8),
         staged_sequence=np.zeros(n, np.uint8),
     )

@@ -109,8 +109,9 @@ class Packer:
         records, table = batch.records[batch.count :], self._table
         self._kernels.pack(
             first, end, sequence, stamp_ns, counts, codes,
-            table.frames, table.signals, table.units,
+            table.frames, table.signals,
             self._kernels.as_words(records), self._kernels.as_bytes(records),
+            self._kernels.as_quads(records),
         )  # fmt: skip
         batch.count += end - first
         return end - first

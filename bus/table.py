@@ -8,7 +8,9 @@ import numpy as np
 
 from bus import kernels as k
 from bus.errors import LayoutError
+from bus.frame import FRAME_DTYPE
 from topology import CHANNELS, Signal, Topology, WireLayout
+from topology.wire import UNIT_FIELDS
 
 __all__ = ["FrameTable", "field_of"]
 
@@ -27,7 +29,7 @@ class FrameTable:
     ----------
     frames : ndarray, shape (f, FRAME_COLUMNS), uint32
         What each frame looks like, and which rows of `signals` it has.
-    signals : ndarray, shape (m, SIGNAL_COLUMNS), uint32
+    signals : ndarray, shape (m, SIGNAL_COLUMNS), int32
     units : ndarray, shape (f, s), int32
         Unit in each slot, or -1.
     standard : ndarray, shape (buses, 2048), int32
@@ -53,8 +55,13 @@ class FrameTable:
         expected = topology.frames
         # A copy, because a topology's arrays are read-only.
         self.units = np.array(expected.units, np.int32, order="C")
-        rows, spans = _signal_rows(topology.layouts)
-        self.signals = np.array(rows, np.uint32).reshape(-1, k.SIGNAL_COLUMNS)
+        signals = {
+            (index, part): _signals(layout, part)
+            for index, layout in enumerate(topology.layouts)
+            for part in range(layout.parts)
+        }
+        rows = [np.zeros((0, k.SIGNAL_COLUMNS), np.int32)]
+        first_row = 0
 
         firsts: dict[tuple[int, int, int], int] = {}
         self.frames = np.zeros((len(expected), k.FRAME_COLUMNS), np.uint32)
@@ -67,7 +74,10 @@ class FrameTable:
             row[k.BUS] = bus
             row[k.IDENTIFIER] = can_id
             row[k.SIZE], row[k.IS_FD] = layout.size, layout.fd
-            row[k.FIRST_SIGNAL], row[k.END_SIGNAL] = spans[layout_index, part]
+            rows.append(_of_units(signals[layout_index, part], self.units[f], topology.n))
+            channels = int(np.count_nonzero(rows[-1][:, k.CHANNEL] < k.CHANNEL_COUNT))
+            row[k.FIRST_CHANNEL], row[k.FIRST_STATUS] = first_row, first_row + channels
+            row[k.END_STATUS] = first_row = first_row + len(rows[-1])
             first_id = can_id if layout.pages else can_id - part
             row[k.GROUP] = firsts.setdefault((bus, layout_index, first_id), len(firsts))
             row[k.PART] = part
@@ -76,6 +86,7 @@ class FrameTable:
             row[k.AWAITED] = topology.enabled[carried].any()
             row[k.ECHOES] = sequence == "sync" and topology.buses[bus].sync_id is not None
             _frame_fields(layout, part, row)
+        self.signals = np.concatenate(rows)
         self._group(topology, len(firsts))
         self._index(topology)
         self.tables = k.Tables(
@@ -105,48 +116,48 @@ class FrameTable:
         self.extended = others[np.argsort(others[:, 0])].reshape(-1, 2)
 
 
-def field_of(signal: Signal, size: int) -> tuple[int, int, int, int, int]:
-    """Where a signal lies in a record: three bytes, least significant first, shift and mask.
+def field_of(signal: Signal, size: int) -> tuple[int, int, int, int]:
+    """Where a signal lies in a record: first of four bytes, whether to swap them, shift and mask.
 
-    Bytes that the signal does not reach stand for others of the frame; the mask takes them away.
+    The four bytes lie within the record, if not within the frame; the mask takes away what is not
+    the signal's.
     """
-    byte, bit = divmod(signal.start, 8)
+    first, bit = divmod(signal.start, 8)
     if signal.order == "little":
-        shift, places = bit, [byte, byte + 1, byte + 2]
+        shift, last = bit, (signal.start + signal.length - 1) // 8
+        byte = min(k.PAYLOAD + first, FRAME_DTYPE.itemsize - 4)
+        shift += 8 * (k.PAYLOAD + first - byte)
     else:
-        last = 8 * byte + 7 - bit + signal.length - 1
-        byte, bit = divmod(last, 8)
-        shift, places = 7 - bit, [byte, byte - 1, byte - 2]
-    reach = (shift + signal.length + 7) // 8
-    if not all(0 <= place < size for place in places[:reach]):
+        last, bit = divmod(8 * first + 7 - bit + signal.length - 1, 8)
+        shift, byte = 7 - bit, k.PAYLOAD + last - 3
+    if not 0 <= first <= last < size:
         raise ValueError(f"must lie within the {size} bytes of its frame")
-    inside = [k.PAYLOAD + min(max(place, 0), size - 1) for place in places]
-    return (*inside, shift, (1 << signal.length) - 1)
+    return byte, int(signal.order == "big"), shift, (1 << signal.length) - 1
 
 
-def _signal_rows(
-    layouts: tuple[WireLayout, ...],
-) -> tuple[list[list[int]], dict[tuple[int, int], tuple[int, int]]]:
-    """Rows of `signals`, and which of them each (layout, part) has."""
-    rows: list[list[int]] = []
-    spans = {}
-    targets = {**{name: c for c, name in enumerate(CHANNELS)}, "unit_status": k.UNIT_STATUS}
-    for index, layout in enumerate(layouts):
-        for part in range(layout.parts):
-            first = len(rows)
-            for signal in layout.signals:
-                if signal.part != part or signal.name not in targets:
-                    continue
-                if signal.slot >= layout.units:
-                    raise _wrong(layout, signal, f"must be in one of {layout.units} slots",
-                                 f"slot {signal.slot}")  # fmt: skip
-                is_channel = signal.name in CHANNELS
-                flip = 1 << (signal.length - 1) if signal.signed and is_channel else 0
-                bias = -signal.rails[0] if is_channel else 0
-                row = [*_field(layout, signal), flip, bias, targets[signal.name], signal.slot]
-                rows.append(row)
-            spans[index, part] = first, len(rows)
-    return rows, spans
+def _signals(layout: WireLayout, part: int) -> np.ndarray:
+    """Rows of `signals` for one part of a layout, channels first, with the slot for a unit."""
+    targets = (*CHANNELS, *UNIT_FIELDS)
+    found = [s for s in layout.signals if s.part == part and s.name in targets]
+    rows = []
+    for signal in sorted(found, key=lambda signal: signal.name in UNIT_FIELDS):
+        if signal.slot >= layout.units:
+            raise _wrong(layout, signal, f"must be in one of {layout.units} slots",
+                         f"slot {signal.slot}")  # fmt: skip
+        is_channel = signal.name in CHANNELS
+        flip = 1 << (signal.length - 1) if signal.signed and is_channel else 0
+        bias = -signal.rails[0] if is_channel else 0
+        target = targets.index(signal.name)
+        rows.append([*_field(layout, signal), flip, bias, target, signal.slot, 0])
+    return np.array(rows, np.int32).reshape(-1, k.SIGNAL_COLUMNS)
+
+
+def _of_units(signals: np.ndarray, units: np.ndarray, n: int) -> np.ndarray:
+    """Rows of `_signals`, for the units in the slots of one frame."""
+    rows = signals.copy()
+    rows[:, k.UNIT] = units[signals[:, k.UNIT]]
+    rows[:, k.PLACE] = rows[:, k.CHANNEL] * n + rows[:, k.UNIT]
+    return rows[rows[:, k.UNIT] >= 0]
 
 
 def _frame_fields(layout: WireLayout, part: int, row: np.ndarray) -> None:
@@ -154,16 +165,16 @@ def _frame_fields(layout: WireLayout, part: int, row: np.ndarray) -> None:
     for name, column in (("sequence", k.SEQUENCE), ("status", k.STATUS), ("crc", k.CRC)):
         signal = layout.frame_field(name, part)
         # Without the field the mask is 0, and reading gives 0.
-        field = (k.PAYLOAD,) * 3 + (0, 0) if signal is None else _field(layout, signal)
+        field = (k.PAYLOAD, 0, 0, 0) if signal is None else _field(layout, signal)
         row[column : column + k.FIELD_WIDTH] = field
         if name == "crc" and signal is not None:
             if signal.length != 16 or field[k.SHIFT]:
                 raise _wrong(layout, signal, "must be 16 bits that fill two bytes",
                              f"{signal.length} bits from bit {signal.start}")  # fmt: skip
-            row[k.CRC_PLACE] = min(field[0], field[1])
+            row[k.CRC_PLACE] = k.PAYLOAD + signal.start // 8
 
 
-def _field(layout: WireLayout, signal: Signal) -> tuple[int, int, int, int, int]:
+def _field(layout: WireLayout, signal: Signal) -> tuple[int, int, int, int]:
     try:
         return field_of(signal, layout.size)
     except ValueError as error:
