@@ -1,10 +1,10 @@
 """Frames → cycles: which unit has said what, in which cycle, and what became of every frame.
 
 Order of judgement. A frame is an error frame, a remote frame, one of no bus of the topology and so
-foreign, a SYNC, an echo, a data frame of the topology (bus and identifier), a heartbeat, or
-foreign. A data frame of another length or kind than its layout's is short; one that fails its CRC
-is counted as such; then its sequence number speaks. Every frame is counted once. A SYNC counts
-also as an echo: in a log of the host that sent it, it is one.
+foreign, a SYNC, an echo, a data frame of the topology (bus and identifier), a heartbeat, a
+configuration frame, or foreign. A data frame of another length or kind than its layout's is short;
+one that fails its CRC is counted as such; then its sequence number speaks. Every frame is counted
+once. A SYNC counts also as an echo: in a log of the host that sent it, it is one.
 
 With SYNC. A SYNC opens a cycle. Its 8-bit counter is unwrapped to the cycle's number, so that lost
 SYNCs leave a gap in the numbers; the same counter on several buses is one cycle. The cycle closes

@@ -32,6 +32,8 @@ class FrameCounters:
     """Data frames taken."""
     sync: int = 0
     heartbeat: int = 0
+    configuration: int = 0
+    """What another host told boards to do; this host's own that came back are echoes."""
     late: int = 0
     """Data frames of a cycle that was closed already."""
     repeated: int = 0

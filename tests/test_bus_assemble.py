@@ -569,6 +569,7 @@ HOSTILE = {
     "foreign": lambda d, x: broken(d, id=0x600 + x % 64),
     "crc": lambda d, x: corrupted(d, x % 128),
     "heartbeat": lambda d, x: broken(d, id=0x700 + x % 128),
+    "configuration": lambda d, x: broken(d, id=0x7E0),
 }
 
 
@@ -835,5 +836,5 @@ def test_the_counters_of_kernels_and_cycles_are_in_one_order():
 
     names = [field.name.upper() for field in fields(FrameCounters)]
     renamed = {"CRC": "CRC_FAILED", "ECHO": "ECHOED", "CONTROLLER_OVERFLOW": "OVERFLOW"}
-    assert [getattr(kernels, renamed.get(name, name)) for name in names] == list(range(14))
-    assert kernels.KINDS == 14
+    assert [getattr(kernels, renamed.get(name, name)) for name in names] == list(range(15))
+    assert kernels.KINDS == 15
