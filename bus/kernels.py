@@ -3,9 +3,10 @@
 One file, because numba's cache does not see a change in another one. Each kernel is a plain
 function and, at the end of the file, one line that compiles it.
 
-A batch of m frames enters as two views of the same memory (`as_words`, `as_bytes`): `words`, shape
-(m, 10), int64, holds the time stamp in column 0 and identifier, length, flags, origin and bus in
-column 1; `data`, shape (m, 80), uint8, holds everything byte by byte. The tables are those of
+A batch of m frames enters as three views of the same memory: `words` (`as_words`), shape (m, 10),
+int64, holds the time stamp in column 0 and identifier, length, flags, origin and bus in column 1;
+`data` (`as_bytes`), shape (m, 80), uint8, holds everything byte by byte; `quads` (`as_quads`),
+shape (m, 77), uint32, has the four bytes from byte i on in column i. The tables are those of
 `bus.table.FrameTable`; its columns are named here. n units, f frames, g sets of units, b buses.
 The rules of assembling are told in `bus.assemble`.
 """
@@ -25,23 +26,22 @@ from bus.status import INVALID, Status
 PAYLOAD = FRAME_DTYPE.fields["data"][1]
 """Place of the first data byte in a record."""
 CHANNEL_COUNT = 6
-UNIT_STATUS = CHANNEL_COUNT
-"""Target of a signal that is no channel but the unit's own status."""
 
-# A field: three bytes of the record, least significant first, shifted right and masked.
-BYTE0, BYTE1, BYTE2, SHIFT, MASK = range(5)
-FIELD_WIDTH = 5
-# Columns of `signals`; the first five are a field.
-# A count is (field ^ FLIP) - BIAS: that is how signs, and 16 bits unsigned, are read.
-FLIP, BIAS, TARGET, SLOT = range(FIELD_WIDTH, FIELD_WIDTH + 4)
-SIGNAL_COLUMNS = FIELD_WIDTH + 4
-# Columns of `frames`; the last three are fields of five columns each, mask 0 where there is none.
+# A field: four bytes of the record, in the other order where SWAP, shifted right and masked.
+BYTE, SWAP, SHIFT, MASK = range(4)
+FIELD_WIDTH = 4
+# Columns of `signals`, one row for each signal of each frame; the first four are a field.
+# A count is (field ^ FLIP) - BIAS: that is how signs, and 16 bits unsigned, are read. PLACE is that
+# of the count in the channels of all units, one after the other.
+FLIP, BIAS, CHANNEL, UNIT, PLACE = range(FIELD_WIDTH, FIELD_WIDTH + 5)
+SIGNAL_COLUMNS = FIELD_WIDTH + 5
+# Columns of `frames`; the last three are fields of four columns each, mask 0 where there is none.
 # PAGES frames have the same identifier (0: it is the frame's own), and PAGE as their first byte.
 (
-    BUS, IDENTIFIER, SIZE, IS_FD, FIRST_SIGNAL, END_SIGNAL, GROUP, PART, PAGES, PAGE, AWAITED,
-    ECHOES, CRC_PLACE,
-) = range(13)  # fmt: skip
-SEQUENCE = 13
+    BUS, IDENTIFIER, SIZE, IS_FD, FIRST_CHANNEL, FIRST_STATUS, END_STATUS, GROUP, PART, PAGES, PAGE,
+    AWAITED, ECHOES, CRC_PLACE,
+) = range(14)  # fmt: skip
+SEQUENCE = 14
 STATUS = SEQUENCE + FIELD_WIDTH
 CRC = STATUS + FIELD_WIDTH
 FRAME_COLUMNS = CRC + FIELD_WIDTH
@@ -114,7 +114,7 @@ class Tables(NamedTuple):
     """
 
     frames: np.ndarray  # (f, FRAME_COLUMNS), uint32
-    signals: np.ndarray  # (m, SIGNAL_COLUMNS), uint32
+    signals: np.ndarray  # (m, SIGNAL_COLUMNS)
     units: np.ndarray  # (f, s)
     standard: np.ndarray  # (b, 2048)
     extended: np.ndarray  # (e, 2), int64
@@ -133,9 +133,9 @@ class Memory(NamedTuple):
     units: np.ndarray  # (UNIT_ROWS, n)
     totals: np.ndarray  # (KINDS,)
     tallies: np.ndarray  # (f, KINDS): the same by frame of the table
-    gathered: np.ndarray  # (c, n), int16: parts of a set that is not whole yet
+    gathered: np.ndarray  # (c * n,), int16: parts of a set that is not whole yet
     gathered_codes: np.ndarray  # (n,), uint8
-    staged: np.ndarray  # (c, n), int16: whole, for the open cycle
+    staged: np.ndarray  # (c * n,), int16: whole, for the open cycle
     staged_codes: np.ndarray  # (n,), uint8
     staged_sequence: np.ndarray  # (n,), uint8
 
@@ -178,6 +178,15 @@ def as_bytes(records: np.ndarray) -> np.ndarray:
     return records.view(np.uint8).reshape(-1, FRAME_DTYPE.itemsize)
 
 
+def as_quads(records: np.ndarray) -> np.ndarray:
+    """View of FRAME_DTYPE records, contiguous, as overlapping uint32, shape (m, 77)."""
+    size = FRAME_DTYPE.itemsize
+    buffer = as_bytes(records)
+    shape = len(records), size - 3
+    quads = np.ndarray(shape, np.dtype("<u4"), buffer.data if len(records) else b"", 0, (size, 1))
+    return quads
+
+
 def _crc16(crc, data, row, begin, end):
     """CRC-16/CCITT-FALSE carried on from `crc` over data[row, begin:end], eight bytes a step."""
     i = begin
@@ -212,48 +221,52 @@ def _frame_crc(data, row, frames, f):
     return crc16(crc, data, row, place + 2, end)
 
 
-def _read_bits(data, row, table, t, k):
-    """The unsigned integer in the field at table[t, k:k + 5]."""
-    i, t = np.uintp(row), np.uintp(t)
-    word = (
-        np.int64(data[i, table[t, k + BYTE0]])
-        | np.int64(data[i, table[t, k + BYTE1]]) << 8
-        | np.int64(data[i, table[t, k + BYTE2]]) << 16
+def _swapped(word):
+    """Four bytes in the other order."""
+    return (
+        (word >> np.uint32(24))
+        | ((word >> np.uint32(8)) & np.uint32(0xFF00))
+        | ((word << np.uint32(8)) & np.uint32(0xFF0000))
+        | (word << np.uint32(24))
     )
-    return (word >> table[t, k + SHIFT]) & table[t, k + MASK]
 
 
-def _write_bits(value, data, row, table, t, k):
+def _read_bits(quads, row, table, t, k):
+    """The unsigned integer in the field at table[t, k:k + 4]."""
+    t = np.uintp(t)
+    word = quads[np.uintp(row), np.uintp(table[t, k + BYTE])]
+    word = swapped(word) if table[t, k + SWAP] else word
+    return np.int32((word >> np.uint32(table[t, k + SHIFT])) & np.uint32(table[t, k + MASK]))
+
+
+def _write_bits(value, quads, row, table, t, k):
     """Set the bits of a field, which are 0, to the low bits of `value`."""
-    i, t = np.uintp(row), np.uintp(t)
-    word = (value & table[t, k + MASK]) << table[t, k + SHIFT]
-    data[i, table[t, k + BYTE0]] |= word & 0xFF
-    data[i, table[t, k + BYTE1]] |= (word >> 8) & 0xFF
-    data[i, table[t, k + BYTE2]] |= (word >> 16) & 0xFF
+    t = np.uintp(t)
+    word = np.uint32(np.int64(value) & table[t, k + MASK]) << np.uint32(table[t, k + SHIFT])
+    if table[t, k + SWAP]:
+        word = swapped(np.uint32(word))
+    quads[np.uintp(row), np.uintp(table[t, k + BYTE])] |= np.uint32(word)
 
 
-def _unpack_frame(data, row, f, frames, signals, units, counts, codes):
-    """Channels of one frame into `counts` (c, n); fault codes, where not 0, into `codes` (n,)."""
+def _unpack_frame(quads, row, f, frames, signals, units, counts, codes):
+    """Channels of one frame into `counts` (c * n,); fault codes, where not 0, into `codes` (n,)."""
     row, f = np.uintp(row), np.uintp(f)
-    board = min(read_bits(data, row, frames, f, STATUS), 255)
+    board = min(read_bits(quads, row, frames, f, STATUS), 255)
     if board != 0:
         for slot in range(units.shape[1]):
             if units[f, slot] >= 0:
                 codes[units[f, slot]] = board
-    for k in range(np.uintp(frames[f, FIRST_SIGNAL]), np.uintp(frames[f, END_SIGNAL])):
-        unit = units[f, signals[k, SLOT]]
-        if unit < 0:
-            continue
-        value = read_bits(data, row, signals, k, 0)
-        if signals[k, TARGET] < UNIT_STATUS:
-            flip, bias = np.int64(signals[k, FLIP]), np.int64(signals[k, BIAS])
-            counts[signals[k, TARGET], np.uintp(unit)] = (value ^ flip) - bias
-        elif value != 0:
-            codes[np.uintp(unit)] = min(value, 255)
+    for k in range(np.uintp(frames[f, FIRST_CHANNEL]), np.uintp(frames[f, FIRST_STATUS])):
+        value = read_bits(quads, row, signals, k, 0)
+        counts[np.uintp(signals[k, PLACE])] = (value ^ signals[k, FLIP]) - signals[k, BIAS]
+    for k in range(np.uintp(frames[f, FIRST_STATUS]), np.uintp(frames[f, END_STATUS])):
+        value = read_bits(quads, row, signals, k, 0)
+        if value != 0:
+            codes[np.uintp(signals[k, UNIT])] = min(value, 255)
 
 
-def _pack(first, end, sequence, stamp, counts, codes, frames, signals, units, words, data):
-    """Frames first … end - 1 of the table into rows 0 … of `words` and `data`."""
+def _pack(first, end, sequence, stamp, counts, codes, frames, signals, words, data, quads):
+    """Frames first … end - 1 of the table into rows 0 … of `words`, `data` and `quads`."""
     for f in range(first, end):
         row = f - first
         words[row, 0] = stamp
@@ -267,18 +280,16 @@ def _pack(first, end, sequence, stamp, counts, codes, frames, signals, units, wo
             data[row, k] = 0
         if frames[f, PAGES]:
             data[row, PAYLOAD] = frames[f, PAGE]
-        write_bits(sequence, data, row, frames, f, SEQUENCE)
-        for k in range(frames[f, FIRST_SIGNAL], frames[f, END_SIGNAL]):
-            unit = units[f, signals[k, SLOT]]
-            if unit < 0:
-                continue
-            target = signals[k, TARGET]
-            flip, bias = np.int64(signals[k, FLIP]), np.int64(signals[k, BIAS])
-            value = np.int64(codes[unit] if target == UNIT_STATUS else counts[target, unit])
-            value = min(max(value + bias, 0), np.int64(signals[k, MASK]))
-            write_bits(value ^ flip, data, row, signals, k, 0)
+        write_bits(sequence, quads, row, frames, f, SEQUENCE)
+        for k in range(frames[f, FIRST_CHANNEL], frames[f, FIRST_STATUS]):
+            count = np.int64(counts[signals[k, CHANNEL], signals[k, UNIT]])
+            value = min(max(count + signals[k, BIAS], 0), np.int64(signals[k, MASK]))
+            write_bits(value ^ signals[k, FLIP], quads, row, signals, k, 0)
+        for k in range(frames[f, FIRST_STATUS], frames[f, END_STATUS]):
+            code = min(np.int64(codes[signals[k, UNIT]]), np.int64(signals[k, MASK]))
+            write_bits(code, quads, row, signals, k, 0)
         if frames[f, CRC + MASK]:
-            write_bits(frame_crc(data, row, frames, f), data, row, frames, f, CRC)
+            write_bits(frame_crc(data, row, frames, f), quads, row, frames, f, CRC)
 
 
 def _count(memory, f, kind):
@@ -467,14 +478,14 @@ def _tear(g, tables, memory):
     memory.sets[g, TORN_AT] = memory.state[NUMBER]
 
 
-def _stage(f, sequence, stamp, row, data, tables, memory):
+def _stage(f, sequence, stamp, row, quads, tables, memory):
     """Take a frame: its units wait for the end of the cycle, or for the other parts of the set."""
     state, sets = memory.state, memory.sets
     g = np.int64(tables.frames[f, GROUP])
     if tables.parts[g] == 1:
         clear_codes(f, tables, memory.staged_codes)
         unpack_frame(
-            data, row, f, tables.frames, tables.signals, tables.units,
+            quads, row, f, tables.frames, tables.signals, tables.units,
             memory.staged, memory.staged_codes,
         )  # fmt: skip
     else:
@@ -493,7 +504,7 @@ def _stage(f, sequence, stamp, row, data, tables, memory):
             sets[g, KEY] = sequence
         sets[g, PARTS_IN] |= 1 << part
         unpack_frame(
-            data, row, f, tables.frames, tables.signals, tables.units,
+            quads, row, f, tables.frames, tables.signals, tables.units,
             memory.gathered, memory.gathered_codes,
         )  # fmt: skip
         if sets[g, PARTS_IN] != (1 << tables.parts[g]) - 1:
@@ -502,8 +513,8 @@ def _stage(f, sequence, stamp, row, data, tables, memory):
         for slot in range(tables.units.shape[1]):
             unit = tables.units[f, slot]
             if unit >= 0:
-                for c in range(CHANNEL_COUNT):
-                    memory.staged[c, unit] = memory.gathered[c, unit]
+                for place in range(unit, memory.staged.size, memory.units.shape[1]):
+                    memory.staged[place] = memory.gathered[place]
                 memory.staged_codes[unit] = memory.gathered_codes[unit]
     sets[g, WHOLE_AT] = state[NUMBER]
     for slot in range(tables.units.shape[1]):
@@ -571,9 +582,10 @@ def _show_units(memory, shown):
         if g >= 0 and sets[g, WHOLE_AT] == number:
             is_same = units[RUN, u] > 0
             for c in range(CHANNEL_COUNT):
-                if memory.staged[c, u] != shown.counts[c, u]:
+                count = memory.staged[c * units.shape[1] + u]
+                if count != shown.counts[c, u]:
                     is_same = False
-                    shown.counts[c, u] = memory.staged[c, u]
+                    shown.counts[c, u] = count
             units[RUN, u] = units[RUN, u] + 1 if is_same else 1
             units[SEEN_AT, u] = number
             shown.fault_code[u] = memory.staged_codes[u]
@@ -642,7 +654,7 @@ def _take_sync(bus, row, words, data, tables, memory):
     return True
 
 
-def _take_data(f, row, words, data, tables, memory):
+def _take_data(f, row, words, data, quads, tables, memory):
     """Handle a frame of the table; True: it was the last that the open cycle waited for."""
     state, sources, frames = memory.state, memory.sources, tables.frames
     header = words[row, 1]
@@ -651,13 +663,13 @@ def _take_data(f, row, words, data, tables, memory):
         drop(memory, f, SHORT)
         return False
     if frames[f, CRC + MASK] and (
-        frame_crc(data, row, frames, f) != read_bits(data, row, frames, f, CRC)
+        frame_crc(data, row, frames, f) != read_bits(quads, row, frames, f, CRC)
     ):
         drop(memory, f, CRC_FAILED)
         return False
     sequence = np.int64(-1)
     if frames[f, SEQUENCE + MASK]:
-        sequence = read_bits(data, row, frames, f, SEQUENCE)
+        sequence = np.int64(read_bits(quads, row, frames, f, SEQUENCE))
         if frames[f, ECHOES]:
             is_taken = accept_echo(f, sequence, row, data, tables, memory)
         else:
@@ -675,7 +687,7 @@ def _take_data(f, row, words, data, tables, memory):
     for k in range(np.int64(frames[f, SIZE])):
         memory.last[f, k] = data[row, PAYLOAD + k]
     count(memory, f, DATA)
-    stage(f, sequence, stamp, row, data, tables, memory)
+    stage(f, sequence, stamp, row, quads, tables, memory)
     if sources[f, WAITED_FOR]:
         sources[f, WAITED_FOR] = 0
         state[WAITING] -= 1
@@ -683,7 +695,7 @@ def _take_data(f, row, words, data, tables, memory):
     return False
 
 
-def _feed(row, words, data, tables, memory, shown):
+def _feed(row, words, data, quads, tables, memory, shown):
     """Frames from `row` on; stops when a cycle closes, and returns the row to go on from."""
     state, totals = memory.state, memory.totals
     state[CLOSED_BY] = BY_NOTHING
@@ -715,7 +727,7 @@ def _feed(row, words, data, tables, memory, shown):
                     close_cycle(BY_SYNC, tables, memory, shown)
                     return row
             elif f >= 0:
-                if take_data(f, row, words, data, tables, memory):
+                if take_data(f, row, words, data, quads, tables, memory):
                     close_cycle(BY_COMPLETE, tables, memory, shown)
                     return row + 1
             elif can_id & ~0x7F == 0x700:
@@ -731,7 +743,7 @@ def _feed(row, words, data, tables, memory, shown):
 _tables = numba.typeof(
     Tables(
         frames=np.zeros((0, 0), np.uint32),
-        signals=np.zeros((0, 0), np.uint32),
+        signals=np.zeros((0, 0), np.int32),
         units=np.zeros((0, 0), np.int32),
         standard=np.zeros((0, 0), np.int32),
         extended=np.zeros((0, 0), np.int64),
@@ -749,9 +761,9 @@ _memory = numba.typeof(
         units=np.zeros((0, 0), np.int64),
         totals=np.zeros(0, np.int64),
         tallies=np.zeros((0, 0), np.int64),
-        gathered=np.zeros((0, 0), np.int16),
+        gathered=np.zeros(0, np.int16),
         gathered_codes=np.zeros(0, np.uint8),
-        staged=np.zeros((0, 0), np.int16),
+        staged=np.zeros(0, np.int16),
         staged_codes=np.zeros(0, np.uint8),
         staged_sequence=np.zeros(0, np.uint8),
     )
@@ -768,10 +780,13 @@ _shown = numba.typeof(
 )
 _int = types.int64
 _words, _data = types.int64[:, ::1], types.uint8[:, ::1]
+_quads = types.Array(types.uint32, 2, "A", aligned=False)
+_quads_in = types.Array(types.uint32, 2, "A", readonly=True, aligned=False)
 _words_in = types.Array(types.int64, 2, "C", readonly=True)
 _data_in = types.Array(types.uint8, 2, "C", readonly=True)
 _table, _units = types.uint32[:, ::1], types.int32[:, ::1]
-_counts, _codes = types.int16[:, ::1], types.uint8[::1]
+_signals = types.int32[:, ::1]
+_counts, _codes = types.int16[::1], types.uint8[::1]
 _counts_in = types.Array(types.int16, 2, "A", readonly=True)
 _codes_in = types.Array(types.uint8, 1, "A", readonly=True)
 
@@ -786,16 +801,17 @@ def _compiled(kernel, *signature):
 
 crc16 = _compiled(_crc16, _int(_int, _data_in, _int, _int, _int))
 frame_crc = _compiled(_frame_crc, _int(_data_in, _int, _table, _int))
+swapped = _compiled(_swapped)
 read_bits = _compiled(_read_bits)
 write_bits = _compiled(_write_bits)
 unpack_frame = _compiled(
     _unpack_frame,
-    types.void(_data_in, _int, _int, _table, _table, _units, _counts, _codes),
+    types.void(_quads_in, _int, _int, _table, _signals, _units, _counts, _codes),
 )
 pack = _compiled(
     _pack,
     types.void(
-        _int, _int, _int, _int, _counts_in, _codes_in, _table, _table, _units, _words, _data
+        _int, _int, _int, _int, _counts_in, _codes_in, _table, _signals, _words, _data, _quads
     ),
 )
 count = _compiled(_count)
@@ -819,4 +835,4 @@ close_cycle = _compiled(_close_cycle, types.void(_int, _tables, _memory, _shown)
 is_tick = _compiled(_is_tick)
 take_sync = _compiled(_take_sync)
 take_data = _compiled(_take_data)
-feed = _compiled(_feed, _int(_int, _words_in, _data_in, _tables, _memory, _shown))
+feed = _compiled(_feed, _int(_int, _words_in, _data_in, _quads_in, _tables, _memory, _shown))
