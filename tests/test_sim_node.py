@@ -13,6 +13,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bus.assemble import Assembler
+from bus.configure import Command, pack
 from bus.errors import BusClosedError
 from bus.frame import CAN_ERR, ECHO, FD_BRS, FD_FDF, FRAME_DTYPE, FrameBatch
 from bus.memory import MemoryTransport
@@ -252,6 +254,85 @@ def test_the_seed_determines_every_byte(noise: bool) -> None:
         batches.append(out.frames.copy())
     assert batches[0].tobytes() == batches[1].tobytes()
     assert (batches[0].tobytes() == batches[2].tobytes()) == (not noise)
+
+
+# -- configuration ---------------------------------------------------------------------------------
+
+
+def cycles_of(nodes: Nodes, first: int, last: int) -> list[np.ndarray]:
+    """Counts of SYNCs `first` to `last` - 1 as a host sees them."""
+    assembler, out, seen = Assembler(nodes.topology), FrameBatch(256), []
+    for number in range(first, last):
+        out.clear()
+        nodes.respond(sync(number), out)
+        for frames in (sync(number), out.frames):
+            seen += [cycle.counts.copy() for cycle in assembler.feed(frames)]
+    return seen
+
+
+def test_tare_makes_rest_of_what_is_and_leaves_bz() -> None:
+    """Units whose rest has drifted by 50 Hz and 400 µT, under a host that does not know it."""
+    drifted = {
+        name: PALM.parameters[name] + by
+        for name, by in [
+            ("frequency_rest_hz", 50.0), ("hall_offset_x_ut", 400.0), ("hall_offset_z_ut", 300.0)
+        ]
+    }  # fmt: skip
+    units = UnitSimulator(
+        replace(PALM, parameters={**PALM.parameters, **drifted}), seed=1, noise=False
+    )
+    nodes, still = Nodes(PALM, units=units), FrameBatch(4)
+    nodes.scene = type("Rest", (), {"at": lambda self, t: Truth.at_rest(64, 25.0)})()
+    before = cycles_of(nodes, 0, 20)[-1]
+    assert nodes.respond(pack(Command.TARE, node=2), still) == 0
+    after = cycles_of(nodes, 20, 22)[-1]
+    physical = after * PALM.scale + PALM.offset
+    told = PALM.frames.units[1][PALM.frames.units[1] >= 0]
+    rest = PALM.parameters["frequency_rest_hz"]
+    assert np.all(np.abs(physical[1, told] - rest[told]) <= PALM.scale[1, told])
+    assert np.all(np.abs(physical[2:4, told]) <= PALM.scale[2:4, told])
+    others = np.delete(np.arange(64), told)
+    np.testing.assert_array_equal(after[:, others], before[:, others])
+    np.testing.assert_array_equal(after[[0, 4, 5]], before[[0, 4, 5]])
+    assert (nodes.served.configured, nodes.served.refused) == (1, 0)
+
+
+@pytest.mark.parametrize("divider", [1, 2, 5])
+def test_a_rate_answers_every_so_manyth_sync(divider: int) -> None:
+    nodes, out = Nodes(PALM), FrameBatch(64)
+    nodes.respond(pack(Command.RATE, node=3, value=divider), out)
+    for cycle in range(20):
+        out.clear()
+        nodes.respond(sync(cycle), out)
+        ids = data_frames(out.frames)["id"].tolist()
+        assert (PALM.frames.can_id[2] in ids) == (cycle % divider == 0)
+        assert len(ids) == 12 + (cycle % divider == 0)
+        assert ids == sorted(ids)
+
+
+def test_free_boards_count_on_over_a_change_of_rate() -> None:
+    nodes, out = Nodes(free_running(STRIP)), FrameBatch(64)
+    numbers: list[int] = []
+    for cycle in range(60):
+        if cycle in (10, 33):
+            nodes.respond(pack(Command.RATE, value=3 if cycle == 10 else 1), out)
+        out.clear()
+        nodes.tick(cycle, out)
+        numbers += [field(r["data"], 59, 4) for r in data_frames(out.frames)[:1]]
+    assert len(numbers) == 10 + 7 + 28 - 1 or len(numbers) == 10 + 7 + 27
+    assert np.all(np.diff(numbers) % 16 == 1)
+
+
+def test_what_boards_do_not_know_is_ignored_and_counted() -> None:
+    nodes, plain, out, expected = Nodes(PALM), Nodes(PALM), FrameBatch(64), FrameBatch(64)
+    unknown, elsewhere, later = pack(Command.TARE), pack(Command.RATE, 99, 2), pack(Command.TARE)
+    unknown["data"][0, 0], later["data"][0, 6] = 77, 1
+    for record in (unknown, elsewhere, later):
+        assert nodes.respond(record, out) == 0
+    assert (nodes.served.configured, nodes.served.refused) == (0, 3)
+    nodes.respond(sync(0), out)
+    plain.respond(sync(0), expected)
+    assert out.frames.tobytes() == expected.frames.tobytes()
 
 
 # -- transports ------------------------------------------------------------------------------------

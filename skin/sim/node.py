@@ -13,12 +13,14 @@ from functools import partial
 import numpy as np
 
 from bus.codec import Packer
+from bus.configure import IDENTIFIER, understands
 from bus.frame import ECHO, FrameBatch
 from bus.memory import MemoryTransport
 from bus.transport import Transport
 from skin.errors import SkinError
 from skin.sim.heartbeat import Heartbeats
 from skin.sim.scene import PressSlideLift, Scene
+from skin.sim.settings import BoardSettings
 from skin.sim.truth import Truth
 from skin.sim.unit import UnitSimulator
 from topology import CHANNELS, Topology
@@ -46,6 +48,10 @@ class Served:
     """Frames that they would not take."""
     skipped: int = 0
     """Cycles of free-running units that were left out because this machine was late."""
+    configured: int = 0
+    """Configuration frames that were obeyed."""
+    refused: int = 0
+    """Those that were not: an unknown command, a value or a board that cannot be."""
 
 
 class Nodes:
@@ -53,7 +59,8 @@ class Nodes:
 
     Cycle `c` is the instant c / cycle rate of the scene, on every bus; on a bus with SYNC its
     number is the counter of the SYNC, counted on without wrapping. All data frames of a bus answer
-    a SYNC, in the order of their priority, with its counter as their sequence number.
+    a SYNC, in the order of their priority, with its counter as their sequence number. Boards do
+    what configuration frames (`bus.configure`) tell them.
 
     Parameters
     ----------
@@ -96,6 +103,9 @@ class Nodes:
         self._stop = threading.Event()
         self._threads: list[threading.Thread] = []
         self._failures: list[Exception] = []
+        self._settings = BoardSettings(topology, self.units.lowest, self.units.highest)
+        self._understands = [understands(topology, bus) for bus in range(len(topology.buses))]
+        self._sent = [-1] * len(topology.buses)
         self._synced = [bus.sync_id is not None for bus in topology.buses]
 
     # -- truth -------------------------------------------------------------------------------------
@@ -146,14 +156,27 @@ class Nodes:
             `out` has not room for the answers.
         """
         count = out.count
-        for sync in records[self._is_sync(records, bus)]:
-            self._respond(sync, out, bus)
+        for record in records[self._is_heard(records, bus)]:
+            self._respond(record, out, bus)
         return out.count - count
 
-    def _respond(self, sync: np.void, out: FrameBatch, bus: int) -> None:
+    def _respond(self, record: np.void, out: FrameBatch, bus: int) -> None:
         with self._lock:
-            cycle = self._unwrapped(int(sync["data"][0]))
-            self._append(cycle, out, bus, int(sync["stamp_ns"]))
+            if self._understands[bus] and record["id"] == IDENTIFIER:
+                self._configure(record, bus)
+            else:
+                cycle = self._unwrapped(int(record["data"][0]))
+                self._append(cycle, out, bus, int(record["stamp_ns"]))
+
+    def _configure(self, record: np.void, bus: int) -> None:
+        slots = [
+            slot
+            for slot, cycle in enumerate(self._recent_cycle)
+            if cycle is not None and self._sent[bus] - RECENT < cycle <= self._sent[bus]
+        ]
+        is_taken = self._settings.obey(record, bus, self._sent[bus], self._recent[slots])
+        self.served.configured += is_taken
+        self.served.refused += not is_taken
 
     def tick(self, cycle: int, out: FrameBatch, bus: int = 0, stamp_ns: int = 0) -> int:
         """Append the frames of a cycle of free-running units; return how many."""
@@ -162,12 +185,13 @@ class Nodes:
             self._append(cycle, out, bus, stamp_ns)
         return out.count - count
 
-    def _is_sync(self, records: np.ndarray, bus: int) -> np.ndarray:
+    def _is_heard(self, records: np.ndarray, bus: int) -> np.ndarray:
+        """Which frames are a SYNC, or configuration."""
         sync_id = self.topology.buses[bus].sync_id
-        if sync_id is None:
-            return np.zeros(records.size, bool)
-        own = (records["origin"] & ECHO) != 0
-        return (records["id"] == sync_id) & (records["length"] >= 1) & ~own
+        heard = (records["id"] == IDENTIFIER) & self._understands[bus]
+        if sync_id is not None:
+            heard |= (records["id"] == sync_id) & (records["length"] >= 1)
+        return heard & ((records["origin"] & ECHO) == 0)
 
     def _unwrapped(self, counter: int) -> int:
         """Cycle that a SYNC counter means: a recent one, for a bus that is behind, or a new one."""
@@ -183,7 +207,8 @@ class Nodes:
         if self._recent_cycle[slot] != cycle:  # no bus had it in its turn; the scene has gone on
             slot = self._cycle % RECENT
         counts = self._recent[slot]
-        self._packer(counts, out, sequence=cycle & 0xFF, stamp_ns=stamp_ns, bus=bus)
+        self._settings.pack(self._packer, counts, out, cycle=cycle, bus=bus, stamp_ns=stamp_ns)
+        self._sent[bus] = cycle
         self._heartbeats.append(max(0, cycle - self._first), out, bus=bus, stamp_ns=stamp_ns)
 
     def _sample(self, cycle: int) -> None:
@@ -312,9 +337,9 @@ class Nodes:
         thread.start()
 
     def _answer(self, transport: Transport, out: FrameBatch, bus: int, records: np.ndarray) -> None:
-        for sync in records[self._is_sync(records, bus)]:
+        for record in records[self._is_heard(records, bus)]:
             out.clear()
-            self._respond(sync, out, bus)
+            self._respond(record, out, bus)
             self._send(transport, out)
 
     def _send(self, transport: Transport, out: FrameBatch) -> None:
@@ -349,3 +374,5 @@ class Nodes:
             cycle += 1
             heard.clear()
             transport.receive(heard)
+            out.clear()
+            self.respond(heard.frames, out, bus)

@@ -1,0 +1,114 @@
+"""What the host has told simulated boards: their tare and their rate."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bus.codec import Packer
+from bus.configure import ALL_NODES, Command, node_numbers, read
+from bus.frame import FrameBatch
+from skin.sim.hall import HallChip
+from topology import CHANNELS, Topology
+
+__all__ = ["BoardSettings"]
+
+FREQUENCY, BX, BY, HALL_TEMPERATURE = (
+    CHANNELS.index(name) for name in ("frequency", "bx", "by", "hall_temperature")
+)
+
+
+class BoardSettings:
+    """Tare and rate of all boards of a topology.
+
+    Parameters
+    ----------
+    topology : Topology
+        What it says of a unit at rest is what a tare leads to.
+    lowest, highest : ndarray, shape (c, n), int32
+        Rails of the counts, which no tare moves.
+    """
+
+    def __init__(self, topology: Topology, lowest: np.ndarray, highest: np.ndarray) -> None:
+        frames = topology.frames
+        self._topology = topology
+        self._lowest, self._highest = lowest, highest
+        self._node = node_numbers(topology)
+        self._rate = np.ones(len(frames), np.int64)
+        self._base = np.zeros(len(frames), np.int64)
+        """Added to the number of a frame, so that a change of rate leaves no gap in them."""
+        self._tare = np.zeros((len(CHANNELS), topology.n), np.int32)
+        self._rows = [frames.bus == bus for bus in range(len(topology.buses))]
+        self._synced = [bus.sync_id is not None for bus in topology.buses]
+        self._scratch = FrameBatch(max(1, len(frames)))
+
+    def obey(self, record: np.void, bus: int, cycle: int, recent: np.ndarray) -> bool:
+        """Do what a configuration frame says; False: it is ignored.
+
+        Parameters
+        ----------
+        record : FRAME_DTYPE
+        bus : int
+        cycle : int
+            The last one that was sent on the bus.
+        recent : ndarray, shape (m, c, n), int16
+            The last counts, without tare.
+        """
+        told = read(record)
+        if told is None or not told.valid:
+            return False
+        asked = self._node > 0 if told.node == ALL_NODES else self._node == told.node
+        asked = asked & self._rows[bus]
+        if not asked.any() or (told.command == Command.TARE and not len(recent)):
+            return False
+        if told.command == Command.RATE:
+            self._base[asked] += cycle // self._rate[asked] - cycle // told.value
+            self._rate[asked] = told.value
+        else:
+            carried = self._topology.frames.units[asked]
+            units = np.unique(carried[carried >= 0])
+            self._tare[:, units] = self._excess(recent.mean(axis=0))[:, units]
+        return True
+
+    def _excess(self, counts: np.ndarray) -> np.ndarray:
+        """Counts above those of rest, shape (c, n), int32."""
+        topology, p = self._topology, self._topology.parameters
+        scale = np.where(topology.wired, topology.scale, 1.0)
+        chip = np.where(
+            topology.wired[HALL_TEMPERATURE],
+            scale[HALL_TEMPERATURE] * counts[HALL_TEMPERATURE] + topology.offset[HALL_TEMPERATURE],
+            p["hall_reference_c"],
+        )
+        rest = HallChip(topology)(np.zeros((3, topology.n)), chip)
+        excess = np.zeros(counts.shape)
+        for row, value in ((FREQUENCY, p["frequency_rest_hz"]), (BX, rest[0]), (BY, rest[1])):
+            excess[row] = counts[row] - (value - topology.offset[row]) / scale[row]
+        return np.where(topology.wired, np.rint(excess), 0.0).astype(np.int32)
+
+    def counts(self, counts: np.ndarray) -> np.ndarray:
+        """What boards send instead of these counts, shape (c, n), int16."""
+        if not self._tare.any():
+            return counts
+        tared = np.clip(counts - self._tare, self._lowest, self._highest)
+        railed = (counts <= self._lowest) | (counts >= self._highest)
+        return np.where(railed, counts, tared).astype(np.int16)
+
+    def pack(
+        self, packer: Packer, counts: np.ndarray, out: FrameBatch, *, cycle: int, bus: int,
+        stamp_ns: int,
+    ) -> None:  # fmt: skip
+        """Append the frames of the boards of a bus whose turn it is."""
+        counts = self.counts(counts)
+        rows = self._rows[bus]
+        rate, base = self._rate[rows], self._base[rows]
+        if np.all(rate == 1) and (self._synced[bus] or not base.any()):
+            packer(counts, out, sequence=cycle & 0xFF, stamp_ns=stamp_ns, bus=bus)
+            return
+        due = cycle % rate == 0
+        own = np.full(rate.size, cycle) if self._synced[bus] else base + cycle // rate
+        chosen = np.empty(rate.size, out.records.dtype)
+        for number in np.unique(own[due] & 0xFF).tolist():
+            self._scratch.clear()
+            packer(counts, self._scratch, sequence=number, stamp_ns=stamp_ns, bus=bus)
+            mine = due & (own & 0xFF == number)
+            chosen[mine] = self._scratch.frames[mine]
+        out.extend(chosen[due])
