@@ -343,6 +343,8 @@ class Nodes:
             self._send(transport, out)
 
     def _send(self, transport: Transport, out: FrameBatch) -> None:
+        if not out.count:  # nothing to say to a configuration frame, or not this board's turn
+            return
         taken = transport.send(out.frames)
         with self._lock:
             self.served.frames += taken
