@@ -155,6 +155,18 @@ def test_decoded_log_is_what_was_felt_live(recorded, suffix, tmp_path, capsys):
     assert np.abs(force - live).max() < 1e-4  # digits of the table
 
 
+def test_damaged_log_is_decoded_up_to_the_damage(recorded, capsys):
+    log, _ = recorded
+    lines = log.read_text().splitlines(keepends=True)
+    log.write_text("".join(lines[:330]) + "(170000000 torn\n" + "".join(lines[330:]))
+    assert main(["decode", str(log), "--topology", "strip", "--json"]) == 1
+    printed = capsys.readouterr()
+    report = json.loads(printed.out.splitlines()[-1])
+    assert report["cycles"] == 30
+    assert "331" in report["damage"]
+    assert report["damage"] in printed.err
+
+
 def test_log_of_another_skin_is_no_cycle(recorded, capsys):
     log, _ = recorded
     assert main(["decode", str(log), "--topology", "fingertip", "--json"]) in (0, 1)

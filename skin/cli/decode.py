@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json as json_text
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
@@ -32,7 +33,7 @@ def decode(
 
     The arrays of an .npz are time_s (t), temperature_c (t, n), force_n (t, 3, n), status (t, n),
     wrench (t, 6), centroid_m (t, 3) and unit (n); nothing in it needs pickle. Exits 1 if the log
-    holds no cycle of this skin.
+    holds no cycle of this skin, or is damaged: then all that stands before the damage is decoded.
     """
     from bus.assemble import Assembler
     from bus.logs import read
@@ -55,7 +56,8 @@ def decode(
              units.valid.copy(), state.wrench.copy(), state.centroid.copy())
         )  # fmt: skip
 
-    for batch in read(log):
+    frames = read(log, strict=False)
+    for batch in frames:
         batch.frames["origin"] = (
             0  # who recorded a frame as its own sent it on the bus all the same
         )
@@ -76,6 +78,7 @@ def decode(
         "valid_share": valid / max(1, len(rows) * loaded.n),
         "peak_force_n": peak,
         "counters": counters,
+        "damage": str(frames.damage) if frames.damage else None,
         "output": str(output.resolve()) if output is not None and rows else None,
     }
     if json:
@@ -86,7 +89,9 @@ def decode(
         print(f"valid readings {100 * report['valid_share']:.2f} %, peak force {peak:.2f} N")
         if report["output"]:
             print(f"written: {report['output']}")
-    return 0 if rows else 1
+    if frames.damage:
+        print(f"{frames.damage}; what stands before it was decoded", file=sys.stderr)
+    return 0 if rows and not frames.damage else 1
 
 
 def _write(path: Path, topology: Any, rows: list[tuple[Any, ...]]) -> None:
