@@ -38,5 +38,5 @@ def test_values_that_differ_are_not_passed_over(monkeypatch):
         return real(topology, database, physical + topology.scale, *rest)
 
     monkeypatch.setattr(unpack, "_compare", shifted)
-    with pytest.raises(AssertionError, match="must be .*; got"):
+    with pytest.raises(AssertionError, match=r"must be .*; got"):
         unpack.run(quick=True)
