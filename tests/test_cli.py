@@ -155,6 +155,27 @@ def test_decoded_log_is_what_was_felt_live(recorded, suffix, tmp_path, capsys):
     assert np.abs(force - live).max() < 1e-4  # digits of the table
 
 
+def test_channels_of_a_log_are_the_buses_of_the_skin(tmp_path, capsys):
+    loaded = topology.load("hand")
+    path, cycles = tmp_path / "hand.log", 12
+    nodes, sync, answers = Nodes(loaded, seed=6), FrameBatch(1), FrameBatch(64)
+    with path.open("w") as file:
+        for cycle in range(cycles):
+            for index, bus in enumerate(loaded.buses):
+                sync.clear()
+                sync.append(bus.sync_id, bytes([cycle]), bus=index)
+                answers.clear()
+                nodes.respond(sync.frames, answers, index)
+                for frame in [*sync.frames, *answers.frames]:
+                    data = frame["data"][: frame["length"]].tobytes().hex()
+                    mark = "##1" if frame["flags"] else "#"
+                    file.write(f"({cycle}.0) {bus.channel} {frame['id']:03X}{mark}{data}\n")
+    assert main(["decode", str(path), "--topology", "hand", "--json"]) == 0
+    report = last_json(capsys)
+    assert report["cycles"] == cycles
+    assert report["valid_share"] == 1.0
+
+
 def test_damaged_log_is_decoded_up_to_the_damage(recorded, capsys):
     log, _ = recorded
     lines = log.read_text().splitlines(keepends=True)

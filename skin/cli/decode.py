@@ -29,14 +29,17 @@ def decode(
     ] = None,
     json: Annotated[bool, tyro.conf.arg(help="end with one JSON object")] = False,
 ) -> int:
-    """Decode a recorded CAN log (candump, BLF, ASC, TRC, …) of a skin with one bus.
+    """Decode a recorded CAN log (candump, BLF, ASC, TRC, …).
+
+    The frames of a skin with several buses are told apart by the channels of its file, which the
+    log must name.
 
     The arrays of an .npz are time_s (t), temperature_c (t, n), force_n (t, 3, n), status (t, n),
     wrench (t, 6), centroid_m (t, 3) and unit (n); nothing in it needs pickle. Exits 1 if the log
     holds no cycle of this skin, or is damaged: then all that stands before the damage is decoded.
     """
     from bus.assemble import Assembler
-    from bus.logs import read
+    from bus.logs import buses_of, read
     from skin.errors import SkinError
     from skin.live import CycleReader
     from topology import load
@@ -56,7 +59,8 @@ def decode(
              units.valid.copy(), state.wrench.copy(), state.centroid.copy())
         )  # fmt: skip
 
-    frames = read(log, strict=False)
+    buses = buses_of(loaded) if len(loaded.buses) > 1 else None
+    frames = read(log, buses=buses, strict=False)
     for batch in frames:
         batch.frames["origin"] = (
             0  # who recorded a frame as its own sent it on the bus all the same

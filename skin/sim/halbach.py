@@ -132,12 +132,13 @@ class HalbachField:
             A film has come to where no table tells its field.
         """
         n = len(self._names)
-        lead = np.shape(depth_mm)[:-1]
+        *lead, _ = shape = np.shape(depth_mm)
+        pairs = (*lead, 2, n)
         depth = _contiguous(depth_mm, (-1, n))
-        displacement = _contiguous(displacement_mm, (-1, 2, n))
-        tilt = np.zeros_like(displacement) if tilt_rad is None else tilt_rad
+        displacement = _contiguous(np.broadcast_to(displacement_mm, pairs), (-1, 2, n))
+        tilt = np.zeros(pairs) if tilt_rad is None else np.broadcast_to(tilt_rad, pairs)
         tilt = _contiguous(tilt, (-1, 2, n))
-        warmer = np.asarray(film_temperature) - self._reference_c
+        warmer = np.broadcast_to(film_temperature, shape) - self._reference_c
         strength = _contiguous(self._strength * (1.0 + self._drift * warmer), (-1, n))
         films = displacement, depth, tilt, strength
         out = np.empty((len(depth), 3, n))
