@@ -12,6 +12,7 @@ import numpy as np
 
 import topology as topology_package
 from bus.assemble import Assembler
+from bus.configure import Command, pack
 from bus.cycle import FrameCounters, RawCycle
 from bus.frame import FRAME_DTYPE, FrameBatch
 from bus.open import open_transport
@@ -188,6 +189,29 @@ class Skin:
     def counters(self) -> FrameCounters:
         """Frames by what became of them, running totals."""
         return self._assembler.counters
+
+    def configure(self, command: Command, *, node: int = 0, value: int = 0) -> None:
+        """Tell the boards on all buses to do something: tare, or answer every k-th SYNC only.
+
+        Boards that answer seldom are late in the cycles between, which then wait for the
+        deadline.
+
+        Parameters
+        ----------
+        command : bus.configure.Command
+        node : int
+            Number of a board on its bus; 0 for all.
+        value : int
+            Of ``RATE``: every how manyth cycle.
+
+        Raises
+        ------
+        ValueError
+            No board can obey it.
+        """
+        frame = pack(command, node, value)
+        for transport in self.transports:
+            transport.send(frame)
 
     def trouble(self, state: State) -> dict[str, Status]:
         """Units that must not be trusted in this state, and why, by unit name."""

@@ -12,6 +12,7 @@ import pytest
 import bus
 import skin
 import topology
+from bus.configure import Command
 from bus.memory import MemoryTransport
 from bus.status import Status
 from skin.errors import SkinError
@@ -179,6 +180,19 @@ def test_host_that_is_slow_leaves_out_syncs_and_counts_them():
         next(states)
         assert strip.timing.overruns >= 4
         assert strip.counters.lost == 0
+
+
+def test_boards_obey_the_host():
+    with skin.open("strip", simulate=True, pace=False, deadline_s=0.001) as strip:
+        states = iter(strip)
+        next(states)
+        strip.configure(Command.RATE, value=2)
+        answered = [bool(next(states).units.valid.all()) for _ in range(6)]
+        assert answered.count(True) == 3
+        assert all(a != b for a, b in itertools.pairwise(answered))
+        assert strip.nodes.served.configured > 0
+        with pytest.raises(ValueError, match="value: must be 1 to 65535"):
+            strip.configure(Command.RATE, value=0)
 
 
 @pytest.mark.parametrize(
