@@ -180,7 +180,9 @@ LAYOUTS: dict[str, WireLayout] = {
             units=5,
             signals=_HEADER + tuple(s for i in range(5) for s in _record(i, 4 + 12 * i)),
         ),
-        # XELA uSkin: a frame for each taxel, its chip's status byte and three axes; no sequence.
+        # XELA uSkin: a frame for each taxel, three axes from its second byte on, no sequence. What
+        # is known of it are drivers that never look at the length: a board that sends eight bytes
+        # needs a layout of one's own with `size = 8`.
         WireLayout(
             name="xela-uskin",
             size=7,
