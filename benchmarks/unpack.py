@@ -2,7 +2,8 @@
 
 `table` is our kernel, which reads any layout from a table: identifier to frame, bits to counts. It
 does not scale them, as the decoder has the scales in its coefficients; `table scaled` does, with
-numpy. `assembler` does the rest of the receiver's work (order, loss, CRC, validity) as well.
+numpy. `assembler` does the rest of the receiver's work as well (order, loss, CRC, validity), and
+makes a Python object of each cycle, which with a dozen frames a cycle is most of its time.
 `numpy` knows the one layout and slices all frames at once. `cantools` is its `decode_message` as
 everybody calls it, for a sample of the frames; `cantools raw` leaves out scales and words.
 
