@@ -170,7 +170,8 @@ def test_float32_agrees_with_float64(seed):
     raw = sensible_counts(skin, 2, seed, most=0.88)
     single, double = Decoder(skin, dtype="float32")(raw), Decoder(skin, dtype="float64")(raw)
     assert np.abs(single.temperature - double.temperature).max() < 1e-4
-    assert np.abs(single.force - double.force).max() < 2e-5
+    # Any calibration may come: the stiff part of its shear law makes more newtons of a millimetre.
+    assert np.abs(single.force - double.force).max() < 4e-5
     assert np.abs(single.displacement_mm - double.displacement_mm).max() < 2e-5
     np.testing.assert_array_equal(single.status, double.status)
 
