@@ -74,7 +74,7 @@ def test_machine_code_and_python_join_alike(scene):
     n = load.size
     results = []
     for kernel in (join, join_python):
-        units = np.zeros((7, n + 1), np.int32)
+        units = np.zeros((8, n + 1), np.int32)
         units[4, :n] = touching
         sigma = np.full((1, n), SIGMA)
         parts = kernel(load[np.newaxis], sigma, valid, packed_graph(n, *graph), 5.0, 3.0, units)

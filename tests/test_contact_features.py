@@ -42,8 +42,8 @@ def test_wrench_centre_and_covariances_are_the_slow_sums(seed):
         np.testing.assert_allclose(contact["wrench"], wrench, atol=1e-10)
         np.testing.assert_allclose(contact["wrench_covariance"], covariance, atol=1e-12)
         centre, spread = naive.centre(units, force[2], sigma[2], position)
-        np.testing.assert_allclose(contact["centre"], centre, atol=1e-12)
-        np.testing.assert_allclose(contact["centre_covariance"], spread, atol=1e-15)
+        np.testing.assert_allclose(contact["centroid"], centre, atol=1e-12)
+        np.testing.assert_allclose(contact["centroid_covariance"], spread, atol=1e-15)
         wrench, covariance = naive.wrench(units, force, sigma, position, rotation, centre)
         np.testing.assert_allclose(contact["moment"], wrench[3:], atol=1e-12)
         np.testing.assert_allclose(contact["moment_covariance"], covariance[3:, 3:], atol=1e-15)
@@ -58,8 +58,8 @@ def test_wrenches_of_clusters_add_up_to_the_total(seed):
     contacts, total = contact_features(label, force, sigma, position, rotation, AREA)
     for name in ("wrench", "wrench_covariance", "load", "area"):
         np.testing.assert_allclose(contacts[name].sum(0), total[name], rtol=1e-9, atol=1e-12)
-    centre = contacts["load"] @ contacts["centre"] / total["load"]
-    np.testing.assert_allclose(total["centre"], centre, atol=1e-12)
+    centre = contacts["load"] @ contacts["centroid"] / total["load"]
+    np.testing.assert_allclose(total["centroid"], centre, atol=1e-12)
 
 
 @given(seeds)
@@ -83,7 +83,7 @@ def test_wrench_is_covariant_under_rigid_motion(seed):
         )
         np.testing.assert_allclose(b["wrench"], moved, atol=1e-9)
         np.testing.assert_allclose(b["wrench_covariance"], covariance, atol=1e-9)
-        np.testing.assert_allclose(b["centre"], turn @ a["centre"] + shift, atol=1e-11)
+        np.testing.assert_allclose(b["centroid"], turn @ a["centroid"] + shift, atol=1e-11)
         assert b["torsion"] == pytest.approx(a["torsion"], abs=1e-9)
         assert b["shear"] == pytest.approx(a["shear"], abs=1e-9)
 
@@ -93,9 +93,9 @@ def test_centre_lies_in_the_hull_and_is_indifferent_to_the_scale_of_force(seed, 
     label, force, _, position, rotation = scene(seed, clusters=1)
     contacts, _ = contact_features(label, force, 0.001, position, rotation, AREA)
     scaled, _ = contact_features(label, scale * force, 0.001, position, rotation, AREA)
-    np.testing.assert_allclose(scaled["centre"], contacts["centre"], atol=1e-12)
+    np.testing.assert_allclose(scaled["centroid"], contacts["centroid"], atol=1e-12)
     hull = ConvexHull(position[:, label == 0].T)
-    outside = hull.equations[:, :3] @ contacts["centre"][0] + hull.equations[:, 3]
+    outside = hull.equations[:, :3] @ contacts["centroid"][0] + hull.equations[:, 3]
     assert outside.max() <= 1e-9
 
 
@@ -108,7 +108,7 @@ def test_permutation_of_units_changes_no_number(seed):
         label[order], force[:, order], sigma[:, order], position[:, order], rotation[:, :, order],
         AREA,
     )  # fmt: skip
-    for name in ("wrench", "moment", "centre", "normal", "arm", "torsion_sigma", "extent"):
+    for name in ("wrench", "moment", "centroid", "normal", "arm", "torsion_sigma", "extent"):
         np.testing.assert_allclose(a[name], b[name], atol=1e-9)
 
 
@@ -125,8 +125,8 @@ def test_centre_covariance_covers():
         contacts, _ = contact_features(
             np.zeros(n, int), force, 0.05, position, naive.facing_down(n), AREA
         )
-        error = (contacts["centre"][0] - centre)[:2]
-        spread = contacts["centre_covariance"][0][:2, :2]
+        error = (contacts["centroid"][0] - centre)[:2]
+        spread = contacts["centroid_covariance"][0][:2, :2]
         hits.append(error @ np.linalg.solve(spread, error))
     # Two degrees of freedom: half of all errors lie within 1.386.
     assert np.mean(np.array(hits) < 2.0 * np.log(2.0)) == pytest.approx(0.5, abs=0.1)
@@ -143,7 +143,7 @@ def test_a_load_below_five_sigma_has_no_centre():
         )
         for record in (contacts[0], total):
             assert bool(record["flags"] & Flag.WEAK) == weak
-            assert np.isnan(record["centre"]).all() == weak
+            assert np.isnan(record["centroid"]).all() == weak
             assert np.isnan(record["torsion"]) == weak
             assert record["load"] == pytest.approx(0.16)
 

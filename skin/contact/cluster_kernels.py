@@ -29,10 +29,10 @@ PRESENT_COUNT, UNTRACKED, ENDED, NEXT_ID, TOUCHING_UNITS = range(5)
 """Rows of `counters`, and how many: contacts now; parts beyond the capacity; ended now; last id;
 units in contact now."""
 
-UNIT_ROWS = KIND, LABEL, MEMBERS, BEGIN, TOUCHING, OWNER, QUEUE = range(7)
+UNIT_ROWS = KIND, LABEL, MEMBERS, BEGIN, TOUCHING, OWNER, QUEUE, SLIP = range(8)
 """Rows of `units`: what it is now; its contact, counted along PRESENT, -1; units of the contacts,
 one contact after another; where each contact begins there; in contact, as far as is known; record
-that last owned the unit, -1; scratch."""
+that last owned the unit, -1; scratch; kept by slip_kernels."""
 SLOT_ROWS = PRESENT_SLOTS, SLOT_OF, PART_OF = range(3)
 """Rows of `slots`: records of the contacts; record of each part, and back."""
 
@@ -395,7 +395,7 @@ def find_contacts_python(
         What starts a contact and what a unit in a contact must exceed, in sigmas; how long a lost
         contact can return and how old one must be to survive being absorbed, nanoseconds.
     now_ns : int
-    units : ndarray, shape (7, n + 1), int32
+    units : ndarray, shape (8, n + 1), int32
         Rows as in `UNIT_ROWS`; TOUCHING and OWNER are kept from call to call.
     slots : ndarray, shape (3, s), int32
         Rows as in `SLOT_ROWS`; PRESENT holds the records of the contacts, oldest first.

@@ -68,7 +68,7 @@ def contact_clusters(
     load = np.ascontiguousarray(load, np.float64)
     n = load.size
     used = np.isfinite(load) if valid is None else np.isfinite(load) & valid
-    _, label, _, _, was_touching, _, _ = units = np.zeros((len(UNIT_ROWS), n + 1), np.int32)
+    _, label, _, _, was_touching, _, _, _ = units = np.zeros((len(UNIT_ROWS), n + 1), np.int32)
     if touching is not None:
         was_touching[:n] = touching
     join(

@@ -419,7 +419,7 @@ def _conclude(s, record, origin, c6, spare):
     _shift_covariance(c6, origin, False, record["wrench_covariance"], m)
     _orient(s, record, m, v, spare[2])
     _warm(s, record, m)
-    centre, moment, normal = record["centre"], record["moment"], record["normal"]
+    centre, moment, normal = record["centroid"], record["moment"], record["normal"]
     along = 0.0
     for a in range(3):
         along += force[a] * normal[a]
@@ -433,7 +433,7 @@ def _conclude(s, record, origin, c6, spare):
         record["flags"] |= WEAK
         centre[:] = np.nan
         moment[:] = np.nan
-        record["centre_covariance"][:] = np.nan
+        record["centroid_covariance"][:] = np.nan
         record["moment_covariance"][:] = np.nan
         record["torsion"] = np.nan
         record["torsion_sigma"] = np.nan
@@ -454,8 +454,8 @@ def _conclude(s, record, origin, c6, spare):
         for b in range(a, 3):
             spread = s[VAR_PP + row] + about[a] * s[VAR_P + b] + about[b] * s[VAR_P + a]
             spread = (spread + about[a] * about[b] * s[LOAD_VARIANCE]) / (load * load)
-            record["centre_covariance"][a, b] = spread
-            record["centre_covariance"][b, a] = spread
+            record["centroid_covariance"][a, b] = spread
+            record["centroid_covariance"][b, a] = spread
             row += 1
     record["torsion"] = torsion
     record["torsion_sigma"] = np.sqrt(max(variance, 0.0))
@@ -464,7 +464,7 @@ def _conclude(s, record, origin, c6, spare):
 @register_jitable
 def _arm(members, first, last, force, geometry, origin, record):
     """Load-weighted mean distance from the centre, across the normal."""
-    centre, normal = record["centre"], record["normal"]
+    centre, normal = record["centroid"], record["normal"]
     moment, load = 0.0, 0.0
     for at in range(first, last):
         i = members[at]
@@ -481,7 +481,7 @@ def _arm(members, first, last, force, geometry, origin, record):
 @register_jitable
 def _walk(record, path):
     """Take the centre as a waypoint if it has really moved."""
-    centre, waypoint = record["centre"], record["waypoint"]
+    centre, waypoint = record["centroid"], record["waypoint"]
     if record["event"] & BORN:
         record["waypoints"] = 0
         record["travel"] = 0.0
@@ -493,7 +493,7 @@ def _walk(record, path):
         square, variance = 0.0, 0.0
         for a in range(3):
             square += (centre[a] - waypoint[a]) ** 2
-            variance += record["centre_covariance"][a, a]
+            variance += record["centroid_covariance"][a, a]
         if square <= max(STEP_M**2, STEP_SIGMAS**2 * variance):
             return
         record["travel"] += np.sqrt(square)

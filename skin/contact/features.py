@@ -124,7 +124,7 @@ def contact_features(
     >>> contacts, total = contact_features(
     ...     np.array([0, 0, -1]), force, 0.01, position, np.stack([np.eye(3)] * 3, 2), 1e-4,
     ...     silent=[False, False, True], neighbour_start=[0, 1, 3, 4], neighbour_index=[1, 0, 2, 1])
-    >>> contacts["centre"][0].round(6).tolist(), contacts["load"].tolist()
+    >>> contacts["centroid"][0].round(6).tolist(), contacts["load"].tolist()
     ([0.0075, 0.0, 0.0], [4.0])
     >>> contacts["coverage"].round(6).tolist()
     [0.666667]
@@ -139,7 +139,7 @@ def contact_features(
     records = np.zeros(2 * count + 1, CONTACT)
     records["begin"][:count], records["end"][:count] = ends[:-1] - ends[0], ends[1:] - ends[0]
     records["event"] = 1
-    units = np.zeros((7, n + 1), np.int32)
+    units = np.zeros((8, n + 1), np.int32)
     kind, units[1, :n], members = units[0], label, units[2]
     members[: n - ends[0]] = order[ends[0] :]
     if silent is not None:

@@ -95,8 +95,8 @@ CONTACT = np.dtype(
         ("load_sigma", np.float64),
         ("wrench", np.float64, (6,)),  # N, N·m about the origin of the skin frame
         ("wrench_covariance", np.float64, (6, 6)),
-        ("centre", np.float64, (3,)),  # m, skin frame
-        ("centre_covariance", np.float64, (3, 3)),
+        ("centroid", np.float64, (3,)),  # m, skin frame
+        ("centroid_covariance", np.float64, (3, 3)),
         ("moment", np.float64, (3,)),  # N·m about the centre
         ("moment_covariance", np.float64, (3, 3)),
         ("area", np.float64),  # m²
@@ -125,10 +125,12 @@ CONTACT = np.dtype(
         ("slip_units", np.int32),  # units that judge
         ("body_units", np.int32),
         ("stick_ratio", np.float64),
+        ("pattern", np.float64),  # sigmas of the lag of light units behind heavy ones
         ("onset_ns", np.int64),  # of the present slip, 0
         ("motion", np.float64, (3,)),  # mm, of the body since contact, skin frame
         ("rotation", np.float64, (3,)),  # rad
-        ("gross_ratio", np.float64),  # shear over load when gross slip began
+        ("gross_ns", np.int64),  # when it began to slide as a whole
+        ("gross_ratio", np.float64),  # friction in use since then
         # -- friction: written by slip_kernels
         ("friction", np.float64),
         ("friction_sigma", np.float64),

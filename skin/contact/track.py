@@ -71,7 +71,7 @@ class Tracker:
         self.contacts = np.zeros(records, CONTACT)
         self.counters = np.zeros(COUNTERS + records, np.int64)
         self.units = np.zeros((len(UNIT_ROWS), n + 1), np.int32)
-        self.kind, self.label, self.members, _, _, owner, _ = self.units[:, :n]
+        self.kind, self.label, self.members, _, _, owner, _, self.slip = self.units[:, :n]
         owner[:] = -1
         self.label[:] = -1
         self.slots = np.zeros((len(SLOT_ROWS), records), np.int32)
@@ -87,7 +87,7 @@ class Tracker:
     @property
     def ended(self) -> np.ndarray:
         """Identities that ended in this cycle."""
-        return self.counters[COUNTERS :][: self.counters[ENDED]]
+        return self.counters[COUNTERS:][: self.counters[ENDED]]
 
     @property
     def untracked(self) -> int:

@@ -1,0 +1,633 @@
+"""All compiled code of slip: which units are held by what they touch, friction, margin.
+
+Units that stick to one rigid body move as it does: their displacements since they were anchored are
+one rigid motion, seen in each unit's tangent plane. The motion is fitted to the units that stick,
+heavy ones first, because light ones slip first; how far a unit lags behind it says whether it
+slips. Lags that are each within the noise are added up along the patterns that slip makes.
+
+The units of a contact are taken into rows of `work`, padded with zeros to whole vectors, so that
+loops over a row become vector instructions. The constants are this file's own: a cached kernel does
+not see another file change.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numba.extending import register_jitable
+
+__all__ = ["JUDGED", "SETTINGS", "WORK_ROWS", "judge", "judge_python", "work_length"]
+
+NO_CONTACT, STICK, SLIPPING, RE_STICK = range(4)
+UNKNOWN, HELD, INCIPIENT, GROSS = range(4)
+WEAK, TORSION_BLIND, FEW_UNITS, NO_FRICTION = 1, 4, 8, 16
+BORN = 1
+BRIDGE, SILENT = 2, 3
+KIND, LABEL, MEMBERS, SLIP = 0, 1, 2, 7
+POSITION, ROTATION = 0, 3
+
+JUDGED = 18
+"""Columns of `judged`: what is kept of a unit while it is in contact; millimetres."""
+(
+    BODY,  # identity of the contact it is anchored to
+    CYCLES,  # since it was anchored
+    ANCHOR_X, ANCHOR_Y, ANCHOR_VARIANCE,  # displacement at no motion of the body
+    LAG_X, LAG_Y, LAG_VARIANCE,  # behind the body, low-passed
+    MOVED_X, MOVED_Y,  # displacement that the body's motion asks for
+    SCORE,  # lag in its sigmas
+    CLIPPED,  # 1 where friction can not have held the unit, as far as the whole contact tells
+    MARK_X, MARK_Y,  # of a slipping unit: mean lag of the last stretch of time,
+    SUM_X, SUM_Y, STRETCH,  # sums of this stretch, and its length in cycles,
+    FRESH,  # how long it counts as seen sliding, s
+) = range(JUDGED)  # fmt: skip
+CARRIED = MARK_X
+
+SETTINGS = 14
+"""Entries of `settings`, see `skin.contact.slip.SlipSettings`."""
+(
+    LOWPASS_HZ, SLIP_SIGMAS, STICK_SIGMAS, GAIN_ERROR, FLOOR_MM, LEAK_S, RESTICK_S,
+    INCIPIENT_RATIO, GROSS_RATIO, CONFIRM_CYCLES, SAFETY, PRIOR_FRICTION, PATTERN_SIGMAS,
+    SHARED_GAIN,
+) = range(SETTINGS)  # fmt: skip
+
+COLUMNS = 7
+"""Motions of a body: along the two axes of the contact, about its normal, a swelling; and where the
+skin is curved, along the normal and about the two axes."""
+LANES = 8
+# Rows of `work`: the carried columns of `judged` first, then:
+HELD_NOW = CARRIED  # 1 where the unit sticks and is anchored to this body
+NEW = CARRIED + 1  # 1 where it has just come into contact
+JOINED = CARRIED + 2  # 1 where it was anchored to another body
+HERE_X, HERE_Y = CARRIED + 3, CARRIED + 4  # displacement
+NOISE = CARRIED + 5  # its variance
+NORMAL = CARRIED + 6  # load
+WEIGHT = CARRIED + 7  # in the fit; later, of a lag
+ASKED, BEHIND, AWAY = CARRIED + 8, CARRIED + 9, CARRIED + 10
+DESIGN = CARRIED + 11  # what each motion does to x, then to y
+WORK_ROWS = DESIGN + 2 * COLUMNS
+
+FLAT = 1e-3
+"""One minus the length of the mean of the units' normals, below which a contact is flat."""
+SWELLING_MM = 0.05
+OUT_OF_PLANE_MM = 2.0
+"""One-sigmas of the motions that slip must not be mistaken for."""
+ENOUGH, ENOUGH_TO_SWELL = 3, 8
+HUBER = 2.0
+CLIPPED_WEIGHT = 0.1
+PATTERNS = 7
+FRICTIONS = 0.1 * 1.5 ** np.arange(PATTERNS)
+"""Coefficients of friction whose patterns of slip are looked for."""
+ALIKE = 3.0
+"""Twice the logarithm of the likelihood ratio up to which two patterns explain a lag alike."""
+SPREAD = 0.05
+"""Relative one-sigma of friction from unit to unit."""
+FRICTION_S, FRICTION_MEMORY_S = 0.1, 20.0
+"""How long friction samples stay alike; how long they are remembered."""
+BOUND_SIGMAS = 5.0
+CONE_ALERT, CONE_CALM, CONE_GROSS = 0.9, 0.8, 0.98
+"""Share of the friction cone in use that is a warning, that ends one, that is gross slip."""
+FRESH_S = 0.1
+"""How long a unit that has begun to slip is taken to slide."""
+QUIET_SIGMAS = 4.0
+"""A lag that changes by less from one stretch of time to the next has come to rest."""
+SETTLE_S = 0.15
+GRIPPED, PUSHED = 0.85, 1.25
+"""Gross slip ends when the friction in use leaves this range of what it was while sliding: whoever
+slides uses all of it."""
+
+
+def work_length(n: int) -> int:
+    """Length of the rows of `work` for n units: odd in whole vectors, so that rows that are used
+    together do not fight for the same cache lines."""
+    length = (n + LANES - 1) // LANES * LANES
+    return length + LANES * (1 + (length // LANES) % 2)
+
+
+@register_jitable
+def _frame(record, members, force, geometry, origin, frame):
+    """Axes of the contact and its centre into `frame`; returns whether it is flat."""
+    axes, mean = record["axes"], frame[4]
+    mean[:] = 0.0
+    for at in range(record["begin"], record["end"]):
+        i = members[at]
+        load = np.float64(force[2, i])
+        for a in range(3):
+            mean[a] += load * geometry[i, ROTATION + 3 * a + 2]
+    square = 0.0
+    for a in range(3):
+        frame[0, a], frame[1, a], frame[2, a] = axes[a, 0], axes[a, 1], axes[a, 2]
+        frame[3, a] = record["centroid"][a] - origin[a]
+        square += mean[a] ** 2
+    return np.sqrt(square) > (1.0 - FLAT) * record["load"]
+
+
+@register_jitable
+def _design(place, frame, size, columns, work, j):
+    """What each motion of the body does to one unit: columns for its x and its y."""
+    scale = 1.0 / size
+    qx = (place[POSITION] - frame[3, 0]) * scale
+    qy = (place[POSITION + 1] - frame[3, 1]) * scale
+    qz = (place[POSITION + 2] - frame[3, 2]) * scale
+    work[AWAY, j] = qx * qx + qy * qy + qz * qz
+    for c in range(2):
+        at = DESIGN + c * COLUMNS
+        ax, ay, az = place[ROTATION + c], place[ROTATION + 3 + c], place[ROTATION + 6 + c]
+        # Rotation about an axis e moves q by e x q; its share along a is e . (q x a).
+        rx, ry, rz = qy * az - qz * ay, qz * ax - qx * az, qx * ay - qy * ax
+        work[at, j] = ax * frame[0, 0] + ay * frame[0, 1] + az * frame[0, 2]
+        work[at + 1, j] = ax * frame[1, 0] + ay * frame[1, 1] + az * frame[1, 2]
+        work[at + 2, j] = rx * frame[2, 0] + ry * frame[2, 1] + rz * frame[2, 2]
+        work[at + 3, j] = ax * qx + ay * qy + az * qz
+        if columns > 4:
+            work[at + 4, j] = ax * frame[2, 0] + ay * frame[2, 1] + az * frame[2, 2]
+            work[at + 5, j] = rx * frame[0, 0] + ry * frame[0, 1] + rz * frame[0, 2]
+            work[at + 6, j] = rx * frame[1, 0] + ry * frame[1, 1] + rz * frame[1, 2]
+
+
+@register_jitable
+def _take(
+    record, members, slip, force, displacement, displacement_sigma, geometry, frame, size, columns,
+    judged, work,
+):  # fmt: skip
+    """Take the units of a contact into `work`; returns the length in use and how many stick."""
+    first = record["begin"]
+    count = record["end"] - first
+    body, parent = np.float64(record["id"]), np.float64(record["parent"])
+    stuck = 0
+    for j in range(count):
+        i = members[first + j]
+        unit = judged[i]
+        new = slip[i] == NO_CONTACT
+        if unit[BODY] == parent:
+            unit[BODY] = body
+        for k in range(CARRIED):
+            work[k, j] = unit[k]
+        held = not new and unit[BODY] == body and slip[i] != SLIPPING
+        stuck += held
+        work[HELD_NOW, j] = 1.0 if held else 0.0
+        work[NEW, j] = 1.0 if new else 0.0
+        work[JOINED, j] = 1.0 if not new and unit[BODY] != body else 0.0
+        work[BODY, j] = body
+        work[HERE_X, j] = displacement[0, i]
+        work[HERE_Y, j] = displacement[1, i]
+        work[NOISE, j] = 0.5 * (
+            np.float64(displacement_sigma[0, i]) ** 2 + np.float64(displacement_sigma[1, i]) ** 2
+        )
+        work[NORMAL, j] = force[2, i]
+        _design(geometry[i], frame, size, columns, work, j)
+    length = (count + LANES - 1) // LANES * LANES
+    for k in range(WORK_ROWS):
+        for j in range(count, length):
+            work[k, j] = 0.0
+    for j in range(count, length):
+        work[NOISE, j] = 1.0
+    return length, stuck
+
+
+@register_jitable
+def _dot3(a, b, c, length):
+    total = 0.0
+    for j in range(length):
+        total += a[j] * b[j] * c[j]
+    return total
+
+
+@register_jitable
+def _fit(length, stuck, columns, settings, work, normal, x):
+    """Weighted fit of the body's motion to the units that stick."""
+    floor = settings[FLOOR_MM] ** 2
+    weight = work[WEIGHT]
+    for j in range(length):
+        # Huber: a unit that lags pulls no harder the further it lags.
+        robust = min(1.0, HUBER / max(work[SCORE, j], 1e-9))
+        robust *= 1.0 - (1.0 - CLIPPED_WEIGHT) * work[CLIPPED, j]
+        spread = work[NOISE, j] + work[ANCHOR_VARIANCE, j] + floor
+        weight[j] = work[HELD_NOW, j] * robust * work[NORMAL, j] / spread
+    # The loads only rank the units; the priors below want weights like those of lone units.
+    peak = 0.0
+    for j in range(length):
+        peak = max(peak, work[HELD_NOW, j] * work[NORMAL, j])
+    for a in range(columns):
+        xa, ya = work[DESIGN + a], work[DESIGN + COLUMNS + a]
+        total = 0.0
+        for j in range(length):
+            along_x = work[HERE_X, j] - work[ANCHOR_X, j]
+            along_y = work[HERE_Y, j] - work[ANCHOR_Y, j]
+            total += weight[j] * (xa[j] * along_x + ya[j] * along_y)
+        normal[a, COLUMNS] = total / peak
+        for b in range(a + 1):
+            total = _dot3(weight, xa, work[DESIGN + b], length)
+            total += _dot3(weight, ya, work[DESIGN + COLUMNS + b], length)
+            normal[a, b] = total / peak
+    if columns > 2:
+        normal[3, 3] += 1.0 / SWELLING_MM**2
+        if stuck < ENOUGH_TO_SWELL:
+            normal[3, 3] *= 1e9
+        for a in range(4, columns):
+            normal[a, a] += 1.0 / OUT_OF_PLANE_MM**2
+    _solve(normal, columns, x)
+
+
+@register_jitable
+def _solve(normal, columns, x):
+    """Cholesky's solution of normal[:, :columns] x = normal[:, COLUMNS]; blind motions are 0."""
+    for j in range(columns):
+        before = normal[j, j]
+        for k in range(j):
+            normal[j, j] -= normal[j, k] ** 2
+        if normal[j, j] <= 1e-9 * before or before <= 0.0:
+            normal[j, j] = 0.0
+            for i in range(j + 1, columns):
+                normal[i, j] = 0.0
+            continue
+        normal[j, j] = np.sqrt(normal[j, j])
+        for i in range(j + 1, columns):
+            for k in range(j):
+                normal[i, j] -= normal[i, k] * normal[j, k]
+            normal[i, j] /= normal[j, j]
+    for j in range(columns):
+        x[j] = normal[j, COLUMNS]
+        for k in range(j):
+            x[j] -= normal[j, k] * x[k]
+        x[j] = x[j] / normal[j, j] if normal[j, j] > 0.0 else 0.0
+    for j in range(columns - 1, -1, -1):
+        for k in range(j + 1, columns):
+            x[j] -= normal[k, j] * x[k]
+        x[j] = x[j] / normal[j, j] if normal[j, j] > 0.0 else 0.0
+
+
+@register_jitable
+def _follow(length, columns, lowpass, settings, x, work):
+    """Where the body's motion asks each unit to be, and how far it lags behind."""
+    floor, gain = settings[FLOOR_MM] ** 2, settings[GAIN_ERROR] ** 2
+    for c in range(2):
+        moved, lag, anchor = work[MOVED_X + c], work[LAG_X + c], work[ANCHOR_X + c]
+        here = work[HERE_X + c]
+        for j in range(length):
+            now = 0.0
+            for a in range(columns):
+                now += work[DESIGN + c * COLUMNS + a, j] * x[a]
+            # From another contact that became part of this one: the same lag, another motion.
+            anchor[j] += work[JOINED, j] * (moved[j] - now)
+            new = work[NEW, j]
+            anchor[j] += new * (here[j] - now - anchor[j])
+            lag[j] = (1.0 - new) * (lag[j] + lowpass * (here[j] - anchor[j] - now - lag[j]))
+            moved[j] = now
+    for j in range(length):
+        new, noise = work[NEW, j], work[NOISE, j]
+        variance = work[LAG_VARIANCE, j]
+        variance += lowpass * (lowpass * noise - (2.0 - lowpass) * variance)
+        variance += new * (noise - variance)
+        work[LAG_VARIANCE, j] = variance
+        work[ANCHOR_VARIANCE, j] += new * (noise - work[ANCHOR_VARIANCE, j])
+        work[CYCLES, j] = (1.0 - new) * work[CYCLES, j] + 1.0
+        # What a lag may be that is none: noise, the anchor's, an error of the unit's gain, a floor.
+        square = work[MOVED_X, j] ** 2 + work[MOVED_Y, j] ** 2
+        weight = 1.0 / (variance + work[ANCHOR_VARIANCE, j] + gain * square + floor)
+        work[WEIGHT, j] = weight
+        square = work[LAG_X, j] ** 2 + work[LAG_Y, j] ** 2
+        work[SCORE, j] = (1.0 - new) * np.sqrt(square * weight)
+
+
+@register_jitable
+def _add_up(length, softness, load, settings, work, likely, shares):
+    """Slip as the whole contact shows it; returns the share of the load that sticks.
+
+    Where friction is m, a unit can be dragged no further than m load / stiffness; what the body's
+    motion asks for beyond that, it lags. For each m of a grid, and for a rim that lags whatever its
+    load, how much of the pattern is in the lags is a linear regression. The pattern that explains
+    most is tested against noise and against an error of gain that all units share.
+    """
+    asked, behind, weight = work[ASKED], work[BEHIND], work[WEIGHT]
+    all_lag, all_asked = 0.0, 0.0
+    for j in range(length):
+        x = work[ANCHOR_X, j] + work[MOVED_X, j]
+        y = work[ANCHOR_Y, j] + work[MOVED_Y, j]
+        far = np.sqrt(x * x + y * y)
+        asked[j] = far
+        behind[j] = -(work[LAG_X, j] * x + work[LAG_Y, j] * y) / max(far, 1e-9)
+        weight[j] *= 1.0 - work[NEW, j]
+        all_lag += weight[j] * far * behind[j]
+        all_asked += weight[j] * far * far
+    most = 0.0
+    if all_asked <= 0.0:
+        return 1.0, 0.0
+    for k in range(PATTERNS + 1):
+        lagged, square, common, slipped = 0.0, 0.0, 0.0, 0.0
+        if k < PATTERNS:
+            reach = FRICTIONS[k] * softness
+            for j in range(length):
+                lacks = max(asked[j] - reach * work[NORMAL, j], 0.0)
+                slipped += work[NORMAL, j] if lacks > 0.0 else 0.0
+                lagged += weight[j] * lacks * behind[j]
+                square += weight[j] * lacks * lacks
+                common += weight[j] * lacks * asked[j]
+        else:
+            for j in range(length):
+                lacks = asked[j] * work[AWAY, j]
+                lagged += weight[j] * lacks * behind[j]
+                square += weight[j] * lacks * lacks
+                common += weight[j] * lacks * asked[j]
+        # What all units share, the fit has taken already.
+        lagged -= common / all_asked * all_lag
+        square -= common / all_asked * common
+        likely[k] = lagged * lagged / square if lagged > 0.0 and square > 0.0 else 0.0
+        shares[k] = slipped / load
+        most = max(most, likely[k])
+    # Of those that explain nearly as much, the one with the least slip.
+    best = PATTERNS
+    for k in range(PATTERNS):
+        if likely[k] > 0.0 and likely[k] >= most - ALIKE:
+            best = k
+    most = np.sqrt(most / (1.0 + settings[SHARED_GAIN] ** 2 * all_asked))
+    sure = most > settings[PATTERN_SIGMAS]
+    reach = FRICTIONS[best] * softness if sure and best < PATTERNS else np.inf
+    for j in range(length):
+        work[CLIPPED, j] = 1.0 if asked[j] > reach * work[NORMAL, j] else 0.0
+    if not sure:
+        return 1.0, most
+    # A rim says that it slips, not how much of the load that is.
+    return 1.0 - shares[best] if best < PATTERNS else settings[INCIPIENT_RATIO] - 1e-3, most
+
+
+@register_jitable
+def _rest(unit, work, j, dt_s, settings):
+    """A unit that slips; returns whether it holds again: its lag is gone, or grows no more."""
+    unit[FRESH] -= dt_s
+    unit[SUM_X] += work[LAG_X, j]
+    unit[SUM_Y] += work[LAG_Y, j]
+    unit[STRETCH] += 1.0
+    if work[SCORE, j] < settings[STICK_SIGMAS]:
+        return True
+    if unit[STRETCH] * dt_s < settings[RESTICK_S]:
+        return False
+    mean_x, mean_y = unit[SUM_X] / unit[STRETCH], unit[SUM_Y] / unit[STRETCH]
+    further = (mean_x - unit[MARK_X]) ** 2 + (mean_y - unit[MARK_Y]) ** 2
+    noise = work[NOISE, j] / unit[STRETCH]
+    if further > QUIET_SIGMAS**2 * 2.0 * noise + settings[FLOOR_MM] ** 2:
+        unit[MARK_X], unit[MARK_Y] = mean_x, mean_y
+        unit[FRESH] = unit[STRETCH] * dt_s
+        unit[SUM_X], unit[SUM_Y], unit[STRETCH] = 0.0, 0.0, 0.0
+        return False
+    work[ANCHOR_X, j] += mean_x
+    work[ANCHOR_Y, j] += mean_y
+    work[ANCHOR_VARIANCE, j] = noise
+    work[LAG_X, j] -= mean_x
+    work[LAG_Y, j] -= mean_y
+    work[CYCLES, j] = unit[STRETCH]
+    return True
+
+
+@register_jitable
+def _decide(count, length, units, slip, dt_s, settings, judged, work):
+    """Stick or slip of each unit, with hysteresis; the anchors of those that stick."""
+    for j in range(count):
+        i = units[j]
+        if slip[i] == NO_CONTACT:
+            slip[i] = STICK
+        elif slip[i] == SLIPPING:
+            if _rest(judged[i], work, j, dt_s, settings):
+                slip[i] = RE_STICK
+        elif work[SCORE, j] > settings[SLIP_SIGMAS]:
+            slip[i] = SLIPPING
+            judged[i, MARK_X:FRESH] = 0.0
+            judged[i, FRESH] = FRESH_S
+        work[HELD_NOW, j] = 1.0 if slip[i] != SLIPPING else 0.0
+    # An anchor is the mean of what was seen while the unit stuck, and forgets slowly: creep and a
+    # drifting tare are no slip.
+    slowest = dt_s / settings[LEAK_S]
+    for j in range(length):
+        gain = work[HELD_NOW, j] * max(1.0 / max(work[CYCLES, j], 1.0), slowest)
+        for c in range(2):
+            step = gain * work[LAG_X + c, j]
+            work[ANCHOR_X + c, j] += step
+            work[LAG_X + c, j] -= step
+        variance = work[ANCHOR_VARIANCE, j]
+        work[ANCHOR_VARIANCE, j] += gain * (gain * work[NOISE, j] - (2.0 - gain) * variance)
+
+
+@register_jitable
+def _learn(record, units, slip, force, force_sigma, dt_s, judged):
+    """Friction: what slipping units carry, and what stuck ones bear at least."""
+    for j in range(units.size):
+        i = units[j]
+        load, shear_x, shear_y = force[2, i], force[0, i], force[1, i]
+        square = np.float64(shear_x) ** 2 + np.float64(shear_y) ** 2
+        if slip[i] == SLIPPING:
+            if judged[i, FRESH] <= 0.0:
+                continue
+        elif square <= (record["friction_lower"] * load) ** 2:
+            continue
+        load_sigma = np.float64(force_sigma[2, i])
+        variance = 0.5 * (np.float64(force_sigma[0, i]) ** 2 + np.float64(force_sigma[1, i]) ** 2)
+        if load <= 5.0 * load_sigma or square <= 9.0 * variance:
+            continue
+        ratio = np.sqrt(square) / load
+        noise = (variance + (ratio * load_sigma) ** 2) / np.float64(load) ** 2
+        if slip[i] == SLIPPING:
+            # The length of a noisy vector is too long by half its variance over itself.
+            ratio -= 0.5 * variance / (np.sqrt(square) * load)
+            weight = dt_s / FRICTION_S / (noise + (SPREAD * ratio) ** 2)
+            record["friction_information"] += weight
+            record["friction_sum"] += weight * ratio
+        else:
+            bound = ratio - BOUND_SIGMAS * np.sqrt(noise)
+            record["friction_lower"] = max(record["friction_lower"], bound)
+
+
+@register_jitable
+def _margin(record, settings):
+    """Friction so far, and what is left of it; returns the friction that is in use."""
+    if record["friction_information"] > 0.0:
+        record["friction"] = record["friction_sum"] / record["friction_information"]
+        spread = 1.0 / record["friction_information"]
+        record["friction_sigma"] = np.sqrt(spread + (0.5 * SPREAD * record["friction"]) ** 2)
+    else:
+        record["friction"] = settings[PRIOR_FRICTION]
+        record["friction_sigma"] = np.nan
+    in_use = record["shear"] ** 2
+    if record["arm"] > 0.0:
+        in_use += (record["torsion"] / record["arm"]) ** 2
+    in_use = np.sqrt(in_use)
+    if record["friction"] > 0.0:
+        record["margin"] = 1.0 - in_use / (record["friction"] * record["load"])
+        record["grip_force"] = settings[SAFETY] * in_use / record["friction"]
+    else:
+        record["flags"] |= NO_FRICTION
+        record["margin"] = np.nan
+        record["grip_force"] = np.nan
+    return in_use / record["load"]
+
+
+@register_jitable
+def _sliding_still(record, ratio, now_ns, dt_s):
+    """Whether gross slip goes on; nobody sees faces slide that all stand at their limit."""
+    if (now_ns - record["gross_ns"]) * 1e-9 < SETTLE_S:
+        record["gross_ratio"] += dt_s / (0.3 * SETTLE_S) * (ratio - record["gross_ratio"])
+        return True
+    return GRIPPED * record["gross_ratio"] < ratio < PUSHED * record["gross_ratio"]
+
+
+@register_jitable
+def _conclude(record, settings, now_ns, judging, ratio):
+    """State of the contact from its stick ratio, or from the friction cone where units are few."""
+    before = record["slip"]
+    stick = record["stick_ratio"]
+    if judging < ENOUGH:
+        used = 1.0 - record["margin"]
+        record["flags"] |= FEW_UNITS
+        if not np.isfinite(used):
+            state = UNKNOWN
+        elif used > CONE_GROSS:
+            state = GROSS
+        elif used > CONE_ALERT or (before >= INCIPIENT and used > CONE_CALM):
+            state = INCIPIENT
+        else:
+            state = HELD
+    elif stick < settings[GROSS_RATIO]:
+        state = GROSS
+    elif stick < settings[INCIPIENT_RATIO] or (
+        before == INCIPIENT and stick < 0.5 + 0.5 * settings[INCIPIENT_RATIO]
+    ):
+        state = INCIPIENT
+    else:
+        state = HELD
+    if state > max(before, HELD):
+        record["slip_cycles"] += 1
+        if record["slip_cycles"] < settings[CONFIRM_CYCLES]:
+            return
+    record["slip_cycles"] = 0
+    if state >= INCIPIENT and before < INCIPIENT:
+        record["onset_ns"] = now_ns
+    elif state < INCIPIENT:
+        record["onset_ns"] = 0
+    if state == GROSS and before != GROSS:
+        record["gross_ns"] = now_ns
+        record["gross_ratio"] = ratio
+    record["slip"] = state
+
+
+@register_jitable
+def _begin(record):
+    record["slip"] = UNKNOWN
+    record["slip_cycles"] = 0
+    record["onset_ns"] = 0
+    record["friction_information"] = 0.0
+    record["friction_sum"] = 0.0
+    record["friction_lower"] = 0.0
+
+
+@register_jitable
+def _judge_contact(
+    record, members, slip, dt_s, now_ns, settings, force, force_sigma,
+    displacement, displacement_sigma, geometry, origin, judged, work, frame, normal, x,
+):  # fmt: skip
+    if record["event"] & BORN:
+        _begin(record)
+    first, last = record["begin"], record["end"]
+    units, count = members[first:last], last - first
+    flat = _frame(record, members, force, geometry, origin, frame)
+    size = max(record["arm"], 1e-4)
+    columns = 4 if flat else COLUMNS
+    length, stuck = _take(
+        record, members, slip, force, displacement, displacement_sigma, geometry, frame, size,
+        columns, judged, work,
+    )  # fmt: skip
+    if stuck < ENOUGH:
+        columns = 2
+    x[:] = 0.0
+    if stuck:
+        _fit(length, stuck, columns, settings, work, normal, x)
+    lowpass = 1.0 - np.exp(-2.0 * np.pi * settings[LOWPASS_HZ] * dt_s)
+    _follow(length, columns, lowpass, settings, x, work)
+    judging, sticks, pattern = 0, 1.0, 0.0
+    if record["slip"] == GROSS:
+        judging = count
+    elif stuck >= ENOUGH:
+        judging = count
+        pull, square = 0.0, 0.0
+        for j in range(count):
+            fx, fy = np.float64(force[0, units[j]]), np.float64(force[1, units[j]])
+            pull += fx * work[HERE_X, j] + fy * work[HERE_Y, j]
+            square += work[HERE_X, j] ** 2 + work[HERE_Y, j] ** 2
+        if pull > 0.0:
+            sticks, pattern = _add_up(
+                length, square / pull, record["load"], settings, work, normal[0], normal[1]
+            )
+        _decide(count, length, units, slip, dt_s, settings, judged, work)
+    slipping, load_slipping = 0, 0.0
+    for j in range(count):
+        i = units[j]
+        if slip[i] == NO_CONTACT:
+            slip[i] = STICK
+        elif slip[i] == SLIPPING:
+            slipping += 1
+            load_slipping += work[NORMAL, j]
+        unit = judged[i]
+        for k in range(CARRIED):
+            unit[k] = work[k, j]
+    record["slip_units"] = slipping
+    record["body_units"] = judging
+    record["pattern"] = pattern
+    record["stick_ratio"] = min(sticks, 1.0 - load_slipping / record["load"])
+    for c in range(3):
+        record["motion"][c] = frame[0, c] * x[0] + frame[1, c] * x[1]
+        record["rotation"][c] = frame[2, c] * x[2] * 1e-3 / size
+    forget = 1.0 - dt_s / FRICTION_MEMORY_S
+    record["friction_information"] *= forget
+    record["friction_sum"] *= forget
+    _learn(record, units, slip, force, force_sigma, dt_s, judged)
+    ratio = _margin(record, settings)
+    if record["slip"] == GROSS and judging >= ENOUGH:
+        if not _sliding_still(record, ratio, now_ns, dt_s):
+            record["slip"] = HELD
+            record["onset_ns"] = 0
+            for j in range(count):
+                slip[units[j]] = NO_CONTACT
+    else:
+        _conclude(record, settings, now_ns, judging, ratio)
+
+
+def judge_python(
+    count, dt_s, now_ns, settings, force, force_sigma, displacement, displacement_sigma,
+    geometry, origin, units, slots, contacts, judged, work,
+):  # fmt: skip
+    """Judge the units of the contacts that `describe` has described.
+
+    Parameters
+    ----------
+    count : int
+        Contacts.
+    dt_s : float
+        Time since the last call.
+    now_ns : int
+    settings : ndarray, shape (SETTINGS,), float64
+    force, force_sigma : ndarray, shape (3, n)
+        Newton, unit frame, and its one-sigma.
+    displacement, displacement_sigma : ndarray, shape (2 or 3, n)
+        Millimetre, unit frame, and its one-sigma; x and y count.
+    geometry, origin, units, slots, contacts : ndarray
+        As in `describe`; the row SLIP of `units` is kept here: `UnitSlip`.
+    judged : ndarray, shape (n, JUDGED), float64
+        Kept.
+    work : ndarray, shape (WORK_ROWS, work_length(n)), float64
+        Scratch.
+    """
+    kind, label, members, slip = units[KIND], units[LABEL], units[MEMBERS], units[SLIP]
+    for i in range(judged.shape[0]):
+        if slip[i] != NO_CONTACT and label[i] < 0 and kind[i] != BRIDGE and kind[i] != SILENT:
+            slip[i] = NO_CONTACT
+    frame, normal, x = np.empty((5, 3)), np.empty((COLUMNS, COLUMNS + 1)), np.empty(COLUMNS)
+    for k in range(count):
+        record = contacts[slots[0, k]]
+        if record["flags"] & WEAK:
+            continue
+        _judge_contact(
+            record, members, slip, dt_s, now_ns, settings, force, force_sigma,
+            displacement, displacement_sigma, geometry, origin, judged, work, frame, normal, x,
+        )  # fmt: skip
+
+
+judge = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})(
+    judge_python
+)
