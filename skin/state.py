@@ -45,6 +45,10 @@ class Reading:
         `Status` flags.
     valid : ndarray, shape (n,), bool
         Whether array features may use the unit: no flag of `INVALID`.
+    temperature_sigma, tangential_sigma, theta_sigma : ndarray, shape (n,), or None
+        One-sigma of each, in its unit; `theta_sigma` ends at pi / sqrt(3), where nothing is known.
+    force_sigma, displacement_sigma_mm : ndarray, shape (3, n), or None
+        One-sigma of each component.
     """
 
     temperature: np.ndarray | None
@@ -54,6 +58,11 @@ class Reading:
     displacement_mm: np.ndarray | None
     status: np.ndarray
     valid: np.ndarray
+    temperature_sigma: np.ndarray | None = None
+    force_sigma: np.ndarray | None = None
+    tangential_sigma: np.ndarray | None = None
+    theta_sigma: np.ndarray | None = None
+    displacement_sigma_mm: np.ndarray | None = None
 
 
 @dataclass(slots=True)
