@@ -9,6 +9,7 @@ from decodefixtures import row_of
 from skin.calibrate.bench import Bench, strokes
 from skin.calibrate.field_angle import field_angle, fit_field_angle
 from skin.errors import ScanError
+from topology import UnitModel
 
 POSES = strokes(np.linspace(0.0, 2.0, 9), np.linspace(0.0, 3.0, 25), 0.3)
 CHECK = strokes(np.linspace(0.0, 2.0, 31), np.linspace(0.0, 3.0, 47), 1.1)
@@ -32,6 +33,15 @@ def test_without_noise_the_polynomial_is_within_a_micrometre_of_magnet_theory():
     assert np.abs(errors_um(found)).max() < 1.0
     assert found.fit.residual_max < 1e-3
     assert found.least_slope > 1.0
+
+
+def test_the_preset_of_the_unit_model_is_what_magnet_theory_gives():
+    table = np.reshape(UnitModel().field_angle_mm, (4, 4))
+    depth, displacement, direction = strokes(np.linspace(0.0, 2.5, 26), np.linspace(0.0, 3.0, 31))
+    angle = field_angle(scanned((depth, displacement, direction), noise=False))
+    powers = angle[:, None] ** np.arange(1, 8, 2)
+    found = np.einsum("ti,ij,tj->t", powers, table, np.vander(depth, 4, increasing=True))
+    assert np.abs(found - displacement).max() < 0.8e-3
 
 
 def test_displacement_grows_with_the_angle_all_over_the_scan():

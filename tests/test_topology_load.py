@@ -14,6 +14,7 @@ from topologyfixtures import write_topology
 import topology
 from topology import CHANNELS, LAYOUTS, MODELS, THETA_KNOTS, TopologyError, UnitModel, load
 from topology.errors import UnknownNameError
+from topology.model import TABLES
 from topology.schema import PARAMETERS
 
 GRID = (
@@ -40,10 +41,10 @@ def test_a_ready_made_topology_is_whole(name):
     assert skin.patch.max() == len(skin.patch_names) - 1 == len(skin.patch_frames) - 1
     assert set(skin.parameters) == set(PARAMETERS)
     for parameter, values in skin.parameters.items():
-        wide = parameter == "theta_correction_rad"
-        assert values.shape == ((THETA_KNOTS, n) if wide else (n,))
+        length = TABLES.get(parameter)
+        assert values.shape == ((n,) if length is None else (length, n))
         assert values.dtype == np.float64
-        assert (values == (getattr(MODELS["f3t-paper"], parameter) or 0.0)).all()
+        assert (values.T == (getattr(MODELS["f3t-paper"], parameter) or 0.0)).all()
     np.testing.assert_allclose(skin.area, np.pi * 0.006**2)
     carried = skin.frames.units[skin.frames.units >= 0]
     assert sorted(carried.tolist()) == list(range(n))
@@ -450,7 +451,7 @@ def test_every_commented_table_of_the_example_is_valid(tmp_path):
     assert [layout["name"] in LAYOUTS for layout in file["layouts"]] == [False, False]
 
 
-UNITS = r"(ua|c|k|hz|mm|n|rad|s|m|ut|cycles|relative|ratio|xx|xy|yx|yy)"
+UNITS = r"(ua|c|k|hz|mm|mm2|n|rad|s|m|ut|cycles|relative|ratio|xx|xy|yx|yy)"
 
 
 @pytest.mark.parametrize("name", PARAMETERS)

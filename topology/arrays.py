@@ -81,7 +81,7 @@ class Topology:
         Sensing area, m².
     parameters : dict of str to ndarray, shape (n,), float64
         Every parameter of `UnitModel` for each unit, calibration files applied;
-        `theta_correction_rad` has shape (THETA_KNOTS, n).
+        those of `topology.model.TABLES` have shape (length, n).
     scale, offset : ndarray, shape (c, n), float64
         Physical value = scale * count + offset, channels as in `topology.CHANNELS`. A count is the
         integer on the wire, but for 16 bits unsigned, which are 32768 above it.

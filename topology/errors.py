@@ -67,7 +67,9 @@ MESSAGES: dict[str, str] = {
     "crest": "must be at most {crest:.4g}, the crest pi / (2 field_wavenumber_rad_per_mm) beyond "
     "which the field falls again; got {got:g}",
     "field-map": "must make a 2x2 map that can be inverted; got determinant {got:.3g}",
-    "theta-count": "must be a list of {knots} numbers or of none; got {got}",
+    "table-count": "must be a list of {length} numbers or of none; got {got}",
+    "field-angle-fold": "must rise with the angle throughout its range; got {got:.3g} mm/rad at "
+    "{angle:.2f} rad",
     "theta-fold": "must fall by less than {spacing:.4g} from knot to knot, or directions fold "
     "over; got {got:.4g} after knot {knot}",
     "scale": "must not be 0; got 0",

@@ -19,10 +19,14 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-__all__ = ["MODELS", "THETA_KNOTS", "UnitModel"]
+__all__ = ["FIELD_ANGLE_TERMS", "MODELS", "TABLES", "THETA_KNOTS", "UnitModel"]
 
 THETA_KNOTS = 16
 """Knots of the direction-correction table, equally spaced over [-pi, pi), periodic."""
+FIELD_ANGLE_TERMS = 16
+"""Coefficients of R(psi, H): entry 4 i + j is of ``psi**(2 i + 1) * H**j``, rad and mm."""
+TABLES = {"theta_correction_rad": THETA_KNOTS, "field_angle_mm": FIELD_ANGLE_TERMS}
+"""Parameters that are tables, and how long; an empty one reads as zeros."""
 
 
 def _doc(text: str, **bounds: float) -> Meta:
@@ -91,6 +95,9 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     field_growth_per_mm: Annotated[
         float, _doc("d ln M0 / dH, from magnet field theory [derived]", gt=0)
     ] = 0.72
+    field_growth_per_mm2: Annotated[
+        float, _doc("Quadratic part of ln M0(H) about the reference depth [calibrated]")
+    ] = 0.0
     field_vertical_ratio: Annotated[
         float, _doc("Bz on the axis over M0: Bz = ratio * M0 cos(k R) [derived]", gt=0)
     ] = 1.65
@@ -113,6 +120,22 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     field_noise_ut: Annotated[
         float, _doc("One-sigma noise of each field axis: 0.01 N at 2 mm depth [derived]", ge=0)
     ] = 105.0
+    field_angle_mm: Annotated[
+        tuple[float, ...],
+        _doc(
+            f"R = sum c[4 i + j] psi^(2 i + 1) H^j, psi = atan2(M_r, Bz) in rad, H in mm: "
+            f"{FIELD_ANGLE_TERMS} coefficients in mm; empty: not known [derived from magnet "
+            "theory, within 0.7 µm to H = 2.5 mm and R = 3 mm]"
+        ),
+    ] = (
+        2.594018, 0.09835543, -0.03409520, 0.005782639,
+        -0.4034802, -0.02441805, -0.0006012635, 0.0001037254,
+        0.1027639, 0.004771070, 0.001475361, -0.0002934835,
+        -0.01345522, -0.0008990075, -0.0002320453, 0.00006145529,
+    )  # fmt: skip
+    field_angle_max_mm: Annotated[
+        float, _doc("Upper end of the range of R from the angle of the field [derived]", gt=0)
+    ] = 3.0
 
     # -- temperature of film and Hall chip -------------------------------------------------------
     film_drift_per_k: Annotated[
@@ -161,6 +184,21 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
             "periodic, linear between (Fig. 3j-k, S8); empty: none [calibrated]"
         ),
     ] = ()
+
+    # -- one-sigma of the calibration itself: beside noise, the same in every reading ----------------
+    temperature_sigma_c: Annotated[float, _doc("Of the temperature [calibrated]", ge=0)] = 0.0
+    frequency_sigma_hz: Annotated[float, _doc("Of the frequency at rest [calibrated]", ge=0)] = 0.0
+    normal_sigma_relative: Annotated[
+        float, _doc("Of the normal force at a fall of the frequency [calibrated]", ge=0)
+    ] = 0.0
+    field_sigma_ut: Annotated[
+        float, _doc("Of each axis of the field: offsets, what neighbours add [calibrated]", ge=0)
+    ] = 0.0
+    field_angle_sigma_mm: Annotated[float, _doc("Of R(psi, H) [calibrated]", ge=0)] = 0.0
+    field_amplitude_sigma_relative: Annotated[float, _doc("Of M0 [calibrated]", ge=0)] = 0.0
+    shear_sigma_relative: Annotated[
+        float, _doc("Of the tangential force at a displacement [calibrated]", ge=0)
+    ] = 0.0
 
     # -- geometry and health ---------------------------------------------------------------------
     radius_m: Annotated[float, _doc("Radius of the cylindrical unit [paper]", gt=0, le=1)] = 0.006

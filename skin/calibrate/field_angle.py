@@ -18,7 +18,7 @@ __all__ = ["ANGLE_TERMS", "DEPTH_TERMS", "FieldAngle", "field_angle", "fit_field
 
 ANGLE_TERMS, DEPTH_TERMS = 4, 4
 """Powers 1, 3, 5, 7 of the angle; powers 0 to 3 of the depth."""
-NAMES = tuple(f"field_angle[{i}][{j}]" for i in range(ANGLE_TERMS) for j in range(DEPTH_TERMS))
+NAMES = tuple(f"field_angle_mm[{i}]" for i in range(ANGLE_TERMS * DEPTH_TERMS))
 
 
 @dataclass(frozen=True, eq=False)

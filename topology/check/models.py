@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 
 from topology.check.names import all_named, check_name, entries, refer
-from topology.model import MODELS, THETA_KNOTS, UnitModel
+from topology.model import MODELS, TABLES, THETA_KNOTS, UnitModel
 from topology.report import Report
 from topology.schema import PARAMETERS, File, Scale
 from topology.source import Key, Source
@@ -86,11 +86,11 @@ def given_parameters(table: Any, key: Key, source: Source, report: Report) -> di
     if not report.sound(source, key, *PARAMETERS):
         return {}
     given = {name: value for name in PARAMETERS if (value := getattr(table, name)) is not None}
-    theta = given.get("theta_correction_rad", ())
-    if len(theta) not in (0, THETA_KNOTS):
-        report.add("theta-count", source, (*key, "theta_correction_rad"),
-                   knots=THETA_KNOTS, got=len(theta))  # fmt: skip
-        del given["theta_correction_rad"]
+    for name, length in TABLES.items():
+        count = len(given.get(name, ()))
+        if count not in (0, length):
+            report.add("table-count", source, (*key, name), length=length, got=count)
+            del given[name]
     return given
 
 
@@ -109,12 +109,12 @@ def _check_scales(scales: Mapping[str, Scale], key: Key, source: Source, report:
 
 
 def to_arrays(models: list[UnitModel]) -> dict[str, np.ndarray]:
-    """Parameters of n models as arrays, shape (n,); theta_correction_rad: (THETA_KNOTS, n)."""
+    """Parameters of n models as arrays, shape (n,); those of `TABLES`: (length, n)."""
     arrays = {}
     for name in PARAMETERS:
         values = [getattr(model, name) for model in models]
-        if name == "theta_correction_rad":
-            values = [theta or (0.0,) * THETA_KNOTS for theta in values]
+        if name in TABLES:
+            values = [table or (0.0,) * TABLES[name] for table in values]
         arrays[name] = np.ascontiguousarray(np.array(values, np.float64).T)
     return arrays
 
@@ -124,7 +124,7 @@ def parameter_faults(p: Mapping[str, np.ndarray]) -> Iterator[Fault]:
 
     Parameters
     ----------
-    p : mapping of str to ndarray, shape (n,) or (THETA_KNOTS, n)
+    p : mapping of str to ndarray, shape (n,); those of `TABLES`: (length, n)
         Parameters of n units.
     """
     low, high = p["temperature_min_c"], p["temperature_max_c"]
@@ -160,3 +160,27 @@ def parameter_faults(p: Mapping[str, np.ndarray]) -> Iterator[Fault]:
     worst = np.max(drop, axis=0)
     yield Fault("theta-fold", "theta_correction_rad", worst >= spacing,
                 {"spacing": np.full_like(worst, spacing), "got": worst, "knot": knot})  # fmt: skip
+
+    angle, slope = _least_slope(p["field_angle_mm"], p["field_angle_max_mm"])
+    yield Fault("field-angle-fold", "field_angle_mm", slope <= 0.0,
+                {"got": slope, "angle": angle})  # fmt: skip
+
+
+def _least_slope(table: np.ndarray, reach_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where R(psi, H) rises least, within the range of R and 0 to 2 mm of depth, and how steeply.
+
+    Units without a table rise by 1 mm/rad.
+    """
+    angle = np.linspace(0.0, 0.5 * np.pi, 33)[:, np.newaxis, np.newaxis]
+    depth = np.linspace(0.0, 2.0, 5)[:, np.newaxis]
+    rise, slope = 0.0, 0.0
+    for i in range(4):
+        row = sum(table[4 * i + j] * depth**j for j in range(4))
+        rise = rise + row * angle ** (2 * i + 1)
+        slope = slope + (2 * i + 1) * row * angle ** (2 * i)
+    # up to where a depth first leaves the range
+    within = np.maximum.accumulate(rise, axis=0) <= reach_mm
+    slope = np.where(within | (angle == 0.0), slope, np.inf).min(axis=1)
+    at = np.argmin(slope, axis=0)
+    least = np.take_along_axis(slope, at[np.newaxis], axis=0)[0]
+    return angle[at, 0, 0], np.where(table.any(axis=0), least, 1.0)
