@@ -185,7 +185,7 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         ),
     ] = ()
 
-    # -- one-sigma of the calibration itself: beside noise, the same in every reading ----------------
+    # -- one-sigma of the calibration itself: beside noise, the same in every reading --------------
     temperature_sigma_c: Annotated[float, _doc("Of the temperature [calibrated]", ge=0)] = 0.0
     frequency_sigma_hz: Annotated[float, _doc("Of the frequency at rest [calibrated]", ge=0)] = 0.0
     normal_sigma_relative: Annotated[
