@@ -198,7 +198,7 @@ def _add_sums(s, total):
 
 
 @register_jitable
-def _add_silence(kind, label, start, index, geometry, sums):
+def _add_silence(count, kind, label, start, index, geometry, sums):
     """Area of silent units beside each contact, each unit once a contact."""
     for i in range(kind.size):
         if kind[i] != BRIDGE and kind[i] != SILENT:
@@ -209,7 +209,7 @@ def _add_silence(kind, label, start, index, geometry, sums):
             for before in range(start[i], at):
                 fresh &= label[index[before]] != k
             if fresh:
-                sums[k, SILENT_AREA] += geometry[i, AREA]
+                sums[min(k, count), SILENT_AREA] += geometry[i, AREA]
 
 
 @register_jitable
@@ -416,7 +416,10 @@ def _conclude(s, record, origin, c6, spare):
     for a in range(3):
         wrench[a] = force[a]
         wrench[a + 3] += s[MOMENT + a]
-    _shift_covariance(c6, origin, False, record["wrench_covariance"], m)
+    covariance = record["wrench_covariance"]
+    _shift_covariance(c6, origin, False, covariance, m)
+    for a in range(6):
+        record["wrench_sigma"][a] = np.sqrt(max(covariance[a, a], 0.0))
     _orient(s, record, m, v, spare[2])
     _warm(s, record, m)
     centre, moment, normal = record["centroid"], record["moment"], record["normal"]
@@ -437,6 +440,8 @@ def _conclude(s, record, origin, c6, spare):
         record["moment_covariance"][:] = np.nan
         record["torsion"] = np.nan
         record["torsion_sigma"] = np.nan
+        record["margin"] = np.nan
+        record["grip_force"] = np.nan
         return
     for a in range(3):
         about[a] = -s[LOAD_P + a] / load
@@ -459,6 +464,24 @@ def _conclude(s, record, origin, c6, spare):
             row += 1
     record["torsion"] = torsion
     record["torsion_sigma"] = np.sqrt(max(variance, 0.0))
+
+
+@register_jitable
+def _forget(record):
+    """A record may have been another contact's: of a new one, nothing is known of slip."""
+    record["slip"] = 0
+    record["slip_units"] = 0
+    record["body_units"] = 0
+    record["onset_ns"] = 0
+    record["stick_ratio"] = np.nan
+    record["pattern"] = np.nan
+    record["motion"][:] = np.nan
+    record["rotation"][:] = np.nan
+    record["friction"] = np.nan
+    record["friction_sigma"] = np.nan
+    record["friction_lower"] = 0.0
+    record["margin"] = np.nan
+    record["grip_force"] = np.nan
 
 
 @register_jitable
@@ -511,9 +534,9 @@ def describe_python(
     Parameters
     ----------
     count : int
-        Contacts.
+        Contacts; with 0 only the total is described.
     untracked_end : int
-        Units in contact, those of contacts beyond the capacity included.
+        Units in contact, those of contacts that are not described included.
     have : int
         DEPTH and WARMTH, as far as given.
     force, force_sigma : ndarray, shape (3, n)
@@ -555,9 +578,11 @@ def describe_python(
             members[end:untracked_end],
             force, force_sigma, displacement, temperature, geometry, have, sums[count], tile,
         )  # fmt: skip
-    _add_silence(kind[:n], label, graph[: n + 1], graph[n + 1 :], geometry, sums)
+    _add_silence(count, kind[:n], label, graph[: n + 1], graph[n + 1 :], geometry, sums)
     for k in range(count):
         record = contacts[slots[0, k]]
+        if record["event"] & BORN:
+            _forget(record)
         _conclude(sums[k], record, origin, c6, spare)
         _arm(members, record["begin"], record["end"], force, geometry, origin, record)
         _walk(record, path[slots[0, k]])

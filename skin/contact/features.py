@@ -53,6 +53,11 @@ class Geometry:
         self.packed[:, AREA] = area
         self.move(position, rotation)
 
+    @property
+    def area(self) -> np.ndarray:
+        """Sensing area of each unit, m²."""
+        return self.packed[:, AREA]
+
     def move(self, position: np.ndarray, rotation: np.ndarray) -> None:
         """Set new poses, for patches that move against each other; allocates nothing of size n."""
         packed = self.packed

@@ -95,6 +95,7 @@ CONTACT = np.dtype(
         ("load_sigma", np.float64),
         ("wrench", np.float64, (6,)),  # N, N·m about the origin of the skin frame
         ("wrench_covariance", np.float64, (6, 6)),
+        ("wrench_sigma", np.float64, (6,)),
         ("centroid", np.float64, (3,)),  # m, skin frame
         ("centroid_covariance", np.float64, (3, 3)),
         ("moment", np.float64, (3,)),  # N·m about the centre

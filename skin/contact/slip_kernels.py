@@ -21,7 +21,7 @@ __all__ = ["JUDGED", "SETTINGS", "WORK_ROWS", "judge", "judge_python", "work_len
 NO_CONTACT, STICK, SLIPPING, RE_STICK = range(4)
 UNKNOWN, HELD, INCIPIENT, GROSS = range(4)
 WEAK, TORSION_BLIND, FEW_UNITS, NO_FRICTION = 1, 4, 8, 16
-BORN = 1
+BORN, RESUMED = 1, 2
 BRIDGE, SILENT = 2, 3
 KIND, LABEL, MEMBERS, SLIP = 0, 1, 2, 7
 POSITION, ROTATION = 0, 3
@@ -509,12 +509,14 @@ def _conclude(record, settings, now_ns, judging, ratio):
 
 @register_jitable
 def _begin(record):
+    """A contact that is new knows nothing; one that is back has kept its friction."""
     record["slip"] = UNKNOWN
     record["slip_cycles"] = 0
     record["onset_ns"] = 0
-    record["friction_information"] = 0.0
-    record["friction_sum"] = 0.0
-    record["friction_lower"] = 0.0
+    if record["event"] & BORN:
+        record["friction_information"] = 0.0
+        record["friction_sum"] = 0.0
+        record["friction_lower"] = 0.0
 
 
 @register_jitable
@@ -522,7 +524,7 @@ def _judge_contact(
     record, members, slip, dt_s, now_ns, settings, force, force_sigma,
     displacement, displacement_sigma, geometry, origin, judged, work, frame, normal, x,
 ):  # fmt: skip
-    if record["event"] & BORN:
+    if record["event"] & (BORN | RESUMED):
         _begin(record)
     first, last = record["begin"], record["end"]
     units, count = members[first:last], last - first

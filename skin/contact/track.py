@@ -11,7 +11,7 @@ from skin.errors import SkinError
 
 __all__ = ["Tracker"]
 
-PRESENT_COUNT, UNTRACKED, ENDED = range(3)
+PRESENT_COUNT, UNTRACKED, ENDED, _, TOUCHING_UNITS = range(COUNTERS)
 
 
 class Tracker:
@@ -35,6 +35,8 @@ class Tracker:
         How long a lost contact can return.
     settle_s : float
         How old a contact must be to outlive being absorbed by another.
+    records : ndarray, shape (2 capacity,), CONTACT, optional
+        Where to keep the records.
 
     Attributes
     ----------
@@ -58,6 +60,7 @@ class Tracker:
         capacity: int = 16,
         memory_s: float = 0.1,
         settle_s: float = 0.2,
+        records: np.ndarray | None = None,
     ) -> None:
         n = np.size(neighbour_start) - 1
         if not 0.0 < keep_sigma <= start_sigma:
@@ -67,17 +70,17 @@ class Tracker:
             )
         if capacity < 1:
             raise SkinError(f"capacity: must be at least 1; got {capacity}")
-        records = 2 * capacity
-        self.contacts = np.zeros(records, CONTACT)
-        self.counters = np.zeros(COUNTERS + records, np.int64)
+        slots = 2 * capacity
+        self.contacts = np.zeros(slots, CONTACT) if records is None else records
+        self.counters = np.zeros(COUNTERS + slots, np.int64)
         self.units = np.zeros((len(UNIT_ROWS), n + 1), np.int32)
         self.kind, self.label, self.members, _, _, owner, _, self.slip = self.units[:, :n]
         owner[:] = -1
         self.label[:] = -1
-        self.slots = np.zeros((len(SLOT_ROWS), records), np.int32)
-        self._graph = packed_graph(n, neighbour_start, neighbour_index)
+        self.slots = np.zeros((len(SLOT_ROWS), slots), np.int32)
+        self.graph = packed_graph(n, neighbour_start, neighbour_index)
         self._settings = np.array([start_sigma, keep_sigma, 1e9 * memory_s, 1e9 * settle_s])
-        self._shared = np.zeros((capacity, records))
+        self._shared = np.zeros((capacity, slots))
 
     @property
     def present(self) -> np.ndarray:
@@ -93,6 +96,11 @@ class Tracker:
     def untracked(self) -> int:
         """Contacts beyond the capacity in this cycle."""
         return int(self.counters[UNTRACKED])
+
+    @property
+    def touching_units(self) -> int:
+        """Units in contact in this cycle, those of contacts beyond the capacity included."""
+        return int(self.counters[TOUCHING_UNITS])
 
     def units_of(self, record: int) -> np.ndarray:
         """Units of a contact, by its record."""
@@ -117,6 +125,6 @@ class Tracker:
         if load.ndim == 1:
             load, sigma = load[np.newaxis], sigma[np.newaxis]
         return find_contacts(
-            load, sigma, valid, self._graph, self._settings, now_ns,
+            load, sigma, valid, self.graph, self._settings, now_ns,
             self.units, self.slots, self._shared, self.contacts, self.counters,
         )  # fmt: skip
