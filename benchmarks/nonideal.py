@@ -34,6 +34,9 @@ CASES: dict[str, NonIdeal] = {
     "magnet": NonIdeal.only("magnet"),
     "fabrication": NonIdeal.only("magnet", "fabrication"),
     "crosstalk": NonIdeal.only("magnet", "crosstalk"),
+    "counter": NonIdeal.only("counter"),
+    "divider": NonIdeal.only("divider"),
+    "hall_converter": NonIdeal.only("hall_converter"),
     "everything": NonIdeal.everything(),
 }
 
@@ -62,13 +65,13 @@ def run(quick: bool) -> dict:
 
 def table(figures: dict) -> str:
     """The figures for a person."""
-    lines = [f"{'non-ideality':<14}{'film':>8}{'z':>8}{'z x':>8}{'z x y':>8}{'all':>8}"
+    lines = [f"{'non-ideality':<16}{'film':>8}{'z':>8}{'z x':>8}{'z x y':>8}{'all':>8}"
              f"{'95 %':>8}{'Fx':>8}{'Fy':>8}{'Fz':>8}{'T':>7}{'flagged':>9}"]  # fmt: skip
     for name, row in figures["cases"].items():
         forces = [*row["stage_mean_n"], row["force_mean_n"], row["force_p95_n"]]
         numbers = "".join(f"{value:>8.4f}" for value in forces + row["each_mean_n"])
         lines.append(
-            f"{name:<14}{'Halbach' if row['film'] else 'sine':>8}{numbers}"
+            f"{name:<16}{'Halbach' if row['film'] else 'sine':>8}{numbers}"
             f"{row['temperature_mean_c']:>7.3f}{row['invalid_share']:>9.1%}"
         )
     lines.append(

@@ -84,3 +84,20 @@ def test_a_bus_within_the_process_is_refused(capsys: pytest.CaptureFixture[str])
 def test_no_time_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["sim", "palm", "--seconds", "0"]) == 2
     assert capsys.readouterr().err == "--seconds: must be above 0; got 0\n"
+
+
+def test_a_schema_of_scenes_is_printed_for_editors(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["sim", "--schema"]) == 0
+    schema = json.loads(capsys.readouterr().out)
+    known = schema["$defs"]["SceneFile"]["properties"]
+    assert {"bodies", "tools", "electronics", "non_ideal"} <= set(known)
+    assert schema["$defs"]["SceneFile"]["additionalProperties"] is False
+    described = schema["$defs"]["NonIdeal"]["properties"]
+    assert all("description" in described[name] for name in described)
+
+
+def test_nothing_to_simulate_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["sim"]) == 2
+    assert capsys.readouterr().err == (
+        "skin sim: must have a topology file or the name of one; got none\n"
+    )

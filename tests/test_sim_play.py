@@ -21,14 +21,17 @@ from bus.memory import MemoryTransport
 from bus.open import open_transport
 from skin import Decoder
 from skin.cli import main
-from skin.errors import SkinError
+from skin.errors import SceneError, SkinError
 from skin.sim.fast import play
+from skin.sim.film_table import load_film_table
+from skin.sim.halbach import CHIP_AXES
 from skin.sim.motion import Track, frame_of
 from skin.sim.node import Nodes
 from skin.sim.play import DEEPEST_MM, ScriptedScene, loaded_units
 from skin.sim.record import Recorder, read_truth
 from skin.sim.script import (
     BodyTable,
+    Electronics,
     HalfSpace,
     Key,
     LoadKey,
@@ -37,6 +40,8 @@ from skin.sim.script import (
     RoomKey,
     SceneFile,
     Sphere,
+    ToolKey,
+    ToolTable,
 )
 from skin.sim.script_load import load_scene, scenes
 from skin.sim.truth import Truth
@@ -186,8 +191,27 @@ def test_a_body_that_goes_too_deep_between_its_keys_is_named_with_the_time() -> 
     )
     body = BodyTable(name="ball", shape=Sphere(radius_m=0.1), keys=keys)
     scene = ScriptedScene(skin(), SceneFile(format=1, seconds=1.0, bodies=(body,)))
-    with pytest.raises(SkinError, match=r"bodies 'ball' at .* s: must press no unit deeper than"):
+    words = r"^bodies\[0\] 'ball' keys\[1\] \(at 0\.\d+ s\): must press no unit deeper than 3\.5 mm"
+    with pytest.raises(SceneError, match=words):
         scene.at(1.0)
+
+
+def test_what_goes_wrong_between_keys_is_told_with_file_and_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A turn about the middle takes the corner of a block through the skin and out again."""
+    path = tmp_path / "turn.toml"
+    path.write_text(
+        'format = 1\nseconds = 2.0\n\n[[bodies]]\nname = "block"\n'
+        'shape = { kind = "block", x_m = 0.03, y_m = 0.03, z_m = 0.03 }\nkeys = [\n'
+        "    { t_s = 0.0, xyz_m = [0.0, 0.0, 0.001], rpy_deg = [0.0, 0.0, 0.0] },\n"
+        "    { t_s = 1.0, rpy_deg = [0.0, 90.0, 0.0] },\n]\n"
+    )
+    assert main(["sim", "palm", "--scene", str(path), "--fast"]) == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    start = f"{path}:9: bodies[0] 'block' keys[1] (at 0."
+    assert said.startswith(start)
+    assert "must press no unit deeper than 3.5 mm; got " in said
 
 
 # -- frames, tracks, weights -----------------------------------------------------------------------
@@ -243,7 +267,7 @@ def test_a_weight_is_borne_by_its_unit_alone(x: float, y: float, z: float) -> No
 def test_each_non_ideality_alone_changes_the_counts(name: str) -> None:
     counts = []
     for non_ideal in (IDEAL, NonIdeal.only(name)):
-        scene = scene_of("slide", non_ideal)
+        scene = scene_of("tool" if name == "tools" else "slide", non_ideal)
         counts.append(np.stack([scene.units.counts(scene.at(t)) for t in np.arange(0.5, 4.0, 0.1)]))
     assert (counts[0] != counts[1]).any()
 
@@ -262,6 +286,71 @@ def test_seeds_repeat_and_differ() -> None:
         seen.append(scene.units.counts(scene.at(0.5)))
     assert (seen[0] == seen[1]).all()
     assert (seen[0] != seen[2]).any()
+
+
+def test_the_electronics_are_those_of_the_file() -> None:
+    """A coarse part of each kind, in whole steps of its own; without it, none."""
+    parts = Electronics(gate_s=0.02, clock_hz=1e5, adc_bits=8, hall_lsb_ut=500.0)
+    script = replace(load_scene("press", skin()), electronics=parts)
+    steps = {
+        "counter": (1, lambda value: 1e5 * np.floor(value * 0.02 + 1e-9) / value),
+        "divider": (0, lambda value: 256.0 * value / (value + 3.3 / 95_000.0 * 1e6)),
+        "hall_converter": (4, lambda value: value / 500.0),
+    }
+    for name, (channel, in_steps) in steps.items():
+        off = []
+        for wanted in (IDEAL, NonIdeal.only(name)):
+            scene = ScriptedScene(skin(), script, non_ideal=wanted)
+            value = [scene.units.values(scene.at(t))[channel] for t in np.arange(0.0, 2.0, 0.1)]
+            step = in_steps(np.array(value[1:]))
+            off.append(np.abs(step - np.rint(step)).max())
+        assert off[1] < 1e-6
+        assert off[0] > 0.1
+
+
+def test_a_tool_is_felt_by_the_units_near_it_and_by_no_other() -> None:
+    """Iron draws the lines of the films into itself: |B| changes most where it is nearest."""
+    felt = []
+    for wanted in (NonIdeal.only("magnet"), NonIdeal.only("magnet", "tools")):
+        scene = scene_of("tool", wanted)
+        away, near = (scene.units.values(scene.at(t))[2:5].copy() for t in (0.0, 3.75))
+        felt.append(np.sqrt((near**2).sum(axis=0)) - np.sqrt((away**2).sum(axis=0)))
+    by_tool = np.abs(felt[1] - felt[0])
+    away_m = np.hypot(skin().position[0] - 0.030, skin().position[1])
+    assert by_tool[away_m < 0.012].min() > 20.0
+    assert by_tool[away_m > 0.045].max() < 1.0
+
+
+def test_what_a_magnetised_tool_adds_is_a_dipole() -> None:
+    """Without films' answer or the Earth: the closed form at every chip, as the tool passes."""
+    key = ToolKey(t_s=0.0, xyz_m=(0.0, 0.01, 0.02))
+    tool = ToolTable(name="tip", keys=(key,), permeability=1.0, remanent_am2=(0.0, 0.02, 0.05))
+    script = SceneFile(format=1, seconds=1.0, tools=(tool,))
+    read = []
+    for wanted in (NonIdeal.only("magnet"), NonIdeal.only("magnet", "tools")):
+        scene = ScriptedScene(skin(), script, non_ideal=wanted)
+        read.append(scene.units.values(scene.at(0.0))[2:5])
+    rotation, origin = frame_of(skin(), None)
+    film = load_film_table().film
+    chip = skin().position + 1e-3 * (film.middle_mm + film.chip_mm) * skin().rotation[:, 2]
+    offset = chip - (origin + rotation @ np.array([0.0, 0.01, 0.025]))[:, np.newaxis]
+    away = np.linalg.norm(offset, axis=0)
+    moment = rotation @ np.array([0.0, 0.02, 0.05])
+    along = offset / away
+    field = 0.1 * (3.0 * along * (moment @ along) - moment[:, np.newaxis]) / away**3
+    in_chip = CHIP_AXES[:, np.newaxis] * np.einsum("ijn,in->jn", skin().rotation, field)
+    assert read[1] - read[0] == pytest.approx(in_chip, rel=1e-3, abs=1e-9)  # chips at 24 °C
+
+
+def test_a_tool_that_enters_a_unit_between_its_keys_is_refused() -> None:
+    keys = tuple(ToolKey(t_s=t, xyz_m=(x, 0.006, -0.001)) for t, x in ((0.0, -0.1), (1.0, 0.1)))
+    script = SceneFile(format=1, seconds=1.0, tools=(ToolTable(name="tip", keys=keys),))
+    scene = ScriptedScene(skin(), script)
+    words = (
+        r"^tools\[0\] 'tip' keys\[1\] \(at 0\.\d+ s\): must be outside of all units .*; got .* into"
+    )
+    with pytest.raises(SceneError, match=words):
+        scene.at(1.0)
 
 
 # -- the paper's experiments -----------------------------------------------------------------------

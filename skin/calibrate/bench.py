@@ -10,8 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from skin.errors import ScanError
+from skin.sim.counter import Counter
+from skin.sim.divider import Divider
 from skin.sim.fabrication import Fabrication
 from skin.sim.halbach import HalbachField
+from skin.sim.hall import HallConverter
 from skin.sim.material import Elastic
 from skin.sim.unit import UnitSimulator
 from topology import CHANNELS, Topology
@@ -78,6 +81,8 @@ class Bench:
         One-sigma of the reference cell.
     reach_m : float
         As of `HalbachField`; 0: every unit alone on the bench.
+    counter, divider, converter
+        As of `UnitSimulator`; exact where not given. Poses are held for longer than any gate.
     """
 
     def __init__(
@@ -90,10 +95,16 @@ class Bench:
         quantised: bool = False,
         force_noise_n: float = 0.005,
         reach_m: float = 0.0,
+        counter: Counter | None = None,
+        divider: Divider | None = None,
+        converter: HallConverter | None = None,
     ) -> None:
         self.topology = topology
         field = HalbachField(topology, fabrication=fabrication, reach_m=reach_m)
-        self._unit = UnitSimulator(topology, seed=seed, noise=noise, field=field)
+        self._unit = UnitSimulator(
+            topology, seed=seed, noise=noise, field=field,
+            counter=counter, divider=divider, converter=converter,
+        )  # fmt: skip
         self._quantised = quantised
         self._elastic = Elastic(topology)
         self._force_noise = force_noise_n if noise else 0.0
@@ -144,7 +155,7 @@ class Bench:
         exact = self._unit.quantities(depth, vector, gel, film, chip)
         total = np.zeros_like(exact)
         for _ in range(readings):
-            values = self._unit.disturb(exact.copy())
+            values = self._unit.measure(self._unit.disturb(exact.copy()))
             counts = self._unit.quantise(values)
             total += self._rounded(counts) if self._quantised else values
         mean = total / readings

@@ -24,7 +24,11 @@ __all__ = ["sim"]
 
 
 def sim(
-    file: Annotated[str, tyro.conf.Positional],
+    file: Annotated[
+        str | None,
+        tyro.conf.Positional,
+        tyro.conf.arg(metavar="FILE", help="topology file, or the name of a ready-made one"),
+    ] = None,
     /,
     *,
     seconds: Annotated[
@@ -59,6 +63,9 @@ def sim(
         tyro.conf.arg(help="make the frames of the scene as fast as possible, on no bus"),
     ] = False,
     json: Annotated[bool, tyro.conf.arg(help="end with one JSON object")] = False,
+    schema: Annotated[
+        bool, tyro.conf.arg(help="print the JSON Schema of scene files for your editor")
+    ] = False,
 ) -> int:
     """Put simulated units on the buses of a topology; they answer whoever sends SYNC.
 
@@ -71,8 +78,15 @@ def sim(
     """
     from bus.faults import load_script
     from skin.errors import SkinError
+    from skin.sim.script import SceneFile
     from topology import load
+    from topology.schema import json_schema
 
+    if schema:
+        print(json_text.dumps(json_schema(SceneFile), indent=2))
+        return 0
+    if file is None:
+        raise SkinError("skin sim: must have a topology file or the name of one; got none")
     if seconds is not None and not seconds > 0.0:
         raise SkinError(f"--seconds: must be above 0; got {seconds:g}")
     if scene is None and (truth is not None or fast):

@@ -8,9 +8,11 @@ it alone, and the others are held by their other units.
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
-from skin.errors import SkinError
+from skin.errors import SceneError, SkinError
 from skin.sim.fabrication import Fabrication
 from skin.sim.field import Field, SineField
 from skin.sim.foundation import Foundation
@@ -19,10 +21,11 @@ from skin.sim.halbach import HalbachField
 from skin.sim.material import Elastic
 from skin.sim.mechanics import Mechanics
 from skin.sim.motion import Motion, Track, shape_of
-from skin.sim.script import BodyTable, HalfSpace, LoadTable, NonIdeal, SceneFile
+from skin.sim.script import HalfSpace, LoadTable, NonIdeal, SceneFile
 from skin.sim.stray import StrayField
-from skin.sim.surroundings import Surroundings
+from skin.sim.surroundings import EARTH_UT, Surroundings
 from skin.sim.thermal import STEADY_SHARES, ThermalChain
+from skin.sim.tools import MovingTool
 from skin.sim.truth import Truth, wrench_map
 from skin.sim.unit import UnitSimulator
 from skin.sim.viscoelastic import Hysteresis, Prony
@@ -59,9 +62,12 @@ class PlayedBody:
     """
 
     def __init__(
-        self, table: BodyTable, topology: Topology, foundation: Foundation, room_c: float
-    ) -> None:
+        self, script: SceneFile, index: int, topology: Topology, foundation: Foundation,
+        room_c: float,
+    ) -> None:  # fmt: skip
+        table = script.bodies[index]
         self.name = table.name
+        self._where = partial(script.where, "bodies", index)
         self.motion = Motion(table, topology, room_c)
         motion, share = self.motion, table.friction_share
         if motion.changes_friction:
@@ -96,7 +102,7 @@ class PlayedBody:
 
         Raises
         ------
-        SkinError
+        SceneError
             If it is where no body can be, or cannot bear what it has to.
         """
         motion = self.motion
@@ -112,14 +118,13 @@ class PlayedBody:
             else:
                 truth = self.mechanics.step(time_s, (rotation, place + self._axes[:, 2]))
         except SkinError as error:
-            raise SkinError(f"bodies {self.name!r} at {time_s:g} s: {error}") from None
+            raise SceneError(f"{self._where(time_s)}: {error}") from None
         self.force[...] = truth.force
         if not truth.displacement_mm[2].max() <= DEEPEST_MM:
             deepest = int(np.argmax(truth.displacement_mm[2]))
-            raise SkinError(
-                f"bodies {self.name!r} at {time_s:g} s: must press no unit deeper than "
-                f"{DEEPEST_MM:g} mm; got {truth.displacement_mm[2, deepest]:.2f} mm at "
-                f"{self._names[deepest]}"
+            raise SceneError(
+                f"{self._where(time_s)}: must press no unit deeper than {DEEPEST_MM:g} mm; got "
+                f"{truth.displacement_mm[2, deepest]:.2f} mm at {self._names[deepest]}"
             )
 
     def _giving_way(self, wanted_n: np.ndarray, dt_s: float) -> np.ndarray:
@@ -222,7 +227,9 @@ class ScriptedScene:
         self._attitude_deg = Track("attitude_deg", script.room, (), (0.0, 0.0, 0.0))
         room_c = float(self._room_c(0.0))
         foundation = _foundation(topology, script)
-        self.bodies = tuple(PlayedBody(b, topology, foundation, room_c) for b in script.bodies)
+        self.bodies = tuple(
+            PlayedBody(script, i, topology, foundation, room_c) for i in range(len(script.bodies))
+        )
         self._weights = tuple(_Weights(table, topology, room_c) for table in script.loads)
         self._elastic = Elastic(topology)
         self._chain = ThermalChain(
@@ -239,9 +246,21 @@ class ScriptedScene:
             pressing = Hysteresis((n,), width_n=LOOP_SHARE * span_n, span_n=span_n)
             dragging = Hysteresis((2, n), width_n=LOOP_SHARE * 2.0, span_n=2.0, one_sided=False)
             self._loops = pressing, dragging
-        self._surroundings = Surroundings() if wanted.ambient_field else None
+        tools = script.tools if wanted.tools else ()
+        self._tools = tuple(MovingTool(script, i, topology) for i in range(len(tools)))
+        self._surroundings = None
+        if wanted.ambient_field or tools:
+            ambient_ut = np.array(EARTH_UT) if wanted.ambient_field else np.zeros(3)
+            self._surroundings = Surroundings(ambient_ut)
+        parts = script.electronics
         self.units = UnitSimulator(
-            topology, seed=script.seed, noise=wanted.noise, field=self._field()
+            topology,
+            seed=script.seed,
+            noise=wanted.noise,
+            field=self._field(),
+            counter=parts.counter() if wanted.counter else None,
+            divider=parts.divider() if wanted.divider else None,
+            converter=parts.hall_converter() if wanted.hall_converter else None,
         )
         self._position = topology.position
         self._to_wrench = wrench_map(topology.position, topology.rotation)
@@ -303,9 +322,16 @@ class ScriptedScene:
         truth.centroid = (
             self._position @ truth.force[2] / total if total > 0.0 else np.full(3, np.nan)
         )
-        if self._surroundings is not None and self._attitude_deg.given:
+        if self._surroundings is not None:
+            self._surround(self._surroundings, time_s)
+
+    def _surround(self, surroundings: Surroundings, time_s: float) -> None:
+        """Turn the skin in the field of the Earth, and move the tools."""
+        if self._attitude_deg.given:
             turn = np.radians(self._attitude_deg(time_s))
-            self._surroundings.attitude = from_rpy(*turn)
+            surroundings.attitude = from_rpy(*turn)
+        if self._tools:
+            surroundings.tools = tuple(tool.at(time_s) for tool in self._tools)
 
     def _share_out(self) -> None:
         """A unit bears the one body that presses it hardest."""
@@ -340,15 +366,13 @@ class ScriptedScene:
         np.multiply(length, needed[:2], out=truth.displacement_mm)
 
     def _field(self) -> Field:
-        wanted, topology = self.non_ideal, self.topology
-        field: Field = SineField(topology)
-        if wanted.magnet or wanted.fabrication or wanted.crosstalk:
-            made = Fabrication.draw(topology.n, self.script.seed) if wanted.fabrication else None
-            reach_m = 0.03 if wanted.crosstalk else 0.0
-            field = HalbachField(topology, fabrication=made, reach_m=reach_m)
-        if self._surroundings is not None:
-            field = StrayField(topology, field, self._surroundings)
-        return field
+        wanted, topology, surroundings = self.non_ideal, self.topology, self._surroundings
+        if not (wanted.magnet or wanted.fabrication or wanted.crosstalk or self._tools):
+            field = SineField(topology)
+            return field if surroundings is None else StrayField(topology, field, surroundings)
+        made = Fabrication.draw(topology.n, self.script.seed) if wanted.fabrication else None
+        reach_m = 0.03 if wanted.crosstalk else 0.0
+        return HalbachField(topology, fabrication=made, reach_m=reach_m, surroundings=surroundings)
 
 
 def _foundation(topology: Topology, script: SceneFile) -> Foundation:

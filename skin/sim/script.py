@@ -25,15 +25,21 @@ and stays as it is before the first and after the last.
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from typing import Annotated, Literal, get_type_hints
 
 import msgspec
 from msgspec import Meta
 
 from bus.faults.script import FaultScript
+from skin.sim.counter import Counter
+from skin.sim.divider import Divider
+from skin.sim.hall import HallConverter
+from skin.sim.surroundings import Tool
 
 __all__ = [
     "BodyTable",
+    "Electronics",
     "Foundation",
     "Key",
     "LoadKey",
@@ -43,6 +49,8 @@ __all__ = [
     "RoomKey",
     "SceneFile",
     "Shape",
+    "ToolKey",
+    "ToolTable",
     "Wave",
 ]
 
@@ -55,6 +63,7 @@ _Force = Annotated[float, Meta(ge=-1000, le=1000)]
 _Press = Annotated[float, Meta(ge=0, le=1000)]
 _Celsius = Annotated[float, Meta(ge=-50, le=200)]
 _Friction = Annotated[float, Meta(ge=0, le=10)]
+_Moment = Annotated[float, Meta(ge=-100, le=100)]
 _Point = tuple[_Coordinate, _Coordinate, _Coordinate]
 _Turn = tuple[_Angle, _Angle, _Angle]
 _Ease = Literal["smooth", "linear", "hold"]
@@ -187,6 +196,31 @@ class LoadTable(_Table, frozen=True, kw_only=True):
     waves: tuple[LoadWave, ...] = ()
 
 
+class ToolKey(_Table, frozen=True, kw_only=True):
+    """A tool at one instant (`keys` of `[[tools]]`)."""
+
+    t_s: Annotated[_Seconds, Meta(description="Later than the key before")]
+    ease: _Ease = "smooth"
+    xyz_m: Annotated[_Point, Meta(description="Lowest point of the sphere")]
+
+
+class ToolTable(_Table, frozen=True, kw_only=True):
+    """A sphere of iron that passes by (`[[tools]]`): films feel it, faces do not."""
+
+    name: _Name
+    keys: Annotated[tuple[ToolKey, ...], Meta(min_length=1)]
+    on: Annotated[
+        str | None,
+        Meta(description="Patch or unit in whose frame it stands; absent: the first patch"),
+    ] = None
+    radius_m: Annotated[float, Meta(ge=1e-4, le=0.1)] = Tool.radius_m
+    permeability: Annotated[float, Meta(ge=1, le=1e6, description="Relative")] = Tool.permeability
+    remanent_am2: Annotated[
+        tuple[_Moment, _Moment, _Moment],
+        Meta(description="Moment that it keeps without any field, A m², in the frame"),
+    ] = Tool.remanent_am2
+
+
 class RoomKey(_Table, frozen=True, kw_only=True):
     """The room at one instant (`[[room]]`)."""
 
@@ -233,6 +267,16 @@ class NonIdeal(_Table, frozen=True, kw_only=True):
     ambient_field: Annotated[bool, Meta(description="The field of the Earth as the skin turns")] = (
         False
     )
+    tools: Annotated[
+        bool, Meta(description="What is in [[tools]]; where there is one, films are Halbach films")
+    ] = True
+    counter: Annotated[
+        bool, Meta(description="The timer's periods are counted within a gate, by a clock")
+    ] = False
+    divider: Annotated[bool, Meta(description="The gel is measured by a divider and an ADC")] = (
+        False
+    )
+    hall_converter: Annotated[bool, Meta(description="Step and range of the Hall chip")] = False
 
     @classmethod
     def everything(cls) -> NonIdeal:
@@ -242,7 +286,43 @@ class NonIdeal(_Table, frozen=True, kw_only=True):
     @classmethod
     def only(cls, *names: str) -> NonIdeal:
         """None but these."""
-        return cls(**{"noise": False, **dict.fromkeys(names, True)})
+        return cls(**{**dict.fromkeys(cls.__struct_fields__, False), **dict.fromkeys(names, True)})
+
+
+class Electronics(_Table, frozen=True, kw_only=True):
+    """The parts of a board (`[electronics]`), as far as `[non_ideal]` wants them."""
+
+    gate_s: Annotated[float, Meta(gt=0, le=1, description="How long periods are counted")] = (
+        Counter.gate_s
+    )
+    clock_hz: Annotated[float, Meta(ge=1e3, le=1e10, description="That times the periods")] = (
+        Counter.clock_hz
+    )
+    reference_v: Annotated[float, Meta(gt=0, le=100, description="Of divider and ADC")] = (
+        Divider.reference_v
+    )
+    series_ohm: Annotated[float, Meta(gt=0, le=1e9, description="Beside the gel")] = (
+        Divider.series_ohm
+    )
+    adc_bits: Annotated[int, Meta(ge=1, le=32)] = Divider.bits
+    hall_lsb_ut: Annotated[float, Meta(gt=0, le=1e5, description="Step of the Hall chip")] = (
+        HallConverter.lsb_ut
+    )
+    hall_range_ut: Annotated[
+        float, Meta(gt=0, le=1e7, description="Largest field of either sign")
+    ] = HallConverter.range_ut
+
+    def counter(self) -> Counter:
+        """How the timer is read."""
+        return Counter(gate_s=self.gate_s, clock_hz=self.clock_hz)
+
+    def divider(self) -> Divider:
+        """How the gel is read."""
+        return Divider(self.reference_v, self.series_ohm, self.adc_bits)
+
+    def hall_converter(self) -> HallConverter:
+        """How the chip reads its field."""
+        return HallConverter(lsb_ut=self.hall_lsb_ut, range_ut=self.hall_range_ut)
 
 
 _Faults = get_type_hints(FaultScript, include_extras=True)["faults"]
@@ -258,10 +338,32 @@ class SceneFile(_Table, frozen=True, kw_only=True):
     seed: Annotated[int, Meta(ge=0, description="Of noise, fabrication and faults")] = 0
     foundation: Foundation = Winkler()
     non_ideal: NonIdeal = NonIdeal()
+    electronics: Electronics = Electronics()
     room: tuple[RoomKey, ...] = ()
     bodies: tuple[BodyTable, ...] = ()
     loads: tuple[LoadTable, ...] = ()
+    tools: tuple[ToolTable, ...] = ()
     faults: _Faults = ()
+
+    def where(self, table: str, index: int, time_s: float) -> str:
+        """A body, load or tool at a time, in the words of messages: by the key it is on its way to.
+
+        Parameters
+        ----------
+        table : "bodies", "loads" or "tools"
+        index : int
+        time_s : float
+        """
+        keys = getattr(self, table)[index].keys
+        key = min(bisect_left([key.t_s for key in keys], time_s), len(keys) - 1)
+        return f"{self.place((table, index, 'keys', key))} (at {time_s:.4g} s)"
+
+    def place(self, key: tuple[str | int, ...]) -> str:
+        """A key in words; one that was loaded from a file begins with file and line."""
+        table, index, *rest = key
+        name = getattr(getattr(self, table)[index], "name", None)
+        words = f"{table}[{index}]" + (f" {name!r}" if name else "")
+        return f"{words} {rest[0]}[{rest[1]}]" if rest else words
 
 
 def lowest_m(shape: Shape) -> float:

@@ -7,15 +7,16 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from bus.faults.script import FaultScript, problems
 from skin.errors import SceneError, SkinError
+from skin.sim.material import Elastic
 from skin.sim.mechanics import Mechanics
 from skin.sim.motion import Motion, frame_of, shape_of
-from skin.sim.play import DEEPEST_MM
-from skin.sim.script import BodyTable, HalfSpace, SceneFile
+from skin.sim.play import DEEPEST_MM, loaded_units
+from skin.sim.script import BodyTable, HalfSpace, LoadTable, SceneFile
+from skin.sim.tools import OUTSIDE, MovingTool
 from topology import Topology
 from topology.errors import nearest
 from topology.read import open_source, read
@@ -62,7 +63,8 @@ def load_scene(file: str | os.PathLike[str], topology: Topology) -> SceneFile:
     if report.issues:
         issues = sorted(report.issues, key=lambda issue: issue.line)
         raise SceneError("\n".join(map(str, issues)))
-    return script if script.name else msgspec.structs.replace(script, name=source.path.stem)
+    values = {name: getattr(script, name) for name in SceneFile.__struct_fields__}
+    return _LoadedScene(**values | {"name": script.name or source.path.stem}, source=source)
 
 
 def _open(file: str | os.PathLike[str], report: Report) -> Source | None:
@@ -80,6 +82,15 @@ def _open(file: str | os.PathLike[str], report: Report) -> Source | None:
     return open_source(path, shown, report)
 
 
+class _LoadedScene(SceneFile, frozen=True, kw_only=True):
+    """A scene file that knows where its keys stand."""
+
+    source: Source
+
+    def place(self, key: Key) -> str:
+        return f"{self.source.shown}:{self.source.line(key)}: {self.source.where(key)}"
+
+
 class _Check:
     """What a file can only be told beside the topology, or beside its other keys."""
 
@@ -90,12 +101,13 @@ class _Check:
 
     def all(self) -> None:
         script = self.script
-        if not (script.bodies or script.loads or script.room):
-            self.must((), "a scene with [[bodies]], [[loads]] or [[room]]", "none of them")
+        if not (script.bodies or script.loads or script.room or script.tools):
+            expected = "a scene with [[bodies]], [[loads]], [[tools]] or [[room]]"
+            self.must((), expected, "none of them")
         self.rows(("room",), script.room, ())
-        for name in ("bodies", "loads"):
+        for name in ("bodies", "loads", "tools"):
             for i, table in enumerate(getattr(script, name)):
-                self.rows((name, i, "keys"), table.keys, table.waves)
+                self.rows((name, i, "keys"), table.keys, getattr(table, "waves", ()))
         self.names()
         self.faults()
         if isinstance(script.foundation, HalfSpace) and len(script.bodies) > 1:
@@ -105,6 +117,10 @@ class _Check:
         if not self.report.issues:
             for i, body in enumerate(script.bodies):
                 self.place(i, body)
+            for i in range(len(script.tools)):
+                self.tool(i)
+            for i, load in enumerate(script.loads):
+                self.load(i, load)
 
     def must(self, key: Key, expected: str, got: object, hint: str = "") -> None:
         self.report.add("value", self.source, key, hint, expected=expected, got=got)
@@ -127,17 +143,18 @@ class _Check:
     def names(self) -> None:
         topology, source = self.topology, self.source
         known = (*topology.patch_names, *topology.unit_names)
-        seen: dict[str, int] = {}
-        for i, body in enumerate(self.script.bodies):
-            key = ("bodies", i)
-            if body.name in seen:
-                line = source.line(("bodies", seen[body.name], "name"))
+        seen: dict[str, Key] = {}
+        things = [(("bodies", i), body) for i, body in enumerate(self.script.bodies)]
+        things += [(("tools", i), tool) for i, tool in enumerate(self.script.tools)]
+        for key, thing in things:
+            if thing.name in seen:
+                line = source.line((*seen[thing.name], "name"))
                 self.report.add(
-                    "duplicate-name", source, (*key, "name"), name=repr(body.name), line=line
+                    "duplicate-name", source, (*key, "name"), name=repr(thing.name), line=line
                 )
-            seen.setdefault(body.name, i)
-            if body.on is not None and body.on not in known:
-                self.unknown((*key, "on"), body.on, known)
+            seen.setdefault(thing.name, key)
+            if thing.on is not None and thing.on not in known:
+                self.unknown((*key, "on"), thing.on, known)
         for i, load in enumerate(self.script.loads):
             for j, name in enumerate(load.units):
                 if name not in (*known, "*"):
@@ -153,6 +170,23 @@ class _Check:
         script = FaultScript(seed=self.script.seed, faults=self.script.faults)
         for i, key, hint, values in problems(script, self.topology):
             self.report.add("value", self.source, ("faults", i, key), hint, **values)
+
+    def tool(self, index: int) -> None:
+        """A tool touches no unit."""
+        tool = MovingTool(self.script, index, self.topology)
+        for i, key in enumerate(self.script.tools[index].keys):
+            if touched := tool.touches(key.t_s):
+                self.must(("tools", index, "keys", i, "xyz_m"), OUTSIDE, touched)
+                return
+
+    def load(self, index: int, table: LoadTable) -> None:
+        """Weights press no unit deeper than a body may."""
+        units = loaded_units(table.units, self.topology)
+        most_n = Elastic(self.topology).normal(DEEPEST_MM)[units].min()
+        for i, key in enumerate(table.keys):
+            if key.force_n is not None and key.force_n[2] > most_n:
+                expected = f"at most {most_n:.4g}, which presses a unit {DEEPEST_MM:g} mm"
+                self.must(("loads", index, "keys", i, "force_n", 2), expected, key.force_n[2])
 
     def place(self, index: int, table: BodyTable) -> None:
         """A body is outside of the array, or pressed as far into it as units can be."""

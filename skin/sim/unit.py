@@ -149,7 +149,11 @@ class UnitSimulator:
         return np.clip(counts, self.lowest, self.highest).astype(np.int16)
 
     def counts(self, truth: Truth) -> np.ndarray:
-        """One sample of all units, shape (c, n), int16.
+        """One sample of all units, shape (c, n), int16; see `values`."""
+        return self.quantise(self.values(truth))
+
+    def values(self, truth: Truth) -> np.ndarray:
+        """One sample of all units as the boards have it before the wire rounds it, shape (c, n).
 
         With a `counter`, the frequency is its mean over the gate that ends now, for which the truth
         of one instant after the other must be given.
@@ -163,7 +167,7 @@ class UnitSimulator:
         )
         if self._gate is not None:
             values[FREQUENCY] = self._gate(truth.time_s, values[FREQUENCY])
-        return self.quantise(self.measure(self.disturb(values)))
+        return self.measure(self.disturb(values))
 
 
 def _rails(topology: Topology) -> tuple[np.ndarray, np.ndarray]:
