@@ -36,7 +36,7 @@ class _Number:
         self._name = name
 
     def __get__(self, contact: Contact, owner: type) -> Any:
-        return self if contact is None else self._kind(contact.record[self._name])
+        return self if contact is None else self._kind(contact.record[self._name].item())
 
 
 class _Vector(_Number):

@@ -1,0 +1,372 @@
+"""The stream of contacts: what it tells is what the parts compute, and only what is wanted."""
+
+import naive_contact as naive
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from skin.contact import stream as module
+from skin.contact.cluster_kernels import find_contacts_python
+from skin.contact.clusters import neighbour_graph
+from skin.contact.detect import shock_python
+from skin.contact.feature_kernels import describe_python
+from skin.contact.features import contact_features
+from skin.contact.records import Event, Flag, SlipState, UnitSlip
+from skin.contact.slip_kernels import judge_python
+from skin.contact.stream import CONTACT_WANTS, ContactStream
+from skin.errors import OptionError, SkinError
+
+ROWS, COLUMNS, PITCH, AREA = 8, 10, 0.012, 1.1e-4
+N = ROWS * COLUMNS
+CYCLE_NS = 4_000_000
+seeds = st.integers(0, 2**32)
+
+
+def plate(**options):
+    """Stream of a flat plate that faces +z; the contacts are wanted if nothing else is said."""
+    position = naive.grid(ROWS, COLUMNS, PITCH)
+    graph = neighbour_graph(position, 1.01 * PITCH)
+    options = {"dtype": "float64"} | options
+    return ContactStream(position, naive.facing_down(N), AREA, *graph, **options)
+
+
+def press(*bumps, shear=0.2):
+    """Forces under round bodies: row, column, peak load, radius in pitches each."""
+    row, column = np.divmod(np.arange(N), COLUMNS)
+    load = np.zeros(N)
+    for y, x, peak, radius in bumps:
+        load += peak * np.clip(1 - ((row - y) ** 2 + (column - x) ** 2) / radius**2, 0.0, None)
+    return np.array([shear * load, -0.5 * shear * load, load])
+
+
+def cycle(stream, force, number, **given):
+    """One cycle of noiseless displacements that follow the force."""
+    displacement = 0.3 * force if "displacement_mm" not in given else given.pop("displacement_mm")
+    return stream.update(
+        force, 0.01, displacement, 0.01, np.full(N, 25.0), stamp_ns=number * CYCLE_NS, **given
+    )
+
+
+ONE, TWO = (2.0, 2.0, 4.0, 2.2), (5.0, 7.0, 2.0, 2.2)
+BOTH = press(ONE, TWO)
+
+
+@given(seeds)
+@settings(max_examples=25)
+def test_contacts_are_those_of_the_plain_arrays(seed):
+    rng = np.random.default_rng(seed)
+    force = press(*(rng.uniform(*span) for span in [((0, 0, 1, 1.5), (7, 9, 5, 3))] * 3))
+    force += rng.normal(0.0, 0.003, (3, N))
+    valid = rng.random(N) < 0.9
+    warmth, sigma = rng.uniform(20.0, 30.0, N), rng.uniform(0.005, 0.02, (3, N))
+    stream = plate()
+    contacts = stream.update(force, sigma, 0.3 * force, None, warmth, valid, stamp_ns=1)
+    start, index = neighbour_graph(naive.grid(ROWS, COLUMNS, PITCH), 1.01 * PITCH)
+    expected, total = contact_features(
+        stream.tracker.label, force, sigma, naive.grid(ROWS, COLUMNS, PITCH),
+        naive.facing_down(N), AREA, displacement_mm=0.3 * force, temperature=warmth,
+        silent=~valid, neighbour_start=start, neighbour_index=index,
+    )  # fmt: skip
+    assert len(contacts) == expected.size
+    for contact, one in zip([*contacts, stream.total], [*expected, total], strict=True):
+        for name in ("load", "wrench", "wrench_covariance", "wrench_sigma", "centroid", "coverage",
+                     "normal", "area", "peak_unit", "torsion", "temperature", "flags"):  # fmt: skip
+            assert getattr(contact, name) == pytest.approx(one[name], rel=1e-12, nan_ok=True), name
+        variance = np.diag(contact.wrench_covariance)
+        assert contact.wrench_sigma**2 == pytest.approx(variance, abs=1e-15)
+
+
+@pytest.mark.parametrize("capacity", [1, 16])
+def test_wrenches_of_contacts_and_of_what_has_no_identity_add_up_to_the_total(capacity):
+    stream, everything = plate(capacity=capacity), plate()
+    for each in (stream, everything):
+        cycle(each, BOTH, 1)
+    assert len(stream.contacts) == min(capacity, 2)
+    assert stream.tracker.untracked == 2 - len(stream.contacts)
+    assert stream.total.wrench == pytest.approx(sum(c.wrench for c in everything.contacts))
+    assert stream.total.load == pytest.approx(BOTH[2].sum())
+
+
+def test_the_total_alone_is_the_same_total():
+    valid = np.ones(N, bool)
+    valid[[22, 57, 58]] = False
+    alone, whole = plate(want={"wrench"}), plate(want=CONTACT_WANTS)
+    for each in (alone, whole):
+        for number in (1, 2):
+            cycle(each, BOTH, number, valid=valid)
+    for name in ("load", "wrench", "wrench_covariance", "centroid", "centroid_covariance", "moment",
+                 "area", "coverage", "peak_unit", "temperature", "normal"):  # fmt: skip
+        assert getattr(alone.total, name) == pytest.approx(getattr(whole.total, name)), name
+    assert whole.total.coverage < 1.0
+
+
+@pytest.mark.parametrize(
+    ("want", "spared"),
+    [
+        ((), {"describe", "judge", "shock"}),
+        ({"wrench"}, {"judge", "shock"}),
+        ({"contacts"}, {"judge", "shock"}),
+        ({"slip"}, {"shock"}),
+        ({"shocks"}, {"judge"}),
+    ],
+)
+def test_what_is_not_wanted_is_not_computed(monkeypatch, want, spared):
+    called = set()
+    for home, name, what in (
+        (module, "describe", "describe"),
+        (module, "judge", "judge"),
+        (module.Shocks, "update", "shock"),
+    ):
+        kernel = getattr(home, name)
+
+        def note(*args, kernel=kernel, what=what):
+            called.add(what)
+            return kernel(*args)
+
+        monkeypatch.setattr(home, name, note)
+    stream = plate(want=want)
+    for number in range(1, 4):
+        assert len(cycle(stream, BOTH, number)) == 2
+    assert called == {"describe", "judge", "shock"} - spared
+    called.clear()
+    for number in range(4, 60):
+        assert cycle(stream, np.zeros((3, N)), number) == []
+    assert called == set()
+
+
+def test_without_contact_there_is_no_force_and_no_centre():
+    stream = plate(want=CONTACT_WANTS)
+    untouched = stream.total.record.copy()
+    cycle(stream, BOTH, 1)
+    assert (stream.unit_slip > 0).any()
+    cycle(stream, np.zeros((3, N)), 2)
+    assert stream.contacts == []
+    assert (stream.total.wrench == 0.0).all()
+    assert np.isnan(stream.total.centroid).all()
+    assert stream.total.flags == Flag.WEAK
+    for name in untouched.dtype.names:
+        np.testing.assert_array_equal(stream.total.record[name], untouched[name], name)
+    assert (stream.unit_slip == UnitSlip.NO_CONTACT).all()
+    assert not stream.touching.any()
+
+
+@given(seeds)
+@settings(max_examples=20)
+def test_permutation_of_units_changes_no_contact(seed):
+    order = np.random.default_rng(seed).permutation(N)
+    position, rotation = naive.grid(ROWS, COLUMNS, PITCH), naive.facing_down(N)
+    shuffled = ContactStream(
+        position[:, order], rotation[:, :, order], AREA,
+        *neighbour_graph(position[:, order], 1.01 * PITCH), dtype="float64", want={"slip"},
+    )  # fmt: skip
+    stream = plate(want={"slip"})
+    for number in range(1, 5):
+        force = press(ONE, TWO, shear=0.1 * number)
+        cycle(stream, force, number)
+        cycle(shuffled, force[:, order], number)
+    one, other = (sorted(s.contacts, key=lambda c: c.load) for s in (stream, shuffled))
+    for a, b in zip(one, other, strict=True):
+        assert set(order[b.units].tolist()) == set(a.units.tolist())
+        for name in ("wrench", "centroid", "moment", "stick_ratio"):
+            assert getattr(b, name) == pytest.approx(getattr(a, name), abs=1e-9), name
+
+
+def test_invalid_units_change_coverage_and_no_number_of_the_rest():
+    force, valid = BOTH.copy(), np.ones(N, bool)
+    valid[::7] = False
+    lying = force.copy()
+    lying[:, ::7] = 99.0
+    gone = force.copy()
+    gone[:, ::7] = np.nan
+    told = []
+    for values, trusted in ((lying, valid), (gone, None)):
+        stream = plate(want={"slip"})
+        cycle(stream, values, 1, valid=trusted)
+        told.append([c.record.tobytes() for c in stream.contacts])
+        assert stream.coverage == pytest.approx(valid.mean())
+        assert stream.contacts[0].coverage < 1.0
+    assert told[0] == told[1]
+
+
+def test_patches_that_move_against_each_other_carry_their_forces_along():
+    finger = np.arange(N) >= N // 2
+    position, rotation = naive.grid(ROWS, COLUMNS, PITCH), naive.facing_down(N)
+    force_units = press((1.5, 2.0, 4.0, 2.2), (6.0, 7.0, 2.0, 2.2))
+    stream = plate(want={"slip"})
+    cycle(stream, force_units, 1)
+    rest = [c.wrench.copy() for c in stream.contacts]
+    for number in range(2, 30):
+        turn = Rotation.from_rotvec([0.0, 0.02 * number, 0.0]).as_matrix()
+        shift = np.array([0.0, 0.0, 0.001 * number])
+        moved, turned = position.copy(), rotation.copy()
+        moved[:, finger] = turn @ position[:, finger] + shift[:, None]
+        turned[:, :, finger] = np.einsum("ij,jkn->ikn", turn, rotation[:, :, finger])
+        stream.move(moved, turned)
+        palm, tip = cycle(stream, force_units, number)
+        assert palm.wrench == pytest.approx(rest[0], abs=1e-12)
+        force, moment = turn @ rest[1][:3], turn @ rest[1][3:]
+        assert tip.wrench[:3] == pytest.approx(force, abs=1e-12)
+        assert tip.wrench[3:] == pytest.approx(moment + np.cross(shift, force), abs=1e-12)
+        assert tip.normal == pytest.approx(turn @ [0, 0, 1], abs=0.2)
+        assert {palm.id, tip.id} == {1, 2}
+        # What is told of slip is told in the units' own frames: no unit has been dragged.
+        assert (palm.slip, tip.slip) == (SlipState.STICK, SlipState.STICK)
+    with pytest.raises(SkinError, match="position, rotation: must have shapes"):
+        stream.move(moved[:, 1:], turned)
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("given", [np.float32, np.float64])
+def test_arrays_that_are_written_anew_in_place_are_read_anew(dtype, given):
+    stream = plate(dtype=dtype)
+    force, valid = BOTH.astype(given), np.ones(N, bool)
+    for number in range(1, 6):
+        force[:] = number * BOTH
+        stream.update(force, 0.01, valid=valid, stamp_ns=number)
+        assert stream.total.load == pytest.approx(number * BOTH[2].sum(), rel=1e-6)
+    valid[force[2] < 3.0] = False
+    stream.update(force, 0.01, valid=valid, stamp_ns=9)
+    assert stream.total.load == pytest.approx(force[2, force[2] >= 3.0].sum(), rel=1e-6)
+
+
+def test_readings_that_nobody_may_write_to_and_strided_ones_are_taken():
+    wide = np.zeros((6, N))
+    wide[::2] = BOTH
+    frozen = BOTH.copy()
+    frozen.flags.writeable = False
+    for number, force in enumerate((BOTH, wide[::2], frozen)):
+        stream = plate()
+        stream.update(force, 0.01, stamp_ns=number)
+        assert stream.total.load == pytest.approx(BOTH[2].sum())
+
+
+def test_age_path_and_travel_of_a_contact_that_wanders():
+    stream = plate()
+    columns = np.linspace(1.0, 8.0, 100)
+    for number, x in enumerate(columns):
+        cycle(stream, press((4.0, x, 4.0, 2.5)), number)
+    (contact,) = stream.contacts
+    assert contact.id == 1
+    assert contact.age_s == pytest.approx(99 * 0.004)
+    assert contact.travel == pytest.approx(7.0 * PITCH, rel=0.1)
+    assert contact.path[0] == pytest.approx([PITCH, 4 * PITCH, 0], abs=3e-3)
+    assert contact.path[-1] == pytest.approx([8 * PITCH, 4 * PITCH, 0], abs=3e-3)
+    assert (np.diff(contact.path[:, 0]) > 0.0).all()
+
+
+def test_a_new_contact_knows_nothing_of_the_one_whose_record_it_takes():
+    stream = plate(capacity=1, want={"slip"}, memory_s=0.01)
+    for number in range(1, 9):
+        cycle(stream, press(ONE, shear=0.3), number)
+    (old,) = stream.contacts
+    assert old.friction_lower > 0.2
+    assert old.stick_ratio == 1.0
+    old.record["friction"] = 0.5
+    for number in range(9, 20):
+        cycle(stream, np.zeros((3, N)), number)
+    cycle(stream, press(TWO, shear=0.0), 20)
+    (new,) = stream.contacts
+    assert new.event & Event.BORN
+    assert new.id == 2
+    assert np.isnan([new.friction, new.margin, new.grip_force]).all()
+    assert new.friction_lower == 0.0
+    assert np.isnan(new.onset_s)
+    assert new.travel == 0.0
+
+
+def test_slip_that_is_not_wanted_is_not_a_number():
+    stream = plate(want={"contacts"})
+    (contact, _) = cycle(stream, BOTH, 1)
+    assert contact.slip == SlipState.NONE
+    assert np.isnan([contact.stick_ratio, contact.margin, contact.friction]).all()
+
+
+def test_shocks_of_a_contact():
+    stream = plate(want={"shocks"})
+    rng = np.random.default_rng(0)
+    for number in range(1, 120):
+        force = press(ONE if number < 60 else (2.0, 2.0, 4.4, 2.2))
+        loaded = force[2] > 0
+        force[:, loaded] += rng.normal(0.0, 0.01, (3, loaded.sum()))
+        (contact,) = cycle(stream, force, number)
+        assert contact.impact == (number in (60, 61))
+        assert contact.vibration <= (number >= 60)
+    (contact, _) = cycle(plate(), BOTH, 1)
+    with pytest.raises(SkinError, match="want: must have 'shocks'"):
+        _ = contact.impact
+
+
+def test_wrench_of_a_contact_in_the_frame_of_a_hand():
+    (contact, _) = cycle(plate(), BOTH, 1)
+    turn = Rotation.from_rotvec([0.3, -0.2, 0.9]).as_matrix()
+    wrench, covariance = contact.wrench_in(turn, contact.centroid)
+    assert wrench[3:] == pytest.approx(turn.T @ contact.moment, abs=1e-12)
+    assert covariance[3:, 3:] == pytest.approx(turn.T @ contact.moment_covariance @ turn, abs=1e-15)
+
+
+def test_machine_code_and_python_tell_alike(monkeypatch):
+    def told():
+        stream = plate(want=CONTACT_WANTS, capacity=2)
+        numbers = []
+        # Uneven loads: axes of round contacts could be any.
+        uneven = np.random.default_rng(6).uniform(0.8, 1.2, N)
+        scenes = (BOTH, press(ONE), press(ONE, TWO, (7.0, 1.0, 3.0, 1.5)), np.zeros((3, N)))
+        for number in range(1, 12):
+            valid = np.ones(N, bool)
+            valid[number::9] = False
+            cycle(stream, uneven * scenes[number // 3], number, valid=valid)
+            for contact in [*stream.contacts, stream.total]:
+                record = contact.record
+                numbers += [np.ravel(record[name]).astype(float) for name in record.dtype.names]
+        return np.concatenate(numbers)
+
+    machine = told()
+    import skin.contact.detect
+    import skin.contact.track
+
+    monkeypatch.setattr(skin.contact.track, "find_contacts", find_contacts_python)
+    monkeypatch.setattr(module, "describe", describe_python)
+    monkeypatch.setattr(module, "judge", judge_python)
+    monkeypatch.setattr(skin.contact.detect, "shock", shock_python)
+    with np.errstate(invalid="ignore"):
+        np.testing.assert_allclose(told(), machine, rtol=1e-6, atol=1e-9)
+
+
+def test_stream_says_what_it_sees():
+    stream = plate(want={"slip"})
+    for number in range(1, 4):
+        cycle(stream, BOTH, number)
+    assert repr(stream.contacts[0]) == (
+        f"<Contact 1: {stream.contacts[0].units.size} units, {stream.contacts[0].load:.2f} N at "
+        f"(24.0, 24.0, 0.0) mm, stick>"
+    )
+
+
+@pytest.mark.parametrize(
+    ("error", "message", "call"),
+    [
+        (OptionError, "want: must be one of 'wrench', 'centroid', 'contacts', 'slip', 'shocks'; "
+         r"got 'slips' \(nearest: 'slip'\)", lambda: plate(want={"slips"})),
+        (OptionError, "dtype: must be one of 'float32', 'float64'; got 'int8'",
+         lambda: plate(dtype="int8")),
+        (SkinError, "capacity: must be at least 1; got 0", lambda: plate(capacity=0)),
+        (SkinError, r"force: must have shape \(3, 80\); got \(3, 79\)",
+         lambda: plate().update(np.zeros((3, 79)), 0.01, stamp_ns=0)),
+        (SkinError, r"temperature: must have shape \(80,\); got \(3,\)",
+         lambda: plate().update(BOTH, 0.01, temperature=np.zeros(3), stamp_ns=0)),
+        (SkinError, "displacement_mm, displacement_sigma_mm: must be given where slip is wanted",
+         lambda: plate(want={"slip"}).update(BOTH, 0.01, stamp_ns=0)),
+    ],
+)  # fmt: skip
+def test_what_makes_no_sense_is_refused(error, message, call):
+    with pytest.raises(error, match=message):
+        call()
+
+
+def test_time_that_does_not_go_on_is_refused():
+    stream = plate()
+    cycle(stream, BOTH, 3)
+    with pytest.raises(SkinError, match="stamp_ns: must be after the last one, 12000000; got 12"):
+        cycle(stream, BOTH, 3)
