@@ -176,7 +176,7 @@ class Assembler:
             raise ValueError(f"frames: must be FRAME_DTYPE of shape (m,); got {got}")
         kernels, state = self._kernels, self._state
         frames = np.ascontiguousarray(frames)
-        views = kernels.as_words(frames), kernels.as_bytes(frames), kernels.as_quads(frames)
+        views = kernels.as_words(frames), kernels.as_bytes(frames)
         row = 0
         while row < frames.size:
             number = state[kernels.NUMBER]

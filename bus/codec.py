@@ -111,7 +111,6 @@ class Packer:
             first, end, sequence, stamp_ns, counts, codes,
             table.frames, table.signals,
             self._kernels.as_words(records), self._kernels.as_bytes(records),
-            self._kernels.as_quads(records),
         )  # fmt: skip
         batch.count += end - first
         return end - first

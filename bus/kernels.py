@@ -3,10 +3,9 @@
 One file, because numba's cache does not see a change in another one. Each kernel is a plain
 function and, at the end of the file, one line that compiles it.
 
-A batch of m frames enters as three views of the same memory: `words` (`as_words`), shape (m, 10),
+A batch of m frames enters as two views of the same memory: `words` (`as_words`), shape (m, 10),
 int64, holds the time stamp in column 0 and identifier, length, flags, origin and bus in column 1;
-`data` (`as_bytes`), shape (m, 80), uint8, holds everything byte by byte; `quads` (`as_quads`),
-shape (m, 77), uint32, has the four bytes from byte i on in column i. The tables are those of
+`data` (`as_bytes`), shape (m, 80), uint8, holds everything byte by byte. The tables are those of
 `bus.table.FrameTable`; its columns are named here. n units, f frames, g sets of units, b buses.
 The rules of assembling are told in `bus.assemble`.
 """
@@ -178,15 +177,6 @@ def as_bytes(records: np.ndarray) -> np.ndarray:
     return records.view(np.uint8).reshape(-1, FRAME_DTYPE.itemsize)
 
 
-def as_quads(records: np.ndarray) -> np.ndarray:
-    """View of FRAME_DTYPE records, contiguous, as overlapping uint32, shape (m, 77)."""
-    size = FRAME_DTYPE.itemsize
-    buffer = as_bytes(records)
-    shape = len(records), size - 3
-    quads = np.ndarray(shape, np.dtype("<u4"), buffer.data if len(records) else b"", 0, (size, 1))
-    return quads
-
-
 def _crc16(crc, data, row, begin, end):
     """CRC-16/CCITT-FALSE carried on from `crc` over data[row, begin:end], eight bytes a step."""
     i = begin
@@ -221,52 +211,62 @@ def _frame_crc(data, row, frames, f):
     return crc16(crc, data, row, place + 2, end)
 
 
-def _swapped(word):
-    """Four bytes in the other order."""
+def _low_first(data, row, byte):
+    """Four bytes of a record as one number, in one load: the compiler sees through the shifts."""
     return (
-        (word >> np.uint32(24))
-        | ((word >> np.uint32(8)) & np.uint32(0xFF00))
-        | ((word << np.uint32(8)) & np.uint32(0xFF0000))
-        | (word << np.uint32(24))
+        np.uint32(data[row, byte])
+        | (np.uint32(data[row, byte + np.uintp(1)]) << np.uint32(8))
+        | (np.uint32(data[row, byte + np.uintp(2)]) << np.uint32(16))
+        | (np.uint32(data[row, byte + np.uintp(3)]) << np.uint32(24))
     )
 
 
-def _read_bits(quads, row, table, t, k):
+def _high_first(data, row, byte):
+    """The same four bytes in the other order."""
+    return (
+        (np.uint32(data[row, byte]) << np.uint32(24))
+        | (np.uint32(data[row, byte + np.uintp(1)]) << np.uint32(16))
+        | (np.uint32(data[row, byte + np.uintp(2)]) << np.uint32(8))
+        | np.uint32(data[row, byte + np.uintp(3)])
+    )
+
+
+def _read_bits(data, row, table, t, k):
     """The unsigned integer in the field at table[t, k:k + 4]."""
     t = np.uintp(t)
-    word = quads[np.uintp(row), np.uintp(table[t, k + BYTE])]
-    word = swapped(word) if table[t, k + SWAP] else word
+    row, byte = np.uintp(row), np.uintp(table[t, k + BYTE])
+    word = high_first(data, row, byte) if table[t, k + SWAP] else low_first(data, row, byte)
     return np.int32((word >> np.uint32(table[t, k + SHIFT])) & np.uint32(table[t, k + MASK]))
 
 
-def _write_bits(value, quads, row, table, t, k):
+def _write_bits(value, data, row, table, t, k):
     """Set the bits of a field, which are 0, to the low bits of `value`."""
-    t = np.uintp(t)
-    word = np.uint32(np.int64(value) & table[t, k + MASK]) << np.uint32(table[t, k + SHIFT])
-    if table[t, k + SWAP]:
-        word = swapped(np.uint32(word))
-    quads[np.uintp(row), np.uintp(table[t, k + BYTE])] |= np.uint32(word)
+    word = (np.int64(value) & table[t, k + MASK]) << np.int64(table[t, k + SHIFT])
+    for i in range(4):
+        place = 3 - i if table[t, k + SWAP] else i
+        data[row, table[t, k + BYTE] + place] |= np.uint8((word >> (8 * i)) & 0xFF)
 
 
-def _unpack_frame(quads, row, f, frames, signals, units, counts, codes):
+def _unpack_frame(data, row, f, frames, signals, units, counts, codes):
     """Channels of one frame into `counts` (c * n,); fault codes, where not 0, into `codes` (n,)."""
     row, f = np.uintp(row), np.uintp(f)
-    board = min(read_bits(quads, row, frames, f, STATUS), 255)
-    if board != 0:
-        for slot in range(units.shape[1]):
-            if units[f, slot] >= 0:
-                codes[units[f, slot]] = board
+    if frames[f, STATUS + MASK]:
+        board = min(read_bits(data, row, frames, f, STATUS), 255)
+        if board != 0:
+            for slot in range(units.shape[1]):
+                if units[f, slot] >= 0:
+                    codes[units[f, slot]] = board
     for k in range(np.uintp(frames[f, FIRST_CHANNEL]), np.uintp(frames[f, FIRST_STATUS])):
-        value = read_bits(quads, row, signals, k, 0)
+        value = read_bits(data, row, signals, k, 0)
         counts[np.uintp(signals[k, PLACE])] = (value ^ signals[k, FLIP]) - signals[k, BIAS]
     for k in range(np.uintp(frames[f, FIRST_STATUS]), np.uintp(frames[f, END_STATUS])):
-        value = read_bits(quads, row, signals, k, 0)
+        value = read_bits(data, row, signals, k, 0)
         if value != 0:
             codes[np.uintp(signals[k, UNIT])] = min(value, 255)
 
 
-def _pack(first, end, sequence, stamp, counts, codes, frames, signals, words, data, quads):
-    """Frames first … end - 1 of the table into rows 0 … of `words`, `data` and `quads`."""
+def _pack(first, end, sequence, stamp, counts, codes, frames, signals, words, data):
+    """Frames first … end - 1 of the table into rows 0 … of `words` and `data`."""
     for f in range(first, end):
         row = f - first
         words[row, 0] = stamp
@@ -280,16 +280,16 @@ def _pack(first, end, sequence, stamp, counts, codes, frames, signals, words, da
             data[row, k] = 0
         if frames[f, PAGES]:
             data[row, PAYLOAD] = frames[f, PAGE]
-        write_bits(sequence, quads, row, frames, f, SEQUENCE)
+        write_bits(sequence, data, row, frames, f, SEQUENCE)
         for k in range(frames[f, FIRST_CHANNEL], frames[f, FIRST_STATUS]):
             count = np.int64(counts[signals[k, CHANNEL], signals[k, UNIT]])
             value = min(max(count + signals[k, BIAS], 0), np.int64(signals[k, MASK]))
-            write_bits(value ^ signals[k, FLIP], quads, row, signals, k, 0)
+            write_bits(value ^ signals[k, FLIP], data, row, signals, k, 0)
         for k in range(frames[f, FIRST_STATUS], frames[f, END_STATUS]):
             code = min(np.int64(codes[signals[k, UNIT]]), np.int64(signals[k, MASK]))
-            write_bits(code, quads, row, signals, k, 0)
+            write_bits(code, data, row, signals, k, 0)
         if frames[f, CRC + MASK]:
-            write_bits(frame_crc(data, row, frames, f), quads, row, frames, f, CRC)
+            write_bits(frame_crc(data, row, frames, f), data, row, frames, f, CRC)
 
 
 def _count(memory, f, kind):
@@ -307,7 +307,7 @@ def _drop(memory, f, kind):
 def _find(bus, can_id, tables):
     """Row of the frame table for an identifier on a bus, or -1."""
     if can_id < tables.standard.shape[1]:
-        return np.int64(tables.standard[bus, can_id])
+        return np.int64(tables.standard[np.uintp(bus), np.uintp(can_id)])
     key = bus << 32 | can_id
     low, high = 0, tables.extended.shape[0]
     while low < high:
@@ -478,14 +478,14 @@ def _tear(g, tables, memory):
     memory.sets[g, TORN_AT] = memory.state[NUMBER]
 
 
-def _stage(f, sequence, stamp, row, quads, tables, memory):
+def _stage(f, sequence, stamp, row, data, tables, memory):
     """Take a frame: its units wait for the end of the cycle, or for the other parts of the set."""
     state, sets = memory.state, memory.sets
     g = np.int64(tables.frames[f, GROUP])
     if tables.parts[g] == 1:
         clear_codes(f, tables, memory.staged_codes)
         unpack_frame(
-            quads, row, f, tables.frames, tables.signals, tables.units,
+            data, row, f, tables.frames, tables.signals, tables.units,
             memory.staged, memory.staged_codes,
         )  # fmt: skip
     else:
@@ -504,7 +504,7 @@ def _stage(f, sequence, stamp, row, quads, tables, memory):
             sets[g, KEY] = sequence
         sets[g, PARTS_IN] |= 1 << part
         unpack_frame(
-            quads, row, f, tables.frames, tables.signals, tables.units,
+            data, row, f, tables.frames, tables.signals, tables.units,
             memory.gathered, memory.gathered_codes,
         )  # fmt: skip
         if sets[g, PARTS_IN] != (1 << tables.parts[g]) - 1:
@@ -654,7 +654,7 @@ def _take_sync(bus, row, words, data, tables, memory):
     return True
 
 
-def _take_data(f, row, words, data, quads, tables, memory):
+def _take_data(f, row, words, data, tables, memory):
     """Handle a frame of the table; True: it was the last that the open cycle waited for."""
     state, sources, frames = memory.state, memory.sources, tables.frames
     header = words[row, 1]
@@ -663,13 +663,13 @@ def _take_data(f, row, words, data, quads, tables, memory):
         drop(memory, f, SHORT)
         return False
     if frames[f, CRC + MASK] and (
-        frame_crc(data, row, frames, f) != read_bits(quads, row, frames, f, CRC)
+        frame_crc(data, row, frames, f) != read_bits(data, row, frames, f, CRC)
     ):
         drop(memory, f, CRC_FAILED)
         return False
     sequence = np.int64(-1)
     if frames[f, SEQUENCE + MASK]:
-        sequence = np.int64(read_bits(quads, row, frames, f, SEQUENCE))
+        sequence = np.int64(read_bits(data, row, frames, f, SEQUENCE))
         if frames[f, ECHOES]:
             is_taken = accept_echo(f, sequence, row, data, tables, memory)
         else:
@@ -687,7 +687,7 @@ def _take_data(f, row, words, data, quads, tables, memory):
     for k in range(np.int64(frames[f, SIZE])):
         memory.last[f, k] = data[row, PAYLOAD + k]
     count(memory, f, DATA)
-    stage(f, sequence, stamp, row, quads, tables, memory)
+    stage(f, sequence, stamp, row, data, tables, memory)
     if sources[f, WAITED_FOR]:
         sources[f, WAITED_FOR] = 0
         state[WAITING] -= 1
@@ -695,7 +695,7 @@ def _take_data(f, row, words, data, quads, tables, memory):
     return False
 
 
-def _feed(row, words, data, quads, tables, memory, shown):
+def _feed(row, words, data, tables, memory, shown):
     """Frames from `row` on; stops when a cycle closes, and returns the row to go on from."""
     state, totals = memory.state, memory.totals
     state[CLOSED_BY] = BY_NOTHING
@@ -727,7 +727,7 @@ def _feed(row, words, data, quads, tables, memory, shown):
                     close_cycle(BY_SYNC, tables, memory, shown)
                     return row
             elif f >= 0:
-                if take_data(f, row, words, data, quads, tables, memory):
+                if take_data(f, row, words, data, tables, memory):
                     close_cycle(BY_COMPLETE, tables, memory, shown)
                     return row + 1
             elif can_id & ~0x7F == 0x700:
@@ -780,8 +780,6 @@ _shown = numba.typeof(
 )
 _int = types.int64
 _words, _data = types.int64[:, ::1], types.uint8[:, ::1]
-_quads = types.Array(types.uint32, 2, "A", aligned=False)
-_quads_in = types.Array(types.uint32, 2, "A", readonly=True, aligned=False)
 _words_in = types.Array(types.int64, 2, "C", readonly=True)
 _data_in = types.Array(types.uint8, 2, "C", readonly=True)
 _table, _units = types.uint32[:, ::1], types.int32[:, ::1]
@@ -801,18 +799,17 @@ def _compiled(kernel, *signature):
 
 crc16 = _compiled(_crc16, _int(_int, _data_in, _int, _int, _int))
 frame_crc = _compiled(_frame_crc, _int(_data_in, _int, _table, _int))
-swapped = _compiled(_swapped)
+low_first = _compiled(_low_first)
+high_first = _compiled(_high_first)
 read_bits = _compiled(_read_bits)
 write_bits = _compiled(_write_bits)
 unpack_frame = _compiled(
     _unpack_frame,
-    types.void(_quads_in, _int, _int, _table, _signals, _units, _counts, _codes),
+    types.void(_data_in, _int, _int, _table, _signals, _units, _counts, _codes),
 )
 pack = _compiled(
     _pack,
-    types.void(
-        _int, _int, _int, _int, _counts_in, _codes_in, _table, _signals, _words, _data, _quads
-    ),
+    types.void(_int, _int, _int, _int, _counts_in, _codes_in, _table, _signals, _words, _data),
 )
 count = _compiled(_count)
 drop = _compiled(_drop)
@@ -835,4 +832,4 @@ close_cycle = _compiled(_close_cycle, types.void(_int, _tables, _memory, _shown)
 is_tick = _compiled(_is_tick)
 take_sync = _compiled(_take_sync)
 take_data = _compiled(_take_data)
-feed = _compiled(_feed, _int(_int, _words_in, _data_in, _quads_in, _tables, _memory, _shown))
+feed = _compiled(_feed, _int(_int, _words_in, _data_in, _tables, _memory, _shown))

@@ -42,8 +42,8 @@ class Unpacker:
         counts = np.zeros((len(CHANNELS), topology.n), np.int16)
         codes = np.zeros(topology.n, np.uint8)
         table = self.table
-        quads, flat = kernels.as_quads(np.atleast_1d(record)), counts.reshape(-1)
-        kernels.unpack_frame(quads, 0, f, table.frames, table.signals, table.units, flat, codes)
+        data, flat = kernels.as_bytes(np.atleast_1d(record)), counts.reshape(-1)
+        kernels.unpack_frame(data, 0, f, table.frames, table.signals, table.units, flat, codes)
         physical = topology.scale * counts + topology.offset
         layout = topology.layouts[topology.frames.layout[f]]
         units = topology.frames.units[f]

@@ -66,9 +66,9 @@ def unpack(small, records):
     table = FrameTable(small)
     counts = np.zeros((len(CHANNELS), small.n), np.int16)
     codes = np.zeros(small.n, np.uint8)
-    quads, flat = kernels.as_quads(records), counts.reshape(-1)
+    data, flat = kernels.as_bytes(records), counts.reshape(-1)
     for f in range(len(small.frames)):
-        kernels.unpack_frame(quads, f, f, table.frames, table.signals, table.units, flat, codes)
+        kernels.unpack_frame(data, f, f, table.frames, table.signals, table.units, flat, codes)
     return counts, codes
 
 
@@ -305,12 +305,12 @@ def test_kernels_and_their_python_agree(layout, payload, sequence):
         counts = np.zeros((len(CHANNELS), small.n), np.int16)
         codes = np.zeros(small.n, np.uint8)
         again = np.zeros_like(batch.records)
-        quads, flat = kernels.as_quads(batch.records), counts.reshape(-1)
+        data, flat = kernels.as_bytes(batch.records), counts.reshape(-1)
         for f in range(2):
-            unpack_frame(quads, f, f, table.frames, table.signals, table.units, flat, codes)
+            unpack_frame(data, f, f, table.frames, table.signals, table.units, flat, codes)
         pack(
             0, 2, sequence, -1, counts, codes, table.frames, table.signals,
-            kernels.as_words(again), kernels.as_bytes(again), kernels.as_quads(again),
+            kernels.as_words(again), kernels.as_bytes(again),
         )  # fmt: skip
         outcome.append((counts, codes, again))
     for compiled, interpreted in zip(*outcome, strict=True):
