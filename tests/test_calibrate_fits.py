@@ -13,12 +13,12 @@ from skin.calibrate.amplitude import (
     fit_bare_chip,
     fit_direction,
     fit_drift,
-    fit_frequency,
     fit_theta,
     map_field,
 )
 from skin.calibrate.bench import Bench, circles, strokes
 from skin.calibrate.fit import least_squares
+from skin.calibrate.normal import fit_frequency
 from skin.calibrate.shear import fit_shear
 from skin.errors import ScanError
 from topology import THETA_KNOTS
@@ -27,7 +27,7 @@ SEEDS = range(12)
 DEPTHS, REACHES = np.linspace(0.0, 2.0, 6), np.linspace(0.0, 2.5, 14)
 PRESS, SLIDE, _ = strokes(DEPTHS, REACHES)
 AMPLITUDE = {"field_wavenumber_rad_per_mm": 0.63, "field_amplitude_ut": 10900.0,
-             "field_growth_per_mm": 0.73, "field_growth_quadratic_per_mm2": 0.02}  # fmt: skip
+             "field_growth_per_mm": 0.73, "field_growth_per_mm2": 0.02}  # fmt: skip
 SHEAR = {"shear_soft_n_per_mm": 0.48, "shear_break_mm": 1.93, "shear_stiff_n_per_mm": 2.2,
          "shear_gain_per_mm": 0.04}  # fmt: skip
 FREQUENCY = {"frequency_rest_hz": 4567.0, "frequency_slope_hz_per_mm": 883.0}

@@ -13,12 +13,12 @@ import topology
 from skin.calibrate.amplitude import (
     fit_amplitude,
     fit_direction,
-    fit_frequency,
     fit_theta,
     map_field,
 )
 from skin.calibrate.bench import Bench, strokes
 from skin.calibrate.fit import Fit
+from skin.calibrate.normal import fit_frequency
 from skin.calibrate.write import write_calibration
 from skin.decode.decoder import Decoder
 from skin.errors import CalibrationError, OptionError

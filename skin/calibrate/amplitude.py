@@ -1,4 +1,4 @@
-"""What the sine estimator needs of a unit: rest frequency, M0(H), k, drifts, and its direction."""
+"""What the sine estimator needs of a unit: M0(H), k, drifts, and its direction."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ __all__ = [
     "fit_bare_chip",
     "fit_direction",
     "fit_drift",
-    "fit_frequency",
     "fit_theta",
     "map_field",
 ]
@@ -23,26 +22,6 @@ WAVENUMBER_RAD_PER_MM = (0.05, 1.5)
 AXES = "xyz"
 MAP = ("field_xx", "field_xy", "field_yx", "field_yy")
 OFFSET = ("hall_offset_x_ut", "hall_offset_y_ut")
-
-
-def fit_frequency(frequency_hz: np.ndarray, depth_mm: np.ndarray, *, sigma_hz: float = 6.0) -> Fit:
-    """Rest frequency and its fall per mm from a scan over depth: f = f0 - slope H.
-
-    Parameters
-    ----------
-    frequency_hz, depth_mm : ndarray, shape (t,)
-    sigma_hz : float
-
-    Raises
-    ------
-    ScanError
-        Too few samples or depths, or a value that is not finite.
-    """
-    check_samples(2, frequency_hz=frequency_hz, depth_mm=depth_mm)
-    check_levels("depth_mm", depth_mm, 2, 0.05)
-    matrix = np.stack([np.ones(len(depth_mm)), -np.asarray(depth_mm, float)], axis=1)
-    names = ("frequency_rest_hz", "frequency_slope_hz_per_mm")
-    return least_squares(matrix, np.asarray(frequency_hz, float), sigma_hz, names)
 
 
 def fit_amplitude(
@@ -68,7 +47,7 @@ def fit_amplitude(
     reference_mm : float
         Depth at which the amplitude is told.
     degree : int
-        1: ``field_growth_per_mm`` alone; 2: also ``field_growth_quadratic_per_mm2``.
+        1: ``field_growth_per_mm`` alone; 2: also ``field_growth_per_mm2``.
     sigma_ut : float
 
     Returns
@@ -98,7 +77,7 @@ def fit_amplitude(
     above = np.asarray(depth_mm, float) - reference_mm
     powers = np.vander(above, degree + 1, increasing=True)
     names = ("field_wavenumber_rad_per_mm", "ln_amplitude", "field_growth_per_mm",
-             "field_growth_quadratic_per_mm2")[: degree + 2]  # fmt: skip
+             "field_growth_per_mm2")[: degree + 2]  # fmt: skip
 
     def model(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         amplitude = np.exp(np.clip(powers @ at[1:], -50.0, 50.0))

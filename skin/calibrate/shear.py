@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from skin.calibrate.fit import Fit, check_levels, check_samples, gauss_newton, least_squares
+from skin.calibrate.fit import Fit, check_levels, check_samples
+from skin.calibrate.hinge import fit_hinge
 from skin.errors import ScanError
 
 __all__ = ["fit_shear"]
@@ -52,50 +53,13 @@ def fit_shear(
     check_levels("displacement_mm", displacement_mm, 5, 0.02)
     if with_depth:
         check_levels("depth_mm", depth_mm, 2, 0.1)
-    force, reach = np.asarray(force_n, float), np.asarray(displacement_mm, float)
-    above = np.asarray(depth_mm, float) - reference_mm
-
-    levels = np.unique(reach)
-    best, least = None, np.inf
-    # the break lies between the second and the last but one displacement, or it cannot be told
-    for knee in np.linspace(levels[1], levels[-2], 60):
-        columns = _hinge(reach, knee)
-        if with_depth:
-            columns = np.hstack([columns, columns * above[:, None]])
-        try:
-            fit = least_squares(
-                columns, force, sigma_n, ("soft", "stiff", "a", "b")[: columns.shape[1]]
-            )
-        except ScanError:
-            continue
-        if fit.chi2 < least:
-            gain = fit.values[2] / fit.values[0] if with_depth else 0.0
-            best, least = np.array([fit.values[0], knee, fit.values[1], gain]), fit.chi2
-    if best is None:
-        raise ScanError(
-            "displacement_mm: must lie on both sides of the break to tell shear_soft_n_per_mm and "
-            f"shear_stiff_n_per_mm; got {levels[0]:.3g} to {levels[-1]:.3g} mm"
-        )
-    used = 4 if with_depth else 3
-
-    def model(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        gain = 1.0 + at[3] * above if with_depth else np.ones_like(reach)
-        columns = _hinge(reach, at[1])
-        law = columns @ at[[0, 2]]
-        rows = [columns[:, 0] * gain, -at[2] * (reach > at[1]) * gain, columns[:, 1] * gain,
-                law * above]  # fmt: skip
-        return law * gain, np.stack(rows[:used], axis=1)
-
-    found = gauss_newton(model, best[:used], force, sigma_n, NAMES[:used])
-    strength = abs(found.values[2]) / found.sigma[2]
-    if strength < 3.0:
+    above = np.asarray(depth_mm, float) - reference_mm if with_depth else None
+    way = np.asarray(displacement_mm, float)
+    try:
+        fit = fit_hinge(np.asarray(force_n, float), way, sigma_n, above)
+    except ScanError as error:
         raise ScanError(
             "displacement_mm: must reach beyond the break, where the law stiffens, to tell "
-            f"shear_break_mm; got a change of slope of {strength:.2g} sigma up to "
-            f"{levels[-1]:.3g} mm"
-        )
-    return found
-
-
-def _hinge(reach: np.ndarray, knee: float) -> np.ndarray:
-    return np.stack([reach, np.maximum(reach - knee, 0.0)], axis=1)
+            f"shear_break_mm; got {way.min():.3g} to {way.max():.3g} mm ({error})"
+        ) from None
+    return fit.derived(NAMES[: len(fit.names)], fit.values, np.eye(len(fit.names)))
