@@ -19,10 +19,9 @@ from bus.open import open_transport
 from bus.state import BusChange
 from bus.transport import Transport
 from bus.wait import Waiter
-from skin.contact.wrench import ArrayFeatures
-from skin.decode.decoder import Decoder
 from skin.errors import OptionError, SkinError
-from skin.state import ARRAY_WANTS, WANTS, State, Status, trouble
+from skin.reader import CycleReader
+from skin.state import State, Status, trouble
 from topology import Topology
 
 if TYPE_CHECKING:
@@ -37,7 +36,7 @@ class Timing:
     """Where the time of the last cycle went, and how often the host was late."""
 
     work_ns: int = 0
-    """Assembling, decoding and array features of the last cycle, without waiting."""
+    """Assembling, decoding and contacts of the last cycle, without waiting."""
     overruns: int = 0
     """SYNCs that could not be sent in time and were left out."""
 
@@ -169,6 +168,7 @@ class Skin:
         self.timing = Timing()
         self.nodes = nodes
         self._read = CycleReader(topology, want=want, estimator=estimator, dtype=dtype)
+        self._position, self._rotation = topology.position, topology.rotation
         self._assembler = Assembler(topology, deadline_s=deadline_s)
         self._batch = FrameBatch(4096)
         self._waiter = Waiter(transports, wait)
@@ -212,6 +212,59 @@ class Skin:
         frame = pack(command, node, value)
         for transport in self.transports:
             transport.send(frame)
+
+    def move(self, position: np.ndarray, rotation: np.ndarray) -> None:
+        """Set the poses of all units, for patches that move against each other.
+
+        Wrenches, centres and normals of the cycles to come are those of the new poses; the skin
+        frame stays. As often as they change: once a cycle costs a few microseconds. Units become
+        no neighbours by coming close.
+
+        Parameters
+        ----------
+        position : ndarray, shape (3, n)
+            Metre, skin frame.
+        rotation : ndarray, shape (3, 3, n)
+            Columns are the unit's axes in the skin frame.
+
+        Raises
+        ------
+        SkinError
+            An array of another shape.
+        """
+        self._read.move(position, rotation)
+        self._position, self._rotation = np.array(position), np.array(rotation)
+
+    def move_patch(self, name: str, rotation: np.ndarray, translation: np.ndarray) -> None:
+        """Set the pose of one patch, by the rigid motion from where its file has it; see `move`.
+
+        Parameters
+        ----------
+        name : str
+            Of `Topology.patch_names`.
+        rotation : ndarray, shape (3, 3)
+        translation : ndarray, shape (3,)
+            Metre. What was at p in the skin frame is at ``rotation @ p + translation`` now.
+
+        Raises
+        ------
+        OptionError
+            There is no such patch.
+        """
+        at = self.topology
+        if name not in at.patch_names:
+            raise OptionError.unknown("patch", name, at.patch_names)
+        units = at.patch == at.patch_names.index(name)
+        turn, shift = np.asarray(rotation, float), np.asarray(translation, float)
+        if turn.shape != (3, 3) or shift.shape != (3,):
+            raise SkinError(
+                "rotation, translation: must have shapes (3, 3) and (3,); "
+                f"got {turn.shape} and {shift.shape}"
+            )
+        position, turned = self._position.copy(), self._rotation.copy()
+        position[:, units] = turn @ at.position[:, units] + shift[:, np.newaxis]
+        turned[:, :, units] = np.einsum("ij,jkn->ikn", turn, at.rotation[:, :, units])
+        self.move(position, turned)
 
     def trouble(self, state: State) -> dict[str, Status]:
         """Units that must not be trusted in this state, and why, by unit name."""
@@ -294,49 +347,6 @@ class Skin:
         state = self._read(cycle)
         self.timing.work_ns = time.perf_counter_ns() - started
         return state
-
-
-class CycleReader:
-    """RawCycle → State: decoding and array features, for live cycles and for logs alike."""
-
-    def __init__(
-        self, topology: Topology, *, want: Collection[str] | None, estimator: str, dtype: str
-    ) -> None:
-        wanted = set(WANTS if want is None else want)
-        for name in sorted(wanted.difference(WANTS)):
-            raise OptionError.unknown("want", name, WANTS)
-        array_wanted = wanted.intersection(ARRAY_WANTS)
-        needed = wanted | ({"force"} if array_wanted else set())
-        self._decoder = Decoder(
-            topology, want=needed - array_wanted, estimator=estimator, dtype=dtype
-        )
-        self._dtype = dtype
-        self._features = ArrayFeatures(topology, want=array_wanted) if array_wanted else None
-        self._area = topology.area / topology.area.sum()
-
-    def warmup(self) -> None:
-        """Load or compile the kernels, so that the first cycle is not late."""
-        self._decoder.warmup()
-        if self._features is not None:
-            self._features.warmup(self._dtype)
-
-    def __call__(self, cycle: RawCycle) -> State:
-        """Decode one cycle; the arrays of the state are valid until the next call."""
-        reading = self._decoder(cycle.counts, cycle.status)
-        wrench = centroid = contact = None
-        if self._features is not None:
-            wrench, centroid, contact = self._features(reading)
-        return State(
-            cycle=cycle.number,
-            stamp_ns=cycle.stamp_ns,
-            units=reading,
-            wrench=wrench,
-            centroid=centroid,
-            contact=contact,
-            coverage=float(self._area @ reading.valid),
-            closed_by=cycle.closed_by,
-            counters=cycle.counters,
-        )
 
 
 def _sync_frames(topology: Topology) -> np.ndarray:

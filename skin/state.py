@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,13 +11,16 @@ from bus.cycle import ClosedBy, FrameCounters
 from bus.status import INVALID, Status
 from topology import Topology
 
+if TYPE_CHECKING:
+    from skin.contact.stream import Contact
+
 __all__ = ["INVALID", "WANTS", "Reading", "State", "Status", "trouble"]
 
 UNIT_WANTS = ("temperature", "force", "tangential", "theta", "displacement")
-ARRAY_WANTS = ("wrench", "centroid")
+ARRAY_WANTS = ("wrench", "centroid", "contacts", "slip", "shocks")
 WANTS = UNIT_WANTS + ARRAY_WANTS
 """Everything that `want` may select. What is not wanted is not computed and reads None; what a
-wanted quantity needs is computed with it (a wrench needs forces)."""
+wanted quantity needs is computed with it (a wrench needs forces, slip needs contacts)."""
 
 
 @dataclass(slots=True)
@@ -77,30 +81,44 @@ class State:
         Time stamp of the SYNC.
     units : Reading
         All units.
-    wrench : ndarray, shape (6,), float64, or None
-        Force in newton and moment in newton metre about the origin of the skin frame, summed over
-        the valid units in contact: what the world exerts on the skin.
-    centroid : ndarray, shape (3,), float64, or None
-        Centre of pressure of the normal loads, metre, skin frame; NaN where nothing touches.
-    contact : ndarray, shape (n,), bool, or None
-        Units whose normal load is above the contact gate.
     coverage : float
         Share of the sensing area whose units are valid.
     closed_by : ClosedBy
         What ended the cycle.
     counters : FrameCounters
         Frames by what became of them, running totals.
+    wrench : ndarray, shape (6,), float64, or None
+        Force in newton and moment in newton metre about the origin of the skin frame, summed over
+        the valid units in contact: what the world exerts on the skin; 0 where nothing touches.
+    wrench_sigma : ndarray, shape (6,), float64, or None
+        One-sigma of each component of `wrench`.
+    centroid : ndarray, shape (3,), float64, or None
+        Centre of pressure of the normal loads of the units in contact, metre, skin frame; NaN where
+        nothing touches, or so lightly that the load is below 5 of its sigma.
+    centroid_covariance : ndarray, shape (3, 3), float64, or None
+        Square metres.
+    contacts : list of Contact, or None
+        What touches the skin, each with its identity, oldest first; see
+        `skin.contact.stream.Contact`.
+    contact : ndarray, shape (n,), bool, or None
+        Units in contact; comes with any feature of the array.
+    slip : ndarray, shape (n,), int32, or None
+        `skin.contact.records.UnitSlip` of each unit.
     """
 
     cycle: int
     stamp_ns: int
     units: Reading
-    wrench: np.ndarray | None
-    centroid: np.ndarray | None
-    contact: np.ndarray | None
     coverage: float
     closed_by: ClosedBy
     counters: FrameCounters
+    wrench: np.ndarray | None = None
+    wrench_sigma: np.ndarray | None = None
+    centroid: np.ndarray | None = None
+    centroid_covariance: np.ndarray | None = None
+    contacts: list[Contact] | None = None
+    contact: np.ndarray | None = None
+    slip: np.ndarray | None = None
 
 
 def trouble(topology: Topology, status: np.ndarray) -> dict[str, Status]:

@@ -9,10 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-import topology
-from skin.contact import kernels
-from skin.contact.wrench import ArrayFeatures, centroid, normal_gate, wrench
-from skin.state import Reading
+from skin.contact.wrench import centroid, wrench
 
 sizes = st.integers(1, 70)
 seeds = st.integers(0, 2**32 - 1)
@@ -107,86 +104,3 @@ def test_centroid_does_not_know_the_force_scale(n, seed, scale):
 def test_no_load_has_no_centre():
     assert np.isnan(centroid(np.zeros(5), np.ones((3, 5)))).all()
     assert np.isnan(centroid(-np.ones(5), np.ones((3, 5)))).all()
-
-
-def reading_of(force, valid):
-    return Reading(None, force, None, None, None, (~valid).astype(np.uint16), valid)
-
-
-@pytest.fixture(params=["palm", "fingertip", "hand"])
-def skin(request):
-    return topology.load(request.param)
-
-
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_features_are_those_of_the_units_in_contact(skin, dtype):
-    force, _, _ = array_of(skin.n, 7)
-    force = force.astype(dtype)
-    valid = np.random.default_rng(8).random(skin.n) < 0.8
-    total, centre, contact = ArrayFeatures(skin)(reading_of(force, valid))
-    touched = valid & (force[2] > normal_gate(skin))
-    assert (contact == touched).all()
-    expected = wrench(force, skin.position, skin.rotation, valid=touched)
-    assert total == pytest.approx(expected, abs=1e-12)
-    expected = centroid(force[2].astype(float), skin.position, valid=touched)
-    assert centre == pytest.approx(expected, abs=1e-12)
-
-
-def test_shear_alone_is_no_contact(skin):
-    force = np.zeros((3, skin.n))
-    force[:2] = 5.0
-    total, centre, contact = ArrayFeatures(skin)(reading_of(force, np.ones(skin.n, bool)))
-    assert not contact.any()
-    assert (total == 0.0).all()
-    assert np.isnan(centre).all()
-
-
-def test_nan_and_invalid_units_change_nothing_for_the_rest(skin):
-    force, _, _ = array_of(skin.n, 9)
-    force[2] = np.abs(force[2]) + 0.1
-    valid = np.ones(skin.n, bool)
-    valid[::3] = False
-    clean = force.copy()
-    clean[:, ::3] = 0.0
-    lying = force.copy()
-    lying[:, ::3] = np.nan
-    features = ArrayFeatures(skin)
-    results = [[a.copy() for a in features(reading_of(f, valid))] for f in (clean, force, lying)]
-    for other in results[1:]:
-        for one, two in zip(results[0], other, strict=True):
-            assert (one == two).all()
-
-
-def test_press_on_a_palm_that_faces_up_pushes_it_down():
-    palm = topology.load("palm")
-    force = np.zeros((3, palm.n))
-    force[2, 0] = 3.0
-    total, centre, _ = ArrayFeatures(palm)(reading_of(force, np.ones(palm.n, bool)))
-    assert total[:3] == pytest.approx([0.0, 0.0, -3.0], abs=1e-12)
-    assert centre == pytest.approx(palm.position[:, 0], abs=1e-12)
-
-
-def test_gate_is_three_sigma_of_the_frequency_noise():
-    gate = normal_gate(topology.load("palm"))
-    assert gate == pytest.approx(3 * 6.0 / 600.0, rel=1e-3)
-
-
-def test_what_is_not_wanted_is_not_given(skin):
-    reading = reading_of(np.ones((3, skin.n)), np.ones(skin.n, bool))
-    total, centre, _ = ArrayFeatures(skin, want={"centroid"})(reading)
-    assert total is None
-    assert centre is not None
-
-
-def test_kernel_and_its_python_agree(skin):
-    force, position, rotation = array_of(skin.n, 11)
-    valid, gate = np.ones(skin.n, bool), normal_gate(skin)
-    results = []
-    for kernel in (kernels.total, kernels.total_python):
-        contact, out = np.zeros(skin.n, bool), np.zeros(kernels.ROWS)
-        arm, centre = np.array([0.1, -0.2, 0.3]), np.array([1.0, 2.0, 3.0])
-        turned = np.ascontiguousarray(rotation)
-        kernel(force, position, turned, valid, gate, arm, centre, contact, out)
-        results.append((contact, out))
-    assert (results[0][0] == results[1][0]).all()
-    assert results[0][1] == pytest.approx(results[1][1], abs=1e-12)

@@ -41,7 +41,7 @@ def decode(
     from bus.assemble import Assembler
     from bus.logs import buses_of, read
     from skin.errors import SkinError
-    from skin.live import CycleReader
+    from skin.reader import CycleReader
     from topology import load
 
     if output is not None and output.suffix not in (".csv", ".npz"):

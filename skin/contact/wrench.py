@@ -1,23 +1,10 @@
-"""Total wrench and centre of pressure of an array of 3-axis units.
-
-`wrench` and `centroid` take plain arrays, of any 3-axis tactile array; `ArrayFeatures` is the same
-for the cycles of a skin, without allocating.
-"""
+"""Wrench and centre of pressure of any forces, contact or not: the plain sums of plain arrays."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
-
 import numpy as np
 
-from skin.state import ARRAY_WANTS, Reading
-from topology import Topology
-
-__all__ = ["GATE_SIGMAS", "ArrayFeatures", "centroid", "normal_gate", "wrench"]
-
-GATE_SIGMAS = 3.0
-"""Normal loads below this many of their sigma are no contact. Tangential forces never make a
-contact: stray fields of pressed neighbours and of the Earth read as shear on untouched units."""
+__all__ = ["centroid", "wrench"]
 
 
 def wrench(
@@ -56,9 +43,9 @@ def wrench(
     >>> wrench(push, at, np.eye(3)[:, :, np.newaxis]).tolist()
     [0.0, 0.0, 2.0, 0.0, -0.2, 0.0]
     """
-    used = np.ones(force.shape[1], bool) if valid is None else valid
     about = np.zeros(3) if origin is None else np.asarray(origin, float)
-    return _total(force, position, rotation, used, -np.inf, about)[:6]
+    used = np.ones(np.shape(force)[1], bool) if valid is None else valid
+    return _total(used, force, position - about[:, np.newaxis], rotation)["wrench"].copy()
 
 
 def centroid(
@@ -80,97 +67,19 @@ def centroid(
     ndarray, shape (3,), float64
         Metre; NaN where there is no load.
     """
-    used = np.ones(load.size, bool) if valid is None else valid
-    force = np.zeros((3, load.size), load.dtype)
+    used = load > 0.0 if valid is None else valid & (load > 0.0)
+    if not used.any():
+        return np.full(3, np.nan)
+    force = np.zeros((3, load.size))
     force[2] = load
-    rotation = np.broadcast_to(np.eye(3)[:, :, np.newaxis], (3, 3, load.size))
-    return _total(force, position, rotation, used, 0.0, np.zeros(3))[7:]
-
-
-def normal_gate(topology: Topology) -> np.ndarray:
-    """Normal load above which a unit counts as touched: `GATE_SIGMAS` of its noise at rest.
-
-    The noise is that of the timer's frequency and of its quantisation, by the soft slope.
-
-    Returns
-    -------
-    ndarray, shape (n,), float64
-        Newton.
-    """
-    parameters = topology.parameters
-    step_hz = topology.scale[1]
-    noise_hz = np.hypot(parameters["frequency_noise_hz"], step_hz / np.sqrt(12.0))
-    return GATE_SIGMAS * noise_hz * parameters["normal_soft_n_per_hz"]
-
-
-class ArrayFeatures:
-    """Wrench and centre of pressure, cycle by cycle.
-
-    Parameters
-    ----------
-    topology : Topology
-    want : collection of str
-        Of `skin.state.ARRAY_WANTS`; all if not given.
-    """
-
-    def __init__(self, topology: Topology, want: Collection[str] = ARRAY_WANTS) -> None:
-        from skin.contact import kernels
-
-        self._total = kernels.total
-        self._centre = topology.position.mean(axis=1)
-        self._position = np.ascontiguousarray(topology.position - self._centre[:, np.newaxis])
-        self._rotation = np.ascontiguousarray(topology.rotation)
-        self._gate = normal_gate(topology)
-        self._contact = np.zeros(topology.n, bool)
-        self._out = np.zeros(kernels.ROWS)
-        self._wrench = self._out[kernels.WRENCH : kernels.LOAD] if "wrench" in want else None
-        self._centroid = self._out[kernels.CENTRE :] if "centroid" in want else None
-
-    def warmup(self, dtype: str) -> None:
-        """Compile the kernel for forces of this type, or load it."""
-        nothing = np.zeros((3, self._contact.size), dtype)
-        self._sum(nothing, np.zeros(self._contact.size, bool))
-
-    def __call__(self, reading: Reading) -> tuple[np.ndarray | None, np.ndarray | None, np.ndarray]:
-        """Features of one reading; the arrays are valid until the next call.
-
-        Returns
-        -------
-        wrench : ndarray, shape (6,), float64, or None
-            About the origin of the skin frame; 0 where nothing touches.
-        centroid : ndarray, shape (3,), float64, or None
-            Metre, skin frame; NaN where nothing touches.
-        contact : ndarray, shape (n,), bool
-            Valid units above their gate.
-        """
-        self._sum(reading.force, reading.valid)
-        return self._wrench, self._centroid, self._contact
-
-    def _sum(self, force: np.ndarray, valid: np.ndarray) -> None:
-        self._total(
-            force, self._position, self._rotation, valid, self._gate,
-            self._centre, self._centre, self._contact, self._out,
-        )  # fmt: skip
+    upright = np.broadcast_to(np.eye(3)[:, :, np.newaxis], (3, 3, load.size))
+    return _total(used, force, position, upright)["centroid"].copy()
 
 
 def _total(
-    force: np.ndarray,
-    position: np.ndarray,
-    rotation: np.ndarray,
-    valid: np.ndarray,
-    gate_n: float,
-    origin: np.ndarray,
+    used: np.ndarray, force: np.ndarray, position: np.ndarray, rotation: np.ndarray
 ) -> np.ndarray:
-    """Wrench about `origin`, load and centre of plain arrays, shape (10,)."""
-    from skin.contact import kernels
+    from skin.contact.features import contact_features
 
-    position = np.asarray(position, float)
-    centre = position.mean(axis=1)
-    n = force.shape[1]
-    contact, out = np.zeros(n, bool), np.zeros(kernels.ROWS)
-    kernels.total(
-        np.ascontiguousarray(force), np.ascontiguousarray(position - centre[:, np.newaxis]),
-        np.ascontiguousarray(rotation, float), np.ascontiguousarray(valid), np.full(n, gate_n),
-        centre - origin, centre, contact, out,
-    )  # fmt: skip
-    return out
+    label = np.where(used, 0, -1)
+    return contact_features(label, force, 0.0, position, rotation, 1.0)[1]

@@ -215,7 +215,7 @@ def _wanted(topology: Topology, want: Collection[str] | None) -> frozenset[str]:
         if name in ARRAY_WANTS:
             raise OptionError(
                 f"want: must be of the units, one of {', '.join(map(repr, UNIT_WANTS))}; "
-                f"got {name!r}, which is of the array: use skin.open or ArrayFeatures"
+                f"got {name!r}, which is of the array: use skin.open"
             )
         if name not in UNIT_WANTS:
             raise OptionError.unknown("want", name, WANTS)

@@ -1,0 +1,131 @@
+"""From the counts of a cycle to its state."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bus.cycle import RawCycle
+from skin.decode.decoder import Decoder
+from skin.errors import OptionError
+from skin.state import ARRAY_WANTS, UNIT_WANTS, WANTS, State
+from topology import CHANNELS, Topology
+
+if TYPE_CHECKING:
+    from skin.contact.stream import ContactStream
+
+__all__ = ["CycleReader"]
+
+
+class CycleReader:
+    """RawCycle → State: decoding and contacts, for live cycles and for logs alike.
+
+    Contacts need displacements; they bring them along, and temperatures where the wire has them.
+
+    Parameters
+    ----------
+    topology : Topology
+    want : collection of str, optional
+        Of `skin.state.WANTS`; everything if not given.
+    estimator : str
+        Inversion of the tangential field.
+    dtype : "float32" or "float64"
+        Arithmetic of the decoder.
+
+    Raises
+    ------
+    OptionError
+        There is no such quantity, estimator or type, or the wire does not carry what it needs.
+    """
+
+    def __init__(
+        self, topology: Topology, *, want: Collection[str] | None, estimator: str, dtype: str
+    ) -> None:
+        wanted = set(WANTS if want is None else [want] if isinstance(want, str) else want)
+        for name in sorted(wanted.difference(WANTS)):
+            raise OptionError.unknown("want", name, WANTS)
+        array_wanted = wanted.intersection(ARRAY_WANTS)
+        needed = wanted - array_wanted
+        if array_wanted:
+            needed |= {"force", "displacement", "sigma"}.intersection(UNIT_WANTS)
+        self._contacts = not wanted.isdisjoint(("contacts", "slip", "shocks"))
+        if self._contacts and _has_temperature(topology):
+            needed.add("temperature")
+        self._decoder = Decoder(topology, want=needed, estimator=estimator, dtype=dtype)
+        self._period_ns = round(1e9 / topology.cycle_rate_hz)
+        self._now_ns = -1
+        self._share = topology.area / topology.area.sum()
+        self._stream: ContactStream | None = None
+        self._array: tuple = ()
+        if array_wanted:
+            self._find_contacts(topology, array_wanted, dtype)
+
+    def _find_contacts(self, topology: Topology, want: set[str], dtype: str) -> None:
+        """Prepare for contacts, whose kernels bring the compiler along."""
+        from skin.contact.noise import UnitNoise
+        from skin.contact.stream import ContactStream
+
+        self._stream = stream = ContactStream(
+            topology.position, topology.rotation, topology.area,
+            topology.neighbour_start, topology.neighbour_index,
+            want=want, dtype=dtype, rate_hz=topology.cycle_rate_hz,
+        )  # fmt: skip
+        self._noise = UnitNoise(topology, dtype)
+        total = stream.total
+        self._array = (
+            *((total.wrench, total.wrench_sigma) if "wrench" in want else (None, None)),
+            *((total.centroid, total.centroid_covariance) if "centroid" in want else (None, None)),
+        )
+        self._slip = stream.unit_slip if "slip" in want else None
+
+    def warmup(self) -> None:
+        """Load or compile the kernels, so that the first cycle is not late."""
+        self._decoder.warmup()
+        if self._stream is not None:
+            self._stream.warmup()
+            self._noise.warmup()
+
+    def move(self, position: np.ndarray, rotation: np.ndarray) -> None:
+        """Set the poses of the units for the cycles to come; see `Skin.move`."""
+        if self._stream is not None:
+            self._stream.move(position, rotation)
+
+    def __call__(self, cycle: RawCycle) -> State:
+        """Decode one cycle; the arrays of the state are valid until the next call."""
+        reading = self._decoder(cycle.counts, cycle.status)
+        state = State(
+            cycle.number,
+            cycle.stamp_ns,
+            reading,
+            float(self._share.dot(reading.valid)),
+            cycle.closed_by,
+            cycle.counters,
+            *self._array,
+        )
+        stream = self._stream
+        if stream is None:
+            return state
+        force_sigma, displacement_sigma = reading.force_sigma, reading.displacement_sigma_mm
+        if force_sigma is None:
+            noise = self._noise
+            noise(reading.force, reading.displacement_mm)
+            force_sigma, displacement_sigma = noise.force_sigma, noise.displacement_sigma_mm
+        # Stamps of a bus may step back, the number of a cycle does not: contacts live by it.
+        self._now_ns = max(cycle.number * self._period_ns, self._now_ns + 1)
+        contacts = stream.update(
+            reading.force, force_sigma, reading.displacement_mm, displacement_sigma,
+            reading.temperature, reading.valid, stamp_ns=self._now_ns,
+        )  # fmt: skip
+        state.contact = stream.touching
+        if self._contacts:
+            state.contacts = contacts
+            state.slip = self._slip
+        return state
+
+
+def _has_temperature(topology: Topology) -> bool:
+    """Whether the wire of every unit that counts carries the gel current."""
+    silent = ~topology.enabled | topology.counts_only
+    return bool((topology.wired[CHANNELS.index("gel")] | silent).all())
