@@ -14,11 +14,21 @@ from numpy.polynomial import chebyshev
 from skin.calibrate.fit import Fit, check_levels, check_samples, least_squares
 from skin.errors import ScanError
 
-__all__ = ["ANGLE_TERMS", "DEPTH_TERMS", "FieldAngle", "field_angle", "fit_field_angle"]
+__all__ = [
+    "ANGLE_NAMES",
+    "ANGLE_TERMS",
+    "DEPTH_TERMS",
+    "FieldAngle",
+    "angle_powers",
+    "angle_slope",
+    "field_angle",
+    "fit_field_angle",
+    "refuse_fold",
+]
 
 ANGLE_TERMS, DEPTH_TERMS = 4, 4
 """Powers 1, 3, 5, 7 of the angle; powers 0 to 3 of the depth."""
-NAMES = tuple(f"field_angle_mm[{i}]" for i in range(ANGLE_TERMS * DEPTH_TERMS))
+ANGLE_NAMES = tuple(f"field_angle_mm[{i}]" for i in range(ANGLE_TERMS * DEPTH_TERMS))
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +68,7 @@ class FieldAngle:
     def sigma_mm(self, angle_rad: np.ndarray, depth_mm: np.ndarray) -> np.ndarray:
         """One-sigma of R from the fit's own covariance, mm: what calibration adds to noise."""
         angle, depth = np.broadcast_arrays(angle_rad, depth_mm)
-        row = _powers(angle.ravel().astype(float), depth.ravel().astype(float))
+        row = angle_powers(angle.ravel().astype(float), depth.ravel().astype(float))
         variance = np.einsum("tp,pq,tq->t", row, self.fit.covariance, row)
         return np.sqrt(np.maximum(variance, 0.0)).reshape(angle.shape)
 
@@ -119,7 +129,7 @@ def fit_field_angle(
     given = {"field_ut": field_ut, "depth_mm": depth_mm, "displacement_mm": displacement_mm}
     if direction_rad is not None:
         given["direction_rad"] = direction_rad
-    check_samples(len(NAMES), **given)
+    check_samples(len(ANGLE_NAMES), **given)
     check_levels("depth_mm", depth_mm, DEPTH_TERMS, 0.05)
     check_levels("displacement_mm", displacement_mm, ANGLE_TERMS, 0.05)
     field, depth = np.asarray(field_ut, float), np.asarray(depth_mm, float)
@@ -134,24 +144,35 @@ def fit_field_angle(
     sigma = typical * noise
     # the slope that weighs the samples is that of the fit itself: twice is enough
     for _ in range(3):
-        waves = least_squares(matrix, np.asarray(displacement_mm, float), sigma, NAMES)
-        fit = waves.derived(NAMES, to_powers @ waves.values, to_powers)
+        waves = least_squares(matrix, np.asarray(displacement_mm, float), sigma, ANGLE_NAMES)
+        fit = waves.derived(ANGLE_NAMES, to_powers @ waves.values, to_powers)
         shape = (ANGLE_TERMS, DEPTH_TERMS)
         coefficients = fit.values.reshape(shape)
-        slope = _slope(coefficients, angle, depth)
+        slope = angle_slope(coefficients, angle, depth)
         sigma = np.clip(slope, 0.5 * typical, 2.0 * typical) * noise
     # noise carries single samples beyond the scan, where the polynomial means nothing
-    within = np.maximum(np.abs(angle) - 2.0 * noise, 0.0)
-    least = float(_slope(coefficients, within, depth).min())
+    least = refuse_fold(coefficients, np.maximum(np.abs(angle) - 2.0 * noise, 0.0), depth)
+    return FieldAngle(coefficients, fit, widest, low, high, least)
+
+
+def refuse_fold(coefficients: np.ndarray, angle: np.ndarray, depth: np.ndarray) -> float:
+    """Least dR / dpsi over samples, mm/rad.
+
+    Raises
+    ------
+    ScanError
+        It is not above 0: two displacements would have one angle.
+    """
+    least = float(angle_slope(coefficients, angle, depth).min())
     if least <= 0.0:
         raise ScanError(
             "field_ut: must have an angle that grows with displacement over the scan, and noise "
             f"that does not hide it; got a fit with dR/dpsi down to {least:.3g} mm/rad"
         )
-    return FieldAngle(coefficients, fit, widest, low, high, least)
+    return least
 
 
-def _slope(coefficients: np.ndarray, angle: np.ndarray, depth: np.ndarray) -> np.ndarray:
+def angle_slope(coefficients: np.ndarray, angle: np.ndarray, depth: np.ndarray) -> np.ndarray:
     """dR / dpsi in mm/rad, shape (t,)."""
     power = 2 * np.arange(ANGLE_TERMS)
     even = angle[:, np.newaxis] ** power * (power + 1.0)
@@ -160,8 +181,8 @@ def _slope(coefficients: np.ndarray, angle: np.ndarray, depth: np.ndarray) -> np
     )
 
 
-def _powers(angle: np.ndarray, depth: np.ndarray) -> np.ndarray:
-    """Monomials, shape (t, 16)."""
+def angle_powers(angle: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """``psi**(2 i + 1) * H**j``, shape (t, 16): R is their product with the coefficients."""
     odd = angle[:, np.newaxis] ** (2 * np.arange(ANGLE_TERMS) + 1)
     return (odd[:, :, np.newaxis] * np.vander(depth, DEPTH_TERMS, increasing=True)[:, np.newaxis]
             ).reshape(len(angle), -1)  # fmt: skip

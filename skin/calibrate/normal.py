@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from skin.calibrate.fit import Fit, check_levels, check_samples, least_squares
@@ -31,7 +33,13 @@ def fit_frequency(frequency_hz: np.ndarray, depth_mm: np.ndarray, *, sigma_hz: f
     return least_squares(matrix, np.asarray(frequency_hz, float), sigma_hz, names)
 
 
-def fit_normal(force_n: np.ndarray, fall_hz: np.ndarray, *, sigma_n: float = 0.005) -> Fit:
+def fit_normal(
+    force_n: np.ndarray,
+    fall_hz: np.ndarray,
+    *,
+    sigma_n: float = 0.005,
+    fall_sigma_relative: float = 0.0,
+) -> Fit:
     """Normal force against the frequency's fall: soft up to a break, then stiff (Fig. 3e).
 
     Parameters
@@ -41,6 +49,8 @@ def fit_normal(force_n: np.ndarray, fall_hz: np.ndarray, *, sigma_n: float = 0.0
     fall_hz : ndarray, shape (t,)
         Without noise: the slope of `fit_frequency` times the commanded depth.
     sigma_n : float
+    fall_sigma_relative : float
+        Of that slope: a common factor of all falls.
 
     Returns
     -------
@@ -65,4 +75,6 @@ def fit_normal(force_n: np.ndarray, fall_hz: np.ndarray, *, sigma_n: float = 0.0
     soft, knee, stiffer = fit.values
     jacobian = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 1.0]])
     names = ("normal_soft_n_per_hz", "normal_break_hz", "normal_stiff_n_per_hz")
-    return fit.derived(names, np.array([soft, knee, soft + stiffer]), jacobian)
+    told = fit.derived(names, np.array([soft, knee, soft + stiffer]), jacobian)
+    common = fall_sigma_relative * told.values * [-1.0, 1.0, -1.0]
+    return replace(told, covariance=told.covariance + np.outer(common, common))

@@ -16,7 +16,7 @@ from skin.calibrate.fit import Fit
 from skin.errors import CalibrationError, OptionError
 from topology import UnitModel
 
-__all__ = ["write_calibration"]
+__all__ = ["parameter_values", "write_calibration"]
 
 KNOWN = tuple(field.name for field in msgspec.structs.fields(UnitModel))
 BARE = re.compile(r"[A-Za-z0-9_-]+")
@@ -59,34 +59,69 @@ def write_calibration(
     lines = ["format = 1", f"patch = {_text(patch)}"]
     lines += [f"{key} = {_text(text)}" for key, text in (("date", date), ("bench", bench)) if text]
     for unit, fits in units.items():
-        found: dict[str, dict[int | None, tuple[float, float]]] = {}
-        for fit in fits:
-            told: dict[str, dict[int | None, tuple[float, float]]] = {}
-            for name, value, sigma in zip(fit.names, fit.values, fit.sigma, strict=True):
-                entry = ENTRY.fullmatch(name)
-                key, at = (entry[1], int(entry[2])) if entry else (name, None)
-                if key not in KNOWN:
-                    raise OptionError.unknown(f"{patch}/{unit}", name, KNOWN)
-                if not np.isfinite(value):
-                    raise CalibrationError(f"{patch}/{unit}: {name}: must be finite; got {value}")
-                told.setdefault(key, {})[at] = float(value), float(sigma)
-            found.update(told)
-        if "field_wavenumber_rad_per_mm" in found and "tangential_max_mm" not in found:
-            (k, sigma_k) = found["field_wavenumber_rad_per_mm"][None]
-            crest = np.floor(1e3 * 0.5 * np.pi / k) / 1e3
-            if crest < tangential_max_mm:
-                found["tangential_max_mm"] = {None: (float(crest), crest * sigma_k / k)}
+        found = parameter_values(f"{patch}/{unit}", fits, tangential_max_mm)
         lines += ["", f"[units.{unit if BARE.fullmatch(unit) else _text(unit)}]"]
-        lines += [_line(name, entries) for name, entries in found.items()]
+        lines += [_line(name, value, sigma) for name, (value, sigma) in found.items()]
     _write(Path(file), "\n".join(lines) + "\n")
 
 
-def _line(name: str, entries: dict[int | None, tuple[float, float]]) -> str:
-    if None in entries:
-        value, sigma = entries[None]
+def parameter_values(
+    unit: str, fits: Iterable[Fit], tangential_max_mm: float
+) -> dict[str, tuple[float | np.ndarray, float]]:
+    """What fits say of a unit: parameters of `UnitModel` with their sigma.
+
+    Parameters
+    ----------
+    unit : str
+        For messages.
+    fits : list of Fit
+        A later fit stands above an earlier.
+    tangential_max_mm : float
+        Of the unit's model. Where the crest of a fitted `field_wavenumber_rad_per_mm` lies before
+        it, the range ends at the crest.
+
+    Returns
+    -------
+    dict of str to (value, sigma)
+        Of a table: all its entries, and the largest sigma.
+
+    Raises
+    ------
+    OptionError
+        A fit of what is no parameter of `UnitModel`.
+    CalibrationError
+        A value that is not finite.
+    """
+    found: dict[str, tuple[float | np.ndarray, float]] = {}
+    for fit in fits:
+        tables: dict[str, dict[int, int]] = {}
+        for at, name in enumerate(fit.names):
+            entry = ENTRY.fullmatch(name)
+            key = entry[1] if entry else name
+            if key not in KNOWN:
+                raise OptionError.unknown(unit, name, KNOWN)
+            if not np.isfinite(fit.values[at]):
+                raise CalibrationError(f"{unit}: {name}: must be finite; got {fit.values[at]}")
+            if entry:
+                tables.setdefault(key, {})[int(entry[2])] = at
+            else:
+                found[key] = float(fit.values[at]), float(fit.sigma[at])
+        for key, entries in tables.items():
+            order = [entries[number] for number in sorted(entries)]
+            found[key] = fit.values[order], float(fit.sigma[order].max())
+    if "field_wavenumber_rad_per_mm" in found and "tangential_max_mm" not in found:
+        k, sigma_k = found["field_wavenumber_rad_per_mm"]
+        crest = float(np.floor(1e3 * 0.5 * np.pi / k) / 1e3)
+        if crest < tangential_max_mm:
+            found["tangential_max_mm"] = crest, crest * sigma_k / k
+    return found
+
+
+def _line(name: str, value: float | np.ndarray, sigma: float) -> str:
+    if np.ndim(value) == 0:
         return f"{name} = {value!r}  # ± {sigma:.2g}"
-    values = ", ".join(repr(entries[at][0]) for at in sorted(entries))
-    return f"{name} = [{values}]  # ± {max(sigma for _, sigma in entries.values()):.2g} at most"
+    values = ", ".join(repr(float(entry)) for entry in value)
+    return f"{name} = [{values}]  # ± {sigma:.2g} at most"
 
 
 def _text(text: str) -> str:

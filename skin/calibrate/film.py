@@ -1,0 +1,167 @@
+"""Direction and displacement of a unit in one fit: 2x2 map, offset and R(psi, H) together.
+
+A film off the chip's axis, or tilted, looks like an offset of the lateral field that grows as the
+film nears the chip; no single offset undoes it. What is fitted is therefore the displacement, not
+the field, over the whole range: each sample weighs as much as its displacement is worth, and what
+the model cannot follow is told as a spread of its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from skin.calibrate.field_angle import (
+    ANGLE_NAMES,
+    angle_powers,
+    angle_slope,
+    field_angle,
+    refuse_fold,
+)
+from skin.calibrate.fit import Fit, check_levels, check_samples, gauss_newton, least_squares
+
+__all__ = ["FilmFit", "fit_film"]
+
+RAW = ("stretch", "skew", "turn", "hall_offset_x_ut", "hall_offset_y_ut", *ANGLE_NAMES)
+NAMES = ("field_xx", "field_xy", "field_yx", "field_yy", *RAW[3:])
+ROUNDS = 3
+"""Fits with the spread that the one before has left."""
+
+
+@dataclass(frozen=True, eq=False)
+class FilmFit:
+    """Lateral field of a unit to its displacement.
+
+    Attributes
+    ----------
+    fit : Fit
+        ``field_xx`` to ``field_yy`` (determinant 1 to second order), ``hall_offset_x_ut``,
+        ``hall_offset_y_ut``, ``field_angle_mm[0]`` to ``[15]``; residuals in mm, of a component.
+    spread_mm : float
+        What is left beyond the noise, one sigma of a component: the film is not as the model is.
+    sigma_mm : float
+        That and the covariance of the fit, root mean square over the scan.
+    """
+
+    fit: Fit
+    spread_mm: float
+    sigma_mm: float
+
+
+def fit_film(
+    field_ut: np.ndarray,
+    depth_mm: np.ndarray,
+    displacement_mm: np.ndarray,
+    direction_rad: np.ndarray,
+    *,
+    offset_ut: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    sigma_ut: float = 105.0,
+) -> FilmFit:
+    """Fit map, offset and field-angle polynomial to strokes over depth, length and direction.
+
+    Parameters
+    ----------
+    field_ut : ndarray, shape (t, 3)
+        As the chip reports it, without neighbours.
+    depth_mm, displacement_mm, direction_rad : ndarray, shape (t,)
+        As commanded.
+    offset_ut : tuple of 3 floats
+        Of the chip without a film (`fit_bare_chip`): that of Bz is taken, the others are a start.
+    sigma_ut : float
+        One-sigma noise of each axis, after averaging.
+
+    Raises
+    ------
+    ScanError
+        Too few samples, depths, displacements or directions, a value that is not finite, or an
+        angle that does not grow with the displacement.
+    """
+    check_samples(
+        len(RAW), field_ut=field_ut, depth_mm=depth_mm, displacement_mm=displacement_mm,
+        direction_rad=direction_rad,
+    )  # fmt: skip
+    along = np.stack([np.cos(direction_rad), np.sin(direction_rad)])
+    check_levels("direction_rad", np.arctan2(along[1], along[0]), 4, 0.2)
+    field = (np.asarray(field_ut, float) - offset_ut).T
+    depth, reach = np.asarray(depth_mm, float), np.asarray(displacement_mm, float)
+    # the model tells the displacement along and across the commanded direction
+    wanted = np.concatenate([reach, np.zeros_like(reach)])
+    angle = field_angle(field.T, direction_rad)
+    start = least_squares(angle_powers(angle, depth), reach, 1.0, ANGLE_NAMES)
+    found = np.concatenate([np.zeros(5), start.values])
+    spread_mm = 0.0
+    for _ in range(ROUNDS):
+        noise = _noise_mm(found, field, depth, along) * sigma_ut
+        sigma = np.hypot(noise, spread_mm)
+        fit = gauss_newton(lambda at: _model(at, field, depth, along), found, wanted, sigma, RAW)
+        found = fit.values
+        left = wanted - _model(found, field, depth, along)[0]
+        spread_mm = float(np.sqrt(max(np.mean(left**2 - noise**2), 0.0)))
+    lateral = _map(*found[:3]) @ (field[:2] - found[3:5, np.newaxis])
+    size = np.hypot(*lateral)
+    within = np.arctan2(size, field[2]) - 2.0 * sigma_ut / np.hypot(size, field[2])
+    refuse_fold(found[5:].reshape(4, 4), np.maximum(within, 0.0), depth)
+    derivatives = _model(found, field, depth, along)[1]
+    own = np.einsum("tp,pq,tq->t", derivatives, fit.covariance, derivatives).mean()
+    values, jacobian = np.empty(len(NAMES)), np.zeros((len(NAMES), len(RAW)))
+    values[:4], jacobian[:4, :3] = _map(*found[:3]).ravel(), _MAP_BY
+    values[4:], jacobian[4:, 3:] = found[3:], np.eye(len(RAW) - 3)
+    values[4:6] += offset_ut[:2]
+    told = fit.derived(NAMES, values, jacobian)
+    return FilmFit(told, spread_mm, float(np.hypot(spread_mm, np.sqrt(own))))
+
+
+_MAP_BY = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 1.0], [0.0, 1.0, -1.0], [-1.0, 0.0, 0.0]])
+"""d (xx, xy, yx, yy) / d (stretch, skew, turn)."""
+
+
+def _map(stretch: float, skew: float, turn: float) -> np.ndarray:
+    return np.array([[1.0 + stretch, skew + turn], [skew - turn, 1.0 - stretch]])
+
+
+def _model(
+    at: np.ndarray, field: np.ndarray, depth: np.ndarray, along: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Displacement along and across, shape (2 t,), and its derivatives, (2 t, p)."""
+    raw = field[:2] - at[3:5, np.newaxis]
+    lateral = _map(*at[:3]) @ raw
+    size = np.maximum(np.hypot(*lateral), 1e-9)
+    way = lateral / size
+    angle = np.arctan2(size, field[2])
+    table = at[5:].reshape(4, 4)
+    powers = angle_powers(angle, depth)
+    reach = powers @ at[5:]
+    # d reach / d size at the same Bz, and reach over size for a change of the direction
+    radial = angle_slope(table, angle, depth) * field[2] / (size**2 + field[2] ** 2)
+    around = reach / size
+    by_field = np.einsum("it,jt->ijt", way, way) * (radial - around)
+    by_field[0, 0] += around
+    by_field[1, 1] += around
+    zero = np.zeros_like(angle)
+    x, y = raw
+    by = np.stack(
+        [[x, -y], [y, x], [y, -x], *(-_map(*at[:3]).T[:, :, np.newaxis] + zero)], axis=1
+    )  # d lateral / d parameter, shape (2, 5, t)
+    first = np.einsum("ijt,jpt->ipt", by_field, by)
+    moved = way * reach
+    each = np.concatenate([first, way[:, np.newaxis, :] * powers.T], axis=1)
+    turned = np.stack([along, np.stack([-along[1], along[0]])])
+    predicted = np.einsum("ait,it->at", turned, moved)
+    return predicted.ravel(), np.einsum("ait,ipt->atp", turned, each).reshape(2 * len(angle), -1)
+
+
+def _noise_mm(
+    at: np.ndarray, field: np.ndarray, depth: np.ndarray, along: np.ndarray
+) -> np.ndarray:
+    """Noise of the displacement along and across for 1 µT of each axis, shape (2 t,)."""
+    raw = field[:2] - at[3:5, np.newaxis]
+    lateral = _map(*at[:3]) @ raw
+    ahead = np.sum(along * lateral, axis=0)
+    angle = np.arctan2(np.abs(ahead), field[2])
+    table = at[5:].reshape(4, 4)
+    radial = angle_slope(table, angle, depth) / np.hypot(ahead, field[2])
+    # across: R / M_r, which at no displacement is what it is along
+    small = np.abs(ahead) < 1e-3 * np.abs(field[2])
+    across = angle_powers(angle, depth) @ at[5:] / np.where(small, 1.0, np.abs(ahead))
+    return np.concatenate([radial, np.where(small, radial, across)])

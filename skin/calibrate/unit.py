@@ -1,0 +1,287 @@
+"""From the recordings of a bench to all parameters of every unit, each with its sigma.
+
+The order is that of decoding: gel, frequency and normal force, chip, film, shear; what is fitted
+later is fitted on what the earlier fits have corrected. Beside the parameters stands one sigma of
+the calibration itself for each law: what the covariance of its fit and the law's own misfit leave,
+the same in every reading of the unit.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from skin.calibrate.amplitude import fit_amplitude, fit_bare_chip, fit_drift, map_field
+from skin.calibrate.bench import Bench, Scan, strokes
+from skin.calibrate.film import FilmFit, fit_film
+from skin.calibrate.fit import Fit
+from skin.calibrate.gel import fit_gel
+from skin.calibrate.normal import fit_frequency, fit_normal
+from skin.calibrate.shear import fit_shear
+from skin.calibrate.write import parameter_values, write_calibration
+from skin.errors import ScanError
+from topology import CHANNELS, Topology
+
+__all__ = ["Calibration", "Recordings", "calibrate", "calibrate_unit", "record"]
+
+GEL = CHANNELS.index("gel")
+
+
+@dataclass(frozen=True, eq=False)
+class Recordings:
+    """What a bench records of the units of a skin, each unit alone; arrays as of `Scan`.
+
+    Attributes
+    ----------
+    bare : Scan
+        Chips before they have a film, heated.
+    heated : Scan
+        Films on, held in a few poses of different fields while film and chip are heated in turn;
+        the gel is as warm as the film.
+    pressed : Scan
+        Straight down, from 0.
+    sheared : Scan
+        Strokes over depth, length and direction, each begun from rest.
+    readings : int
+        Readings of which each sample is the mean.
+    force_sigma_n : float
+        Of the reference cell, one reading.
+    """
+
+    bare: Scan
+    heated: Scan
+    pressed: Scan
+    sheared: Scan
+    readings: int
+    force_sigma_n: float
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """Units as they were found on a bench.
+
+    Attributes
+    ----------
+    topology : Topology
+        The skin with the parameters of its units.
+    units : dict of str to tuple of Fit
+        Unit to its fits; a later one stands above an earlier.
+    films : dict of str to FilmFit
+        How well the model follows each film.
+    """
+
+    topology: Topology
+    units: dict[str, tuple[Fit, ...]]
+    films: dict[str, FilmFit]
+
+    def write(self, folder: str | os.PathLike[str], *, date: str = "", bench: str = "") -> None:
+        """Write one calibration file a patch, ``<patch>.toml``, as `topology.load` reads it.
+
+        Raises
+        ------
+        CalibrationError
+            A value that is not finite.
+        """
+        for patch in self.topology.patch_names:
+            head = f"{patch}/"
+            units = {name.removeprefix(head): fits for name, fits in self.units.items()
+                     if name.startswith(head)}  # fmt: skip
+            file = Path(folder) / f"{patch}.toml"
+            write_calibration(file, patch, units, date=date, bench=bench)
+
+
+def record(
+    bench: Bench,
+    bare: Bench,
+    *,
+    readings: int = 16,
+    force_sigma_n: float = 0.005,
+    depth_max_mm: float = 2.0,
+    displacement_max_mm: float = 3.0,
+) -> Recordings:
+    """Go through the poses that `calibrate` needs.
+
+    Parameters
+    ----------
+    bench : Bench
+    bare : Bench
+        The same chips without films.
+    readings : int
+        Readings of a pose.
+    force_sigma_n : float
+        Of the bench's reference cell.
+    depth_max_mm, displacement_max_mm : float
+        End of the range, where the calibration ends too.
+    """
+    warming = np.repeat(np.linspace(20.0, 60.0, 9), 16)
+    depth = np.linspace(0.0, depth_max_mm, 7)
+    length = np.linspace(0.2, displacement_max_mm, 10)
+    around = np.linspace(-np.pi, np.pi, 16, endpoint=False)
+    film, chip = (t.ravel() for t in np.meshgrid([20.0, 50.0, 80.0], [20.0, 40.0, 60.0]))
+    poses = np.array([[0.0, 0.0, 0.0], [depth_max_mm, 0.0, 0.0],
+                      [depth_max_mm, 1.5, 0.0], [depth_max_mm, 1.5, 0.5 * np.pi]])  # fmt: skip
+    warm = {
+        "gel_temperature": np.tile(film, len(poses)),
+        "chip_temperature": np.tile(chip, len(poses)),
+    }
+    held = np.repeat(poses, film.size, axis=0).T
+    pressed = np.repeat(np.linspace(0.0, depth_max_mm, 41), 2)
+    many = {"readings": readings}
+    return Recordings(
+        bare=bare.scan(0.0, 0.0, gel_temperature=warming, **many),
+        heated=bench.scan(*held, **warm, **many),
+        pressed=bench.scan(pressed, 0.0, **many),
+        sheared=bench.scan(*strokes(depth, length, around), **many),
+        readings=readings,
+        force_sigma_n=force_sigma_n,
+    )
+
+
+def calibrate(topology: Topology, recordings: Recordings) -> Calibration:
+    """Fit every unit of a skin.
+
+    Parameters
+    ----------
+    topology : Topology
+        Nominal parameters: what no recording tells (noise, lags, ranges) stays as it is.
+    recordings : Recordings
+
+    Raises
+    ------
+    ScanError
+        A recording cannot tell a parameter of a unit.
+    """
+    units, films = {}, {}
+    for unit, name in enumerate(topology.unit_names):
+        try:
+            units[name], films[name] = calibrate_unit(topology, recordings, unit)
+        except ScanError as error:
+            raise ScanError(f"{name}: {error}") from None
+    return Calibration(_with(topology, units), units, films)
+
+
+def calibrate_unit(
+    topology: Topology, recordings: Recordings, unit: int
+) -> tuple[tuple[Fit, ...], FilmFit]:
+    """Fit one unit; see `calibrate`."""
+    p = {name: values[..., unit] for name, values in topology.parameters.items()}
+    share = 1.0 / np.sqrt(recordings.readings)
+    field_ut = share * float(p["field_noise_ut"])
+    force_n = share * recordings.force_sigma_n
+    bare, heated, pressed, sheared = (
+        _of(scan, unit)
+        for scan in (recordings.bare, recordings.heated, recordings.pressed, recordings.sheared)
+    )
+
+    counts = recordings.heated.counts[:, GEL, unit]
+    current = topology.scale[GEL, unit] * counts + topology.offset[GEL, unit]
+    gel = fit_gel(current, heated["gel_temperature"], sigma_relative=float(p["gel_noise_relative"]))
+
+    depth = pressed["depth_mm"]
+    noise_hz = share * float(p["frequency_noise_hz"])
+    frequency = fit_frequency(pressed["frequency_hz"], depth, sigma_hz=noise_hz)
+    slope = frequency["frequency_slope_hz_per_mm"]
+    slope_sigma = frequency.sigma[1] / slope
+    normal = fit_normal(
+        pressed["force_n"][:, 1], slope * depth, sigma_n=force_n, fall_sigma_relative=slope_sigma
+    )
+
+    chip_c, film_c = float(p["hall_reference_c"]), float(p["film_reference_c"])
+    chip = fit_bare_chip(
+        bare["field_ut"], bare["chip_temperature"], reference_c=chip_c, sigma_ut=field_ut
+    )
+    offset = np.array([chip[f"hall_offset_{axis}_ut"] for axis in "xyz"])
+    drift = fit_drift(
+        heated["field_ut"] - offset, heated["film_temperature"], heated["chip_temperature"],
+        _poses(heated), film_reference_c=film_c, chip_reference_c=chip_c, sigma_ut=field_ut,
+    )  # fmt: skip
+
+    field = sheared["field_ut"]
+    place = sheared["depth_mm"], sheared["displacement_mm"]
+    film = fit_film(
+        field, *place, sheared["direction_rad"], offset_ut=tuple(offset), sigma_ut=field_ut
+    )
+    mapped = map_field(field, film.fit)
+    lateral = mapped[:, 0] * np.cos(sheared["direction_rad"])
+    lateral += mapped[:, 1] * np.sin(sheared["direction_rad"])
+    amplitude = _amplitude(lateral, *place, float(p["field_reference_mm"]), field_ut)
+    shear = fit_shear(
+        sheared["force_n"][:, 0], place[1], place[0],
+        reference_mm=float(p["field_reference_mm"]), sigma_n=force_n,
+    )  # fmt: skip
+    strength_ut, force = _rms(lateral), (pressed["force_n"][:, 1], sheared["force_n"][:, 0])
+    kelvin = 60.0 / np.log(gel["gel_current_ratio"])
+    spread = {
+        "temperature_sigma_c": kelvin * _left(gel, float(p["gel_noise_relative"])),
+        "frequency_sigma_hz": _left(frequency, noise_hz),
+        "normal_sigma_relative": np.hypot(_left(normal, force_n) / _rms(force[0]), slope_sigma),
+        "field_sigma_ut": _left(chip, field_ut),
+        "field_angle_sigma_mm": film.sigma_mm,
+        "field_amplitude_sigma_relative": _left(amplitude, field_ut) / strength_ut,
+        "shear_sigma_relative": _left(shear, force_n) / _rms(force[1]),
+    }
+    told = _as_fit(spread, film.fit.samples)
+    return (gel, frequency, normal, drift, chip, film.fit, amplitude, shear, told), film
+
+
+def _left(fit: Fit, noise: float) -> float:
+    """One sigma of a fitted law: how far it is off beyond the noise, and its covariance.
+
+    Over its own samples, the covariance of p parameters amounts to p / t of a residual's variance.
+    """
+    count = len(fit.values)
+    variance = fit.residual_rms**2 * fit.samples / (fit.samples - count)
+    misfit = max(variance - noise**2, 0.0)
+    return float(np.sqrt(misfit + max(variance, noise**2) * count / fit.samples))
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _as_fit(values: Mapping[str, float], samples: int) -> Fit:
+    """Spreads as a fit: that of t samples is known to a share of 1 / sqrt(2 t)."""
+    told = np.array(list(values.values()))
+    covariance = np.diag(told**2 / (2.0 * samples))
+    return Fit(tuple(values), told, covariance, 0.0, 0.0, 1.0, samples)
+
+
+def _amplitude(
+    lateral: np.ndarray, depth: np.ndarray, reach: np.ndarray, reference_mm: float, sigma_ut: float
+) -> Fit:
+    """M0(H) and k, of what lies before the crest."""
+    first = fit_amplitude(lateral, depth, reach, reference_mm=reference_mm, sigma_ut=sigma_ut)
+    before = reach <= 0.5 * np.pi / first["field_wavenumber_rad_per_mm"]
+    return fit_amplitude(
+        lateral[before], depth[before], reach[before],
+        reference_mm=reference_mm, degree=2, sigma_ut=sigma_ut,
+    )  # fmt: skip
+
+
+def _of(scan: Scan, unit: int) -> dict[str, np.ndarray]:
+    """Arrays of one unit, by name."""
+    return {field.name: getattr(scan, field.name)[..., unit] for field in dataclasses.fields(scan)}
+
+
+def _poses(scan: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Number of the pose of each sample."""
+    names = ("depth_mm", "displacement_mm", "direction_rad")
+    poses = np.stack([scan[name] for name in names], axis=1)
+    return np.unique(poses, axis=0, return_inverse=True)[1].ravel()
+
+
+def _with(topology: Topology, units: Mapping[str, tuple[Fit, ...]]) -> Topology:
+    """The skin with fitted parameters."""
+    changed = {name: values.copy() for name, values in topology.parameters.items()}
+    for index, name in enumerate(topology.unit_names):
+        most = float(topology.parameters["tangential_max_mm"][index])
+        for parameter, (value, _) in parameter_values(name, units[name], most).items():
+            changed[parameter][..., index] = value
+    for values in changed.values():
+        values.flags.writeable = False
+    return dataclasses.replace(topology, parameters=changed)
