@@ -15,6 +15,7 @@ from scipy.optimize import brentq
 
 from skin.errors import SkinError
 from skin.sim import foundation as room
+from skin.sim import foundation_kernels as kernels
 from skin.sim import influence as influences
 from skin.sim.foundation import Foundation, Springs
 from skin.sim.influence import influence
@@ -432,7 +433,7 @@ def test_coulomb_is_never_exceeded_and_slip_takes_work(
         size, way = length(out.traction), length(out.slip_mm)
         assert np.all(size <= 0.4 * load_n * (1.0 + 1e-12))
         moving = out.slipping
-        assert np.all(way[~moving] <= room.SLIP_MM)
+        assert np.all(way[~moving] <= kernels.SLIP_MM)
         # a face that was at rest moves only after it has reached the static limit, and then is
         # held by the friction of motion, as one that moved before
         np.testing.assert_allclose(size[moving], 0.4 * slower * load_n[moving], rtol=1e-9)
@@ -498,10 +499,33 @@ def test_compiled_and_plain_python_agree(monkeypatch: pytest.MonkeyPatch) -> Non
         return found
 
     compiled = everything()
-    for home, name in ((room, "press"), (room, "drag"), (influences, "influence")):
-        monkeypatch.setattr(home, f"_{name}", getattr(home, f"_{name}_python"))
+    for name in ("press", "drag"):
+        monkeypatch.setattr(room, name, getattr(kernels, f"{name}_python"))
+    monkeypatch.setattr(influences, "_influence", influences._influence_python)
     for a, b in zip(compiled, everything(), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9)
+
+
+@given(seed=st.integers(0, 10_000))
+def test_units_yield_to_forces_by_the_elastic_laws(seed: int) -> None:
+    """`Springs.under` against `Elastic`, which is written from the displacement's side."""
+    skin, rng = load("palm"), np.random.default_rng(seed)
+    force = rng.uniform(-2.0, 8.0, (3, skin.n))
+    force[:, 0] = 0.0
+    depth_mm, moved_mm = np.empty(skin.n), np.empty((2, skin.n))
+    for under in (kernels.under, kernels.under_python):
+        springs = Springs.of(skin)
+        under(
+            force, springs.normal, springs.shear, springs.gain_per_mm, springs.reference_mm,
+            depth_mm, moved_mm,
+        )  # fmt: skip
+        elastic = Elastic(skin)
+        size = np.hypot(force[0], force[1])
+        assert elastic.normal(depth_mm) == pytest.approx(np.maximum(force[2], 0.0), abs=1e-12)
+        held = elastic.tangential(np.hypot(*moved_mm), depth_mm)
+        assert held == pytest.approx(size, abs=1e-12)
+        assert moved_mm[0] * force[1] == pytest.approx(moved_mm[1] * force[0], abs=1e-12)
+        assert np.sum(moved_mm * force[:2], axis=0).min() >= 0.0
 
 
 def test_what_cannot_carry_is_refused() -> None:

@@ -12,10 +12,13 @@ from naive_mechanics import jaws, square
 from scipy.stats import spearmanr
 
 from skin.errors import OptionError, SkinError
+from skin.sim import friction as rubbing
+from skin.sim import mechanics
 from skin.sim.body import Body, Pose, moved, rolled, turned
 from skin.sim.foundation import Foundation
 from skin.sim.friction import ONSETS, Friction, Slip
 from skin.sim.mechanics import Mechanics
+from skin.sim.truth import add_up_python
 from topology import load
 
 DOWN = np.array([0.0, 0.0, -1.0])
@@ -506,3 +509,24 @@ def test_what_does_not_fit_together_is_refused() -> None:
     two = np.repeat(np.eye(3)[..., np.newaxis], 2, axis=2), np.zeros((3, 2))
     with pytest.raises(SkinError, match=r"^pose: must be one, or one for each of 1 patches; got"):
         ball().step(0.0, two)
+
+
+# -- the code --------------------------------------------------------------------------------------
+
+
+def test_compiled_and_plain_python_agree(monkeypatch: pytest.MonkeyPatch) -> None:
+    def dragged() -> list[np.ndarray]:
+        found, body = [], ball(friction=Friction(64, 0.4, 0.3))
+        for k in range(12):
+            truth = body.step(0.1 * k, over(4e-4 * k, 1e-4 * k, 0.0015 if k < 11 else -0.001))
+            found += [truth.wrench, truth.centroid, truth.normal, truth.onset_s, truth.slip_share]
+            found = [np.array(value) for value in found]
+        return found
+
+    compiled = dragged()
+    monkeypatch.setattr(mechanics, "add_up", add_up_python)
+    monkeypatch.setattr(mechanics, "_mean_normal", mechanics._mean_normal_python)
+    monkeypatch.setattr(rubbing, "_share", rubbing._share_python)
+    with np.errstate(invalid="ignore"):  # no load, no share
+        for a, b in zip(compiled, dragged(), strict=True):
+            np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12)

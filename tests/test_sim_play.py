@@ -17,6 +17,7 @@ from msgspec.structs import replace
 import skin as skin_package
 from bus.faults import FaultScript
 from bus.faults.script import Drop
+from bus.frame import FrameBatch
 from bus.memory import MemoryTransport
 from bus.open import open_transport
 from skin import Decoder
@@ -464,6 +465,29 @@ def test_faults_of_a_scene_are_done_to_its_frames() -> None:
     lost = injected[0]["drop"]
     assert rest.frames == whole.frames - lost
     assert 0.4 < lost / whole.frames < 0.6
+
+
+@pytest.mark.parametrize("name", ["slide", "tool"])
+def test_many_instants_at_once_are_the_same_as_one_after_the_other(name: str) -> None:
+    """Counts with every non-ideality, and the truths, of cycles that `play` samples together."""
+    script = replace(load_scene(name, skin()), seed=3)
+    one, many = (
+        Nodes(skin(), ScriptedScene(skin(), script, non_ideal=NonIdeal.everything()), history=None)
+        for _ in range(2)
+    )
+    batch, cycle, singly = FrameBatch(64), 0, []
+    while cycle < 50:
+        cycle += many.foresee(cycle, 50 - cycle)
+        for late in range(len(singly), cycle):
+            for nodes in (one, many):
+                batch.clear()
+                nodes.tick(late, batch)
+                singly.append(batch.frames.copy()) if nodes is one else None
+            assert (batch.frames == singly[-1]).all()
+    assert many.served.cycles == one.served.cycles == 50
+    for (_, a), (_, b) in zip(one.history, many.history, strict=True):
+        assert (a.force == b.force).all()
+        assert (a.depth_mm == b.depth_mm).all()
 
 
 @pytest.mark.parametrize("interface", ["memory", "virtual"])

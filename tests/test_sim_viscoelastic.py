@@ -175,11 +175,15 @@ def test_without_width_there_is_no_loop(way: np.ndarray) -> None:
 @given(way=BOTH_WAYS)
 def test_compiled_and_plain_python_agree(way: np.ndarray) -> None:
     compiled, plain = (Hysteresis((2,), width_n=0.8, span_n=7.2) for _ in range(2))
+    creeping, plainly = (Prony((2,)) for _ in range(2))
     for load in way:
-        found = compiled.elastic(load)
+        found = compiled.elastic(load), creeping.elastic(load, 0.02)
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(room, "_yield", room._yield_python)
-            np.testing.assert_allclose(found, plain.elastic(load), atol=1e-12)
+            patch.setattr(room, "_creep", room._creep_python)
+            again = plain.elastic(load), plainly.elastic(load, 0.02)
+        np.testing.assert_allclose(found, again, atol=1e-12)
+        np.testing.assert_allclose(creeping.terms, plainly.terms, atol=1e-12)
 
 
 # -- the rest --------------------------------------------------------------------------------------

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -73,47 +72,38 @@ class Gate:
 
     def __init__(self, gate_s: float) -> None:
         self._gate_s = gate_s
-        self._past: deque[tuple[float, np.ndarray, np.ndarray]] = deque()
-        """Time, frequency, and periods since the start, of samples from before the gate on."""
+        # samples from the last one before the gate on
+        self._time_s, self._frequency_hz = np.empty(0), np.empty((0, 0))
 
-    def __call__(self, time_s: float, frequency_hz: np.ndarray) -> np.ndarray:
-        """Take a sample, and give the mean over the gate that ends with it.
+    def __call__(self, time_s: float | np.ndarray, frequency_hz: np.ndarray) -> np.ndarray:
+        """Take samples, and give the mean over the gate that ends with each.
 
         Before the first sample the frequency was what it was then; a time that is not after the
         last sample starts anew.
 
         Parameters
         ----------
-        time_s : float
-        frequency_hz : ndarray, shape (n,)
+        time_s : float, or ndarray, shape (t,)
+            One after the other.
+        frequency_hz : ndarray, shape (n,), or (t, n)
 
         Returns
         -------
-        ndarray, shape (n,)
+        ndarray, shape of `frequency_hz`
         """
-        past, opened_s = self._past, time_s - self._gate_s
-        if past and time_s <= past[-1][0]:
-            past.clear()
-        frequency_hz = frequency_hz.copy()
-        if past:
-            last_s, last_hz, periods = past[-1]
-            periods = periods + 0.5 * (last_hz + frequency_hz) * (time_s - last_s)
-        else:
-            periods = np.zeros_like(frequency_hz)
-        past.append((time_s, frequency_hz, periods))
-        while len(past) > 2 and past[1][0] <= opened_s:
-            past.popleft()
-        return (periods - self._periods_at(opened_s)) / self._gate_s
-
-    def _periods_at(self, time_s: float) -> np.ndarray:
-        """Periods up to a time that is before the first remembered sample, or between two."""
-        first_s, first_hz, first = self._past[0]
-        if time_s <= first_s:
-            return first + first_hz * (time_s - first_s)
-        samples = iter(self._past)
-        before = after = next(samples)
-        while after[0] < time_s:
-            before, after = after, next(samples)
-        since_s, span_s = time_s - before[0], after[0] - before[0]
-        slope = (after[1] - before[1]) / span_s
-        return before[2] + before[1] * since_s + 0.5 * slope * since_s**2
+        at_s = np.atleast_1d(time_s)
+        hz = frequency_hz.reshape(at_s.size, -1)
+        past_s, past_hz = self._time_s, self._frequency_hz
+        if not past_s.size or at_s[0] <= past_s[-1]:
+            past_s, past_hz = at_s[:1] - self._gate_s, hz[:1]
+        times, hz = np.concatenate([past_s, at_s]), np.concatenate([past_hz, hz])
+        step_s = np.diff(times)[:, np.newaxis]
+        change = np.diff(hz, axis=0)
+        periods = np.zeros_like(hz)
+        np.cumsum(step_s * (hz[:-1] + 0.5 * change), axis=0, out=periods[1:])
+        opened_s = at_s - self._gate_s
+        last = np.maximum(np.searchsorted(times, opened_s, side="right") - 1, 0)
+        since_s = (opened_s - times[last])[:, np.newaxis]
+        opened = periods[last] + since_s * (hz[last] + 0.5 * since_s * (change / step_s)[last])
+        self._time_s, self._frequency_hz = times[last[-1] :], hz[last[-1] :]
+        return ((periods[past_s.size :] - opened) / self._gate_s).reshape(frequency_hz.shape)

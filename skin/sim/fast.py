@@ -51,7 +51,10 @@ def play(
     batch = FrameBatch(2 * int(np.bincount(topology.frames.bus).max()) + 1)
     stamps_ns = np.rint(1e9 / topology.cycle_rate_hz * np.arange(cycles)).astype(np.int64)
     served, started = nodes.served, time.perf_counter()
+    sampled = 0
     for cycle in range(cycles):
+        if cycle == sampled:
+            sampled += nodes.foresee(cycle, cycles - cycle)
         for bus in buses:
             batch.clear()
             nodes.tick(cycle, batch, bus, int(stamps_ns[cycle]) + 1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numba import njit
 
 from skin.errors import OptionError
 
@@ -92,14 +93,31 @@ class Slip:
 
     def follow(self, time_s: float, load: np.ndarray, slipping: np.ndarray) -> None:
         """Go on by one step, at whose end the loads and the moving faces are these."""
-        total = float(load.sum())
-        if total == 0.0 or (np.isfinite(self.onset_s[-1]) and not slipping.any()):
-            self.slipped[:] = False
-            self.onset_s[:] = np.nan
-        self.slipped |= slipping
-        self.slipped &= load > 0.0
-        self.share = float(load @ self.slipped) / total if total > 0.0 else 0.0
+        if np.isfinite(self.onset_s[-1]) and not slipping.any():
+            self._begin()
+        self.share = _share(load, slipping, self.slipped)
+        if not self.share >= 0.0:
+            self.share = 0.0
+            self._begin()
         if self.share > 0.0:
             for stage, share in enumerate(ONSETS.values()):
                 if self.share >= share and np.isnan(self.onset_s[stage]):
                     self.onset_s[stage] = time_s
+
+    def _begin(self) -> None:
+        """Nothing has slipped yet."""
+        self.slipped[:] = False
+        self.onset_s[:] = np.nan
+
+
+def _share_python(load, slipping, slipped):
+    """Share of the load on faces that have slipped, to which `slipped` goes on; or NaN."""
+    total = moved = 0.0
+    for i in range(load.size):
+        slipped[i] = (slipped[i] or slipping[i]) and load[i] > 0.0
+        total += load[i]
+        moved += load[i] if slipped[i] else 0.0
+    return moved / total
+
+
+_share = njit(_share_python, error_model="numpy", nogil=True, cache=True)

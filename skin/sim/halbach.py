@@ -91,6 +91,7 @@ class HalbachField:
         reference_mm, which = np.unique(p["field_reference_mm"], return_inverse=True)
         self._strength = p["field_amplitude_ut"] / crest_ut(table, reference_mm)[which]
         self._tables = _tables(table)
+        self._level = np.zeros((2, topology.n))
         self._deepest_mm = self.film.chip_mm - table.z.first
         self._units = _units(table, fabrication)
         inward = topology.rotation[:, 2]
@@ -99,6 +100,7 @@ class HalbachField:
         self._rotation = topology.rotation
         # to_chip[a, b]: component a of the chip from component b of the skin frame
         self._to_chip = CHIP_AXES[:, np.newaxis, np.newaxis] * topology.rotation.transpose(1, 0, 2)
+        self._felt_of_ambient = np.ascontiguousarray(self._to_chip.transpose(0, 2, 1))
         self._arrays = self._felt(*_within(topology, reach_m))
 
     def __call__(
@@ -134,12 +136,12 @@ class HalbachField:
         n = len(self._names)
         *lead, _ = shape = np.shape(depth_mm)
         pairs = (*lead, 2, n)
-        depth = _contiguous(depth_mm, (-1, n))
-        displacement = _contiguous(np.broadcast_to(displacement_mm, pairs), (-1, 2, n))
-        tilt = np.zeros(pairs) if tilt_rad is None else np.broadcast_to(tilt_rad, pairs)
-        tilt = _contiguous(tilt, (-1, 2, n))
-        warmer = np.broadcast_to(film_temperature, shape) - self._reference_c
-        strength = _contiguous(self._strength * (1.0 + self._drift * warmer), (-1, n))
+        tilt = self._level if tilt_rad is None else tilt_rad
+        depth = _contiguous(depth_mm, shape, (-1, n))
+        displacement = _contiguous(displacement_mm, pairs, (-1, 2, n))
+        tilt = _contiguous(tilt, pairs, (-1, 2, n))
+        warmer = film_temperature - self._reference_c
+        strength = _contiguous(self._strength * (1.0 + self._drift * warmer), shape, (-1, n))
         films = displacement, depth, tilt, strength
         out = np.empty((len(depth), 3, n))
         chip_fields(self._tables, self._units, self._arrays, *films, out)
@@ -154,7 +156,7 @@ class HalbachField:
     ) -> None:
         """Add the ambient field and the tools."""
         ambient = surroundings.in_skin()
-        out += np.einsum("abn,b->an", self._to_chip, ambient)
+        out += self._felt_of_ambient @ ambient
         if not surroundings.tools:
             return
         rest = np.ascontiguousarray(self._film_rest.T)
@@ -179,15 +181,12 @@ class HalbachField:
         between = self._chip[:, chip] - self._film_rest[:, index]
         offset = np.einsum("abm,am->mb", self._rotation[:, :, index], between)
         turn = np.einsum("abm,bcm->mac", self._to_chip[:, :, chip], self._rotation[:, :, index])
-        offset, turn = np.ascontiguousarray(offset), turn.reshape(-1, 9).copy()
-        at_rest = np.empty_like(offset)
-        rest_fields(self._tables, self._units, index, offset, turn, at_rest)
-        return Arrays(start, index, offset, turn, at_rest)
+        return _arrays(self._tables, self._units, start, index, offset, turn.reshape(-1, 9))
 
     def _out_of_range(self, out: np.ndarray, films: tuple[np.ndarray, ...]) -> SkinError:
         displacement, depth, tilt, _ = films
         own = np.empty_like(out)
-        chip_fields(self._tables, self._units, _alone(len(self._names)), *films, own)
+        chip_fields(self._tables, self._units, _alone(self._tables, self._units), *films, own)
         lost = ~np.isfinite(own if not np.isfinite(own).all() else out).all(axis=1)
         t, i = np.unravel_index(int(np.argmax(lost)), lost.shape)
         if np.isfinite(own).all():
@@ -217,9 +216,9 @@ def crest_ut(table: FilmTable, depth_mm: np.ndarray) -> np.ndarray:
     displacement[:, 0] = lateral
     depth = np.repeat(np.asarray(depth_mm, float)[:, np.newaxis], n, axis=1)
     out = np.empty((depth_mm.size, 3, n))
-    units = _units(table, Fabrication.perfect(n, table.film.sectors))
+    tables, units = _tables(table), _units(table, Fabrication.perfect(n, table.film.sectors))
     chip_fields(
-        _tables(table), units, _alone(n), displacement, depth, np.zeros_like(displacement),
+        tables, units, _alone(tables, units), displacement, depth, np.zeros_like(displacement),
         np.ones_like(depth), out,
     )  # fmt: skip
     return out[:, 0].max(axis=-1)
@@ -252,12 +251,21 @@ def _units(table: FilmTable, fabrication: Fabrication) -> Units:
     )  # fmt: skip
 
 
-def _alone(n: int) -> Arrays:
-    """n units that feel only their own films."""
-    none = np.zeros((0, 3))
-    return Arrays(
-        np.zeros(n + 1, np.int32), np.zeros(0, np.int32), none, np.zeros((0, 9)), none
-    )  # fmt: skip
+def _arrays(
+    tables: Tables, units: Units, start: np.ndarray, index: np.ndarray, offset_mm: np.ndarray,
+    turn: np.ndarray,
+) -> Arrays:  # fmt: skip
+    """Who feels whose film, with the fields of films at rest."""
+    offset_mm, turn = np.ascontiguousarray(offset_mm), np.ascontiguousarray(turn)
+    at_rest, own = np.empty_like(offset_mm), np.empty((len(start) - 1, 3))
+    rest_fields(tables, units, index, offset_mm, turn, at_rest, own)
+    return Arrays(start, index, offset_mm, turn, at_rest, own)
+
+
+def _alone(tables: Tables, units: Units) -> Arrays:
+    """Units that feel only their own films."""
+    start = np.zeros(len(units.real) + 1, np.int32)
+    return _arrays(tables, units, start, start[:0], np.zeros((0, 3)), np.zeros((0, 9)))
 
 
 def _within(topology: Topology, reach_m: float) -> tuple[np.ndarray, np.ndarray]:
@@ -270,5 +278,7 @@ def _within(topology: Topology, reach_m: float) -> tuple[np.ndarray, np.ndarray]
     return compressed_rows(topology.n, i, j)
 
 
-def _contiguous(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+def _contiguous(array: np.ndarray, whole: tuple[int, ...], shape: tuple[int, ...]) -> np.ndarray:
+    """The array, spread out to `whole`, as the compiled code takes it."""
+    array = array if np.shape(array) == whole else np.broadcast_to(array, whole)
     return np.ascontiguousarray(array, np.float64).reshape(shape)

@@ -71,7 +71,8 @@ class Arrays(NamedTuple):
 
     `offset_mm` : (m, 3), from the film at rest to the other unit's chip, in the film's unit frame;
     `turn` : (m, 9), from the film's unit frame to the axes of that chip; `rest_ut` : (m, 3), field
-    of the film while it is at rest, in the axes of that chip.
+    of the film while it is at rest, in the axes of that chip; `own_ut` : (n, 3), that of each
+    unit's own film.
     """
 
     start: np.ndarray
@@ -79,6 +80,7 @@ class Arrays(NamedTuple):
     offset_mm: np.ndarray
     turn: np.ndarray
     rest_ut: np.ndarray
+    own_ut: np.ndarray
 
 
 @_inlined
@@ -239,8 +241,16 @@ def _placed_field(tables, units, i, place, x, y, z, series):
     return _turned(place, i, 3, x, y, z)
 
 
-def rest_fields_python(tables, units, index, offset_mm, turn, rest_ut):
-    """Fill in `Arrays.rest_ut` from the rest of `Arrays`."""
+@_inlined
+def _own_field(tables, units, i, place, series):
+    """Field of film i, where it is, at its own chip, in the axes of the chip."""
+    x, y, z = _placed_field(tables, units, i, place, 0.0, 0.0, units.chip_mm, series)
+    # the chip is mounted half a turn about z from its unit's axes
+    return -x, -y, z
+
+
+def rest_fields_python(tables, units, index, offset_mm, turn, rest_ut, own_ut):
+    """Fill in `Arrays.rest_ut` and `Arrays.own_ut` from the rest of `Arrays`."""
     n = units.real.shape[0]
     place = np.empty((n, 12))
     series = np.zeros((6, tables.columns.max()), np.float32)
@@ -250,6 +260,9 @@ def rest_fields_python(tables, units, index, offset_mm, turn, rest_ut):
         x, y, z = _placed_field(tables, units, index[pair], place, x, y, z, series)
         x, y, z = _turned(turn, pair, 0, x, y, z)
         rest_ut[pair, 0], rest_ut[pair, 1], rest_ut[pair, 2] = x, y, z
+    for i in range(n):
+        x, y, z = _own_field(tables, units, i, place, series)
+        own_ut[i, 0], own_ut[i, 1], own_ut[i, 2] = x, y, z
 
 
 def chip_fields_python(tables, units, arrays, displacement, depth, tilt, strength, out):
@@ -268,7 +281,7 @@ def chip_fields_python(tables, units, arrays, displacement, depth, tilt, strengt
         Microtesla; NaN where a chip is out of the tables' range.
     """
     cycles, n = depth.shape
-    start, index, offset, turn, rest = arrays
+    start, index, offset, turn, rest, own = arrays
     place = np.empty((n, 12))
     moved = np.empty(n, np.bool_)
     series = np.zeros((6, tables.columns.max()), np.float32)
@@ -279,20 +292,18 @@ def chip_fields_python(tables, units, arrays, displacement, depth, tilt, strengt
             u, v = tilt[t, 0, i], tilt[t, 1, i]
             moved[i] = (x != 0.0) | (y != 0.0) | (z != 0.0) | (u != 0.0) | (v != 0.0)
         for i in range(n):
-            bx, by, bz = 0.0, 0.0, 0.0
-            # the chip itself, of which the unit's own film is the first neighbour
-            for pair in range(start[i] - 1, start[i + 1]):
-                own = pair < start[i]
-                j = i if own else index[pair]
-                if own or moved[j]:
-                    x, y, z = 0.0, 0.0, units.chip_mm
-                    if not own:
-                        x, y, z = offset[pair, 0], offset[pair, 1], offset[pair, 2]
+            # what is at rest need not be looked up
+            x, y, z = own[i, 0], own[i, 1], own[i, 2]
+            if moved[i]:
+                x, y, z = _own_field(tables, units, i, place, series)
+            bx, by, bz = strength[t, i] * x, strength[t, i] * y, strength[t, i] * z
+            for pair in range(start[i], start[i + 1]):
+                j = index[pair]
+                x, y, z = rest[pair, 0], rest[pair, 1], rest[pair, 2]
+                if moved[j]:
+                    x, y, z = offset[pair, 0], offset[pair, 1], offset[pair, 2]
                     x, y, z = _placed_field(tables, units, j, place, x, y, z, series)
-                    # the chip is mounted half a turn about z from its unit's axes
-                    x, y, z = (-x, -y, z) if own else _turned(turn, pair, 0, x, y, z)
-                else:
-                    x, y, z = rest[pair, 0], rest[pair, 1], rest[pair, 2]
+                    x, y, z = _turned(turn, pair, 0, x, y, z)
                 bx += strength[t, j] * x
                 by += strength[t, j] * y
                 bz += strength[t, j] * z

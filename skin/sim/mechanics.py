@@ -7,6 +7,7 @@ along its own x and y, whatever the slope of the body there.
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from skin.errors import OptionError, SkinError
 from skin.sim.balance import balance, root
@@ -14,7 +15,7 @@ from skin.sim.body import Body, Pose, carried, moved, reach
 from skin.sim.foundation import Foundation
 from skin.sim.friction import Friction, Slip
 from skin.sim.mechanics_truth import MechanicsTruth
-from skin.sim.truth import wrench_map
+from skin.sim.truth import add_up, wrench_map
 from topology import Topology
 
 __all__ = ["Mechanics"]
@@ -299,8 +300,9 @@ class Mechanics:
             part=self._patch,
             out=want_mm,
         )
-        new = np.flatnonzero((depth_mm > 0.0) & ~(self._before_mm > 0.0))
-        if new.size:
+        new = (depth_mm > 0.0) > (self._before_mm > 0.0)
+        if new.any():
+            new = np.flatnonzero(new)
             # a face goes along from where it is, and for as long as it has been touched
             since = depth_mm[new] / (depth_mm[new] - self._before_mm[new])
             want_mm[:, new] *= since
@@ -333,17 +335,9 @@ class Mechanics:
         truth.time_s, truth.pose = time_s, pose
         truth.slip_share, truth.onset_s = self._slip.share, self._slip.onset_s
         truth.dissipated_j = 1e-3 * float(np.vdot(truth.force[:2], truth.slip_mm))
-        truth.wrench = self._to_wrench @ truth.force.reshape(-1)
         np.greater(load, 0.0, out=truth.contact)
-        total = float(load.sum())
-        truth.centroid, truth.normal = np.full(3, np.nan), np.full(3, np.nan)
-        if total > 0.0:
-            truth.centroid = self._position @ load / total
-            # normals are NaN where nothing meets, and 0 times that is not 0
-            out = -np.where(truth.contact, self._reached[1], 0.0) @ load
-            length = float(np.sqrt(out @ out))
-            if length > 1e-9 * total:
-                truth.normal = out / length
+        add_up(self._to_wrench, self._position, truth.force, truth.wrench, truth.centroid)
+        _mean_normal(load, self._reached[1], truth.normal)
         return truth
 
     def _stiffness(self, time_s: float) -> np.ndarray:
@@ -369,3 +363,21 @@ class Mechanics:
         )
         units[:2, 2] = moving * self.friction.at(time_s)[1] * normal * along
         return 1e3 * units
+
+
+def _mean_normal_python(load, outward, mean):
+    """Mean of the normals of a body's surface where it is met, turned towards it, in place."""
+    total = 0.0
+    mean[:] = 0.0
+    for i in range(load.size):
+        # normals are NaN where nothing meets
+        if load[i] > 0.0:
+            total += load[i]
+            for r in range(3):
+                mean[r] -= load[i] * outward[r, i]
+    length = np.sqrt(mean[0] * mean[0] + mean[1] * mean[1] + mean[2] * mean[2])
+    for r in range(3):
+        mean[r] = mean[r] / length if length > 1e-9 * total else np.nan
+
+
+_mean_normal = njit(_mean_normal_python, error_model="numpy", nogil=True, cache=True)

@@ -97,6 +97,8 @@ class Nodes:
         self._heartbeats = Heartbeats(topology)
         self._recent = np.zeros((RECENT, len(CHANNELS), topology.n), np.int16)
         self._recent_cycle: list[int | None] = [None] * RECENT
+        self._ahead = Truth.room(RECENT, topology.n)
+        self._at_once = RECENT if getattr(self.scene, "steady", True) else 1
         self._history: deque[tuple[int, Truth]] = deque(maxlen=history)
         self._cycle = self._first = -1
         self._lock = threading.Lock()
@@ -185,6 +187,34 @@ class Nodes:
             self._append(cycle, out, bus, stamp_ns)
         return out.count - count
 
+    def foresee(self, cycle: int, cycles: int) -> int:
+        """Sample the next cycles together, for whoever goes through them without waiting.
+
+        Parameters
+        ----------
+        cycle : int
+            The first of them, after all that were sampled.
+        cycles : int
+            Wanted, at least 1.
+
+        Returns
+        -------
+        int
+            How many were sampled.
+        """
+        count = min(cycles, self._at_once)
+        with self._lock:
+            if count == 1:
+                self._sample(cycle)
+                return 1
+            if self._first < 0:
+                self._first = cycle
+            for k in range(count):
+                self._ahead.put(k, self._go_on(cycle + k))
+            slots = (cycle + np.arange(count)) % RECENT
+            self._recent[slots] = self.units.counts(self._ahead.first(count))
+        return count
+
     def _is_heard(self, records: np.ndarray, bus: int) -> np.ndarray:
         """Which frames are a SYNC, or configuration."""
         sync_id = self.topology.buses[bus].sync_id
@@ -214,14 +244,17 @@ class Nodes:
     def _sample(self, cycle: int) -> None:
         if self._first < 0:
             self._first = cycle
+        self._recent[cycle % RECENT] = self.units.counts(self._go_on(cycle))
+
+    def _go_on(self, cycle: int) -> Truth:
+        """Go on to a cycle; its counts are yet to be taken."""
         truth = self.scene.at((cycle - self._first) / self.topology.cycle_rate_hz)
-        slot = cycle % RECENT
-        self._recent[slot] = self.units.counts(truth)
-        self._recent_cycle[slot] = cycle
+        self._recent_cycle[cycle % RECENT] = cycle
         if self._history.maxlen != 0:
             self._history.append((cycle, truth.copy()))
         self._cycle = cycle
         self.served.cycles += 1
+        return truth
 
     def _batch(self, bus: int) -> FrameBatch:
         """A batch that has room for one cycle of a bus."""

@@ -18,7 +18,6 @@ from skin.sim.field import Field, SineField
 from skin.sim.foundation import Foundation
 from skin.sim.friction import Friction
 from skin.sim.halbach import HalbachField
-from skin.sim.material import Elastic
 from skin.sim.mechanics import Mechanics
 from skin.sim.motion import Motion, Track, shape_of
 from skin.sim.script import HalfSpace, LoadTable, NonIdeal, SceneFile
@@ -26,7 +25,7 @@ from skin.sim.stray import StrayField
 from skin.sim.surroundings import EARTH_UT, Surroundings
 from skin.sim.thermal import STEADY_SHARES, ThermalChain
 from skin.sim.tools import MovingTool
-from skin.sim.truth import Truth, wrench_map
+from skin.sim.truth import Truth, add_up, wrench_map
 from skin.sim.unit import UnitSimulator
 from skin.sim.viscoelastic import Hysteresis, Prony
 from topology import Topology
@@ -205,6 +204,9 @@ class ScriptedScene:
         How long the scene lasts; it may be played on.
     units : UnitSimulator
         Units with the non-idealities of their electronics, for `skin.sim.node.Nodes`.
+    steady : bool
+        Whether what units read depends on the truth alone; not where the skin turns in the field of
+        the Earth, or tools pass by.
 
     Examples
     --------
@@ -231,7 +233,7 @@ class ScriptedScene:
             PlayedBody(script, i, topology, foundation, room_c) for i in range(len(script.bodies))
         )
         self._weights = tuple(_Weights(table, topology, room_c) for table in script.loads)
-        self._elastic = Elastic(topology)
+        self._springs = foundation.springs
         self._chain = ThermalChain(
             topology,
             ambient=room_c,
@@ -252,6 +254,7 @@ class ScriptedScene:
         if wanted.ambient_field or tools:
             ambient_ut = np.array(EARTH_UT) if wanted.ambient_field else np.zeros(3)
             self._surroundings = Surroundings(ambient_ut)
+        self.steady = self._surroundings is None or not (tools or self._attitude_deg.given)
         parts = script.electronics
         self.units = UnitSimulator(
             topology,
@@ -313,15 +316,11 @@ class ScriptedScene:
             if weights.warms and force[2] > 0.0:
                 source[weights.units] = weights.temperature(time_s)
         np.greater(truth.force[2], 0.0, out=truth.contact)
+        add_up(self._to_wrench, self._position, truth.force, truth.wrench, truth.centroid)
         self._yield(dt_s)
         warm = self._chain.step(dt_s, truth.contact, source, room_c)
         truth.temperature[:] = warm[0]
         truth.film_temperature[:], truth.hall_temperature[:] = warm[1], warm[3]
-        truth.wrench = self._to_wrench @ truth.force.ravel()
-        total = float(truth.force[2].sum())
-        truth.centroid = (
-            self._position @ truth.force[2] / total if total > 0.0 else np.full(3, np.nan)
-        )
         if self._surroundings is not None:
             self._surround(self._surroundings, time_s)
 
@@ -355,15 +354,7 @@ class ScriptedScene:
             )
         if self._prony is not None:
             needed = self._prony.elastic(needed, dt_s)
-        if not needed.any():
-            truth.depth_mm[:] = truth.displacement_mm[:] = 0.0
-            return
-        truth.depth_mm[:] = self._elastic.depth(np.maximum(needed[2], 0.0))
-        size = np.hypot(needed[0], needed[1])
-        length = self._elastic.displacement(size, truth.depth_mm)
-        # where there is no force there is no direction, and any divisor will do
-        length /= np.maximum(size, 1e-300)
-        np.multiply(length, needed[:2], out=truth.displacement_mm)
+        self._springs.under(needed, truth.depth_mm, truth.displacement_mm)
 
     def _field(self) -> Field:
         wanted, topology, surroundings = self.non_ideal, self.topology, self._surroundings

@@ -72,6 +72,7 @@ class Recorder:
     Attributes
     ----------
     units : UnitSimulator
+    steady : bool
         Those of the scene.
 
     Raises
@@ -81,7 +82,8 @@ class Recorder:
     """
 
     def __init__(self, scene: ScriptedScene, path: str | Path) -> None:
-        self.scene, self.path, self.units = scene, Path(path), scene.units
+        self.scene, self.path = scene, Path(path)
+        self.units, self.steady = scene.units, scene.steady
         try:
             self._folder = Path(
                 tempfile.mkdtemp(prefix=f".{self.path.name}.", dir=self.path.absolute().parent)

@@ -22,7 +22,11 @@ TINY = 1e-300
 
 
 class Scene(Protocol):
-    """What happens to a skin."""
+    """What happens to a skin.
+
+    A scene with surroundings that change has an attribute `steady` that is False: what its units
+    read then depends on more than the truth, and is to be asked for instant by instant.
+    """
 
     def at(self, time_s: float) -> Truth:
         """Go on to `time_s`, not before the last one asked for.

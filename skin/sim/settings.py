@@ -39,6 +39,8 @@ class BoardSettings:
         self._tare = np.zeros((len(CHANNELS), topology.n), np.int32)
         self._rows = [frames.bus == bus for bus in range(len(topology.buses))]
         self._synced = [bus.sync_id is not None for bus in topology.buses]
+        self._as_made = [True] * len(topology.buses)
+        """Of each bus: all its boards answer every cycle, with its number."""
         self._scratch = FrameBatch(max(1, len(frames)))
 
     def obey(self, record: np.void, bus: int, cycle: int, recent: np.ndarray) -> bool:
@@ -63,6 +65,8 @@ class BoardSettings:
         if told.command == Command.RATE:
             self._base[asked] += cycle // self._rate[asked] - cycle // told.value
             self._rate[asked] = told.value
+            rate, base = self._rate[self._rows[bus]], self._base[self._rows[bus]]
+            self._as_made[bus] = bool(np.all(rate == 1) and (self._synced[bus] or not base.any()))
         else:
             carried = self._topology.frames.units[asked]
             units = np.unique(carried[carried >= 0])
@@ -98,11 +102,10 @@ class BoardSettings:
     ) -> None:  # fmt: skip
         """Append the frames of the boards of a bus whose turn it is."""
         counts = self.counts(counts)
-        rows = self._rows[bus]
-        rate, base = self._rate[rows], self._base[rows]
-        if np.all(rate == 1) and (self._synced[bus] or not base.any()):
+        if self._as_made[bus]:
             packer(counts, out, sequence=cycle & 0xFF, stamp_ns=stamp_ns, bus=bus)
             return
+        rate, base = self._rate[self._rows[bus]], self._base[self._rows[bus]]
         due = cycle % rate == 0
         own = np.full(rate.size, cycle) if self._synced[bus] else base + cycle // rate
         chosen = np.empty(rate.size, out.records.dtype)

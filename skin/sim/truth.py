@@ -6,8 +6,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass, fields
 
 import numpy as np
+from numba import njit
 
-__all__ = ["Truth", "wrench_map"]
+__all__ = ["Truth", "add_up", "add_up_python", "wrench_map"]
 
 
 @dataclass(slots=True)
@@ -69,6 +70,24 @@ class Truth:
         many = list(truths)
         return cls(*(np.stack([getattr(t, field.name) for t in many]) for field in fields(cls)))
 
+    @classmethod
+    def room(cls, instants: int, n: int) -> Truth:
+        """Room for the truth of many instants, to be filled by `put`."""
+        one = cls.at_rest(n, 0.0)
+        shapes = (
+            (np.shape(v), np.asarray(v).dtype) for v in (getattr(one, f.name) for f in fields(cls))
+        )
+        return cls(*(np.zeros((instants, *shape), kind) for shape, kind in shapes))
+
+    def put(self, index: int, truth: Truth) -> None:
+        """Write the truth of one instant to a place of many."""
+        for name in self.__slots__:
+            getattr(self, name)[index] = getattr(truth, name)
+
+    def first(self, instants: int) -> Truth:
+        """The first of many instants; views."""
+        return Truth(*(getattr(self, name)[:instants] for name in self.__slots__))
+
     def copy(self) -> Truth:
         """A truth of its own, that the scene no longer writes to."""
         values = (getattr(self, field.name) for field in fields(self))
@@ -93,3 +112,41 @@ def wrench_map(position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
     """
     arm = np.cross(position[:, np.newaxis, :], rotation, axis=0)
     return np.concatenate([rotation, arm]).reshape(6, -1)
+
+
+def add_up_python(to_wrench, position, force, wrench, centroid):
+    """What forces on n units are together.
+
+    Parameters
+    ----------
+    to_wrench : ndarray, shape (6, 3 n)
+        As from `wrench_map`.
+    position : ndarray, shape (3, n)
+        Metre, skin frame.
+    force : ndarray, shape (3, n)
+        Newton, unit frames.
+    wrench : ndarray, shape (6,)
+        Written: newton and newton metre about the origin of the skin frame.
+    centroid : ndarray, shape (3,)
+        Written: mean position, weighted by normal load; NaN without load.
+    """
+    n = position.shape[1]
+    for r in range(6):
+        total = 0.0
+        for a in range(3):
+            for i in range(n):
+                total += to_wrench[r, a * n + i] * force[a, i]
+        wrench[r] = total
+    load = 0.0
+    for i in range(n):
+        load += force[2, i]
+    for r in range(3):
+        total = 0.0
+        for i in range(n):
+            total += position[r, i] * force[2, i]
+        centroid[r] = total / load if load > 0.0 else np.nan
+
+
+add_up = njit(
+    add_up_python, error_model="numpy", fastmath={"contract", "reassoc"}, nogil=True, cache=True
+)

@@ -74,6 +74,8 @@ class UnitSimulator:
         self._gel_noise = p["gel_noise_relative"]
         self._noise = np.stack([p["frequency_noise_hz"], *3 * [p["field_noise_ut"]]])
         self._random = np.random.default_rng(seed) if noise else None
+        # of its own, so that many instants at once are the same as one after the other
+        self._phase = np.random.default_rng((seed, 1)) if noise else None
         self._scale = np.where(topology.wired, topology.scale, 1.0)
         self._offset = topology.offset
         self.lowest, self.highest = _rails(topology)
@@ -124,7 +126,7 @@ class UnitSimulator:
         """What the board's counter and converters make of `values`, shape (..., c, n), in place."""
         if self._counter is not None:
             frequency = values[..., FREQUENCY, :]
-            phase = 0.5 if self._random is None else self._random.random(frequency.shape)
+            phase = 0.5 if self._phase is None else self._phase.random(frequency.shape)
             values[..., FREQUENCY, :] = self._counter.read(frequency, phase)
         if self._divider is not None:
             values[..., GEL, :] = self._divider.read(values[..., GEL, :])
@@ -149,14 +151,24 @@ class UnitSimulator:
         return np.clip(counts, self.lowest, self.highest).astype(np.int16)
 
     def counts(self, truth: Truth) -> np.ndarray:
-        """One sample of all units, shape (c, n), int16; see `values`."""
+        """One sample of all units, shape (c, n), int16; (t, c, n) of t instants. See `values`."""
         return self.quantise(self.values(truth))
 
     def values(self, truth: Truth) -> np.ndarray:
-        """One sample of all units as the boards have it before the wire rounds it, shape (c, n).
+        """One sample of all units as the boards have it before the wire rounds it.
 
         With a `counter`, the frequency is its mean over the gate that ends now, for which the truth
         of one instant after the other must be given.
+
+        Parameters
+        ----------
+        truth : Truth
+            Of one instant, or stacked of t of them.
+
+        Returns
+        -------
+        ndarray, shape (c, n) or (t, c, n)
+            Physical values of the channels.
         """
         values = self.quantities(
             truth.depth_mm,
@@ -166,7 +178,8 @@ class UnitSimulator:
             truth.hall_temperature,
         )
         if self._gate is not None:
-            values[FREQUENCY] = self._gate(truth.time_s, values[FREQUENCY])
+            frequency = values[..., FREQUENCY, :]
+            values[..., FREQUENCY, :] = self._gate(truth.time_s, frequency)
         return self.measure(self.disturb(values))
 
 

@@ -89,12 +89,12 @@ class Prony:
     def elastic(self, force: np.ndarray, dt_s: float) -> np.ndarray:
         """Go on by one step, to the elastic force of the displacement under `force`."""
         self._adapt(dt_s)
-        self.terms *= self._kept
-        gain = self._gained.sum(axis=0)
-        elastic = (force - self.terms.sum(axis=0) + gain * self._elastic) / (1.0 + gain)
-        self.terms += self._gained * (elastic - self._elastic)
-        self._elastic[...] = elastic
-        return elastic
+        _creep(
+            np.ascontiguousarray(force, float).reshape(-1), self._kept.reshape(-1),
+            self._gained.reshape(-1), self.terms.reshape(len(self.terms), force.size),
+            self._elastic.reshape(-1),
+        )  # fmt: skip
+        return self._elastic.copy()
 
     def _adapt(self, dt_s: float) -> None:
         # differences of times are never the same to the last bit
@@ -214,4 +214,22 @@ def _yield_python(force, weights, low, high, stops, elastic):
                 break
 
 
-_yield = njit(_yield_python, error_model="numpy", fastmath={"contract"}, nogil=True, cache=True)
+def _creep_python(force, kept, gained, terms, elastic):
+    """`Prony.elastic`, in place."""
+    gain = 0.0
+    for j in range(gained.size):
+        gain += gained[j]
+    for i in range(force.size):
+        over = 0.0
+        for j in range(kept.size):
+            terms[j, i] *= kept[j]
+            over += terms[j, i]
+        new = (force[i] - over + gain * elastic[i]) / (1.0 + gain)
+        for j in range(kept.size):
+            terms[j, i] += gained[j] * (new - elastic[i])
+        elastic[i] = new
+
+
+_FLAGS = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True, "cache": True}
+_creep = njit(_creep_python, **_FLAGS)
+_yield = njit(_yield_python, **_FLAGS)
