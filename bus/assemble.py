@@ -98,6 +98,7 @@ class Assembler:
         if sequence not in ("sync", "own"):
             raise ValueError(f"sequence: must be 'sync' or 'own'; got {sequence!r}")
         self._kernels = kernels
+        self._feed, self._close = kernels.direct(kernels.feed), kernels.direct(kernels.close_cycle)
         self._clock = clock
         self._period_ns = max(1, round(1e9 / topology.cycle_rate_hz))
         self._silence_ns = (stale_cycles + 1) * self._period_ns
@@ -117,16 +118,13 @@ class Assembler:
             fault_code=np.zeros(topology.n, np.uint8),
         )
         self._arrays = (table.tables, self._memory, self._shown)
-        self._counters = FrameCounters()
         self._since_ns: int | None = None
         """On the clock: opening of the cycle, or start of the free-running one."""
 
     @property
     def counters(self) -> FrameCounters:
-        """Frames by what became of them, running totals."""
-        for kind, total in zip(_KINDS, self._memory.totals.tolist(), strict=True):
-            setattr(self._counters, kind, total)
-        return self._counters
+        """Frames by what became of them until now."""
+        return FrameCounters(*self._memory.totals.tolist())
 
     @property
     def pending(self) -> bool:
@@ -180,7 +178,7 @@ class Assembler:
         row = 0
         while row < frames.size:
             number = state[kernels.NUMBER]
-            row = kernels.feed(row, *views, *self._arrays)
+            row = self._feed(row, *views, *self._arrays)
             if state[kernels.NUMBER] != number and not state[kernels.FREE]:
                 self._since_ns = self._clock()
             if state[kernels.CLOSED_BY]:
@@ -206,12 +204,12 @@ class Assembler:
             if periods < 1:
                 return None
             self._since_ns += periods * self._period_ns
-            kernels.close_cycle(kernels.BY_DEADLINE, *self._arrays)
+            self._close(kernels.BY_DEADLINE, *self._arrays)
             state[kernels.NUMBER] += periods - 1
             return self._cycle()
         if not self.pending or now_ns - (self._since_ns or 0) < self.deadline_ns:
             return None
-        kernels.close_cycle(kernels.BY_DEADLINE, *self._arrays)
+        self._close(kernels.BY_DEADLINE, *self._arrays)
         return self._cycle()
 
     def silence(self, now_ns: int) -> RawCycle | None:
@@ -237,7 +235,7 @@ class Assembler:
         self._since_ns += periods * self._period_ns
         state[kernels.NUMBER] += periods
         state[kernels.STAMP] += periods * self._period_ns
-        kernels.close_cycle(kernels.BY_DEADLINE, *self._arrays)
+        self._close(kernels.BY_DEADLINE, *self._arrays)
         return self._cycle()
 
     def flush(self) -> RawCycle | None:
@@ -245,22 +243,17 @@ class Assembler:
         kernels, state = self._kernels, self._state
         if not self.pending or (state[kernels.FREE] and not state[kernels.BUSY]):
             return None
-        kernels.close_cycle(kernels.BY_END, *self._arrays)
+        self._close(kernels.BY_END, *self._arrays)
         return self._cycle()
 
     def _cycle(self) -> RawCycle:
         kernels, state, shown = self._kernels, self._state, self._shown
         return RawCycle(
-            number=int(state[kernels.CLOSED_NUMBER]),
-            stamp_ns=int(state[kernels.CLOSED_STAMP]),
-            closed_by=_CLOSED_BY[state[kernels.CLOSED_BY]],
-            counts=shown.counts,
-            valid=shown.valid,
-            status=shown.status,
-            age=shown.age,
-            sequence=shown.sequence,
-            fault_code=shown.fault_code,
-            counters=self.counters,
+            int(state[kernels.CLOSED_NUMBER]),
+            int(state[kernels.CLOSED_STAMP]),
+            _CLOSED_BY[state[kernels.CLOSED_BY]],
+            *shown,
+            self.counters,
         )
 
 

@@ -82,7 +82,7 @@ class RawCycle:
     fault_code : ndarray, shape (n,), uint8
         The unit's own status field.
     counters : FrameCounters
-        Running totals.
+        Totals up to this cycle.
     """
 
     number: int

@@ -772,9 +772,10 @@ def test_where_a_batch_is_cut_changes_nothing(sync_id, drawn, cut):
 def test_the_kernel_and_its_python_agree(layout, sync_id, drawn):
     small = make_topology(layout, units=4, sync_id=sync_id)
     records = join(cycle_frames(small, 0), records_of(drawn), cycle_frames(small, 1))
-    compiled, interpreted = Assembler(small), Assembler(small)
+    compiled = Assembler(small)
     run(compiled, records)
     with interpreted_kernels():
+        interpreted = Assembler(small)
         run(interpreted, records)
     for one, other in zip(
         (*compiled._memory, *compiled._shown), (*interpreted._memory, *interpreted._shown),
@@ -825,10 +826,22 @@ def test_anything_but_frames_is_refused():
 
 
 def test_frames_in_any_memory_are_taken():
+    small = make_topology("f3t-fd16", units=2)
+    frames = join(*(cycle_frames(small, i) for i in range(3)))
+    scattered = np.repeat(frames, 2)[::2]
+    scattered.flags.writeable = False
+    unaligned = np.frombuffer(b"?" + frames.tobytes(), frames.dtype, offset=1)
+    for records in (scattered, unaligned):
+        cycles = run(Assembler(small), records)
+        assert [cycle.number for cycle in cycles] == [0, 1, 2]
+        np.testing.assert_array_equal(cycles[-1].counts, counts_of(small, 2))
+
+
+def test_counters_of_a_cycle_stay_as_they_were():
     small = make_topology(units=2)
-    frames = np.repeat(join(*(cycle_frames(small, i) for i in range(3))), 2)[::2]
-    frames.flags.writeable = False
-    assert [cycle.number for cycle in run(Assembler(small), frames)] == [0, 1, 2]
+    cycles = Assembler(small).feed(join(*(cycle_frames(small, i) for i in range(3))))
+    counters = [cycle.counters for cycle in cycles]
+    assert [each.sync for each in counters] == [1, 2, 3]
 
 
 def test_the_counters_of_kernels_and_cycles_are_in_one_order():
