@@ -78,6 +78,7 @@ class CycleReader:
             *((total.wrench, total.wrench_sigma) if "wrench" in want else (None, None)),
             *((total.centroid, total.centroid_covariance) if "centroid" in want else (None, None)),
         )
+        self._label = stream.tracker.label
         self._slip = stream.unit_slip if "slip" in want else None
 
     def warmup(self) -> None:
@@ -95,11 +96,12 @@ class CycleReader:
     def __call__(self, cycle: RawCycle) -> State:
         """Decode one cycle; the arrays of the state are valid until the next call."""
         reading = self._decoder(cycle.counts, cycle.status)
+        heard = reading.valid
         state = State(
             cycle.number,
             cycle.stamp_ns,
             reading,
-            float(self._share.dot(reading.valid)),
+            1.0 if np.count_nonzero(heard) == heard.size else float(self._share.dot(heard)),
             cycle.closed_by,
             cycle.counters,
             *self._array,
@@ -118,7 +120,7 @@ class CycleReader:
             reading.force, force_sigma, reading.displacement_mm, displacement_sigma,
             reading.temperature, reading.valid, stamp_ns=self._now_ns,
         )  # fmt: skip
-        state.contact = stream.touching
+        state.label = self._label
         if self._contacts:
             state.contacts = contacts
             state.slip = self._slip

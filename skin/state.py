@@ -100,8 +100,9 @@ class State:
     contacts : list of Contact, or None
         What touches the skin, each with its identity, oldest first; see
         `skin.contact.stream.Contact`.
-    contact : ndarray, shape (n,), bool, or None
-        Units in contact; comes with any feature of the array.
+    label : ndarray, shape (n,), int32, or None
+        Contact of each unit, as an index of the contacts, -1 for none; comes with any feature of
+        the array.
     slip : ndarray, shape (n,), int32, or None
         `skin.contact.records.UnitSlip` of each unit.
     """
@@ -117,7 +118,7 @@ class State:
     centroid: np.ndarray | None = None
     centroid_covariance: np.ndarray | None = None
     contacts: list[Contact] | None = None
-    contact: np.ndarray | None = None
+    label: np.ndarray | None = None
     slip: np.ndarray | None = None
 
 

@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from skin.contact import detect, step_kernel
 from skin.contact import stream as module
 from skin.contact.cluster_kernels import find_contacts_python
 from skin.contact.clusters import neighbour_graph
@@ -15,6 +16,7 @@ from skin.contact.feature_kernels import describe_python
 from skin.contact.features import contact_features
 from skin.contact.records import Event, Flag, SlipState, UnitSlip
 from skin.contact.slip_kernels import judge_python
+from skin.contact.step_kernel import step_python
 from skin.contact.stream import CONTACT_WANTS, ContactStream
 from skin.errors import OptionError, SkinError
 
@@ -114,9 +116,10 @@ def test_the_total_alone_is_the_same_total():
 )
 def test_what_is_not_wanted_is_not_computed(monkeypatch, want, spared):
     called = set()
+    monkeypatch.setattr(module, "step", step_python)
     for home, name, what in (
-        (module, "describe", "describe"),
-        (module, "judge", "judge"),
+        (step_kernel, "describe", "describe"),
+        (step_kernel, "judge", "judge"),
         (module.Shocks, "update", "shock"),
     ):
         kernel = getattr(home, name)
@@ -323,13 +326,11 @@ def test_machine_code_and_python_tell_alike(monkeypatch):
         return np.concatenate(numbers)
 
     machine = told()
-    import skin.contact.detect
-    import skin.contact.track
-
-    monkeypatch.setattr(skin.contact.track, "find_contacts", find_contacts_python)
-    monkeypatch.setattr(module, "describe", describe_python)
-    monkeypatch.setattr(module, "judge", judge_python)
-    monkeypatch.setattr(skin.contact.detect, "shock", shock_python)
+    monkeypatch.setattr(module, "step", step_python)
+    monkeypatch.setattr(step_kernel, "find_contacts", find_contacts_python)
+    monkeypatch.setattr(step_kernel, "describe", describe_python)
+    monkeypatch.setattr(step_kernel, "judge", judge_python)
+    monkeypatch.setattr(detect, "shock", shock_python)
     with np.errstate(invalid="ignore"):
         np.testing.assert_allclose(told(), machine, rtol=1e-6, atol=1e-9)
 

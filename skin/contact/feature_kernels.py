@@ -103,32 +103,34 @@ def _fill(units, force, force_sigma, displacement, geometry, have, s, tile):
 
 
 def _products():
-    """Which rows of a tile are multiplied with each other, and the sum that they add to."""
+    """Which rows of a tile are multiplied with each other, and the sum that they add to.
+
+    Those of the second table are multiplied for each axis of the units.
+    """
     table = [(LOAD, T_LOAD, T_ONE, T_ONE), (LOAD_VARIANCE, T_VARIANCE, T_ONE, T_ONE)]
-    axes = [T_AXIS + T_AXIS_ROWS * axis for axis in range(3)]
     row = 0
     for a in range(3):
         table += [
             (LOAD_P + a, T_LOAD, T_P + a, T_ONE),
             (LOAD_S + a, T_LOAD, T_S + a, T_ONE),
             (VAR_P + a, T_VARIANCE, T_P + a, T_ONE),
-            (LOAD_Z + a, T_LOAD, axes[2] + 2 + a, T_ONE),
-            (LOAD_X + a, T_LOAD, axes[0] + 2 + a, T_ONE),
+            (LOAD_Z + a, T_LOAD, T_AXIS + 2 * T_AXIS_ROWS + 2 + a, T_ONE),
+            (LOAD_X + a, T_LOAD, T_AXIS + 2 + a, T_ONE),
         ]
         for b in range(a, 3):
             table.append((LOAD_SS + row, T_LOAD, T_S + a, T_S + b))
             table.append((VAR_PP + row, T_VARIANCE, T_P + a, T_P + b))
             row += 1
-    row = 0
-    for a in range(6):
-        table += [(FORCE + a, at, at + 2 + a, T_ONE) for at in axes]
-        for b in range(a, 6):
-            table += [(COVARIANCE + row, at + 1, at + 2 + a, at + 2 + b) for at in axes]
-            row += 1
-    return np.array(table)
+    forces = [(FORCE + a, T_AXIS, T_AXIS + 2 + a) for a in range(6)]
+    upper = [(a, b) for a in range(6) for b in range(a, 6)]
+    spreads = [
+        (COVARIANCE + row, T_AXIS + 1, T_AXIS + 2 + a, T_AXIS + 2 + b)
+        for row, (a, b) in enumerate(upper)
+    ]
+    return np.array(table), np.array(forces), np.array(spreads)
 
 
-PRODUCTS = _products()
+PRODUCTS, FORCES, SPREADS = _products()
 
 
 @register_jitable
@@ -140,6 +142,24 @@ def _add_tile(tile, length, s):
         for j in range(length):
             total += a[j] * b[j] * c[j]
         s[PRODUCTS[k, 0]] += total
+    y, z = T_AXIS_ROWS, 2 * T_AXIS_ROWS
+    for k in range(FORCES.shape[0]):
+        at, by = FORCES[k, 1], FORCES[k, 2]
+        fx, fy, fz = tile[at], tile[at + y], tile[at + z]
+        ax, ay, az = tile[by], tile[by + y], tile[by + z]
+        total = 0.0
+        for j in range(length):
+            total += fx[j] * ax[j] + fy[j] * ay[j] + fz[j] * az[j]
+        s[FORCES[k, 0]] += total
+    for k in range(SPREADS.shape[0]):
+        at, one, two = SPREADS[k, 1], SPREADS[k, 2], SPREADS[k, 3]
+        vx, vy, vz = tile[at], tile[at + y], tile[at + z]
+        ax, ay, az = tile[one], tile[one + y], tile[one + z]
+        bx, by, bz = tile[two], tile[two + y], tile[two + z]
+        total = 0.0
+        for j in range(length):
+            total += vx[j] * ax[j] * bx[j] + vy[j] * ay[j] * by[j] + vz[j] * az[j] * bz[j]
+        s[SPREADS[k, 0]] += total
 
 
 @register_jitable

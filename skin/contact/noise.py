@@ -18,13 +18,15 @@ __all__ = ["UnitNoise", "unit_noise_python"]
 
 (
     FREQUENCY_HZ, FIELD_UT, SLOPE_HZ_PER_MM, SOFT, STIFF, BREAK_N, AMPLITUDE_UT, REFERENCE_MM,
-    GROWTH_PER_MM, WAVENUMBER, SHEAR_SOFT, SHEAR_BREAK_MM, SHEAR_STIFFER,
-) = range(13)  # fmt: skip
-ROWS = 13
+    GROWTH_PER_MM, WAVENUMBER, SHEAR_SOFT, SHEAR_BREAK_MM, SHEAR_STIFFER, UNLOADED_N,
+) = range(14)  # fmt: skip
+REST_FORCE, REST_DISPLACEMENT, ROWS = 14, 17, 20
+UNLOADED_SIGMAS = 2.0
+"""Normal load, in sigmas, below which a unit counts as unloaded: no contact takes it."""
 
 
 def unit_noise_python(force, displacement, model, force_sigma, displacement_sigma):
-    """Write the one-sigma of forces and displacements; NaN where there is no reading.
+    """Write the one-sigma of forces and displacements; of units without load, that at rest.
 
     Parameters
     ----------
@@ -36,6 +38,11 @@ def unit_noise_python(force, displacement, model, force_sigma, displacement_sigm
         Written.
     """
     for i in range(force.shape[1]):
+        if not force[2, i] > model[UNLOADED_N, i]:
+            for a in range(3):
+                force_sigma[a, i] = model[REST_FORCE + a, i]
+                displacement_sigma[a, i] = model[REST_DISPLACEMENT + a, i]
+            continue
         x, y, depth = displacement[0, i], displacement[1, i], displacement[2, i]
         field = model[FIELD_UT, i]
         wavenumber = model[WAVENUMBER, i]
@@ -91,16 +98,22 @@ class UnitNoise:
         p = topology.parameters
         frequency, bx, by = (topology.scale[CHANNELS.index(c)] for c in ("frequency", "bx", "by"))
         soft = p["normal_soft_n_per_hz"]
-        self._model = np.stack(
-            [
-                np.hypot(p["frequency_noise_hz"], frequency / np.sqrt(12.0)),
-                np.sqrt(p["field_noise_ut"] ** 2 + (bx**2 + by**2) / 24.0),
-                p["frequency_slope_hz_per_mm"], soft, p["normal_stiff_n_per_hz"],
-                soft * p["normal_break_hz"], p["field_amplitude_ut"], p["field_reference_mm"],
-                p["field_growth_per_mm"], p["field_wavenumber_rad_per_mm"],
-                p["shear_soft_n_per_mm"], p["shear_break_mm"], p["shear_stiff_n_per_mm"],
-            ]
-        )  # fmt: skip
+        frequency_hz = np.hypot(p["frequency_noise_hz"], frequency / np.sqrt(12.0))
+        model = np.zeros((ROWS, topology.n))
+        model[:REST_FORCE] = [
+            frequency_hz, np.sqrt(p["field_noise_ut"] ** 2 + (bx**2 + by**2) / 24.0),
+            p["frequency_slope_hz_per_mm"], soft, p["normal_stiff_n_per_hz"],
+            soft * p["normal_break_hz"], p["field_amplitude_ut"], p["field_reference_mm"],
+            p["field_growth_per_mm"], p["field_wavenumber_rad_per_mm"],
+            p["shear_soft_n_per_mm"], p["shear_break_mm"], p["shear_stiff_n_per_mm"],
+            np.full(topology.n, -np.inf),
+        ]  # fmt: skip
+        at_rest = np.zeros((3, topology.n))
+        unit_noise_python(
+            at_rest, at_rest, model, model[REST_FORCE:REST_DISPLACEMENT], model[REST_DISPLACEMENT:]
+        )
+        model[UNLOADED_N] = UNLOADED_SIGMAS * frequency_hz * soft
+        self._model = model
         self.force_sigma = np.zeros((3, topology.n), dtype)
         self.displacement_sigma_mm = np.zeros((3, topology.n), dtype)
 

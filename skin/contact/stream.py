@@ -10,11 +10,12 @@ import numpy as np
 from skin.contact.cluster_kernels import BRIDGE, OPEN
 from skin.contact.clusters import KEEP_SIGMA, START_SIGMA
 from skin.contact.detect import Shocks
-from skin.contact.feature_kernels import DEPTH, SUMS, WARMTH, WAYPOINTS, describe
+from skin.contact.feature_kernels import DEPTH, SUMS, WARMTH, WAYPOINTS
 from skin.contact.features import Geometry, wrench_in_frame
 from skin.contact.records import CONTACT, Event, Flag, SlipState
 from skin.contact.slip import SlipSettings
-from skin.contact.slip_kernels import JUDGED, WORK_ROWS, judge, work_length
+from skin.contact.slip_kernels import JUDGED, WORK_ROWS, work_length
+from skin.contact.step_kernel import DESCRIBE, EACH, JUDGE, step
 from skin.contact.track import Tracker
 from skin.errors import OptionError, SkinError
 
@@ -257,21 +258,19 @@ class ContactStream:
         self.total = self._views[-1]
         self._n = n
         self._dtype = np.dtype(dtype)
-        self._any = bool(wanted)
-        self._each = not wanted.isdisjoint(("contacts", "slip", "shocks"))
-        self._slip = "slip" in wanted
+        each = not wanted.isdisjoint(("contacts", "slip", "shocks"))
+        slips = "slip" in wanted
+        self._do = (DESCRIBE if wanted else 0) | (EACH if each else 0) | (JUDGE if slips else 0)
         self._everything = np.ones(n, bool)
         self._nothing = np.zeros((3, n), self._dtype)
         tracker, geometry = self.tracker, self.geometry
-        self._describe_kept = (
-            geometry.packed, geometry.origin, tracker.graph, tracker.units, tracker.slots,
-            self.records, np.zeros((capacity + 2, SUMS)), self.paths,
+        self._kept = (
+            tracker.graph, tracker.gate, (slip or SlipSettings()).packed(), geometry.packed,
+            geometry.origin, tracker.units, tracker.slots, tracker.shared, self.records,
+            tracker.counters, np.zeros((capacity + 2, SUMS)), self.paths, np.zeros((n, JUDGED)),
+            np.zeros((WORK_ROWS, work_length(n))),
         )  # fmt: skip
-        self._judge_kept = (
-            geometry.packed, geometry.origin, tracker.units, tracker.slots, self.records,
-            np.zeros((n, JUDGED)), np.zeros((WORK_ROWS, work_length(n))),
-        )  # fmt: skip
-        self._judge_settings = (slip or SlipSettings()).packed()
+        self._present = tracker.slots[0]
         self._shock_kept = (
             tracker.slots[0], self.records["event"], self.records["wrench"][:, :3],
             self.records["wrench_sigma"][:, :3],
@@ -358,8 +357,10 @@ class ContactStream:
         if before is not None and stamp_ns <= before:
             raise SkinError(f"stamp_ns: must be after the last one, {before}; got {stamp_ns}")
         self._stamp_ns = stamp_ns
-        tracker = self.tracker
-        count = tracker.update(*self._find, stamp_ns)
+        count = step(
+            self._do, self._have, stamp_ns, 0.0 if before is None else 1e-9 * (stamp_ns - before),
+            *self._taken, *self._kept,
+        )  # fmt: skip
         if count == 0:
             if self.contacts:
                 self.contacts = []
@@ -367,18 +368,10 @@ class ContactStream:
                 self.unit_slip[:] = 0
             return self.contacts
         views = self._views
-        self.contacts = contacts = [views[slot] for slot in tracker.present.tolist()]
-        if self._any:
-            describe(
-                count if self._each else 0, tracker.touching_units, *self._describe,
-                *self._describe_kept,
-            )  # fmt: skip
-            if self._slip:
-                dt_s = 0.0 if before is None else 1e-9 * (stamp_ns - before)
-                judge(count, dt_s, stamp_ns, self._judge_settings, *self._judge, *self._judge_kept)
-            if self.shocks is not None:
-                self.shocks.update(count, *self._shock_kept)
-        return contacts
+        self.contacts = [views[slot] for slot in self._present[:count].tolist()]
+        if self.shocks is not None:
+            self.shocks.update(count, *self._shock_kept)
+        return self.contacts
 
     def _accept(
         self,
@@ -390,7 +383,7 @@ class ContactStream:
         valid: np.ndarray | None,
     ) -> None:
         """Check what a cycle brings, and remember it as the kernels take it."""
-        if self._slip and (displacement_mm is None or displacement_sigma_mm is None):
+        if self._do & JUDGE and (displacement_mm is None or displacement_sigma_mm is None):
             raise SkinError(
                 "displacement_mm, displacement_sigma_mm: must be given where slip is wanted; "
                 "got None"
@@ -405,14 +398,12 @@ class ContactStream:
                 names, given, (*(real,) * 5, bool), (*((3, n),) * 4, (n,), (n,)), strict=True
             )
         ]
-        forces, forces_sigma, moved, moved_sigma, warmth, used = taken
-        have = DEPTH * (moved is not None) | WARMTH * (warmth is not None)
-        moved = self._nothing if moved is None else moved
-        warmth = self._nothing[0] if warmth is None else warmth
-        used = self._everything if used is None else used
-        self._find = (forces, forces_sigma, used)
-        self._describe = (have, forces, forces_sigma, moved, warmth)
-        self._judge = (forces, forces_sigma, moved, moved_sigma)
+        self._have = DEPTH * (taken[2] is not None) | WARMTH * (taken[4] is not None)
+        stand_ins = (None, None, self._nothing, self._nothing, self._nothing[0], self._everything)
+        self._taken = tuple(
+            instead if values is None else values
+            for values, instead in zip(taken, stand_ins, strict=True)
+        )
         same = all(
             own is its or not isinstance(its, np.ndarray)
             for own, its in zip(taken, given, strict=True)
@@ -437,11 +428,15 @@ UNTOUCHED = _untouched()
 
 def _plain(name: str, values: np.ndarray | float, kind: type, shape: tuple) -> np.ndarray:
     """`values` as the kernels are compiled for: of one type and shape, contiguous, writeable."""
-    try:
-        full = np.broadcast_to(np.asarray(values, kind), shape)
-    except ValueError:
-        raise SkinError(f"{name}: must have shape {shape}; got {np.shape(values)}") from None
-    if np.shape(values) == shape and full.base is values:
-        full = values
-    flags = full.flags
-    return full if flags.c_contiguous and flags.writeable else full.copy()
+    if not (
+        isinstance(values, np.ndarray)
+        and values.shape == shape
+        and values.dtype == kind
+        and values.flags.c_contiguous
+        and values.flags.writeable
+    ):
+        try:
+            values = np.broadcast_to(np.asarray(values, kind), shape).copy()
+        except ValueError:
+            raise SkinError(f"{name}: must have shape {shape}; got {np.shape(values)}") from None
+    return values

@@ -79,8 +79,8 @@ class Tracker:
         self.label[:] = -1
         self.slots = np.zeros((len(SLOT_ROWS), slots), np.int32)
         self.graph = packed_graph(n, neighbour_start, neighbour_index)
-        self._settings = np.array([start_sigma, keep_sigma, 1e9 * memory_s, 1e9 * settle_s])
-        self._shared = np.zeros((capacity, slots))
+        self.gate = np.array([start_sigma, keep_sigma, 1e9 * memory_s, 1e9 * settle_s])
+        self.shared = np.zeros((capacity, slots))
 
     @property
     def present(self) -> np.ndarray:
@@ -125,6 +125,6 @@ class Tracker:
         if load.ndim == 1:
             load, sigma = load[np.newaxis], sigma[np.newaxis]
         return find_contacts(
-            load, sigma, valid, self.graph, self._settings, now_ns,
-            self.units, self.slots, self._shared, self.contacts, self.counters,
+            load, sigma, valid, self.graph, self.gate, now_ns,
+            self.units, self.slots, self.shared, self.contacts, self.counters,
         )  # fmt: skip
