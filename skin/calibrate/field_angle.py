@@ -23,7 +23,6 @@ __all__ = [
     "angle_slope",
     "field_angle",
     "fit_field_angle",
-    "refuse_fold",
 ]
 
 ANGLE_TERMS, DEPTH_TERMS = 4, 4
@@ -151,25 +150,14 @@ def fit_field_angle(
         slope = angle_slope(coefficients, angle, depth)
         sigma = np.clip(slope, 0.5 * typical, 2.0 * typical) * noise
     # noise carries single samples beyond the scan, where the polynomial means nothing
-    least = refuse_fold(coefficients, np.maximum(np.abs(angle) - 2.0 * noise, 0.0), depth)
-    return FieldAngle(coefficients, fit, widest, low, high, least)
-
-
-def refuse_fold(coefficients: np.ndarray, angle: np.ndarray, depth: np.ndarray) -> float:
-    """Least dR / dpsi over samples, mm/rad.
-
-    Raises
-    ------
-    ScanError
-        It is not above 0: two displacements would have one angle.
-    """
-    least = float(angle_slope(coefficients, angle, depth).min())
+    within = np.maximum(np.abs(angle) - 2.0 * noise, 0.0)
+    least = float(angle_slope(coefficients, within, depth).min())
     if least <= 0.0:
         raise ScanError(
             "field_ut: must have an angle that grows with displacement over the scan, and noise "
             f"that does not hide it; got a fit with dR/dpsi down to {least:.3g} mm/rad"
         )
-    return least
+    return FieldAngle(coefficients, fit, widest, low, high, least)
 
 
 def angle_slope(coefficients: np.ndarray, angle: np.ndarray, depth: np.ndarray) -> np.ndarray:

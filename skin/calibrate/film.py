@@ -17,14 +17,16 @@ from skin.calibrate.field_angle import (
     angle_powers,
     angle_slope,
     field_angle,
-    refuse_fold,
 )
 from skin.calibrate.fit import Fit, check_levels, check_samples, gauss_newton, least_squares
+from skin.errors import ScanError
 
 __all__ = ["FilmFit", "fit_film"]
 
 RAW = ("stretch", "skew", "turn", "hall_offset_x_ut", "hall_offset_y_ut", *ANGLE_NAMES)
-NAMES = ("field_xx", "field_xy", "field_yx", "field_yy", *RAW[3:])
+NAMES = ("field_xx", "field_xy", "field_yx", "field_yy", *RAW[3:], "field_angle_max_mm")
+SHORTEST = 0.5
+"""Least share of the scan's displacements over which the angle must grow."""
 ROUNDS = 3
 """Fits with the spread that the one before has left."""
 
@@ -37,7 +39,9 @@ class FilmFit:
     ----------
     fit : Fit
         ``field_xx`` to ``field_yy`` (determinant 1 to second order), ``hall_offset_x_ut``,
-        ``hall_offset_y_ut``, ``field_angle_mm[0]`` to ``[15]``; residuals in mm, of a component.
+        ``hall_offset_y_ut``, ``field_angle_mm[0]`` to ``[15]``, and ``field_angle_max_mm``, the
+        end of the scan, or where before it an off-centre film's angle ceases to grow; residuals
+        in mm, of a component.
     spread_mm : float
         What is left beyond the noise, one sigma of a component: the film is not as the model is.
     sigma_mm : float
@@ -75,7 +79,7 @@ def fit_film(
     ------
     ScanError
         Too few samples, depths, displacements or directions, a value that is not finite, or an
-        angle that does not grow with the displacement.
+        angle that does not grow over the better part of the displacements.
     """
     check_samples(
         len(RAW), field_ut=field_ut, depth_mm=depth_mm, displacement_mm=displacement_mm,
@@ -98,15 +102,13 @@ def fit_film(
         found = fit.values
         left = wanted - _model(found, field, depth, along)[0]
         spread_mm = float(np.sqrt(max(np.mean(left**2 - noise**2), 0.0)))
-    lateral = _map(*found[:3]) @ (field[:2] - found[3:5, np.newaxis])
-    size = np.hypot(*lateral)
-    within = np.arctan2(size, field[2]) - 2.0 * sigma_ut / np.hypot(size, field[2])
-    refuse_fold(found[5:].reshape(4, 4), np.maximum(within, 0.0), depth)
+    range_mm = _range(found[5:], depth, float(reach.max()))
     derivatives = _model(found, field, depth, along)[1]
     own = np.einsum("tp,pq,tq->t", derivatives, fit.covariance, derivatives).mean()
     values, jacobian = np.empty(len(NAMES)), np.zeros((len(NAMES), len(RAW)))
     values[:4], jacobian[:4, :3] = _map(*found[:3]).ravel(), _MAP_BY
-    values[4:], jacobian[4:, 3:] = found[3:], np.eye(len(RAW) - 3)
+    values[4:-1], jacobian[4:-1, 3:] = found[3:], np.eye(len(RAW) - 3)
+    values[-1] = range_mm
     values[4:6] += offset_ut[:2]
     told = fit.derived(NAMES, values, jacobian)
     return FilmFit(told, spread_mm, float(np.hypot(spread_mm, np.sqrt(own))))
@@ -118,6 +120,22 @@ _MAP_BY = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 1.0], [0.0, 1.0, -1.0], [-1.0, 0
 
 def _map(stretch: float, skew: float, turn: float) -> np.ndarray:
     return np.array([[1.0 + stretch, skew + turn], [skew - turn, 1.0 - stretch]])
+
+
+def _range(table: np.ndarray, depth: np.ndarray, longest_mm: float) -> float:
+    """Displacement up to which R(psi, H) rises with psi at every depth, at most `longest_mm`."""
+    angle, level = np.meshgrid(np.linspace(0.0, 0.75 * np.pi, 400), np.unique(depth))
+    place = angle.ravel(), level.ravel()
+    rises = angle_slope(table.reshape(4, 4), *place).reshape(angle.shape) > 0.0
+    rises = np.logical_and.accumulate(rises, axis=1)
+    reach = (angle_powers(*place) @ table).reshape(angle.shape)
+    end = float(np.where(rises, reach, 0.0).max(axis=1).min())
+    if end < SHORTEST * longest_mm:
+        raise ScanError(
+            "field_ut: must have an angle that grows with displacement over the scan; got one that "
+            f"ceases to grow at {end:.3g} mm"
+        )
+    return min(end, longest_mm)
 
 
 def _model(
