@@ -6,10 +6,12 @@ import struct
 import threading
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import msgspec
 import numpy as np
 import pytest
+from datagramfixtures import datagram_pair
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -402,6 +404,89 @@ def test_serving_answers_every_sync_of_every_bus() -> None:
     assert served[0].cycles == 30
     assert served[0].frames == sum(near.counters.received for near, _ in pairs)
     assert served[0].send_failures == 0
+
+
+def four_buses(folder: Path) -> Topology:
+    """Eight units on each of four buses, at 1 kHz."""
+    lines = ["format = 1", 'name = "four"']
+    for i in range(4):
+        lines += [
+            "[[buses]]", f'name = "bus{i}"', f'channel = "b{i}"', "data_bitrate = 5_000_000",
+            "cycle_rate_hz = 1000", "sync_id = 0x080",
+            "[[patches]]", f'name = "tile{i}"', 'kind = "grid"', "rows = 1", "columns = 8",
+            "pitch_m = 0.012", f'bus = "bus{i}"', 'layout = "f3t-fd64"', "first_id = 0x100",
+            f"pose = {{ xyz_m = [0.0, {0.012 * i}, 0.0] }}",
+        ]  # fmt: skip
+    path = folder / "four.toml"
+    path.write_text("\n".join(lines))
+    return load(path)
+
+
+def test_four_buses_that_can_be_polled_are_served_by_one_thread(tmp_path: Path) -> None:
+    """300 cycles as fast as the host asks: every SYNC is answered, and nothing runs ahead."""
+    topology = four_buses(tmp_path)
+    pairs = [datagram_pair() for _ in topology.buses]
+    nodes, stop, batch, served = Nodes(topology, seed=1), threading.Event(), FrameBatch(64), []
+    worker = threading.Thread(
+        target=lambda: served.append(nodes.serve([far for _, far in pairs], stop=stop))
+    )
+    worker.start()
+    try:
+        for cycle in range(300):
+            for near, _ in pairs:
+                near.send(sync(cycle))
+            for near, _ in pairs:
+                batch.clear()
+                while len(data_frames(batch.frames)) < 2:
+                    assert near.receive(batch, timeout_s=5.0) > 0
+                assert {int(n) for n in data_frames(batch.frames)["data"][:, 0]} == {cycle & 0xFF}
+        assert still_serving() == ["units on several buses"]
+    finally:
+        stop.set()
+        worker.join()
+        for end in sum(pairs, ()):
+            end.close()
+    assert served[0].cycles == 300
+    assert served[0].frames >= 4 * 2 * 300
+    assert (served[0].send_failures, served[0].skipped) == (0, 0)
+
+
+def test_a_bus_of_several_that_goes_away_ends_the_serving(tmp_path: Path) -> None:
+    pairs = [datagram_pair() for _ in range(4)]
+    pairs[2][1].close()
+    with pytest.raises(BusClosedError):
+        Nodes(four_buses(tmp_path)).serve([far for _, far in pairs])
+    assert not still_serving()
+    for end in sum(pairs, ()):
+        end.close()
+
+
+@pytest.mark.parametrize("behind", [1, RECENT + 1, 100, 200])
+def test_a_bus_that_lags_answers_its_own_cycles_and_does_not_run_ahead(behind: int) -> None:
+    nodes, out = Nodes(HAND, seed=1), FrameBatch(64)
+    for cycle in range(3):
+        for bus in (0, 1):
+            nodes.respond(sync(cycle), out, bus)
+            out.clear()
+    for cycle in range(3, 3 + behind):
+        nodes.respond(sync(cycle), out, 0)
+        out.clear()
+    assert nodes.served.cycles == 3 + behind
+    for cycle in range(3, 3 + behind):
+        assert nodes.respond(sync(cycle), out, 1) > 0
+        assert {field(r["data"], 0, 8) for r in data_frames(out.frames)} == {cycle & 0xFF}
+        out.clear()
+    assert nodes.served.cycles == 3 + behind
+
+
+def test_a_bus_that_was_silent_while_others_went_around_is_with_them_again() -> None:
+    nodes, out = Nodes(HAND, seed=1), FrameBatch(64)
+    for cycle in range(1000):
+        if not 3 <= cycle < 900:
+            nodes.respond(sync(cycle), out, 1)
+        nodes.respond(sync(cycle), out, 0)
+        out.clear()
+    assert nodes.served.cycles == 1000
 
 
 def test_serving_ends_when_it_is_told_and_tells_how_it_goes() -> None:

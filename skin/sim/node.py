@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import select
 import threading
 import time
 from collections import deque
@@ -167,7 +168,7 @@ class Nodes:
             if self._understands[bus] and record["id"] == IDENTIFIER:
                 self._configure(record, bus)
             else:
-                cycle = self._unwrapped(int(record["data"][0]))
+                cycle = self._unwrapped(int(record["data"][0]), bus)
                 self._append(cycle, out, bus, int(record["stamp_ns"]))
 
     def _configure(self, record: np.void, bus: int) -> None:
@@ -223,12 +224,16 @@ class Nodes:
             heard |= (records["id"] == sync_id) & (records["length"] >= 1)
         return heard & ((records["origin"] & ECHO) == 0)
 
-    def _unwrapped(self, counter: int) -> int:
-        """Cycle that a SYNC counter means: a recent one, for a bus that is behind, or a new one."""
+    def _unwrapped(self, counter: int, bus: int) -> int:
+        """Cycle that a SYNC counter means: the next one of its bus, which may be behind another."""
         if self._cycle < 0:
             return counter
-        behind = (self._cycle - counter) & 0xFF
-        return self._cycle - behind + (0 if behind < RECENT else 0x100)
+        last = self._sent[bus]
+        if last < 0:  # as near as can be to where the others are
+            return self._cycle - 128 + (counter - self._cycle + 128) % 256
+        cycle = last + (counter - last) % 256
+        # a bus that was silent while others went around
+        return cycle + max(0, self._cycle - cycle) // 256 * 256
 
     def _append(self, cycle: int, out: FrameBatch, bus: int, stamp_ns: int) -> None:
         if cycle > self._cycle:
@@ -280,7 +285,7 @@ class Nodes:
             if self._synced[bus]:
                 transport.listener = partial(self._answer, transport, self._batch(bus), bus)
             else:
-                self._start(self._send_freely, transport, bus)
+                self._start(self.topology.buses[bus].name, self._send_freely, transport, bus)
 
     def serve(
         self,
@@ -295,7 +300,9 @@ class Nodes:
         Parameters
         ----------
         transports : sequence of Transport
-            The units' end of each bus, in order. Each is served by a thread of its own.
+            The units' end of each bus, in order. Those that can be polled are served by one thread,
+            so that answering one bus never waits for Python to turn to another; each other one, and
+            each without SYNC, by a thread of its own.
         seconds : float, optional
             When to stop.
         stop : threading.Event, optional
@@ -319,10 +326,17 @@ class Nodes:
         self._stop = stop or threading.Event()
         started = time.monotonic()
         try:
+            together = []
             for bus, transport in enumerate(transports):
-                self._start(
-                    self._listen if self._synced[bus] else self._send_freely, transport, bus
-                )
+                name = self.topology.buses[bus].name
+                if not self._synced[bus]:
+                    self._start(name, self._send_freely, transport, bus)
+                elif transport.fileno() < 0 or len(transports) == 1:
+                    self._start(name, self._listen, transport, bus)
+                else:
+                    together.append((transport, bus))
+            if together:
+                self._start("several buses", self._listen_to_all, together)
             self._wait(started, seconds, watch)
         finally:
             self.close()
@@ -354,18 +368,15 @@ class Nodes:
                 f"transports: must be one for each of {expected} buses; got {len(transports)}"
             )
 
-    def _start(
-        self, work: Callable[[Transport, int], None], transport: Transport, bus: int
-    ) -> None:
+    def _start(self, where: str, work: Callable[..., None], *what: object) -> None:
         def guarded() -> None:
             try:
-                work(transport, bus)
+                work(*what)
             except Exception as error:
                 self._failures.append(error)
                 self._stop.set()
 
-        name = f"units on {self.topology.buses[bus].name}"
-        thread = threading.Thread(target=guarded, name=name, daemon=True)
+        thread = threading.Thread(target=guarded, name=f"units on {where}", daemon=True)
         self._threads.append(thread)
         thread.start()
 
@@ -389,6 +400,22 @@ class Nodes:
             heard.clear()
             if transport.receive(heard, POLL_S):
                 self._answer(transport, out, bus, heard.frames)
+
+    def _listen_to_all(self, ends: Sequence[tuple[Transport, int]]) -> None:
+        heard, arrival = FrameBatch(256), select.poll()
+        for transport, _ in ends:
+            arrival.register(transport.fileno(), select.POLLIN)
+        outs = [self._batch(bus) for _, bus in ends]
+        while not self._stop.is_set():
+            taken = 0
+            for (transport, bus), out in zip(ends, outs, strict=True):
+                heard.clear()
+                if transport.receive(heard):
+                    taken += heard.count
+                    self._answer(transport, out, bus, heard.frames)
+            if not taken and arrival.poll(1e3 * POLL_S):
+                # a bus in trouble is always ready, and has nothing to say
+                self._stop.wait(0.0)
 
     def _send_freely(self, transport: Transport, bus: int) -> None:
         heard, out = FrameBatch(256), self._batch(bus)
