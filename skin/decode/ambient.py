@@ -13,13 +13,16 @@ period · sqrt(noise² / (voters · 400 µT²/s · period)). With fewer than 4 i
 sigma widens as for a robot that turns at 1 rad/s, up to the 50 µT of knowing nothing.
 
 **Zeros.** The frequency and the lateral field of a unit at rest drift. They are followed, with 30 s
-and no faster than 1 Hz and 6 µT a minute, while the unit is *calm*: its load, averaged over a
-second, has for 5 s been within half a sigma of a single reading; nothing near it is loaded; its
-temperature is steady; its Bz, an independent witness of the depth, tells no press of a sigma
-either; and no flag is on it. So a held press loses at most half a sigma, however long it lasts, and
-a press that creeps up slower than the zero may follow is seen by Bz. Where the wire has no Bz, a
-press that grows by less than 1 Hz (1.7 mN) a minute does pass for drift, up to the span. A zero
-that has gone 60 Hz (0.1 N) or 200 µT from calibration stops there: the unit wants a tare.
+and 40 s and no faster than 1 Hz and 6 µT a minute, while the unit is *calm*: its load, averaged
+over a second, has for 5 s been within half a sigma of a single reading; nothing near it is loaded;
+its temperature is steady; its Bz, averaged over 10 s and an independent witness of the depth, tells
+no press of a sigma either; and no flag is on it. So a held press loses at most about half a sigma,
+however long it lasts, and one that creeps up as slowly as a zero may follow is noticed by Bz before
+it has lost two. A press that creeps up on most units of a body at once passes for ambient field at
+Bz, and where the wire has no Bz any press that grows by less than 1 Hz (1.7 mN) a minute passes for
+drift, up to the span: a zero that has gone 60 Hz (0.1 N) or 200 µT from calibration stops there,
+and the unit wants a tare. (At less than 100 cycles a second averages take 100 cycles, 1000 of the
+field, and all else is as much slower.)
 
 The zero of Bz is not followed but learnt, once, when a unit has first been calm: its size tells the
 displacement, so that it belongs to calibration, and only its change in common with the other units

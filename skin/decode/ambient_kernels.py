@@ -31,11 +31,12 @@ ABOUT_ROWS = 20
     FAST_HZ, SLOW_HZ,  # load, averaged over `FAST_S` and over the slow time
     LONG_X, LONG_Y, LONG_Z,  # field that is not at rest, averaged over the long time
     WARM, FILM,  # gel temperature over the slow and the long time
-    AGE_S,  # how long these have been averaged, without a break
+    AGE_S,  # how long the unit has been usable, without a break
+    ALONE_S,  # how long nothing near it has been loaded either: the age of the long averages
     CALM_S,  # how long nothing has touched the unit or its neighbours
     REST_Z, REST_WARM,  # Bz at rest, and the film's temperature then; NaN: not known
-) = range(11)  # fmt: skip
-MEMORY_ROWS = 11
+) = range(12)  # fmt: skip
+MEMORY_ROWS = 12
 
 # -- states of a unit ------------------------------------------------------------------------------
 NEAR, VOTES, FOLLOWED = 1, 2, 4
@@ -58,10 +59,13 @@ LOADED_SIGMAS = 3.0
 CALM_SIGMAS = 0.5
 """A unit whose averaged load is within this share of the sigma of a single reading may be
 unloaded: no held press, however long, can lose more than this."""
-DWELL_S = 5.0
-"""How long a unit must have been calm before its zero is followed."""
+DWELL_OF_SLOW = 5.0
+"""How long a unit must have been calm before its zero is followed, over the slow time."""
 FOLLOW_S = 30.0
-"""Time constant of the zeros."""
+"""Time constant of a frequency's zero, and `DAMPED` times the slow average at least."""
+DAMPED = 4.0
+"""A zero follows its average this many times as slowly, so that it does not swing; the field's,
+the long one."""
 RATE_HZ = 1.0 / 60.0
 RATE_UT = 0.1
 """Fastest change of a zero, a second."""
@@ -129,8 +133,12 @@ def _average(field, displacement, temperature, status, refused, dt_s, slow_s, ab
         usable = (status[i] & refused == 0) & (drop + x + y + z - (drop + x + y + z) == 0.0)
         age = memory[AGE_S, i] + dt_s
         memory[AGE_S, i] = age if usable else 0.0
+        alone = memory[ALONE_S, i] + dt_s
+        memory[ALONE_S, i] = alone if usable else 0.0
+        # a mean at first, then a low-pass
         share = dt_s / age if age > 0.0 else 1.0
-        quick, short, wide = max(fast, share), max(slow, share), max(long, share)
+        quick, short = max(fast, share), max(slow, share)
+        wide = max(long, dt_s / alone if alone > 0.0 else 1.0)
         memory[FAST_HZ, i] += quick * (drop - memory[FAST_HZ, i]) if usable else 0.0
         memory[SLOW_HZ, i] += short * (drop - memory[SLOW_HZ, i]) if usable else 0.0
         memory[LONG_X, i] += wide * (x - memory[LONG_X, i]) if usable else 0.0
@@ -139,7 +147,7 @@ def _average(field, displacement, temperature, status, refused, dt_s, slow_s, ab
         if temperature is not None:
             t = temperature[i]
             memory[WARM, i] += short * (t - memory[WARM, i]) if usable else 0.0
-            memory[FILM, i] += wide * (t - memory[FILM, i]) if usable else 0.0
+            memory[FILM, i] += max(long, share) * (t - memory[FILM, i]) if usable else 0.0
 
 
 @register_jitable(**_OPTIONS)
@@ -152,6 +160,9 @@ def _mark(about, memory, around_start, around, marks):
             marks[i] = NEAR
             for k in range(around_start[i], around_start[i + 1]):
                 marks[around[k]] = NEAR
+    for i in range(marks.size):
+        if marks[i] == NEAR:
+            memory[ALONE_S, i] = 0.0
 
 
 @register_jitable(**_OPTIONS)
@@ -231,9 +242,10 @@ def _filter(dt_s, row):
 
 
 @register_jitable(**_OPTIONS)
-def _follow(dt_s, calm_dt_s, about, memory, zero, marks):
+def _follow(dt_s, calm_dt_s, slow_s, about, memory, zero, marks):
     """Zeros of the units that are provably unloaded."""
-    share = dt_s / FOLLOW_S
+    share_hz = dt_s / max(FOLLOW_S, DAMPED * slow_s)
+    share_ut = dt_s / (DAMPED * LONG_OF_SLOW * slow_s)
     for i in range(marks.size):
         known = not np.isnan(memory[REST_Z, i])
         axial = about[AXIAL, i] > 0.0
@@ -244,7 +256,7 @@ def _follow(dt_s, calm_dt_s, about, memory, zero, marks):
             and not (axial and known and abs(memory[LONG_Z, i]) > about[WITNESS_UT, i])
         )
         memory[CALM_S, i] = memory[CALM_S, i] + calm_dt_s if calm else 0.0
-        if memory[CALM_S, i] < DWELL_S:
+        if memory[CALM_S, i] < DWELL_OF_SLOW * slow_s:
             continue
         if axial and not known:
             memory[REST_Z, i] = memory[LONG_Z, i]
@@ -252,10 +264,10 @@ def _follow(dt_s, calm_dt_s, about, memory, zero, marks):
             memory[LONG_Z, i] = 0.0
             continue
         marks[i] |= FOLLOWED
-        step = _held(share * memory[SLOW_HZ, i], RATE_HZ * dt_s)
+        step = _held(share_hz * memory[SLOW_HZ, i], RATE_HZ * dt_s)
         zero[0, i] = _held(zero[0, i] + step, SPAN_HZ)
         for row in range(2):
-            step = _held(share * memory[LONG_X + row, i], RATE_UT * dt_s)
+            step = _held(share_ut * memory[LONG_X + row, i], RATE_UT * dt_s)
             zero[1 + row, i] = _held(zero[1 + row, i] + step, SPAN_UT)
 
 
@@ -318,7 +330,7 @@ def update_python(
         _votes(field, runs[0, run], runs[1, run], about, memory, marks, row)
     for g in range(common.shape[0]):
         _filter(dt_s, common[g])
-    _follow(dt_s, calm_dt_s, about, memory, zero, marks)
+    _follow(dt_s, calm_dt_s, slow_s, about, memory, zero, marks)
     _compose(runs, about, zero, common, background)
 
 

@@ -1,0 +1,205 @@
+"""Zeros of the units: followed while provably nothing presses, and never while something does."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from ambientfixtures import World, apart, without_bz
+
+import topology
+from bus.status import Status
+from skin.decode.ambient import Ambient
+
+UNITS = 24
+SIGMA_HZ = 6.0
+HOUR_S = 3600.0
+BEGIN_S = 120.0  # until every zero is followed, at 10 Hz
+
+
+def begun(skin=None, **options):
+    skin = apart(UNITS) if skin is None else skin
+    ambient, world = Ambient(skin, **options), World(skin)
+    world.run(ambient, BEGIN_S)
+    assert ambient.followed.all()
+    return ambient, world
+
+
+def creep(world, ambient, seconds, *, press=0.0, drift=0.0):
+    """Let frequencies fall by a press or by drift, Hz a minute, in steps of a minute's tenth."""
+    for _ in range(round(seconds / 6.0)):
+        world.drop_hz += np.asarray(press) / 10.0
+        world.drift_hz += np.asarray(drift) / 10.0
+        world.run(ambient, 6.0)
+
+
+def seen(ambient, world):
+    """Ambient field after another second."""
+    world.run(ambient, 1.0)
+    return ambient.field_ut
+
+
+def load_hz(ambient, world):
+    """Fall of the frequency that is left in the readings, without noise, shape (n,)."""
+    return world.drop_hz + world.drift_hz - ambient.background[0]
+
+
+def test_held_press_has_not_moved_after_an_hour():
+    """Whatever it is: also one too light to be a contact, at the edge of what counts as calm."""
+    ambient, world = begun()
+    light = [0.5, 1.0, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 15.0, 17.0, 18.0]
+    world.drop_hz[:] = [*light, 19.0, 20.0, 30.0, 60.0, 100.0, 500.0, 1000.0, 1500.0, 1800.0]
+    zero = ambient.zero
+    world.run(ambient, HOUR_S)
+    moved = np.abs(load_hz(ambient, world) - (world.drop_hz - zero[0]))
+    assert moved.max() < 0.75 * SIGMA_HZ
+    assert moved[world.drop_hz > SIGMA_HZ].max() < 0.1 * SIGMA_HZ
+    assert not ambient.followed[world.drop_hz > SIGMA_HZ].any()
+    # sideways too: the field of a unit that is held stays what it is
+    held = world.drop_hz > SIGMA_HZ
+    assert np.abs(ambient.zero[1:, held] - zero[1:, held]).max() < 1.0
+
+
+def test_press_under_drift_does_not_move():
+    """What drifts under a press is not known, and not guessed: the reading goes with it."""
+    ambient, world = begun()
+    world.drop_hz[4] = 300.0
+    zero = ambient.zero
+    creep(world, ambient, 600.0, drift=0.5)
+    assert ambient.zero[0, 4] == zero[0, 4]
+    assert load_hz(ambient, world)[4] == pytest.approx(305.0 - zero[0, 4])
+    others = np.arange(UNITS) != 4
+    assert np.abs(load_hz(ambient, world)[others]).max() < 1.0
+
+
+@pytest.mark.parametrize("rate_hz_per_min", [0.5, -0.5, 0.9])
+def test_drift_of_unloaded_units_is_followed(rate_hz_per_min):
+    ambient, world = begun()
+    creep(world, ambient, 1200.0, drift=rate_hz_per_min)
+    assert np.abs(world.drift_hz).min() > 9.9
+    assert np.abs(load_hz(ambient, world)).max() < 0.5 * SIGMA_HZ
+    assert ambient.followed.mean() > 0.8
+
+
+def test_drift_of_an_offset_is_followed():
+    ambient, world = begun()
+    for _ in range(60):
+        world.stray_ut[0, ::2] += 0.5
+        world.stray_ut[0, 1::2] -= 0.5
+        world.run(ambient, 30.0)  # 1 µT a minute
+    assert np.abs(world.stray_ut[0]).min() > 29.0
+    assert np.abs(world.stray_ut[:2] - ambient.zero[1:]).max() < 15.0
+
+
+@pytest.mark.parametrize("rate_hz_per_min", [0.2, 0.5, 0.9, 1.2, 2.0, 5.0])
+def test_press_that_creeps_is_not_taken_for_drift(rate_hz_per_min):
+    """Three units of 24, slower and faster than a zero may follow: Bz tells it from drift."""
+    ambient, world = begun()
+    press = np.zeros(UNITS)
+    press[[3, 11, 19]] = rate_hz_per_min
+    creep(world, ambient, 20.0 / rate_hz_per_min * 60.0, press=press)
+    pressed = press > 0.0
+    assert np.all(world.drop_hz[pressed] > 19.9)
+    assert np.abs(ambient.zero[0, pressed]).max() < 2.0 * SIGMA_HZ
+    assert not ambient.followed[pressed].any()
+    assert ambient.followed[~pressed].mean() > 0.8
+
+
+def test_press_that_creeps_without_bz_is_absorbed_only_if_slower_than_said():
+    ambient, world = begun(without_bz(apart(UNITS)))
+    press = np.zeros(UNITS)
+    press[:4] = 0.5, 2.0, 5.0, 20.0
+    creep(world, ambient, 1200.0, press=press)
+    taken = ambient.zero[0, :4]
+    assert taken[0] > 8.0
+    assert taken[1:].max() < SIGMA_HZ
+
+
+def test_zero_goes_no_farther_than_its_span_and_wants_a_tare():
+    ambient, world = begun(without_bz(apart(UNITS)))
+    drift = np.zeros(UNITS)
+    drift[:2] = 0.8
+    creep(world, ambient, 5400.0, drift=drift)
+    assert ambient.zero[0, :2] == pytest.approx([60.0, 60.0])
+    assert ambient.wants_tare.tolist() == [True, True] + [False] * (UNITS - 2)
+    assert load_hz(ambient, world)[0] == pytest.approx(12.0)
+
+
+@pytest.mark.parametrize(
+    "trouble",
+    [
+        lambda world: world.status.__setitem__(5, Status.FROZEN),
+        lambda world: world.status.__setitem__(5, Status.LATE),
+        lambda world: world.drop_hz.__setitem__(5, 40.0),
+        lambda world: world.drop_hz.__setitem__(5, -40.0),
+        lambda world: world.temperature.__setitem__(5, np.nan),
+    ],
+    ids=["frozen", "late", "pressed", "pulled", "no temperature"],
+)
+def test_unit_in_doubt_is_let_be(trouble):
+    ambient, world = begun()
+    trouble(world)
+    world.run(ambient, 30.0)
+    assert not ambient.followed[5]
+    zero = ambient.zero[:, 5]
+    creep(world, ambient, 300.0, drift=0.5)
+    assert np.array_equal(ambient.zero[:, 5], zero)
+
+
+def test_units_near_a_press_are_let_be():
+    skin = topology.load("fingertip")
+    ambient, world = Ambient(skin), World(skin)
+    world.run(ambient, 12.0)
+    assert ambient.followed.all()
+    world.drop_hz[0] = 200.0
+    world.run(ambient, 2.0)
+    near = np.linalg.norm(skin.position - skin.position[:, [0]], axis=0) < 0.03
+    assert near.sum() > 6
+    assert np.array_equal(ambient.followed, ~near)
+
+
+def test_zero_waits_for_a_steady_temperature():
+    ambient, world = begun()
+    for _ in range(60):
+        world.temperature[3] += 0.25  # 5 °C a minute
+        world.run(ambient, 3.0)
+    assert not ambient.followed[3]
+    assert ambient.followed.sum() == UNITS - 1
+    world.run(ambient, 600.0)
+    assert ambient.followed.all()
+
+
+def test_missing_cycles_do_not_count_as_calm():
+    skin = apart(UNITS)
+    ambient, world = Ambient(skin), World(skin)
+    for _ in range(40):
+        ambient.update(world.cycle(ambient.background), dt_s=60.0)
+    assert not ambient.followed.any()
+
+
+def test_rest_of_bz_is_learnt_once_and_told():
+    ambient, world = Ambient(apart(UNITS)), World(apart(UNITS))
+    assert np.isnan(ambient.rest_ut).all()
+    world.drop_hz[2] = 100.0
+    world.run(ambient, BEGIN_S)
+    rest = 1.65 * 11073.0 * np.exp(-1.44)
+    known = np.arange(UNITS) != 2
+    assert np.abs(ambient.rest_ut[known] - rest).max() < 12.0
+    assert np.isnan(ambient.rest_ut[2])
+    world.drop_hz[2] = 0.0
+    world.run(ambient, 3.0 * BEGIN_S)
+    assert abs(ambient.rest_ut[2] - rest) < 12.0
+    learnt = ambient.rest_ut
+    world.stray_ut[2] = 8.0
+    world.run(ambient, BEGIN_S)
+    assert np.array_equal(ambient.rest_ut, learnt)
+
+
+def test_warm_film_is_not_taken_for_a_weaker_one():
+    """Bz falls by 0.11 % a kelvin: that is expected of it, and is no ambient field."""
+    ambient, world = begun()
+    for _ in range(100):
+        world.temperature += 0.1
+        world.run(ambient, 12.0)
+    found = np.mean([seen(ambient, world) for _ in range(300)], axis=0)
+    assert np.abs(found).max() < 4.0  # 48 µT if it were
+    assert ambient.followed.mean() > 0.8
