@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
+from bus.diagnose_boards import same_serials
 from bus.diagnose_bus import LONG_SILENCE, BusRules
 from bus.discover import Survey
 from bus.finding import Finding, some
@@ -37,6 +38,7 @@ def diagnose(survey: Survey, transports: Sequence[Transport] = ()) -> list[Findi
     for b in range(len(survey.topology.buses)):
         found += BusRules(survey, b).findings()
     found += _of_units(survey)
+    found += same_serials(survey)
     found = [finding for code in dict.fromkeys(f.code for f in found)
              for finding in _few([f for f in found if f.code == code])]  # fmt: skip
     return sorted(found, key=lambda finding: finding.severity)

@@ -7,8 +7,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from bus.diagnose_boards import BoardRules
 from bus.discover import STALE_CYCLES, Heard, Survey
 from bus.finding import Finding, frame_kind, hex_id, rates, some
+from bus.heartbeat import FIRST_ID, LAST_ID
 from bus.status import Status
 
 __all__ = ["LONG_SILENCE", "BusRules"]
@@ -16,7 +18,7 @@ __all__ = ["LONG_SILENCE", "BusRules"]
 LONG_SILENCE = 20
 """Cycles without a reading that are more than losses in a row."""
 _RATE_TOLERANCE = 0.1
-_HEARTBEATS = range(0x700, 0x780)
+_HEARTBEATS = range(FIRST_ID, LAST_ID + 1)
 
 
 class BusRules:
@@ -38,6 +40,7 @@ class BusRules:
         self.interrupted = np.array([self._has_come_back(row) for row in self.rows], bool)
         self.slow = np.zeros(self.rows.size, bool)
         """Frames that come evenly, at another rate: no losses."""
+        self.boards = BoardRules(survey, index)
 
     def findings(self) -> Iterator[Finding]:
         """Everything about this bus."""
@@ -48,6 +51,7 @@ class BusRules:
         yield from self._shape()
         yield from self._rate()
         yield from self._losses()
+        yield from self.boards.findings(self.never | self.fell)
 
     # -- what the rows of this bus are ---------------------------------------------------------
 
@@ -139,12 +143,12 @@ class BusRules:
                 left[places] = False
         for place in np.flatnonzero(left):
             count = self._units(self.rows[place]).size
+            cause = "a loose plug, or a unit that has reset or lost its power"
+            if self.never[place]:
+                cause = "no power, a loose plug, or another address than the file says"
             yield Finding(
                 "missing-unit", "error", self._frame(place), count,
-                self._how(np.array([place])),
-                "no power, a loose plug, or another address than the file says"
-                if self.never[place]
-                else "a loose plug, or a unit that has reset or lost its power",
+                self._how(np.array([place])), self._alive([place]) or cause,
             )  # fmt: skip
 
     def _silent_bus(self) -> Iterator[Finding]:
@@ -154,7 +158,8 @@ class BusRules:
             yield Finding(
                 "silent-bus", "error", self.name, units,
                 f"none of {units} units is heard, though others send",
-                "units without power, another first_id than the file's, or the file of another "
+                self._alive(np.flatnonzero(self.enabled))
+                or "units without power, another first_id than the file's, or the file of another "
                 "skin",
             )  # fmt: skip
         elif not errors and self.bus.interface == "memory":
@@ -195,9 +200,14 @@ class BusRules:
             "silent-branch", "error", self.name, units,
             f"{where}, {units} units on {hex_id(self.ids[places[0]])} to "
             f"{hex_id(self.ids[places[-1]])}: {self._how(places)}",
-            "the cable or plug between the last unit that is heard and the first that is not, or "
-            "the power of that branch",
+            self._alive(places)
+            or "the cable or plug between the last unit that is heard and the first that is not, "
+            "or the power of that branch",
         )  # fmt: skip
+
+    def _alive(self, places: list[int] | np.ndarray) -> str:
+        """The likely cause where silent frames are those of boards that live; else empty."""
+        return self.boards.alive(np.isin(np.arange(self.rows.size), places))
 
     def _how(self, places: np.ndarray) -> str:
         """Never heard, or silent since when."""

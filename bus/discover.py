@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 
 from bus.assemble import Assembler
+from bus.boards import Boards
 from bus.cycle import FrameCounters, RawCycle
 from bus.errors import BusClosedError
 from bus.frame import CAN_ERR, CAN_RTR, ECHO, FD_FDF, FRAME_DTYPE, FrameBatch
@@ -70,6 +71,8 @@ class Survey:
         Last fault that a unit told of itself.
     age, longest_age : ndarray, shape (n,), int64
         Cycles since the last reading, -1 for never; the longest silence that ended.
+    boards : Boards
+        What boards say in their heartbeats.
     seconds : float
         How long was listened, by time stamps; steps back, and on by more than a second, left out.
     closed : str
@@ -88,6 +91,7 @@ class Survey:
         self.fault_code = np.zeros(topology.n, np.uint8)
         self.age = np.full(topology.n, -1, np.int64)
         self.longest_age = np.zeros(topology.n, np.int64)
+        self.boards = Boards(topology)
         self.seconds = 0.0
         self.closed = ""
         self._assembler = Assembler(topology, stale_cycles=STALE_CYCLES)
@@ -114,7 +118,8 @@ class Survey:
         """
         if not frames.size:
             return
-        self._time(frames["stamp_ns"])
+        listened_s = self._time(frames["stamp_ns"])
+        self.boards.hear(frames, listened_s)
         known = frames[frames["bus"] < len(self.topology.buses)]
         is_error = (known["id"] & np.uint32(CAN_ERR)) != 0
         self._hear_errors(known[is_error])
@@ -134,11 +139,15 @@ class Survey:
         if cycle is not None:
             self._see(cycle)
 
-    def _time(self, stamps: np.ndarray) -> None:
+    def _time(self, stamps: np.ndarray) -> np.ndarray:
+        """When frames of these time stamps came, in seconds of listening."""
         first = stamps[0] if self._stamp_ns is None else self._stamp_ns
         steps = np.diff(stamps, prepend=first)
-        self.seconds += float(steps[(steps > 0) & (steps <= _LONGEST_STEP_NS)].sum()) * 1e-9
+        steps[(steps < 0) | (steps > _LONGEST_STEP_NS)] = 0
+        listened_s = self.seconds + 1e-9 * np.cumsum(steps)
+        self.seconds = float(listened_s[-1])
         self._stamp_ns = int(stamps[-1])
+        return listened_s
 
     def _hear(self, frames: np.ndarray) -> None:
         own = (frames["origin"] & ECHO) != 0

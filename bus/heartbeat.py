@@ -13,11 +13,12 @@ import numpy as np
 
 from topology import Topology
 
-__all__ = ["FIELDS", "FIRST_ID", "LAYOUT", "PERIOD_S", "STATES", "beating_nodes"]
+__all__ = ["FIELDS", "FIRST_ID", "LAST_ID", "LAYOUT", "PERIOD_S", "STATES", "beating_nodes"]
 
 FIRST_ID = 0x700
 """The heartbeat of node k has the identifier FIRST_ID + k."""
-_LAST_ID = 0x7DF
+LAST_ID = 0x7DF
+"""The last identifier that a heartbeat can have: configuration has the next one."""
 
 PERIOD_S = 1.0
 
@@ -47,7 +48,7 @@ def beating_nodes(topology: Topology, bus: int) -> list[int]:
     frames = topology.frames
     here = frames.bus == bus
     taken = set(frames.can_id[here].tolist())
-    boards = np.flatnonzero(here & (frames.part == 0))[: _LAST_ID - FIRST_ID]
+    boards = np.flatnonzero(here & (frames.part == 0))[: LAST_ID - FIRST_ID]
     return [
         node
         for node, frame in enumerate(boards, 1)

@@ -21,6 +21,8 @@ from numba import njit, types
 
 from bus.configure import IDENTIFIER as CONFIGURATION_ID
 from bus.frame import CAN_ERR, CAN_RTR, ECHO, FD_BRS, FD_FDF, FRAME_DTYPE
+from bus.heartbeat import FIRST_ID as FIRST_HEARTBEAT
+from bus.heartbeat import LAST_ID as LAST_HEARTBEAT
 from bus.status import INVALID, Status
 
 PAYLOAD = FRAME_DTYPE.fields["data"][1]
@@ -744,7 +746,7 @@ def _feed(row, words, data, tables, memory, shown):
                 if take_data(f, row, words, data, tables, memory):
                     close_cycle(BY_COMPLETE, tables, memory, shown)
                     return row + 1
-            elif can_id & ~0x7F == 0x700:
+            elif FIRST_HEARTBEAT <= can_id <= LAST_HEARTBEAT:
                 totals[HEARTBEAT] += 1
             elif can_id == CONFIGURATION_ID:
                 totals[CONFIGURATION] += 1

@@ -38,16 +38,18 @@ FILTERS_MAX = 512
 
 _EVERY_ERROR = 0x1FFF_FFFF
 _EXACT = CAN_EFF | CAN_RTR
-_HEARTBEATS, _HEARTBEAT_MASK = 0x700, 0x780
+_UPPER, _UPPER_MASK = 0x700, 0x700
+"""Heartbeats and configuration, and what else is as little urgent as they are."""
 _FD_MTU = 72
 _OPTIONS = ("queue_bytes", "patience_s")
 _RATE_TOLERANCE = 0.01
 
 
 def filters(topology: Topology, index: int) -> np.ndarray | None:
-    """Let only the expected frames of one bus through: data, SYNC and heartbeats.
+    """Let only the expected frames of one bus through: data, SYNC, heartbeats, configuration.
 
-    What is kept out costs nothing, but is not counted either: foreign identifiers, remote frames.
+    What is kept out costs nothing, but is not counted either: remote frames, and foreign
+    identifiers below 0x700.
 
     Parameters
     ----------
@@ -68,7 +70,7 @@ def filters(topology: Topology, index: int) -> np.ndarray | None:
     # The kernel finds exact identifiers by a table, all others by trying one after the other.
     masks = np.where(wanted & CAN_EFF, 0x1FFF_FFFF, 0x7FF) | _EXACT
     exact = np.stack([wanted, masks], axis=1)
-    return np.vstack([exact, [[_HEARTBEATS, _HEARTBEAT_MASK | _EXACT]]]).astype(np.uint32)
+    return np.vstack([exact, [[_UPPER, _UPPER_MASK | _EXACT]]]).astype(np.uint32)
 
 
 class SocketCanTransport(DatagramTransport):

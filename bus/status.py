@@ -40,6 +40,11 @@ class Status(IntFlag):
     """Beyond the calibrated range of force, displacement or temperature."""
     NOT_F3T = 1 << 11
     """A sensor of another kind, of which nothing is known but its counts."""
+    MAGNETIC_ANOMALY = 1 << 12
+    """The field is not the film's own at this depth and displacement: steel or a magnet is near, or
+    the unit is not the one that was calibrated. What is tangential is wrong."""
+    IDLE = 1 << 13
+    """Without load, and so not looked at any further: what is tangential reads NaN, not zero."""
 
 
 INVALID = (
@@ -53,5 +58,6 @@ INVALID = (
     | Status.TORN
     | Status.OUT_OF_RANGE
     | Status.NOT_F3T
+    | Status.MAGNETIC_ANOMALY
 )
 """Any of these, and array features (wrench, centroid, clusters) leave the unit out."""

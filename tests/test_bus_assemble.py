@@ -568,7 +568,7 @@ HOSTILE = {
     "short": lambda d, x: broken(d, length=x % 16),
     "foreign": lambda d, x: broken(d, id=0x600 + x % 64),
     "crc": lambda d, x: corrupted(d, x % 128),
-    "heartbeat": lambda d, x: broken(d, id=0x700 + x % 128),
+    "heartbeat": lambda d, x: broken(d, id=0x700 + x % 224),
     "configuration": lambda d, x: broken(d, id=0x7E0),
 }
 

@@ -1,0 +1,84 @@
+"""Boards: what the boards on the buses of a topology say of themselves, in their heartbeats."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from bus.frame import ECHO, FD_FDF
+from bus.heartbeat import FIELDS, FIRST_ID, LAST_ID, LAYOUT, STATES
+from topology import Topology
+
+__all__ = ["Board", "Boards"]
+
+MOST_SERIALS = 16
+_NAMES = tuple(name for name, _ in FIELDS)
+
+
+@dataclass(slots=True)
+class Board:
+    """What the heartbeats of one node say.
+
+    Attributes
+    ----------
+    heartbeats : int
+        How many came.
+    last_s : float
+        When the last one came, in seconds of listening.
+    state : str
+        Its state; a number where it has no name.
+    serials : set of int
+        Serial numbers; more than one only where two boards are the same node. At most MOST_SERIALS.
+    """
+
+    heartbeats: int = 0
+    last_s: float = 0.0
+    state: str = ""
+    serials: set[int] = field(default_factory=set)
+
+
+class Boards:
+    """The boards that are heard; there cannot be more of them than there are identifiers.
+
+    Parameters
+    ----------
+    topology : Topology
+
+    Attributes
+    ----------
+    heard : dict of (int, int) to Board
+        By bus and node.
+    """
+
+    def __init__(self, topology: Topology) -> None:
+        self.heard: dict[tuple[int, int], Board] = {}
+        frames = topology.frames
+        self._taken = set(zip(frames.bus.tolist(), frames.can_id.tolist(), strict=True))
+        self._taken |= {(b, bus.sync_id) for b, bus in enumerate(topology.buses)}
+        self._buses = len(topology.buses)
+
+    def hear(self, frames: np.ndarray, listened_s: np.ndarray) -> None:
+        """Take the heartbeats among frames; what is not one is left alone.
+
+        Parameters
+        ----------
+        frames : ndarray, shape (m,), FRAME_DTYPE
+        listened_s : ndarray, shape (m,)
+            When each one came, in seconds of listening.
+        """
+        is_beat = (frames["id"] > FIRST_ID) & (frames["id"] <= LAST_ID)
+        is_beat &= (frames["length"] == LAYOUT.size) & (frames["bus"] < self._buses)
+        is_beat &= ((frames["flags"] & FD_FDF) == 0) & ((frames["origin"] & ECHO) == 0)
+        for i in np.flatnonzero(is_beat):
+            bus, can_id = int(frames["bus"][i]), int(frames["id"][i])
+            if (bus, can_id) in self._taken:
+                continue
+            said = dict(zip(_NAMES, LAYOUT.unpack_from(frames["data"][i].tobytes()), strict=True))
+            board = self.heard.setdefault((bus, can_id - FIRST_ID), Board())
+            board.heartbeats += 1
+            board.last_s = float(listened_s[i])
+            state = said["state"]
+            board.state = STATES[state] if state < len(STATES) else str(state)
+            if len(board.serials) < MOST_SERIALS:
+                board.serials.add(said["serial_number"])

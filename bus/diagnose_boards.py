@@ -1,0 +1,158 @@
+"""The doctor's rules about boards: whose heartbeat is missing, strange, or that of two."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+
+import numpy as np
+
+from bus.boards import Board
+from bus.configure import node_numbers
+from bus.discover import Survey
+from bus.finding import Finding, hex_id, some
+from bus.heartbeat import FIRST_ID, PERIOD_S, beating_nodes
+from topology.wire import LAYOUTS
+
+__all__ = ["BoardRules", "same_serials"]
+
+PATIENCE_S = 2.5 * PERIOD_S
+"""A heartbeat that has not come for so long is missing."""
+
+
+class BoardRules:
+    """The rules about the boards of one bus.
+
+    Parameters
+    ----------
+    survey : Survey
+    index : int
+        Of the bus.
+    """
+
+    def __init__(self, survey: Survey, index: int) -> None:
+        skin = survey.topology
+        frames = skin.frames
+        self.survey, self.index, self.name = survey, index, f"bus {skin.buses[index].name!r}"
+        self.heard = {
+            node: board for (bus, node), board in survey.boards.heard.items() if bus == index
+        }
+        self.nodes = node_numbers(skin)[frames.bus == index]
+        """Of the frames on this bus, in their order."""
+        self.expected = beating_nodes(skin, index)
+        layouts = frames.layout[(frames.bus == index) & (frames.part == 0)]
+        own = [skin.layouts[layouts[node - 1]] in LAYOUTS.values() for node in self.expected]
+        self._promised = {node for node, is_own in zip(self.expected, own, strict=True) if is_own}
+        """Those with frames of this project's own, which send heartbeats; of others who knows."""
+
+    def findings(self, gone: np.ndarray) -> Iterator[Finding]:
+        """Everything about the boards of this bus.
+
+        Parameters
+        ----------
+        gone : ndarray, shape (f,), bool
+            Frames of this bus that do not come.
+        """
+        talking = set(self.nodes[~gone].tolist())
+        missing = [node for node in self.expected if node in talking and self._misses(node)]
+        yield from self._missing(missing, len(talking.intersection(self.expected)))
+        for node, board in sorted(self.heard.items()):
+            if node not in self.expected:
+                yield self._unknown(node, board, missing)
+            if len(board.serials) > 1:
+                yield Finding(
+                    "duplicate-node", "error", self._named(node), len(board.serials),
+                    f"heartbeats with {len(board.serials)} serial numbers "
+                    f"({_listed(sorted(board.serials))})",
+                    "two boards set to the same address",
+                )  # fmt: skip
+            if board.state == "fault":
+                yield Finding(
+                    "board-fault", "error", self._named(node), board.heartbeats,
+                    "the board reports a fault in its heartbeats",
+                    "see the board's manual; its units may be wrong though their frames come",
+                )  # fmt: skip
+
+    def alive(self, gone: np.ndarray) -> str:
+        """Where frames do not come, though the boards that send them all live: the cause.
+
+        Parameters
+        ----------
+        gone : ndarray, shape (f,), bool
+            Frames of this bus that do not come.
+
+        Returns
+        -------
+        str
+            Empty where one of the boards gives no sign of life.
+        """
+        nodes = np.unique(self.nodes[gone]).tolist()
+        if not nodes or any(node not in self.heard or self._misses(node) for node in nodes):
+            return ""
+        states = sorted({self.heard[node].state for node in nodes})
+        who = "its board lives" if len(nodes) == 1 else f"all {len(nodes)} boards live"
+        return (
+            f"{who}, by heartbeat (state {' or '.join(states)}): no SYNC that reaches it, another "
+            "sync_id or data identifier than the file's, or sampling that has stopped"
+        )
+
+    def _misses(self, node: int) -> bool:
+        board = self.heard.get(node)
+        if board is None and node not in self._promised:
+            return False
+        return self.survey.seconds - (board.last_s if board else 0.0) >= PATIENCE_S
+
+    def _missing(self, nodes: list[int], talking: int) -> Iterator[Finding]:
+        if len(nodes) == talking > 1 and not any(node in self.heard for node in nodes):
+            yield Finding(
+                "missing-heartbeat", "warning", self.name, len(nodes),
+                f"not one heartbeat of {len(nodes)} boards in {self.survey.seconds:.1f} s, though "
+                "their data come",
+                "a firmware without heartbeats, or a filter or recording that left them out",
+            )  # fmt: skip
+            return
+        for node in nodes:
+            board = self.heard.get(node)
+            since = self.survey.seconds - (board.last_s if board else 0.0)
+            how = "has not come for the last" if board else "never came in"
+            yield Finding(
+                "missing-heartbeat", "warning", self._named(node), 1,
+                f"its heartbeat {how} {since:.1f} s, though its data do",
+                "a firmware of which only the sampling still runs" if board
+                else "another node number than the file's, or an older firmware",
+            )  # fmt: skip
+
+    def _unknown(self, node: int, board: Board, missing: list[int]) -> Finding:
+        cause = "a board that the file lacks, or that has another node number"
+        if missing:
+            cause = f"a board with another node number: node {missing[0]} is missing"
+        return Finding(
+            "unknown-board", "warning", self._named(node), board.heartbeats,
+            f"{some(board.heartbeats, 'heartbeat')} of a board that the file does not know "
+            f"(serial number {_listed(sorted(board.serials))})",
+            cause,
+        )  # fmt: skip
+
+    def _named(self, node: int) -> str:
+        return f"node {node} ({hex_id(FIRST_ID + node)}) on {self.name}"
+
+
+def same_serials(survey: Survey) -> Iterator[Finding]:
+    """Boards of the whole skin that have a serial number in common."""
+    owners: dict[int, list[str]] = {}
+    for (bus, node), board in sorted(survey.boards.heard.items()):
+        name = survey.topology.buses[bus].name
+        for serial in board.serials:
+            owners.setdefault(serial, []).append(f"node {node} on bus {name!r}")
+    for serial, names in sorted(owners.items()):
+        if len(names) > 1:
+            yield Finding(
+                "duplicate-serial", "warning", f"serial number {serial}", len(names),
+                f"{len(names)} boards have it: {_listed(names)}",
+                "boards that were programmed with one image, or one board that is heard on two "
+                "identifiers or buses",
+            )  # fmt: skip
+
+
+def _listed(words: Collection[object], most: int = 4) -> str:
+    shown = ", ".join(str(word) for word in list(words)[:most])
+    return shown if len(words) <= most else f"{shown} and {len(words) - most} more"
