@@ -3,152 +3,133 @@
 A film looks the same from every side, so what it adds at a chip depends on the distance of the
 chip from the film's axis and its height along it alone: one fit serves all pairs that share these,
 on flat, curved and irregular skins, once it is turned to where the chip really is.
+
+Units of different frames move against each other, so what one adds at the other is no constant of
+the skin: such pairs are left out, and counted (`Stencil.moving_pairs`).
 """
 
 from __future__ import annotations
 
 import dataclasses
+import os
+import zipfile
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
+from pathlib import Path
 
 import numpy as np
 
-from skin.calibrate.fit import Fit, check_levels, check_samples, least_squares
-from skin.errors import ScanError
+from skin.calibrate.fit import Fit
+from skin.calibrate.stray import (
+    APART_M,
+    DEGREES,
+    field_at_rest,
+    left_out,
+    monomials,
+    powers,
+    scan_poses,
+    scan_stray,
+)
+from skin.errors import ScanError, SkinError
 from skin.sim.halbach import CHIP_AXES, HalbachField
 from topology import Topology
 from topology.neighbours import compressed_rows, pairs_within
 
-__all__ = ["Stencil", "fit_stray", "monomials", "powers"]
+__all__ = ["Stencil"]
 
 SAME_MM = 1e-3
 """Pairs whose chips sit within this of each other, as their films see them, share a fit."""
-APART_M = 10.0
-"""Between the pairs of the bench: none feels another."""
-HORIZON_M = 0.1
-"""What is left out is summed to this distance; beyond it a film adds less than 0.1 µT."""
-
-
-def powers(degree: int) -> np.ndarray:
-    """Exponents of (dx, dy, H) of every term but the constant, shape (terms, 3).
-
-    By degree: three linear ones, then six quadratic ones, then ten cubic ones.
-    """
-    every = [p for p in product(range(degree + 1), repeat=3) if 1 <= sum(p) <= degree]
-    return np.array(sorted(every, key=lambda p: (sum(p), [-e for e in p])))
-
-
-def monomials(displacement_mm: np.ndarray, degree: int) -> np.ndarray:
-    """Every term of `powers`.
-
-    Parameters
-    ----------
-    displacement_mm : ndarray, shape (..., 3, m)
-        Of a film: tangential dx, dy, and depth H.
-    degree : int
-
-    Returns
-    -------
-    ndarray, shape (..., terms, m)
-    """
-    given = np.asarray(displacement_mm, float)
-    x, y, h = given[..., 0, :], given[..., 1, :], given[..., 2, :]
-    return np.stack([x**i * y**j * h**k for i, j, k in powers(degree)], axis=-2)
-
-
-def fit_stray(
-    stray_ut: np.ndarray,
-    displacement_mm: np.ndarray,
-    *,
-    degree: int = 2,
-    sigma_ut: float = 1.0,
-) -> tuple[Fit, Fit, Fit]:
-    """Fit the three axes of a neighbour's stray field to a scan of the neighbour.
-
-    Parameters
-    ----------
-    stray_ut : ndarray, shape (t, 3)
-        Change of the field at the chip since the neighbour was at rest.
-    displacement_mm : ndarray, shape (t, 3)
-        Of the neighbour: dx, dy, H.
-    degree : int
-        1, 2 or 3.
-    sigma_ut : float
-
-    Returns
-    -------
-    tuple of Fit
-        Coefficients of `powers` along x, y and z.
-
-    Raises
-    ------
-    ScanError
-        Too few samples or levels of a displacement, or a value that is not finite.
-    """
-    if degree not in (1, 2, 3):
-        raise ScanError(f"degree: must be 1, 2 or 3; got {degree}")
-    terms = powers(degree)
-    check_samples(len(terms), stray_ut=stray_ut, displacement_mm=displacement_mm)
-    moved = np.asarray(displacement_mm, float)
-    for axis, name in enumerate(("dx", "dy", "H")):
-        check_levels(f"displacement_mm ({name})", moved[:, axis], degree + 1, 0.05)
-    matrix = monomials(moved.T, degree).T
-    names = tuple("".join(f"{name}^{e} " for name, e in zip(("dx", "dy", "H"), term, strict=True)
-                          if e).strip() for term in terms)  # fmt: skip
-    stray = np.asarray(stray_ut, float)
-    return tuple(least_squares(matrix, stray[:, axis], sigma_ut, names) for axis in range(3))
+FORMAT = 1
+"""Of the file that a stencil is saved to."""
 
 
 @dataclass(frozen=True, eq=False)
 class Stencil:
     """What the neighbours of every unit add at its chip, in compressed rows of m pairs.
 
+    Pairs of one kind differ in nothing but the strength of the film: on a flat lattice all pairs
+    of one offset are of a kind, on a curved skin nearly every pair is its own.
+
     Attributes
     ----------
     start : ndarray, shape (n + 1,), int32
     neighbour : ndarray, shape (m,), int32
         Neighbours of unit i are ``neighbour[start[i]:start[i + 1]]``.
-    coefficients : ndarray, shape (3, terms, m), float64
-        µT per mm and its powers (`powers`), axes of the chip of the unit, from (dx, dy, H) of the
-        neighbour in the neighbour's frame.
-    covariance : ndarray, shape (3, terms, terms, m)
-        Of the coefficients of each axis.
+    kind : ndarray, shape (m,), int32
+    coefficients : ndarray, shape (k, 3, terms), float64
+        Of each kind, for a film of strength 1: µT per mm and its powers (`powers`), axes of the
+        chip of the unit, from (dx, dy, H) of the neighbour in the neighbour's frame.
+    sigma_ut : ndarray, shape (k, 3)
+        One-sigma of what each kind predicts for a film of strength 1, the mean over the range of
+        the scan: what the polynomial misses, and the noise of the scan.
+    strength : ndarray, shape (n,)
+        Of each unit's film: `field_amplitude_ut`, or 1 where the pairs were measured themselves.
     rest_ut : ndarray, shape (3, n)
         What all neighbours within `HORIZON_M`, however far beyond the reach, add while they are at
         rest: constant, and large along z.
     degree : int
     reach_m : float
         Neighbours nearer than this are in.
+    depth_max_mm, displacement_max_mm : float
+        Range of the scan.
     left_out_ut : float
-        What farther neighbours add to the field of the worst unit, if all of them, each as strong
+        What farther neighbours add to any axis of the worst unit, if all of them, each as strong
         as the strongest, moved at once to where on a flat skin they add most.
+    left_out_rms_ut : ndarray, shape (n,)
+        What they add to one axis of each unit if they move at random through the range of the
+        scan: root of the mean square, over the axes too. A skin pressed all over is about that.
     residual_rms_ut, residual_max_ut : float
         Of the fits, of one neighbour at the nearest distance.
+    moving_pairs : int
+        Pairs within the reach that are left out because their frames move against each other.
     """
 
     start: np.ndarray
     neighbour: np.ndarray
+    kind: np.ndarray
     coefficients: np.ndarray
-    covariance: np.ndarray
+    sigma_ut: np.ndarray
+    strength: np.ndarray
     rest_ut: np.ndarray
     degree: int
     reach_m: float
+    depth_max_mm: float
+    displacement_max_mm: float
     left_out_ut: float
+    left_out_rms_ut: np.ndarray
     residual_rms_ut: float
     residual_max_ut: float
+    moving_pairs: int
+
+    @property
+    def n(self) -> int:
+        """Number of units."""
+        return len(self.start) - 1
 
     @property
     def unit(self) -> np.ndarray:
         """Unit of each pair, shape (m,)."""
-        return np.repeat(np.arange(len(self.start) - 1), np.diff(self.start))
+        return np.repeat(np.arange(self.n), np.diff(self.start))
+
+    @property
+    def gram(self) -> np.ndarray:
+        """Means of the products of all terms over the range of the scan, shape (terms, terms).
+
+        ``c @ gram @ c`` is the mean square of a polynomial with coefficients c.
+        """
+        moved = scan_poses(self.depth_max_mm, self.displacement_max_mm)
+        terms = monomials(moved.T, self.degree)
+        return terms @ terms.T / moved.shape[0]
 
     def __call__(self, displacement_mm: np.ndarray) -> np.ndarray:
         """Predict the change of the field at every chip since all units were at rest.
 
+        Every term of every pair in float64; `skin.decode.crosstalk` is the fast way.
+
         Parameters
         ----------
         displacement_mm : ndarray, shape (..., 3, n)
-            dx, dy, H of every unit, its own frame: `Reading.displacement`.
+            dx, dy, H of every unit, its own frame: `Reading.displacement_mm`.
 
         Returns
         -------
@@ -156,23 +137,113 @@ class Stencil:
             Microtesla, axes of the chips.
         """
         given = np.asarray(displacement_mm, float)
-        terms = monomials(given, self.degree)[..., self.neighbour]
-        each = np.einsum("apm,...pm->...am", self.coefficients, terms)
+        terms = (monomials(given, self.degree) * self.strength)[..., self.neighbour]
+        each = np.einsum("map,...pm->...am", self.coefficients[self.kind], terms)
         out = np.zeros(given.shape)
         np.add.at(np.moveaxis(out, -1, 0), self.unit, np.moveaxis(each, -1, 0))
         return out
+
+    def save(self, path: str | Path) -> None:
+        """Write all of it to a file, as numpy's .npz: written beside, then renamed."""
+        path = Path(path)
+        beside = path.with_name(path.name + ".part")
+        values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        with beside.open("wb") as file:
+            np.savez_compressed(file, format=FORMAT, **values)
+        os.replace(beside, path)
+
+    @classmethod
+    def load(cls, path: str | Path, topology: Topology) -> Stencil:
+        """Read a file that `save` wrote.
+
+        Parameters
+        ----------
+        path : str or Path
+        topology : Topology
+            Of the same units.
+
+        Raises
+        ------
+        SkinError
+            No such file, another kind of file, or a stencil of another skin.
+        """
+        try:
+            with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+                if int(file["format"]) != FORMAT:
+                    raise SkinError(f"{path}: format: must be {FORMAT}; got {int(file['format'])}")
+                values = {
+                    field.name: file[field.name][()] for field in dataclasses.fields(cls)
+                }  # fmt: skip
+        except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
+            raise SkinError(f"{path}: must be a stencil that was saved; got {error}") from None
+        found = cls(**values)
+        if found.n != topology.n:
+            raise SkinError(
+                f"{path}: must be the stencil of {topology.n} units, as {topology.name}; "
+                f"got {found.n}"
+            )
+        return found
+
+    @classmethod
+    def measured(
+        cls,
+        topology: Topology,
+        unit: Sequence[int],
+        neighbour: Sequence[int],
+        fits: Sequence[tuple[Fit, Fit, Fit]],
+        *,
+        depth_max_mm: float = 2.0,
+        displacement_max_mm: float = 2.5,
+    ) -> Stencil:
+        """From fits of pairs of the very skin: one unit moves, the chips around it are read.
+
+        Pairs that were not measured are as left out as those beyond the reach; what rests is taken
+        from magnet theory.
+
+        Parameters
+        ----------
+        topology : Topology
+        unit, neighbour : sequence of int, length m
+            Whose chip was read, and whose film was moved.
+        fits : sequence of tuple of Fit, length m
+            Of `fit_stray`, of one degree.
+        depth_max_mm, displacement_max_mm : float
+            Range of the scans.
+        """
+        place = np.lexsort((neighbour, unit))
+        i, j = np.asarray(unit)[place], np.asarray(neighbour, np.int32)[place]
+        start = np.concatenate([[0], np.cumsum(np.bincount(i, minlength=topology.n))])
+        fits = [fits[p] for p in place]
+        values = np.array([[axis.values for axis in fit] for fit in fits])
+        degree = next(d for d in DEGREES if len(powers(d)) == values.shape[2])
+        moved = scan_poses(depth_max_mm, displacement_max_mm)
+        terms = monomials(moved.T, degree)
+        gram = terms @ terms.T / len(moved)
+        known = np.array([[np.sum(axis.covariance * gram) for axis in fit] for fit in fits])
+        missed = np.array([[_missed(axis) for axis in fit] for fit in fits])
+        apart = np.linalg.norm(topology.position[:, i] - topology.position[:, j], axis=0)
+        reach_m = float(apart.max())
+        bound, rms = left_out(_parted(topology), reach_m, moved)
+        residual = [axis.residual_rms for axis in fits[int(np.argmin(apart))]]
+        worst = [axis.residual_max for axis in fits[int(np.argmin(apart))]]
+        return cls(
+            start.astype(np.int32), j, np.arange(len(fits), dtype=np.int32), values,
+            np.sqrt(known + missed), np.ones(topology.n), field_at_rest(_parted(topology)), degree,
+            reach_m, depth_max_mm, displacement_max_mm, bound, rms, max(residual), max(worst), 0,
+        )  # fmt: skip
 
     @classmethod
     def of(
         cls,
         topology: Topology,
         *,
-        degree: int = 2,
-        reach_m: float = 0.03,
+        degree: int = 4,
+        reach_m: float = 0.039,
         depth_max_mm: float = 2.0,
         displacement_max_mm: float = 2.5,
         sigma_ut: float = 0.0,
         seed: int = 0,
+        rigid: bool = False,
     ) -> Stencil:
         """Scan one neighbour for every kind of pair of a skin, from magnet theory, and fit.
 
@@ -180,7 +251,7 @@ class Stencil:
         ----------
         topology : Topology
         degree : int
-            1, 2 or 3.
+            1 to 4.
         reach_m : float
             Between unit centres.
         depth_max_mm, displacement_max_mm : float
@@ -189,122 +260,121 @@ class Stencil:
             One-sigma noise of the scans, after averaging; 0: exact ones.
         seed : int
             Of the noise.
+        rigid : bool
+            Whether the frames stay where the file puts them: then their units' pairs are in too.
 
         Raises
         ------
         ScanError
             A degree that is not there.
+        SkinError
+            Units so near that a film is moved into a neighbour's chip.
         """
-        pairs = [np.stack([i, j]) for i, j, _ in pairs_within(topology.position, reach_m)]
-        i, j = np.concatenate([np.empty((2, 0), np.int64), *pairs], axis=1)
-        start, neighbour = compressed_rows(topology.n, i, j)
+        if degree not in DEGREES:
+            raise ScanError(f"degree: must be 1, 2, 3 or 4; got {degree}")
+        parted = topology if rigid else _parted(topology)
+        start, neighbour = _rows(parted, reach_m)
+        moving = 0 if rigid else (_rows(topology, reach_m)[1].size - neighbour.size) // 2
         unit = np.repeat(np.arange(topology.n), np.diff(start))
+        pairs = _Pairs.of(topology, unit, neighbour)
+        moved = scan_poses(depth_max_mm, displacement_max_mm)
+        stray = scan_stray(topology, pairs.seen, moved)
+        if sigma_ut:
+            noise = np.random.default_rng(seed).standard_normal(stray.shape)
+            stray = stray + sigma_ut * noise
+        terms = monomials(moved.T, degree)
+        inverse = np.linalg.pinv(terms)
+        values = np.einsum("kta,tp->kap", stray, inverse)
+        residual = stray - np.einsum("kap,pt->kta", values, terms)
+        rms = np.sqrt(np.mean(residual**2, axis=1))
+        # a share terms / samples of the noise is fitted, the rest stays in the residual
+        share = terms.shape[0] / terms.shape[1]
+        noise = np.full_like(rms, share * sigma_ut**2)
+        missed = np.maximum(rms**2 - (1.0 - share) * sigma_ut**2, 0.0)
+        strength = topology.parameters["field_amplitude_ut"]
+        bound, beyond = left_out(parted, reach_m, moved)
+        nearest = int(np.argmin(pairs.seen[0])) if len(stray) else None
+        worst = (0.0, 0.0) if nearest is None else (
+            float(strength.max() * rms[nearest].max()),
+            float(strength.max() * np.abs(residual[nearest]).max()),
+        )  # fmt: skip
+        return cls(
+            start, neighbour, pairs.kind, pairs.turned(values, degree),
+            pairs.spread(np.sqrt(missed + noise)), strength.copy(), field_at_rest(parted), degree,
+            reach_m, depth_max_mm, displacement_max_mm, bound, beyond, *worst, moving,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Pairs:
+    """Kinds of pairs of a skin.
+
+    A film looks the same from every side, so that kinds which differ in azimuth alone share a scan
+    (`seen`), with the chip at azimuth 0 of the film.
+    """
+
+    kind: np.ndarray  # (m,) of each pair
+    scan: np.ndarray  # (k,) scan of each kind
+    azimuth: np.ndarray  # (k,) of the chip around the film, film frame
+    to_chip: np.ndarray  # (3, 3, k) from the scan's axes to those of the chip
+    seen: np.ndarray  # (3, s) scans: distance from the axis and height over the film, mm; reference
+
+    @classmethod
+    def of(cls, topology: Topology, unit: np.ndarray, neighbour: np.ndarray) -> _Pairs:
         film = HalbachField(topology, reach_m=0.0).film
         inward = topology.rotation[:, 2]
         place = 1e3 * topology.position + film.middle_mm * inward
         between = place[:, unit] + film.chip_mm * inward[:, unit] - place[:, neighbour]
         of_film = topology.rotation[:, :, neighbour]
         between = np.einsum("abm,am->bm", of_film, between)
-        away, azimuth = np.hypot(between[0], between[1]), np.arctan2(between[1], between[0])
+        turn = np.einsum("bam,bcm->acm", topology.rotation[:, :, unit], of_film)
         reference = topology.parameters["field_reference_mm"][neighbour]
-        key = np.rint(np.stack([away / SAME_MM, between[2] / SAME_MM, reference / 1e-6]))
-        kinds, kind = np.unique(key.astype(np.int64), axis=1, return_inverse=True)
-        kinds = kinds * np.array([[SAME_MM], [SAME_MM], [1e-6]])
-        moved = _poses(depth_max_mm, displacement_max_mm)
-        stray = _scan(topology, kinds, moved)
-        if sigma_ut:
-            noise = np.random.default_rng(seed).standard_normal(stray.shape)
-            stray = stray + sigma_ut * noise
-        fits = [fit_stray(s, moved, degree=degree, sigma_ut=sigma_ut or 1.0) for s in stray]
-        terms = len(powers(degree))
-        values = np.array([[f.values for f in three] for three in fits]).reshape(-1, 3, terms)
-        spread = np.array([[f.covariance for f in three] for three in fits])
-        spread = spread.reshape(-1, 3, terms, terms)
-
-        # film at azimuth 0 -> its displacement turned there; field turned back, then to the chip
-        strength = topology.parameters["field_amplitude_ut"][neighbour]
-        turn, back = _turned_terms(azimuth, degree), _about_z(azimuth)
-        chip = CHIP_AXES[:, None, None] * topology.rotation.transpose(1, 0, 2)[:, :, unit]
-        to_chip = np.einsum("abm,bcm,cdm->adm", chip, of_film, back) * strength
-        coefficients = np.einsum("adm,mdp,pqm->aqm", to_chip, values[kind], turn)
-        covariance = np.einsum(
-            "adm,mdpr,pqm,rsm->aqsm", to_chip**2, spread[kind], turn, turn, optimize=True
+        alike = np.vstack([between / SAME_MM, turn.reshape(9, -1) / 1e-5, reference / 1e-6])
+        _, first, kind = np.unique(
+            np.rint(alike).astype(np.int64), axis=1, return_index=True, return_inverse=True
         )
-        nearest = int(np.argmin(kinds[0])) if fits else None
-        scale = float(strength.max()) if fits else 0.0
-        rms, worst = (0.0, 0.0) if nearest is None else (
-            scale * max(f.residual_rms for f in fits[nearest]),
-            scale * max(f.residual_max for f in fits[nearest]),
-        )  # fmt: skip
+        between, turn, reference = between[:, first], turn[:, :, first], reference[first]
+        away, azimuth = np.hypot(between[0], between[1]), np.arctan2(between[1], between[0])
+        key = np.rint(np.stack([away / SAME_MM, between[2] / SAME_MM, reference / 1e-6]))
+        seen, scan = np.unique(key.astype(np.int64), axis=1, return_inverse=True)
+        # film at azimuth 0 -> its displacement turned there; field turned back, then to the chip
+        to_chip = np.einsum("a,abk,bck->ack", CHIP_AXES, turn, _about_z(azimuth))
         return cls(
-            start, neighbour, coefficients, covariance, _at_rest(topology), degree, reach_m,
-            _left_out(topology, reach_m, moved), rms, worst,
+            kind.ravel().astype(np.int32), scan.ravel(), azimuth, to_chip,
+            seen * np.array([[SAME_MM], [SAME_MM], [1e-6]]),
         )  # fmt: skip
 
+    def turned(self, values: np.ndarray, degree: int) -> np.ndarray:
+        """Coefficients of every kind, (k, 3, terms), from those of the scans, (s, 3, terms)."""
+        turn = _turned_terms(self.azimuth, degree)
+        return np.einsum("adk,kdp,pqk->kaq", self.to_chip, values[self.scan], turn, optimize=True)
 
-def _poses(depth_max_mm: float, displacement_max_mm: float) -> np.ndarray:
-    """dx, dy, H of a scan, shape (t, 3): discs of equal area at several depths, the rest first."""
-    around = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
-    reach = displacement_max_mm * np.sqrt(np.linspace(0.0, 1.0, 6)[1:])
-    x = np.concatenate([[0.0], *[r * np.cos(around + r) for r in reach]])
-    y = np.concatenate([[0.0], *[r * np.sin(around + r) for r in reach]])
-    depth = np.linspace(0.0, depth_max_mm, 6)
-    return np.stack([np.tile(x, 6), np.tile(y, 6), np.repeat(depth, x.size)], axis=1)
-
-
-def _at_rest(topology: Topology) -> np.ndarray:
-    """What resting neighbours add at every chip, shape (3, n)."""
-    still = np.zeros((2, topology.n)), np.zeros(topology.n)
-    warm = topology.parameters["film_reference_c"]
-    both, own = (HalbachField(topology, reach_m=reach) for reach in (HORIZON_M, 0.0))
-    return both(*still, warm) - own(*still, warm)
+    def spread(self, sigma: np.ndarray) -> np.ndarray:
+        """One-sigma of every kind, shape (k, 3), from that of the scans, (s, 3)."""
+        return np.sqrt(np.einsum("adk,kd->ka", self.to_chip**2, sigma[self.scan] ** 2))
 
 
-def _scan(topology: Topology, kinds: np.ndarray, moved: np.ndarray) -> np.ndarray:
-    """Field of a film of amplitude 1 µT at a chip at azimuth 0, film frame: change since rest.
+def _missed(fit: Fit) -> float:
+    """Mean square of what the polynomial misses: of the residual, what noise cannot explain."""
+    by_chance = 3.0 * np.sqrt(2.0 / max(fit.samples - len(fit.values), 1))
+    return fit.residual_rms**2 * (1.0 - 1.0 / fit.chi2) if fit.chi2 > 1.0 + by_chance else 0.0
 
-    Parameters
-    ----------
-    kinds : ndarray, shape (3, k)
-        Distance from the axis and height of the chip over the film, mm, and reference depth.
-    moved : ndarray, shape (t, 3)
 
-    Returns
-    -------
-    ndarray, shape (k, t, 3)
-    """
-    count = kinds.shape[1]
-    if count == 0:
-        return np.zeros((0, len(moved), 3))
-    # films first, then the units with the chips that look at them, whose own films stand still
-    position = np.zeros((3, 2 * count))
-    position[1] = np.tile(APART_M * np.arange(count), 2)
-    film = HalbachField(topology, reach_m=0.0).film
-    position[0, count:] = 1e-3 * kinds[0]
-    position[2, count:] = 1e-3 * (kinds[1] - film.chip_mm)
-    nominal = {
-        name: np.repeat(value[..., :1], 2 * count, axis=-1)
-        for name, value in topology.parameters.items()
-    }
-    nominal["field_amplitude_ut"] = np.ones(2 * count)
-    nominal["field_reference_mm"] = np.tile(kinds[2], 2)
-    bench = dataclasses.replace(
-        topology,
-        unit_names=tuple(f"{part} {k}" for part in ("film", "chip") for k in range(count)),
-        position=position,
-        rotation=np.repeat(np.eye(3)[:, :, None], 2 * count, axis=2),
-        parameters=nominal,
-    )  # fmt: skip
-    at = np.vstack([np.zeros((1, 3)), moved])
-    displacement = np.zeros((len(at), 2, 2 * count))
-    displacement[:, :, :count] = at[:, :2, None]
-    depth = np.zeros((len(at), 2 * count))
-    depth[:, :count] = at[:, 2:]
-    warm = np.repeat(nominal["film_reference_c"][None], len(at), axis=0)
-    both = HalbachField(bench, reach_m=0.5 * APART_M)(displacement, depth, warm)
-    own = HalbachField(bench, reach_m=0.0)(displacement, depth, warm)
-    seen = CHIP_AXES[:, None] * (both - own)[:, :, count:]
-    return (seen[1:] - seen[0]).transpose(2, 0, 1)
+def _parted(topology: Topology) -> Topology:
+    """The same skin with its frames too far apart to feel each other."""
+    if not topology.patch_frames:
+        return topology
+    _, frame = np.unique(np.array(topology.patch_frames)[topology.patch], return_inverse=True)
+    position = topology.position.copy()
+    position[0] += APART_M * frame
+    return dataclasses.replace(topology, position=position)
+
+
+def _rows(topology: Topology, reach_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Neighbours nearer than `reach_m`, compressed rows."""
+    pairs = [np.stack([i, j]) for i, j, _ in pairs_within(topology.position, reach_m)]
+    i, j = np.concatenate([np.empty((2, 0), np.int64), *pairs], axis=1)
+    return compressed_rows(topology.n, i, j)
 
 
 def _about_z(angle: np.ndarray) -> np.ndarray:
@@ -319,23 +389,3 @@ def _turned_terms(azimuth: np.ndarray, degree: int) -> np.ndarray:
     turned = np.einsum("abm,bt->mat", _about_z(-azimuth), samples)
     inverse = np.linalg.pinv(monomials(samples, degree))
     return np.einsum("mpt,tq->pqm", monomials(turned, degree), inverse)
-
-
-def _left_out(topology: Topology, reach_m: float, moved: np.ndarray) -> float:
-    """Bound, in µT, of what neighbours beyond the reach add; see `Stencil.left_out_ut`."""
-    if reach_m >= HORIZON_M:
-        return 0.0
-    film = HalbachField(topology, reach_m=0.0).film
-    distance = np.geomspace(max(reach_m, 0.008), HORIZON_M, 24)
-    reference = float(topology.parameters["field_reference_mm"].min())
-    kinds = np.stack([1e3 * distance, np.full(24, film.chip_mm), np.full(24, reference)])
-    stray = _scan(topology, kinds, moved)
-    most = np.linalg.norm(stray, axis=2).max(axis=1)
-    total = np.zeros(topology.n)
-    strongest = float(topology.parameters["field_amplitude_ut"].max())
-    for i, j, apart in pairs_within(topology.position, HORIZON_M):
-        beyond = apart >= reach_m
-        each = np.exp(np.interp(np.log(apart[beyond]), np.log(distance), np.log(most)))
-        np.add.at(total, i[beyond], each)
-        np.add.at(total, j[beyond], each)
-    return strongest * float(total.max())

@@ -1,0 +1,204 @@
+"""What one film adds at a neighbour's chip as it moves: scans of magnet theory, and fits of scans.
+
+The field of a pair is a polynomial without a constant in dx, dy and H of the neighbour: the change
+since the neighbour was at rest.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from itertools import product
+
+import numpy as np
+
+from skin.calibrate.fit import Fit, check_levels, check_samples, least_squares
+from skin.errors import ScanError
+from skin.sim.halbach import CHIP_AXES, HalbachField
+from topology import Topology
+from topology.neighbours import pairs_within
+
+__all__ = [
+    "APART_M", "DEGREES", "HORIZON_M", "field_at_rest", "fit_stray", "left_out", "monomials",
+    "powers", "scan_poses", "scan_stray",
+]  # fmt: skip
+
+APART_M = 10.0
+"""Between the pairs of the bench, and between frames: none feels another."""
+HORIZON_M = 0.1
+"""What is left out is summed to this distance; beyond it a film adds less than 0.1 µT."""
+DEGREES = (1, 2, 3, 4)
+
+
+def powers(degree: int) -> np.ndarray:
+    """Exponents of (dx, dy, H) of every term but the constant, shape (terms, 3).
+
+    By degree: three linear ones, then six quadratic, ten cubic, fifteen quartic ones.
+    """
+    every = [p for p in product(range(degree + 1), repeat=3) if 1 <= sum(p) <= degree]
+    return np.array(sorted(every, key=lambda p: (sum(p), [-e for e in p])))
+
+
+def monomials(displacement_mm: np.ndarray, degree: int) -> np.ndarray:
+    """Every term of `powers`.
+
+    Parameters
+    ----------
+    displacement_mm : ndarray, shape (..., 3, m)
+        Of a film: tangential dx, dy, and depth H.
+    degree : int
+
+    Returns
+    -------
+    ndarray, shape (..., terms, m)
+    """
+    given = np.asarray(displacement_mm, float)
+    x, y, h = ([given[..., axis, :] ** e for e in range(degree + 1)] for axis in range(3))
+    return np.stack([x[i] * y[j] * h[k] for i, j, k in powers(degree)], axis=-2)
+
+
+def fit_stray(
+    stray_ut: np.ndarray,
+    displacement_mm: np.ndarray,
+    *,
+    degree: int = 3,
+    sigma_ut: float = 1.0,
+) -> tuple[Fit, Fit, Fit]:
+    """Fit the three axes of a neighbour's stray field to a scan of the neighbour.
+
+    Parameters
+    ----------
+    stray_ut : ndarray, shape (t, 3)
+        Change of the field at the chip since the neighbour was at rest.
+    displacement_mm : ndarray, shape (t, 3)
+        Of the neighbour: dx, dy, H.
+    degree : int
+        1 to 4.
+    sigma_ut : float
+
+    Returns
+    -------
+    tuple of Fit
+        Coefficients of `powers` along x, y and z.
+
+    Raises
+    ------
+    ScanError
+        Too few samples or levels of a displacement, or a value that is not finite.
+    """
+    if degree not in DEGREES:
+        raise ScanError(f"degree: must be 1, 2, 3 or 4; got {degree}")
+    terms = powers(degree)
+    check_samples(len(terms), stray_ut=stray_ut, displacement_mm=displacement_mm)
+    moved = np.asarray(displacement_mm, float)
+    for axis, name in enumerate(("dx", "dy", "H")):
+        check_levels(f"displacement_mm ({name})", moved[:, axis], degree + 1, 0.05)
+    matrix = monomials(moved.T, degree).T
+    names = tuple("".join(f"{name}^{e} " for name, e in zip(("dx", "dy", "H"), term, strict=True)
+                          if e).strip() for term in terms)  # fmt: skip
+    stray = np.asarray(stray_ut, float)
+    return tuple(least_squares(matrix, stray[:, axis], sigma_ut, names) for axis in range(3))
+
+
+def scan_poses(depth_max_mm: float, displacement_max_mm: float) -> np.ndarray:
+    """dx, dy, H of a scan, shape (t, 3): discs of equal area at several depths, the rest first."""
+    around = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
+    reach = displacement_max_mm * np.sqrt(np.linspace(0.0, 1.0, 6)[1:])
+    x = np.concatenate([[0.0], *[r * np.cos(around + r) for r in reach]])
+    y = np.concatenate([[0.0], *[r * np.sin(around + r) for r in reach]])
+    depth = np.linspace(0.0, depth_max_mm, 6)
+    return np.stack([np.tile(x, 6), np.tile(y, 6), np.repeat(depth, x.size)], axis=1)
+
+
+def scan_stray(topology: Topology, kinds: np.ndarray, moved: np.ndarray) -> np.ndarray:
+    """Field of a film of amplitude 1 µT at a chip at azimuth 0, film frame: change since rest.
+
+    Parameters
+    ----------
+    kinds : ndarray, shape (3, k)
+        Distance from the axis and height of the chip over the film, mm, and reference depth.
+    moved : ndarray, shape (t, 3)
+
+    Returns
+    -------
+    ndarray, shape (k, t, 3)
+    """
+    count = kinds.shape[1]
+    if count == 0:
+        return np.zeros((0, len(moved), 3))
+    # films first, then the units with the chips that look at them, whose own films stand still
+    position = np.zeros((3, 2 * count))
+    position[1] = np.tile(APART_M * np.arange(count), 2)
+    film = HalbachField(topology, reach_m=0.0).film
+    position[0, count:] = 1e-3 * kinds[0]
+    position[2, count:] = 1e-3 * (kinds[1] - film.chip_mm)
+    nominal = {
+        name: np.repeat(value[..., :1], 2 * count, axis=-1)
+        for name, value in topology.parameters.items()
+    }
+    nominal["field_amplitude_ut"] = np.ones(2 * count)
+    nominal["field_reference_mm"] = np.tile(kinds[2], 2)
+    bench = dataclasses.replace(
+        topology,
+        unit_names=tuple(f"{part} {k}" for part in ("film", "chip") for k in range(count)),
+        position=position,
+        rotation=np.repeat(np.eye(3)[:, :, None], 2 * count, axis=2),
+        parameters=nominal,
+    )  # fmt: skip
+    at = np.vstack([np.zeros((1, 3)), moved])
+    displacement = np.zeros((len(at), 2, 2 * count))
+    displacement[:, :, :count] = at[:, :2, None]
+    depth = np.zeros((len(at), 2 * count))
+    depth[:, :count] = at[:, 2:]
+    warm = np.repeat(nominal["film_reference_c"][None], len(at), axis=0)
+    both = HalbachField(bench, reach_m=0.5 * APART_M)(displacement, depth, warm)
+    own = HalbachField(bench, reach_m=0.0)(displacement, depth, warm)
+    seen = CHIP_AXES[:, None] * (both - own)[:, :, count:]
+    return (seen[1:] - seen[0]).transpose(2, 0, 1)
+
+
+def field_at_rest(topology: Topology) -> np.ndarray:
+    """What resting neighbours add at every chip, shape (3, n)."""
+    still = np.zeros((2, topology.n)), np.zeros(topology.n)
+    warm = topology.parameters["film_reference_c"]
+    both, own = (HalbachField(topology, reach_m=reach) for reach in (HORIZON_M, 0.0))
+    return both(*still, warm) - own(*still, warm)
+
+
+def left_out(topology: Topology, reach_m: float, moved: np.ndarray) -> tuple[float, np.ndarray]:
+    """`Stencil.left_out_ut` and `Stencil.left_out_rms_ut`, of neighbours beyond the reach."""
+    strength = topology.parameters["field_amplitude_ut"]
+    if reach_m >= HORIZON_M:
+        return 0.0, np.zeros(topology.n)
+    film = HalbachField(topology, reach_m=0.0).film
+    distance = np.geomspace(max(reach_m, 0.008), HORIZON_M, 24)
+    reference = float(topology.parameters["field_reference_mm"].min())
+    seen = np.stack([1e3 * distance, np.full(24, film.chip_mm), np.full(24, reference)])
+    stray = scan_stray(topology, seen, moved)
+    # along the line between the two, across it, along z: what falls with a power is told times one
+    steep = distance**4
+    most, mean, square = (
+        steep[:, np.newaxis] ** power * found
+        for power, found in ((1, np.abs(stray).max(axis=1)), (1, stray.mean(axis=1)),
+                             (2, stray.var(axis=1).sum(axis=1, keepdims=True)))
+    )  # fmt: skip
+    bound, pull = np.zeros((2, 3, topology.n))
+    variance = np.zeros(topology.n)
+    for i, j, apart in pairs_within(topology.position, HORIZON_M):
+        beyond = apart > reach_m
+        for at, by in ((i[beyond], j[beyond]), (j[beyond], i[beyond])):
+            d = apart[beyond]
+            toward = np.einsum(
+                "abp,ap->bp", topology.rotation[:, :, at],
+                topology.position[:, at] - topology.position[:, by],
+            )  # fmt: skip
+            x, y = toward[:2] / np.maximum(np.hypot(*toward[:2]), 1e-12)
+            along, across, up = (np.interp(d, distance, row) / d**4 for row in most.T)
+            farthest = (
+                np.abs(x) * along + np.abs(y) * across,
+                np.abs(y) * along + np.abs(x) * across,
+            )
+            np.add.at(bound.T, at, np.stack([*farthest, up], axis=1) * strength.max())
+            along, across, up = (np.interp(d, distance, row) / d**4 for row in mean.T)
+            np.add.at(pull.T, at, strength[by, None] * np.stack([x * along, y * along, up], axis=1))
+            np.add.at(variance, at, strength[by] ** 2 * np.interp(d, distance, square[:, 0]) / d**8)
+    return float(bound.max()), np.sqrt((np.sum(pull**2, axis=0) + variance) / 3.0)

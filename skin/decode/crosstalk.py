@@ -1,0 +1,276 @@
+"""The fields that neighbours' films add at every chip, from where the last decoding put the films.
+
+Decode, predict from the displacements, decode again with the prediction as background: a sweep. In
+a live skin the displacements of the last cycle serve, so that one decoding a cycle is one sweep.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skin.calibrate.stencil import Stencil
+from skin.calibrate.stray import powers
+from skin.decode import crosstalk_kernels as kernels
+from skin.decode.crosstalk_plan import Lattice, Scattered, find_lattices
+from skin.errors import SkinError
+from topology import Topology
+
+__all__ = ["CrossTalk", "contraction_of"]
+
+BEYOND_MM = 0.5
+"""How far beyond the stencil's range its polynomials are still followed; then films stand still."""
+PULLED_MM = 0.3
+"""The same, of a film that is pulled off its chip."""
+DEPTHS = 5
+"""Depths, from rest to the largest of the stencil, at which the contraction is looked at."""
+TURNS = 60
+"""Steps of the power iteration."""
+
+
+class CrossTalk:
+    """Predicts the stray fields of n units.
+
+    Flat lattices share the coefficients of an offset and are computed in shifted rows; pairs of
+    curved and irregular skins have coefficients of their own. Which pair goes which way is seen
+    from the stencil, and changes results by rounding and the tolerance only.
+
+    A sweep takes away all but `contraction` of what the one before left, or less: from the first
+    sweep on, what is left is about ``contraction ** sweeps`` times the cross-talk, and never less
+    than `residue_ut`.
+
+    Parameters
+    ----------
+    topology : Topology
+    stencil : Stencil, optional
+        Of the same units; from magnet theory (`Stencil.of`) if not given.
+    dtype : "float32" or "float64"
+    degree : int
+        Of the stencil, where none is given.
+    tolerance_ut : float
+        Root mean square, over axes and over all displacements in the stencil's range, of what may
+        be saved in terms at any unit. 0: all terms.
+    idle_mm : float
+        A film that is pressed less than this counts as at rest if it is displaced by less than
+        three times this, as friction has it, or has not been looked at (NaN).
+    lattices : bool
+        False: every pair counts as one of an irregular skin.
+
+    Attributes
+    ----------
+    stencil : Stencil
+    strength : ndarray, shape (n,)
+        Of the films; scale it as they warm up.
+    contraction : float
+        Largest share of the cross-talk that one sweep leaves, of films that are not displaced.
+    residue_ut : ndarray, shape (n,)
+        One-sigma, per axis, of what a prediction from true displacements misses: fits, terms that
+        were saved, neighbours beyond the reach.
+    residue_ut2 : ndarray, shape (n,)
+        Its square, plus what neighbours may add that are not known now.
+    idle_ut : float
+        What neighbours that count as at rest may add to any axis of the worst unit.
+    terms : int
+        Computed for a unit inside the largest lattice; 0 without one.
+    on_lattice : int
+        Pairs that share coefficients.
+
+    Raises
+    ------
+    SkinError
+        Sweeps would not converge: units too near to each other for films as weak as these.
+
+    Examples
+    --------
+    >>> import topology
+    >>> palm = topology.load("palm")
+    >>> crosstalk = CrossTalk(palm)
+    >>> pressed = np.zeros((3, palm.n), np.float32)
+    >>> pressed[2, 27] = 1.5
+    >>> stray = crosstalk.predict(pressed, np.ones(palm.n, bool), np.empty_like(pressed))
+    >>> bool(stray[0, 28] != 0.0 and stray[0, 27] == 0.0)
+    True
+    """
+
+    def __init__(
+        self,
+        topology: Topology,
+        stencil: Stencil | None = None,
+        *,
+        dtype: str = "float32",
+        degree: int = 4,
+        tolerance_ut: float = 10.0,
+        idle_mm: float = 0.02,
+        lattices: bool = True,
+    ) -> None:
+        stencil = Stencil.of(topology, degree=degree) if stencil is None else stencil
+        if stencil.n != topology.n:
+            raise SkinError(
+                f"stencil: must be of {topology.n} units, as {topology.name}; got {stencil.n}"
+            )
+        self.stencil = stencil
+        real = np.dtype(dtype)
+        unit = stencil.unit
+        self.contraction = contraction_of(topology, stencil)
+        if self.contraction >= 1.0:
+            raise SkinError(
+                f"{topology.name}: cross-talk: must grow less with every sweep; got "
+                f"{self.contraction:.2f} of it after one (units too near to each other, or films "
+                "too weak)"
+            )
+        self._lattices = [
+            Lattice(cells, stencil, unit, tolerance_ut, real)
+            for cells in (find_lattices(topology, stencil) if lattices else ())
+        ]
+        left = np.ones(unit.size, bool)
+        for lattice in self._lattices:
+            left[lattice.pairs] = False
+        self._scattered = (
+            Scattered(np.flatnonzero(left), stencil, unit, tolerance_ut, real)
+            if left.any() else None
+        )  # fmt: skip
+        self.terms = max((lattice.terms for lattice in self._lattices), default=0)
+        self.on_lattice = int(np.sum(~left))
+
+        n = topology.n
+        self.strength = stencil.strength.astype(real)
+        self._idle = np.array([idle_mm, (3.0 * idle_mm) ** 2], real)
+        reach, deepest = stencil.displacement_max_mm, stencil.depth_max_mm
+        self._most = np.array([reach + BEYOND_MM, -PULLED_MM, deepest + BEYOND_MM], real)
+        self._sources = np.zeros((4, n), real)
+        self._known = np.ones(n, bool)
+        self._errors(unit, real)
+        self.idle_ut = self._idle_bound(unit, idle_mm)
+
+    def predict(
+        self,
+        displacement_mm: np.ndarray,
+        usable: np.ndarray,
+        out: np.ndarray,
+        base: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Stray fields of all films that are known, have moved and are within reach.
+
+        Parameters
+        ----------
+        displacement_mm : ndarray, shape (3, n)
+            Of this cycle or the last one: `Reading.displacement_mm`. NaN in dx or dy alone: not
+            looked at since at rest; NaN in H: not known.
+        usable : ndarray, shape (n,), bool
+            Units whose displacement may be believed.
+        out : ndarray, shape (3, n)
+            Written: microtesla, axes of the chips.
+        base : ndarray, shape (3, n), optional
+            Added: the rest of the background.
+
+        Returns
+        -------
+        ndarray, shape (3, n)
+            `out`. All arrays have the type of this object and are contiguous.
+        """
+        moved, changed = kernels.films(
+            displacement_mm, usable, self.strength, self._idle, self._most, base,
+            self._sources, self._known, out,
+        )  # fmt: skip
+        if changed:
+            kernels.unknown(
+                self.stencil.start, self.stencil.neighbour, self._prior, self._known,
+                self._always, self.residue_ut2,
+            )  # fmt: skip
+        if moved:
+            for lattice in self._lattices:
+                kernels.lattice(self._sources, *lattice.arguments, out)
+            if self._scattered is not None:
+                kernels.scattered(self._sources, *self._scattered.arguments, out)
+        return out
+
+    def warmup(self) -> None:
+        """Compile what this skin needs, or load it."""
+        n = self._sources.shape[1]
+        pressed = np.ones((3, n), self._sources.dtype)
+        for base in (None, np.zeros_like(pressed)):
+            self.predict(pressed, np.zeros(n, bool), np.empty_like(pressed), base)
+            self.predict(pressed, np.ones(n, bool), np.empty_like(pressed), base)
+
+    def _errors(self, unit: np.ndarray, real: np.dtype) -> None:
+        """Set what is not known of a prediction, in any case and of units that are not known."""
+        stencil = self.stencil
+        strength = stencil.strength[stencil.neighbour] ** 2
+        each = np.sum(stencil.sigma_ut**2, axis=1)[stencil.kind]
+        for part in (*self._lattices, *([self._scattered] if self._scattered else ())):
+            each[part.pairs] += part.missing
+        always = np.bincount(unit, each * strength, minlength=stencil.n) / 3.0
+        always += stencil.left_out_rms_ut**2
+        whole = np.einsum(
+            "kap,pq,kaq->k", stencil.coefficients, stencil.gram, stencil.coefficients,
+            optimize=True,
+        )  # fmt: skip
+        self.residue_ut = np.sqrt(always)
+        self._always = always.astype(real)
+        self._prior = (whole[stencil.kind] * strength / 3.0).astype(real)
+        self.residue_ut2 = self._always.copy()
+
+    def _idle_bound(self, unit: np.ndarray, idle_mm: float) -> float:
+        """`idle_ut`, from the linear terms."""
+        stencil = self.stencil
+        linear = np.abs(stencil.coefficients[:, :, :3])
+        each = 3.0 * idle_mm * np.hypot(linear[:, :, 0], linear[:, :, 1])
+        each = (each + idle_mm * linear[:, :, 2])[stencil.kind]
+        each *= stencil.strength[stencil.neighbour, np.newaxis]
+        return max(
+            float(np.bincount(unit, column, minlength=stencil.n).max(initial=0.0))
+            for column in each.T
+        )
+
+
+def contraction_of(topology: Topology, stencil: Stencil) -> float:
+    """Share of the cross-talk that a sweep leaves: the largest over depths, films not displaced.
+
+    It is the spectral radius of ``d stray / d displacement · d displacement / d field``, of the
+    tangential displacement, which alone the field decides. The depth of a neighbour enters both
+    factors alike, so that it is largest where all units are as deep.
+
+    Parameters
+    ----------
+    topology : Topology
+        `field_amplitude_ut`, `field_growth_per_mm` and `field_wavenumber_rad_per_mm` say how far a
+        field displaces: ``1 / (k M0(H))``.
+    stencil : Stencil
+    """
+    p = topology.parameters
+    exponents = powers(stencil.degree)
+    unit, neighbour = stencil.unit, stencil.neighbour
+    worst = 0.0
+    for depth in np.linspace(0.0, stencil.depth_max_mm, DEPTHS):
+        slope = np.zeros((stencil.coefficients.shape[0], 2, 2))
+        for axis in range(2):
+            alone = (exponents[:, axis] == 1) & (exponents[:, 1 - axis] == 0)
+            height = depth ** exponents[alone, 2]
+            slope[:, :, axis] = stencil.coefficients[:, :2, alone] @ height
+        crest = p["field_amplitude_ut"] * np.exp(
+            p["field_growth_per_mm"] * (depth - p["field_reference_mm"])
+        )
+        per_ut = 1.0 / (p["field_wavenumber_rad_per_mm"] * crest)
+        each = slope[stencil.kind] * stencil.strength[neighbour, np.newaxis, np.newaxis]
+        each *= per_ut[unit, np.newaxis, np.newaxis]
+        worst = max(worst, _spectral_radius(each, unit, neighbour, stencil.n))
+    return worst
+
+
+def _spectral_radius(blocks: np.ndarray, unit: np.ndarray, neighbour: np.ndarray, n: int) -> float:
+    """Of the matrix with 2 x 2 blocks at (unit, neighbour), by power iteration.
+
+    The growth of a random vector over the last third of the steps: pairs of eigenvalues of one size
+    would make that of a single step swing.
+    """
+    vector = np.random.default_rng(0).standard_normal((n, 2))
+    grown = 0.0
+    for step in range(TURNS):
+        each = np.einsum("mab,mb->ma", blocks, vector[neighbour])
+        vector = np.stack([np.bincount(unit, column, minlength=n) for column in each.T], axis=1)
+        size = float(np.linalg.norm(vector))
+        if size == 0.0:
+            return 0.0
+        vector /= size
+        if step >= TURNS * 2 // 3:
+            grown += np.log(size)
+    return float(np.exp(grown / (TURNS - TURNS * 2 // 3)))

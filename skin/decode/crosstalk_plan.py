@@ -1,0 +1,415 @@
+"""How cross-talk is computed on a given skin: what stands where, and which terms are worth it.
+
+A stencil has more terms than a live skin needs: the far neighbours' cubic ones are of nanotesla.
+Terms are left out, the cheapest in error first, until what is missing reaches a tolerance. The
+terms are not orthogonal, so those that stay take over what they can of one that goes: in the metric
+of the stencil's own range (`Stencil.gram`) that is a projection, and its error is known exactly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from skin.calibrate.stencil import Stencil
+from skin.calibrate.stray import powers
+from skin.decode import crosstalk_kernels as k
+from topology import Topology
+
+__all__ = ["Lattice", "Scattered", "Table", "find_lattices", "worth_it"]
+
+ALIKE_MM = 1e-3
+"""Units within this of a lattice stand on it."""
+ALIKE_SHARE = 1e-6
+"""Largest difference of coefficients, as a share of the largest, of pairs that share them."""
+EMPTY_SHARE = 3
+"""A lattice with more cells than this times its units is none."""
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Rows of terms, each the product of two earlier ones.
+
+    Attributes
+    ----------
+    parent, factor : ndarray, shape (k,), int64
+        See `crosstalk_kernels.lattice_python`.
+    row : dict of tuple to int
+        Row of each term (i, j, k) of ``dx^i dy^j H^k``.
+    """
+
+    parent: np.ndarray
+    factor: np.ndarray
+    row: dict[tuple[int, int, int], int]
+
+    @classmethod
+    def of(cls, terms: np.ndarray, filled_up: int = 1) -> Table:
+        """Rows for `terms`, and whatever they are products of, by degree.
+
+        Each degree is filled up to a multiple of `filled_up` with rows that mean nothing.
+        """
+        needed = {tuple(int(e) for e in term) for term in terms}
+        needed |= {(1, 0, 0), (0, 1, 0), (0, 0, 1)}
+        for degree in range(max(map(sum, needed)), 1, -1):
+            needed |= {_parent(term)[0] for term in needed if sum(term) == degree}
+        parent, factor, row = [0] * k.FACTORS, [0] * k.FACTORS, {}
+        for degree in range(1, max(map(sum, needed)) + 1):
+            for term in sorted((t for t in needed if sum(t) == degree), reverse=True):
+                row[term] = len(parent)
+                above, axis = _parent(term)
+                parent.append(row.get(above, 0))
+                factor.append(axis)
+            while (len(parent) - k.FACTORS) % filled_up:
+                parent.append(k.FACTORS)
+                factor.append(0)
+        return cls(np.array(parent), np.array(factor), row)
+
+
+def _parent(term: tuple[int, int, int]) -> tuple[tuple[int, int, int], int]:
+    """The term that is one factor less, and the factor."""
+    axis = max(a for a in range(3) if term[a])
+    return tuple(e - (a == axis) for a, e in enumerate(term)), axis
+
+
+def worth_it(
+    coefficients: np.ndarray, gram: np.ndarray, tolerance: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Leave out terms until the root mean square of what is missing, per axis, is the tolerance.
+
+    Parameters
+    ----------
+    coefficients : ndarray, shape (o, 3, terms)
+        Of all neighbours of a unit.
+    gram : ndarray, shape (terms, terms)
+    tolerance : float
+
+    Returns
+    -------
+    coefficients : ndarray, shape (o, 3, terms)
+        Of the terms that stay, zero for the others.
+    stays : ndarray, shape (o, terms), bool
+    missing : ndarray, shape (o,)
+        Mean square of what is missing, summed over the axes.
+    """
+    left = coefficients.copy()
+    inverse = np.repeat(np.linalg.inv(gram)[np.newaxis], len(left), axis=0)
+    stays = np.ones((len(left), gram.shape[0]), bool)
+    missing = np.zeros(len(left))
+    price = np.sum(left**2, axis=1) / np.einsum("opp->op", inverse)
+    while stays.any():
+        o, p = np.unravel_index(int(np.argmin(price)), price.shape)
+        if missing.sum() + price[o, p] > 3.0 * tolerance**2:
+            break
+        missing[o] += price[o, p]
+        column = inverse[o, :, p] / inverse[o, p, p]
+        left[o] -= np.outer(left[o, :, p], column)
+        inverse[o] -= np.outer(inverse[o, :, p], column)
+        stays[o, p] = False
+        left[o, :, ~stays[o]] = 0.0
+        alive = np.flatnonzero(stays[o])
+        price[o] = np.inf
+        price[o, alive] = np.sum(left[o][:, alive] ** 2, axis=0) / inverse[o, alive, alive]
+    return left, stays, missing
+
+
+def by_degree(coefficients: np.ndarray, gram: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients of the best polynomials of every lower degree, and what each misses.
+
+    Parameters
+    ----------
+    coefficients : ndarray, shape (m, 3, terms)
+    gram : ndarray, shape (terms, terms)
+
+    Returns
+    -------
+    lower : ndarray, shape (d + 1, m, 3, terms)
+        Of degree 0, which is nothing, to the full one.
+    missing : ndarray, shape (d + 1, m)
+        Mean square, summed over the axes.
+    """
+    count = gram.shape[0]
+    ends = [end for end in (0, 3, 9, 19, 34) if end <= count]
+    lower = np.zeros((len(ends), *coefficients.shape))
+    missing = np.zeros((len(ends), len(coefficients)))
+    for d, end in enumerate(ends):
+        onto = np.linalg.solve(gram[:end, :end], gram[:end]) if end else np.zeros((0, count))
+        lower[d, :, :, :end] = coefficients @ onto.T
+        off = lower[d] - coefficients
+        missing[d] = np.einsum("map,pq,maq->m", off, gram, off)
+    return lower, np.maximum(missing, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """A flat lattice: units in rows of cells, with empty ones between the rows.
+
+    Attributes
+    ----------
+    units : ndarray, shape (q,)
+    row, column : ndarray, shape (q,)
+    """
+
+    units: np.ndarray
+    row: np.ndarray
+    column: np.ndarray
+
+
+def find_lattices(topology: Topology, stencil: Stencil) -> list[Cells]:
+    """Flat lattices of a skin: units of one attitude, in one plane, at whole steps of two vectors.
+
+    Patches that continue one lattice are one; a unit is on one lattice at most.
+    """
+    frames = np.zeros(topology.n, int)
+    if topology.patch_frames:
+        _, frames = np.unique(np.array(topology.patch_frames)[topology.patch], return_inverse=True)
+    height = np.einsum("an,an->n", topology.rotation[:, 2], topology.position)
+    attitude = np.vstack([
+        frames, 1e3 * height / ALIKE_MM, topology.rotation.reshape(9, -1) / 1e-6
+    ])  # fmt: skip
+    _, plane = np.unique(np.rint(attitude).astype(np.int64), axis=1, return_inverse=True)
+    found = []
+    for groups in (plane.ravel(), plane.ravel() * len(topology.patch_names) + topology.patch):
+        free = np.ones(topology.n, bool)
+        for cells in found:
+            free[cells.units] = False
+        for group in np.unique(groups[free]):
+            units = np.flatnonzero(free & (groups == group))
+            cells = _cells(topology, units)
+            if cells is not None:
+                found.append(cells)
+    return found
+
+
+def _cells(topology: Topology, units: np.ndarray) -> Cells | None:
+    """Rows and columns of units of one attitude; None if they stand on no lattice."""
+    if units.size < 2 * k.LANES:
+        return None
+    place = 1e3 * np.einsum(
+        "ab,an->bn", topology.rotation[:, :2, units[0]], topology.position[:, units]
+    )
+    step = np.linalg.norm(place - place[:, :1], axis=0)
+    near = np.argsort(step)[1:7]
+    between = (place - place[:, :1])[:, near]
+    first = between[:, 0]
+    across = np.abs(first[0] * between[1] - first[1] * between[0])
+    apart = across > 0.1 * step[near] * step[near[0]]
+    if not apart.any():
+        return None
+    basis = np.stack([between[:, int(np.argmax(apart))], first], axis=1)
+    steps = np.linalg.solve(basis, place - place[:, :1])
+    whole = np.rint(steps)
+    if np.abs(basis @ (steps - whole)).max() > ALIKE_MM:
+        return None
+    row, column = (whole - whole.min(axis=1, keepdims=True)).astype(np.int64)
+    along = np.sum((np.diff(row) == 0) & (np.abs(np.diff(column)) == 1))
+    if np.sum((np.diff(column) == 0) & (np.abs(np.diff(row)) == 1)) > along:
+        row, column = column, row
+    if np.sum(np.diff(column) == -1) > np.sum(np.diff(column) == 1):
+        column = column.max() - column
+    if (row.max() + 1) * (column.max() + 1) > EMPTY_SHARE * units.size:
+        return None
+    return Cells(units, row, column)
+
+
+class Lattice:
+    """The pairs of one flat lattice, as `crosstalk_kernels.lattice` takes them.
+
+    Parameters
+    ----------
+    cells : Cells
+    stencil : Stencil
+    unit : ndarray, shape (m,)
+        Of each pair of the stencil.
+    tolerance_ut : float
+    dtype : dtype
+
+    Attributes
+    ----------
+    pairs : ndarray of int
+        Pairs of the stencil that are in.
+    missing : ndarray, of the length of `pairs`
+        Mean square of what the terms that were left out would add, summed over the axes, for a
+        film of strength 1.
+    terms : int
+        That are computed for a unit, of all its neighbours together.
+    """
+
+    def __init__(
+        self, cells: Cells, stencil: Stencil, unit: np.ndarray, tolerance_ut: float, dtype: np.dtype
+    ) -> None:
+        here = np.full(stencil.n, -1)
+        here[cells.units] = np.arange(cells.units.size)
+        both = np.flatnonzero((here[unit] >= 0) & (here[stencil.neighbour] >= 0))
+        at, by = here[unit[both]], here[stencil.neighbour[both]]
+        steps = np.stack([cells.row[by] - cells.row[at], cells.column[by] - cells.column[at]])
+        offsets, which = np.unique(steps, axis=1, return_inverse=True)
+        which = which.ravel()
+        shared = [o for o in range(offsets.shape[1])
+                  if _shared(cells, stencil, both[which == o], offsets[:, o])]  # fmt: skip
+        inside = np.isin(which, shared)
+        self.pairs = both[inside]
+        first = [int(both[which == o][0]) for o in shared]
+        full = stencil.coefficients[stencil.kind[first]].reshape(len(first), 3, -1)
+        strongest = float(stencil.strength[cells.units].max())
+        left, stays, missing = worth_it(full, stencil.gram, tolerance_ut / strongest)
+        self.missing = missing[np.searchsorted(shared, which[inside])]
+        self.terms = int(stays.sum())
+
+        columns = int(cells.column.max()) + 1
+        steps = offsets[:, shared]
+        wide = columns + int(np.abs(steps[1]).max(initial=0))
+        self.halo = int(np.abs(steps[0] * wide + steps[1]).max(initial=0))
+        count = wide * (int(cells.row.max()) + 1)
+        self.cells = count + -count % k.LANES
+        self.pitch = self.cells + 2 * self.halo
+        self.runs = _runs(cells.units, cells.row * wide + cells.column)
+        exponents = powers(stencil.degree)
+        table = Table.of(exponents[stays.any(axis=0)])
+        self.parent, self.factor = table.parent, table.factor
+        # terms by the row of cells that they come from: what is near in memory is used together
+        slots = sorted((steps[0, o], table.row[tuple(map(int, exponents[p]))], steps[1, o], o, p)
+                       for o, p in np.argwhere(stays))  # fmt: skip
+        empty = -len(slots) % k.GROUP
+        cell = [row * self.pitch + self.halo + r * wide + c for r, row, c, _, _ in slots]
+        self.cells_of = np.array(cell + [self.halo] * empty, np.int64)
+        values = np.zeros((len(slots) + empty, 3))
+        values[: len(slots)] = [left[o, :, p] for *_, o, p in slots] or np.zeros((0, 3))
+        groups = values.reshape(-1, k.GROUP, 3).transpose(0, 2, 1)
+        self.coefficients = np.ascontiguousarray(groups, dtype).reshape(-1)
+        self.rows = np.zeros(self.parent.size * self.pitch, dtype)
+        self.tile = np.zeros(3 * k.BLOCK, dtype)
+        self.active = np.zeros((2, -(-self.cells // k.BLOCK)), bool)
+        self.field = np.zeros(3 * self.cells, dtype)
+
+    @property
+    def arguments(self) -> tuple:
+        """Of the kernel, between `sources` and `out`."""
+        return (
+            self.runs, self.cells, self.halo, self.pitch, self.parent, self.factor, self.cells_of,
+            self.coefficients, self.rows, self.tile, self.active, self.field,
+        )  # fmt: skip
+
+
+def _shared(cells: Cells, stencil: Stencil, pairs: np.ndarray, step: np.ndarray) -> bool:
+    """Whether all units so far apart are pairs, with the same coefficients."""
+    stands = set(zip(cells.row.tolist(), cells.column.tolist(), strict=True))
+    if len(pairs) != sum((r + step[0], c + step[1]) in stands for r, c in stands):
+        return False
+    kinds = np.unique(stencil.kind[pairs])
+    values = stencil.coefficients[kinds]
+    return bool(np.ptp(values, axis=0).max() <= ALIKE_SHARE * np.abs(values).max())
+
+
+def _runs(units: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """First unit, first cell and length of stretches that go on in both; shape (r, 3), int64."""
+    breaks = np.flatnonzero((np.diff(units) != 1) | (np.diff(cells) != 1)) + 1
+    first = np.concatenate([[0], breaks])
+    length = np.diff(np.concatenate([first, [units.size]]))
+    return np.stack([units[first], cells[first], length], axis=1).astype(np.int64)
+
+
+class Scattered:
+    """Pairs with coefficients of their own, as `crosstalk_kernels.scattered` takes them.
+
+    Parameters
+    ----------
+    pairs : ndarray of int
+        Pairs of the stencil.
+    stencil : Stencil
+    unit : ndarray, shape (m,)
+        Of each pair of the stencil.
+    tolerance_ut : float
+    dtype : dtype
+
+    Attributes
+    ----------
+    pairs, missing
+        As of `Lattice`; pairs that are not worth a single term are in, too.
+    """
+
+    def __init__(
+        self, pairs: np.ndarray, stencil: Stencil, unit: np.ndarray, tolerance_ut: float,
+        dtype: np.dtype,
+    ) -> None:  # fmt: skip
+        kinds, which = np.unique(stencil.kind[pairs], return_inverse=True)
+        lower, missing = by_degree(stencil.coefficients[kinds], stencil.gram)
+        strength = stencil.strength[stencil.neighbour[pairs]]
+        each = missing[:, which] * strength**2
+        degree = _degrees(each, unit[pairs], stencil.n, 3.0 * tolerance_ut**2)
+        self.pairs, self.missing = pairs, missing[degree, which]
+
+        table = Table.of(powers(stencil.degree), filled_up=k.QUAD)
+        self.parent, self.factor = table.parent, table.factor
+        ends = [max(row for term, row in table.row.items() if sum(term) == d)
+                for d in range(1, stencil.degree + 1)]  # fmt: skip
+        self.orders = np.array([0, *((end - k.FACTORS) // k.QUAD + 1 for end in ends)])
+        self.start, self.receiver, chosen = _by_film(pairs, stencil, unit, degree)
+        film = stencil.neighbour[pairs[chosen]]
+        levels = np.arange(1, stencil.degree + 1)
+        self.reached = np.zeros((stencil.n, levels.size), np.int64)
+        np.add.at(self.reached, film, degree[chosen, np.newaxis] >= levels)
+        rows = np.zeros((chosen.size, 3, self.orders[-1] * k.QUAD))
+        used = [table.row[tuple(map(int, e))] - k.FACTORS for e in powers(stencil.degree)]
+        rows[:, :, used] = lower[degree[chosen], which[chosen]]
+        self.place = np.zeros(stencil.n, np.int64)
+        parts, length = [], 0
+        for j in range(stencil.n):
+            self.place[j] = length
+            mine = rows[self.start[j] : self.start[j + 1]]
+            for d in range(levels.size):
+                some = mine[: self.reached[j, d], :, self.orders[d] * k.QUAD :]
+                some = some[:, :, : (self.orders[d + 1] - self.orders[d]) * k.QUAD]
+                parts.append(some.transpose(2, 0, 1).reshape(-1))
+                length += parts[-1].size
+        self.coefficients = np.concatenate([*parts, np.zeros(1)]).astype(dtype)
+        self.terms = np.zeros(self.parent.size * k.LANES, dtype)
+        most = int(np.diff(self.start).max(initial=0))
+        self.tile = np.zeros(3 * most + 1, dtype)
+
+    @property
+    def arguments(self) -> tuple:
+        """Of the kernel, between `sources` and `out`."""
+        return (
+            self.parent, self.factor, self.orders, self.start, self.receiver, self.reached,
+            self.place, self.coefficients, self.terms, self.tile,
+        )  # fmt: skip
+
+
+def _by_film(
+    pairs: np.ndarray, stencil: Stencil, unit: np.ndarray, degree: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Compressed rows of the units that feel each film, highest degree first, and their order."""
+    film = stencil.neighbour[pairs]
+    order = np.lexsort((unit[pairs], -degree, film))
+    order = order[degree[order] > 0]
+    start = np.concatenate([[0], np.cumsum(np.bincount(film[order], minlength=stencil.n))])
+    return start.astype(np.int32), unit[pairs[order]].astype(np.int32), order
+
+
+def _degrees(each: np.ndarray, unit: np.ndarray, n: int, tolerance: float) -> np.ndarray:
+    """Lowest degree of every pair so that no unit misses more than `tolerance` in mean square.
+
+    Parameters
+    ----------
+    each : ndarray, shape (d + 1, m)
+        Mean square that each pair misses at each degree.
+    """
+    thresholds = np.unique(each)
+    low, high = 0, thresholds.size
+    while low < high:
+        middle = (low + high) // 2
+        chosen = _lowest(each, thresholds[middle])
+        left = np.take_along_axis(each, chosen[np.newaxis], axis=0)[0]
+        if np.bincount(unit, left, minlength=n).max(initial=0.0) <= tolerance:
+            low = middle + 1
+        else:
+            high = middle
+    return _lowest(each, thresholds[low - 1] if low else 0.0)
+
+
+def _lowest(each: np.ndarray, threshold: float) -> np.ndarray:
+    """First degree at which a pair misses no more than the threshold; the full one if none."""
+    within = each <= threshold
+    within[-1] = True
+    return np.argmax(within, axis=0)
