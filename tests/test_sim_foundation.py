@@ -528,6 +528,39 @@ def test_units_yield_to_forces_by_the_elastic_laws(seed: int) -> None:
         assert np.sum(moved_mm * force[:2], axis=0).min() >= 0.0
 
 
+def test_patches_are_solved_apart_and_all_the_same() -> None:
+    """A hand, patch by patch, against the same matrices with a trace of influence between them."""
+    skin, rng = load("hand"), np.random.default_rng(8)
+    apart = Foundation.half_space(skin)
+    trace = 1e-15 * np.abs(apart.normal).max()
+    one = Foundation(apart.springs, apart.normal + trace, apart.shear + trace)
+    assert len({*apart._group}) == len(skin.patch_names)
+    assert len({*one._group}) == 1
+    for foundation in (apart, one):
+        foundation.tolerance = 1e-12
+    for _ in range(4):
+        depth_mm, shift_mm = rng.uniform(-0.5, 1.5, skin.n), rng.normal(0.0, 0.4, (2, skin.n))
+        found = []
+        for foundation in (apart, one):
+            load_n, own_mm = pressed(foundation, depth_mm)
+            out = Dragged.at_rest(skin.n).on(foundation, shift_mm, load_n, own_mm, 0.5, 0.5)
+            found.append([load_n, own_mm, out.traction, out.held_mm, out.slip_mm])
+        for a, b in zip(*found, strict=True):
+            np.testing.assert_allclose(a, b, atol=1e-8)
+
+
+def test_forces_spread_as_the_matrices_say() -> None:
+    skin, rng = load("palm"), np.random.default_rng(9)
+    foundation, force = Foundation.half_space(skin), rng.normal(size=(3, skin.n))
+    force[:, rng.random(skin.n) < 0.5] = 0.0
+    moved_mm = foundation.spread(force)
+    np.testing.assert_allclose(moved_mm[2], foundation.normal @ force[2], atol=1e-15)
+    np.testing.assert_allclose(
+        moved_mm[:2].ravel(), foundation.shear @ force[:2].ravel(), atol=1e-15
+    )
+    assert not Foundation.winkler(skin).spread(force).any()
+
+
 def test_what_cannot_carry_is_refused() -> None:
     with pytest.raises(SkinError, match=r"^normal: must yield somewhere; got rigid springs and no"):
         Foundation(Springs.rigid(3))

@@ -14,7 +14,7 @@ from scipy.stats import spearmanr
 from skin.errors import OptionError, SkinError
 from skin.sim import friction as rubbing
 from skin.sim import mechanics
-from skin.sim.body import Body, Pose, moved, rolled, turned
+from skin.sim.body import Body, Pose, moved, reach, rolled, turned
 from skin.sim.foundation import Foundation
 from skin.sim.friction import ONSETS, Friction, Slip
 from skin.sim.mechanics import Mechanics
@@ -509,6 +509,65 @@ def test_what_does_not_fit_together_is_refused() -> None:
     two = np.repeat(np.eye(3)[..., np.newaxis], 2, axis=2), np.zeros((3, 2))
     with pytest.raises(SkinError, match=r"^pose: must be one, or one for each of 1 patches; got"):
         ball().step(0.0, two)
+
+
+# -- several bodies --------------------------------------------------------------------------------
+
+
+def test_two_bodies_on_one_half_space_bear_what_both_together_would() -> None:
+    """Each in its turn feels the other's last forces; at rest that is the one solution there is."""
+    carrier = foundation("half_space", "palm")
+    poses = [over(x, 0.0, 0.0016) for x in (-0.024, 0.02)]
+    bodies = [ball("half_space") for _ in poses]
+    for k in range(12):
+        for body, other, pose in zip(bodies, reversed(bodies), poses, strict=True):
+            body.share(other.truth.force)
+            body.step(0.1 * k, pose)
+    palm = load("palm")
+    depth_mm = np.max(
+        [reach(bodies[0].body, pose, palm.position, palm.rotation)[0] for pose in poses], axis=0
+    )
+    together, own_mm = np.zeros(64), np.zeros(64)
+    carrier.press(depth_mm, together, own_mm)
+    found = bodies[0].truth.load + bodies[1].truth.load
+    np.testing.assert_allclose(found, together, atol=1e-6 * together.max())
+    first = ball("half_space").step(0.0, poses[0]).load
+    assert first.sum() > 1.02 * bodies[0].truth.load.sum()
+    assert not (bodies[0].truth.load * bodies[1].truth.load).any()
+
+
+def test_what_another_body_drags_along_drags_no_face_that_sticks() -> None:
+    """Under a resting body the surface moves with the other's drag, and its faces hold on to it."""
+    still, moving = ball("half_space"), ball("half_space")
+    poses = over(-0.024, 0.0, 0.0015), over(0.02, 0.0, 0.0015)
+    for k in range(6):
+        for body, other, pose in ((still, moving, poses[0]), (moving, still, poses[1])):
+            body.share(other.truth.force)
+            body.step(0.01 * k, pose)
+    for k in range(6, 20):
+        moving.share(still.truth.force)
+        moving.step(0.01 * k, (np.eye(3), poses[1][1] + np.array([5e-6 * (k - 5), 0.0, 0.0])))
+        still.share(moving.truth.force)
+        still.step(0.01 * k, poses[0])
+    held, pulled = still.truth.tangential[0], moving.truth.tangential[0]
+    assert pulled.sum() > 0.05
+    # what holds still is pulled back by what the surface would go along
+    assert -0.2 * pulled.sum() < held.sum() < -0.001 * pulled.sum()
+    carried_mm = foundation("half_space", "palm").spread(moving.truth.force)[0]
+    own_mm = (
+        still.truth.displacement_mm[0]
+        + foundation("half_space", "palm").spread(still.truth.force)[0]
+    )
+    touched = still.truth.contact & ~still.truth.slipping
+    np.testing.assert_allclose(own_mm[touched], -carried_mm[touched], rtol=1e-3)
+
+
+def test_bodies_on_a_winkler_foundation_do_not_feel_each_other() -> None:
+    first, second = ball(), ball()
+    before = first.step(0.0, over(0.0, 0.0, 0.0015)).load.copy()
+    second.step(0.0, over(0.03, 0.0, 0.0015))
+    first.share(second.truth.force)
+    np.testing.assert_array_equal(first.step(0.1, over(0.0, 0.0, 0.0015)).load, before)
 
 
 # -- the code --------------------------------------------------------------------------------------

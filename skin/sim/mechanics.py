@@ -84,13 +84,26 @@ class Mechanics:
         self._load = np.zeros(n)
         self._want_mm, self._holds_mm = np.zeros((2, n)), np.zeros((2, n))
         # as of the last step; what is tried starts from here
+        # how far surfaces are displaced, whoever does it
         self._held_mm, self._traction = np.zeros((2, n)), np.zeros((2, n))
         self._slipping = np.zeros(n, bool)
         self._slip = Slip(n)
+        self._others_mm: np.ndarray | None = None
         self._last: Pose | None = None
         self._sunk_m, self._slope = 0.0, 0.0
         self._last_stiffness: np.ndarray | None = None
         self.truth = MechanicsTruth.at_rest(n)
+
+    def share(self, force: np.ndarray) -> None:
+        """Let other bodies bear on the same foundation, until they are heard of again.
+
+        Parameters
+        ----------
+        force : ndarray, shape (3, n)
+            What they do to the units, newton, unit frames. Nothing follows on a Winkler foundation.
+        """
+        if self.foundation.together:
+            self._others_mm = self.foundation.spread(force)
 
     def step(self, time_s: float, pose: Pose) -> MechanicsTruth:
         """Bring the body to a pose.
@@ -281,6 +294,8 @@ class Mechanics:
             face=self._face,
             out=self._reached,
         )
+        if self._others_mm is not None:
+            self._reached[0][:] -= self._others_mm[2]
         self.foundation.press(
             self._reached[0],
             self._load,
@@ -307,7 +322,11 @@ class Mechanics:
             since = depth_mm[new] / (depth_mm[new] - self._before_mm[new])
             want_mm[:, new] *= since
             self._held_mm[:, new] = self.foundation.surface(new, self._traction)
+            if self._others_mm is not None:
+                self._held_mm[:, new] += self._others_mm[:2, new]
         want_mm += self._held_mm
+        if self._others_mm is not None:
+            want_mm -= self._others_mm[:2]
         truth.slipping[:] = self._slipping
         self.foundation.drag(
             want_mm,
@@ -327,6 +346,8 @@ class Mechanics:
         """Go on from what was tried last, and sum it up."""
         truth, load = self.truth, self._load
         self._held_mm[:] = self._holds_mm
+        if self._others_mm is not None:
+            self._held_mm += self._others_mm[:2]
         self._traction[:] = truth.force[:2]
         self._slipping[:] = truth.slipping
         self._before_mm[:] = self._reached[0]

@@ -3,7 +3,8 @@
 Forces are those of the contact mechanics. What the electronics feel is the displacement that the
 elastomer needs to bear them: by its elastic law alone, or with creep and loops where the file (or
 the caller) wants them. Where several bodies touch a unit, the one that presses it hardest bears on
-it alone, and the others are held by their other units.
+it alone, and the others are held by their other units. On a half space each body also feels how far
+the others have sunk, as of their last step.
 """
 
 from __future__ import annotations
@@ -305,6 +306,8 @@ class ScriptedScene:
         source[:] = room_c
         truth.force[...] = 0.0
         for body in self.bodies:
+            if len(self.bodies) > 1:
+                body.mechanics.share(sum(other.force for other in self.bodies if other is not body))
             body.go(time_s, dt_s)
         self._share_out()
         for body in self.bodies:

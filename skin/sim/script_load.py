@@ -15,7 +15,7 @@ from skin.sim.material import Elastic
 from skin.sim.mechanics import Mechanics
 from skin.sim.motion import Motion, frame_of, shape_of
 from skin.sim.play import DEEPEST_MM, loaded_units
-from skin.sim.script import BodyTable, HalfSpace, LoadTable, SceneFile
+from skin.sim.script import BodyTable, LoadTable, SceneFile
 from skin.sim.tools import OUTSIDE, MovingTool
 from topology import Topology
 from topology.errors import nearest
@@ -110,10 +110,6 @@ class _Check:
                 self.rows((name, i, "keys"), table.keys, getattr(table, "waves", ()))
         self.names()
         self.faults()
-        if isinstance(script.foundation, HalfSpace) and len(script.bodies) > 1:
-            self.must(
-                ("foundation", "kind"), "'winkler' where there are several bodies", "'half-space'"
-            )
         if not self.report.issues:
             for i, body in enumerate(script.bodies):
                 self.place(i, body)
