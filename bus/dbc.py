@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bus import configure
 from bus.frame import CAN_EFF
 from bus.heartbeat import FIELDS, FIRST_ID, LAYOUT, PERIOD_S, STATES, beating_nodes
 from topology import CHANNELS, Signal, Topology, WireLayout
@@ -96,7 +97,7 @@ class _Message:
     receivers: str
     comment: str
     cycle_ms: int
-    """0: it comes when SYNC does, or more often than each millisecond."""
+    """0: it comes when SYNC does, when the host will, or more often than each millisecond."""
     signals: list[_Signal]
 
 
@@ -198,7 +199,7 @@ def _text(topology: Topology, index: int, messages: list[_Message]) -> str:
 
 
 def _messages(topology: Topology, index: int) -> list[_Message]:
-    """SYNC, data frames and heartbeats of a bus."""
+    """SYNC, data frames, heartbeats and configuration of a bus."""
     bus = topology.buses[index]
     boards = _boards(topology, index)
     names = _Names()
@@ -218,6 +219,10 @@ def _messages(topology: Topology, index: int) -> list[_Message]:
         messages += _data(topology, first, k + 1, data_ms, prefixes, names)
     for node in beating_nodes(topology, index):
         messages.append(_heartbeat(node, names))
+    obeying = configure.node_numbers(topology)[topology.frames.bus == index]
+    if configure.understands(topology, index) and (obeying > 0).any():
+        nodes = np.unique(obeying[obeying > 0]).tolist()
+        messages.append(_configuration([f"board_{node}" for node in nodes], names))
     return messages
 
 
@@ -317,6 +322,22 @@ def _heartbeat(node: int, names: _Names) -> _Message:
         start += bits
     return _Message(name, FIRST_ID + node, LAYOUT.size, False, f"board_{node}", HOST,
                     f"Heartbeat of board_{node}", _whole_ms(1e3 * PERIOD_S), signals)  # fmt: skip
+
+
+def _configuration(boards: list[str], names: _Names) -> _Message:
+    name = names.message("configuration")
+    signals, start = [], 0
+    for what, bits in configure.FIELDS:
+        values = {}
+        if what == "command":
+            values = {int(command): command.name.lower() for command in configure.Command}
+        if what == "node":
+            values = {configure.ALL_NODES: "all"}
+        signals.append(_Signal(names.signal(name, what), start, bits, values=values))
+        start += bits
+    comment = "What the host tells a board, or all; reserved must be 0"
+    return _Message(name, configure.IDENTIFIER, configure.LAYOUT.size, False, HOST,
+                    ",".join(boards), comment, 0, signals)  # fmt: skip
 
 
 class _Names:

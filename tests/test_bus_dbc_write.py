@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from busfixtures import make_topology, with_data_ids
 from dbcfixtures import Unpacker, by_canmatrix, by_cantools
 from hypothesis import given
 from hypothesis import strategies as st
 from topologyfixtures import write_topology
 
-from bus import Packer
+from bus import Packer, configure
 from bus.dbc import dbc_text, write_dbc
 from bus.frame import FrameBatch
 from bus.heartbeat import FIRST_ID
@@ -159,6 +160,36 @@ def test_heartbeats_and_sync_decode_to_what_boards_say():
     assert database.get_message_by_name("SYNC").frame_id == 0x80
 
 
+def test_configuration_decodes_to_what_the_host_tells_boards():
+    for database in (by_cantools(load("palm")), by_cantools(load("strip"))):
+        message = database.get_message_by_frame_id(0x7E0)
+        assert (message.name, message.senders, message.is_fd) == ("configuration", ["host"], False)
+        assert (message.send_type, message.cycle_time or 0) == ("Triggered", 0)
+        assert message.signals[0].receivers == [
+            f"board_{k + 1}" for k in range(len(boards_of(database)))
+        ]
+        for frame, said in (
+            (configure.pack(configure.Command.RATE, node=3, value=500), ("rate", 3, 500, 0)),
+            (configure.pack(configure.Command.TARE), ("tare", "all", 0, 0)),
+        ):
+            decoded = message.decode(frame["data"][0, :8].tobytes())
+            assert tuple(decoded.values()) == said
+            assert list(decoded) == [f"configuration_{name}" for name, _ in configure.FIELDS]
+
+
+def boards_of(database):
+    return [node for node in database.nodes if node.name.startswith("board_")]
+
+
+def test_only_boards_that_take_configuration_are_told_of_it(tmp_path):
+    def has_it(topology):
+        return "configuration" in {message.name for message in by_cantools(topology).messages}
+
+    assert has_it(topology_of(tmp_path, "f3t-classic", 2))
+    assert not has_it(topology_of(tmp_path, "xela-uskin", 2))
+    assert not has_it(with_data_ids(make_topology("f3t-classic", 2), [0x100, 0x7E0]))
+
+
 # -- attributes -----------------------------------------------------------------------------------
 
 
@@ -168,8 +199,11 @@ def test_every_ready_made_topology_is_read_by_both_tools(name):
     for index, bus in enumerate(topology.buses):
         database, matrix = by_cantools(topology, index), by_canmatrix(topology, index)
         assert len(database.messages) == len(matrix.frames) > 0
-        ids = {m.frame_id for m in database.messages if m.name.find("heartbeat") < 0} - {0x80}
-        assert ids == set(topology.frames.can_id[topology.frames.bus == index].tolist())
+        ids = {m.frame_id for m in database.messages if m.name.find("heartbeat") < 0}
+        assert {0x80, 0x7E0} < ids
+        assert ids - {0x80, 0x7E0} == set(
+            topology.frames.can_id[topology.frames.bus == index].tolist()
+        )
         assert database.dbc.attributes["BusType"].value == ("CAN FD" if bus.fd else "CAN")
         assert database.dbc.attributes["Baudrate"].value == bus.bitrate
         if bus.fd:
@@ -315,7 +349,7 @@ def test_the_command_writes_says_what_and_ends_with_json(tmp_path, capsys):
     assert report == {
         "topology": "palm",
         "files": [
-            {"path": str(tmp_path / "palm-main.dbc"), "bus": "main", "messages": 27, "signals": 566}
+            {"path": str(tmp_path / "palm-main.dbc"), "bus": "main", "messages": 28, "signals": 570}
         ],
     }
     assert table[0].split() == ["bus", "messages", "signals", "file"]

@@ -24,8 +24,8 @@ def dbc(
 ) -> int:
     """Write one DBC file for each bus, named after the skin and the bus: palm-main.dbc.
 
-    They hold SYNC, the data frames with their scales, and the heartbeats, and are read by cantools,
-    canmatrix and SavvyCAN.
+    They hold SYNC, the data frames with their scales, heartbeats and configuration, and are read by
+    cantools, canmatrix and SavvyCAN.
     """
     from bus.dbc import write_dbc
     from topology import load
