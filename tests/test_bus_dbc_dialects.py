@@ -160,7 +160,8 @@ def mixed(tmp_path_factory):
 def test_foreign_units_are_flagged_and_never_decoded(mixed):
     assert mixed.counts_only.tolist() == [False, False, True, True]
     counts = np.zeros((2, 6, 4), np.int16)
-    counts[:, 0], counts[:, 1], counts[:, BX] = 180, 9000, 100
+    # A unit at rest: 4500 Hz, some 4 mT along the axis, little across.
+    counts[:, 0], counts[:, FREQUENCY], counts[:, BX], counts[:, BZ] = 180, 9000, 5, 66
     for dtype in ("float32", "float64"):
         reading = Decoder(mixed, dtype=dtype)(counts)
         assert (reading.status[:, 2:] == Status.NOT_F3T).all()
