@@ -353,7 +353,7 @@ def test_the_command_writes_says_what_and_ends_with_json(tmp_path, capsys):
         ],
     }
     assert table[0].split() == ["bus", "messages", "signals", "file"]
-    assert table[1].split() == ["main", "27", "566", str(tmp_path / "palm-main.dbc")]
+    assert table[1].split() == ["main", "28", "570", str(tmp_path / "palm-main.dbc")]
 
 
 def test_the_command_refuses_what_is_no_topology_and_no_folder(tmp_path, capsys):
