@@ -117,6 +117,23 @@ def test_the_table_is_within_a_thousandth_of_the_magnets():
     check_table(150, seed=1)
 
 
+def test_the_table_is_refused_where_it_is_not_within_a_thousandth():
+    """Just above its least distance from the film it holds, up to 4 mm aside; below, it is lost."""
+    pytest.importorskip("magpylib")
+    random, n = np.random.default_rng(6), 60
+    r, phi = 4.0 * np.sqrt(random.uniform(size=n)), random.uniform(0.0, 2.0 * np.pi, n)
+    displacement, flat = np.stack([r * np.cos(phi), r * np.sin(phi)]), np.zeros((2, n))
+    deepest = FILM.chip_mm - TABLE.nearest_mm
+    assert deepest > 3.5 + 4.0 * np.sin(np.radians(1.0))  # the deepest press, and a tilted film
+    depth = deepest - random.uniform(0.0, 0.05, n)
+    exact, field = exact_own(displacement, depth, flat), HalbachField(apart(n))
+    error = np.linalg.norm(field_of(field, displacement, depth) - exact, axis=0)
+    assert np.all(error < 1e-3 * np.linalg.norm(exact, axis=0))
+    depth[7] = deepest + 1e-6
+    with pytest.raises(SkinError, match=r"^unit 7: .* less than 3\.75 mm deep; got"):
+        field_of(field, displacement, depth)
+
+
 @pytest.mark.long
 def test_the_table_is_within_a_thousandth_of_the_magnets_at_many_points():
     pytest.importorskip("magpylib")

@@ -124,7 +124,8 @@ def test_iron_answers_the_films_and_the_ambient_field():
 def test_a_tool_in_the_skin_is_an_error():
     inside = tuple(TIP.position[:, 0] + 0.0057 * TIP.rotation[:, 2, 0])
     with pytest.raises(
-        SkinError, match=r"tool: must be outside of all units; got a sphere of 0\.005"
+        SkinError,
+        match=r"tool: must be outside of all units, its middle 7\.6 mm .*; got a sphere of 0\.005",
     ):
         readings(Surroundings(tools=(Tool(inside),)))
 

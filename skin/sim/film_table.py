@@ -107,6 +107,17 @@ class FilmTable:
     far: np.ndarray
     source: str
 
+    @property
+    def nearest_mm(self) -> float:
+        """Distance from the middle of the film, along z, from which on the near table is within
+        1e-3 of what it tabulates: up to its second node its cubics are one-sided."""
+        return self.z.first + self.z.step
+
+    @property
+    def far_mm(self) -> float:
+        """Distance from the middle of the film from which on the far table holds, on all sides."""
+        return 1.0 / self.inverse_r.last
+
     def save(self, path: Path) -> None:
         """Write to `path`: beside it first, then renamed over it."""
         axes = {f"axis_{name}": _axis_row(getattr(self, name)) for name in AXES}

@@ -92,7 +92,8 @@ class HalbachField:
         self._strength = p["field_amplitude_ut"] / crest_ut(table, reference_mm)[which]
         self._tables = _tables(table)
         self._level = np.zeros((2, topology.n))
-        self._deepest_mm = self.film.chip_mm - table.z.first
+        self._deepest_mm = self.film.chip_mm - table.nearest_mm
+        self._far_mm = table.far_mm
         self._units = _units(table, fabrication)
         inward = topology.rotation[:, 2]
         self._film_rest = 1e3 * topology.position + table.film.middle_mm * inward
@@ -169,8 +170,9 @@ class HalbachField:
             skin_fields(self._tables, self._units, rest, turn, place, *films, local)
             if inside.any() or not np.isfinite(local).all():
                 raise SkinError(
-                    f"tool: must be outside of all units; got a sphere of {tool.radius_m:g} m "
-                    f"at {tool.position}"
+                    f"tool: must be outside of all units, its middle {self._far_mm:.1f} mm or more "
+                    f"from that of every film; got a sphere of {tool.radius_m:g} m at "
+                    f"{tool.position}"
                 )
             field = dipole_field_ut(tool.moment(ambient + local), offset)
             out += np.einsum("abn,tbn->tan", self._to_chip, field)
@@ -238,7 +240,8 @@ def _tables(table: FilmTable) -> Tables:
         first=np.array([[axis.first for axis in pair] for pair in axes]),
         per_unit=np.array([[1.0 / axis.step for axis in pair] for pair in axes]),
         count=np.array([[axis.count for axis in pair] for pair in axes]),
-        far_mm2=table.inverse_r.last**-2,
+        lowest=np.array([1.0, 0.0]),
+        far_mm2=table.far_mm**2,
     )
 
 

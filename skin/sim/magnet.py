@@ -37,8 +37,9 @@ class Tables(NamedTuple):
     `values` : float32, flat: for each table, from `begin` on, a row of `columns` for each node:
     the three components' orders one after the other, filled up. `orders` : int64, ascending;
     those of a table are ``orders[orders_start[k]:orders_start[k + 1]]``. `first`, `per_unit`,
-    `count` : (tables, coordinates); `begin`, `columns` : (tables,). `far_mm2` : squared distance
-    from which on the far table holds.
+    `count` : (tables, coordinates); `begin`, `columns` : (tables,). `lowest` : (tables,), node
+    of the second coordinate from which on a table holds. `far_mm2` : squared distance from which
+    on the far table holds.
     """
 
     values: np.ndarray
@@ -49,6 +50,7 @@ class Tables(NamedTuple):
     first: np.ndarray
     per_unit: np.ndarray
     count: np.ndarray
+    lowest: np.ndarray
     far_mm2: float
 
 
@@ -141,7 +143,7 @@ def _components(tables, units, i, table, a, b, cosine, sine, series):
     at_b = (b - tables.first[table, 1]) * tables.per_unit[table, 1]
     count_a, count_b = tables.count[table, 0], tables.count[table, 1]
     # a comparison with NaN is false; below its first node a table goes on to a = 0
-    within = (at_a <= count_a - 1) & (at_b >= 0.0) & (at_b <= count_b - 1)
+    within = (at_a <= count_a - 1) & (at_b >= tables.lowest[table]) & (at_b <= count_b - 1)
     base_a = min(max(int(at_a if within else 0.0) - 1, 0), count_a - 4)
     base_b = min(max(int(at_b if within else 0.0) - 1, 0), count_b - 4)
     u0, u1, u2, u3 = _weights(at_a - base_a if within else np.nan)

@@ -205,7 +205,7 @@ class ToolKey(_Table, frozen=True, kw_only=True):
 
 
 class ToolTable(_Table, frozen=True, kw_only=True):
-    """A sphere of iron that passes by (`[[tools]]`): films feel it, faces do not."""
+    """A sphere of iron that passes by (`[[tools]]`): chips feel it, faces do not."""
 
     name: _Name
     keys: Annotated[tuple[ToolKey, ...], Meta(min_length=1)]

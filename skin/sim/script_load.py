@@ -16,7 +16,7 @@ from skin.sim.mechanics import Mechanics
 from skin.sim.motion import Motion, frame_of, shape_of
 from skin.sim.play import DEEPEST_MM, loaded_units
 from skin.sim.script import BodyTable, LoadTable, SceneFile
-from skin.sim.tools import OUTSIDE, MovingTool
+from skin.sim.tools import MovingTool
 from topology import Topology
 from topology.errors import nearest
 from topology.read import open_source, read
@@ -168,11 +168,11 @@ class _Check:
             self.report.add("value", self.source, ("faults", i, key), hint, **values)
 
     def tool(self, index: int) -> None:
-        """A tool touches no unit."""
+        """A tool is where one can be."""
         tool = MovingTool(self.script, index, self.topology)
         for i, key in enumerate(self.script.tools[index].keys):
-            if touched := tool.touches(key.t_s):
-                self.must(("tools", index, "keys", i, "xyz_m"), OUTSIDE, touched)
+            if problem := tool.problem(key.t_s):
+                self.must(("tools", index, "keys", i, "xyz_m"), *problem)
                 return
 
     def load(self, index: int, table: LoadTable) -> None:

@@ -9,15 +9,13 @@ import numpy as np
 
 from skin.errors import SceneError
 from skin.sim.body import Body, reach
+from skin.sim.film_table import load_film_table
 from skin.sim.motion import Track, frame_of
 from skin.sim.script import SceneFile
 from skin.sim.surroundings import Tool
 from topology import Topology
 
-__all__ = ["OUTSIDE", "MovingTool"]
-
-OUTSIDE = "outside of all units (what presses them goes into [[bodies]])"
-"""Where a tool must be."""
+__all__ = ["MovingTool"]
 
 
 class MovingTool:
@@ -48,22 +46,34 @@ class MovingTool:
         Raises
         ------
         SceneError
-            If it is in a unit.
+            If no tool can be there; see `problem`.
         """
-        if touched := self.touches(time_s):
-            raise SceneError(f"{self._where(time_s)}: must be {OUTSIDE}; got {touched}")
+        if found := self.problem(time_s):
+            raise SceneError(f"{self._where(time_s)}: must be {found[0]}; got {found[1]}")
         return replace(self._tool, position=tuple(self._position(time_s)))
 
-    def touches(self, time_s: float) -> str:
-        """How deep it is in which unit, in words; empty where it touches none."""
-        topology = self._topology
+    def problem(self, time_s: float) -> tuple[str, str] | None:
+        """Why the tool cannot be where it is at a time: what must be, and what is.
+
+        It touches no unit, and stays as far from the film of each as `HalbachField` asks for.
+        """
+        topology, position = self._topology, self._position(time_s)
         depth_mm, _ = reach(
-            self._body, (np.eye(3), self._position(time_s)), topology.position, topology.rotation,
+            self._body, (np.eye(3), position), topology.position, topology.rotation,
             radius_m=topology.parameters["radius_m"], face="disc",
         )  # fmt: skip
         deepest = int(np.argmax(depth_mm))
-        unit = topology.unit_names[deepest]
-        return f"{depth_mm[deepest]:.3g} mm into {unit}" if depth_mm[deepest] > 0.0 else ""
+        if depth_mm[deepest] > 0.0:
+            got = f"{depth_mm[deepest]:.3g} mm into {topology.unit_names[deepest]}"
+            return "outside of all units (what presses them goes into [[bodies]])", got
+        table = load_film_table()
+        film = topology.position + 1e-3 * table.film.middle_mm * topology.rotation[:, 2]
+        away_mm = 1e3 * np.linalg.norm(film - position[:, np.newaxis], axis=0)
+        nearest = int(np.argmin(away_mm))
+        if away_mm[nearest] < table.far_mm:
+            got = f"{away_mm[nearest]:.3g} mm from that of {topology.unit_names[nearest]}"
+            return f"with its middle {table.far_mm:.3g} mm or more from that of any film", got
+        return None
 
     def _position(self, time_s: float) -> np.ndarray:
         return self._rotation @ (self._xyz_m(time_s) + self._lowest_m) + self._origin
