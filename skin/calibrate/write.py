@@ -118,10 +118,12 @@ def parameter_values(
 
 
 def _line(name: str, value: float | np.ndarray, sigma: float) -> str:
+    known = f"  # ± {sigma:.2g}" if np.isfinite(sigma) else ""
     if np.ndim(value) == 0:
-        return f"{name} = {value!r}  # ± {sigma:.2g}"
+        whole = isinstance(getattr(UnitModel(), name), int)
+        return f"{name} = {int(value) if whole else value!r}{known}"
     values = ", ".join(repr(float(entry)) for entry in value)
-    return f"{name} = [{values}]  # ± {sigma:.2g} at most"
+    return f"{name} = [{values}]{known + ' at most' if known else ''}"
 
 
 def _text(text: str) -> str:

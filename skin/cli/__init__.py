@@ -18,6 +18,7 @@ COMMANDS = {
     "sim": "run simulated units alone, on the buses of a topology",
     "run": "listen to the buses of a topology and show what the skin feels",
     "doctor": "listen to the buses of a topology, and say what is wrong and why",
+    "tare": "take the zeros of an untouched skin, and save them",
     "decode": "turn a recorded log into forces",
     "dbc": "write a DBC file for each bus, for every other CAN tool",
 }

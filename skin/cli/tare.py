@@ -1,0 +1,217 @@
+"""`skin tare`: the zeros of an untouched skin, into its calibration files."""
+
+from __future__ import annotations
+
+import json as json_text
+import sys
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tyro
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from bus.cycle import RawCycle
+    from bus.memory import MemoryTransport
+    from skin.sim.truth import Truth
+    from topology import Topology
+
+__all__ = ["tare"]
+
+SHOWN = 16
+
+
+def tare(
+    file: Annotated[str, tyro.conf.Positional],
+    /,
+    *,
+    seconds: Annotated[float, tyro.conf.arg(help="how long to listen")] = 2.0,
+    output: Annotated[
+        str | None,
+        tyro.conf.arg(
+            aliases=["-o"],
+            metavar="FILE|FOLDER",
+            help="calibration file to write, or a folder of one for each patch; "
+            "otherwise those that the topology names",
+        ),
+    ] = None,
+    leave_out: Annotated[
+        tuple[str, ...], tyro.conf.arg(metavar="UNIT", help="units that keep the zeros they have")
+    ] = (),
+    crosstalk: Annotated[
+        bool,
+        tyro.conf.arg(
+            help="leave the field of resting neighbours out of the offsets: for a decoder that "
+            "takes off cross-talk, and with it that field"
+        ),
+    ] = False,
+    simulate: Annotated[
+        bool, tyro.conf.arg(help="tare simulated units, which nothing touches, in this process")
+    ] = False,
+    interface: Annotated[
+        str | None, tyro.conf.arg(help="use this interface for every bus instead of the file's")
+    ] = None,
+    channel: Annotated[
+        str | None,
+        tyro.conf.arg(
+            help="use these channels instead of the file's, one for each bus, as vcan0,vcan1"
+        ),
+    ] = None,
+    sync: Annotated[
+        Literal["host", "bus"], tyro.conf.arg(help="who sends SYNC: this host or another node")
+    ] = "host",
+    json: Annotated[bool, tyro.conf.arg(help="end with one JSON object")] = False,
+) -> int:
+    """Take the frequency and the lateral field of every unit as its zero, and save them.
+
+    Nothing may touch the skin meanwhile. Every other value of the calibration files is kept. Exits
+    1, and writes nothing, if a unit is loaded, moving, noisy or invalid.
+    """
+    from skin.calibrate.tare import calibration_files, chosen
+    from skin.calibrate.tare import tare as take
+    from skin.errors import ScanError, SkinError
+    from topology import load
+
+    if not seconds > 0.0:
+        raise SkinError(f"--seconds: must be above 0; got {seconds:g}")
+    loaded = load(file).on(interface=interface, channel=channel)
+    calibration_files(loaded, chosen(loaded, leave_out), output)  # refused before, not after
+    rest_ut = None
+    if crosstalk:
+        from skin.calibrate.stencil import Stencil
+
+        rest_ut = Stencil.of(loaded).rest_ut
+    counts, status = _listen(loaded, seconds, sync, simulate)
+    try:
+        found = take(loaded, counts, status, rest_ut=rest_ut, leave_out=leave_out)
+    except ScanError as error:
+        print(error, file=sys.stderr)
+        if json:
+            refused = str(error).splitlines()
+            print(json_text.dumps({"topology": loaded.name, "refused": refused, "files": {}}))
+        return 1
+    changes = found.changes()
+    files = {patch: str(path.resolve()) for patch, path in found.write(output).items()}
+    print(_table(changes))
+    for patch, path in files.items():
+        print(f"{patch}: written to {path}")
+    if json:
+        report = {
+            "topology": loaded.name,
+            "units": loaded.n,
+            "tared": len(changes),
+            "cycles": len(counts),
+            "refused": [],
+            "changes": changes,
+            "files": files,
+        }
+        print(json_text.dumps(report))
+    return 0
+
+
+class _Recording:
+    """Counts and flags of every cycle that `bus.discover.listen` hears."""
+
+    def __init__(self, topology: Topology) -> None:
+        from bus.assemble import Assembler
+
+        self.topology, self.closed = topology, ""
+        self.counts: list[np.ndarray] = []
+        self.status: list[np.ndarray] = []
+        self._assembler = Assembler(topology)
+
+    def feed(self, frames: np.ndarray) -> None:
+        for cycle in self._assembler.feed(frames):
+            self._keep(cycle)
+
+    def expire(self, now_ns: int) -> None:
+        self._keep(self._assembler.expire(now_ns) or self._assembler.silence(now_ns))
+
+    def finish(self) -> None:
+        self._keep(self._assembler.flush())
+
+    def _keep(self, cycle: RawCycle | None) -> None:
+        if cycle is not None:
+            self.counts.append(cycle.counts.copy())
+            self.status.append(cycle.status.copy())
+
+
+def _listen(
+    topology: Topology, seconds: float, sync: Literal["host", "bus"], simulate: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Counts, shape (t, c, n), and flags, shape (t, n), of all cycles of that time."""
+    import numpy as np
+
+    from bus.discover import listen
+    from bus.errors import BusClosedError
+    from bus.open import open_transport
+    from topology import CHANNELS
+
+    recording = _Recording(topology)
+    with ExitStack() as opened:
+        if simulate:
+            transports = _simulated(topology, opened)
+        else:
+            transports = [
+                opened.enter_context(open_transport(bus, i)) for i, bus in enumerate(topology.buses)
+            ]
+        print(f"listening for {seconds:g} s …", file=sys.stderr, flush=True)
+        listen(recording, transports, seconds, sync=sync)
+    if recording.closed:
+        raise BusClosedError(recording.closed)
+    if not recording.counts:
+        return np.zeros((0, len(CHANNELS), topology.n), np.int16), np.zeros(
+            (0, topology.n), np.uint16
+        )
+    return np.stack(recording.counts), np.stack(recording.status)
+
+
+def _simulated(topology: Topology, opened: ExitStack) -> list[MemoryTransport]:
+    from bus.memory import MemoryTransport
+    from skin.sim.node import Nodes
+
+    nodes = Nodes(topology, _Untouched(topology.n), history=0)
+    opened.callback(nodes.close)
+    pairs = [MemoryTransport.pair(index=i) for i in range(len(topology.buses))]
+    nodes.attach([far for _, far in pairs])
+    return [opened.enter_context(near) for near, _ in pairs]
+
+
+class _Untouched:
+    """A scene in which nothing happens."""
+
+    def __init__(self, n: int) -> None:
+        from skin.sim.truth import Truth
+
+        self._truth = Truth.at_rest(n, 24.0)
+
+    def at(self, time_s: float) -> Truth:
+        self._truth.time_s = time_s
+        return self._truth
+
+
+def _table(changes: dict[str, dict[str, Any]]) -> str:
+    wide = max(map(len, changes))
+    lines = [f"{'unit':<{wide}}  {'frequency, Hz':>24}  {'Bx, µT':>22}  {'By, µT':>22}  Bz, µT"]
+    for unit, new in list(changes.items())[:SHOWN]:
+        frequency = (
+            f"{new['frequency_before_hz']:.1f} -> {new['frequency_hz']:.1f}"
+            f" ± {new['frequency_sigma_hz']:.1f}"
+        )
+        fields = [
+            f"{new[f'offset_{axis}_before_ut']:.0f} -> {new[f'offset_{axis}_ut']:.0f}"
+            f" ± {new['offset_sigma_ut']:.0f}"
+            for axis in "xy"
+        ]
+        lines.append(
+            f"{unit:<{wide}}  {frequency:>24}  {fields[0]:>22}  {fields[1]:>22}  "
+            f"{new['axial_ut']:.0f}"
+        )
+    if len(changes) > SHOWN:
+        moved = max(abs(new["frequency_hz"] - new["frequency_before_hz"])
+                    for new in changes.values())  # fmt: skip
+        lines.append(
+            f"and {len(changes) - SHOWN} more; frequencies moved by {moved:.1f} Hz at most"
+        )
+    return "\n".join(lines)
