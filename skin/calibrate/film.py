@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import brentq
 
 from skin.calibrate.field_angle import (
     ANGLE_NAMES,
@@ -101,7 +102,7 @@ def fit_film(
         fit = gauss_newton(lambda at: _model(at, field, depth, along), found, wanted, sigma, RAW)
         found = fit.values
         left = wanted - _model(found, field, depth, along)[0]
-        spread_mm = float(np.sqrt(max(np.mean(left**2 - noise**2), 0.0)))
+        spread_mm = _spread(left, noise, left.size - found.size)
     range_mm = _range(found[5:], depth, float(reach.max()))
     derivatives = _model(found, field, depth, along)[1]
     own = np.einsum("tp,pq,tq->t", derivatives, fit.covariance, derivatives).mean()
@@ -120,6 +121,15 @@ _MAP_BY = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 1.0], [0.0, 1.0, -1.0], [-1.0, 0
 
 def _map(stretch: float, skew: float, turn: float) -> np.ndarray:
     return np.array([[1.0 + stretch, skew + turn], [skew - turn, 1.0 - stretch]])
+
+
+def _spread(left: np.ndarray, noise: np.ndarray, freedom: int) -> float:
+    """Spread beside the noise with which the squares of what is left add up to their number."""
+
+    def excess(spread: float) -> float:
+        return float(np.sum(left**2 / (noise**2 + spread**2)) - freedom)
+
+    return brentq(excess, 0.0, 2.0 * np.abs(left).max()) if excess(0.0) > 0.0 else 0.0
 
 
 def _range(table: np.ndarray, depth: np.ndarray, longest_mm: float) -> float:
