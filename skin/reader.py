@@ -10,11 +10,11 @@ import numpy as np
 from bus.cycle import RawCycle
 from skin.decode.decoder import Decoder
 from skin.errors import OptionError
-from skin.state import ARRAY_WANTS, UNIT_WANTS, WANTS, State
+from skin.state import ARRAY_WANTS, UNIT_WANTS, WANTS, Reading, State
 from topology import CHANNELS, Topology
 
 if TYPE_CHECKING:
-    from skin.contact.stream import ContactStream
+    from skin.contact.stream import Contact, ContactStream
 
 __all__ = ["CycleReader"]
 
@@ -58,6 +58,7 @@ class CycleReader:
         self._now_ns = -1
         self._share = topology.area / topology.area.sum()
         self._stream: ContactStream | None = None
+        self._reading: Reading | None = None
         self._array: tuple = ()
         if array_wanted:
             self._find_contacts(topology, array_wanted, dtype)
@@ -109,22 +110,28 @@ class CycleReader:
         stream = self._stream
         if stream is None:
             return state
-        force_sigma, displacement_sigma = reading.force_sigma, reading.displacement_sigma_mm
-        if force_sigma is None:
-            noise = self._noise
-            noise(reading.force, reading.displacement_mm)
-            force_sigma, displacement_sigma = noise.force_sigma, noise.displacement_sigma_mm
+        if reading.force_sigma is None:
+            self._noise(reading.force, reading.displacement_mm)
         # Stamps of a bus may step back, the number of a cycle does not: contacts live by it.
-        self._now_ns = max(cycle.number * self._period_ns, self._now_ns + 1)
-        contacts = stream.update(
-            reading.force, force_sigma, reading.displacement_mm, displacement_sigma,
-            reading.temperature, reading.valid, stamp_ns=self._now_ns,
-        )  # fmt: skip
+        self._now_ns = now_ns = max(cycle.number * self._period_ns, self._now_ns + 1)
+        if reading is self._reading:
+            contacts = stream.again(now_ns)
+        else:
+            contacts = self._begin(reading, now_ns)
         state.label = self._label
         if self._contacts:
             state.contacts = contacts
             state.slip = self._slip
         return state
+
+    def _begin(self, reading: Reading, now_ns: int) -> list[Contact]:
+        """Show the stream the arrays of the decoder, which stay the same from now on."""
+        self._reading = reading
+        told = self._noise if reading.force_sigma is None else reading
+        return self._stream.update(
+            reading.force, told.force_sigma, reading.displacement_mm, told.displacement_sigma_mm,
+            reading.temperature, reading.valid, stamp_ns=now_ns,
+        )  # fmt: skip
 
 
 def _has_temperature(topology: Topology) -> bool:

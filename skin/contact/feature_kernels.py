@@ -244,17 +244,38 @@ def _unpack(s, row, matrix):
 
 
 @register_jitable
+def _start(m, v):
+    """Turn m into the axes v; or v into the plain axes, where it holds none."""
+    square = 0.0
+    for a in range(3):
+        for b in range(3):
+            square += v[a, b] * v[a, b]
+    if not abs(square - 3.0) < 1e-9:
+        for a in range(3):
+            for b in range(3):
+                v[a, b] = 1.0 if a == b else 0.0
+        return
+    for a in range(3):
+        x, y, z = m[a, 0], m[a, 1], m[a, 2]
+        for b in range(3):
+            m[a, b] = x * v[0, b] + y * v[1, b] + z * v[2, b]
+    for b in range(3):
+        x, y, z = m[0, b], m[1, b], m[2, b]
+        for a in range(3):
+            m[a, b] = x * v[0, a] + y * v[1, a] + z * v[2, a]
+
+
+@register_jitable
 def _eigen(m, v):
     """Eigenvectors of the symmetric m into the columns of v, by Jacobi rotations; m is destroyed.
 
-    The eigenvalues are left on the diagonal of m.
+    The eigenvalues are left on the diagonal of m. Where v holds axes, those of the cycle before for
+    instance, they are where the rotations begin.
     """
-    for a in range(3):
-        for b in range(3):
-            v[a, b] = 1.0 if a == b else 0.0
+    _start(m, v)
     scale = m[0, 0] + m[1, 1] + m[2, 2]
     for _ in range(12):
-        if abs(m[0, 1]) + abs(m[0, 2]) + abs(m[1, 2]) <= 1e-13 * scale:
+        if abs(m[0, 1]) + abs(m[0, 2]) + abs(m[1, 2]) <= 1e-11 * scale:
             return
         for p in range(2):
             for q in range(p + 1, 3):
@@ -324,6 +345,7 @@ def _orient(s, record, m, v, vectors):
             row += 1
     if m[0, 0] + m[1, 1] + m[2, 2] <= ONE_POINT * size:
         m[:] = 0.0
+    v[:] = record["axes"]
     _eigen(m, v)
     large, small = 0, 0
     for a in range(1, 3):
@@ -479,6 +501,8 @@ def _conclude(s, record, origin, c6, spare):
         for b in range(a, 3):
             spread = s[VAR_PP + row] + about[a] * s[VAR_P + b] + about[b] * s[VAR_P + a]
             spread = (spread + about[a] * about[b] * s[LOAD_VARIANCE]) / (load * load)
+            if a == b:
+                spread = max(spread, 0.0)
             record["centroid_covariance"][a, b] = spread
             record["centroid_covariance"][b, a] = spread
             row += 1

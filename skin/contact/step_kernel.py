@@ -9,13 +9,13 @@ from collections.abc import Callable
 from hashlib import blake2b
 from pathlib import Path
 
-from numba import njit
+from numba import njit, typeof
 
 from skin.contact.cluster_kernels import find_contacts
 from skin.contact.feature_kernels import describe
 from skin.contact.slip_kernels import judge
 
-__all__ = ["DESCRIBE", "EACH", "JUDGE", "step", "step_python"]
+__all__ = ["DESCRIBE", "EACH", "JUDGE", "direct", "step", "step_python"]
 
 DESCRIBE, EACH, JUDGE = 1, 2, 4
 """What is to be done beyond identities: the total; each contact; slip."""
@@ -87,3 +87,15 @@ def _step(sources: int) -> Callable[..., int]:
 
 step_python = _step(_sources())
 step = njit(cache=True, nogil=True, error_model="numpy")(step_python)
+
+
+def direct(kernel: Callable, *arguments: object) -> Callable:
+    """A kernel for arguments of these types, without the dispatcher that looks at them each time.
+
+    The caller answers for the types from now on.
+    """
+    if not hasattr(kernel, "overloads"):  # plain Python
+        return kernel
+    types = tuple(typeof(argument) for argument in arguments)
+    kernel.compile(types)
+    return kernel.overloads[types].entry_point

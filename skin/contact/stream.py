@@ -15,7 +15,7 @@ from skin.contact.features import Geometry, wrench_in_frame
 from skin.contact.records import CONTACT, Event, Flag, SlipState
 from skin.contact.slip import SlipSettings
 from skin.contact.slip_kernels import JUDGED, WORK_ROWS, work_length
-from skin.contact.step_kernel import DESCRIBE, EACH, JUDGE, step
+from skin.contact.step_kernel import DESCRIBE, EACH, JUDGE, direct, step
 from skin.contact.track import Tracker
 from skin.errors import OptionError, SkinError
 
@@ -353,14 +353,16 @@ class ContactStream:
             self._accept(
                 force, force_sigma, displacement_mm, displacement_sigma_mm, temperature, valid
             )
+        return self.again(stamp_ns)
+
+    def again(self, stamp_ns: int) -> list[Contact]:
+        """Take the next cycle, in the very arrays of the last `update`, written anew in place."""
         before = self._stamp_ns
         if before is not None and stamp_ns <= before:
             raise SkinError(f"stamp_ns: must be after the last one, {before}; got {stamp_ns}")
         self._stamp_ns = stamp_ns
-        count = step(
-            self._do, self._have, stamp_ns, 0.0 if before is None else 1e-9 * (stamp_ns - before),
-            *self._taken, *self._kept,
-        )  # fmt: skip
+        dt_s = 0.0 if before is None else 1e-9 * (stamp_ns - before)
+        count = self._step(self._do, self._have, stamp_ns, dt_s, *self._arrays)
         if count == 0:
             if self.contacts:
                 self.contacts = []
@@ -400,10 +402,11 @@ class ContactStream:
         ]
         self._have = DEPTH * (taken[2] is not None) | WARMTH * (taken[4] is not None)
         stand_ins = (None, None, self._nothing, self._nothing, self._nothing[0], self._everything)
-        self._taken = tuple(
-            instead if values is None else values
-            for values, instead in zip(taken, stand_ins, strict=True)
+        self._arrays = (
+            *(b if a is None else a for a, b in zip(taken, stand_ins, strict=True)),
+            *self._kept,
         )
+        self._step = direct(step, self._do, self._have, 0, 0.0, *self._arrays)
         same = all(
             own is its or not isinstance(its, np.ndarray)
             for own, its in zip(taken, given, strict=True)

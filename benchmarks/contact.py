@@ -1,0 +1,253 @@
+"""Contacts: error beside time, from raw counts to contacts with slip.
+
+Time: the whole pass, from the counts of a cycle to its state, for 0, 1 and 3 contacts, each on a
+fourteenth of the units; the pass without slip; and decoding alone. Beside it, in turn, in one process: the same contacts in numpy
+(equal, as far as two ways to add up can be), and the contact stage of nb-touch on forces that are
+decoded already, against ours on the same, where that package is installed.
+
+Error: the centre of pressure of one sphere on a palm of 8 x 8 units against the truth, over load
+and place, edges included; and how often the truth lies within one sigma, along x and along y (0.683
+if sigma is right).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+import topology
+from benchmarks.peers_contact import NumpyContacts, nb_touch
+from bus.cycle import ClosedBy, RawCycle
+from skin.reader import CycleReader
+from skin.sim.material import Elastic
+from skin.sim.truth import Truth
+from skin.sim.unit import UnitSimulator
+from topology import Topology
+
+SHAPES = {64: "grid", 363: "cylinder", 1024: "grid", 4096: "grid"}
+"""Units of each skin and its kind of patch."""
+PITCH_M = 0.012
+TOUCHES = (0, 1, 3)
+SHARE = 0.07
+"""Share of the units that a contact touches: five of 64."""
+CYCLES = 64
+FULL = {"wrench", "centroid", "slip"}
+PASSES = {"decode": {"force", "displacement", "temperature"}, "contacts": {"contacts"},
+          "full": FULL}  # fmt: skip
+SAME = ("load", "wrench", "centroid", "moment", "area", "peak_pressure", "extent", "shear",
+        "torsion", "temperature", "wrench_covariance", "centroid_covariance",
+        "torsion_sigma")  # fmt: skip
+
+
+def run(quick: bool) -> dict:
+    """Measure; see the head of this file for what the figures are."""
+    sizes = {}
+    for n, kind in SHAPES.items():
+        skin = plate(n, kind)
+        sizes[str(n)] = {str(touches): _size(skin, touches, quick) for touches in TOUCHES}
+    most = str(TOUCHES[-1])
+    return {
+        "cycle_us_p50_64": sizes["64"][most]["full"]["us_p50"],
+        "cycle_us_p50_1024": sizes["1024"][most]["full"]["us_p50"],
+        "sizes": sizes,
+        "centre_of_pressure": centre_of_pressure(40 if quick else 300, 10 if quick else 25),
+    }
+
+
+def table(figures: dict) -> str:
+    """The figures for a person."""
+    lines = [f"{'units':>6}{'contacts':>10}{'decode us':>11}{'+contacts':>11}{'+slip p50':>11}"
+             f"{'p99':>8}{'numpy us':>10}{'ratio':>7}{'nb-touch us':>13}{'ratio':>7}"]  # fmt: skip
+    for n, rows in figures["sizes"].items():
+        for touches, row in rows.items():
+            lines.append(
+                f"{n:>6}{touches:>10}{row['decode']['us_p50']:>11.1f}"
+                f"{row['contacts']['us_p50']:>11.1f}{row['full']['us_p50']:>11.1f}"
+                f"{row['full']['us_p99']:>8.1f}{row['numpy']['us_p50']:>10.0f}"
+                f"{row['numpy_ratio']:>7.0f}" + _nb_columns(row)
+            )
+    if "nb_touch" not in next(iter(figures["sizes"]["64"].values())):
+        lines.append("nb-touch is not installed: it needs Python 3.12, pip install nb-touch")
+    lines.append(f"{'place':>8}{'load N':>9}{'trials':>8}{'rms mm':>9}{'sigma mm':>10}"
+                 f"{'within x':>10}{'within y':>10}")  # fmt: skip
+    for row in figures["centre_of_pressure"]:
+        lines.append(f"{row['place']:>8}{row['load_n']:>9}{row['trials']:>8}{row['rms_mm']:>9.3f}"
+                     f"{row['sigma_mm']:>10.3f}{row['within_x']:>10.3f}"
+                     f"{row['within_y']:>10.3f}")  # fmt: skip
+    return "\n".join(lines)
+
+
+def _nb_columns(row: dict) -> str:
+    if "nb_touch" not in row:
+        return f"{'-':>13}{'-':>7}"
+    return f"{row['nb_touch']['us_p50']:>13.0f}{row['nb_touch_ratio']:>7.0f}"
+
+
+def plate(n: int, kind: str = "grid") -> Topology:
+    """A skin of n units, 12 mm apart: one patch, as square as can be, on a bus that is too slow."""
+    rows = max(r for r in range(1, int(np.sqrt(n)) + 1) if n % r == 0)
+    text = (topology.load("palm").path).read_text(encoding="utf-8")
+    bent = "\nradius_m = 0.15" if kind == "cylinder" else ""
+    columns = f"columns = {n // rows}"
+    for old, new in (("rows = 8", f"rows = {rows}{bent}"), ("columns = 8", columns),
+                     ('kind = "grid"', f'kind = "{kind}"')):  # fmt: skip
+        text = text.replace(f"\n{old}", f"\n{new}")
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, "plate.toml")
+        file.write_text(text, encoding="utf-8")
+        return topology.load(file, allow_overload=True)
+
+
+def pressed(skin: Topology, centres: np.ndarray, radius_m: float, depth_mm: float) -> Truth:
+    """Truth under equal spheres, pressed to one depth; centres (3, k) on the skin."""
+    truth = Truth.at_rest(skin.n, 25.0)
+    for centre in centres.T:
+        square = ((skin.position - centre[:, np.newaxis]) ** 2).sum(axis=0)
+        depth = depth_mm - 1e3 * square / (2.0 * radius_m)
+        np.maximum(truth.depth_mm, depth, out=truth.depth_mm)
+    elastic = Elastic(skin)
+    truth.contact = truth.depth_mm > 0.0
+    truth.force[2] = elastic.normal(truth.depth_mm)
+    if truth.contact.any():
+        truth.centroid = skin.position @ truth.force[2] / truth.force[2].sum()
+    return truth
+
+
+def counts_of(skin: Topology, touches: int) -> list[np.ndarray]:
+    """Counts of some cycles under so many spheres that are slowly dragged along and stick."""
+    spread = np.array([[0.2, 0.8, 0.5], [0.2, 0.2, 0.8]])[:, :touches]
+    rows, columns = np.unique(skin.position[1]).size, np.unique(skin.position[0]).size
+    units = np.rint(spread[1] * (rows - 1)) * columns + np.rint(spread[0] * (columns - 1))
+    reach_m = PITCH_M * np.sqrt(SHARE * skin.n / np.pi)
+    truth = pressed(skin, skin.position[:, units.astype(int)], reach_m**2 / 3e-3, 1.5)
+    simulator = UnitSimulator(skin, seed=touches)
+    cycles = []
+    for cycle in range(CYCLES):
+        truth.displacement_mm[0] = np.where(truth.contact, 0.1 + 0.0005 * cycle, 0.0)
+        cycles.append(simulator.counts(truth))
+    return cycles
+
+
+class _Pass:
+    """Counts to states, as a bus hands them over: in arrays that stay the same."""
+
+    def __init__(self, skin: Topology, want: set[str], dtype: str = "float32") -> None:
+        self.reader = CycleReader(skin, want=want, estimator="sine", dtype=dtype)
+        self.reader.warmup()
+        self._counts = np.zeros((6, skin.n), np.int16)
+        self._rest = (np.ones(skin.n, bool), np.zeros(skin.n, np.uint16),
+                      *(np.zeros(skin.n, np.int64),) * 3)  # fmt: skip
+        self._number = 0
+
+    def load(self, counts: np.ndarray) -> RawCycle:
+        self._counts[:] = counts
+        self._number += 1
+        return RawCycle(self._number, 0, ClosedBy.COMPLETE, self._counts, *self._rest)
+
+
+def _size(skin: Topology, touches: int, quick: bool) -> dict:
+    counts = counts_of(skin, touches)
+    passes = {name: _Pass(skin, want) for name, want in PASSES.items()}
+    _assert_same(skin, counts[:8], touches)
+    numpy_pass, stage = NumpyContacts(skin), nb_touch(skin)
+    samples: dict[str, list[int]] = {name: [] for name in (*passes, "numpy", "nb_touch")}
+    for lap in range(3 if quick else 30):
+        for name, one in passes.items():
+            for cycle in counts:
+                raw = one.load(cycle)
+                started = time.perf_counter_ns()
+                one.reader(raw)
+                samples[name].append(time.perf_counter_ns() - started)
+        if lap % 10 == 0:
+            for cycle in counts:
+                started = time.perf_counter_ns()
+                numpy_pass(cycle)
+                samples["numpy"].append(time.perf_counter_ns() - started)
+        if lap % 10 == 0 and stage is not None:
+            decode = passes["decode"]
+            for cycle in counts:
+                force = decode.reader(decode.load(cycle)).units.force.astype(np.float64)
+                started = time.perf_counter_ns()
+                stage(force)
+                samples["nb_touch"].append(time.perf_counter_ns() - started)
+    found = {name: {"us_p50": float(np.percentile(taken, 50)) * 1e-3,
+                    "us_p99": float(np.percentile(taken, 99)) * 1e-3}
+             for name, taken in samples.items() if taken}  # fmt: skip
+    found["numpy_ratio"] = found["numpy"]["us_p50"] / found["contacts"]["us_p50"]
+    if stage is not None:
+        own = found["contacts"]["us_p50"] - found["decode"]["us_p50"]
+        found["nb_touch_ratio"] = found["nb_touch"]["us_p50"] / own
+    return found
+
+
+def _assert_same(skin: Topology, counts: list[np.ndarray], touches: int) -> None:
+    """Raise AssertionError unless numpy finds the same contacts, as far as rounding goes.
+
+    Without the lag of the film behind the gel, which it does not know, and with our sigmas.
+    """
+    parameters = skin.parameters | {"film_lag_s": np.zeros(skin.n)}
+    quick = dataclasses.replace(skin, parameters=parameters)
+    exact, numpy_pass = _Pass(quick, FULL, "float64"), NumpyContacts(quick)
+    for cycle in counts:
+        state = exact.reader(exact.load(cycle))
+        ours, theirs = state.contacts, numpy_pass(cycle, state.units.force_sigma)
+        assert len(ours) == touches
+        assert [c.id for c in ours] == [c.id for c in theirs]
+        for one, other in zip(ours, theirs, strict=True):
+            assert sorted(one.units.tolist()) == other.units.tolist()
+            for name in SAME:
+                got, expected = np.asarray(getattr(one, name)), np.asarray(getattr(other, name))
+                close = 1e-6 * np.abs(expected).max() + 1e-12
+                assert np.abs(got - expected).max() <= close, f"{name}: {got} and {expected}"
+
+
+def centre_of_pressure(trials: int, cycles: int) -> list[dict]:
+    """Error and covariance coverage of the centre by place and load."""
+    skin = topology.load("palm")
+    one = _Pass(skin, {"centroid"})
+    simulator = UnitSimulator(skin, seed=3)
+    rng = np.random.default_rng(4)
+    half = 3.5 * PITCH_M
+    bounds_n = ((0.0, 1.0), (1.0, 5.0), (5.0, np.inf))
+    names = ("below 1", "1 to 5", "above 5")
+    rows = {(place, name): [] for place in ("inside", "edge") for name in names}
+    for _ in range(trials):
+        for place in ("inside", "edge"):
+            centre = rng.uniform(-half, half, 3) * [1.0, 1.0, 0.0]
+            if place == "inside":
+                centre *= 0.7
+            else:
+                centre[rng.integers(2)] = rng.choice([-1, 1]) * rng.uniform(half, half + 0.005)
+            truth = pressed(skin, centre[:, np.newaxis], rng.uniform(0.03, 0.2),
+                            rng.uniform(0.05, 1.9))  # fmt: skip
+            load = truth.force[2].sum()
+            if not truth.contact.any():
+                continue
+            name = next(n for n, (a, b) in zip(names, bounds_n, strict=True) if a <= load < b)
+            for _ in range(cycles):
+                state = one.reader(one.load(simulator.counts(truth)))
+                off = state.centroid[:2] - truth.centroid[:2]
+                rows[place, name].append(
+                    (*off, *np.sqrt(state.centroid_covariance[[0, 1], [0, 1]]))
+                )
+    return [_centre_row(place, name, np.array(found)) for (place, name), found in rows.items()]
+
+
+def _centre_row(place: str, load: str, found: np.ndarray) -> dict:
+    known = found[np.isfinite(found).all(axis=1)]
+    off, sigma = known[:, :2], known[:, 2:]
+    inside = np.abs(off) <= sigma
+    return {
+        "place": place,
+        "load_n": load,
+        "trials": len(found),
+        "centred_share": len(known) / len(found),
+        "rms_mm": 1e3 * float(np.sqrt((off**2).sum(axis=1).mean())),
+        "sigma_mm": 1e3 * float(np.sqrt((sigma**2).sum(axis=1).mean())),
+        "within_x": float(inside[:, 0].mean()),
+        "within_y": float(inside[:, 1].mean()),
+    }
