@@ -96,7 +96,6 @@ class Survey:
         self.closed = ""
         self._assembler = Assembler(topology, stale_cycles=STALE_CYCLES)
         self._stamp_ns: int | None = None
-        self._sent = np.full(len(topology.buses), -1)
         self._words: dict[tuple[int, int, bytes], str] = {}
 
     @property
@@ -151,7 +150,6 @@ class Survey:
 
     def _hear(self, frames: np.ndarray) -> None:
         own = (frames["origin"] & ECHO) != 0
-        own |= self._is_echoed(frames, own)
         for b, bus in enumerate(self.topology.buses):
             here = frames["bus"] == b
             self.traffic[b] += np.count_nonzero(here & ~own)
@@ -174,19 +172,6 @@ class Survey:
                 self.heard[kind] = self.heard.get(kind, 0) + count
             else:
                 self.more_kinds += count
-
-    def _is_echoed(self, frames: np.ndarray, own: np.ndarray) -> np.ndarray:
-        """Which frames are this host's last SYNC, come back without a mark (UDP multicast)."""
-        echoed = np.zeros(frames.size, bool)
-        for b, bus in enumerate(self.topology.buses):
-            is_sync = (frames["bus"] == b) & (frames["id"] == (bus.sync_id or 0))
-            if bus.sync_id is None or not is_sync.any():
-                continue
-            echoed |= is_sync & ~own & (frames["data"][:, 0] == self._sent[b])
-            sent = np.flatnonzero(is_sync & own)
-            if sent.size:
-                self._sent[b] = frames["data"][sent[-1], 0]
-        return echoed
 
     def _hear_errors(self, frames: np.ndarray) -> None:
         for record in frames:

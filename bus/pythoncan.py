@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import errno
+import os
+import secrets
 import socket
 import struct
 import threading
@@ -38,6 +40,8 @@ _NO_BITRATE = ("socketcan", "socketcand", "virtual", "udp_multicast", "serial")
 """Interfaces whose bit rate is none of python-can's business."""
 _LINUX_ERRORS = ("socketcan", "socketcand", "virtual", "udp_multicast")
 """Interfaces whose error frames are Linux's; those of others have a language of their own."""
+_UNMARKED_ECHOES = ("udp_multicast",)
+"""Interfaces that give back what this end has sent as if others had, but with its `channel`."""
 _PCAN_BITRATES = (5, 10, 20, 33, 47, 50, 83, 95, 100, 125, 250, 500, 800, 1000)
 """kbit/s that PCAN knows by name; any other it would take for 500 without a word."""
 _PCAN_CLOCK_HZ, _PCAN_FD_CLOCK_HZ = 8_000_000, 80_000_000
@@ -76,9 +80,10 @@ class PythonCanTransport(Transport):
         # SocketCAN marks the frames of other programs on this host like a driver marks echoes,
         # but delivers no echo unless asked to.
         self._knows_echoes = bus.interface != "socketcan"
+        self._mark = secrets.token_hex(8) if bus.interface in _UNMARKED_ECHOES else None
         self._error_mask = _EFF_MASK if bus.interface in _LINUX_ERRORS else 0
         self._descriptor = self._can.fileno() if bus.interface == "socketcan" else -1
-        self.receive_buffer_bytes = _enlarge(getattr(self._can, "socket", None))
+        self.receive_buffer_bytes = _enlarge(self._can)
         self._receiving, self._sending = threading.Lock(), threading.Lock()
         self._is_closed = False
         self._fault: Exception | None = None
@@ -97,7 +102,7 @@ class PythonCanTransport(Transport):
             message = self._receive(wait_s, batch.count > start)
             if message is not None:
                 wait_s = 0.0
-                if self._knows_echoes and not message.is_rx:
+                if self._is_echo(message):
                     continue
                 from_message(message, view, batch.count, self.index, self._error_mask)
                 batch.count += 1
@@ -113,6 +118,11 @@ class PythonCanTransport(Transport):
                 self._enter(BusState.ACTIVE, "frames arrive again", int(frames["stamp_ns"][0]))
             self._hear(frames)
         return frames.size
+
+    def _is_echo(self, message: can.Message) -> bool:
+        if self._mark is not None:
+            return message.channel == self._mark
+        return self._knows_echoes and not message.is_rx
 
     def _receive(self, wait_s: float, has_frames: bool) -> can.Message | None:
         import can
@@ -139,8 +149,10 @@ class PythonCanTransport(Transport):
         with self._sending:
             self._check()
             while taken < records.size:
+                message = to_message(records[taken])
+                message.channel = self._mark
                 try:
-                    self._can.send(to_message(records[taken]), timeout=_PATIENCE_S)
+                    self._can.send(message, timeout=_PATIENCE_S)
                 except (can.CanError, OSError, ValueError) as error:
                     if _number(error) in (errno.ENODEV, errno.ENXIO):
                         self._enter(BusState.GONE, str(error))
@@ -312,17 +324,25 @@ def _switch_on(bus: Bus) -> str:
     return f"sudo ip link set {bus.channel} up type can bitrate {bus.bitrate}{fd}"
 
 
-def _enlarge(sock: Any) -> int | None:
+def _enlarge(opened: can.BusABC) -> int | None:
     """Ask for a receive queue that outlasts a pause of this process; return what was granted."""
-    if not isinstance(sock, socket.socket):
+    try:
+        descriptor = os.dup(opened.fileno())
+    except (NotImplementedError, OSError):  # no descriptor at all
         return None
-    for option in (_SO_RCVBUFFORCE, socket.SO_RCVBUF):
-        try:
-            sock.setsockopt(socket.SOL_SOCKET, option, _RECEIVE_BUFFER)
-            break
-        except OSError:  # not permitted to exceed the system's limit: then up to it
-            continue
-    return sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+    try:
+        sock = socket.socket(fileno=descriptor)
+    except OSError:  # that of something else, such as a serial line
+        os.close(descriptor)
+        return None
+    with sock:
+        for option in (_SO_RCVBUFFORCE, socket.SO_RCVBUF):
+            try:
+                sock.setsockopt(socket.SOL_SOCKET, option, _RECEIVE_BUFFER)
+                break
+            except OSError:  # not permitted to exceed the system's limit: then up to it
+                continue
+        return sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
 
 
 def _number(error: Exception) -> int | None:

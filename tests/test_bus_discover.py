@@ -174,11 +174,6 @@ def a_case(name):
     raise KeyError(name)
 
 
-def _own(records):
-    records["origin"] = ECHO
-    return records
-
-
 def _on(records, bus):
     moved = records.copy()
     moved["bus"] = bus
@@ -272,18 +267,6 @@ def test_a_second_sender_of_sync_is_found():
     (finding,) = diagnose(survey_of(skin, traffic(skin), sends_sync=True))
     assert finding.code == "second-sync"
     assert finding.count == 100
-
-
-def test_an_own_sync_that_comes_back_without_a_mark_is_no_second_sender():
-    skin = make_topology("f3t-fd16", 4)
-    survey = Survey(skin, sends_sync=True)
-    for number in range(40):
-        stamp_ns = START_NS + number * PERIOD_NS
-        survey.feed(_own(sync(number, stamp_ns=stamp_ns)))
-        back = sync(number, stamp_ns=stamp_ns + 1)
-        survey.feed(join(back, data_frames(skin, number, number, stamp_ns=stamp_ns + 2)))
-    survey.finish()
-    assert diagnose(survey) == []
 
 
 def test_counts_are_exact():

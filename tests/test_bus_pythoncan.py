@@ -333,13 +333,16 @@ def test_no_configuration_file_has_a_say(tmp_path, monkeypatch):
 def test_a_socket_gets_as_large_a_queue_as_the_system_grants(fake, monkeypatch):
     ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
     before = ends[0].getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
-    monkeypatch.setattr(FakeBus, "socket", ends[0], raising=False)
+    monkeypatch.setattr(FakeBus, "fileno", lambda self: ends[0].fileno())
     with fake() as end:
         assert end.receive_buffer_bytes == ends[0].getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
         assert end.receive_buffer_bytes >= before
     for one in ends:
         one.close()
-    monkeypatch.undo()
+    with open("/dev/null") as file:
+        monkeypatch.setattr(FakeBus, "fileno", lambda self: file.fileno())
+        with fake() as end:
+            assert end.receive_buffer_bytes is None
     with PythonCanTransport(Bus(name="a", interface="virtual", channel="none")) as end:
         assert end.receive_buffer_bytes is None
         assert end.fileno() == -1
