@@ -283,8 +283,8 @@ class Stencil:
             noise = np.random.default_rng(seed).standard_normal(stray.shape)
             stray = stray + sigma_ut * noise
         terms = monomials(moved.T, degree)
-        inverse = np.linalg.pinv(terms)
-        values = np.einsum("kta,tp->kap", stray, inverse)
+        q, r = np.linalg.qr(terms.T)
+        values = np.einsum("kta,tp->kap", stray, np.linalg.solve(r, q.T).T)
         residual = stray - np.einsum("kap,pt->kta", values, terms)
         rms = np.sqrt(np.mean(residual**2, axis=1))
         # a share terms / samples of the noise is fitted, the rest stays in the residual
@@ -387,5 +387,5 @@ def _turned_terms(azimuth: np.ndarray, degree: int) -> np.ndarray:
     """Terms of a displacement turned by -azimuth, from its own terms, shape (terms, terms, m)."""
     samples = np.random.default_rng(0).uniform(-1.0, 1.0, (3, 4 * len(powers(degree))))
     turned = np.einsum("abm,bt->mat", _about_z(-azimuth), samples)
-    inverse = np.linalg.pinv(monomials(samples, degree))
-    return np.einsum("mpt,tq->pqm", monomials(turned, degree), inverse)
+    q, r = np.linalg.qr(monomials(samples, degree).T)
+    return np.einsum("mpt,tq->pqm", monomials(turned, degree), np.linalg.solve(r, q.T).T)

@@ -136,8 +136,9 @@ class CrossTalk:
         self._idle = np.array([idle_mm, (3.0 * idle_mm) ** 2], real)
         reach, deepest = stencil.displacement_max_mm, stencil.depth_max_mm
         self._most = np.array([reach + BEYOND_MM, -PULLED_MM, deepest + BEYOND_MM], real)
-        self._sources = np.zeros((4, n), real)
-        self._known = np.ones(n, bool)
+        self._tile = np.zeros(5 * kernels.BLOCK, real)
+        self._sources = np.zeros((5, n), real)
+        self._sources[kernels.KNOWN] = 1.0
         self._errors(unit, real)
         self.idle_ut = self._idle_bound(unit, idle_mm)
 
@@ -169,12 +170,12 @@ class CrossTalk:
         """
         moved, changed = kernels.films(
             displacement_mm, usable, self.strength, self._idle, self._most, base,
-            self._sources, self._known, out,
+            self._tile, self._sources, out,
         )  # fmt: skip
         if changed:
             kernels.unknown(
-                self.stencil.start, self.stencil.neighbour, self._prior, self._known,
-                self._always, self.residue_ut2,
+                self.stencil.start, self.stencil.neighbour, self._prior,
+                self._sources[kernels.KNOWN], self._always, self.residue_ut2,
             )  # fmt: skip
         if moved:
             for lattice in self._lattices:

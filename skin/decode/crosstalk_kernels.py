@@ -30,7 +30,7 @@ GROUP = 8
 """Terms that are added up in registers on a lattice."""
 QUAD = 4
 """Terms that are added up in registers elsewhere."""
-X, Y, H, WEIGHT = range(4)
+X, Y, H, WEIGHT, KNOWN = range(5)
 """Rows of `sources`, and X, Y, H of every tile of terms: the factors; then come the terms."""
 FACTORS = 3
 
@@ -40,7 +40,7 @@ NOT_NEGATIVE = 2**62 - 1
 _OPTIONS = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True, "cache": True}
 
 
-def films_python(displacement, usable, strength, idle, most, base, sources, known, out):
+def films_python(displacement, usable, strength, idle, most, base, tile, sources, out):
     """Take over the displacements of the films that count, and begin the result.
 
     Parameters
@@ -56,41 +56,59 @@ def films_python(displacement, usable, strength, idle, most, base, sources, know
         Tangential displacement, least and largest depth: beyond them films stand still.
     base : ndarray, shape (3, n), or None
         What the result begins with; None: zero.
-    sources : ndarray, shape (4, n)
-        Written: dx, dy, H and weight; all of them zero for films that do not count.
-    known : ndarray, shape (n,), bool
-        Usable and finite: read as of the last cycle, and written.
+    tile : ndarray, shape (5 * BLOCK,)
+    sources : ndarray, shape (5, n)
+        Written: dx, dy, H and weight, all of them zero for films that do not count; and 1 for
+        films that are usable and finite, else 0.
     out : ndarray, shape (3, n)
 
     Returns
     -------
     moved, changed : bool
-        Whether any film counts; whether `known` is another.
+        Whether any film counts; whether the last row of `sources` is another.
     """
-    nothing = out.dtype.type(0.0)
+    nothing, one = out.dtype.type(0.0), out.dtype.type(1.0)
     reach, highest, deepest = most[0], most[1], most[2]
     idle_depth, idle_square = idle[0], idle[1]
+    n = usable.size
     moved, changed = 0, 0
-    for u in range(usable.size):
-        i = u & NOT_NEGATIVE
-        x, y, h = displacement[0, i], displacement[1, i], displacement[2, i]
-        looked = (x == x) & (y == y)  # noqa: PLR0124 - NaN: not looked at
-        x = x if looked else nothing
-        y = y if looked else nothing
-        # NaN and infinity times zero are not zero
-        now = usable[i] & ((x + y + h) * nothing == nothing)
-        counts = now & ((abs(h) > idle_depth) | (x * x + y * y > idle_square))
-        sources[X, i] = min(max(x, -reach), reach) if counts else nothing
-        sources[Y, i] = min(max(y, -reach), reach) if counts else nothing
-        sources[H, i] = min(max(h, highest), deepest) if counts else nothing
-        sources[WEIGHT, i] = strength[i] if counts else nothing
-        moved |= counts
-        changed |= known[i] != now
-        known[i] = now
-    for axis in range(3):
-        for u in range(usable.size):
-            i = u & NOT_NEGATIVE
-            out[axis, i] = nothing if base is None else base[axis, i]
+    for b in range((n + BLOCK - 1) // BLOCK):
+        first = (b * BLOCK) & NOT_NEGATIVE
+        count = min(BLOCK, n - first)
+        for i in range(count):
+            tile[i] = displacement[X, first + i]
+        for i in range(count):
+            tile[Y * BLOCK + i] = displacement[Y, first + i]
+        for i in range(count):
+            tile[H * BLOCK + i] = displacement[H, first + i]
+        for i in range(count):
+            tile[WEIGHT * BLOCK + i] = strength[first + i]
+        for i in range(count):
+            tile[KNOWN * BLOCK + i] = one if usable[first + i] else nothing
+        for j in range(count):
+            i = j & NOT_NEGATIVE
+            x, y, h = tile[i], tile[Y * BLOCK + i], tile[H * BLOCK + i]
+            looked = (x == x) & (y == y)  # noqa: PLR0124 - NaN: not looked at
+            x = x if looked else nothing
+            y = y if looked else nothing
+            # NaN and infinity times zero are not zero
+            known = (tile[KNOWN * BLOCK + i] != nothing) & ((x + y + h) * nothing == nothing)
+            counts = known & ((abs(h) > idle_depth) | (x * x + y * y > idle_square))
+            tile[i] = min(max(x, -reach), reach) if counts else nothing
+            tile[Y * BLOCK + i] = min(max(y, -reach), reach) if counts else nothing
+            tile[H * BLOCK + i] = min(max(h, highest), deepest) if counts else nothing
+            tile[WEIGHT * BLOCK + i] = tile[WEIGHT * BLOCK + i] if counts else nothing
+            tile[KNOWN * BLOCK + i] = one if known else nothing
+        for i in range(count):
+            moved |= tile[WEIGHT * BLOCK + i] != nothing
+        for i in range(count):
+            changed |= sources[KNOWN, first + i] != tile[KNOWN * BLOCK + i]
+        for row in range(5):
+            for i in range(count):
+                sources[row, first + i] = tile[row * BLOCK + i]
+        for axis in range(3):
+            for i in range(count):
+                out[axis, first + i] = nothing if base is None else base[axis, first + i]
     return moved != 0, changed != 0
 
 
@@ -103,16 +121,18 @@ def unknown_python(start, neighbour, prior, known, always, residue):
         Compressed rows of m pairs.
     prior : ndarray, shape (m,)
         Mean square of what the neighbour of each pair may add to one axis.
-    known : ndarray, shape (n,), bool
+    known : ndarray, shape (n,)
+        1 or 0.
     always : ndarray, shape (n,)
         What is there in any case.
     residue : ndarray, shape (n,)
         Written.
     """
+    one = residue.dtype.type(1.0)
     for i in range(always.size):
         total = always[i]
         for p in range(start[i], start[i + 1]):
-            total += prior[p] * (1 - known[neighbour[p]])
+            total += prior[p] * (one - known[neighbour[p]])
         residue[i] = total
 
 
@@ -124,7 +144,7 @@ def lattice_python(
 
     Parameters
     ----------
-    sources : ndarray, shape (4, n)
+    sources : ndarray, shape (5, n)
     runs : ndarray, shape (r, 3), int64
         First unit, first cell and number of units that stand in consecutive cells.
     cells : int
@@ -279,7 +299,7 @@ def scattered_python(
 
     Parameters
     ----------
-    sources : ndarray, shape (4, n)
+    sources : ndarray, shape (5, n)
     parent, factor : ndarray, shape (k,), int64
         As of `lattice_python`; the terms come by degree, each degree filled up to whole `QUAD`s.
     orders : ndarray, shape (d + 1,), int64
