@@ -17,25 +17,21 @@ class SlipSettings:
     """What the slip detector takes for noise, and what it calls slip.
 
     A rigid motion is fitted to the displacements of the units that stick to what touches; how far a
-    unit lags behind it, in sigmas, says whether it slips. Three units are the fewest that can
-    contradict each other; below that, and as long as a friction is known, the share of the friction
-    cone that is in use speaks. With three to five units slip is seen later, and in one of six
-    trials not before the contact slides as a whole.
+    unit lags behind it, in sigmas, says whether it slips. Lags that are each within the noise are
+    added up along the patterns that slip makes. Three units are the fewest that can contradict each
+    other; below that, and as long as a friction is known, the share of the friction cone that is in
+    use speaks.
 
     Attributes
     ----------
     lowpass_hz : float
         Lags are low-passed: less noise, later alarm.
-    slip_sigmas, stick_sigmas : float
-        Lag at which a unit slips, and at which it is taken to stick again.
+    slip_sigmas : float
+        Lag, against its displacement, at which a unit slips.
     gain_error : float
         One-sigma of the units' gains, each for itself: a share of the displacement.
     floor_mm : float
         One-sigma of what else displacements are wrong by, cross-talk for instance.
-    leak_s : float
-        Time constant with which a sticking unit's anchor follows: slower creep is no slip.
-    restick_s : float
-        A slipping unit whose lag has not grown for so long sticks again.
     incipient_ratio, gross_ratio : float
         Share of the load that sticks, below which slip is incipient, gross.
     confirm_cycles : int
@@ -44,27 +40,22 @@ class SlipSettings:
         Grip force that is asked for, over the least one that holds.
     friction : float
         Coefficient to go by until slip has shown the true one; NaN for none.
-    pattern_sigmas : float
-        Lags that are each within the noise are added up along the patterns that slip makes (light
-        units lag, the rim lags); how many sigmas of such a pattern are slip.
-    shared_gain : float
-        One-sigma of a gain error that units with the same load share.
+
+    Raises
+    ------
+    SkinError
+        A setting is not positive, or the ratios are not in order.
     """
 
     lowpass_hz: float = 15.0
-    slip_sigmas: float = 4.5
-    stick_sigmas: float = 2.0
+    slip_sigmas: float = 5.0
     gain_error: float = 0.01
     floor_mm: float = 0.008
-    leak_s: float = 1.0
-    restick_s: float = 0.25
-    incipient_ratio: float = 0.9
+    incipient_ratio: float = 0.95
     gross_ratio: float = 0.3
     confirm_cycles: int = 2
     safety: float = 1.2
     friction: float = nan
-    pattern_sigmas: float = 4.5
-    shared_gain: float = 0.005
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -73,11 +64,6 @@ class SlipSettings:
                 continue
             if not (isfinite(value) and value > 0.0):
                 raise SkinError(f"{field.name}: must be a positive number; got {value}")
-        if not self.stick_sigmas < self.slip_sigmas:
-            raise SkinError(
-                f"stick_sigmas: must be below slip_sigmas {self.slip_sigmas}; "
-                f"got {self.stick_sigmas}"
-            )
         if not self.gross_ratio < self.incipient_ratio < 1.0:
             raise SkinError(
                 "gross_ratio, incipient_ratio: must be gross_ratio < incipient_ratio < 1; "

@@ -26,7 +26,7 @@ BRIDGE, SILENT = 2, 3
 KIND, LABEL, MEMBERS, SLIP = 0, 1, 2, 7
 POSITION, ROTATION = 0, 3
 
-JUDGED = 18
+JUDGED = 20
 """Columns of `judged`: what is kept of a unit while it is in contact; millimetres."""
 (
     BODY,  # identity of the contact it is anchored to
@@ -34,6 +34,7 @@ JUDGED = 18
     ANCHOR_X, ANCHOR_Y, ANCHOR_VARIANCE,  # displacement at no motion of the body
     LAG_X, LAG_Y, LAG_VARIANCE,  # behind the body, low-passed
     MOVED_X, MOVED_Y,  # displacement that the body's motion asks for
+    KNOWN_X, KNOWN_Y,  # its part that the anchor has had time to follow
     SCORE,  # lag in its sigmas
     CLIPPED,  # 1 where friction can not have held the unit, as far as the whole contact tells
     MARK_X, MARK_Y,  # of a slipping unit: mean lag of the last stretch of time,
@@ -42,12 +43,11 @@ JUDGED = 18
 ) = range(JUDGED)  # fmt: skip
 CARRIED = MARK_X
 
-SETTINGS = 14
+SETTINGS = 9
 """Entries of `settings`, see `skin.contact.slip.SlipSettings`."""
 (
-    LOWPASS_HZ, SLIP_SIGMAS, STICK_SIGMAS, GAIN_ERROR, FLOOR_MM, LEAK_S, RESTICK_S,
-    INCIPIENT_RATIO, GROSS_RATIO, CONFIRM_CYCLES, SAFETY, PRIOR_FRICTION, PATTERN_SIGMAS,
-    SHARED_GAIN,
+    LOWPASS_HZ, SLIP_SIGMAS, GAIN_ERROR, FLOOR_MM, INCIPIENT_RATIO, GROSS_RATIO, CONFIRM_CYCLES,
+    SAFETY, PRIOR_FRICTION,
 ) = range(SETTINGS)  # fmt: skip
 
 COLUMNS = 7
@@ -62,8 +62,8 @@ HERE_X, HERE_Y = CARRIED + 3, CARRIED + 4  # displacement
 NOISE = CARRIED + 5  # its variance
 NORMAL = CARRIED + 6  # load
 WEIGHT = CARRIED + 7  # in the fit; later, of a lag
-ASKED, BEHIND, AWAY = CARRIED + 8, CARRIED + 9, CARRIED + 10
-DESIGN = CARRIED + 11  # what each motion does to x, then to y
+ASKED, BEHIND, LATE, AWAY = CARRIED + 8, CARRIED + 9, CARRIED + 10, CARRIED + 11
+DESIGN = CARRIED + 12  # what each motion does to x, then to y
 WORK_ROWS = DESIGN + 2 * COLUMNS
 
 FLAT = 1e-3
@@ -74,6 +74,15 @@ OUT_OF_PLANE_MM = 2.0
 ENOUGH, ENOUGH_TO_SWELL = 3, 8
 HUBER = 2.0
 CLIPPED_WEIGHT = 0.1
+LEAK_S = 1.0
+"""Time constant with which the anchor of a unit that sticks follows: slower creep is no slip."""
+STICK_SIGMAS, RESTICK_S = 2.0, 0.25
+"""A unit that slips sticks again when its lag is below so many sigmas, or has not grown for so
+long."""
+PATTERN_SIGMAS, ONE_ALONE = 4.5, 3.5
+"""Sigmas of a pattern that are slip, and how many of them one unit can add."""
+SHARED_GAIN = 0.005
+"""One-sigma of a gain error that all units share."""
 PATTERNS = 7
 FRICTIONS = 0.1 * 1.5 ** np.arange(PATTERNS)
 """Coefficients of friction whose patterns of slip are looked for."""
@@ -262,7 +271,7 @@ def _follow(length, columns, lowpass, settings, x, work):
     floor, gain = settings[FLOOR_MM] ** 2, settings[GAIN_ERROR] ** 2
     for c in range(2):
         moved, lag, anchor = work[MOVED_X + c], work[LAG_X + c], work[ANCHOR_X + c]
-        here = work[HERE_X + c]
+        here, known = work[HERE_X + c], work[KNOWN_X + c]
         for j in range(length):
             now = 0.0
             for a in range(columns):
@@ -271,6 +280,8 @@ def _follow(length, columns, lowpass, settings, x, work):
             anchor[j] += work[JOINED, j] * (moved[j] - now)
             new = work[NEW, j]
             anchor[j] += new * (here[j] - now - anchor[j])
+            known[j] += work[JOINED, j] * (now - moved[j])
+            known[j] += new * (now - known[j])
             lag[j] = (1.0 - new) * (lag[j] + lowpass * (here[j] - anchor[j] - now - lag[j]))
             moved[j] = now
     for j in range(length):
@@ -282,11 +293,19 @@ def _follow(length, columns, lowpass, settings, x, work):
         work[ANCHOR_VARIANCE, j] += new * (noise - work[ANCHOR_VARIANCE, j])
         work[CYCLES, j] = (1.0 - new) * work[CYCLES, j] + 1.0
         # What a lag may be that is none: noise, the anchor's, an error of the unit's gain, a floor.
-        square = work[MOVED_X, j] ** 2 + work[MOVED_Y, j] ** 2
+        square = (work[MOVED_X, j] - work[KNOWN_X, j]) ** 2
+        square += (work[MOVED_Y, j] - work[KNOWN_Y, j]) ** 2
         weight = 1.0 / (variance + work[ANCHOR_VARIANCE, j] + gain * square + floor)
-        work[WEIGHT, j] = weight
+        work[WEIGHT, j] = (1.0 - new) * weight
         square = work[LAG_X, j] ** 2 + work[LAG_Y, j] ** 2
-        work[SCORE, j] = (1.0 - new) * np.sqrt(square * weight)
+        work[SCORE, j] = np.sqrt(square * work[WEIGHT, j])
+        # Friction drags a unit along: one that slips lags against its own displacement.
+        x = work[ANCHOR_X, j] + work[MOVED_X, j]
+        y = work[ANCHOR_Y, j] + work[MOVED_Y, j]
+        far = np.sqrt(x * x + y * y)
+        work[ASKED, j] = far
+        work[BEHIND, j] = -(work[LAG_X, j] * x + work[LAG_Y, j] * y) / max(far, 1e-9)
+        work[LATE, j] = work[BEHIND, j] * np.sqrt(work[WEIGHT, j])
 
 
 @register_jitable
@@ -301,14 +320,10 @@ def _add_up(length, softness, load, settings, work, likely, shares):
     asked, behind, weight = work[ASKED], work[BEHIND], work[WEIGHT]
     all_lag, all_asked = 0.0, 0.0
     for j in range(length):
-        x = work[ANCHOR_X, j] + work[MOVED_X, j]
-        y = work[ANCHOR_Y, j] + work[MOVED_Y, j]
-        far = np.sqrt(x * x + y * y)
-        asked[j] = far
-        behind[j] = -(work[LAG_X, j] * x + work[LAG_Y, j] * y) / max(far, 1e-9)
-        weight[j] *= 1.0 - work[NEW, j]
-        all_lag += weight[j] * far * behind[j]
-        all_asked += weight[j] * far * far
+        # One unit alone is no pattern.
+        behind[j] *= min(1.0, ONE_ALONE / max(work[SCORE, j], 1e-9))
+        all_lag += weight[j] * asked[j] * behind[j]
+        all_asked += weight[j] * asked[j] * asked[j]
     most = 0.0
     if all_asked <= 0.0:
         return 1.0, 0.0
@@ -339,8 +354,8 @@ def _add_up(length, softness, load, settings, work, likely, shares):
     for k in range(PATTERNS):
         if likely[k] > 0.0 and likely[k] >= most - ALIKE:
             best = k
-    most = np.sqrt(most / (1.0 + settings[SHARED_GAIN] ** 2 * all_asked))
-    sure = most > settings[PATTERN_SIGMAS]
+    most = np.sqrt(most / (1.0 + SHARED_GAIN**2 * all_asked))
+    sure = most > PATTERN_SIGMAS
     reach = FRICTIONS[best] * softness if sure and best < PATTERNS else np.inf
     for j in range(length):
         work[CLIPPED, j] = 1.0 if asked[j] > reach * work[NORMAL, j] else 0.0
@@ -357,9 +372,9 @@ def _rest(unit, work, j, dt_s, settings):
     unit[SUM_X] += work[LAG_X, j]
     unit[SUM_Y] += work[LAG_Y, j]
     unit[STRETCH] += 1.0
-    if work[SCORE, j] < settings[STICK_SIGMAS]:
+    if work[SCORE, j] < STICK_SIGMAS:
         return True
-    if unit[STRETCH] * dt_s < settings[RESTICK_S]:
+    if unit[STRETCH] * dt_s < RESTICK_S:
         return False
     mean_x, mean_y = unit[SUM_X] / unit[STRETCH], unit[SUM_Y] / unit[STRETCH]
     further = (mean_x - unit[MARK_X]) ** 2 + (mean_y - unit[MARK_Y]) ** 2
@@ -388,20 +403,21 @@ def _decide(count, length, units, slip, dt_s, settings, judged, work):
         elif slip[i] == SLIPPING:
             if _rest(judged[i], work, j, dt_s, settings):
                 slip[i] = RE_STICK
-        elif work[SCORE, j] > settings[SLIP_SIGMAS]:
+        elif work[LATE, j] > settings[SLIP_SIGMAS]:
             slip[i] = SLIPPING
             judged[i, MARK_X:FRESH] = 0.0
             judged[i, FRESH] = FRESH_S
         work[HELD_NOW, j] = 1.0 if slip[i] != SLIPPING else 0.0
     # An anchor is the mean of what was seen while the unit stuck, and forgets slowly: creep and a
     # drifting tare are no slip.
-    slowest = dt_s / settings[LEAK_S]
+    slowest = dt_s / LEAK_S
     for j in range(length):
         gain = work[HELD_NOW, j] * max(1.0 / max(work[CYCLES, j], 1.0), slowest)
         for c in range(2):
             step = gain * work[LAG_X + c, j]
             work[ANCHOR_X + c, j] += step
             work[LAG_X + c, j] -= step
+            work[KNOWN_X + c, j] += gain * (work[MOVED_X + c, j] - work[KNOWN_X + c, j])
         variance = work[ANCHOR_VARIANCE, j]
         work[ANCHOR_VARIANCE, j] += gain * (gain * work[NOISE, j] - (2.0 - gain) * variance)
 
