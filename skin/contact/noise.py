@@ -113,13 +113,13 @@ class UnitNoise:
             at_rest, at_rest, model, model[REST_FORCE:REST_DISPLACEMENT], model[REST_DISPLACEMENT:]
         )
         model[UNLOADED_N] = UNLOADED_SIGMAS * frequency_hz * soft
-        self._model = model
+        self.model = model
         self.force_sigma = np.zeros((3, topology.n), dtype)
         self.displacement_sigma_mm = np.zeros((3, topology.n), dtype)
 
     def __call__(self, force: np.ndarray, displacement_mm: np.ndarray) -> None:
         """Take the readings of a cycle, shape (3, n), newton and millimetre."""
-        unit_noise(force, displacement_mm, self._model, self.force_sigma,
+        unit_noise(force, displacement_mm, self.model, self.force_sigma,
                    self.displacement_sigma_mm)  # fmt: skip
 
     def warmup(self) -> None:

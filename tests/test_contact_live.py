@@ -1,0 +1,163 @@
+"""Contacts of simulated skins, from frames to identities."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+import skin
+import topology
+from bus.memory import MemoryTransport
+from skin.contact.noise import UnitNoise, unit_noise_python
+from skin.contact.records import Event
+from skin.contact.wrench import wrench
+from skin.decode.decoder import Decoder
+from skin.errors import SkinError
+from skin.sim.node import Nodes
+from skin.sim.play import ScriptedScene
+from skin.sim.scene import PressSlideLift
+from skin.sim.script_load import load_scene
+from skin.sim.unit import UnitSimulator
+
+
+def test_contacts_of_a_stroke_are_the_truth_within_their_sigma():
+    palm = topology.load("palm")
+    told = []
+    with skin.open(palm, simulate=PressSlideLift(palm), pace=False, seed=4) as opened:
+        for state in itertools.islice(opened, 1700):
+            truth = opened.nodes.truth
+            if state.cycle % 20 or truth.force[2].sum() < 3.0:
+                continue
+            (contact,) = state.contacts
+            assert contact.id == 1
+            assert state.label[contact.units].tolist() == [0] * contact.units.size
+            assert contact.wrench == pytest.approx(state.wrench, abs=1e-9)
+            off = contact.wrench[:3] - truth.wrench[:3]
+            told.append(off / contact.wrench_sigma[:3])
+            assert np.linalg.norm(contact.centroid - truth.centroid) < 1e-3
+            assert contact.normal == pytest.approx([0, 0, 1], abs=0.1)
+            assert contact.coverage == 1.0
+    spread = np.sqrt(np.mean(np.square(told), axis=0))
+    assert len(told) > 40
+    assert (spread < 1.6).all(), spread
+
+
+def test_balls_that_merge_and_part_keep_their_identities():
+    palm = topology.load("palm")
+    scene = ScriptedScene(palm, load_scene("merge", palm))
+    told, events = [], {}
+    with skin.open(palm, simulate=scene, pace=False, want={"contacts"}, seed=1) as opened:
+        for state in itertools.islice(opened, int(7.6 * palm.cycle_rate_hz)):
+            contacts = {contact.id: contact.centroid[0] for contact in state.contacts}
+            told.append(contacts)
+            for contact in state.contacts:
+                if contact.event:
+                    events[state.cycle] = (contact.id, contact.event)
+    both = [contacts for contacts in told if len(contacts) == 2]
+    assert {frozenset(contacts) for contacts in both} == {frozenset({1, 2})}
+    left = {min(contacts, key=contacts.get) for contacts in both}
+    assert len(left) == 1  # the left one is the same all the time
+    numbers = [len(contacts) for contacts in told if contacts]
+    changes = "".join(str(count) for count, _ in itertools.groupby(numbers))
+    assert changes.strip("1") == "212"  # one ball may touch first, or leave last
+    merged = [event for event in events.values() if event[1] & Event.MERGED]
+    parted = [event for event in events.values() if event[1] & Event.RESUMED]
+    assert len(merged) == len(parted) == 1
+
+
+def test_moved_patches_carry_their_forces_along():
+    hand = topology.load("hand")
+    name = hand.patch_names[0]
+    units = hand.patch == 0
+    turn = Rotation.from_rotvec([0.1, 0.7, -0.2]).as_matrix()
+    shift = np.array([0.02, -0.01, 0.05])
+    with skin.open(hand, simulate=True, pace=False, want={"wrench", "contacts"}) as opened:
+        states = iter(opened)
+        opened.move_patch(name, turn, shift)
+        position, rotation = hand.position.copy(), hand.rotation.copy()
+        position[:, units] = turn @ hand.position[:, units] + shift[:, None]
+        rotation[:, :, units] = np.einsum("ij,jkn->ikn", turn, hand.rotation[:, :, units])
+        touched = 0
+        for state in itertools.islice(states, 400):
+            used = state.label >= 0
+            expected = wrench(state.units.force, position, rotation, valid=used)
+            assert state.wrench == pytest.approx(expected, abs=1e-9)
+            touched += int(used[units].any())
+        assert touched > 20
+        opened.move(hand.position, hand.rotation)
+        state = next(states)
+        used = state.label >= 0
+        expected = wrench(state.units.force, hand.position, hand.rotation, valid=used)
+        assert state.wrench == pytest.approx(expected, abs=1e-9)
+        with pytest.raises(SkinError, match=r"patch: must be one of .*; got 'toe'"):
+            opened.move_patch("toe", turn, shift)
+        with pytest.raises(SkinError, match=r"rotation, translation: must have shapes \(3, 3\)"):
+            opened.move_patch(name, turn, shift[:2])
+        with pytest.raises(SkinError, match="position, rotation: must have shapes"):
+            opened.move(position[:, 1:], rotation)
+
+
+def test_a_unit_that_falls_silent_leaves_its_contact_which_stays_itself():
+    palm = topology.load("palm")
+    near, far = MemoryTransport.pair()
+    nodes = Nodes(palm, seed=1)
+    nodes.attach([far])
+    send = far.send
+    with skin.open(palm, transports=[near], pace=False, want={"contacts"}) as opened:
+        states = iter(opened)
+        state = next(s for s in states if len(s.contacts) == 1 and s.contacts[0].units.size > 6)
+        before = state.contacts[0].id
+        silenced = int(state.contacts[0].peak_unit)
+        frame = int(np.flatnonzero((palm.frames.units == silenced).any(axis=1))[0])
+        dead = int(palm.frames.can_id[frame])
+        far.send = lambda records: send(records[records["id"] != dead])
+        *_, state = itertools.islice(states, 10)
+        (contact,) = state.contacts
+        assert not state.units.valid[silenced]
+        assert silenced not in contact.units
+        assert state.label[silenced] == -1
+        assert contact.id == before
+        assert contact.coverage < 1.0
+        assert state.coverage < 1.0
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_noise_that_is_told_is_the_noise_of_decoded_readings(dtype):
+    palm = topology.load("palm")
+    decoder = Decoder(palm, want={"force", "displacement"}, dtype=dtype)
+    simulator = UnitSimulator(palm, seed=2)
+    scene = PressSlideLift(palm)
+    truth = scene.at(3.0)
+    truth.depth_mm[:] = np.linspace(0.2, 1.9, palm.n)
+    angle = np.linspace(0.0, 6.0, palm.n)
+    truth.displacement_mm[:] = np.linspace(0.1, 1.9, palm.n) * [np.cos(angle), np.sin(angle)]
+    counts = np.stack([simulator.counts(truth) for _ in range(400)])
+    reading = decoder(counts)
+    force, moved = reading.force, reading.displacement_mm
+    noise = UnitNoise(palm, dtype)
+    noise(force.mean(0).astype(dtype), moved.mean(0).astype(dtype))
+    for told, read in ((noise.force_sigma, force), (noise.displacement_sigma_mm, moved)):
+        ratio = told / read.std(0)
+        assert np.median(ratio) == pytest.approx(1.0, abs=0.03)
+        # Across the kink of a law noise is neither that of one side nor of the other.
+        assert (np.abs(np.log(ratio)) < 0.35).all()
+
+
+@given(st.integers(0, 2**32))
+@settings(max_examples=20)
+def test_machine_code_and_python_tell_the_same_noise(seed):
+    palm = topology.load("palm")
+    rng = np.random.default_rng(seed)
+    force, moved = rng.normal(0.0, 2.0, (3, palm.n)), rng.normal(0.0, 1.0, (3, palm.n))
+    noise = UnitNoise(palm, "float64")
+    noise(force, moved)
+    ours, theirs = np.zeros((3, palm.n)), np.zeros((3, palm.n))
+    unit_noise_python(force, moved, noise.model, ours, theirs)
+    np.testing.assert_allclose(ours, noise.force_sigma, rtol=1e-12)
+    np.testing.assert_allclose(theirs, noise.displacement_sigma_mm, rtol=1e-12)
+    assert (ours > 0.0).all()
