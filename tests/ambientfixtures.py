@@ -67,6 +67,7 @@ class World:
         self._random = np.random.default_rng(seed) if noise else None
         self._still = np.zeros((2, skin.n))
         self._last = b"", None
+        self._reading = None
 
     def _field(self, displacement_mm, depth_mm, film_temperature):
         p = self.skin.parameters
@@ -83,7 +84,10 @@ class World:
         return field + np.array([[-1.0], [-1.0], [1.0]]) * in_unit
 
     def cycle(self, background):
-        """The reading of one cycle, from whose values `background` has been taken off."""
+        """The reading of one cycle, from whose values `background` has been taken off.
+
+        Its arrays are valid until the next one.
+        """
         p, t = self.skin.parameters, self.temperature
         fall, field = self.drop_hz + self.drift_hz, self._reported()
         if self._random is not None:
@@ -96,13 +100,24 @@ class World:
         offset = [p[f"hall_offset_{a}_ut"] + p[f"hall_drift_{a}_ut_per_k"] * above for _, a in axes]
         bx, by, bz = (field - offset - background[1:]) / (1.0 + p["hall_gain_per_k"] * above)
         bx, by = p["field_xx"] * bx + p["field_xy"] * by, p["field_yx"] * bx + p["field_yy"] * by
-        deep = (fall - background[0]) / p["frequency_slope_hz_per_mm"]
-        return SimpleNamespace(
-            field_ut=np.stack([bx, by, bz]).astype(background.dtype),
-            displacement_mm=np.stack([0.0 * deep, 0.0 * deep, deep]).astype(background.dtype),
-            temperature=t.astype(background.dtype),
-            status=self.status,
-        )
+        reading = self._reading_of(background.dtype)
+        reading.field_ut[:] = bx, by, bz
+        reading.displacement_mm[2] = (fall - background[0]) / p["frequency_slope_hz_per_mm"]
+        reading.temperature[:] = t
+        reading.status[:] = self.status
+        return reading
+
+    def _reading_of(self, dtype):
+        """The one reading, as a decoder's."""
+        n = self.skin.n
+        if self._reading is None or self._reading.field_ut.dtype != dtype:
+            self._reading = SimpleNamespace(
+                field_ut=np.zeros((3, n), dtype),
+                displacement_mm=np.zeros((3, n), dtype),
+                temperature=np.zeros(n, dtype),
+                status=np.zeros(n, np.uint16),
+            )
+        return self._reading
 
     def _reported(self):
         """What the chips report; worked out again only where something has changed."""

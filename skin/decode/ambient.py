@@ -53,7 +53,7 @@ SLOW_CYCLES = 100
 """The slow averages: this long, and over this many cycles at least."""
 WITNESS_SIGMAS = 1.0
 """Bz tells a press that lowers the frequency by this many sigma."""
-REFUSED = 0xFFFF & ~int(Status.EXTRAPOLATED)
+REFUSED = 0xFFFF & ~int(Status.EXTRAPOLATED | Status.IDLE)
 """Any other flag, and a unit is not used."""
 STANDS_ON = (
     "frequency_rest_hz", "frequency_slope_hz_per_mm", "hall_offset_x_ut", "hall_offset_y_ut",
@@ -115,6 +115,7 @@ class Ambient:
         self._common = np.empty((len(self.bodies), k.COMMON_ENTRIES))
         self.background = np.empty((4, n), dtype)
         self._state = self._memory, self._zero, self._marks, self._common
+        self._seen: tuple[np.ndarray | None, ...] = (None,) * 4
         self._period_s = 1.0 / topology.cycle_rate_hz
         self._slow_s = max(SLOW_S, SLOW_CYCLES * self._period_s)
         self.reset()
@@ -123,7 +124,10 @@ class Ambient:
 
     @property
     def field_ut(self) -> np.ndarray:
-        """Ambient field of each body since its tare, µT, skin frame; shape (3, bodies)."""
+        """Ambient field of each body since its tare, µT; shape (3, bodies).
+
+        In the skin frame, the body being where the topology has it.
+        """
         at = self._kernel.FIELD
         return self._common[:, at : at + 3].T.copy()
 
@@ -192,11 +196,28 @@ class Ambient:
         """
         period_s = self._period_s
         dt_s = period_s if dt_s is None else max(dt_s, 0.0)
-        self._kernel.update(
-            reading.field_ut, reading.displacement_mm, reading.temperature, reading.status, REFUSED,
-            (dt_s, min(dt_s, 2.0 * period_s), self._slow_s), *self._constants, *self._state,
-            self.background,
+        field, displacement, temperature, status = self._seen
+        if (
+            reading.field_ut is not field
+            or reading.displacement_mm is not displacement
+            or reading.temperature is not temperature
+            or reading.status is not status
+        ):
+            self._accept(reading)
+        self._update(
+            *self._seen, REFUSED, (dt_s, min(dt_s, 2.0 * period_s), self._slow_s),
+            *self._constants, *self._state, self.background,
         )  # fmt: skip
+
+    def _accept(self, reading: Reading) -> None:
+        """Keep the arrays of a reading, which a decoder writes again and again, and the kernel's
+        code for their types: to look at the types takes as long as the kernel."""
+        self._seen = (
+            reading.field_ut, reading.displacement_mm, reading.temperature, reading.status
+        )  # fmt: skip
+        self._update = self._kernel.compiled(
+            *self._seen, REFUSED, (0.0, 0.0, 0.0), *self._constants, *self._state, self.background
+        )
 
     # -- saved state -------------------------------------------------------------------------------
 
