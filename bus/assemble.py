@@ -13,8 +13,8 @@ frames of enabled units, but no longer for one that has not come for `stale_cycl
 that comes back is waited for again from the next cycle on. Data carry the counter of their SYNC as
 their sequence number, and belong to that cycle wherever they arrive: in another they are late.
 
-With SYNC, but counts of their own (``sequence="own"``), or without sequence numbers: data belong
-to the cycle in which they arrive, and are late after its end.
+With SYNC, but counts of their own (``sequence = "own"`` of their layout), or without sequence
+numbers: data belong to the cycle in which they arrive, and are late after its end.
 
 Without SYNC on any bus, a cycle ends each period: at ticks of the time stamps (for logs), or, from
 the first call of `expire` on, of the caller's clock (live). The newest frame of each unit counts.
@@ -38,7 +38,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import fields
-from typing import Literal
 
 import numpy as np
 
@@ -62,9 +61,6 @@ class Assembler:
         Cycles without a reading after which a unit is STALE, and not waited for.
     deadline_s : float, optional
         Seconds from the opening of a cycle to its end by `expire`; 0.9 periods if not given.
-    sequence : "sync" or "own"
-        Whether units on a bus with SYNC echo its counter as their sequence number, or count
-        their own frames.
     clock : callable
         Monotonic clock, in ns, that dates the opening of cycles for `expire`.
 
@@ -85,7 +81,6 @@ class Assembler:
         *,
         stale_cycles: int = 5,
         deadline_s: float | None = None,
-        sequence: Literal["sync", "own"] = "sync",
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         from bus import kernels
@@ -95,8 +90,6 @@ class Assembler:
             raise ValueError(f"stale_cycles: must be at least 1; got {stale_cycles}")
         if deadline_s is not None and not deadline_s > 0:
             raise ValueError(f"deadline_s: must be above 0 s; got {deadline_s}")
-        if sequence not in ("sync", "own"):
-            raise ValueError(f"sequence: must be 'sync' or 'own'; got {sequence!r}")
         self._kernels = kernels
         self._feed, self._close = kernels.direct(kernels.feed), kernels.direct(kernels.close_cycle)
         self._clock = clock
@@ -105,7 +98,7 @@ class Assembler:
         seconds = 0.9 / topology.cycle_rate_hz if deadline_s is None else deadline_s
         self.deadline_ns = max(1, round(seconds * 1e9))
 
-        table = FrameTable(topology, sequence)
+        table = FrameTable(topology)
         self._units = table.units
         self._memory = _memory(topology, table.tables, table.unit_group, stale_cycles)
         self._state = self._memory.state

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 
 from bus import kernels as k
@@ -21,9 +19,6 @@ class FrameTable:
     Parameters
     ----------
     topology : Topology
-    sequence : "sync" or "own"
-        Whether units on a bus with SYNC echo its counter as their sequence number, or count
-        their own frames.
 
     Attributes
     ----------
@@ -51,7 +46,7 @@ class FrameTable:
         A signal that is not within its frame, or a crc of another shape.
     """
 
-    def __init__(self, topology: Topology, sequence: Literal["sync", "own"] = "sync") -> None:
+    def __init__(self, topology: Topology) -> None:
         expected = topology.frames
         # A copy, because a topology's arrays are read-only.
         self.units = np.array(expected.units, np.int32, order="C")
@@ -84,7 +79,8 @@ class FrameTable:
             if layout.pages:
                 row[k.PAGES], row[k.PAGE] = layout.parts, layout.pages[part]
             row[k.AWAITED] = topology.enabled[carried].any()
-            row[k.ECHOES] = sequence == "sync" and topology.buses[bus].sync_id is not None
+            has_sync = topology.buses[bus].sync_id is not None
+            row[k.ECHOES] = has_sync and layout.sequence == "sync"
             _frame_fields(layout, part, row)
         self.signals = np.concatenate(rows)
         self._group(topology, len(firsts))

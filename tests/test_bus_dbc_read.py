@@ -13,6 +13,7 @@ from topologyfixtures import write_topology
 
 from bus import Assembler, FrameBatch
 from bus.dbc import dbc_text, write_dbc
+from bus.frame import FD_FDF
 from topology import CHANNELS, TopologyError, load
 from topology import dbc as reading
 from topology.dbc import read_dbc
@@ -192,6 +193,25 @@ def test_several_units_of_a_frame_are_named_by_pattern_or_list(tmp_path):
         for channel, name in (("gel", f"T{slot + 1}"), ("frequency", f"F{slot + 1}"),
                               ("bx", f"X_{slot}"), ("by", f"Y_{slot}")):  # fmt: skip
             assert values[f"patch/r0c{slot} {channel}"] == pytest.approx(decoded[name], rel=1e-12)
+
+
+@pytest.mark.parametrize(("key", "is_taken"), [('sequence = "own"', True), ("", False)])
+def test_foreign_frames_that_answer_sync_may_count_for_themselves(key, is_taken, tmp_path):
+    layout = PAIR.replace("units = 2", f"units = 2\n{key}")
+    bus = "data_bitrate = 5_000_000\nsync_id = 0x80"
+    topology = load_with(tmp_path, VENDOR, layout, bus=bus)
+    assembler, batch = Assembler(topology), FrameBatch(40)
+    for number in range(20):
+        batch.append(0x80, bytes([number]))
+        batch.append(0x100, bytes([100 + number]) + bytes(15), flags=FD_FDF)
+    valid = [cycle.valid.all() for cycle in assembler.feed(batch.frames)]
+    if is_taken:
+        assert len(valid) == 20
+        assert all(valid)
+        assert (assembler.counters.data, assembler.counters.lost) == (20, 0)
+    else:
+        assert not any(valid)
+        assert (assembler.counters.data, assembler.counters.late) == (0, 20)
 
 
 def test_foreign_frames_are_assembled_by_their_own_sequence(tmp_path):

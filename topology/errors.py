@@ -84,6 +84,7 @@ MESSAGES: dict[str, str] = {
     "signal-slot": "must be below {limit}, the layout's {what}; got {got}",
     "signal-field": "must be slot 0 for what a frame carries once; got slot {got}",
     "signal-missing": "must carry {names} of every unit; got none of slot {slot}",
+    "sequence-missing": "must be absent where no signal is the sequence; got 'own'",
     "pages": "must be {parts} different bytes, one for each part; got {got}",
     "crc": "must be 16 bits on two whole bytes side by side; got {length} bits at bit {start}",
     "fd-layout": "must be a layout of classic frames, as bus {bus} (line {line}) has no "

@@ -171,6 +171,13 @@ class Layout(_Table, frozen=True, kw_only=True):
         bool,
         Meta(description="Sensors of another kind: nothing is known of them but their counts"),
     ] = False
+    sequence: Annotated[
+        Literal["sync", "own"],
+        Meta(
+            description="Whether the sequence number echoes the counter of SYNC, or counts the "
+            "sender's own frames; without SYNC it always does"
+        ),
+    ] = "sync"
     signals: Annotated[
         tuple[Signal, ...] | dict[str, str | tuple[str, ...]],
         Meta(

@@ -92,6 +92,13 @@ class WireLayout(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         bool,
         Meta(description="Sensors of another kind: nothing is known of them but their counts"),
     ] = False
+    sequence: Annotated[
+        Literal["sync", "own"],
+        Meta(
+            description="Whether the sequence number echoes the counter of SYNC, or counts the "
+            "sender's own frames; without SYNC it always does"
+        ),
+    ] = "sync"
     signals: tuple[Signal, ...] = ()
 
     @property

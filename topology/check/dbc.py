@@ -79,6 +79,7 @@ def from_dbc(
         fd=layout.fd if layout.fd is not None else message.fd or message.size > 8,
         units=layout.units,
         counts_only=layout.counts_only,
+        sequence=layout.sequence,
         signals=tuple(finder.signals),
     )
     return wire, finder.places

@@ -69,6 +69,7 @@ def _as_written(
         parts=layout.parts,
         pages=layout.pages,
         counts_only=layout.counts_only,
+        sequence=layout.sequence,
         signals=tuple(signal for _, signal in given),
     )
     return wire, [(*key, "signals", i) for i, _ in given]
@@ -125,6 +126,8 @@ def _check_layout(
         for name in NEEDED:
             if (name, slot, 0) not in first:
                 lacking[slot].append(name)
+    if complete and layout.sequence == "own" and not layout.carries("sequence"):
+        report.add("sequence-missing", source, (*key, "sequence"))
     for slot, names in lacking.items():
         report.add(
             "signal-missing", source, (*key, "signals"), names=" and ".join(names), slot=slot
