@@ -35,8 +35,10 @@ def diagnose(survey: Survey, transports: Sequence[Transport] = ()) -> list[Findi
         Those that were listened to, for what they have counted themselves.
     """
     found = list(_of_transports(survey, transports))
+    instead = swapped_buses(survey)
+    found += _of_swapped(survey, instead)
     for b in range(len(survey.topology.buses)):
-        found += BusRules(survey, b).findings()
+        found += BusRules(survey, b, instead.get(b)).findings()
     found += _of_units(survey)
     found += same_serials(survey)
     found = [finding for code in dict.fromkeys(f.code for f in found)
@@ -54,6 +56,54 @@ def _few(findings: list[Finding]) -> Iterator[Finding]:
     count = sum(finding.count for finding in rest)
     yield Finding(rest[0].code, rest[0].severity, f"{len(rest)} more", count,
                   f"the same as above, {count} in all", rest[0].likely_cause)  # fmt: skip
+
+
+def swapped_buses(survey: Survey) -> dict[int, int]:
+    """Buses that hear each other's units, and whose each one hears.
+
+    Identifiers tell: of those that another bus has and this one has not, at least half are heard,
+    and none that is this bus's alone. Buses with the same identifiers cannot be told apart.
+    """
+    skin, frames = survey.topology, survey.topology.frames
+    buses = range(len(skin.buses))
+    expected = [set(frames.can_id[frames.bus == b].tolist()) for b in buses]
+    heard = [{kind.can_id for kind in survey.heard if kind.bus == b} for b in buses]
+    instead = {}
+    for here in buses:
+        for there in buses:
+            strange = expected[there] - expected[here]
+            if 2 * len(strange & heard[here]) >= len(strange) > 0 and not (
+                (expected[here] - expected[there]) & heard[here]
+            ):
+                instead[here] = there
+    # A round of buses in which each one's units are somewhere; not one that hears two others.
+    while instead.keys() != set(instead.values()):
+        instead = {
+            here: there
+            for here, there in instead.items()
+            if here in instead.values() and there in instead
+        }
+    return instead
+
+
+def _of_swapped(survey: Survey, instead: dict[int, int]) -> Iterator[Finding]:
+    buses = survey.topology.buses
+    left = sorted(instead)
+    while left:
+        circle = [left[0]]
+        while instead[circle[-1]] != circle[0]:
+            circle.append(instead[circle[-1]])
+        left = [b for b in left if b not in circle]
+        names = " and ".join(f"{buses[b].name!r}" for b in circle)
+        whose = ", ".join(
+            f"{buses[b].name!r} hears the units of {buses[instead[b]].name!r}" for b in circle
+        )
+        carried = survey.topology.frames.units[np.isin(survey.topology.frames.bus, circle)]
+        yield Finding(
+            "swapped-buses", "error", f"buses {names}", int((carried >= 0).sum()),
+            f"are {'swapped' if len(circle) == 2 else 'mixed up'}: {whose}",
+            "their plugs; else `channel` of the buses in the file",
+        )  # fmt: skip
 
 
 def _of_units(survey: Survey) -> Iterator[Finding]:

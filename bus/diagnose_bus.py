@@ -22,10 +22,19 @@ _HEARTBEATS = range(FIRST_ID, LAST_ID + 1)
 
 
 class BusRules:
-    """The rules about one bus."""
+    """The rules about one bus.
 
-    def __init__(self, survey: Survey, index: int) -> None:
-        self.survey, self.index = survey, index
+    Parameters
+    ----------
+    survey : Survey
+    index : int
+        Of the bus.
+    instead : int, optional
+        Bus whose units are heard here, instead of this bus's own.
+    """
+
+    def __init__(self, survey: Survey, index: int, instead: int | None = None) -> None:
+        self.survey, self.index, self.instead = survey, index, instead
         self.skin = survey.topology
         self.bus = self.skin.buses[index]
         self.name = f"bus {self.bus.name!r}"
@@ -46,6 +55,9 @@ class BusRules:
         """Everything about this bus."""
         yield from self._errors()
         yield from self._sync()
+        if self.instead is not None:
+            yield from self._unknown()
+            return
         yield from self._silence()
         yield from self._unknown()
         yield from self._shape()
@@ -219,6 +231,8 @@ class BusRules:
 
     def _unknown(self) -> Iterator[Finding]:
         known = {*self.ids, self.bus.sync_id}
+        if self.instead is not None:
+            known.update(self.skin.frames.can_id[self.skin.frames.bus == self.instead].tolist())
         ids: dict[int, list[tuple[Heard, int]]] = {}
         for kind, count in self.here.items():
             if kind.can_id not in known and kind.can_id not in _HEARTBEATS:
@@ -243,7 +257,7 @@ class BusRules:
         frames = self.skin.frames
         for other in np.flatnonzero((frames.can_id == can_id) & (frames.bus != self.index)):
             name = self.skin.buses[frames.bus[other]].name
-            return f"the cables of two buses swapped: bus {name!r} expects it"
+            return f"a unit that hangs on the wrong bus: bus {name!r} expects it"
         missing = [hex_id(i) for i, gone in zip(self.ids, self.gone, strict=True) if gone]
         sizes = {(layout.size, layout.fd) for layout in self.skin.layouts}
         if missing and (kind.length, kind.is_fd) in sizes:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from busfixtures import data_frames, frame, join, make_topology, sync
+from busfixtures import data_frames, frame, join, make_topology, sync, with_data_ids
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace as replace_bus
@@ -12,7 +12,7 @@ from test_topology_messages import check_golden
 
 import topology
 from bus import BusClosedError, FrameBatch, MemoryTransport
-from bus.diagnose import TOLD, diagnose
+from bus.diagnose import TOLD, diagnose, swapped_buses
 from bus.discover import Survey, listen
 from bus.faults import FaultScript, FaultyTransport, Injector
 from bus.faults import script as kinds
@@ -100,11 +100,21 @@ def a_case(name):
             records = traffic(fd16)
             records["id"][records["id"] == 0x103] = 0x123
             return fd16, records
-        case "unknown-id, cables swapped":
+        case "swapped-buses":
             hand = topology.load("hand")
             records = traffic(hand, 40, period_ns=4_000_000)
             records["bus"] = 1 - records["bus"]
             return hand, records
+        case "swapped-buses, three":
+            three = with_data_ids(make_topology("f3t-fd16", 6, buses=3), [1, 2, 3, 4, 5, 6])
+            records = traffic(three)
+            records["bus"] = (records["bus"] + 1) % 3
+            return three, records
+        case "unknown-id, a unit on the wrong bus":
+            pair = with_data_ids(make_topology("f3t-fd16", 6, buses=2), [1, 2, 3, 4, 5, 6])
+            records = traffic(pair)
+            records["bus"][records["id"] == 2] = 1
+            return pair, records
         case "unknown-id, a babbling node":
             return fd16, hurt(fd16, traffic(fd16), kinds.Babble(id=0x10, ids=(0x100,)))
         case "wrong-length":
@@ -213,7 +223,9 @@ CASES = {
     "bus-errors": {"bus-errors"},
     "unknown-id": {"unknown-id"},
     "unknown-id, a wrong address": {"unknown-id", "missing-unit"},
-    "unknown-id, cables swapped": {"unknown-id", "silent-branch"},
+    "swapped-buses": {"swapped-buses"},
+    "swapped-buses, three": {"swapped-buses"},
+    "unknown-id, a unit on the wrong bus": {"unknown-id", "missing-unit"},
     "unknown-id, a babbling node": {"unknown-id"},
     "wrong-length": {"wrong-length"},
     "wrong-length, some": {"wrong-length"},
@@ -267,6 +279,30 @@ def test_a_second_sender_of_sync_is_found():
     (finding,) = diagnose(survey_of(skin, traffic(skin), sends_sync=True))
     assert finding.code == "second-sync"
     assert finding.count == 100
+
+
+@pytest.mark.parametrize("wrong", [(), (0,), (0, 1), (0, 1, 2), (0, 2), (1, 2, 3)])
+def test_only_buses_that_hear_each_other_are_swapped(wrong):
+    """Four buses, of which some hear the next one's units, each besides a unit of its own gone."""
+    skin = with_data_ids(make_topology("f3t-fd16", 12, buses=4), list(range(1, 13)))
+    records = traffic(skin, 30)
+    heard_on = {b: b for b in range(4)} | dict(zip(wrong, (*wrong[1:], *wrong[:1]), strict=True))
+    records["bus"] = np.array([heard_on[b] for b in range(4)])[records["bus"]]
+    records = records[(records["id"] % 3 != 0) | (records["id"] == 0x80)]
+    survey = survey_of(skin, records)
+    instead = {heard_on[b]: b for b in range(4) if heard_on[b] != b}
+    assert swapped_buses(survey) == instead
+    codes = [finding.code for finding in diagnose(survey)]
+    assert codes.count("swapped-buses") == (len(wrong) > 1)
+    assert codes.count("missing-unit") == 4 - len(instead)
+
+
+def test_two_buses_that_hear_a_third_are_not_swapped():
+    skin = with_data_ids(make_topology("f3t-fd16", 6, buses=3), [1, 2, 3, 4, 5, 6])
+    records = traffic(skin, 30)
+    third = records[records["bus"] == 2]
+    survey = survey_of(skin, join(_on(third, 0), _on(third, 1)))
+    assert swapped_buses(survey) == {}
 
 
 def test_counts_are_exact():
