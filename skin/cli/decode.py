@@ -35,7 +35,9 @@ def decode(
     log must name.
 
     The arrays of an .npz are time_s (t), temperature_c (t, n), force_n (t, 3, n), status (t, n),
-    wrench (t, 6), centroid_m (t, 3) and unit (n); nothing in it needs pickle. Exits 1 if the log
+    wrench (t, 6), centroid_m (t, 3), contact (t, n) and unit (n); nothing in it needs pickle.
+    `contact` is the identity of what touches a unit, the same as long as it stays, and 0 for
+    nothing. Exits 1 if the log
     holds no cycle of this skin, or is damaged: then all that stands before the damage is decoded.
     """
     from bus.assemble import Assembler
@@ -54,9 +56,11 @@ def decode(
     def keep(cycle: Any) -> None:
         state = reader(cycle)
         units = state.units
+        identity = np.array([0, *(contact.id for contact in state.contacts)])
         rows.append(
             (state.stamp_ns, units.temperature.copy(), units.force.copy(), units.status.copy(),
-             units.valid.copy(), state.wrench.copy(), state.centroid.copy())
+             units.valid.copy(), state.wrench.copy(), state.centroid.copy(),
+             identity[state.label + 1])
         )  # fmt: skip
 
     buses = buses_of(loaded) if len(loaded.buses) > 1 else None
@@ -99,27 +103,38 @@ def decode(
 
 
 def _write(path: Path, topology: Any, rows: list[tuple[Any, ...]]) -> None:
-    stamp, temperature, force, status, valid, wrench, centroid = zip(*rows, strict=True)
+    stamp, temperature, force, status, valid, wrench, centroid, contact = zip(*rows, strict=True)
     time_s = (np.array(stamp, np.int64) - stamp[0]) * 1e-9
     if path.suffix == ".npz":
         beside = path.with_name(f".{path.name}.part.npz")
         np.savez_compressed(
             beside, time_s=time_s, temperature_c=np.stack(temperature), force_n=np.stack(force),
             status=np.stack(status), wrench=np.stack(wrench), centroid_m=np.stack(centroid),
-            unit=np.array(topology.unit_names),
+            contact=np.stack(contact), unit=np.array(topology.unit_names),
         )  # fmt: skip
         os.replace(beside, path)
         return
     with _replacing(path) as file:
         table = csv.writer(file)
         table.writerow(
-            ["time_s", "unit", "temperature_c", "fx_n", "fy_n", "fz_n", "status", "valid"]
+            [
+                "time_s",
+                "unit",
+                "temperature_c",
+                "fx_n",
+                "fy_n",
+                "fz_n",
+                "status",
+                "valid",
+                "contact",
+            ]
         )
-        for t, warm, f, flags, good in zip(time_s, temperature, force, status, valid, strict=True):
+        cycles = zip(time_s, temperature, force, status, valid, contact, strict=True)
+        for t, warm, f, flags, good, touch in cycles:
             for i, name in enumerate(topology.unit_names):
                 table.writerow(
                     [f"{t:.6f}", name, f"{warm[i]:.3f}", *(f"{v:.4f}" for v in f[:, i]),
-                     int(flags[i]), int(good[i])]
+                     int(flags[i]), int(good[i]), int(touch[i])]
                 )  # fmt: skip
 
 

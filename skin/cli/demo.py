@@ -36,6 +36,7 @@ def demo(
     """Simulate the units of a topology under a sphere that presses, slides and lifts; decode the
     frames live; compare with the truth; draw a picture."""
     import skin
+    from skin.contact.records import SlipState
     from skin.errors import SkinError
     from skin.view.picture import save_run
     from skin.view.terminal import LiveTable
@@ -47,10 +48,16 @@ def demo(
     cycles = max(1, round(seconds * loaded.cycle_rate_hz))
     table = LiveTable(loaded)
     log = _Log()
+    contacts: set[int] = set()
+    slipped: set[int] = set()
     with skin.open(loaded, simulate=True, pace=not fast, seed=seed) as opened:
         for state in opened:
             table.show(state, opened.timing.work_ns)
             log.add(state, opened.nodes.truth, opened.timing.work_ns)
+            contacts.update(contact.id for contact in state.contacts)
+            slipped.update(
+                contact.id for contact in state.contacts if contact.slip >= SlipState.INCIPIENT
+            )
             if len(log.time_s) == cycles:
                 break
         counters = opened.counters
@@ -62,6 +69,8 @@ def demo(
         "cycles": cycles,
         "frames": counters.data,
         "lost_frames": counters.lost,
+        "contacts": len(contacts),
+        "contacts_slipped": len(slipped),
         **figures,
         "picture": str(picture.resolve()),
     }
@@ -139,6 +148,7 @@ def _table(report: dict[str, Any]) -> str:
     rows = [
         ("units, cycles", f"{report['units']}, {report['cycles']}"),
         ("frames, lost", f"{report['frames']}, {report['lost_frames']}"),
+        ("contacts, slipped", f"{report['contacts']}, {report['contacts_slipped']}"),
         ("temperature error", f"{report['temperature_rmse_c']:.3f} °C rms"),
         (
             "force error, loaded units",
@@ -151,7 +161,7 @@ def _table(report: dict[str, Any]) -> str:
             f"{report['centroid_max_error_mm']:.3f} mm worst",
         ),
         (
-            "frames to wrench",
+            "frames to contacts",
             f"{report['cycle_us_p50']:.1f} µs p50, {report['cycle_us_p99']:.1f} µs p99",
         ),
         ("picture", report["picture"]),

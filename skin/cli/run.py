@@ -90,9 +90,12 @@ class _Tally:
         self.valid = np.zeros(topology.n, np.int64)
         self.heard = np.zeros(topology.n, bool)
         self.load = 0.0
+        self.contacts: set[int] = set()
+        self.slipped: set[int] = set()
         self.work_us: list[float] = []
 
     def add(self, state: Any, work_ns: int) -> None:
+        from skin.contact.records import SlipState
         from skin.state import Status
 
         self.cycles += 1
@@ -100,6 +103,10 @@ class _Tally:
         self.valid += state.units.valid
         self.heard |= (state.units.status & int(Status.NEVER | Status.DISABLED)) == 0
         self.load = max(self.load, float(np.linalg.norm(state.wrench[:3])))
+        for contact in state.contacts:
+            self.contacts.add(contact.id)
+            if contact.slip >= SlipState.INCIPIENT:
+                self.slipped.add(contact.id)
         self.work_us.append(work_ns * 1e-3)
 
     def report(self) -> dict[str, Any]:
@@ -114,6 +121,8 @@ class _Tally:
             "complete_cycles": int(self.complete),
             "valid_share": float(self.valid.sum() / max(1, self.cycles * self.topology.n)),
             "peak_force_n": self.load,
+            "contacts": len(self.contacts),
+            "contacts_slipped": len(self.slipped),
             "cycle_us_p50": float(p50),
             "cycle_us_p99": float(p99),
         }
@@ -133,8 +142,9 @@ def _table(report: dict[str, Any]) -> str:
         ("lost on this host", _host_losses(report["buses"])),
         ("bus changes", "; ".join(report["bus_changes"][-4:]) or "none"),
         ("peak force", f"{report['peak_force_n']:.2f} N"),
+        ("contacts, slipped", f"{report['contacts']}, {report['contacts_slipped']}"),
         (
-            "frames to wrench",
+            "frames to contacts",
             f"{report['cycle_us_p50']:.1f} µs p50, {report['cycle_us_p99']:.1f} µs p99",
         ),
     ]

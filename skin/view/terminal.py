@@ -23,6 +23,9 @@ SHADES = " .:-=+*#%@"
 RAMP = (236, 23, 29, 35, 71, 107, 143, 179, 173, 167, 161)
 """Colours of the 256-colour terminal palette, from no load to full load."""
 
+CONTACTS = 3
+"""Contacts that are shown."""
+
 CLEAR_DOWN = "\x1b[J"
 
 
@@ -154,6 +157,8 @@ class LiveTable:
             else:
                 centre = " ".join(f"{v:+7.1f}" for v in state.centroid * 1e3)
                 lines.append(f"centre    {centre}  mm")
+        if state.contacts is not None:
+            lines += self._contacts(state)
         if units.temperature is not None and units.valid.any():
             warm = units.temperature[units.valid]
             lines.append(f"warmth    {warm.mean():7.1f} mean, {warm.max():.1f} max  °C")
@@ -166,6 +171,20 @@ class LiveTable:
             p50, p99 = np.percentile(self._work_us, [50, 99])
             lines.append(f"cycle     {p50:7.1f} µs p50, {p99:.1f} µs p99")
         return lines + self._trouble(state)
+
+    def _contacts(self, state: State) -> list[str]:
+        """Heaviest contacts, in as many lines whatever touches."""
+        heaviest = sorted(state.contacts, key=lambda contact: -contact.load)[:CONTACTS]
+        lines = []
+        for contact in sorted(heaviest, key=lambda contact: contact.id):
+            units = f"{contact.units.size} unit" + ("s" if contact.units.size > 1 else "")
+            line = f"contact {contact.id:<4d} {contact.load:6.2f}  N, {units:<8}"
+            if state.slip is not None and contact.slip:
+                line += f" {contact.slip.name.lower():<9}"
+                if not np.isnan(contact.margin):
+                    line += f" margin {100 * contact.margin:.0f} %"
+            lines.append(line)
+        return lines + ["contact      –"] * (not lines) + [""] * (CONTACTS - max(1, len(lines)))
 
     def _trouble(self, state: State) -> list[str]:
         found = trouble(self._topology, state.units.status)
