@@ -5,10 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from ambientfixtures import World, apart, without_bz
+from decodefixtures import calibrated, row_of, with_parameters
 
 import topology
 from bus.status import Status
 from skin.decode.ambient import Ambient
+from skin.decode.decoder import Decoder
+from skin.sim.thermal import ThermalChain
+from skin.sim.unit import UnitSimulator
 
 UNITS = 24
 SIGMA_HZ = 6.0
@@ -203,3 +207,45 @@ def test_warm_film_is_not_taken_for_a_weaker_one():
     found = np.mean([seen(ambient, world) for _ in range(300)], axis=0)
     assert np.abs(found).max() < 4.0  # 48 µT if it were
     assert ambient.followed.mean() > 0.8
+
+
+# -- what the decoder itself compensates -----------------------------------------------------------
+
+
+def heated(skin, depth_mm=0.0, displacement_mm=0.0):
+    """Counts, 2 a second, of units whose room goes from 24 to 60 °C after a minute."""
+    seconds, n = 900.0, skin.n
+    chain = ThermalChain(skin, ambient=24.0)
+    untouched = np.zeros(n, bool), np.full(n, 60.0)
+    cycles = round(2.0 * seconds)
+    warm = np.stack(
+        [chain.step(0.5, *untouched, 60.0 if i > 120 else 24.0).copy() for i in range(cycles)]
+    )
+    displacement = np.zeros((cycles, 2, n))
+    displacement[:, 0] = displacement_mm
+    units = UnitSimulator(skin, seed=3)
+    depth = np.full((cycles, n), depth_mm)
+    values = units.quantities(depth, displacement, warm[:, 0], warm[:, 1], warm[:, 3])
+    return units.quantise(units.disturb(values))
+
+
+def moved(skin, counts, estimator):
+    """How far the mean force of a minute goes from that of the cold minute, newton, shape (3,)."""
+    force = Decoder(skin, estimator=estimator)(counts).force
+    minutes = force.reshape(-1, 120, 3, skin.n).mean(axis=1)
+    return np.abs(minutes - minutes[0]).max(axis=(0, 2))
+
+
+@pytest.mark.parametrize("layout", ["f3t-fd16", "f3t-classic"])
+@pytest.mark.parametrize(("depth_mm", "displacement_mm"), [(0.0, 0.0), (1.0, 1.5)])
+def test_heat_moves_no_force(layout, depth_mm, displacement_mm):
+    """Gel, film and chip 36 K warmer, one after the other; the classic wire has no chip
+    temperature, so that the chip's is told from the gel's by its lag."""
+    skin = calibrated(row_of(8, layout, rate_hz=2.0), seed=3)
+    counts = heated(skin, depth_mm, displacement_mm)
+    left = moved(skin, counts, "sine")
+    assert left[2] < 0.013  # the frequency feels no temperature: 6 Hz of noise, worst of 15 minutes
+    assert left[:2].max() < 0.015  # of which noise is 10 mN
+    still = {name: 0.0 for name in skin.parameters if name.startswith("hall_drift")}
+    bare = with_parameters(skin, film_drift_per_k=0.0, hall_gain_per_k=0.0, **still)
+    assert moved(bare, counts, "sine")[:2].max() > 0.025
