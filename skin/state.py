@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = ["INVALID", "WANTS", "Reading", "State", "Status", "trouble"]
 
-UNIT_WANTS = ("temperature", "force", "tangential", "theta", "displacement")
+UNIT_WANTS = ("temperature", "force", "tangential", "theta", "displacement", "sigma", "field")
 ARRAY_WANTS = ("wrench", "centroid", "contacts", "slip", "shocks")
 WANTS = UNIT_WANTS + ARRAY_WANTS
 """Everything that `want` may select. What is not wanted is not computed and reads None; what a
@@ -53,6 +53,9 @@ class Reading:
         One-sigma of each, in its unit; `theta_sigma` ends at pi / sqrt(3), where nothing is known.
     force_sigma, displacement_sigma_mm : ndarray, shape (3, n), or None
         One-sigma of each component.
+    field_ut : ndarray, shape (3, n), or None
+        Microtesla, unit frame: the field without the chip's offset, its drift and its gain, mapped,
+        and without what is not the unit's own; the third row is NaN where the wire lacks Bz.
     """
 
     temperature: np.ndarray | None
@@ -67,6 +70,7 @@ class Reading:
     tangential_sigma: np.ndarray | None = None
     theta_sigma: np.ndarray | None = None
     displacement_sigma_mm: np.ndarray | None = None
+    field_ut: np.ndarray | None = None
 
 
 @dataclass(slots=True)

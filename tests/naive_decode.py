@@ -5,21 +5,25 @@ from __future__ import annotations
 import numpy as np
 
 from bus.status import INVALID, Status
+from skin.decode.coefficients import field_angle_ends
 from topology import CHANNELS, THETA_KNOTS
 
 
-def naive_decode(skin, raw, status=None):
+def naive_decode(skin, raw, status=None, estimator="sine", consistency=False, background=0.0):
     """Decode a batch from rest; raw has the shape (t, 6, n). Return a dict of float64 arrays."""
     p = skin.parameters
+    table = p["field_angle_mm"].reshape(4, 4, -1)
+    uses_bz = consistency or estimator == "field-angle"
     period_s = 1.0 / skin.cycle_rate_hz
-    rails = _rails(skin)
+    rails = _rails(skin, uses_bz)
     film = chip = None
     cycles = []
     for t in range(raw.shape[0]):
         known = np.zeros(skin.n, int) if status is None else status[t].astype(int)
         known[~skin.enabled] |= Status.DISABLED
         value = skin.scale * raw[t] + skin.offset
-        current, frequency, bx, by, _, chip_measured = value
+        value[1:5] += np.array([1.0, -1.0, -1.0, -1.0])[:, np.newaxis] * background
+        current, frequency, bx, by, bz, chip_measured = value
 
         temperature = 20.0 + 60.0 * np.log(np.maximum(current, 1e-9) / p["gel_current_20c_ua"]) / (
             np.log(p["gel_current_ratio"])
@@ -49,21 +53,41 @@ def naive_decode(skin, raw, status=None):
         gain = 1.0 + p["hall_gain_per_k"] * above
         bx = (bx - p["hall_offset_x_ut"] - p["hall_drift_x_ut_per_k"] * above) / gain
         by = (by - p["hall_offset_y_ut"] - p["hall_drift_y_ut_per_k"] * above) / gain
+        bz = (bz - p["hall_offset_z_ut"] - p["hall_drift_z_ut_per_k"] * above) / gain
         bx, by = p["field_xx"] * bx + p["field_xy"] * by, p["field_yx"] * bx + p["field_yy"] * by
+        deeper = depth - p["field_reference_mm"]
+        growth = p["field_growth_per_mm"] * deeper + p["field_growth_per_mm2"] * deeper**2
         crest = (
             p["field_amplitude_ut"]
-            * np.exp(p["field_growth_per_mm"] * (depth - p["field_reference_mm"]))
+            * np.exp(np.clip(growth, -9.0, 9.0))
             * (1.0 + p["film_drift_per_k"] * (film_now - p["film_reference_c"]))
         )
-        ratio = np.minimum(np.hypot(bx, by) / crest, 1.0)
-        reach = np.arcsin(ratio) / p["field_wavenumber_rad_per_mm"]
+        strength = np.hypot(bx, by)
+        ratio = np.minimum(strength / crest, 1.0)
+        wavenumber = p["field_wavenumber_rad_per_mm"]
+        angle = np.minimum(np.arctan2(np.maximum(strength, 1e-6), bz), field_angle_ends(skin)[0])
+        by_angle = _polynomial(table, angle, np.clip(depth, -0.5, 4.0))
+        reach = by_angle if estimator == "field-angle" else np.arcsin(ratio) / wavenumber
         tangential = (
             p["shear_soft_n_per_mm"] * reach
             + p["shear_stiff_n_per_mm"] * np.maximum(reach - p["shear_break_mm"], 0.0)
         ) * (1.0 + p["shear_gain_per_mm"] * (depth - p["field_reference_mm"]))
         theta = np.arctan2(by, bx)
         theta = theta + _correction(p["theta_correction_rad"], theta)
-        known = np.where(silent, known, known | _flags_of_field(skin, ratio, crest * gain, reach))
+        if estimator == "sine":
+            flags = _flags_of_field(skin, ratio, crest * gain, reach, deeper)
+        else:
+            flags = Status.SATURATED * (np.arctan2(strength, bz) > field_angle_ends(skin)[0])
+            flags |= Status.EXTRAPOLATED * (reach > p["field_angle_max_mm"])
+        if consistency:
+            whole = np.sqrt(bx**2 + by**2 + bz**2)
+            model = crest * np.sin(wavenumber * by_angle)
+            miss = np.abs(np.maximum(strength, 1e-6) / model - 1.0)
+            # the field in the counts, with the gain still in it
+            allowed = 0.15**2 + (1000.0**2 + 25.0 * _field_variance(skin)) / (whole * gain) ** 2
+            allowed += 25.0 * _amplitude_variance(skin)
+            flags |= Status.MAGNETIC_ANOMALY * (miss**2 > allowed)
+        known = np.where(silent, known, known | flags)
 
         row = {
             "temperature": temperature,
@@ -76,6 +100,37 @@ def naive_decode(skin, raw, status=None):
         cycles.append({name: np.where(never, np.nan, value) for name, value in row.items()})
         cycles[-1] |= {"status": known, "valid": known & INVALID == 0, "ratio": ratio}
     return {name: np.stack([cycle[name] for cycle in cycles]) for name in cycles[0]}
+
+
+def _polynomial(table, angle, depth):
+    """R(psi, H)."""
+    return sum(table[i, j] * angle ** (2 * i + 1) * depth**j for i in range(4) for j in range(4))
+
+
+def _amplitude_variance(skin, deeper=0.0):
+    """Relative variance of M0 from frequency noise and from temperatures that are not exact."""
+    p = skin.parameters
+    sigma_hz = np.hypot(p["frequency_noise_hz"], skin.scale[1] / np.sqrt(12.0))
+    growth = p["field_growth_per_mm"] + 2.0 * p["field_growth_per_mm2"] * deeper
+    return (growth * sigma_hz / p["frequency_slope_hz_per_mm"]) ** 2 + _residue(skin)
+
+
+def _residue(skin):
+    """Relative variance of M0 that temperature compensation leaves."""
+    p = skin.parameters
+    gel_c = 60.0 / np.log(p["gel_current_ratio"]) * p["gel_noise_relative"]
+    chip_c = np.where(skin.wired[5], skin.scale[5] / np.sqrt(12.0), gel_c)
+    return (p["film_drift_per_k"] * gel_c) ** 2 + (p["hall_gain_per_k"] * chip_c) ** 2
+
+
+def _field_variance(skin):
+    p = skin.parameters
+    gel_c = 60.0 / np.log(p["gel_current_ratio"]) * p["gel_noise_relative"]
+    chip_c = np.where(skin.wired[5], skin.scale[5] / np.sqrt(12.0), gel_c)
+    drift = (p["hall_drift_x_ut_per_k"] ** 2 + p["hall_drift_y_ut_per_k"] ** 2) / 2.0 * chip_c**2
+    stretch = sum(p[f"field_{name}"] ** 2 for name in ("xx", "xy", "yx", "yy")) / 2.0
+    step = (skin.scale[2] ** 2 + skin.scale[3] ** 2) / 24.0
+    return stretch * (p["field_noise_ut"] ** 2 + step + drift)
 
 
 def _follow(before, now, period_s, lag_s):
@@ -109,24 +164,21 @@ def _flags_of_counts(skin, raw, lowest, highest, temperature, frequency, chip, n
     )
 
 
-def _flags_of_field(skin, ratio, crest, reach):
+def _flags_of_field(skin, ratio, crest, reach, deeper):
     p = skin.parameters
-    step = skin.scale[1] / np.sqrt(12.0)
-    noise = p["field_noise_ut"] ** 2 + (skin.scale[2] ** 2 + skin.scale[3] ** 2) / 24.0
-    sigma_mm = np.hypot(p["frequency_noise_hz"], step) / p["frequency_slope_hz_per_mm"]
-    sigma = np.sqrt(noise / crest**2 + (ratio * p["field_growth_per_mm"] * sigma_mm) ** 2)
+    sigma = np.sqrt(_field_variance(skin) / crest**2 + ratio**2 * _amplitude_variance(skin, deeper))
     quarter = np.pi / 2.0 / p["field_wavenumber_rad_per_mm"]
     limit = np.where(p["tangential_max_mm"] < quarter * (1.0 - 1e-6), p["tangential_max_mm"], 1e9)
     return Status.SATURATED * (ratio + sigma >= 1.0) | Status.EXTRAPOLATED * (reach > limit)
 
 
-def _rails(skin):
+def _rails(skin, uses_bz):
     """First and last count of every signal that this estimator uses, shape (6, n)."""
     lowest, highest = np.full((6, skin.n), -(10**6)), np.full((6, skin.n), 10**6)
     for row in range(len(skin.frames)):
         for signal in skin.layouts[skin.frames.layout[row]].signals:
             unit = skin.frames.units[row, signal.slot]
-            if unit < 0 or signal.name not in CHANNELS or signal.name == "bz":
+            if unit < 0 or signal.name not in CHANNELS or (signal.name == "bz" and not uses_bz):
                 continue
             channel = CHANNELS.index(signal.name)
             if signal.signed:

@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 import pytest
-from decodefixtures import calibrated, row_of, sensible_counts, with_parameters
+from decodefixtures import calibrated, row_of, sensible_counts, sine, with_parameters
 
 from bus.status import Status
 from skin.decode.decoder import Decoder
@@ -74,7 +74,7 @@ def frequency_of(depth_mm):
 )
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 def test_each_flag_has_its_count(changed, flags, dtype):
-    reading = Decoder(row_of(1), dtype=dtype)(counts_of(**changed))
+    reading = sine(row_of(1), dtype=dtype)(counts_of(**changed))
     assert Status(int(reading.status[0])) == flags
     assert bool(reading.valid[0]) == (flags & Status.OUT_OF_RANGE == 0)
 
@@ -83,7 +83,7 @@ def test_rails_are_those_of_the_wire():
     """Eleven bits on the classic wire: 1023 counts are its rail."""
     skin = row_of(1, "f3t-classic")
     raw = counts_of(gel=180, frequency=frequency_of(2.0) // 2, bx=0, by=0)
-    decoder = Decoder(skin)
+    decoder = sine(skin)
     for bx, flags in ((40, 0), (-1024, Status.SATURATED), (1023, Status.SATURATED)):
         raw[2] = bx
         assert decoder(raw).status[0] == flags
@@ -93,25 +93,21 @@ def test_rails_are_those_of_the_wire():
 
 def test_displacement_beyond_its_calibration_is_extrapolated():
     skin = with_parameters(row_of(2), tangential_max_mm=[1.0, 2.4])
-    reading = Decoder(skin)(counts_of(2, frequency=frequency_of(2.0), bx=4000))
+    reading = sine(skin)(counts_of(2, frequency=frequency_of(2.0), bx=4000))
     assert 1.0 < reading.displacement_mm[0, 0] < 2.4
     assert reading.status.tolist() == [Status.EXTRAPOLATED, Status.OK]
 
 
-def test_growth_that_leaves_the_exponential_is_extrapolated():
-    """Such a calibration is bounded at e^6, and says so where that matters."""
-    skin = with_parameters(row_of(1), field_growth_per_mm=4.0)
-    for depth, flags in ((0.45, Status.EXTRAPOLATED), (0.55, Status.OK)):
-        reading = Decoder(skin)(counts_of(frequency=frequency_of(depth)))
-        assert reading.status[0] & Status.EXTRAPOLATED == flags
-        assert np.isfinite(reading.force).all()
+def test_growth_that_leaves_the_exponential_is_refused():
+    with pytest.raises(CalibrationError, match="row/r0c0: field_growth_per_mm: must be a growth "):
+        Decoder(with_parameters(row_of(1), field_growth_per_mm=20.0))
 
 
 def test_flags_of_the_bus_come_first():
     raw = counts_of(4)
     raw[0, 1] = 0
     status = np.array([Status.NEVER, Status.NEVER, Status.LATE, 0], np.uint16)
-    reading = Decoder(row_of(4))(raw, status)
+    reading = sine(row_of(4))(raw, status)
     assert reading.status.tolist() == [Status.NEVER, Status.NEVER, Status.LATE, 0]
     assert reading.valid.tolist() == [False, False, False, True]
     for values in (reading.temperature, reading.force, reading.tangential, reading.theta):
@@ -122,7 +118,7 @@ def test_flags_of_the_bus_come_first():
 
 def test_disabled_units_say_so_without_a_bus():
     skin = dataclasses.replace(row_of(3), enabled=np.array([True, False, True]))
-    reading = Decoder(skin)(counts_of(3))
+    reading = sine(skin)(counts_of(3))
     assert reading.status.tolist() == [0, Status.DISABLED, 0]
 
 
@@ -146,7 +142,7 @@ def warm_step(cycles, before, after):
 def test_film_follows_the_gel_with_its_lag(dtype, lag_s):
     skin = with_parameters(row_of(1, rate_hz=10.0), film_lag_s=lag_s, film_drift_per_k=-0.002)
     raw = warm_step(300, 25.0, 75.0)
-    crest = crest_of(Decoder(skin, dtype=dtype)(raw), 1200.0)
+    crest = crest_of(sine(skin, dtype=dtype)(raw), 1200.0)
     film = 25.0 + (crest / crest[0] - 1.0) / -0.002
     time_s = np.arange(301) / 10.0
     expected = 75.0 - 50.0 * np.exp(-time_s / lag_s) if lag_s else np.where(time_s > 0, 75.0, 25.0)
@@ -163,7 +159,7 @@ def test_chip_follows_the_gel_where_the_wire_does_not_carry_it():
     raw = warm_step(300, 20.0, 70.0)
     raw[:, 0] = np.round(raw[:, 0] * 0.007 / step_ua)
     raw[:, 1], raw[:, 2] = 9000, 15
-    crest = crest_of(Decoder(skin, dtype="float64")(raw), 15 * 64.0)
+    crest = crest_of(sine(skin, dtype="float64")(raw), 15 * 64.0)
     chip = (crest / crest[0] - 1.0) / 0.002
     np.testing.assert_allclose(chip, 50.0 - 50.0 * np.exp(-np.arange(301) / 200.0), atol=0.5)
 
@@ -176,8 +172,8 @@ def test_a_slow_chip_does_not_stand_still_in_float32():
     raw = np.repeat(warm_step(1, 60.0, 60.3), [1, 100_000], axis=0)
     raw[:, 0] = np.round(raw[:, 0] * 0.007 / 0.055)
     raw[:, 1], raw[:, 2] = 9000, 15
-    single = Decoder(skin, {"displacement"}, dtype="float32")(raw).displacement_mm[-1, 0, 0]
-    double = Decoder(skin, {"displacement"}, dtype="float64")(raw).displacement_mm[-1, 0, 0]
+    single = sine(skin, {"displacement"}, dtype="float32")(raw).displacement_mm[-1, 0, 0]
+    double = sine(skin, {"displacement"}, dtype="float64")(raw).displacement_mm[-1, 0, 0]
     assert abs(single - double) < 2e-6
 
 
@@ -188,8 +184,8 @@ def test_an_invalid_unit_leaves_no_trace_in_the_memory(flag):
     status = np.zeros((31, 1), np.uint16)
     lies = np.insert(raw, 10, counts_of(gel=gel_of(90.0), bx=600), axis=0)
     known = np.insert(status, 10, flag, axis=0)
-    honest = Decoder(skin)(raw, status)
-    marked = Decoder(skin)(lies, known)
+    honest = sine(skin)(raw, status)
+    marked = sine(skin)(lies, known)
     kept = np.arange(32) != 10
     np.testing.assert_array_equal(marked.force[kept], honest.force)
 
@@ -197,7 +193,7 @@ def test_an_invalid_unit_leaves_no_trace_in_the_memory(flag):
 def test_reset_forgets_and_warmup_does_not():
     skin = row_of(1, rate_hz=10.0)
     raw = warm_step(30, 25.0, 75.0)
-    decoder = Decoder(skin)
+    decoder = sine(skin)
     first = decoder(raw).force
     decoder.warmup()
     later = decoder(raw[-1]).force.copy()
@@ -208,7 +204,7 @@ def test_reset_forgets_and_warmup_does_not():
 
 def test_an_overheated_gel_is_not_the_magnet_that_lost_its_field():
     """Junk temperatures do not reach the film: the unit is out of range, and others are sane."""
-    decoder = Decoder(row_of(2, rate_hz=10.0))
+    decoder = sine(row_of(2, rate_hz=10.0))
     raw = counts_of(2, bx=600)
     before = decoder(raw).force.copy()
     broken = raw.copy()
@@ -303,7 +299,11 @@ def test_status_of_another_shape_is_refused(status):
     [
         ({"want": {"forse"}}, "want: must be one of .*; got 'forse' .nearest: 'force'."),
         ({"want": "wrench"}, "want: must be of the units, .*; got 'wrench', which is of the array"),
-        ({"estimator": "sinus"}, "estimator: must be 'sine'; got 'sinus' .nearest: 'sine'."),
+        (
+            {"estimator": "sinus"},
+            "estimator: must be one of 'sine', 'field-angle'; got 'sinus' .nearest: 'sine'.",
+        ),
+        ({"temperature_every": 0}, "temperature_every: must be 1 or more; got 0"),
         ({"dtype": "float16"}, "dtype: must be one of 'float32', 'float64'; got 'float16'"),
         ({"dtype": "single!"}, "dtype: must be one of 'float32', 'float64'; got 'single!'"),
     ],
@@ -318,14 +318,14 @@ def test_a_wire_without_a_wanted_channel_is_refused():
     wired[0, 1] = False
     skin = dataclasses.replace(row_of(3), wired=wired)
     with pytest.raises(OptionError) as error:
-        Decoder(skin)
+        sine(skin)
     assert str(error.value) == (
         "row/r0c1: must have 'gel' on the wire to decode 'temperature'; got a layout without it"
     )
-    plain = Decoder(row_of(3), {"force"}, dtype="float64")(counts_of(3, gel=gel_of(25.0), bx=600))
-    blind = Decoder(skin, {"force"}, dtype="float64")(counts_of(3, gel=[gel_of(25.0), 0, 5000]))
+    plain = sine(row_of(3), {"force"}, dtype="float64")(counts_of(3, gel=gel_of(25.0), bx=600))
+    blind = sine(skin, {"force"}, dtype="float64")(counts_of(3, gel=[gel_of(25.0), 0, 5000]))
     assert blind.status.tolist() == [0, 0, 0]
-    force = Decoder(skin, {"force"}, dtype="float64")(counts_of(3, gel=0, bx=600)).force
+    force = sine(skin, {"force"}, dtype="float64")(counts_of(3, gel=0, bx=600)).force
     np.testing.assert_allclose(force[:, 1], plain.force[:, 1], rtol=1e-4)
 
 

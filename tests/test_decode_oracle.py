@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from decodefixtures import calibrated, row_of, sensible_counts
+from decodefixtures import calibrated, row_of, sensible_counts, sine
 from mpmath import mp, mpf
-
-from skin.decode.decoder import Decoder
 
 CYCLES = 4
 QUANTITIES = ("temperature", "fx", "fy", "fz", "tangential", "theta", "x", "y", "h")
@@ -58,7 +56,8 @@ def one_unit(skin, counts, i, film, chip):
     by = (by - p["hall_offset_y_ut"] - p["hall_drift_y_ut_per_k"] * above) / gain
     bx, by = p["field_xx"] * bx + p["field_xy"] * by, p["field_yx"] * bx + p["field_yy"] * by
     from_reference = h - p["field_reference_mm"]
-    crest = p["field_amplitude_ut"] * mp.exp(p["field_growth_per_mm"] * from_reference)
+    growth = p["field_growth_per_mm"] + p["field_growth_per_mm2"] * from_reference
+    crest = p["field_amplitude_ut"] * mp.exp(growth * from_reference)
     crest *= 1 + p["film_drift_per_k"] * (film[i] - p["film_reference_c"])
     ratio = mp.sqrt(bx * bx + by * by) / crest
     r = mp.asin(min(ratio, 1)) / p["field_wavenumber_rad_per_mm"]
@@ -80,7 +79,7 @@ def one_unit(skin, counts, i, film, chip):
 
 def decoded(skin, raw, dtype):
     """Decode the same, in the oracle's names, float64 arrays of shape (t, n)."""
-    reading = Decoder(skin, dtype=dtype)(raw)
+    reading = sine(skin, dtype=dtype)(raw)
     rows = (reading.temperature, *reading.force.swapaxes(0, 1), reading.tangential, reading.theta)
     rows = (*rows, *reading.displacement_mm.swapaxes(0, 1))
     return {name: row.astype(float) for name, row in zip(QUANTITIES, rows, strict=True)}
@@ -150,6 +149,6 @@ def test_temperature_polynomial_is_the_exponential_law(dtype, limit):
     gel = np.arange(np.ceil(ends[0]), np.floor(ends[1]) + 1)
     raw = np.zeros((gel.size, 6, 1), np.int16)
     raw[:, 0, 0] = gel
-    got = Decoder(skin, want={"temperature"}, dtype=dtype)(raw).temperature[:, 0]
+    got = sine(skin, want={"temperature"}, dtype=dtype)(raw).temperature[:, 0]
     law = 20.0 + 60.0 * np.log(gel * 0.007 / 10.0) / np.log(12.0)
     assert np.abs(got - law).max() <= limit

@@ -6,51 +6,68 @@ from collections.abc import Collection
 
 import numpy as np
 
-from skin.errors import CountsError, OptionError
-from skin.state import ARRAY_WANTS, UNIT_WANTS, WANTS, Reading
+from skin.decode.plan import ESTIMATORS, Plan
+from skin.errors import CountsError
+from skin.state import Reading
 from topology import CHANNELS, Topology
 
 __all__ = ["ESTIMATORS", "Decoder"]
 
-ESTIMATORS = ("sine",)
-"""Inversions of the tangential field. `sine` is the paper's: R = asin(|B| / M0) / k (eq. 1)."""
-
 _NONE_YET = object()
 """Stands for the arrays of a cycle before there was one."""
 
-_NEEDS = {
-    "temperature": ("gel",),
-    "force": ("frequency", "bx", "by"),
-    "tangential": ("frequency", "bx", "by"),
-    "theta": ("frequency", "bx", "by"),
-    "displacement": ("frequency", "bx", "by"),
-}
+_COMPONENTS = {
+    "temperature": 1, "force": 3, "tangential": 1, "theta": 1, "displacement": 3, "field": 3,
+}  # fmt: skip
+_FIELDS = {"displacement": "displacement_mm", "field": "field_ut"}
+"""Names of a `Reading` that differ from those of `want`."""
+_SIGMAS = {
+    "temperature": "temperature_sigma", "force": "force_sigma", "tangential": "tangential_sigma",
+    "theta": "theta_sigma", "displacement": "displacement_sigma_mm",
+}  # fmt: skip
 
 
 class Decoder:
     """Decodes the counts of a topology's units, one cycle or a batch of them.
 
     Temperature comes from the gel current, depth and normal force from the frequency, the
-    tangential displacement from the lateral field and the crest `M0` at that depth and
-    temperature, the tangential force from the displacement. The magnetic film follows the gel
-    with a lag, so a decoder remembers temperatures from one cycle to the next: use one for each
-    stream of cycles, from one thread at a time.
+    tangential displacement from the field at that depth and temperature, the tangential force from
+    the displacement. The magnetic film follows the gel with a lag, so a decoder remembers
+    temperatures from one cycle to the next: use one for each stream of cycles, from one thread at a
+    time.
 
     Parameters
     ----------
     topology : Topology
     want : collection of str, optional
         Of `skin.state.UNIT_WANTS`; all of them if not given. What is not wanted is not computed.
-    estimator : str
-        Inversion of the tangential field, of `ESTIMATORS`.
+    estimator : str, optional
+        Inversion of the tangential field, of `ESTIMATORS`. If not given, `field-angle` where every
+        unit has Bz on the wire and a table, else `sine`.
     dtype : "float32" or "float64"
         Of the results and of all arithmetic.
+    consistency : bool, optional
+        Whether to hold the field against its model, and flag MAGNETIC_ANOMALY where a magnet or
+        steel bends it; it needs Bz and a table, and is done where all units have them if not given.
+    temperature_every : int, optional
+        Cycles from one temperature to the next: it is held between, as is what is compensated by
+        it. 1 if not given, or what `HOLD_S` lasts with `skip`.
+    skip : bool
+        Leave out what a scene does not need. Blocks of 16 units of which none is pressed by more
+        than 2.5 sigma show NaN for all that is tangential and the flag IDLE; blocks whose counts
+        and flags are those of the cycle before keep its results. All else is the same to the bit.
+    rest_ut : ndarray, shape (3, n), optional
+        Field that the neighbours add to each unit at rest, µT, axes of the chips.
+
+    Attributes
+    ----------
+    plan : Plan
+        What follows from these.
 
     Raises
     ------
     OptionError
-        No such quantity, estimator or type; or the wire of a unit does not carry what a wanted
-        quantity needs.
+        No such quantity, estimator or type; or the wire of a unit does not carry what is needed.
     CalibrationError
         A parameter is not one that a working unit can have.
 
@@ -67,45 +84,89 @@ class Decoder:
         self,
         topology: Topology,
         want: Collection[str] | None = None,
-        estimator: str = "sine",
+        estimator: str | None = None,
         dtype: str = "float32",
+        *,
+        consistency: bool | None = None,
+        temperature_every: int | None = None,
+        skip: bool = False,
+        rest_ut: np.ndarray | None = None,
     ) -> None:
         self.topology = topology
-        self.want = _wanted(topology, want)
-        if estimator not in ESTIMATORS:
-            raise OptionError.unknown("estimator", estimator, ESTIMATORS)
-        self.estimator = estimator
-        self.dtype = _real(dtype)
+        self.plan = plan = Plan.of(
+            topology, want, estimator=estimator, dtype=dtype, consistency=consistency,
+            temperature_every=temperature_every, skip=skip,
+        )  # fmt: skip
+        self.dtype = np.dtype(plan.dtype)
 
-        from skin.decode import kernels
+        from skin.decode import kernels as k
         from skin.decode.coefficients import Coefficients
 
-        found = Coefficients.of(topology, self.dtype)
-        blocks = -(-topology.n // kernels.LANES)
-        self._kernel = kernels.decode
-        self._state = np.zeros((blocks, kernels.STATE_ROWS, kernels.LANES), self.dtype)
-        self._last = self._state[:, kernels.LAST_TEMPERATURE]
-        self._calibration = (found.values, found.limits, found.turning, self._state.reshape(-1))
-
-        n = topology.n
+        angle = plan.estimator == "field-angle"
+        found = Coefficients.of(
+            topology, self.dtype, angle=angle, vertical=angle or plan.consistency,
+            every=plan.temperature_every, rest_ut=rest_ut,
+        )  # fmt: skip
+        self._names = _names(plan)
+        n, blocks = topology.n, -(-topology.n // k.LANES)
+        self._kernel = k.decode
+        self._state = np.zeros((blocks, k.STATE_ROWS, k.LANES), self.dtype)
+        self._calibration = (
+            found.values,
+            found.limits,
+            _parts(plan, k),
+            np.array([row for name in self._names for row in _rows_of(name, k)], np.int64),
+            self._state.reshape(-1),
+            np.zeros(blocks * k.INTEGER_ROWS * k.LANES, np.int16),
+            np.zeros(k.INTEGER_ROWS * k.LANES, np.int16),
+            np.zeros(k.REAL_ROWS * k.LANES, self.dtype),
+            plan.temperature_every,
+        )
         self._shape = (len(CHANNELS), n)
         self._none_known = np.zeros(n, np.uint16)
-        self._raw = self._status = _NONE_YET
+        self._raw = self._status = self._background = _NONE_YET
         self._out = self._outputs(1)
-        self._reading = Reading(*(None if out is None else out[0] for out in self._out))
+        self._reading = self._view(*self._out, 0)
         self.reset()
+
+    @property
+    def want(self) -> frozenset[str]:
+        """What is decoded, of `skin.state.UNIT_WANTS`."""
+        return frozenset(self.plan.quantities) | ({"sigma"} if self.plan.sigma else set())
+
+    @property
+    def estimator(self) -> str:
+        """Inversion of the tangential field."""
+        return self.plan.estimator
 
     def reset(self) -> None:
         """Forget all temperatures: the next cycle is the first."""
-        self._state[:] = 0.0
-        self._last[:] = np.nan
+        self._state[:] = np.nan
+        self._state[:, 1:3] = 0.0
+        self._cycle = 0
+        self._reuse = False
 
-    def warmup(self) -> None:
-        """Compile the kernel, or load it; the state stays as it is."""
-        nothing = np.zeros((0, *self._shape), np.int16)
-        self._kernel(nothing, self._none_known[np.newaxis], *self._calibration, *self._out)
+    def warmup(self, *, background: bool = False) -> None:
+        """Compile the kernel, or load it; the state stays as it is.
 
-    def __call__(self, raw: np.ndarray, status: np.ndarray | None = None) -> Reading:
+        Parameters
+        ----------
+        background : bool
+            Whether for calls with a background.
+        """
+        n = self.topology.n
+        none = np.zeros((0, 4, n), self.dtype) if background else None
+        self._run(np.zeros((0, *self._shape), np.int16), np.zeros((0, n), np.uint16), none,
+                  0, True, *self._outputs(0))  # fmt: skip
+
+    def __call__(
+        self,
+        raw: np.ndarray,
+        status: np.ndarray | None = None,
+        background: np.ndarray | None = None,
+        *,
+        advance: bool = True,
+    ) -> Reading:
         """Decode.
 
         Parameters
@@ -115,6 +176,12 @@ class Decoder:
         status : ndarray, shape (n,) or (t, n), uint16, optional
             Flags of the bus; the decoder adds its own. Without them every enabled unit counts as
             heard of.
+        background : ndarray, shape (4, n) or (t, 4, n), of the decoder's type, optional
+            What is not the unit's own signal, and is subtracted: row 0 Hz by which the frequency
+            fell, rows 1-3 µT in the axes of the chip, as its counts read.
+        advance : bool
+            False to decode the cycle before once more, with another background: what lags behind
+            the gel does not move on.
 
         Returns
         -------
@@ -128,26 +195,38 @@ class Decoder:
             An array of another shape or type.
         """
         # A live bus hands over the same arrays each cycle: they are looked at once.
-        if raw is not self._raw or status is not self._status:
+        if raw is not self._raw or status is not self._status or background is not self._background:
             if not isinstance(raw, np.ndarray) or raw.ndim != 2:
-                return self._batch(raw, status)
-            self._accept(raw, status)
-        self._kernel(self._counts, self._known, *self._calibration, *self._out)
+                return self._batch(raw, status, background, advance)
+            self._accept(raw, status, background)
+        self._run(*self._inputs, int(self._reuse), advance, *self._out)
+        self._reuse = True
         return self._reading
 
-    def _accept(self, raw: np.ndarray, status: np.ndarray | None) -> None:
+    def _run(self, counts, known, background, reuse, advance, out, status, valid) -> None:
+        """Call the kernel and count its cycles."""
+        self._kernel(
+            counts, known, background, *self._calibration, self._cycle, bool(advance), bool(reuse),
+            out, status, valid,
+        )  # fmt: skip
+        if advance:
+            self._cycle += counts.shape[0]
+
+    def _accept(self, raw, status, background) -> None:
         """Check the arrays of one cycle and keep them as the kernel takes them."""
         self._raw = _NONE_YET
         self._check("raw", raw, np.int16, self._shape)
         if status is not None:
             self._check("status", status, np.uint16, self._shape[1:])
-        flags = self._none_known if status is None else status
-        counts, known = _plain(raw), _plain(flags)
-        self._counts, self._known = counts[np.newaxis], known[np.newaxis]
-        if counts is raw and known is flags:
-            self._raw, self._status = raw, status
+        if background is not None:
+            self._check("background", background, self.dtype, (4, self.topology.n))
+        given = (raw, self._none_known if status is None else status, background)
+        plain = [None if array is None else _plain(array) for array in given]
+        self._inputs = tuple(None if array is None else array[np.newaxis] for array in plain)
+        if all(array is other for array, other in zip(given, plain, strict=True)):
+            self._raw, self._status, self._background = raw, status, background
 
-    def _batch(self, raw: np.ndarray, status: np.ndarray | None) -> Reading:
+    def _batch(self, raw, status, background, advance: bool) -> Reading:
         """Decode consecutive cycles into new arrays."""
         cycles = raw.shape[:1] if isinstance(raw, np.ndarray) else ()
         self._check("raw", raw, np.int16, (*cycles, *self._shape))
@@ -156,23 +235,37 @@ class Decoder:
             status = np.zeros(known, np.uint16)
         else:
             self._check("status", status, np.uint16, known)
+        if background is not None:
+            self._check("background", background, self.dtype, (*cycles, 4, self.topology.n))
+            background = _plain(background)
         out = self._outputs(raw.shape[0])
-        self._kernel(_plain(raw), _plain(status), *self._calibration, *out)
-        return Reading(*out)
+        self._run(_plain(raw), _plain(status), background, False, advance, *out)
+        self._reuse = False
+        return self._view(*out, slice(None))
 
-    def _outputs(self, cycles: int) -> tuple[np.ndarray | None, ...]:
-        """Arrays of a Reading, in its order, with a leading axis."""
-        shapes = {
-            "temperature": (cycles, self.topology.n),
-            "force": (cycles, 3, self.topology.n),
-            "tangential": (cycles, self.topology.n),
-            "theta": (cycles, self.topology.n),
-            "displacement": (cycles, 3, self.topology.n),
-        }
-        values = (np.zeros(shapes[name], self.dtype) if name in self.want else None
-                  for name in UNIT_WANTS)  # fmt: skip
-        flags = (np.zeros((cycles, self.topology.n), kind) for kind in (np.uint16, bool))
-        return (*values, *flags)
+    def _outputs(self, cycles: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What the kernel writes: quantities one below the other, status, validity."""
+        n = self.topology.n
+        rows = self._calibration[3].size
+        return (
+            np.zeros((cycles, rows, n), self.dtype),
+            np.zeros((cycles, n), np.uint16),
+            np.zeros((cycles, n), bool),
+        )
+
+    def _view(self, out: np.ndarray, status: np.ndarray, valid: np.ndarray, at) -> Reading:
+        """A reading of the kernel's arrays at a cycle, or at all of them."""
+        found: dict[str, np.ndarray | None] = dict.fromkeys(
+            ("temperature", "force", "tangential", "theta", "displacement_mm")
+        )
+        row = 0
+        for name in self._names:
+            quantity = name.removesuffix("_sigma")
+            size = _COMPONENTS[quantity]
+            field = _SIGMAS[quantity] if name != quantity else _FIELDS.get(name, name)
+            found[field] = out[at, row] if size == 1 else out[at, row : row + size]
+            row += size
+        return Reading(**found, status=status[at], valid=valid[at])
 
     def _check(self, where: str, got: object, kind: type, shape: tuple[int, ...]) -> None:
         """Raise CountsError unless `got` is an array of that kind and shape."""
@@ -185,9 +278,43 @@ class Decoder:
             units = ", ".join(map(str, self._shape))
             expected = f"shape ({units}) or shape (t, {units})"
         raise CountsError(
-            f"{self.topology.name}: {where}: must be an array of {kind.__name__}, {expected}; "
-            f"got {what}"
+            f"{self.topology.name}: {where}: must be an array of {np.dtype(kind).name}, "
+            f"{expected}; got {what}"
         )
+
+
+def _names(plan: Plan) -> tuple[str, ...]:
+    """Quantities in the order of the kernel's rows, sigmas among them."""
+    plain = tuple(name for name in plan.quantities if name != "field")
+    sigmas = tuple(f"{name}_sigma" for name in plain) if plan.sigma else ()
+    return (*plain, *sigmas, *(("field",) if "field" in plan.quantities else ()))
+
+
+def _rows_of(name: str, k) -> range:
+    """Rows of the kernel's tile that a quantity is."""
+    suffix = "_SIGMA" if name.endswith("_sigma") else ""
+    quantity = name.removesuffix("_sigma")
+    first = {"temperature": "TEMPERATURE", "force": "FX", "tangential": "FT", "theta": "THETA",
+             "displacement": "DX", "field": "FIELD_X"}[quantity]  # fmt: skip
+    row = getattr(k, first + suffix)
+    return range(row, row + _COMPONENTS[quantity])
+
+
+def _parts(plan: Plan, k):
+    """The plan as the kernel takes it."""
+    chosen = {
+        **dict.fromkeys(plan.quantities, True),
+        "sigma": plan.sigma,
+        "angle": plan.estimator == "field-angle",
+        "anomaly": plan.consistency,
+        "turning": plan.theta_table,
+        "film": plan.film_compensation,
+        "chip": plan.chip_compensation,
+        "lagging": plan.chip_lags,
+        "held": plan.temperature_every > 1,
+        "skipping": plan.skip,
+    }
+    return k.Parts(**{name: True for name, wanted in chosen.items() if wanted})
 
 
 def _plain(array: np.ndarray) -> np.ndarray:
@@ -195,36 +322,3 @@ def _plain(array: np.ndarray) -> np.ndarray:
     array = np.asarray(array)
     flags = array.flags
     return array if flags.c_contiguous and flags.writeable else array.copy()
-
-
-def _real(dtype: str) -> np.dtype:
-    known = ("float32", "float64")
-    try:
-        found = np.dtype(dtype)
-    except TypeError:
-        raise OptionError.unknown("dtype", dtype, known) from None
-    if found.name not in known:
-        raise OptionError.unknown("dtype", found.name, known)
-    return found
-
-
-def _wanted(topology: Topology, want: Collection[str] | None) -> frozenset[str]:
-    """The wanted quantities, each known and each with its channels on the wire of every unit."""
-    wanted = frozenset(UNIT_WANTS if want is None else [want] if isinstance(want, str) else want)
-    for name in sorted(wanted, key=str):
-        if name in ARRAY_WANTS:
-            raise OptionError(
-                f"want: must be of the units, one of {', '.join(map(repr, UNIT_WANTS))}; "
-                f"got {name!r}, which is of the array: use skin.open"
-            )
-        if name not in UNIT_WANTS:
-            raise OptionError.unknown("want", name, WANTS)
-    needed = topology.enabled & ~topology.counts_only
-    for name in UNIT_WANTS:
-        for channel in _NEEDS[name] if name in wanted else ():
-            missing = needed & ~topology.wired[CHANNELS.index(channel)]
-            if missing.any():
-                unit = topology.unit_names[int(np.argmax(missing))]
-                raise OptionError(f"{unit}: must have {channel!r} on the wire to decode {name!r}; "
-                                  "got a layout without it")  # fmt: skip
-    return wanted

@@ -1,16 +1,16 @@
-"""All compiled code of decoding: counts in, forces and temperatures out.
+"""All compiled code of decoding: counts in, forces, temperatures and their uncertainty out.
 
 The lateral field points the way of the tangential displacement: +x force, +x displacement, +Bx.
 
-Units are decoded in blocks of `LANES`. Everything that differs from unit to unit stands in one flat
-array of blocks, ``coefficients[(block * rows + row) * LANES + lane]``: one pointer and constant
-offsets are what lets the compiler turn the loop over lanes into vector instructions; a row for
-each parameter does not. For the same reason nothing branches on a value: both sides are computed
-and one is selected, and counts and results pass through small tiles, so that this loop meets few
-arrays that might overlap.
+Units are decoded in blocks of `LANES`, a block after the other: its counts are copied into a tile,
+loops over the lanes compute rows of a second tile, and the wanted rows go out. Everything that
+differs from unit to unit stands in one flat array of blocks, ``coefficients[(block * ROWS + row) *
+LANES + lane]``: one pointer and constant offsets are what lets the compiler turn the loops over
+lanes into vector instructions; a row that is not read is never fetched. For the same reason nothing
+in these loops branches on a value: both sides are computed and one is selected.
 
-What is not wanted is passed as None and is not compiled. The type of `coefficients`, float32 or
-float64, is the type of all arithmetic; polynomials are as long as that type needs.
+`Parts` says what is compiled; the type of `coefficients`, float32 or float64, is the type of all
+arithmetic, and polynomials are as long as that type needs.
 
 The constants below are this file's own, on purpose: a compiled kernel is cached by the content of
 its own file and would not see a change in another one.
@@ -18,11 +18,13 @@ its own file and would not see a change in another one.
 
 from __future__ import annotations
 
-import numpy as np
-from numba import njit
-from numba.extending import register_jitable
+from typing import NamedTuple
 
-__all__ = ["LANES", "decode", "decode_python"]
+import numpy as np
+from numba import njit, types
+from numba.extending import lower_builtin, overload, register_jitable, type_callable
+
+__all__ = ["LANES", "Parts", "decode", "decode_python"]
 
 LANES = 16
 """Units in a block: float32 lanes of the widest vector registers."""
@@ -38,12 +40,14 @@ SATURATED = 1 << 8
 OUT_OF_RANGE = 1 << 9
 EXTRAPOLATED = 1 << 10
 NOT_F3T = 1 << 11
+MAGNETIC_ANOMALY = 1 << 12
+IDLE = 1 << 13
 UNKNOWN = NEVER | NOT_F3T
 SILENT = UNKNOWN | DISABLED
-INVALID = 0xAFF
+INVALID = 0x1AFF
 """Flags with which array features leave a unit out."""
 
-# -- limits: rows of int16; ranges are a row of lower and a row of upper ends, ends included ------
+# -- limits: rows of int16; a range is a row of lower ends and one of widths, modulo 2^16 ----------
 LIMIT_STATUS = 0
 """Flags that a unit has before a count has come: DISABLED, NOT_F3T."""
 LIMIT_RAIL = 1
@@ -52,56 +56,77 @@ LIMIT_POSSIBLE = LIMIT_RAIL + 2 * CHANNELS
 """Counts that a working unit produces: gel, frequency, chip temperature."""
 LIMIT_CALIBRATED = LIMIT_POSSIBLE + 6
 """Counts within the calibrated range: gel, frequency."""
-LIMIT_ROWS = LIMIT_CALIBRATED + 4
+LIMIT_IDLE = LIMIT_CALIBRATED + 4
+"""Frequency counts of a unit without load."""
+LIMIT_ROWS = LIMIT_IDLE + 2
 
 # -- coefficients ---------------------------------------------------------------------------------
 (
-    GEL_SCALE, GEL_OFFSET,  # gel current over its value at 20 °C = scale * count + offset
-    ROOT_SCALE, ROOT_OFFSET,  # its fourth root, centred and scaled to [-1, 1]
-    DROP_SCALE, DROP_OFFSET,  # fall of the frequency, Hz = scale * count + offset
-    DEPTH_PER_HZ, SOFT, BREAK, STIFFER,  # H = DEPTH_PER_HZ * drop; N/Hz, Hz, N/Hz added
-    FILM_KEEP, CHIP_KEEP,  # share of its lag behind the gel that is left after one cycle
+    GEL_SCALE, GEL_OFFSET, PER_OCTAVE,  # I / I(20 °C) = scale * count + offset; °C an octave
+    DEPTH_SCALE, DEPTH_OFFSET,  # H in mm = scale * count + offset
+    SOFT, BREAK, STIFFER,  # N/mm, mm, N/mm added beyond
+    FILM_KEEP, CHIP_KEEP,  # share of its lag behind the gel that is left after one step
     FILM_REFERENCE, FILM_DRIFT,
     CHIP_SCALE, CHIP_OFFSET, CHIP_FOLLOWS,  # chip above reference = scale * count + offset
     CHIP_GAIN,  #                             + follows * lagged gel temperature
-    X_BX, X_BY, X_OFFSET, X_DRIFT,  # lateral field, 2x2 map, scales and offsets in one
+    X_BX, X_BY, X_OFFSET, X_DRIFT,  # field; lateral with its 2x2 map, scales and offsets in one
     Y_BX, Y_BY, Y_OFFSET, Y_DRIFT,
-    GROWTH, GROWTH_OFFSET, AMPLITUDE_INVERSE,  # 1 / M0 = inverse * exp(growth * drop + offset)
-    WAVENUMBER_INVERSE, SHEAR_SOFT, SHEAR_BREAK, SHEAR_STIFFER, SHEAR_GAIN, SHEAR_GAIN_OFFSET,
-    FIELD_VARIANCE, AMPLITUDE_VARIANCE,  # µT²; relative, of M0
+    Z_BZ, Z_OFFSET, Z_DRIFT,
+    GROWTH_0, GROWTH_1, GROWTH_2,  # log2(M0 / µT) in powers of H
+    WAVENUMBER, WAVENUMBER_INVERSE,
+    ANGLE_END,  # rad, beyond which R from the angle is a lower bound
+    SHEAR_SOFT, SHEAR_BREAK, SHEAR_STIFFER, SHEAR_GAIN, SHEAR_GAIN_OFFSET,
     REACH,  # mm, end of the calibrated tangential displacement
-) = range(38)  # fmt: skip
-POLYNOMIAL = 38
-"""First row of the temperature polynomial, lowest power first; its degree is that of the type."""
-DEGREE_SINGLE = 8
-DEGREE_DOUBLE = 16
-ROWS_SINGLE = POLYNOMIAL + DEGREE_SINGLE + 1
-ROWS_DOUBLE = POLYNOMIAL + DEGREE_DOUBLE + 1
-
+    FIELD_VARIANCE, AMPLITUDE_VARIANCE,  # µT²; relative, of M0 at a known depth
+    DEPTH_SIGMA, DEPTH_LOW, DEPTH_HIGH,  # mm; ends of the calibrated range
+    ANOMALY_SHARE, ANOMALY_FIELD,  # squared tolerance of the field: relative, µT²
+    PER_HZ, MAP_XX, MAP_XY, MAP_YX, MAP_YY,  # for a background: mm/Hz, the 2x2 map alone
+    GEL_VARIANCE, GEL_STEP, GEL_LOW, GEL_HIGH,  # °C²; °C at I(20 °C); ends of the range
+    NORMAL_VARIANCE, ANGLE_VARIANCE, SHEAR_VARIANCE,  # relative; mm²; relative
+) = range(58)  # fmt: skip
+ANGLE = 58
+"""First of 16 rows of R(psi, H), entry 4 i + j of ``psi^(2 i + 1) H^j``."""
 KNOTS = 16
-TURN_ROWS = KNOTS + 1
-"""Rows after the polynomial, where any unit has a table of directions: correction at -pi, slope of
-the first segment, changes of slope at the knots that follow."""
+TURN = ANGLE + 16
+"""First of 17 rows of the direction's correction: at -pi, slope of the first segment, changes of
+slope at the knots that follow."""
+ROWS = TURN + KNOTS + 1
 
 # -- state: rows ----------------------------------------------------------------------------------
-LAST_TEMPERATURE, FILM_LAG, CHIP_LAG = range(3)
-STATE_ROWS = 3
+LAST_TEMPERATURE, FILM_LAG, CHIP_LAG, HELD = range(4)
+STATE_ROWS = HELD + 3
 """Kept as lag behind the gel, not as a temperature: a float32 lag goes on shrinking where a
-float32 temperature would stop as soon as its step is below half a unit in the last place."""
+float32 temperature would stop as soon as its step is below half a unit in the last place. From
+`HELD` on, rows `TEMPERATURE` to `CHIP_ABOVE` of the tile, where these are not of each cycle."""
 
-# -- tiles: a chunk of units on its way through, rows of `CHUNK` --------------------------------
-CHUNK = 8 * LANES
-"""Units that are read, decoded and written together: enough that copying rows is cheap, few enough
-that they stay in the nearest cache."""
+# -- tiles: one block on its way through -----------------------------------------------------------
 FLAGS = CHANNELS
 INTEGER_ROWS = CHANNELS + 1
-TEMPERATURE, FX, FY, FZ, FT, THETA, DX, DY, H = range(9)
-REAL_ROWS = 9
+(
+    TEMPERATURE, FILM_ABOVE, CHIP_ABOVE,
+    FX, FY, FZ, FT, THETA, DX, DY, H,
+    TEMPERATURE_SIGMA, FX_SIGMA, FY_SIGMA, FZ_SIGMA, FT_SIGMA, THETA_SIGMA,
+    DX_SIGMA, DY_SIGMA, H_SIGMA,
+    FIELD_X, FIELD_Y, FIELD_Z,
+    BACKGROUND,
+) = range(24)  # fmt: skip
+REAL_ROWS = BACKGROUND + 4
+TANGENTIAL = (FX, FY, FT, THETA, DX, DY, FX_SIGMA, FY_SIGMA, FT_SIGMA, THETA_SIGMA, DX_SIGMA,
+              DY_SIGMA, FIELD_X, FIELD_Y, FIELD_Z)  # fmt: skip
+"""What a block without load does not show."""
 
-GROWTH_MAX = 6.0
-"""Bound of ln(M0 / amplitude) for which `_exp` holds."""
+CURRENT_MIN = 1e-6
+"""Bound of the gel current over its value at 20 °C."""
+OCTAVES_MAX = 24.0
+"""Bound of log2(M0 / µT)."""
 GAIN_MIN = 0.1
 """Bound of the gain; only a temperature of a unit that is OUT_OF_RANGE reaches it."""
+FIELD_MIN = 1e-6
+"""µT: a lateral field below it has no direction, and is divided by this."""
+DEPTH_MIN, DEPTH_MAX = -0.5, 4.0
+"""mm: bounds of H in R(psi, H), whose cubics in H mean nothing far beyond their fit."""
+EXTRAPOLATION = 0.2
+"""One-sigma of what lies beyond the calibrated range, as a share of it [assumed]."""
 
 NOT_NEGATIVE = 2**62 - 1
 """Mask that changes nothing, but shows the compiler that an index does not count from the end: it
@@ -110,36 +135,175 @@ would turn every load into a gather to be able to do so."""
 _OPTIONS = {"error_model": "numpy", "fastmath": {"contract"}}
 
 
+class Parts(NamedTuple):
+    """What is compiled; each True, or None: left out.
+
+    Attributes
+    ----------
+    temperature, force, tangential, theta, displacement, field
+        Quantities that are wanted.
+    sigma
+        Their one-sigma.
+    angle
+        R from the angle of the field (`field-angle`); else from its strength (`sine`).
+    anomaly
+        Hold the field against its model.
+    turning
+        Correct directions by tables.
+    film, chip
+        Compensate temperatures of film and Hall chip.
+    lagging
+        Chips without a temperature of their own follow the gel.
+    held
+        Temperatures are decoded every few cycles and held between.
+    skipping
+        Leave out the inversion of blocks without load, and blocks that did not change.
+    """
+
+    temperature: bool | None = None
+    force: bool | None = None
+    tangential: bool | None = None
+    theta: bool | None = None
+    displacement: bool | None = None
+    field: bool | None = None
+    sigma: bool | None = None
+    angle: bool | None = None
+    anomaly: bool | None = None
+    turning: bool | None = None
+    film: bool | None = None
+    chip: bool | None = None
+    lagging: bool | None = None
+    held: bool | None = None
+    skipping: bool | None = None
+
+
+# -- compiler --------------------------------------------------------------------------------------
+
+
+def _apart():
+    """Tell the compiler that no two arrays of the calling kernel overlap; in Python, nothing.
+
+    It would ask at run time, for every pair of them, and beyond a few pairs give up vectors.
+    """
+
+
+@type_callable(_apart)
+def _apart_type(context):
+    return lambda: types.none
+
+
+@lower_builtin(_apart)
+def _apart_code(context, builder, signature, arguments):
+    for argument in builder.function.args:
+        if argument.type.is_pointer:
+            argument.add_attribute("noalias")
+    return context.get_dummy_value()
+
+
+# -- elementary functions --------------------------------------------------------------------------
+
+
+def _split(x):
+    """Exponent and mantissa, x = mantissa * 2^exponent, mantissa in [sqrt(1/2), sqrt(2)]."""
+    return _split_single(x) if x.dtype == np.float32 else _split_double(x)
+
+
 @register_jitable(forceinline=True, **_OPTIONS)
-def _exp(x, single):
-    """exp(x) for abs(x) <= `GROWTH_MAX`: (exp(x/8))^8, exp(w) = 1 + w + w² Q(w), Q minimax."""
+def _split_single(x):
+    bits = np.float32(x).view(np.int32)
+    exponent = np.int32(np.int32(bits - np.int32(0x3F3504F3)) >> np.int32(23))
+    mantissa = np.int32(bits - np.int32(exponent << np.int32(23))).view(np.float32)
+    return np.float32(exponent), mantissa
+
+
+@register_jitable(forceinline=True, **_OPTIONS)
+def _split_double(x):
+    bits = np.float64(x).view(np.int64)
+    exponent = (bits - np.int64(0x3FE6A09E667F3BCD)) >> np.int64(52)
+    return np.float64(exponent), np.int64(bits - (exponent << np.int64(52))).view(np.float64)
+
+
+@overload(_split, jit_options={"forceinline": True, **_OPTIONS})
+def _split_of(x):
+    return _split_single if x == types.float32 else _split_double
+
+
+def _power(exponent):
+    """2^exponent, for a whole number that the type of the result holds, as float32 or float64."""
+    return _power_single(exponent) if exponent.dtype == np.float32 else _power_double(exponent)
+
+
+@register_jitable(forceinline=True, **_OPTIONS)
+def _power_single(exponent):
+    return np.int32((np.int32(exponent) + np.int32(127)) << np.int32(23)).view(np.float32)
+
+
+@register_jitable(forceinline=True, **_OPTIONS)
+def _power_double(exponent):
+    return np.int64((np.int64(exponent) + np.int64(1023)) << np.int64(52)).view(np.float64)
+
+
+@overload(_power, jit_options={"forceinline": True, **_OPTIONS})
+def _power_of(exponent):
+    return _power_single if exponent == types.float32 else _power_double
+
+
+@register_jitable(forceinline=True, **_OPTIONS)
+def _log2(x, single):
+    """log2(x), x > 0: log2(1 + f) = f P(f), or s P(s²) with s = f / (2 + f); P minimax."""
     real = type(x)
-    w = x * real(0.125)
+    exponent, mantissa = _split(x)
+    f = mantissa - real(1.0)
     if single:
-        q = real(2.50743045481826305e-5)
-        q = q * w + real(2.01142780522317605e-4)
-        q = q * w + real(1.38881206464640076e-3)
-        q = q * w + real(8.33256402633745957e-3)
-        q = q * w + real(4.1666672071244184e-2)
-        q = q * w + real(0.166666720793071515)
-        q = q * w + real(0.5)
+        p = real(-0.14581172087755081)
+        p = p * f + real(0.2340423629738389)
+        p = p * f + real(-0.2488768532369355)
+        p = p * f + real(0.28709870130108107)
+        p = p * f + real(-0.36023964083131366)
+        p = p * f + real(0.4809232422051029)
+        p = p * f + real(-0.72135278803747874)
+        p = p * f + real(1.4426949619877482)
+        return exponent + f * p
+    s = f / (real(2.0) + f)
+    z = s * s
+    p = real(0.21367078472987187)
+    p = p * z + real(0.2209118661176815)
+    p = p * z + real(0.26233440178471734)
+    p = p * z + real(0.32059853392543478)
+    p = p * z + real(0.41219858585107806)
+    p = p * z + real(0.57707801634547034)
+    p = p * z + real(0.96179669392598982)
+    p = p * z + real(2.8853900817779268)
+    return exponent + s * p
+
+
+@register_jitable(forceinline=True, **_OPTIONS)
+def _exp2(x, single):
+    """2^x for abs(x) <= `OCTAVES_MAX`: the nearest whole power, and a minimax polynomial."""
+    real = type(x)
+    whole = np.floor(x + real(0.5))
+    f = x - whole
+    if single:
+        p = real(0.0013276472631950876)
+        p = p * f + real(0.0096755413431213274)
+        p = p * f + real(0.055507132718556442)
+        p = p * f + real(0.2402211972371072)
+        p = p * f + real(0.69314696706503521)
+        p = p * f + real(1.0000000716547141)
     else:
-        q = real(1.61885913496451032e-10)
-        q = q * w + real(2.10711788316914153e-9)
-        q = q * w + real(2.5051287564594897e-8)
-        q = q * w + real(2.75560871499112409e-7)
-        q = q * w + real(2.7557321619452371e-6)
-        q = q * w + real(2.48015908975275596e-5)
-        q = q * w + real(1.98412698381107856e-4)
-        q = q * w + real(1.38888888841464975e-3)
-        q = q * w + real(8.33333333333485668e-3)
-        q = q * w + real(4.16666666666895356e-2)
-        q = q * w + real(0.166666666666666655)
-        q = q * w + real(0.499999999999999821)
-    e = real(1.0) + (w + w * w * q)
-    e = e * e
-    e = e * e
-    return e * e
+        p = real(4.4352827069572772e-10)
+        p = p * f + real(7.0741056135081428e-9)
+        p = p * f + real(1.0178198021671931e-7)
+        p = p * f + real(1.3215433089676399e-6)
+        p = p * f + real(1.5252733489988526e-5)
+        p = p * f + real(0.00015403530462514432)
+        p = p * f + real(0.0013333558146789922)
+        p = p * f + real(0.0096181291075883352)
+        p = p * f + real(0.055504108664819922)
+        p = p * f + real(0.24022650695910156)
+        p = p * f + real(0.69314718055994533)
+        p = p * f + real(1.0)
+    return p * _power(whole)
 
 
 @register_jitable(forceinline=True, **_OPTIONS)
@@ -175,13 +339,9 @@ def _asin(x, single):
 
 
 @register_jitable(forceinline=True, **_OPTIONS)
-def _atan2(y, x, single):
-    """atan2(y, x); 0 at the origin, +pi on the negative x axis whatever the sign of y's zero."""
-    real = type(x)
-    ax = abs(x)
-    ay = abs(y)
-    steep = ay > ax
-    t = (ax if steep else ay) / max(ay if steep else ax, real(1e-30))
+def _atan(t, single):
+    """atan(t) for 0 <= t <= 1: t + t z Q(z), z = t², Q minimax."""
+    real = type(t)
     z = t * t
     if single:
         q = real(0.00292070303)
@@ -214,39 +374,67 @@ def _atan2(y, x, single):
         q = q * z + real(-0.14285714285648404)
         q = q * z + real(0.19999999999999554)
         q = q * z + real(-0.3333333333333333)
-    a = t + t * (z * q)
+    return t + t * (z * q)
+
+
+@register_jitable(forceinline=True, **_OPTIONS)
+def _atan2(y, x, single):
+    """atan2(y, x); 0 at the origin, +pi on the negative x axis whatever the sign of y's zero."""
+    real = type(x)
+    ax = abs(x)
+    ay = abs(y)
+    steep = ay > ax
+    a = _atan((ax if steep else ay) / max(ay if steep else ax, real(1e-30)), single)
     a = real(1.5707963267948966) - a if steep else a
     a = real(3.141592653589793) - a if x < real(0.0) else a
     return -a if y < real(0.0) else a
 
 
 @register_jitable(forceinline=True, **_OPTIONS)
-def _outside(count, limits, at, row):
-    """Whether a count is outside a range of `limits`."""
-    return (count < limits[at + row * LANES]) | (count > limits[at + (row + 1) * LANES])
+def _sinc(x):
+    """sin(x) / x for abs(x) <= 2.5, within 1e-6."""
+    real = type(x)
+    z = x * x
+    p = real(2.3491531600972428e-6)
+    p = p * z + real(-0.00019594609593602644)
+    p = p * z + real(0.008326980398387261)
+    p = p * z + real(-0.16666065747441654)
+    return p * z + real(0.99999901365734746)
+
+
+# -- counts ----------------------------------------------------------------------------------------
 
 
 @register_jitable(forceinline=True, **_OPTIONS)
-def _judge(integers, i, limits, at):
+def _outside(count, limits, at, row):
+    """Whether a count is outside a range of `limits`: one comparison modulo 2^16."""
+    above = (int(count) - int(limits[at + row * LANES])) & 0xFFFF
+    return above > int(limits[at + (row + 1) * LANES]) & 0xFFFF
+
+
+@register_jitable(forceinline=True, **_OPTIONS)
+def _judge(integers, j, limits, at):
     """Flags of a unit from its counts alone, before anything is clamped."""
-    gel = integers[i + GEL * CHUNK]
-    frequency = integers[i + FREQUENCY * CHUNK]
+    gel = integers[GEL * LANES + j]
+    frequency = integers[FREQUENCY * LANES + j]
+    chip = integers[CHIP * LANES + j]
     railed = (
         _outside(gel, limits, at, LIMIT_RAIL + 2 * GEL)
         | _outside(frequency, limits, at, LIMIT_RAIL + 2 * FREQUENCY)
-        | _outside(integers[i + BX * CHUNK], limits, at, LIMIT_RAIL + 2 * BX)
-        | _outside(integers[i + BY * CHUNK], limits, at, LIMIT_RAIL + 2 * BY)
-        | _outside(integers[i + CHIP * CHUNK], limits, at, LIMIT_RAIL + 2 * CHIP)
+        | _outside(integers[BX * LANES + j], limits, at, LIMIT_RAIL + 2 * BX)
+        | _outside(integers[BY * LANES + j], limits, at, LIMIT_RAIL + 2 * BY)
+        | _outside(integers[BZ * LANES + j], limits, at, LIMIT_RAIL + 2 * BZ)
+        | _outside(chip, limits, at, LIMIT_RAIL + 2 * CHIP)
     )
     impossible = (
         _outside(gel, limits, at, LIMIT_POSSIBLE)
         | _outside(frequency, limits, at, LIMIT_POSSIBLE + 2)
-        | _outside(integers[i + CHIP * CHUNK], limits, at, LIMIT_POSSIBLE + 4)
+        | _outside(chip, limits, at, LIMIT_POSSIBLE + 4)
     )
     beyond = _outside(gel, limits, at, LIMIT_CALIBRATED) | _outside(
         frequency, limits, at, LIMIT_CALIBRATED + 2
     )
-    known = integers[i + FLAGS * CHUNK] | limits[at + LIMIT_STATUS * LANES]
+    known = integers[FLAGS * LANES + j] | limits[at + LIMIT_STATUS * LANES]
     found = (
         (SATURATED if railed else 0)
         | (OUT_OF_RANGE if impossible else 0)
@@ -255,92 +443,168 @@ def _judge(integers, i, limits, at):
     return known if known & SILENT else known | found
 
 
+# -- temperature -----------------------------------------------------------------------------------
+
+
 @register_jitable(forceinline=True, **_OPTIONS)
 def _temperature(gel, c, at, single):
-    """Gel temperature: a polynomial in the fourth root of the current."""
+    """Gel temperature from the exponential law of its current, and its current."""
     real = c.dtype.type
-    current = c[at + GEL_SCALE * LANES] * gel + c[at + GEL_OFFSET * LANES]
-    root = np.sqrt(np.sqrt(max(current, real(0.0))))
-    z = c[at + ROOT_SCALE * LANES] * root + c[at + ROOT_OFFSET * LANES]
-    degree = DEGREE_SINGLE if single else DEGREE_DOUBLE
-    t = c[at + (POLYNOMIAL + degree) * LANES]
-    for p in range(degree):
-        t = t * z + c[at + (POLYNOMIAL + degree - 1 - p) * LANES]
-    return t
+    current = max(c[at + GEL_SCALE * LANES] * gel + c[at + GEL_OFFSET * LANES], real(CURRENT_MIN))
+    return real(20.0) + c[at + PER_OCTAVE * LANES] * _log2(current, single), current
 
 
 @register_jitable(forceinline=True, **_OPTIONS)
-def _follow(t, chip, c, at, state, kept, keep):
+def _temperature_sigma(t, current, c, at):
+    real = c.dtype.type
+    step = c[at + GEL_STEP * LANES] / current
+    over = max(t - c[at + GEL_HIGH * LANES], c[at + GEL_LOW * LANES] - t)
+    beyond = real(EXTRAPOLATION) * max(over, real(0.0))
+    return np.sqrt(c[at + GEL_VARIANCE * LANES] + step * step + beyond * beyond)
+
+
+@register_jitable(forceinline=True, **_OPTIONS)
+def _follow(t, chip, c, at, state, kept, keep, advance, parts):
     """Film and chip temperature above reference; both follow the gel.
 
-    A unit that is invalid leaves no trace in the state.
+    A unit that is invalid leaves no trace in the state. Without `advance`, the state is already
+    that of this cycle.
     """
     real = c.dtype.type
-    last = state[kept + LAST_TEMPERATURE * LANES]
-    film_was = state[kept + FILM_LAG * LANES]
-    chip_was = state[kept + CHIP_LAG * LANES]
-    step = last - t if last == last else real(0.0)  # noqa: PLR0124 - NaN: no cycle before this one
-    film_lag = c[at + FILM_KEEP * LANES] * (film_was + step)
-    chip_lag = c[at + CHIP_KEEP * LANES] * (chip_was + step)
-    state[kept + LAST_TEMPERATURE * LANES] = t if keep else last
-    state[kept + FILM_LAG * LANES] = film_lag if keep else film_was
-    state[kept + CHIP_LAG * LANES] = chip_lag if keep else chip_was
-    film_above = (t - c[at + FILM_REFERENCE * LANES]) + film_lag
-    chip_above = (c[at + CHIP_SCALE * LANES] * chip + c[at + CHIP_OFFSET * LANES]
-                  + c[at + CHIP_FOLLOWS * LANES] * (t + chip_lag))  # fmt: skip
+    now = advance | (not keep)
+    film_above = real(0.0)
+    chip_above = real(0.0)
+    if parts.film is not None or parts.lagging is not None:
+        last = state[kept + LAST_TEMPERATURE * LANES]
+        # NaN: no cycle before this one
+        step = last - t if (last == last) & now else real(0.0)  # noqa: PLR0124
+        state[kept + LAST_TEMPERATURE * LANES] = t if keep & now else last
+        if parts.film is not None:
+            was = state[kept + FILM_LAG * LANES]
+            lag = (c[at + FILM_KEEP * LANES] if now else real(1.0)) * (was + step)
+            state[kept + FILM_LAG * LANES] = lag if keep else was
+            film_above = (t - c[at + FILM_REFERENCE * LANES]) + lag
+        if parts.lagging is not None:
+            was = state[kept + CHIP_LAG * LANES]
+            lag = (c[at + CHIP_KEEP * LANES] if now else real(1.0)) * (was + step)
+            state[kept + CHIP_LAG * LANES] = lag if keep else was
+            chip_above = c[at + CHIP_FOLLOWS * LANES] * (t + lag)
+    if parts.chip is not None:
+        chip_above += c[at + CHIP_SCALE * LANES] * chip + c[at + CHIP_OFFSET * LANES]
     return film_above, chip_above
 
 
+# -- normal force ----------------------------------------------------------------------------------
+
+
 @register_jitable(forceinline=True, **_OPTIONS)
-def _normal(frequency, c, at):
-    """Fall of the frequency and normal force: piecewise linear, and not clipped at zero."""
+def _normal(depth, c, at):
+    """Normal force at a depth: piecewise linear, and not clipped at zero."""
     real = c.dtype.type
-    drop = c[at + DROP_SCALE * LANES] * frequency + c[at + DROP_OFFSET * LANES]
-    stiffer = c[at + STIFFER * LANES] * max(drop - c[at + BREAK * LANES], real(0.0))
-    return drop, c[at + SOFT * LANES] * drop + stiffer
+    return c[at + SOFT * LANES] * depth + c[at + STIFFER * LANES] * max(
+        depth - c[at + BREAK * LANES], real(0.0)
+    )
 
 
 @register_jitable(forceinline=True, **_OPTIONS)
-def _field(bx, by, chip_above, c, at):
+def _depth_sigma(depth, c, at):
+    real = c.dtype.type
+    sigma = c[at + DEPTH_SIGMA * LANES]
+    over = max(depth - c[at + DEPTH_HIGH * LANES], c[at + DEPTH_LOW * LANES] - depth)
+    beyond = real(EXTRAPOLATION) * max(over, real(0.0))
+    return np.sqrt(sigma * sigma + beyond * beyond)
+
+
+@register_jitable(forceinline=True, **_OPTIONS)
+def _normal_sigma(depth, sigma, force, c, at):
+    """Half of what the force changes over the interval of the depth, and of the law itself."""
+    real = c.dtype.type
+    half = (_normal(depth + sigma, c, at) - _normal(depth - sigma, c, at)) * real(0.5)
+    return np.sqrt(half * half + c[at + NORMAL_VARIANCE * LANES] * (force * force))
+
+
+# -- field -----------------------------------------------------------------------------------------
+
+
+@register_jitable(forceinline=True, **_OPTIONS)
+def _lateral(bx, by, chip_above, c, at, parts):
     """Lateral field without the chip's offset and its drift, mapped; the gain is left in."""
-    x = (c[at + X_BX * LANES] * bx + c[at + X_BY * LANES] * by
-         + (c[at + X_OFFSET * LANES] + c[at + X_DRIFT * LANES] * chip_above))  # fmt: skip
-    y = (c[at + Y_BX * LANES] * bx + c[at + Y_BY * LANES] * by
-         + (c[at + Y_OFFSET * LANES] + c[at + Y_DRIFT * LANES] * chip_above))  # fmt: skip
+    x = c[at + X_BX * LANES] * bx + c[at + X_BY * LANES] * by + c[at + X_OFFSET * LANES]
+    y = c[at + Y_BX * LANES] * bx + c[at + Y_BY * LANES] * by + c[at + Y_OFFSET * LANES]
+    if parts.chip is not None:
+        x += c[at + X_DRIFT * LANES] * chip_above
+        y += c[at + Y_DRIFT * LANES] * chip_above
     return x, y
 
 
 @register_jitable(forceinline=True, **_OPTIONS)
-def _crest_inverse(drop, film_above, chip_above, c, at, single):
-    """1 / M0 as the chip would measure it, at this depth and these temperatures."""
-    real = c.dtype.type
-    growth = c[at + GROWTH * LANES] * drop + c[at + GROWTH_OFFSET * LANES]
-    growth = min(max(growth, real(-GROWTH_MAX)), real(GROWTH_MAX))
-    gain = (real(1.0) + c[at + CHIP_GAIN * LANES] * chip_above) * (
-        real(1.0) + c[at + FILM_DRIFT * LANES] * film_above
-    )
-    return c[at + AMPLITUDE_INVERSE * LANES] * _exp(growth, single) / max(gain, real(GAIN_MIN))
+def _vertical(bz, chip_above, c, at, parts):
+    z = c[at + Z_BZ * LANES] * bz + c[at + Z_OFFSET * LANES]
+    if parts.chip is not None:
+        z += c[at + Z_DRIFT * LANES] * chip_above
+    return z
 
 
 @register_jitable(forceinline=True, **_OPTIONS)
-def _shear(reach, drop, c, at):
-    """Tangential force at a tangential displacement: piecewise linear, stiffening with depth."""
+def _chip_gain(chip_above, c, at, parts):
     real = c.dtype.type
-    stiffer = c[at + SHEAR_STIFFER * LANES] * max(reach - c[at + SHEAR_BREAK * LANES], real(0.0))
-    gain = c[at + SHEAR_GAIN * LANES] * drop + c[at + SHEAR_GAIN_OFFSET * LANES]
-    return (c[at + SHEAR_SOFT * LANES] * reach + stiffer) * gain
+    if parts.chip is not None:
+        return max(real(1.0) + c[at + CHIP_GAIN * LANES] * chip_above, real(GAIN_MIN))
+    return real(1.0)
 
 
 @register_jitable(forceinline=True, **_OPTIONS)
-def _doubt(ratio, inverse, reach, c, at):
-    """Flags of the tangential displacement: within one sigma of the crest, beyond calibration."""
+def _film_gain(film_above, c, at, parts):
     real = c.dtype.type
-    variance = c[at + FIELD_VARIANCE * LANES] * (inverse * inverse) + c[
-        at + AMPLITUDE_VARIANCE * LANES
-    ] * (ratio * ratio)
-    below = real(1.0) - ratio
-    return (SATURATED if variance >= below * below else 0) | (
-        EXTRAPOLATED if reach > c[at + REACH * LANES] else 0
+    if parts.film is not None:
+        return max(real(1.0) + c[at + FILM_DRIFT * LANES] * film_above, real(GAIN_MIN))
+    return real(1.0)
+
+
+@register_jitable(forceinline=True, **_OPTIONS)
+def _octaves(depth, c, at):
+    """log2(M0 / µT) at a depth, without the gains of film and chip."""
+    real = c.dtype.type
+    x = c[at + GROWTH_2 * LANES] * depth + c[at + GROWTH_1 * LANES]
+    x = x * depth + c[at + GROWTH_0 * LANES]
+    return min(max(x, real(-OCTAVES_MAX)), real(OCTAVES_MAX))
+
+
+@register_jitable(forceinline=True, **_OPTIONS)
+def _amplitude_variance(depth, sigma, c, at):
+    """Relative variance of M0 at a depth that has a sigma."""
+    real = c.dtype.type
+    slope = real(2.0) * c[at + GROWTH_2 * LANES] * depth + c[at + GROWTH_1 * LANES]
+    growth = real(0.6931471805599453) * slope * sigma
+    return c[at + AMPLITUDE_VARIANCE * LANES] + growth * growth
+
+
+# -- tangential displacement and force -------------------------------------------------------------
+
+
+@register_jitable(forceinline=True, **_OPTIONS)
+def _angle_row(i, depth, c, at):
+    """Factor of psi^(2 i + 1) in R(psi, H), a cubic in H."""
+    row = at + (ANGLE + 4 * i) * LANES
+    q = c[row + 3 * LANES] * depth + c[row + 2 * LANES]
+    return (q * depth + c[row + LANES]) * depth + c[row]
+
+
+@register_jitable(forceinline=True, **_OPTIONS)
+def _angle_slope(i, depth, c, at):
+    """Its derivative by H."""
+    real = c.dtype.type
+    row = at + (ANGLE + 4 * i) * LANES
+    q = real(3.0) * c[row + 3 * LANES] * depth + real(2.0) * c[row + 2 * LANES]
+    return q * depth + c[row + LANES]
+
+
+@register_jitable(forceinline=True, **_OPTIONS)
+def _shear(reach, c, at):
+    """Tangential force at a tangential displacement at the reference depth: piecewise linear."""
+    real = c.dtype.type
+    return c[at + SHEAR_SOFT * LANES] * reach + c[at + SHEAR_STIFFER * LANES] * max(
+        reach - c[at + SHEAR_BREAK * LANES], real(0.0)
     )
 
 
@@ -349,11 +613,10 @@ def _turn(x, y, c, at, single):
     """Correct a direction by the unit's table, linear in theta between knots: a sum of ramps."""
     real = c.dtype.type
     along = _atan2(y, x, single) + real(np.pi)
-    rows = ROWS_SINGLE if single else ROWS_DOUBLE
-    turn = c[at + rows * LANES] + c[at + (rows + 1) * LANES] * along
+    turn = c[at + TURN * LANES] + c[at + (TURN + 1) * LANES] * along
     for p in range(1, KNOTS):
         ramp = max(along - real(p) * real(2.0 * np.pi / KNOTS), real(0.0))
-        turn += c[at + (rows + 1 + p) * LANES] * ramp
+        turn += c[at + (TURN + 1 + p) * LANES] * ramp
     z = turn * turn
     if single:
         sine = real(-1 / 5040)
@@ -377,8 +640,8 @@ def _turn(x, y, c, at, single):
 
 
 def decode_python(
-    counts, incoming, coefficients, limits, turning, state,
-    temperature, force, tangential, theta, displacement, status, valid,
+    counts, incoming, background, coefficients, limits, parts, rows, state, seen, integers, tile,
+    every, phase, advance, reuse, out, status, valid,
 ):  # fmt: skip
     """Decode t cycles of n units, one cycle after the other.
 
@@ -387,130 +650,414 @@ def decode_python(
     counts : ndarray, shape (t, c, n), int16
     incoming : ndarray, shape (t, n), uint16
         Status flags of the bus.
-    coefficients : ndarray, shape (b * rows * LANES,), float32 or float64
+    background : ndarray, shape (t, 4, n), or None
+        What is not the unit's own signal: Hz of fall of the frequency, then µT in the axes of the
+        chip; None is not compiled.
+    coefficients : ndarray, shape (b * ROWS * LANES,), float32 or float64
         Calibration, a block for every `LANES` units, or a single block that all share.
     limits : ndarray, shape (b * LIMIT_ROWS * LANES,), int16
-        Ranges of counts, blocked in the same way.
-    turning : bool or None
-        Whether the blocks hold corrections of the direction; None where no unit has a table.
+        Ranges of counts, blocked in the same way, shared or not.
+    parts : Parts
+        What is compiled.
+    rows : ndarray, shape (r,), int64
+        Rows of the tile that go out, in this order.
     state : ndarray, shape (b * STATE_ROWS * LANES,)
         What one cycle leaves to the next, always a block for every `LANES` units.
-    temperature : ndarray, shape (t, n), or None
-    force : ndarray, shape (t, 3, n), or None
-    tangential : ndarray, shape (t, n), or None
-    theta : ndarray, shape (t, n), or None
-    displacement : ndarray, shape (t, 3, n), or None
-        Outputs; None is not computed.
+    seen : ndarray, shape (b * INTEGER_ROWS * LANES,), int16
+        Counts and flags of the cycle before, for `skipping`.
+    integers : ndarray, shape (INTEGER_ROWS * LANES,), int16
+    tile : ndarray, shape (REAL_ROWS * LANES,)
+        Room to work in.
+    every, phase : int
+        Temperatures are new where the number of the cycle, which is `phase` for the first, is a
+        multiple of `every`. Only with `held`.
+    advance : bool
+        False where the same cycle is decoded again: its temperatures stay as they are.
+    reuse : bool
+        Whether `out`, `status` and `valid` hold the cycle before. Only with `skipping`.
+    out : ndarray, shape (t, r, n)
     status : ndarray, shape (t, n), uint16
     valid : ndarray, shape (t, n), bool
     """
+    _apart()
     real = coefficients.dtype.type
     one = real(1.0)
+    zero = real(0.0)
     nothing = real(np.nan)
     single = np.finfo(coefficients.dtype).bits == 32
-    rows = ROWS_SINGLE if single else ROWS_DOUBLE
-    if turning is not None:
-        rows += TURN_ROWS
     units = counts.shape[2]
-    chunks = (units + CHUNK - 1) // CHUNK
-    shared = coefficients.size < (units + LANES - 1) // LANES * rows * LANES
-    integers = np.zeros(INTEGER_ROWS * CHUNK, np.int32)
-    tile = np.empty(REAL_ROWS * CHUNK, coefficients.dtype)
+    blocks = (units + LANES - 1) // LANES
+    block_step = 0 if coefficients.size < blocks * ROWS * LANES else ROWS * LANES
+    limit_step = 0 if limits.size < blocks * LIMIT_ROWS * LANES else LIMIT_ROWS * LANES
+    lateral = (
+        parts.force is not None
+        or parts.tangential is not None
+        or parts.theta is not None
+        or parts.displacement is not None
+    )
     for cycle in range(counts.shape[0]):
-        for chunk in range(chunks):
-            first = chunk * CHUNK
-            count = min(CHUNK, units - first)
+        due = advance and (phase + cycle) % every == 0
+        for block in range(blocks):
+            first = block * LANES
+            count = min(LANES, units - first)
+            whole = count == LANES
+            k = (block * block_step) & NOT_NEGATIVE
+            k_limits = (block * limit_step) & NOT_NEGATIVE
+            k_state = (block * STATE_ROWS * LANES) & NOT_NEGATIVE
+
+            # -- in: the last block is filled up with its first unit
             for channel in range(CHANNELS):
-                for j in range(count):
-                    integers[channel * CHUNK + j] = counts[cycle, channel, first + j]
-            for j in range(count):
-                integers[FLAGS * CHUNK + j] = incoming[cycle, first + j]
-
-            for b in range((count + LANES - 1) // LANES):
-                k = 0 if shared else chunk * (CHUNK // LANES) + b
-                at = (k * LIMIT_ROWS * LANES) & NOT_NEGATIVE
+                if whole:
+                    for j in range(LANES):
+                        integers[channel * LANES + j] = counts[cycle, channel, first + j]
+                else:
+                    for j in range(LANES):
+                        i = first + (j if j < count else 0)
+                        integers[channel * LANES + j] = counts[cycle, channel, i]
+            if whole:
                 for j in range(LANES):
-                    i = b * LANES + j
-                    integers[i + FLAGS * CHUNK] = _judge(integers, i, limits, at + j)
-
-            for b in range((count + LANES - 1) // LANES):
-                block = chunk * (CHUNK // LANES) + b
-                start = b * LANES
-                k = 0 if shared else block
-                k_coefficients = (k * rows * LANES) & NOT_NEGATIVE
-                k_state = (block * STATE_ROWS * LANES) & NOT_NEGATIVE
+                    integers[FLAGS * LANES + j] = incoming[cycle, first + j]
+            else:
                 for j in range(LANES):
-                    i = start + j
-                    c = k_coefficients + j
-                    flags = integers[i + FLAGS * CHUNK]
-                    unknown = flags & UNKNOWN != 0
-                    t = _temperature(real(integers[i + GEL * CHUNK]), coefficients, c, single)
-                    if temperature is not None:
-                        tile[i + TEMPERATURE * CHUNK] = nothing if unknown else t
-                    if (
-                        force is not None
-                        or tangential is not None
-                        or theta is not None
-                        or displacement is not None
-                    ):
-                        film_above, chip_above = _follow(
-                            t, real(integers[i + CHIP * CHUNK]), coefficients, c,
-                            state, k_state + j, flags & INVALID == 0,
-                        )  # fmt: skip
-                        drop, fz = _normal(real(integers[i + FREQUENCY * CHUNK]), coefficients, c)
-                        x, y = _field(
-                            real(integers[i + BX * CHUNK]), real(integers[i + BY * CHUNK]),
-                            chip_above, coefficients, c,
-                        )  # fmt: skip
-                        inverse = _crest_inverse(
-                            drop, film_above, chip_above, coefficients, c, single
+                    integers[FLAGS * LANES + j] = incoming[cycle, first + (j if j < count else 0)]
+            if background is not None:
+                for row in range(4):
+                    if whole:
+                        for j in range(LANES):
+                            tile[(BACKGROUND + row) * LANES + j] = background[cycle, row, first + j]
+                    else:
+                        for j in range(LANES):
+                            tile[(BACKGROUND + row) * LANES + j] = background[
+                                cycle, row, first + (j if j < count else 0)
+                            ]
+            if parts.skipping is not None:
+                k_seen = (block * INTEGER_ROWS * LANES) & NOT_NEGATIVE
+                changed = 0
+                for j in range(INTEGER_ROWS * LANES):
+                    changed |= integers[j] ^ seen[k_seen + j]
+                    seen[k_seen + j] = integers[j]
+                if background is None and reuse and not due and changed == 0:
+                    continue
+
+            # -- flags of the counts
+            any_flag = 0
+            loaded = 0
+            for j in range(LANES):
+                flags = np.int16(_judge(integers, j, limits, k_limits + j))
+                integers[FLAGS * LANES + j] = flags
+                any_flag |= flags
+                if parts.skipping is not None:
+                    pressed = _outside(
+                        integers[FREQUENCY * LANES + j], limits, k_limits + j, LIMIT_IDLE
+                    )
+                    loaded |= 1 if pressed & (flags & SILENT == 0) else 0
+
+            # -- temperature
+            if parts.temperature is not None or parts.film is not None or parts.chip is not None:
+                fresh = True
+                if parts.held is not None:
+                    # a unit that was not known when temperatures were due is decoded now
+                    unheard = 0
+                    for j in range(LANES):
+                        t = state[k_state + HELD * LANES + j]
+                        tile[TEMPERATURE * LANES + j] = t
+                        tile[FILM_ABOVE * LANES + j] = state[k_state + (HELD + 1) * LANES + j]
+                        tile[CHIP_ABOVE * LANES + j] = state[k_state + (HELD + 2) * LANES + j]
+                        known = integers[FLAGS * LANES + j] & UNKNOWN == 0
+                        unheard |= 1 if (t != t) & known else 0  # noqa: PLR0124
+                    fresh = due or unheard != 0
+                if fresh:
+                    for j in range(LANES):
+                        flags = integers[FLAGS * LANES + j]
+                        t, _ = _temperature(
+                            real(integers[GEL * LANES + j]), coefficients, k + j, single
                         )
+                        keep = flags & INVALID == 0
+                        held = False
+                        if parts.held is not None:
+                            old = tile[TEMPERATURE * LANES + j]
+                            held = (not due) & (old == old)  # noqa: PLR0124
+                            keep = keep & (not held)
+                        film_above, chip_above = _follow(
+                            t, real(integers[CHIP * LANES + j]), coefficients, k + j,
+                            state, k_state + j, keep, advance | (parts.held is not None), parts,
+                        )  # fmt: skip
+                        if parts.held is not None:
+                            t = tile[TEMPERATURE * LANES + j] if held else t
+                            film_above = tile[FILM_ABOVE * LANES + j] if held else film_above
+                            chip_above = tile[CHIP_ABOVE * LANES + j] if held else chip_above
+                            known = flags & UNKNOWN == 0
+                            state[k_state + HELD * LANES + j] = t if known else nothing
+                            state[k_state + (HELD + 1) * LANES + j] = film_above
+                            state[k_state + (HELD + 2) * LANES + j] = chip_above
+                        tile[TEMPERATURE * LANES + j] = t
+                        tile[FILM_ABOVE * LANES + j] = film_above
+                        tile[CHIP_ABOVE * LANES + j] = chip_above
+                if parts.sigma is not None and parts.temperature is not None:
+                    for j in range(LANES):
+                        _, current = _temperature(
+                            real(integers[GEL * LANES + j]), coefficients, k + j, single
+                        )
+                        tile[TEMPERATURE_SIGMA * LANES + j] = _temperature_sigma(
+                            tile[TEMPERATURE * LANES + j], current, coefficients, k + j
+                        )
+
+            # -- normal force
+            if lateral or parts.anomaly is not None:
+                for j in range(LANES):
+                    c = k + j
+                    depth = (
+                        coefficients[c + DEPTH_SCALE * LANES]
+                        * real(integers[FREQUENCY * LANES + j])
+                        + coefficients[c + DEPTH_OFFSET * LANES]
+                    )
+                    if background is not None:
+                        fall = tile[BACKGROUND * LANES + j]
+                        depth -= coefficients[c + PER_HZ * LANES] * fall
+                    fz = _normal(depth, coefficients, c)
+                    tile[H * LANES + j] = depth
+                    tile[FZ * LANES + j] = fz
+                    if parts.sigma is not None:
+                        sigma = _depth_sigma(depth, coefficients, c)
+                        tile[H_SIGMA * LANES + j] = sigma
+                        tile[FZ_SIGMA * LANES + j] = _normal_sigma(
+                            depth, sigma, fz, coefficients, c
+                        )
+
+            # -- field, tangential displacement and force
+            working = lateral or parts.field is not None or parts.anomaly is not None
+            if parts.skipping is not None:
+                if loaded == 0:
+                    working = False
+                    for row in TANGENTIAL:
+                        for j in range(LANES):
+                            tile[row * LANES + j] = nothing
+                    for j in range(LANES):
+                        flags = integers[FLAGS * LANES + j]
+                        integers[FLAGS * LANES + j] = flags if flags & SILENT else flags | IDLE
+            if working:
+                for j in range(LANES):
+                    c = k + j
+                    film_above = tile[FILM_ABOVE * LANES + j]
+                    chip_above = tile[CHIP_ABOVE * LANES + j]
+                    x, y = _lateral(
+                        real(integers[BX * LANES + j]), real(integers[BY * LANES + j]),
+                        chip_above, coefficients, c, parts,
+                    )  # fmt: skip
+                    if background is not None:
+                        bx = tile[(BACKGROUND + 1) * LANES + j]
+                        by = tile[(BACKGROUND + 2) * LANES + j]
+                        x -= (coefficients[c + MAP_XX * LANES] * bx
+                              + coefficients[c + MAP_XY * LANES] * by)  # fmt: skip
+                        y -= (coefficients[c + MAP_YX * LANES] * bx
+                              + coefficients[c + MAP_YY * LANES] * by)  # fmt: skip
+                    z = zero
+                    if (
+                        parts.angle is not None
+                        or parts.anomaly is not None
+                        or parts.field is not None
+                    ):
+                        z = _vertical(
+                            real(integers[BZ * LANES + j]), chip_above, coefficients, c, parts
+                        )
+                        if background is not None:
+                            z -= tile[(BACKGROUND + 3) * LANES + j]
+                    gain = _chip_gain(chip_above, coefficients, c, parts)
+                    if parts.field is not None:
+                        each = one / gain
+                        tile[FIELD_X * LANES + j] = x * each
+                        tile[FIELD_Y * LANES + j] = y * each
+                        tile[FIELD_Z * LANES + j] = z * each
+                    if lateral or parts.anomaly is not None:
+                        depth = tile[H * LANES + j]
+                        gain *= _film_gain(film_above, coefficients, c, parts)
                         strength = np.sqrt(x * x + y * y)
-                        ratio = min(strength * inverse, one)
-                        reach = coefficients[c + WAVENUMBER_INVERSE * LANES] * _asin(ratio, single)
-                        ft = _shear(reach, drop, coefficients, c)
-                        found = _doubt(ratio, inverse, reach, coefficients, c)
-                        integers[i + FLAGS * CHUNK] = flags if flags & SILENT else flags | found
-                        each = one / max(strength, real(1e-30))
+                        solid = max(strength, real(FIELD_MIN))
+                        found = 0
+                        reach = zero  # R, and what its sigmas need
+                        along = zero
+                        by_depth = zero
+                        inverse = zero
+                        if parts.angle is None:
+                            # asin(S / M0) / k; one division for both of its quotients
+                            each = one / (solid * gain)
+                            octaves = _octaves(depth, coefficients, c)
+                            inverse = solid * each * _exp2(-octaves, single)
+                            each *= gain
+                            ratio = min(solid * inverse, one)
+                            reach = coefficients[c + WAVENUMBER_INVERSE * LANES] * _asin(
+                                ratio, single
+                            )
+                            field2 = coefficients[c + FIELD_VARIANCE * LANES] * (inverse * inverse)
+                            s2 = field2 + ratio * ratio * _amplitude_variance(
+                                depth, coefficients[c + DEPTH_SIGMA * LANES], coefficients, c
+                            )
+                            below = one - ratio
+                            found = SATURATED if s2 >= below * below else 0
+                            if parts.sigma is not None:
+                                s = np.sqrt(
+                                    field2
+                                    + ratio
+                                    * ratio
+                                    * _amplitude_variance(
+                                        depth, tile[H_SIGMA * LANES + j], coefficients, c
+                                    )
+                                )
+                                low = ratio - s
+                                lower = _asin(min(abs(low), one), single)
+                                lower = lower if low > zero else -lower
+                                upper = _asin(min(ratio + s, one), single)
+                                along = (
+                                    real(0.5)
+                                    * coefficients[c + WAVENUMBER_INVERSE * LANES]
+                                    * (upper - lower)
+                                )
+                        if parts.angle is not None or parts.anomaly is not None:
+                            # psi = atan2(S, Bz); one division for t and for 1 / S
+                            upright = abs(z)
+                            steep = solid > upright
+                            big = max(solid, upright)
+                            quotient = one / (solid * big)
+                            psi = _atan(min(solid, upright) * (solid * quotient), single)
+                            psi = real(1.5707963267948966) - psi if steep else psi
+                            psi = real(3.141592653589793) - psi if z < zero else psi
+                            bounded = min(psi, coefficients[c + ANGLE_END * LANES])
+                            h = min(max(depth, real(DEPTH_MIN)), real(DEPTH_MAX))
+                            q0 = _angle_row(0, h, coefficients, c)
+                            q1 = _angle_row(1, h, coefficients, c)
+                            q2 = _angle_row(2, h, coefficients, c)
+                            q3 = _angle_row(3, h, coefficients, c)
+                            p2 = bounded * bounded
+                            by_angle = bounded * (((q3 * p2 + q2) * p2 + q1) * p2 + q0)
+                            if parts.anomaly is not None:
+                                # |B| against M0, as S against M0 sin(k R), whichever R is told
+                                u = coefficients[c + WAVENUMBER * LANES] * by_angle
+                                model = u * _sinc(u)
+                                measured = solid * inverse
+                                if parts.angle is not None:
+                                    octaves = _octaves(depth, coefficients, c)
+                                    model *= gain * _exp2(octaves, single)
+                                    measured = solid
+                                off = measured - model
+                                odd = off * off * (x * x + y * y + z * z)
+                                allowed = (
+                                    coefficients[c + ANOMALY_SHARE * LANES]
+                                    * (x * x + y * y + z * z)
+                                    + coefficients[c + ANOMALY_FIELD * LANES]
+                                )
+                                found |= 0 if odd <= allowed * (model * model) else MAGNETIC_ANOMALY
+                            if parts.angle is not None:
+                                each = big * quotient
+                                reach = by_angle
+                                ended = psi > coefficients[c + ANGLE_END * LANES]
+                                found |= SATURATED if ended else 0
+                                if parts.sigma is not None:
+                                    slope = (
+                                        (real(7.0) * q3 * p2 + real(5.0) * q2) * p2 + real(3.0) * q1
+                                    ) * p2 + q0
+                                    d0 = _angle_slope(0, h, coefficients, c)
+                                    d1 = _angle_slope(1, h, coefficients, c)
+                                    d2 = _angle_slope(2, h, coefficients, c)
+                                    d3 = _angle_slope(3, h, coefficients, c)
+                                    by_depth = bounded * (((d3 * p2 + d2) * p2 + d1) * p2 + d0)
+                                    field2 = coefficients[c + FIELD_VARIANCE * LANES]
+                                    psi2 = field2 / (solid * solid + z * z + field2)
+                                    over = slope * (psi - bounded)
+                                    by_depth *= tile[H_SIGMA * LANES + j]
+                                    along = np.sqrt(
+                                        slope * slope * psi2
+                                        + by_depth * by_depth
+                                        + coefficients[c + ANGLE_VARIANCE * LANES]
+                                        + over * over
+                                    )
+                        limit = coefficients[c + REACH * LANES]
+                        found |= EXTRAPOLATED if reach > limit else 0
+                        flags = integers[FLAGS * LANES + j]
+                        integers[FLAGS * LANES + j] = flags if flags & SILENT else flags | found
+
                         x *= each
                         y *= each
-                        if turning is not None:
+                        if parts.turning is not None:
                             x, y = _turn(x, y, coefficients, c, single)
-                        if force is not None:
-                            tile[i + FX * CHUNK] = nothing if unknown else ft * x
-                            tile[i + FY * CHUNK] = nothing if unknown else ft * y
-                            tile[i + FZ * CHUNK] = nothing if unknown else fz
-                        if tangential is not None:
-                            tile[i + FT * CHUNK] = nothing if unknown else ft
-                        if theta is not None:
-                            tile[i + THETA * CHUNK] = nothing if unknown else _atan2(y, x, single)
-                        if displacement is not None:
-                            h = coefficients[c + DEPTH_PER_HZ * LANES] * drop
-                            tile[i + DX * CHUNK] = nothing if unknown else reach * x
-                            tile[i + DY * CHUNK] = nothing if unknown else reach * y
-                            tile[i + H * CHUNK] = nothing if unknown else h
+                        stiffening = (
+                            coefficients[c + SHEAR_GAIN * LANES] * depth
+                            + coefficients[c + SHEAR_GAIN_OFFSET * LANES]
+                        )
+                        law = _shear(reach, coefficients, c)
+                        ft = law * stiffening
+                        if parts.force is not None:
+                            tile[FX * LANES + j] = ft * x
+                            tile[FY * LANES + j] = ft * y
+                        if parts.tangential is not None:
+                            tile[FT * LANES + j] = ft * (strength * each)
+                        if parts.theta is not None:
+                            tile[THETA * LANES + j] = _atan2(y, x, single)
+                        if parts.displacement is not None:
+                            tile[DX * LANES + j] = reach * x
+                            tile[DY * LANES + j] = reach * y
+                        if parts.sigma is not None:
+                            beyond = real(EXTRAPOLATION) * max(reach - limit, zero)
+                            along = np.sqrt(along * along + beyond * beyond)
+                            # across the direction: R sigma / S, which has a limit at R = 0
+                            turned = np.sqrt(coefficients[c + FIELD_VARIANCE * LANES]) * each
+                            if parts.theta is not None:
+                                tile[THETA_SIGMA * LANES + j] = min(
+                                    turned, real(1.8137993642342178)
+                                )
+                            if parts.displacement is not None:
+                                across = min(reach * turned, limit)
+                                across *= across
+                                more = along * along - across
+                                tile[DX_SIGMA * LANES + j] = np.sqrt(across + x * x * more)
+                                tile[DY_SIGMA * LANES + j] = np.sqrt(across + y * y * more)
+                            if parts.force is not None or parts.tangential is not None:
+                                half = (
+                                    _shear(reach + along, coefficients, c)
+                                    - _shear(reach - along, coefficients, c)
+                                ) * (real(0.5) * stiffening)
+                                deeper = (
+                                    law
+                                    * coefficients[c + SHEAR_GAIN * LANES]
+                                    * tile[H_SIGMA * LANES + j]
+                                )
+                                variance = (
+                                    half * half
+                                    + deeper * deeper
+                                    + coefficients[c + SHEAR_VARIANCE * LANES] * (ft * ft)
+                                )
+                                if parts.tangential is not None:
+                                    tile[FT_SIGMA * LANES + j] = np.sqrt(variance)
+                                if parts.force is not None:
+                                    across = ft * min(turned, limit / max(reach, real(1e-30)))
+                                    across *= across
+                                    more = variance - across
+                                    tile[FX_SIGMA * LANES + j] = np.sqrt(across + x * x * more)
+                                    tile[FY_SIGMA * LANES + j] = np.sqrt(across + y * y * more)
 
-            for j in range(count):
-                status[cycle, first + j] = integers[FLAGS * CHUNK + j]
-            for j in range(count):
-                valid[cycle, first + j] = integers[FLAGS * CHUNK + j] & INVALID == 0
-            if temperature is not None:
-                for j in range(count):
-                    temperature[cycle, first + j] = tile[TEMPERATURE * CHUNK + j]
-            if force is not None:
-                for i in range(3):
+            # -- out
+            if any_flag & UNKNOWN != 0:
+                for r in range(rows.size):
+                    at = rows[r] * LANES
+                    for j in range(LANES):
+                        if integers[FLAGS * LANES + j] & UNKNOWN != 0:
+                            tile[at + j] = nothing
+            for r in range(rows.size):
+                at = (rows[r] * LANES) & NOT_NEGATIVE
+                if whole:
+                    for j in range(LANES):
+                        out[cycle, r, first + j] = tile[at + j]
+                else:
                     for j in range(count):
-                        force[cycle, i, first + j] = tile[(FX + i) * CHUNK + j]
-            if tangential is not None:
+                        out[cycle, r, first + j] = tile[at + j]
+            if whole:
+                for j in range(LANES):
+                    status[cycle, first + j] = integers[FLAGS * LANES + j]
+                for j in range(LANES):
+                    valid[cycle, first + j] = integers[FLAGS * LANES + j] & INVALID == 0
+            else:
                 for j in range(count):
-                    tangential[cycle, first + j] = tile[FT * CHUNK + j]
-            if theta is not None:
-                for j in range(count):
-                    theta[cycle, first + j] = tile[THETA * CHUNK + j]
-            if displacement is not None:
-                for i in range(3):
-                    for j in range(count):
-                        displacement[cycle, i, first + j] = tile[(DX + i) * CHUNK + j]
+                    status[cycle, first + j] = integers[FLAGS * LANES + j]
+                    valid[cycle, first + j] = integers[FLAGS * LANES + j] & INVALID == 0
 
 
 decode = njit(decode_python, nogil=True, cache=True, **_OPTIONS)
