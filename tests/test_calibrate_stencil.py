@@ -194,10 +194,8 @@ def test_a_noisy_scan_lies_off_as_far_as_its_covariance_says():
 def test_noise_of_the_scan_shows_in_the_sigma_of_the_stencil():
     skin = palm(12.0)
     exact, noisy = (Stencil.of(skin, degree=3, sigma_ut=s) for s in (0.0, 1e-2))
-    moved = scan_poses(2.0, 2.5)
-    terms = monomials(moved.T, 3)
-    off = np.einsum("kap,pt->kat", noisy.coefficients - exact.coefficients, terms)
-    off = np.sqrt(np.mean(off**2, axis=2))
+    off = noisy.coefficients - exact.coefficients
+    off = np.sqrt(np.einsum("kap,pq,kaq->ka", off, exact.gram, off))
     added = np.sqrt(noisy.sigma_ut**2 - exact.sigma_ut**2)
     assert np.mean(off / added) == pytest.approx(1.0, abs=0.25)
     assert (off < 3.0 * added).all()
@@ -206,7 +204,7 @@ def test_noise_of_the_scan_shows_in_the_sigma_of_the_stencil():
 def test_a_measured_stencil_predicts_as_the_one_from_theory_that_it_was_measured_on():
     skin = topology.load("fingertip")
     true = Stencil.of(skin, degree=2, reach_m=0.013)
-    moved = scan_poses(2.0, 2.5)
+    moved, _ = scan_poses(2.0, 2.5)
     rng = np.random.default_rng(0)
     fits = []
     for unit, neighbour in zip(true.unit, true.neighbour, strict=True):
@@ -256,6 +254,17 @@ def test_a_file_that_is_no_stencil_of_the_skin_is_refused(tmp_path):
     np.savez(path, format=2)
     with pytest.raises(SkinError, match=r"tip\.npz: format: must be 1; got 2"):
         Stencil.load(path, skin)
+
+
+def test_means_over_the_scan_are_those_of_all_displacements_in_the_range():
+    stencil = Stencil.of(topology.load("fingertip"), degree=3)
+    terms = monomials(displaced(200_000, cycles=1)[0], 3)
+    sigma = terms.std(axis=1)
+    np.testing.assert_allclose(stencil.mean, terms.mean(axis=1), atol=0.03 * sigma.max())
+    np.testing.assert_allclose(
+        stencil.gram, terms @ terms.T / terms.shape[1], atol=0.15 * np.outer(sigma, sigma).max()
+    )
+    np.testing.assert_allclose(np.diag(stencil.gram)[:3], [25 / 16, 25 / 16, 4 / 3], rtol=0.03)
 
 
 @given(st.integers(1, 4))

@@ -117,9 +117,13 @@ class Stencil:
 
         ``c @ gram @ c`` is the mean square of a polynomial with coefficients c.
         """
-        moved = scan_poses(self.depth_max_mm, self.displacement_max_mm)
-        terms = monomials(moved.T, self.degree)
-        return terms @ terms.T / moved.shape[0]
+        return _gram(self.depth_max_mm, self.displacement_max_mm, self.degree)
+
+    @property
+    def mean(self) -> np.ndarray:
+        """Means of all terms over the range of the scan, shape (terms,)."""
+        moved, share = scan_poses(self.depth_max_mm, self.displacement_max_mm)
+        return monomials(moved.T, self.degree) @ share
 
     def __call__(self, displacement_mm: np.ndarray) -> np.ndarray:
         """Predict the change of the field at every chip since all units were at rest.
@@ -216,14 +220,12 @@ class Stencil:
         fits = [fits[p] for p in place]
         values = np.array([[axis.values for axis in fit] for fit in fits])
         degree = next(d for d in DEGREES if len(powers(d)) == values.shape[2])
-        moved = scan_poses(depth_max_mm, displacement_max_mm)
-        terms = monomials(moved.T, degree)
-        gram = terms @ terms.T / len(moved)
+        gram = _gram(depth_max_mm, displacement_max_mm, degree)
         known = np.array([[np.sum(axis.covariance * gram) for axis in fit] for fit in fits])
         missed = np.array([[_missed(axis) for axis in fit] for fit in fits])
         apart = np.linalg.norm(topology.position[:, i] - topology.position[:, j], axis=0)
         reach_m = float(apart.max())
-        bound, rms = left_out(_parted(topology), reach_m, moved)
+        bound, rms = left_out(_parted(topology), reach_m, depth_max_mm, displacement_max_mm)
         residual = [axis.residual_rms for axis in fits[int(np.argmin(apart))]]
         worst = [axis.residual_max for axis in fits[int(np.argmin(apart))]]
         return cls(
@@ -277,7 +279,7 @@ class Stencil:
         moving = 0 if rigid else (_rows(topology, reach_m)[1].size - neighbour.size) // 2
         unit = np.repeat(np.arange(topology.n), np.diff(start))
         pairs = _Pairs.of(topology, unit, neighbour)
-        moved = scan_poses(depth_max_mm, displacement_max_mm)
+        moved, share = scan_poses(depth_max_mm, displacement_max_mm)
         stray = scan_stray(topology, pairs.seen, moved)
         if sigma_ut:
             noise = np.random.default_rng(seed).standard_normal(stray.shape)
@@ -286,13 +288,13 @@ class Stencil:
         q, r = np.linalg.qr(terms.T)
         values = np.einsum("kta,tp->kap", stray, np.linalg.solve(r, q.T).T)
         residual = stray - np.einsum("kap,pt->kta", values, terms)
-        rms = np.sqrt(np.mean(residual**2, axis=1))
-        # a share terms / samples of the noise is fitted, the rest stays in the residual
-        share = terms.shape[0] / terms.shape[1]
-        noise = np.full_like(rms, share * sigma_ut**2)
-        missed = np.maximum(rms**2 - (1.0 - share) * sigma_ut**2, 0.0)
+        rms = np.sqrt(np.einsum("t,kta->ka", share, residual**2))
+        # this share of the noise is fitted, the rest stays in the residual
+        fitted = np.sum(share * np.sum(q**2, axis=1))
+        missed = np.maximum(rms**2 - (1.0 - fitted) * sigma_ut**2, 0.0)
+        sigma = np.sqrt(missed + fitted * sigma_ut**2)
         strength = topology.parameters["field_amplitude_ut"]
-        bound, beyond = left_out(parted, reach_m, moved)
+        bound, beyond = left_out(parted, reach_m, depth_max_mm, displacement_max_mm)
         nearest = int(np.argmin(pairs.seen[0])) if len(stray) else None
         worst = (0.0, 0.0) if nearest is None else (
             float(strength.max() * rms[nearest].max()),
@@ -300,7 +302,7 @@ class Stencil:
         )  # fmt: skip
         return cls(
             start, neighbour, pairs.kind, pairs.turned(values, degree),
-            pairs.spread(np.sqrt(missed + noise)), strength.copy(), field_at_rest(parted), degree,
+            pairs.spread(sigma), strength.copy(), field_at_rest(parted), degree,
             reach_m, depth_max_mm, displacement_max_mm, bound, beyond, *worst, moving,
         )  # fmt: skip
 
@@ -352,6 +354,13 @@ class _Pairs:
     def spread(self, sigma: np.ndarray) -> np.ndarray:
         """One-sigma of every kind, shape (k, 3), from that of the scans, (s, 3)."""
         return np.sqrt(np.einsum("adk,kd->ka", self.to_chip**2, sigma[self.scan] ** 2))
+
+
+def _gram(depth_max_mm: float, displacement_max_mm: float, degree: int) -> np.ndarray:
+    """See `Stencil.gram`."""
+    moved, share = scan_poses(depth_max_mm, displacement_max_mm)
+    terms = monomials(moved.T, degree)
+    return terms * share @ terms.T
 
 
 def _missed(fit: Fit) -> float:

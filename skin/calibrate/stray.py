@@ -99,14 +99,28 @@ def fit_stray(
     return tuple(least_squares(matrix, stray[:, axis], sigma_ut, names) for axis in range(3))
 
 
-def scan_poses(depth_max_mm: float, displacement_max_mm: float) -> np.ndarray:
-    """dx, dy, H of a scan, shape (t, 3): discs of equal area at several depths, the rest first."""
+def scan_poses(depth_max_mm: float, displacement_max_mm: float) -> tuple[np.ndarray, np.ndarray]:
+    """Poses of a scan: rings of equal area at several depths, their ends and the middle included.
+
+    Returns
+    -------
+    moved : ndarray, shape (t, 3)
+        dx, dy, H; at rest first.
+    share : ndarray, shape (t,)
+        Of each pose in means over all displacements in the range, equally likely by area and
+        depth: the trapezoid rule.
+    """
     around = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
-    reach = displacement_max_mm * np.sqrt(np.linspace(0.0, 1.0, 6)[1:])
+    area = np.linspace(0.0, 1.0, 6)[1:]
+    reach = displacement_max_mm * np.sqrt(area)
     x = np.concatenate([[0.0], *[r * np.cos(around + r) for r in reach]])
     y = np.concatenate([[0.0], *[r * np.sin(around + r) for r in reach]])
+    ring = np.where(area < 1.0, 1.0, 0.5) / around.size
     depth = np.linspace(0.0, depth_max_mm, 6)
-    return np.stack([np.tile(x, 6), np.tile(y, 6), np.repeat(depth, x.size)], axis=1)
+    moved = np.stack([np.tile(x, 6), np.tile(y, 6), np.repeat(depth, x.size)], axis=1)
+    ends = np.where((depth > 0.0) & (depth < depth_max_mm), 1.0, 0.5)
+    share = np.outer(ends, np.concatenate([[0.5], np.repeat(ring, around.size)])).ravel()
+    return moved, share / share.sum()
 
 
 def scan_stray(topology: Topology, kinds: np.ndarray, moved: np.ndarray) -> np.ndarray:
@@ -164,8 +178,11 @@ def field_at_rest(topology: Topology) -> np.ndarray:
     return both(*still, warm) - own(*still, warm)
 
 
-def left_out(topology: Topology, reach_m: float, moved: np.ndarray) -> tuple[float, np.ndarray]:
+def left_out(
+    topology: Topology, reach_m: float, depth_max_mm: float, displacement_max_mm: float
+) -> tuple[float, np.ndarray]:
     """`Stencil.left_out_ut` and `Stencil.left_out_rms_ut`, of neighbours beyond the reach."""
+    moved, share = scan_poses(depth_max_mm, displacement_max_mm)
     strength = topology.parameters["field_amplitude_ut"]
     if reach_m >= HORIZON_M:
         return 0.0, np.zeros(topology.n)
@@ -176,11 +193,10 @@ def left_out(topology: Topology, reach_m: float, moved: np.ndarray) -> tuple[flo
     stray = scan_stray(topology, seen, moved)
     # along the line between the two, across it, along z: what falls with a power is told times one
     steep = distance**4
-    most, mean, square = (
-        steep[:, np.newaxis] ** power * found
-        for power, found in ((1, np.abs(stray).max(axis=1)), (1, stray.mean(axis=1)),
-                             (2, stray.var(axis=1).sum(axis=1, keepdims=True)))
-    )  # fmt: skip
+    middle = np.einsum("t,kta->ka", share, stray)
+    spread = np.einsum("t,kta->k", share, (stray - middle[:, np.newaxis]) ** 2)
+    most, mean = (steep * found.T for found in (np.abs(stray).max(axis=1), middle))
+    square = steep**2 * spread
     bound, pull = np.zeros((2, 3, topology.n))
     variance = np.zeros(topology.n)
     for i, j, apart in pairs_within(topology.position, HORIZON_M):
@@ -192,13 +208,13 @@ def left_out(topology: Topology, reach_m: float, moved: np.ndarray) -> tuple[flo
                 topology.position[:, at] - topology.position[:, by],
             )  # fmt: skip
             x, y = toward[:2] / np.maximum(np.hypot(*toward[:2]), 1e-12)
-            along, across, up = (np.interp(d, distance, row) / d**4 for row in most.T)
+            along, across, up = (np.interp(d, distance, row) / d**4 for row in most)
             farthest = (
                 np.abs(x) * along + np.abs(y) * across,
                 np.abs(y) * along + np.abs(x) * across,
             )
             np.add.at(bound.T, at, np.stack([*farthest, up], axis=1) * strength.max())
-            along, across, up = (np.interp(d, distance, row) / d**4 for row in mean.T)
+            along, across, up = (np.interp(d, distance, row) / d**4 for row in mean)
             np.add.at(pull.T, at, strength[by, None] * np.stack([x * along, y * along, up], axis=1))
-            np.add.at(variance, at, strength[by] ** 2 * np.interp(d, distance, square[:, 0]) / d**8)
+            np.add.at(variance, at, strength[by] ** 2 * np.interp(d, distance, square) / d**8)
     return float(bound.max()), np.sqrt((np.sum(pull**2, axis=0) + variance) / 3.0)

@@ -15,8 +15,10 @@ from skin.decode.crosstalk_plan import Lattice, Scattered, find_lattices
 from skin.errors import SkinError
 from topology import Topology
 
-__all__ = ["CrossTalk", "contraction_of"]
+__all__ = ["ACCURATE_UT", "LIVE_UT", "CrossTalk", "contraction_of"]
 
+LIVE_UT, ACCURATE_UT = 12.0, 5.0
+"""Tolerances for one sweep a cycle, whose own error is larger, and for two or more."""
 BEYOND_MM = 0.5
 """How far beyond the stencil's range its polynomials are still followed; then films stand still."""
 PULLED_MM = 0.3
@@ -98,7 +100,7 @@ class CrossTalk:
         *,
         dtype: str = "float32",
         degree: int = 4,
-        tolerance_ut: float = 10.0,
+        tolerance_ut: float = LIVE_UT,
         idle_mm: float = 0.02,
         lattices: bool = True,
     ) -> None:
@@ -194,20 +196,23 @@ class CrossTalk:
 
     def _errors(self, unit: np.ndarray, real: np.dtype) -> None:
         """Set what is not known of a prediction, in any case and of units that are not known."""
-        stencil = self.stencil
-        strength = stencil.strength[stencil.neighbour] ** 2
-        each = np.sum(stencil.sigma_ut**2, axis=1)[stencil.kind]
+        stencil, n = self.stencil, self.stencil.n
+        gram, mean = stencil.gram, stencil.mean
+        strength = stencil.strength[stencil.neighbour]
+        fits = np.sum(stencil.sigma_ut**2, axis=1)[stencil.kind]
+        variance = np.bincount(unit, fits * strength**2, minlength=n)
+        shift = np.zeros((n, 3))
         for part in (*self._lattices, *([self._scattered] if self._scattered else ())):
-            each[part.pairs] += part.missing
-        always = np.bincount(unit, each * strength, minlength=stencil.n) / 3.0
-        always += stencil.left_out_rms_ut**2
-        whole = np.einsum(
-            "kap,pq,kaq->k", stencil.coefficients, stencil.gram, stencil.coefficients,
-            optimize=True,
-        )  # fmt: skip
+            at, by = unit[part.pairs], strength[part.pairs]
+            off = part.off @ mean
+            square = np.sum((part.off @ gram) * part.off, axis=(1, 2)) - np.sum(off**2, axis=1)
+            variance += np.bincount(at, square * by**2, minlength=n)
+            np.add.at(shift, at, off * by[:, np.newaxis])
+        always = (variance + np.sum(shift**2, axis=1)) / 3.0 + stencil.left_out_rms_ut**2
+        whole = np.sum((stencil.coefficients @ gram) * stencil.coefficients, axis=(1, 2))
         self.residue_ut = np.sqrt(always)
         self._always = always.astype(real)
-        self._prior = (whole[stencil.kind] * strength / 3.0).astype(real)
+        self._prior = (whole[stencil.kind] * strength**2 / 3.0).astype(real)
         self.residue_ut2 = self._always.copy()
 
     def _idle_bound(self, unit: np.ndarray, idle_mm: float) -> float:

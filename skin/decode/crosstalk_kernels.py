@@ -193,10 +193,8 @@ def lattice_python(
         count = min(BLOCK, cells - b * BLOCK)
         # the weight stands where dx times weight will: H, dy and dx, in this order
         for k in (H, Y, X):
-            of, to = (
-                (k * pitch + start) & NOT_NEGATIVE,
-                ((FACTORS + k) * pitch + start) & NOT_NEGATIVE,
-            )
+            of = (k * pitch + start) & NOT_NEGATIVE
+            to = ((FACTORS + k) * pitch + start) & NOT_NEGATIVE
             weight = (FACTORS * pitch + start) & NOT_NEGATIVE
             for i in range(count):
                 rows[to + i] = rows[of + i] * rows[weight + i]
@@ -207,7 +205,8 @@ def lattice_python(
             for i in range(count):
                 rows[to + i] = rows[of + i] * rows[by + i]
 
-    groups = cells_of.size // GROUP
+    at, c = cells_of, coefficients
+    groups = at.size // GROUP
     for b in range(blocks):
         start = b * BLOCK
         count = min(BLOCK, cells - start)
@@ -219,58 +218,19 @@ def lattice_python(
             tile[i] = nothing
         for g in range(groups if near else 0):
             k = (g * GROUP) & NOT_NEGATIVE
-            r0, r1 = (cells_of[k] + start) & NOT_NEGATIVE, (cells_of[k + 1] + start) & NOT_NEGATIVE
-            r2, r3 = (
-                (cells_of[k + 2] + start) & NOT_NEGATIVE,
-                (cells_of[k + 3] + start) & NOT_NEGATIVE,
-            )
-            r4, r5 = (
-                (cells_of[k + 4] + start) & NOT_NEGATIVE,
-                (cells_of[k + 5] + start) & NOT_NEGATIVE,
-            )
-            r6, r7 = (
-                (cells_of[k + 6] + start) & NOT_NEGATIVE,
-                (cells_of[k + 7] + start) & NOT_NEGATIVE,
-            )
-            c = 3 * k
-            x0, x1, x2, x3 = (
-                coefficients[c],
-                coefficients[c + 1],
-                coefficients[c + 2],
-                coefficients[c + 3],
-            )
-            x4, x5, x6, x7 = (
-                coefficients[c + 4],
-                coefficients[c + 5],
-                coefficients[c + 6],
-                coefficients[c + 7],
-            )
-            c += GROUP
-            y0, y1, y2, y3 = (
-                coefficients[c],
-                coefficients[c + 1],
-                coefficients[c + 2],
-                coefficients[c + 3],
-            )
-            y4, y5, y6, y7 = (
-                coefficients[c + 4],
-                coefficients[c + 5],
-                coefficients[c + 6],
-                coefficients[c + 7],
-            )
-            c += GROUP
-            z0, z1, z2, z3 = (
-                coefficients[c],
-                coefficients[c + 1],
-                coefficients[c + 2],
-                coefficients[c + 3],
-            )
-            z4, z5, z6, z7 = (
-                coefficients[c + 4],
-                coefficients[c + 5],
-                coefficients[c + 6],
-                coefficients[c + 7],
-            )
+            r0, r1 = (at[k] + start) & NOT_NEGATIVE, (at[k + 1] + start) & NOT_NEGATIVE
+            r2, r3 = (at[k + 2] + start) & NOT_NEGATIVE, (at[k + 3] + start) & NOT_NEGATIVE
+            r4, r5 = (at[k + 4] + start) & NOT_NEGATIVE, (at[k + 5] + start) & NOT_NEGATIVE
+            r6, r7 = (at[k + 6] + start) & NOT_NEGATIVE, (at[k + 7] + start) & NOT_NEGATIVE
+            k *= 3
+            x0, x1, x2, x3 = c[k], c[k + 1], c[k + 2], c[k + 3]
+            x4, x5, x6, x7 = c[k + 4], c[k + 5], c[k + 6], c[k + 7]
+            k += GROUP
+            y0, y1, y2, y3 = c[k], c[k + 1], c[k + 2], c[k + 3]
+            y4, y5, y6, y7 = c[k + 4], c[k + 5], c[k + 6], c[k + 7]
+            k += GROUP
+            z0, z1, z2, z3 = c[k], c[k + 1], c[k + 2], c[k + 3]
+            z4, z5, z6, z7 = c[k + 4], c[k + 5], c[k + 6], c[k + 7]
             for i in range(count):
                 m0, m1, m2, m3 = rows[r0 + i], rows[r1 + i], rows[r2 + i], rows[r3 + i]
                 m4, m5, m6, m7 = rows[r4 + i], rows[r5 + i], rows[r6 + i], rows[r7 + i]

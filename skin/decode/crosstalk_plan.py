@@ -23,6 +23,8 @@ ALIKE_MM = 1e-3
 """Units within this of a lattice stand on it."""
 ALIKE_SHARE = 1e-6
 """Largest difference of coefficients, as a share of the largest, of pairs that share them."""
+ALL_AROUND = 4
+"""Neighbours at one distance."""
 EMPTY_SHARE = 3
 """A lattice with more cells than this times its units is none."""
 
@@ -72,9 +74,18 @@ def _parent(term: tuple[int, int, int]) -> tuple[tuple[int, int, int], int]:
     return tuple(e - (a == axis) for a, e in enumerate(term)), axis
 
 
+def _metric(stencil: Stencil) -> np.ndarray:
+    """Gram matrix in which a mean counts several times.
+
+    Errors of neighbours that scatter add up as squares, their means as they are: a pressed
+    neighbourhood of four is four times as far off as one of them.
+    """
+    return stencil.gram + (ALL_AROUND - 1) * np.outer(stencil.mean, stencil.mean)
+
+
 def worth_it(
     coefficients: np.ndarray, gram: np.ndarray, tolerance: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray]:
     """Leave out terms until the root mean square of what is missing, per axis, is the tolerance.
 
     Parameters
@@ -89,19 +100,17 @@ def worth_it(
     coefficients : ndarray, shape (o, 3, terms)
         Of the terms that stay, zero for the others.
     stays : ndarray, shape (o, terms), bool
-    missing : ndarray, shape (o,)
-        Mean square of what is missing, summed over the axes.
     """
     left = coefficients.copy()
     inverse = np.repeat(np.linalg.inv(gram)[np.newaxis], len(left), axis=0)
     stays = np.ones((len(left), gram.shape[0]), bool)
-    missing = np.zeros(len(left))
+    missing = 0.0
     price = np.sum(left**2, axis=1) / np.einsum("opp->op", inverse)
     while stays.any():
         o, p = np.unravel_index(int(np.argmin(price)), price.shape)
-        if missing.sum() + price[o, p] > 3.0 * tolerance**2:
+        if missing + price[o, p] > 3.0 * tolerance**2:
             break
-        missing[o] += price[o, p]
+        missing += price[o, p]
         column = inverse[o, :, p] / inverse[o, p, p]
         left[o] -= np.outer(left[o, :, p], column)
         inverse[o] -= np.outer(inverse[o, :, p], column)
@@ -110,7 +119,7 @@ def worth_it(
         alive = np.flatnonzero(stays[o])
         price[o] = np.inf
         price[o, alive] = np.sum(left[o][:, alive] ** 2, axis=0) / inverse[o, alive, alive]
-    return left, stays, missing
+    return left, stays
 
 
 def by_degree(coefficients: np.ndarray, gram: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -228,9 +237,8 @@ class Lattice:
     ----------
     pairs : ndarray of int
         Pairs of the stencil that are in.
-    missing : ndarray, of the length of `pairs`
-        Mean square of what the terms that were left out would add, summed over the axes, for a
-        film of strength 1.
+    off : ndarray, shape (p, 3, terms)
+        Coefficients that are used minus those of the stencil, of each of these pairs.
     terms : int
         That are computed for a unit, of all its neighbours together.
     """
@@ -250,10 +258,10 @@ class Lattice:
         inside = np.isin(which, shared)
         self.pairs = both[inside]
         first = [int(both[which == o][0]) for o in shared]
-        full = stencil.coefficients[stencil.kind[first]].reshape(len(first), 3, -1)
+        full = stencil.coefficients[stencil.kind[np.array(first, int)]]
         strongest = float(stencil.strength[cells.units].max())
-        left, stays, missing = worth_it(full, stencil.gram, tolerance_ut / strongest)
-        self.missing = missing[np.searchsorted(shared, which[inside])]
+        left, stays = worth_it(full, _metric(stencil), tolerance_ut / strongest)
+        self.off = (left - full)[np.searchsorted(shared, which[inside])]
         self.terms = int(stays.sum())
 
         columns = int(cells.column.max()) + 1
@@ -324,7 +332,7 @@ class Scattered:
 
     Attributes
     ----------
-    pairs, missing
+    pairs, off
         As of `Lattice`; pairs that are not worth a single term are in, too.
     """
 
@@ -333,11 +341,12 @@ class Scattered:
         dtype: np.dtype,
     ) -> None:  # fmt: skip
         kinds, which = np.unique(stencil.kind[pairs], return_inverse=True)
-        lower, missing = by_degree(stencil.coefficients[kinds], stencil.gram)
+        lower, missing = by_degree(stencil.coefficients[kinds], _metric(stencil))
         strength = stencil.strength[stencil.neighbour[pairs]]
         each = missing[:, which] * strength**2
         degree = _degrees(each, unit[pairs], stencil.n, 3.0 * tolerance_ut**2)
-        self.pairs, self.missing = pairs, missing[degree, which]
+        self.pairs = pairs
+        self.off = lower[degree, which] - stencil.coefficients[kinds][which]
 
         table = Table.of(powers(stencil.degree), filled_up=k.QUAD)
         self.parent, self.factor = table.parent, table.factor
