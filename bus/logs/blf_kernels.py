@@ -84,7 +84,9 @@ _CUT, _NONE = -101, -100
 
 
 def _u16(blob, p):
-    return np.int64(blob[p]) | np.int64(blob[p + 1]) << 8
+    # Unsigned places, which cannot count from the end, let the compiler make one load of it all.
+    p = np.uintp(p)
+    return np.int64(blob[p]) | np.int64(blob[p + np.uintp(1)]) << 8
 
 
 def _u32(blob, p):
@@ -106,6 +108,7 @@ def _find_object(blob, p, end):
 
 
 def _put(words, data, i, identifier, length, flags, origin):
+    i = np.uintp(i)
     words[i, 1] = identifier
     for k in range(2, words.shape[1]):
         words[i, k] = 0
