@@ -1,5 +1,7 @@
 """The benchmark of logs compares every frame, and its table shows what it found."""
 
+import zlib
+
 import numpy as np
 import pytest
 
@@ -36,5 +38,16 @@ def test_the_table_has_a_row_for_each_log():
              "pythoncan_written_per_s", "bytes_per_frame")  # fmt: skip
     keys = ("candump", "candump_fd", "blf", "blf_fd")
     figures = {f"{key}_{name}": np.float64(1234.5) for key in keys for name in names}
+    figures |= {f"{key}_zlib{what}_ratio": 12.3 for key in keys[2:] for what in ("", "_alone")}
     shown = logs.table({**figures, "frames": 9, "rounds": 3, "inflated_by": "zlib"}).splitlines()
-    assert [line.split()[0] for line in shown[1:-1]] == list(keys)
+    assert [line.split()[0] for line in shown[1:-1]] == [*keys, *keys[2:]]
+
+
+def test_the_containers_of_a_file_hold_its_frames(tmp_path):
+    path = tmp_path / "some.blf"
+    logs._write(path, logs._messages(logs.record("strip", 5000)))
+    inside = b"".join(map(zlib.decompress, logs._containers(path)))
+    assert inside.count(b"LOBJ") == 5000
+    figures = logs._with_zlib(path, rounds=1)
+    assert 0 < figures["zlib_ratio"]
+    assert 0 < figures["zlib_alone_ratio"]
