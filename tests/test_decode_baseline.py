@@ -172,6 +172,21 @@ def test_zero_waits_for_a_steady_temperature():
     assert ambient.followed.all()
 
 
+def test_nothing_that_is_not_a_number_stays_in_memory():
+    """One cycle without a value, and the unit is as it was after a while."""
+    ambient, world = begun()
+    good = world.temperature.copy(), world.stray_ut.copy()
+    world.temperature[3], world.stray_ut[1, 5] = np.nan, np.inf
+    with np.errstate(invalid="ignore"):
+        world.run(ambient, 0.2)
+    assert ambient.voters.tolist() == [UNITS - 2]
+    world.temperature[:], world.stray_ut[:] = good
+    world.run(ambient, BEGIN_S)
+    assert ambient.followed[[3, 5]].all()
+    assert ambient.voters.tolist() == [UNITS]
+    assert np.isfinite(ambient.background).all()
+
+
 def test_missing_cycles_do_not_count_as_calm():
     skin = apart(UNITS)
     ambient, world = Ambient(skin), World(skin)

@@ -288,9 +288,14 @@ def _about(topology: Topology, k) -> np.ndarray:
     out = np.empty((k.ABOUT_ROWS, topology.n))
     to_skin = topology.rotation * CHIP_AXES[:, np.newaxis]
     out[k.SKIN_CHIP : k.SKIN_CHIP + 9] = to_skin.reshape(9, -1)
+    unmap = np.zeros((3, 3, topology.n))
     determinant = p["field_xx"] * p["field_yy"] - p["field_xy"] * p["field_yx"]
-    out[k.MAP_XX], out[k.MAP_XY] = p["field_yy"] / determinant, -p["field_xy"] / determinant
-    out[k.MAP_YX], out[k.MAP_YY] = -p["field_yx"] / determinant, p["field_xx"] / determinant
+    unmap[0, :2] = p["field_yy"] / determinant, -p["field_xy"] / determinant
+    unmap[1, :2] = -p["field_yx"] / determinant, p["field_xx"] / determinant
+    unmap[2, 2] = 1.0
+    out[k.MAP_XX : k.MAP_YY + 1] = unmap[:2, :2].reshape(4, -1)
+    counts_skin = np.einsum("acn,bcn->abn", unmap, to_skin)
+    out[k.COUNTS_SKIN : k.COUNTS_SKIN + 9] = counts_skin.reshape(9, -1)
     out[k.HZ_PER_MM] = p["frequency_slope_hz_per_mm"]
     out[k.SIGMA_HZ] = np.hypot(p["frequency_noise_hz"], step[frequency])
     lateral = p["field_noise_ut"] ** 2 + 0.5 * (step[bx] ** 2 + step[by] ** 2)

@@ -19,14 +19,16 @@ __all__ = ["compiled", "compose", "update", "update_python"]
 # -- about: rows of (rows, n), what a unit is ------------------------------------------------------
 SKIN_CHIP = 0
 """Nine rows: entry 3 a + b turns component b of the unit's field to component a of the skin."""
+COUNTS_SKIN = 9
+"""Nine rows: from component b of the skin to component a of what the counts read."""
 (
     MAP_XX, MAP_XY, MAP_YX, MAP_YY,  # lateral field to what the counts read: inverse of the 2x2 map
     HZ_PER_MM, SIGMA_HZ, SIGMA_UT,  # fall of the frequency per depth; one sigma of a reading
     LATERAL, AXIAL,  # 1 / sigma² of the field in 1/µT²; 0 where the wire does not carry it
     WITNESS_UT,  # a rise of Bz that tells a press
     FILM_DRIFT,
-) = range(9, 20)  # fmt: skip
-ABOUT_ROWS = 20
+) = range(18, 29)  # fmt: skip
+ABOUT_ROWS = 29
 
 # -- memory: rows of (rows, n), what one cycle leaves to the next ----------------------------------
 (
@@ -85,6 +87,9 @@ WALK_UT2 = 400.0
 TURN_UT2 = 833.0
 """Squared rate of a component while the robot turns at 1 rad/s in the Earth's field, (µT/s)²."""
 
+NOT_NEGATIVE = 2**31 - 1
+"""Mask that changes nothing, but shows the compiler that an index does not count from the end."""
+
 _OPTIONS = {"error_model": "numpy", "fastmath": {"contract", "reassoc"}}
 """Sums may be added up in any order; NaN stays NaN."""
 
@@ -132,7 +137,9 @@ def _average(field, displacement, temperature, status, refused, dt_s, slow_s, ab
         drop = displacement[2, i] * about[HZ_PER_MM, i]
         x, y = field[0, i], field[1, i]
         z = _axial(i, field[2, i], about, memory)
-        usable = (status[i] & refused == 0) & (drop + x + y + z - (drop + x + y + z) == 0.0)
+        t = 0.0 if temperature is None else temperature[i]
+        told = drop + x + y + z + t
+        usable = (status[i] & refused == 0) & (told - told == 0.0)  # neither NaN nor infinite
         age = memory[AGE_S, i] + dt_s
         memory[AGE_S, i] = age if usable else 0.0
         alone = memory[ALONE_S, i] + dt_s
@@ -146,10 +153,8 @@ def _average(field, displacement, temperature, status, refused, dt_s, slow_s, ab
         memory[LONG_X, i] += wide * (x - memory[LONG_X, i]) if usable else 0.0
         memory[LONG_Y, i] += wide * (y - memory[LONG_Y, i]) if usable else 0.0
         memory[LONG_Z, i] += wide * (z - memory[LONG_Z, i]) if usable else 0.0
-        if temperature is not None:
-            t = temperature[i]
-            memory[WARM, i] += short * (t - memory[WARM, i]) if usable else 0.0
-            memory[FILM, i] += max(long, share) * (t - memory[FILM, i]) if usable else 0.0
+        memory[WARM, i] += short * (t - memory[WARM, i]) if usable else 0.0
+        memory[FILM, i] += max(long, share) * (t - memory[FILM, i]) if usable else 0.0
 
 
 @register_jitable(**_OPTIONS)
@@ -177,7 +182,7 @@ def _votes(field, first, last, about, memory, marks, row):
     count = both = 0.0
     xx = xy = xz = yy = yz = zz = 0.0
     tx = ty = tz = 0.0
-    for i in range(first, last):
+    for i in range(first & NOT_NEGATIVE, last & NOT_NEGATIVE):
         votes = marks[i] & VOTES != 0
         sigma = about[SIGMA_UT, i]
         most = CLIP_SIGMAS * sigma
@@ -279,13 +284,21 @@ def _compose(runs, about, zero, common, background):
     for run in range(runs.shape[1]):
         g = runs[2, run]
         bx, by, bz = common[g, FIELD], common[g, FIELD + 1], common[g, FIELD + 2]
-        for i in range(runs[0, run], runs[1, run]):
-            x = about[0, i] * bx + about[3, i] * by + about[6, i] * bz + zero[1, i]
-            y = about[1, i] * bx + about[4, i] * by + about[7, i] * bz + zero[2, i]
+        # a loop for each row: one over all rows has too many arrays that might overlap
+        units = range(runs[0, run] & NOT_NEGATIVE, runs[1, run] & NOT_NEGATIVE)
+        for i in units:
             background[0, i] = zero[0, i]
-            background[1, i] = about[MAP_XX, i] * x + about[MAP_XY, i] * y
-            background[2, i] = about[MAP_YX, i] * x + about[MAP_YY, i] * y
-            background[3, i] = about[2, i] * bx + about[5, i] * by + about[8, i] * bz
+        for i in units:
+            x = about[COUNTS_SKIN, i] * bx + about[COUNTS_SKIN + 1, i] * by
+            x += about[COUNTS_SKIN + 2, i] * bz
+            background[1, i] = x + about[MAP_XX, i] * zero[1, i] + about[MAP_XY, i] * zero[2, i]
+        for i in units:
+            y = about[COUNTS_SKIN + 3, i] * bx + about[COUNTS_SKIN + 4, i] * by
+            y += about[COUNTS_SKIN + 5, i] * bz
+            background[2, i] = y + about[MAP_YX, i] * zero[1, i] + about[MAP_YY, i] * zero[2, i]
+        for i in units:
+            z = about[COUNTS_SKIN + 6, i] * bx + about[COUNTS_SKIN + 7, i] * by
+            background[3, i] = z + about[COUNTS_SKIN + 8, i] * bz
 
 
 def update_python(
