@@ -19,7 +19,7 @@ from bus.state import BusState
 from bus.status import Status
 from bus.transport import Transport
 
-__all__ = ["TOLD", "Finding", "diagnose"]
+__all__ = ["TOLD", "Finding", "diagnose", "swapped_buses"]
 
 TOLD = 8
 """Findings of one kind that are told one by one."""

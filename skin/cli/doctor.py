@@ -45,8 +45,9 @@ def doctor(
 ) -> int:
     """Listen to the buses of a topology, and compare what is heard with what the file expects.
 
-    Each finding comes with its likely cause: missing units, silent branches, wrong identifiers,
-    lengths and rates, two units of one address, losses by where they happen, errors of the bus.
+    Each finding comes with its likely cause: missing units, silent branches, swapped buses, wrong
+    identifiers, lengths and rates, two units of one address, boards without heartbeats or with one
+    serial number, losses by where they happen, errors of the bus.
     Exits 0 if all is well, 1 if there are findings.
     """
     from bus.diagnose import diagnose
