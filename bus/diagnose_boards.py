@@ -32,7 +32,8 @@ class BoardRules:
     def __init__(self, survey: Survey, index: int) -> None:
         skin = survey.topology
         frames = skin.frames
-        self.survey, self.index, self.name = survey, index, f"bus {skin.buses[index].name!r}"
+        self.name = f"bus {skin.buses[index].name!r}"
+        self.seconds = float(survey.listened_s[index])
         self.heard = {
             node: board for (bus, node), board in survey.boards.heard.items() if bus == index
         }
@@ -99,20 +100,20 @@ class BoardRules:
         board = self.heard.get(node)
         if board is None and node not in self._promised:
             return False
-        return self.survey.seconds - (board.last_s if board else 0.0) >= PATIENCE_S
+        return self.seconds - (board.last_s if board else 0.0) >= PATIENCE_S
 
     def _missing(self, nodes: list[int], talking: int) -> Iterator[Finding]:
         if len(nodes) == talking > 1 and not any(node in self.heard for node in nodes):
             yield Finding(
                 "missing-heartbeat", "warning", self.name, len(nodes),
-                f"not one heartbeat of {len(nodes)} boards in {self.survey.seconds:.1f} s, though "
+                f"not one heartbeat of {len(nodes)} boards in {self.seconds:.1f} s, though "
                 "their data come",
                 "a firmware without heartbeats, or a filter or recording that left them out",
             )  # fmt: skip
             return
         for node in nodes:
             board = self.heard.get(node)
-            since = self.survey.seconds - (board.last_s if board else 0.0)
+            since = self.seconds - (board.last_s if board else 0.0)
             how = "has not come for the last" if board else "never came in"
             yield Finding(
                 "missing-heartbeat", "warning", self._named(node), 1,

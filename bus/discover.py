@@ -73,8 +73,9 @@ class Survey:
         Cycles since the last reading, -1 for never; the longest silence that ended.
     boards : Boards
         What boards say in their heartbeats.
-    seconds : float
-        How long was listened, by time stamps; steps back, and on by more than a second, left out.
+    listened_s : ndarray, shape (buses,)
+        How long each bus was listened to, in seconds, by the time stamps of others' frames; steps
+        back, and on by more than a second, left out.
     closed : str
         Why a bus could not be listened to until the end; empty if it could.
     """
@@ -92,11 +93,16 @@ class Survey:
         self.age = np.full(topology.n, -1, np.int64)
         self.longest_age = np.zeros(topology.n, np.int64)
         self.boards = Boards(topology)
-        self.seconds = 0.0
+        self.listened_s = np.zeros(len(topology.buses))
         self.closed = ""
         self._assembler = Assembler(topology, stale_cycles=STALE_CYCLES)
-        self._stamp_ns: int | None = None
+        self._stamps_ns: dict[int, int] = {}
         self._words: dict[tuple[int, int, bytes], str] = {}
+
+    @property
+    def seconds(self) -> float:
+        """How long was listened, in seconds."""
+        return float(self.listened_s.max())
 
     @property
     def counters(self) -> FrameCounters:
@@ -117,8 +123,7 @@ class Survey:
         """
         if not frames.size:
             return
-        listened_s = self._time(frames["stamp_ns"])
-        self.boards.hear(frames, listened_s)
+        self.boards.hear(frames, self._time(frames))
         known = frames[frames["bus"] < len(self.topology.buses)]
         is_error = (known["id"] & np.uint32(CAN_ERR)) != 0
         self._hear_errors(known[is_error])
@@ -138,15 +143,24 @@ class Survey:
         if cycle is not None:
             self._see(cycle)
 
-    def _time(self, stamps: np.ndarray) -> np.ndarray:
-        """When frames of these time stamps came, in seconds of listening."""
-        first = stamps[0] if self._stamp_ns is None else self._stamp_ns
-        steps = np.diff(stamps, prepend=first)
-        steps[(steps < 0) | (steps > _LONGEST_STEP_NS)] = 0
-        listened_s = self.seconds + 1e-9 * np.cumsum(steps)
-        self.seconds = float(listened_s[-1])
-        self._stamp_ns = int(stamps[-1])
-        return listened_s
+    def _time(self, frames: np.ndarray) -> np.ndarray:
+        """When each frame came, in seconds of listening to its bus; 0 for this host's own.
+
+        Each bus by itself, since their stamps may be of different clocks, and come in turns.
+        """
+        came_s = np.zeros(frames.size)
+        of_others = (frames["origin"] & ECHO) == 0
+        for b in range(len(self.topology.buses)):
+            here = np.flatnonzero(of_others & (frames["bus"] == b))
+            if not here.size:
+                continue
+            stamps = frames["stamp_ns"][here]
+            steps = np.diff(stamps, prepend=self._stamps_ns.get(b, int(stamps[0])))
+            steps[(steps < 0) | (steps > _LONGEST_STEP_NS)] = 0
+            came_s[here] = self.listened_s[b] + 1e-9 * np.cumsum(steps)
+            self.listened_s[b] = came_s[here[-1]]
+            self._stamps_ns[b] = int(stamps[-1])
+        return came_s
 
     def _hear(self, frames: np.ndarray) -> None:
         own = (frames["origin"] & ECHO) != 0
@@ -244,6 +258,8 @@ def listen(
                 share_ns = wait_ns if len(transports) == 1 else min(wait_ns, 1_000_000)
                 for transport in transports:
                     transport.receive(batch, share_ns * 1e-9)
+            if len(transports) > 1:
+                batch.merge()
             survey.feed(batch.frames)
             now = clock()
             survey.expire(now)

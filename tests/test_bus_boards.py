@@ -144,6 +144,18 @@ def test_of_boards_that_all_beat_nothing_is_found(layout):
     assert found_in(skin, data_of(skin, 4), all_beats(skin)) == []
 
 
+def test_buses_that_are_read_in_turns_do_not_make_time_run_faster():
+    skin = make_topology("f3t-fd64", 40, buses=4)
+    records = join(data_of(skin, 3.5), all_beats(skin))
+    records = records[np.argsort(records["stamp_ns"], kind="stable")]
+    survey = Survey(skin)
+    for batch in np.array_split(records, 70):
+        survey.feed(batch[np.argsort(batch["bus"], kind="stable")])
+    survey.finish()
+    np.testing.assert_allclose(survey.listened_s, 3.5, atol=0.02)
+    assert "missing-heartbeat" not in {finding.code for finding in diagnose(survey)}
+
+
 def test_nothing_is_missed_before_its_time():
     skin = make_topology("f3t-fd16", 2)
     assert found_in(skin, data_of(skin, 2.4)) == []
