@@ -138,6 +138,21 @@ def test_loaded_units_and_those_near_have_no_vote():
     assert not ambient.followed[near].any()
 
 
+def test_units_near_a_press_vote_where_cross_talk_is_taken_off():
+    skin = topology.load("palm")
+    ambient, world = settled(skin, crosstalk=True)
+    pressed = np.random.default_rng(6).random(64) < 0.3
+    world.drop_hz[pressed] = 500.0
+    world.ambient_ut[:] = EARTH
+    world.run(ambient, 2.0)
+    assert ambient.voters.tolist() == [np.sum(~pressed)]
+    assert np.abs(ambient.field_ut - EARTH).max() < 15.0
+    assert not ambient.followed.any()
+    held = Ambient(skin)
+    world.run(held, 1.0)
+    assert held.voters[0] < 4
+
+
 @pytest.mark.parametrize("flag", [Status.FROZEN, Status.LATE, Status.SATURATED, Status.DISABLED])
 def test_flagged_units_have_no_vote(flag):
     ambient, world = settled(apart(8, 250.0))
@@ -187,7 +202,7 @@ def test_kernel_does_as_its_python(dtype):
         reading = world.cycle(ambient.background)
         ambient_kernels.update.py_func(
             reading.field_ut, reading.displacement_mm, reading.temperature, reading.status, 0xFFFF,
-            (0.004, 0.004, 1.0), *ambient._constants, *plain, background,
+            False, (0.004, 0.004, 1.0), *ambient._constants, *plain, background,
         )  # fmt: skip
         ambient.update(reading)
         assert np.allclose(background, ambient.background, rtol=1e-6, atol=1e-6)

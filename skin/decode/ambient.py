@@ -7,10 +7,11 @@ decode, look at what is left, take that off the next cycle's counts.
 the robot. All units of a body (patches of one frame) see one field, each in its own axes; a Kalman
 filter holds it, a random walk that every untouched unit votes on. Unit by unit the votes have the
 noise of the field; those that have long disagreed with the others count little, single ones at most
-5 sigma. A unit near a loaded one has no vote, since the neighbour's film adds to its field. The
-filter follows within 0.05 s with 64 voters and 0.2 s with 4, the time constant of its steady state:
-period · sqrt(noise² / (voters · 400 µT²/s · period)). With fewer than 4 it holds its field, and its
-sigma widens as for a robot that turns at 1 rad/s, up to the 50 µT of knowing nothing.
+5 sigma. A unit near a loaded one has no vote, since the neighbour's film adds to its field, unless
+the decoder takes that off (`crosstalk`). The filter follows within period · sqrt(noise² / (voters ·
+400 µT²/s · period)), the time constant of its steady state: 0.04 s with 64 voters, 0.17 s with 4.
+With fewer than 4 it holds its field, and its sigma widens as for a robot that turns at 1 rad/s, up
+to the 50 µT of knowing nothing.
 
 **Zeros.** The frequency and the lateral field of a unit at rest drift. They are followed, with 30 s
 and 40 s and no faster than 1 Hz and 6 µT a minute, while the unit is *calm*: its load, averaged
@@ -24,11 +25,11 @@ drift, up to the span: a zero that has gone 60 Hz (0.1 N) or 200 µT from calibr
 and the unit wants a tare. (At less than 100 cycles a second averages take 100 cycles, 1000 of the
 field, and all else is as much slower.)
 
-The zero of Bz is not followed but learnt, once, when a unit has first been calm: its size tells the
-displacement, so that it belongs to calibration, and only its change in common with the other units
-is ambient. The lateral zero is that of the calibration: a tare puts the ambient field of its
-attitude into the offsets, and what is found here is the change since then, never the same field
-twice.
+The zero of Bz is not followed but learnt, once, when a unit has first been calm, from the second to
+the fifth second: its size tells the displacement, so that it belongs to calibration, and only its
+change in common with the other units is ambient. The lateral zero is that of the calibration: a
+tare puts the ambient field of its attitude into the offsets, and what is found here is the change
+since then, never the same field twice.
 """
 
 from __future__ import annotations
@@ -70,9 +71,10 @@ class Ambient:
     topology : Topology
     dtype : "float32" or "float64"
         Of `background`, as of the decoder.
+    crosstalk : bool
+        Whether the decoder takes off the cross-talk: then units near a loaded one vote as well.
     guard_m : float
-        Units nearer than this to a loaded one are left out. The default is as far as a film is
-        felt; where the decoder takes off the cross-talk, the next neighbours are enough.
+        What is near: as far as a film is felt.
 
     Attributes
     ----------
@@ -94,7 +96,12 @@ class Ambient:
     """
 
     def __init__(
-        self, topology: Topology, dtype: str = "float32", *, guard_m: float = 0.03
+        self,
+        topology: Topology,
+        dtype: str = "float32",
+        *,
+        crosstalk: bool = False,
+        guard_m: float = 0.03,
     ) -> None:
         if not 0.0 <= guard_m < np.inf:
             raise OptionError(f"guard_m: must be 0 or above, and finite; got {guard_m}")
@@ -104,6 +111,7 @@ class Ambient:
         frames = topology.patch_frames or ("skin",) * len(topology.patch_names)
         self.topology = topology
         self.bodies = tuple(dict.fromkeys(frames))
+        self._crosstalk = crosstalk
         self._body = np.array([self.bodies.index(frame) for frame in frames])[topology.patch]
         pairs = [np.stack([i, j]) for i, j, _ in pairs_within(topology.position, guard_m)]
         i, j = np.concatenate([np.empty((2, 0), np.int64), *pairs], axis=1)
@@ -205,7 +213,7 @@ class Ambient:
         ):
             self._accept(reading)
         self._update(
-            *self._seen, REFUSED, (dt_s, min(dt_s, 2.0 * period_s), self._slow_s),
+            *self._seen, REFUSED, self._crosstalk, (dt_s, min(dt_s, 2.0 * period_s), self._slow_s),
             *self._constants, *self._state, self.background,
         )  # fmt: skip
 
@@ -216,7 +224,13 @@ class Ambient:
             reading.field_ut, reading.displacement_mm, reading.temperature, reading.status
         )  # fmt: skip
         self._update = self._kernel.compiled(
-            *self._seen, REFUSED, (0.0, 0.0, 0.0), *self._constants, *self._state, self.background
+            *self._seen,
+            REFUSED,
+            self._crosstalk,
+            (0.0, 0.0, 0.0),
+            *self._constants,
+            *self._state,
+            self.background,
         )
 
     # -- saved state -------------------------------------------------------------------------------
@@ -231,7 +245,7 @@ class Ambient:
                     out, units=np.array(self.topology.unit_names), bodies=np.array(self.bodies),
                     stands_on=_stands_on(self.topology), zero=self._zero,
                     common=self._common[:, : k.SAVED_ENTRIES],
-                    rest=self._memory[[k.REST_Z, k.REST_WARM]],
+                    rest=self._memory[[k.REST_Z, k.REST_WARM, k.REST_S]],
                 )  # fmt: skip
             os.replace(beside, path)
         except BaseException:
@@ -265,7 +279,7 @@ class Ambient:
         self.reset()
         self._zero[:] = found["zero"]
         self._common[:, : k.SAVED_ENTRIES] = found["common"]
-        self._memory[[k.REST_Z, k.REST_WARM]] = found["rest"]
+        self._memory[[k.REST_Z, k.REST_WARM, k.REST_S]] = found["rest"]
         self._kernel.compose(*self._constants[2:], self._zero, self._common, self.background)
 
 

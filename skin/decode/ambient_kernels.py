@@ -36,14 +36,15 @@ ABOUT_ROWS = 29
     LONG_X, LONG_Y, LONG_Z,  # field that is not at rest, averaged over the long time
     WARM, FILM,  # gel temperature over the slow and the long time
     AGE_S,  # how long the unit has been usable, without a break
-    ALONE_S,  # how long nothing near it has been loaded either: the age of the long averages
+    ALONE_S,  # how long its field has been its own, too: the age of the long averages
     CALM_S,  # how long nothing has touched the unit or its neighbours
     REST_Z, REST_WARM,  # Bz at rest, and the film's temperature then; NaN: not known
-) = range(12)  # fmt: skip
-MEMORY_ROWS = 12
+    REST_S,  # how long it was averaged
+) = range(13)  # fmt: skip
+MEMORY_ROWS = 13
 
 # -- states of a unit ------------------------------------------------------------------------------
-NEAR, VOTES, FOLLOWED = 1, 2, 4
+NEAR, LOADED, VOTES, FOLLOWED = 1, 2, 4, 8
 
 # -- common field: entries of a body's row ---------------------------------------------------------
 HELD_S, VOTERS, FIELD, COVARIANCE = 0, 1, 2, 5
@@ -65,6 +66,9 @@ CALM_SIGMAS = 0.5
 unloaded: no held press, however long, can lose more than this."""
 DWELL_OF_SLOW = 5.0
 """How long a unit must have been calm before its zero is followed, over the slow time."""
+LEARN_OF_SLOW = 2.0
+"""How long a unit must have been calm before its Bz is taken for that at rest, over the slow time;
+it is averaged until the zero is followed."""
 FOLLOW_S = 30.0
 """Time constant of a frequency's zero, and `DAMPED` times the slow average at least."""
 DAMPED = 4.0
@@ -158,18 +162,20 @@ def _average(field, displacement, temperature, status, refused, dt_s, slow_s, ab
 
 
 @register_jitable(**_OPTIONS)
-def _mark(about, memory, around_start, around, marks):
-    """Which units are near a loaded one, and which of the others may vote."""
-    for i in range(marks.size):
-        marks[i] = VOTES if memory[AGE_S, i] > 0.0 else 0
+def _mark(near_too, about, memory, around_start, around, marks):
+    """Which units are loaded, which are near such a one, and which of the others may vote."""
+    marks[:] = 0
     for i in range(marks.size):
         if memory[AGE_S, i] > 0.0 and abs(memory[FAST_HZ, i]) > LOADED_SIGMAS * about[SIGMA_HZ, i]:
-            marks[i] = NEAR
+            marks[i] |= NEAR | LOADED
             for k in range(around_start[i], around_start[i + 1]):
-                marks[around[k]] = NEAR
+                marks[around[k]] |= NEAR
+    disturbed = LOADED if near_too else LOADED | NEAR
     for i in range(marks.size):
-        if marks[i] == NEAR:
+        if marks[i] & disturbed != 0:
             memory[ALONE_S, i] = 0.0
+        elif memory[AGE_S, i] > 0.0:
+            marks[i] |= VOTES
 
 
 @register_jitable(**_OPTIONS)
@@ -257,18 +263,19 @@ def _follow(dt_s, calm_dt_s, slow_s, about, memory, zero, marks):
         known = not np.isnan(memory[REST_Z, i])
         axial = about[AXIAL, i] > 0.0
         calm = (
-            marks[i] & VOTES != 0
+            marks[i] & (VOTES | NEAR) == VOTES
             and abs(memory[SLOW_HZ, i]) < CALM_SIGMAS * about[SIGMA_HZ, i]
             and abs(memory[WARM, i] - memory[FILM, i]) < STEADY_C
             and not (axial and known and abs(memory[LONG_Z, i]) > about[WITNESS_UT, i])
         )
         memory[CALM_S, i] = memory[CALM_S, i] + calm_dt_s if calm else 0.0
-        if memory[CALM_S, i] < DWELL_OF_SLOW * slow_s:
-            continue
-        if axial and not known:
-            memory[REST_Z, i] = memory[LONG_Z, i]
+        learning = axial and memory[REST_S, i] < DWELL_OF_SLOW * slow_s
+        if learning and memory[CALM_S, i] >= LEARN_OF_SLOW * slow_s:
+            memory[REST_Z, i] = memory[LONG_Z, i] + (memory[REST_Z, i] if known else 0.0)
             memory[REST_WARM, i] = memory[FILM, i]
+            memory[REST_S, i] = memory[CALM_S, i]
             memory[LONG_Z, i] = 0.0
+        if learning or memory[CALM_S, i] < DWELL_OF_SLOW * slow_s:
             continue
         marks[i] |= FOLLOWED
         step = _held(share_hz * memory[SLOW_HZ, i], RATE_HZ * dt_s)
@@ -302,8 +309,8 @@ def _compose(runs, about, zero, common, background):
 
 
 def update_python(
-    field, displacement, temperature, status, refused, times, around_start, around, runs, about,
-    memory, zero, marks, common, background,
+    field, displacement, temperature, status, refused, near_too, times, around_start, around,
+    runs, about, memory, zero, marks, common, background,
 ):  # fmt: skip
     """Take what one decoded cycle tells of ambient field and zeros.
 
@@ -317,6 +324,8 @@ def update_python(
     status : ndarray, shape (n,), uint16
     refused : int
         Flags with which a unit is not used.
+    near_too : bool
+        Whether units near a loaded one vote.
     times : tuple of 3 floats
         Seconds since the last cycle, those of them that count as calm, and of the slow averages.
     around_start, around : ndarray, int32
@@ -329,14 +338,14 @@ def update_python(
     zero : ndarray, shape (3, n)
         Followed: Hz, and lateral µT in the axes of `field`.
     marks : ndarray, shape (n,), uint8
-        `NEAR`, `VOTES`, `FOLLOWED` of this cycle.
+        `NEAR`, `LOADED`, `VOTES`, `FOLLOWED` of this cycle.
     common : ndarray, shape (bodies, COMMON_ENTRIES)
     background : ndarray, shape (4, n)
         Written: Hz, then µT in the axes of the chips.
     """
     dt_s, calm_dt_s, slow_s = times
     _average(field, displacement, temperature, status, refused, dt_s, slow_s, about, memory)
-    _mark(about, memory, around_start, around, marks)
+    _mark(near_too, about, memory, around_start, around, marks)
     for g in range(common.shape[0]):
         common[g, VOTERS] = 0.0
         common[g, INFORMATION:] = 0.0
