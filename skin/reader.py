@@ -10,7 +10,7 @@ import numpy as np
 from bus.cycle import RawCycle
 from skin.decode.decoder import Decoder
 from skin.errors import OptionError
-from skin.state import ARRAY_WANTS, UNIT_WANTS, WANTS, Reading, State
+from skin.state import ARRAY_WANTS, WANTS, Reading, State
 from topology import CHANNELS, Topology
 
 if TYPE_CHECKING:
@@ -22,7 +22,8 @@ __all__ = ["CycleReader"]
 class CycleReader:
     """RawCycle → State: decoding and contacts, for live cycles and for logs alike.
 
-    Contacts need displacements; they bring them along, and temperatures where the wire has them.
+    Wrench and centroid bring forces along, with one sigma of each; contacts displacements as well,
+    and temperatures where the wire has them.
 
     Parameters
     ----------
@@ -49,10 +50,12 @@ class CycleReader:
         array_wanted = wanted.intersection(ARRAY_WANTS)
         needed = wanted - array_wanted
         if array_wanted:
-            needed |= {"force", "displacement", "sigma"}.intersection(UNIT_WANTS)
+            needed |= {"force", "sigma"}
         self._contacts = not wanted.isdisjoint(("contacts", "slip", "shocks"))
-        if self._contacts and _has_temperature(topology):
-            needed.add("temperature")
+        if self._contacts:
+            needed.add("displacement")
+            if _has_temperature(topology):
+                needed.add("temperature")
         self._decoder = Decoder(topology, want=needed, estimator=estimator, dtype=dtype)
         self._period_ns = round(1e9 / topology.cycle_rate_hz)
         self._now_ns = -1
@@ -65,7 +68,6 @@ class CycleReader:
 
     def _find_contacts(self, topology: Topology, want: set[str], dtype: str) -> None:
         """Prepare for contacts, whose kernels bring the compiler along."""
-        from skin.contact.noise import UnitNoise
         from skin.contact.stream import ContactStream
 
         self._stream = stream = ContactStream(
@@ -73,7 +75,6 @@ class CycleReader:
             topology.neighbour_start, topology.neighbour_index,
             want=want, dtype=dtype, rate_hz=topology.cycle_rate_hz,
         )  # fmt: skip
-        self._noise = UnitNoise(topology, dtype)
         total = stream.total
         self._array = (
             *((total.wrench, total.wrench_sigma) if "wrench" in want else (None, None)),
@@ -87,7 +88,6 @@ class CycleReader:
         self._decoder.warmup()
         if self._stream is not None:
             self._stream.warmup()
-            self._noise.warmup()
 
     def move(self, position: np.ndarray, rotation: np.ndarray) -> None:
         """Set the poses of the units for the cycles to come; see `Skin.move`."""
@@ -110,8 +110,6 @@ class CycleReader:
         stream = self._stream
         if stream is None:
             return state
-        if reading.force_sigma is None:
-            self._noise(reading.force, reading.displacement_mm)
         # Stamps of a bus may step back, the number of a cycle does not: contacts live by it.
         self._now_ns = now_ns = max(cycle.number * self._period_ns, self._now_ns + 1)
         if reading is self._reading:
@@ -127,10 +125,9 @@ class CycleReader:
     def _begin(self, reading: Reading, now_ns: int) -> list[Contact]:
         """Show the stream the arrays of the decoder, which stay the same from now on."""
         self._reading = reading
-        told = self._noise if reading.force_sigma is None else reading
         return self._stream.update(
-            reading.force, told.force_sigma, reading.displacement_mm, told.displacement_sigma_mm,
-            reading.temperature, reading.valid, stamp_ns=now_ns,
+            reading.force, reading.force_sigma, reading.displacement_mm,
+            reading.displacement_sigma_mm, reading.temperature, reading.valid, stamp_ns=now_ns,
         )  # fmt: skip
 
 

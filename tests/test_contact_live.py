@@ -6,23 +6,18 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import skin
 import topology
 from bus.memory import MemoryTransport
-from skin.contact.noise import UnitNoise, unit_noise_python
 from skin.contact.records import Event
 from skin.contact.wrench import wrench
-from skin.decode.decoder import Decoder
 from skin.errors import SkinError
 from skin.sim.node import Nodes
 from skin.sim.play import ScriptedScene
 from skin.sim.scene import PressSlideLift
 from skin.sim.script_load import load_scene
-from skin.sim.unit import UnitSimulator
 
 
 def test_contacts_of_a_stroke_are_the_truth_within_their_sigma():
@@ -124,40 +119,3 @@ def test_a_unit_that_falls_silent_leaves_its_contact_which_stays_itself():
         assert contact.id == before
         assert contact.coverage < 1.0
         assert state.coverage < 1.0
-
-
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-def test_noise_that_is_told_is_the_noise_of_decoded_readings(dtype):
-    palm = topology.load("palm")
-    decoder = Decoder(palm, want={"force", "displacement"}, dtype=dtype)
-    simulator = UnitSimulator(palm, seed=2)
-    scene = PressSlideLift(palm)
-    truth = scene.at(3.0)
-    truth.depth_mm[:] = np.linspace(0.2, 1.9, palm.n)
-    angle = np.linspace(0.0, 6.0, palm.n)
-    truth.displacement_mm[:] = np.linspace(0.1, 1.9, palm.n) * [np.cos(angle), np.sin(angle)]
-    counts = np.stack([simulator.counts(truth) for _ in range(400)])
-    reading = decoder(counts)
-    force, moved = reading.force, reading.displacement_mm
-    noise = UnitNoise(palm, dtype)
-    noise(force.mean(0).astype(dtype), moved.mean(0).astype(dtype))
-    for told, read in ((noise.force_sigma, force), (noise.displacement_sigma_mm, moved)):
-        ratio = told / read.std(0)
-        assert np.median(ratio) == pytest.approx(1.0, abs=0.03)
-        # Across the kink of a law noise is neither that of one side nor of the other.
-        assert (np.abs(np.log(ratio)) < 0.35).all()
-
-
-@given(st.integers(0, 2**32))
-@settings(max_examples=20)
-def test_machine_code_and_python_tell_the_same_noise(seed):
-    palm = topology.load("palm")
-    rng = np.random.default_rng(seed)
-    force, moved = rng.normal(0.0, 2.0, (3, palm.n)), rng.normal(0.0, 1.0, (3, palm.n))
-    noise = UnitNoise(palm, "float64")
-    noise(force, moved)
-    ours, theirs = np.zeros((3, palm.n)), np.zeros((3, palm.n))
-    unit_noise_python(force, moved, noise.model, ours, theirs)
-    np.testing.assert_allclose(ours, noise.force_sigma, rtol=1e-12)
-    np.testing.assert_allclose(theirs, noise.displacement_sigma_mm, rtol=1e-12)
-    assert (ours > 0.0).all()

@@ -71,8 +71,6 @@ def test_pace_keeps_the_cycle_rate():
 
 
 BROUGHT_ALONG = {
-    "wrench": {"displacement"},
-    "centroid": {"displacement"},
     "contacts": {"displacement", "temperature"},
     "slip": {"displacement", "temperature", "contacts"},
     "shocks": {"displacement", "temperature", "contacts"},
