@@ -264,3 +264,40 @@ def test_heat_moves_no_force(layout, depth_mm, displacement_mm):
     still = {name: 0.0 for name in skin.parameters if name.startswith("hall_drift")}
     bare = with_parameters(skin, film_drift_per_k=0.0, hall_gain_per_k=0.0, **still)
     assert moved(bare, counts, "sine")[:2].max() > 0.025
+
+
+# -- with the decoder ------------------------------------------------------------------------------
+
+
+def decoded(decoder, ambient, units, depth_mm, displacement_mm, cycles):
+    """Mean force of the last minute of a held pose, and its sigma, shape (3, n) each; 10 Hz."""
+    n, mean = depth_mm.size, 0.0
+    for _ in range(cycles // 600):
+        shape = (600, n)
+        still = np.broadcast_to(displacement_mm, (600, 2, n))
+        values = units.quantities(np.broadcast_to(depth_mm, shape), still, np.full(shape, 24.0))
+        mean = np.zeros((3, n))
+        for counts in units.quantise(units.disturb(values)):
+            reading = decoder(counts, None, ambient.background)
+            ambient.update(reading)
+            mean += reading.force / 600
+    return mean, reading.force_sigma.copy()
+
+
+def test_reading_of_a_held_press_stays_within_its_sigma_for_an_hour():
+    skin = apart(UNITS)
+    units = UnitSimulator(skin, seed=11)
+    want = {"temperature", "force", "displacement", "field", "sigma"}
+    decoder, ambient = Decoder(skin, want), Ambient(skin)
+    decoded(decoder, ambient, units, np.zeros(UNITS), np.zeros((2, UNITS)), 1200)
+    depth_mm = np.array([0.001, 0.002, 0.003, 0.004, 0.006, 0.01, 0.015, 0.02, 0.03, 0.05, 0.1, 0.2,
+                         0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.2, 1.4, 1.6, 1.7, 1.8, 1.9])  # fmt: skip
+    displacement_mm = np.stack([0.5 * depth_mm, np.linspace(-1.0, 1.0, UNITS) * depth_mm])
+    pose = depth_mm, displacement_mm
+    before, sigma = decoded(decoder, ambient, units, *pose, 600)
+    after, _ = decoded(decoder, ambient, units, *pose, 36000)
+    moved = np.abs(after - before) / sigma
+    assert moved[2].max() < 0.75  # of which the noise of two means is 0.2
+    assert moved[2, 5:].max() < 0.3
+    assert moved[:2].max() < 0.5
+    assert ambient.voters[0] >= 4
