@@ -18,18 +18,26 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from skin import errors
+    from skin.contact.records import SlipState, UnitSlip
+    from skin.contact.slip import SlipSettings
+    from skin.contact.stream import Contact
     from skin.decode.decoder import Decoder
     from skin.live import Skin, open
     from skin.state import Reading, State, Status
 
-__all__ = ["Decoder", "Reading", "Skin", "State", "Status", "errors", "open"]
+__all__ = ["Contact", "Decoder", "Reading", "Skin", "SlipSettings", "SlipState", "State", "Status",
+           "UnitSlip", "errors", "open"]  # fmt: skip
 
 _HOMES = {
+    "Contact": "skin.contact.stream",
     "Decoder": "skin.decode.decoder",
     "Reading": "skin.state",
     "Skin": "skin.live",
+    "SlipSettings": "skin.contact.slip",
+    "SlipState": "skin.contact.records",
     "State": "skin.state",
     "Status": "skin.state",
+    "UnitSlip": "skin.contact.records",
     "open": "skin.live",
 }
 

@@ -25,6 +25,7 @@ from skin.state import State, Status, trouble
 from topology import Topology
 
 if TYPE_CHECKING:
+    from skin.contact.slip import SlipSettings
     from skin.sim.node import Nodes
     from skin.sim.scene import Scene
 
@@ -47,6 +48,7 @@ def open(
     want: Collection[str] | None = None,
     estimator: str = "sine",
     dtype: str = "float32",
+    slip: SlipSettings | None = None,
     sync: Literal["host", "bus"] = "host",
     wait: Literal["event", "drain"] = "event",
     pace: bool = True,
@@ -67,6 +69,8 @@ def open(
         Inversion of the tangential field.
     dtype : "float32" or "float64"
         Arithmetic of the decoder.
+    slip : SlipSettings, optional
+        What is known of the friction, the safety that grip forces are to have, what counts as slip.
     sync : "host" or "bus"
         Who sends SYNC: this host, or another node (then this end only listens).
     wait : "event" or "drain"
@@ -125,7 +129,8 @@ def open(
                 f"transports: must be one for each of {len(loaded.buses)} buses; got {len(opened)}"
             )
         return Skin(
-            loaded, opened, want=want, estimator=estimator, dtype=dtype, sync=sync, pace=pace,
+            loaded, opened, want=want, estimator=estimator, dtype=dtype, slip=slip, sync=sync,
+            pace=pace,
             deadline_s=deadline_s, wait=wait, nodes=nodes,
         )  # fmt: skip
     except BaseException:
@@ -157,6 +162,7 @@ class Skin:
         want: Collection[str] | None,
         estimator: str,
         dtype: str,
+        slip: SlipSettings | None,
         sync: str,
         pace: bool,
         wait: Literal["event", "drain"],
@@ -167,7 +173,7 @@ class Skin:
         self.transports = transports
         self.timing = Timing()
         self.nodes = nodes
-        self._read = CycleReader(topology, want=want, estimator=estimator, dtype=dtype)
+        self._read = CycleReader(topology, want=want, estimator=estimator, dtype=dtype, slip=slip)
         self._position, self._rotation = topology.position, topology.rotation
         self._assembler = Assembler(topology, deadline_s=deadline_s)
         self._batch = FrameBatch(4096)

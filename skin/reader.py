@@ -14,6 +14,7 @@ from skin.state import ARRAY_WANTS, WANTS, Reading, State
 from topology import CHANNELS, Topology
 
 if TYPE_CHECKING:
+    from skin.contact.slip import SlipSettings
     from skin.contact.stream import Contact, ContactStream
 
 __all__ = ["CycleReader"]
@@ -34,6 +35,7 @@ class CycleReader:
         Inversion of the tangential field.
     dtype : "float32" or "float64"
         Arithmetic of the decoder.
+    slip : SlipSettings, optional
 
     Raises
     ------
@@ -42,7 +44,13 @@ class CycleReader:
     """
 
     def __init__(
-        self, topology: Topology, *, want: Collection[str] | None, estimator: str, dtype: str
+        self,
+        topology: Topology,
+        *,
+        want: Collection[str] | None,
+        estimator: str,
+        dtype: str,
+        slip: SlipSettings | None = None,
     ) -> None:
         wanted = set(WANTS if want is None else [want] if isinstance(want, str) else want)
         for name in sorted(wanted.difference(WANTS)):
@@ -64,16 +72,18 @@ class CycleReader:
         self._reading: Reading | None = None
         self._array: tuple = ()
         if array_wanted:
-            self._find_contacts(topology, array_wanted, dtype)
+            self._find_contacts(topology, array_wanted, dtype, slip)
 
-    def _find_contacts(self, topology: Topology, want: set[str], dtype: str) -> None:
+    def _find_contacts(
+        self, topology: Topology, want: set[str], dtype: str, slip: SlipSettings | None
+    ) -> None:
         """Prepare for contacts, whose kernels bring the compiler along."""
         from skin.contact.stream import ContactStream
 
         self._stream = stream = ContactStream(
             topology.position, topology.rotation, topology.area,
             topology.neighbour_start, topology.neighbour_index,
-            want=want, dtype=dtype, rate_hz=topology.cycle_rate_hz,
+            want=want, dtype=dtype, slip=slip, rate_hz=topology.cycle_rate_hz,
         )  # fmt: skip
         total = stream.total
         self._array = (

@@ -119,3 +119,15 @@ def test_a_unit_that_falls_silent_leaves_its_contact_which_stays_itself():
         assert contact.id == before
         assert contact.coverage < 1.0
         assert state.coverage < 1.0
+
+
+def test_what_is_known_of_friction_reaches_the_contacts():
+    settings = skin.SlipSettings(friction=0.4, safety=2.0)
+    with skin.open("palm", simulate=True, pace=False, want={"slip"}, slip=settings) as palm:
+        state = next(s for s in palm if s.contacts and s.contacts[0].load > 8.0)
+        (contact,) = state.contacts
+        used = np.hypot(contact.shear, contact.torsion / contact.arm)
+        assert contact.grip_force == pytest.approx(2.0 * used / contact.friction)
+        assert contact.margin == pytest.approx(1.0 - used / (contact.friction * contact.load))
+        assert (state.slip[contact.units] != skin.UnitSlip.NO_CONTACT).all()
+        assert contact.slip in tuple(skin.SlipState)
