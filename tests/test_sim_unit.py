@@ -12,11 +12,11 @@ from scipy import constants
 
 from skin.errors import CalibrationError
 from skin.sim.capacitor import Capacitor, Timer
-from skin.sim.field import SineField
+from skin.sim.field import SineField, lever, lever_python
 from skin.sim.material import Elastic
 from skin.sim.truth import Truth
 from skin.sim.unit import UnitSimulator
-from topology import CHANNELS, THETA_KNOTS, Topology, load
+from topology import CHANNELS, MODELS, THETA_KNOTS, Topology, load
 
 PALM, STRIP = load("palm"), load("strip")
 GEL, FREQUENCY, BX, BY, BZ, HALL_TEMPERATURE = range(len(CHANNELS))
@@ -162,7 +162,26 @@ def test_field_lies_along_the_displacement(angle: float, displacement: float, de
     m0 = 11073.0 * np.exp(0.72 * (depth - 2.0))
     assert np.hypot(bx, by) == pytest.approx(m0 * np.sin(np.pi / 5 * displacement), abs=1e-7)
     assert bx * np.sin(angle) == pytest.approx(by * np.cos(angle), abs=1e-7)
-    assert bz == pytest.approx(1.65 * m0 * np.cos(np.pi / 5 * displacement), abs=1e-7)
+    psi = np.arctan2(np.hypot(bx, by), bz)
+    table = np.reshape(MODELS["f3t-paper"].field_angle_mm, (4, 4))
+    found = psi ** np.arange(1, 8, 2) @ table @ depth ** np.arange(4)
+    assert found == pytest.approx(displacement, abs=1e-12)
+
+
+def test_without_a_table_of_angles_bz_is_a_cosine() -> None:
+    bare = replace(PALM, parameters=PALM.parameters | {"field_angle_mm": np.zeros((16, 64))})
+    moved = np.zeros((2, 64))
+    moved[1] = np.linspace(0.0, 2.5, 64)
+    bz = SineField(bare)(moved, np.full(64, 2.0), np.full(64, 25.0))[2]
+    np.testing.assert_allclose(bz, 1.65 * 11073.0 * np.cos(np.pi / 5 * moved[1]), atol=1e-7)
+
+
+def test_the_angle_of_the_field_is_the_same_compiled_or_not() -> None:
+    moved, depth = np.linspace(0.0, 3.4, 64)[None], np.linspace(-1.0, 4.0, 64)[None]
+    told = PALM.parameters["field_angle_mm"], np.full(64, 3.3)
+    np.testing.assert_allclose(
+        lever(moved, depth, *told), lever_python(moved, depth, *told), rtol=1e-12
+    )
 
 
 def test_warm_film_is_weaker() -> None:

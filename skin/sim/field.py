@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
+from numba import njit
 
 from topology import Topology
 
@@ -35,10 +36,58 @@ class Field(Protocol):
         ...
 
 
-class SineField:
-    """The paper's law, eq. 1: M_r = M0(T, H) sin(k R) along the displacement, Bz ~ M0 cos(k R).
+NEAR_MM = 1e-9
+"""A displacement as good as none."""
+REACH_SHARE, PULLED_MM, PRESSED_MM = 1.1, 0.5, 3.5
+"""Where the table of angles ends: share of its range of R, and depths."""
+STEPS = 5
+"""Of Newton's method, from the angle of a small displacement: 1e-12 rad within the range."""
 
-    M0 grows exponentially as the film nears the chip and falls linearly with its temperature.
+
+def lever_python(displacement_mm, depth_mm, table, reach_mm):
+    """R / tan psi in mm, where R is that of psi by the table: finite at R = 0.
+
+    Parameters
+    ----------
+    displacement_mm, depth_mm : ndarray, shape (t, n)
+    table : ndarray, shape (16, n)
+        `field_angle_mm`; a unit of zeros gets NaN.
+    reach_mm : ndarray, shape (n,)
+
+    Returns
+    -------
+    ndarray, shape (t, n)
+    """
+    out = np.empty(displacement_mm.shape)
+    for t in range(out.shape[0]):
+        for i in range(out.shape[1]):
+            reach = min(max(displacement_mm[t, i], NEAR_MM), reach_mm[i])
+            h = min(max(depth_mm[t, i], -PULLED_MM), PRESSED_MM)
+            a, b, c, d = 0.0, 0.0, 0.0, 0.0
+            for j in range(3, -1, -1):
+                a = a * h + table[j, i]
+                b = b * h + table[4 + j, i]
+                c = c * h + table[8 + j, i]
+                d = d * h + table[12 + j, i]
+            angle = reach / a
+            for _ in range(STEPS):
+                z = angle * angle
+                found = (((d * z + c) * z + b) * z + a) * angle
+                slope = ((7.0 * d * z + 5.0 * c) * z + 3.0 * b) * z + a
+                angle -= (found - reach) / slope
+            out[t, i] = reach / np.tan(angle)
+    return out
+
+
+lever = njit(lever_python, cache=True, nogil=True, error_model="numpy")
+
+
+class SineField:
+    """The paper's law, eq. 1: M_r = M0(T, H) sin(k R) along the displacement.
+
+    M0 grows exponentially as the film nears the chip and falls linearly with its temperature. Bz is
+    such that the angle of the field is that of `field_angle_mm`, so that either law of a unit model
+    holds to rounding; a unit without that table has Bz ~ M0 cos(k R).
     """
 
     def __init__(self, topology: Topology) -> None:
@@ -50,6 +99,9 @@ class SineField:
         self._vertical = p["field_vertical_ratio"]
         self._drift = p["film_drift_per_k"]
         self._reference_c = p["film_reference_c"]
+        self._angle = p["field_angle_mm"]
+        self._tabled = self._angle.any(axis=0)
+        self._reach = REACH_SHARE * p["field_angle_max_mm"]
 
     def __call__(
         self, displacement_mm: np.ndarray, depth_mm: np.ndarray, film_temperature: np.ndarray
@@ -60,10 +112,15 @@ class SineField:
         phase = self._wavenumber * displacement
         *lead, n = np.broadcast_shapes(phase.shape, amplitude.shape)
         field = np.empty((*lead, 3, n))
-        # where the displacement is 0, so is the sine, and any divisor will do
-        lateral = amplitude * np.sin(phase) / np.maximum(displacement, 1e-300)
+        lateral = amplitude * self._wavenumber * np.sinc(phase / np.pi)
         np.multiply(lateral[..., np.newaxis, :], displacement_mm, out=field[..., :2, :])
-        np.multiply(self._vertical * amplitude, np.cos(phase), out=field[..., 2, :])
+        flat = np.broadcast_to(displacement, lateral.shape).reshape(-1, n)
+        deep = np.broadcast_to(depth_mm, lateral.shape).reshape(-1, n)
+        up = field[..., 2, :]
+        up[...] = lever(flat, deep, self._angle, self._reach).reshape(lateral.shape)
+        up *= lateral
+        if not self._tabled.all():
+            up[...] = np.where(self._tabled, up, self._vertical * amplitude * np.cos(phase))
         return field
 
     def amplitude(self, depth_mm: np.ndarray, film_temperature: np.ndarray) -> np.ndarray:
