@@ -68,17 +68,21 @@ def naive_decode(skin, raw, status=None, estimator="sine", consistency=False, ba
         angle = np.minimum(np.arctan2(np.maximum(strength, 1e-6), bz), field_angle_ends(skin)[0])
         by_angle = _polynomial(table, angle, np.clip(depth, -0.5, 4.0))
         reach = by_angle if estimator == "field-angle" else np.arcsin(ratio) / wavenumber
+        theta = np.arctan2(by, bx)
+        theta = theta + _correction(p["theta_correction_rad"], theta)
+        outer = reach
+        dx = reach * np.cos(theta) - p["film_x_mm"]
+        dy = reach * np.sin(theta) - p["film_y_mm"]
+        reach, theta = np.hypot(dx, dy), np.arctan2(dy, dx)
         tangential = (
             p["shear_soft_n_per_mm"] * reach
             + p["shear_stiff_n_per_mm"] * np.maximum(reach - p["shear_break_mm"], 0.0)
         ) * (1.0 + p["shear_gain_per_mm"] * (depth - p["field_reference_mm"]))
-        theta = np.arctan2(by, bx)
-        theta = theta + _correction(p["theta_correction_rad"], theta)
         if estimator == "sine":
-            flags = _flags_of_field(skin, ratio, crest * gain, reach, deeper)
+            flags = _flags_of_field(skin, ratio, crest * gain, outer, deeper)
         else:
             flags = Status.SATURATED * (np.arctan2(strength, bz) > field_angle_ends(skin)[0])
-            flags |= Status.EXTRAPOLATED * (reach > p["field_angle_max_mm"])
+            flags |= Status.EXTRAPOLATED * (outer > p["field_angle_max_mm"])
         if consistency:
             whole = np.sqrt(bx**2 + by**2 + bz**2)
             model = crest * np.sin(wavenumber * by_angle)

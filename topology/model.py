@@ -137,6 +137,12 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         float, _doc("Upper end of the range of R from the angle of the field [derived]", gt=0)
     ] = 3.0
 
+    film_x_mm: Annotated[
+        float,
+        _doc("Middle of the film off the chip's axis, x: off the displacement [calibrated]"),
+    ] = 0.0
+    film_y_mm: Annotated[float, _doc("The same along y [calibrated]")] = 0.0
+
     # -- temperature of film and Hall chip -------------------------------------------------------
     film_drift_per_k: Annotated[
         float, _doc("Relative change of M0 per kelvin of the film [assumed, NdFeB]")

@@ -183,6 +183,7 @@ def _values(topology: Topology, angle: bool, every: int, rest_ut: np.ndarray | N
     c[k.GROWTH_0 : k.GROWTH_2 + 1] /= np.log(2.0)
     c[k.WAVENUMBER] = p["field_wavenumber_rad_per_mm"]
     c[k.WAVENUMBER_INVERSE] = 1.0 / p["field_wavenumber_rad_per_mm"]
+    c[k.FILM_X], c[k.FILM_Y] = p["film_x_mm"], p["film_y_mm"]
     c[k.ANGLE : k.ANGLE + FIELD_ANGLE_TERMS] = p["field_angle_mm"]
     c[k.ANGLE_END], angle_reach_mm = field_angle_ends(topology)
     if angle:
@@ -193,7 +194,7 @@ def _values(topology: Topology, angle: bool, every: int, rest_ut: np.ndarray | N
     c[k.SHEAR_GAIN] = p["shear_gain_per_mm"]
     c[k.SHEAR_GAIN_OFFSET] = 1.0 - p["shear_gain_per_mm"] * reference
     c[k.SHEAR_VARIANCE] = p["shear_sigma_relative"] ** 2
-    c[k.ANGLE_VARIANCE] = p["field_angle_sigma_mm"] ** 2
+    c[k.ANGLE_VARIANCE] = p["field_angle_sigma_mm"] ** 2 if angle else 0.0
 
     # What the temperatures leave of the drifts they compensate: the chip's own is read in steps.
     chip_c2 = np.where(chip, (scale[k.CHIP] * STEP_SIGMA) ** 2, c[k.GEL_VARIANCE])

@@ -308,6 +308,7 @@ def _parts(plan: Plan, k):
         "angle": plan.estimator == "field-angle",
         "anomaly": plan.consistency,
         "turning": plan.theta_table,
+        "centring": plan.film_centre,
         "film": plan.film_compensation,
         "chip": plan.chip_compensation,
         "lagging": plan.chip_lags,

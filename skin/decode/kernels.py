@@ -82,9 +82,10 @@ LIMIT_ROWS = LIMIT_IDLE + 2
     ANOMALY_SHARE, ANOMALY_FIELD,  # squared tolerance of the field: relative, µT²
     PER_HZ, MAP_XX, MAP_XY, MAP_YX, MAP_YY,  # for a background: mm/Hz, the 2x2 map alone
     GEL_VARIANCE, GEL_STEP, GEL_LOW, GEL_HIGH,  # °C²; °C at I(20 °C); ends of the range
-    NORMAL_VARIANCE, ANGLE_VARIANCE, SHEAR_VARIANCE,  # relative; mm²; relative
-) = range(58)  # fmt: skip
-ANGLE = 58
+    NORMAL_VARIANCE, ANGLE_VARIANCE, SHEAR_VARIANCE,  # relative; mm², of a component; relative
+    FILM_X, FILM_Y,  # mm, middle of the film off the chip's axis
+) = range(60)  # fmt: skip
+ANGLE = 60
 """First of 16 rows of R(psi, H), entry 4 i + j of ``psi^(2 i + 1) H^j``."""
 KNOTS = 16
 TURN = ANGLE + 16
@@ -150,6 +151,8 @@ class Parts(NamedTuple):
         Hold the field against its model.
     turning
         Correct directions by tables.
+    centring
+        Take off where films sit beside their chips' axes.
     film, chip
         Compensate temperatures of film and Hall chip.
     lagging
@@ -170,6 +173,7 @@ class Parts(NamedTuple):
     angle: bool | None = None
     anomaly: bool | None = None
     turning: bool | None = None
+    centring: bool | None = None
     film: bool | None = None
     chip: bool | None = None
     lagging: bool | None = None
@@ -979,6 +983,16 @@ def decode_python(
                         y *= each
                         if parts.turning is not None:
                             x, y = _turn(x, y, coefficients, c, single)
+                        outer = reach  # from the chip's axis
+                        whole_way = strength * each
+                        if parts.centring is not None:
+                            dx = reach * x - coefficients[c + FILM_X * LANES]
+                            dy = reach * y - coefficients[c + FILM_Y * LANES]
+                            reach = np.sqrt(dx * dx + dy * dy)
+                            away = one / max(reach, real(FIELD_MIN))
+                            x = dx * away
+                            y = dy * away
+                            whole_way = one
                         stiffening = (
                             coefficients[c + SHEAR_GAIN * LANES] * depth
                             + coefficients[c + SHEAR_GAIN_OFFSET * LANES]
@@ -989,24 +1003,29 @@ def decode_python(
                             tile[FX * LANES + j] = ft * x
                             tile[FY * LANES + j] = ft * y
                         if parts.tangential is not None:
-                            tile[FT * LANES + j] = ft * (strength * each)
+                            tile[FT * LANES + j] = ft * whole_way
                         if parts.theta is not None:
                             tile[THETA * LANES + j] = _atan2(y, x, single)
                         if parts.displacement is not None:
                             tile[DX * LANES + j] = reach * x
                             tile[DY * LANES + j] = reach * y
                         if parts.sigma is not None:
-                            beyond = real(EXTRAPOLATION) * max(reach - limit, zero)
+                            beyond = real(EXTRAPOLATION) * max(outer - limit, zero)
                             along = np.sqrt(along * along + beyond * beyond)
                             # across the direction: R sigma / S, which has a limit at R = 0
                             turned = np.sqrt(coefficients[c + FIELD_VARIANCE * LANES]) * each
+                            rate = one / max(reach, real(1e-12))
+                            if parts.centring is not None:
+                                turned *= outer * rate
+                            law2 = coefficients[c + ANGLE_VARIANCE * LANES]
                             if parts.theta is not None:
                                 tile[THETA_SIGMA * LANES + j] = min(
-                                    turned, real(1.8137993642342178)
+                                    np.sqrt(turned * turned + law2 * (rate * rate)),
+                                    real(1.8137993642342178),
                                 )
                             if parts.displacement is not None:
                                 across = min(reach * turned, limit)
-                                across *= across
+                                across = across * across + law2
                                 more = along * along - across
                                 tile[DX_SIGMA * LANES + j] = np.sqrt(across + x * x * more)
                                 tile[DY_SIGMA * LANES + j] = np.sqrt(across + y * y * more)
@@ -1028,8 +1047,8 @@ def decode_python(
                                 if parts.tangential is not None:
                                     tile[FT_SIGMA * LANES + j] = np.sqrt(variance)
                                 if parts.force is not None:
-                                    across = ft * min(turned, limit / max(reach, real(1e-30)))
-                                    across *= across
+                                    across = ft * min(turned, limit * rate)
+                                    across = across * across + law2 * (ft * rate) * (ft * rate)
                                     more = variance - across
                                     tile[FX_SIGMA * LANES + j] = np.sqrt(across + x * x * more)
                                     tile[FY_SIGMA * LANES + j] = np.sqrt(across + y * y * more)

@@ -47,6 +47,8 @@ class Plan:
         Hold the field against its model, for the flag MAGNETIC_ANOMALY.
     theta_table : bool
         Correct directions by tables: a unit has one.
+    film_centre : bool
+        Take off where films sit beside their chips' axes: a unit has such a film.
     film_compensation, chip_compensation, chip_lags : bool
         Film and Hall chip have a drift that matters here; chips follow the gel, as the wire does
         not carry their temperature.
@@ -63,6 +65,7 @@ class Plan:
     estimator: str
     consistency: bool
     theta_table: bool
+    film_centre: bool
     film_compensation: bool
     chip_compensation: bool
     chip_lags: bool
@@ -119,6 +122,7 @@ class Plan:
             estimator=estimator,
             consistency=consistent,
             theta_table=lateral and bool(p["theta_correction_rad"].any()),
+            film_centre=lateral and bool(p["film_x_mm"].any() or p["film_y_mm"].any()),
             film_compensation=bool(magnet and (p["film_drift_per_k"] * gel).any()),
             chip_compensation=chip,
             chip_lags=bool(chip and (gel & ~own).any()),
