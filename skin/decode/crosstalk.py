@@ -17,7 +17,7 @@ from topology import Topology
 
 __all__ = ["ACCURATE_UT", "LIVE_UT", "CrossTalk", "contraction_of"]
 
-LIVE_UT, ACCURATE_UT = 12.0, 5.0
+LIVE_UT, ACCURATE_UT = 15.0, 5.0
 """Tolerances for one sweep a cycle, whose own error is larger, and for two or more."""
 BEYOND_MM = 0.5
 """How far beyond the stencil's range its polynomials are still followed; then films stand still."""

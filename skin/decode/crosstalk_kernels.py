@@ -24,8 +24,9 @@ __all__ = ["films", "films_python", "lattice", "lattice_python", "scattered", "s
 
 LANES = 16
 """Films that are looked at together where pairs have coefficients of their own."""
-BLOCK = 256
-"""Cells of a lattice that are added up, or skipped, together."""
+BLOCK = 192
+"""Cells of a lattice that are added up, or skipped, together: a constant, not a count, is what the
+compiler makes the most of."""
 GROUP = 8
 """Terms that are added up in registers on a lattice."""
 QUAD = 4
@@ -137,8 +138,8 @@ def unknown_python(start, neighbour, prior, known, always, residue):
 
 
 def lattice_python(
-    sources, runs, cells, halo, pitch, parent, factor, cells_of, coefficients,
-    rows, tile, active, field, out,
+    sources, runs, begin, cells, halo, pitch, parent, factor, cells_of, coefficients,
+    rows, tile, active, out,
 ):  # fmt: skip
     """Add the stray fields within one flat lattice.
 
@@ -146,9 +147,11 @@ def lattice_python(
     ----------
     sources : ndarray, shape (5, n)
     runs : ndarray, shape (r, 3), int64
-        First unit, first cell and number of units that stand in consecutive cells.
+        First unit, first cell and number of units that stand in consecutive cells of one block.
+    begin : ndarray, shape (blocks + 1,), int64
+        First run of each block of cells, and their number.
     cells : int
-        Of the lattice, a multiple of `LANES`.
+        Of the lattice, a multiple of `BLOCK`.
     halo : int
         Largest offset, in cells; rows begin and end with that many empty ones.
     pitch : int
@@ -164,59 +167,53 @@ def lattice_python(
     tile : ndarray, shape (3 * BLOCK,)
     active : ndarray, shape (2, blocks), bool
         Which blocks of cells have a film that has moved: now, and in the last cycle.
-    field : ndarray, shape (3 * cells,)
     out : ndarray, shape (3, n)
         Added to.
     """
     nothing = out.dtype.type(0.0)
     blocks = active.shape[1]
     for b in range(blocks):
-        active[1, b] = active[0, b]
-        active[0, b] = False
-    for r in range(runs.shape[0]):
-        unit, cell = runs[r, 0] & NOT_NEGATIVE, runs[r, 1] & NOT_NEGATIVE
+        start = halo + b * BLOCK
         moved = 0
-        for k in range(4):
-            to = (k * pitch + halo + cell) & NOT_NEGATIVE
+        for r in range(begin[b], begin[b + 1]):
+            unit = runs[r, 0] & NOT_NEGATIVE
+            for k in range(4):
+                to = (k * pitch + halo + runs[r, 1]) & NOT_NEGATIVE
+                for i in range(runs[r, 2]):
+                    rows[to + i] = sources[k, unit + i]
             for i in range(runs[r, 2]):
-                rows[to + i] = sources[k, unit + i]
-        for i in range(runs[r, 2]):
-            moved |= sources[WEIGHT, unit + i] != nothing
-        if moved:
-            for b in range(cell // BLOCK, (cell + runs[r, 2] - 1) // BLOCK + 1):
-                active[0, b] = True
-
-    for b in range(blocks):
+                moved |= sources[WEIGHT, unit + i] != nothing
+        active[1, b] = active[0, b]
+        active[0, b] = moved != 0
         if not (active[0, b] or active[1, b]):
             continue
-        start = halo + b * BLOCK
-        count = min(BLOCK, cells - b * BLOCK)
         # the weight stands where dx times weight will: H, dy and dx, in this order
         for k in (H, Y, X):
             of = (k * pitch + start) & NOT_NEGATIVE
             to = ((FACTORS + k) * pitch + start) & NOT_NEGATIVE
             weight = (FACTORS * pitch + start) & NOT_NEGATIVE
-            for i in range(count):
+            for i in range(BLOCK):
                 rows[to + i] = rows[of + i] * rows[weight + i]
         for k in range(2 * FACTORS, parent.size):
             of = (parent[k] * pitch + start) & NOT_NEGATIVE
             by = (factor[k] * pitch + start) & NOT_NEGATIVE
             to = (k * pitch + start) & NOT_NEGATIVE
-            for i in range(count):
+            for i in range(BLOCK):
                 rows[to + i] = rows[of + i] * rows[by + i]
 
     at, c = cells_of, coefficients
     groups = at.size // GROUP
     for b in range(blocks):
         start = b * BLOCK
-        count = min(BLOCK, cells - start)
         near = False
         for a in range(max(start - halo, 0) // BLOCK,
                        min(start + BLOCK - 1 + halo, cells - 1) // BLOCK + 1):  # fmt: skip
             near |= active[0, a]
+        if not near:
+            continue
         for i in range(3 * BLOCK):
             tile[i] = nothing
-        for g in range(groups if near else 0):
+        for g in range(groups):
             k = (g * GROUP) & NOT_NEGATIVE
             r0, r1 = (at[k] + start) & NOT_NEGATIVE, (at[k + 1] + start) & NOT_NEGATIVE
             r2, r3 = (at[k + 2] + start) & NOT_NEGATIVE, (at[k + 3] + start) & NOT_NEGATIVE
@@ -231,7 +228,7 @@ def lattice_python(
             k += GROUP
             z0, z1, z2, z3 = c[k], c[k + 1], c[k + 2], c[k + 3]
             z4, z5, z6, z7 = c[k + 4], c[k + 5], c[k + 6], c[k + 7]
-            for i in range(count):
+            for i in range(BLOCK):
                 m0, m1, m2, m3 = rows[r0 + i], rows[r1 + i], rows[r2 + i], rows[r3 + i]
                 m4, m5, m6, m7 = rows[r4 + i], rows[r5 + i], rows[r6 + i], rows[r7 + i]
                 tile[i] += (x0 * m0 + x1 * m1 + x2 * m2 + x3 * m3
@@ -240,16 +237,12 @@ def lattice_python(
                                     + y4 * m4 + y5 * m5 + y6 * m6 + y7 * m7)  # fmt: skip
                 tile[i + 2 * BLOCK] += (z0 * m0 + z1 * m1 + z2 * m2 + z3 * m3
                                         + z4 * m4 + z5 * m5 + z6 * m6 + z7 * m7)  # fmt: skip
-        for axis in range(3):
-            to = (axis * cells + start) & NOT_NEGATIVE
-            for i in range(count):
-                field[to + i] = tile[axis * BLOCK + i]
-
-    for axis in range(3):
-        for r in range(runs.shape[0]):
-            unit, cell = runs[r, 0] & NOT_NEGATIVE, (axis * cells + runs[r, 1]) & NOT_NEGATIVE
-            for i in range(runs[r, 2]):
-                out[axis, unit + i] += field[cell + i]
+        for r in range(begin[b], begin[b + 1]):
+            unit = runs[r, 0] & NOT_NEGATIVE
+            for axis in range(3):
+                of = (axis * BLOCK + runs[r, 1] - start) & NOT_NEGATIVE
+                for i in range(runs[r, 2]):
+                    out[axis, unit + i] += tile[of + i]
 
 
 def scattered_python(

@@ -269,9 +269,9 @@ class Lattice:
         wide = columns + int(np.abs(steps[1]).max(initial=0))
         self.halo = int(np.abs(steps[0] * wide + steps[1]).max(initial=0))
         count = wide * (int(cells.row.max()) + 1)
-        self.cells = count + -count % k.LANES
+        self.cells = count + -count % k.BLOCK
         self.pitch = self.cells + 2 * self.halo
-        self.runs = _runs(cells.units, cells.row * wide + cells.column)
+        self.runs, self.begin = _runs(cells.units, cells.row * wide + cells.column, self.cells)
         exponents = powers(stencil.degree)
         table = Table.of(exponents[stays.any(axis=0)])
         self.parent, self.factor = table.parent, table.factor
@@ -287,15 +287,14 @@ class Lattice:
         self.coefficients = np.ascontiguousarray(groups, dtype).reshape(-1)
         self.rows = np.zeros(self.parent.size * self.pitch, dtype)
         self.tile = np.zeros(3 * k.BLOCK, dtype)
-        self.active = np.zeros((2, -(-self.cells // k.BLOCK)), bool)
-        self.field = np.zeros(3 * self.cells, dtype)
+        self.active = np.zeros((2, self.begin.size - 1), bool)
 
     @property
     def arguments(self) -> tuple:
         """Of the kernel, between `sources` and `out`."""
         return (
-            self.runs, self.cells, self.halo, self.pitch, self.parent, self.factor, self.cells_of,
-            self.coefficients, self.rows, self.tile, self.active, self.field,
+            self.runs, self.begin, self.cells, self.halo, self.pitch, self.parent, self.factor,
+            self.cells_of, self.coefficients, self.rows, self.tile, self.active,
         )  # fmt: skip
 
 
@@ -309,12 +308,24 @@ def _shared(cells: Cells, stencil: Stencil, pairs: np.ndarray, step: np.ndarray)
     return bool(np.ptp(values, axis=0).max() <= ALIKE_SHARE * np.abs(values).max())
 
 
-def _runs(units: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """First unit, first cell and length of stretches that go on in both; shape (r, 3), int64."""
-    breaks = np.flatnonzero((np.diff(units) != 1) | (np.diff(cells) != 1)) + 1
-    first = np.concatenate([[0], breaks])
+def _runs(units: np.ndarray, at: np.ndarray, cells: int) -> tuple[np.ndarray, np.ndarray]:
+    """Stretches that go on in units and cells, and the first one of each block of cells.
+
+    Returns
+    -------
+    runs : ndarray, shape (r, 3), int64
+        First unit, first cell and length, by cell.
+    begin : ndarray, shape (blocks + 1,), int64
+    """
+    order = np.argsort(at)
+    units, at = units[order], at[order]
+    block = at // k.BLOCK
+    go_on = (np.diff(units) == 1) & (np.diff(at) == 1) & (np.diff(block) == 0)
+    first = np.concatenate([[0], np.flatnonzero(~go_on) + 1])
     length = np.diff(np.concatenate([first, [units.size]]))
-    return np.stack([units[first], cells[first], length], axis=1).astype(np.int64)
+    runs = np.stack([units[first], at[first], length], axis=1).astype(np.int64)
+    begin = np.searchsorted(block[first], np.arange(-(-cells // k.BLOCK) + 1))
+    return runs, begin.astype(np.int64)
 
 
 class Scattered:
