@@ -109,12 +109,12 @@ def test_too_few_unloaded_units_hold_the_field_and_say_so():
     world.run(ambient, 3.0)
     world.drop_hz[:5] = 200.0
     world.run(ambient, 0.2)
-    held, sigma = ambient.field_ut, [ambient.sigma_ut[0]]
+    held, sigma = ambient.field_ut, [np.sqrt(ambient.residue_ut2[0])]
     assert ambient.voters.tolist() == [3]
     world.ambient_ut[:] = -EARTH
     for _ in range(4):
         world.run(ambient, 1.0)
-        sigma.append(ambient.sigma_ut[0])
+        sigma.append(np.sqrt(ambient.residue_ut2[0]))
     assert np.array_equal(ambient.field_ut, held)
     assert np.all(np.diff(sigma) > 0.0)
     assert sigma[0] < 15.0
@@ -122,7 +122,7 @@ def test_too_few_unloaded_units_hold_the_field_and_say_so():
     world.drop_hz[:] = 0.0
     world.run(ambient, 3.0)
     assert np.abs(ambient.field_ut + EARTH).max() < 25.0
-    assert ambient.sigma_ut[0] < 10.0
+    assert np.sqrt(ambient.residue_ut2[0]) < 10.0
 
 
 def test_loaded_units_and_those_near_have_no_vote():
@@ -197,15 +197,16 @@ def test_kernel_does_as_its_python(dtype):
     world.ambient_ut[:] = EARTH
     world.drop_hz[2] = 100.0
     plain = [array.copy() for array in ambient._state]
-    background = ambient.background.copy()
+    background, residue = ambient.background.copy(), ambient.residue_ut2.copy()
     for _ in range(20):
         reading = world.cycle(ambient.background)
         ambient_kernels.update.py_func(
             reading.field_ut, reading.displacement_mm, reading.temperature, reading.status, 0xFFFF,
-            False, (0.004, 0.004, 1.0), *ambient._constants, *plain, background,
+            False, (0.004, 0.004, 1.0), *ambient._constants, *plain, background, residue,
         )  # fmt: skip
         ambient.update(reading)
         assert np.allclose(background, ambient.background, rtol=1e-6, atol=1e-6)
+        assert np.allclose(residue, ambient.residue_ut2, rtol=1e-6)
     for ours, theirs in zip(plain, ambient._state, strict=True):
         assert np.allclose(ours, theirs, rtol=1e-9, atol=1e-9, equal_nan=True)
 
@@ -218,7 +219,7 @@ def test_saved_state_goes_on(tmp_path):
     ambient.save(tmp_path / "state.npz")
     other = Ambient(skin)
     other.restore(tmp_path / "state.npz")
-    for name in ("background", "field_ut", "covariance_ut2", "zero", "rest_ut"):
+    for name in ("background", "residue_ut2", "field_ut", "covariance_ut2", "zero", "rest_ut"):
         assert np.array_equal(getattr(other, name), getattr(ambient, name)), name
     assert [file.name for file in tmp_path.iterdir()] == ["state.npz"]
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json as json_text
 import sys
+import time
+from collections.abc import Callable
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -113,13 +115,13 @@ def tare(
 class _Recording:
     """Counts and flags of every cycle that `bus.discover.listen` hears."""
 
-    def __init__(self, topology: Topology) -> None:
+    def __init__(self, topology: Topology, clock: Callable[[], int]) -> None:
         from bus.assemble import Assembler
 
         self.topology, self.closed = topology, ""
         self.counts: list[np.ndarray] = []
         self.status: list[np.ndarray] = []
-        self._assembler = Assembler(topology)
+        self._assembler = Assembler(topology, clock=clock)
 
     def feed(self, frames: np.ndarray) -> None:
         for cycle in self._assembler.feed(frames):
@@ -148,7 +150,10 @@ def _listen(
     from bus.open import open_transport
     from topology import CHANNELS
 
-    recording = _Recording(topology)
+    # simulated units answer at once: nobody need wait for them, but where they send on their own
+    synced = all(bus.sync_id is not None for bus in topology.buses)
+    clock = _Ticks(topology.cycle_rate_hz) if simulate and synced else time.monotonic_ns
+    recording = _Recording(topology, clock)
     with ExitStack() as opened:
         if simulate:
             transports = _simulated(topology, opened)
@@ -157,7 +162,7 @@ def _listen(
                 opened.enter_context(open_transport(bus, i)) for i, bus in enumerate(topology.buses)
             ]
         print(f"listening for {seconds:g} s …", file=sys.stderr, flush=True)
-        listen(recording, transports, seconds, sync=sync)
+        listen(recording, transports, seconds, sync=sync, clock=clock)
     if recording.closed:
         raise BusClosedError(recording.closed)
     if not recording.counts:
@@ -176,6 +181,17 @@ def _simulated(topology: Topology, opened: ExitStack) -> list[MemoryTransport]:
     pairs = [MemoryTransport.pair(index=i) for i in range(len(topology.buses))]
     nodes.attach([far for _, far in pairs])
     return [opened.enter_context(near) for near, _ in pairs]
+
+
+class _Ticks:
+    """A clock that goes on by a third of a cycle whenever `listen` looks at it, thrice a cycle."""
+
+    def __init__(self, rate_hz: float) -> None:
+        self._now_ns, self._step_ns = 0, round(1e9 / (3.0 * rate_hz))
+
+    def __call__(self) -> int:
+        self._now_ns += self._step_ns
+        return self._now_ns
 
 
 class _Untouched:

@@ -81,6 +81,8 @@ class Ambient:
     background : ndarray, shape (4, n)
         To be taken off the counts of the next cycle: Hz by which the frequency has fallen without
         a press, then µT in the axes of the chips. One array, written by `update`.
+    residue_ut2 : ndarray, shape (n,)
+        Variance of an axis of the field by what is not known of the ambient field; likewise.
 
     Raises
     ------
@@ -112,17 +114,18 @@ class Ambient:
         self.topology = topology
         self.bodies = tuple(dict.fromkeys(frames))
         self._crosstalk = crosstalk
-        self._body = np.array([self.bodies.index(frame) for frame in frames])[topology.patch]
+        body = np.array([self.bodies.index(frame) for frame in frames])[topology.patch]
         pairs = [np.stack([i, j]) for i, j, _ in pairs_within(topology.position, guard_m)]
         i, j = np.concatenate([np.empty((2, 0), np.int64), *pairs], axis=1)
         self._kernel = k
-        self._constants = (*compressed_rows(n, i, j), _runs(self._body), _about(topology, k))
+        self._constants = (*compressed_rows(n, i, j), _runs(body), _about(topology, k))
         self._memory = np.empty((k.MEMORY_ROWS, n))
         self._zero = np.empty((3, n))
         self._marks = np.empty(n, np.uint8)
         self._common = np.empty((len(self.bodies), k.COMMON_ENTRIES))
-        self.background = np.empty((4, n), dtype)
+        self.background, self.residue_ut2 = np.empty((4, n), dtype), np.empty(n, dtype)
         self._state = self._memory, self._zero, self._marks, self._common
+        self._written = self.background, self.residue_ut2
         self._seen: tuple[np.ndarray | None, ...] = (None,) * 4
         self._period_s = 1.0 / topology.cycle_rate_hz
         self._slow_s = max(SLOW_S, SLOW_CYCLES * self._period_s)
@@ -149,13 +152,6 @@ class Ambient:
     def voters(self) -> np.ndarray:
         """Units that voted in the last cycle, shape (bodies,); under 4 the field is held."""
         return self._common[:, self._kernel.VOTERS].astype(int)
-
-    @property
-    def sigma_ut(self) -> np.ndarray:
-        """One sigma of what `background` takes off an axis for the ambient field, shape (n,)."""
-        at = self._kernel.COVARIANCE
-        variance = self._common[:, [at, at + 4, at + 8]].mean(axis=1)
-        return np.sqrt(variance)[self._body]
 
     @property
     def zero(self) -> np.ndarray:
@@ -191,6 +187,7 @@ class Ambient:
         self._common[:] = 0.0
         self._common[:, [k.COVARIANCE, k.COVARIANCE + 4, k.COVARIANCE + 8]] = k.PRIOR_UT2
         self.background[:] = 0.0
+        self.residue_ut2[:] = k.PRIOR_UT2
 
     def update(self, reading: Reading, dt_s: float | None = None) -> None:
         """Look at a decoded cycle, from whose counts `background` had been taken off.
@@ -214,8 +211,12 @@ class Ambient:
             self._accept(reading)
         self._update(
             *self._seen, REFUSED, self._crosstalk, (dt_s, min(dt_s, 2.0 * period_s), self._slow_s),
-            *self._constants, *self._state, self.background,
+            *self._constants, *self._state, *self._written,
         )  # fmt: skip
+
+    def warmup(self, reading: Reading) -> None:
+        """Compile the kernel, or load it, for such a reading; the state stays as it is."""
+        self._accept(reading)
 
     def _accept(self, reading: Reading) -> None:
         """Keep the arrays of a reading, which a decoder writes again and again, and the kernel's
@@ -224,14 +225,9 @@ class Ambient:
             reading.field_ut, reading.displacement_mm, reading.temperature, reading.status
         )  # fmt: skip
         self._update = self._kernel.compiled(
-            *self._seen,
-            REFUSED,
-            self._crosstalk,
-            (0.0, 0.0, 0.0),
-            *self._constants,
-            *self._state,
-            self.background,
-        )
+            *self._seen, REFUSED, self._crosstalk, (0.0, 0.0, 0.0),
+            *self._constants, *self._state, *self._written,
+        )  # fmt: skip
 
     # -- saved state -------------------------------------------------------------------------------
 
@@ -280,7 +276,7 @@ class Ambient:
         self._zero[:] = found["zero"]
         self._common[:, : k.SAVED_ENTRIES] = found["common"]
         self._memory[[k.REST_Z, k.REST_WARM, k.REST_S]] = found["rest"]
-        self._kernel.compose(*self._constants[2:], self._zero, self._common, self.background)
+        self._kernel.compose(*self._constants[2:], self._zero, self._common, *self._written)
 
 
 def _runs(body: np.ndarray) -> np.ndarray:

@@ -286,7 +286,7 @@ def _follow(dt_s, calm_dt_s, slow_s, about, memory, zero, marks):
 
 
 @register_jitable(**_OPTIONS)
-def _compose(runs, about, zero, common, background):
+def _compose(runs, about, zero, common, background, residue):
     """What is to be taken off the next cycle's counts."""
     for run in range(runs.shape[1]):
         g = runs[2, run]
@@ -306,11 +306,14 @@ def _compose(runs, about, zero, common, background):
         for i in units:
             z = about[COUNTS_SKIN + 6, i] * bx + about[COUNTS_SKIN + 7, i] * by
             background[3, i] = z + about[COUNTS_SKIN + 8, i] * bz
+        spread = common[g, COVARIANCE] + common[g, COVARIANCE + 4] + common[g, COVARIANCE + 8]
+        for i in units:
+            residue[i] = spread / 3.0
 
 
 def update_python(
     field, displacement, temperature, status, refused, near_too, times, around_start, around,
-    runs, about, memory, zero, marks, common, background,
+    runs, about, memory, zero, marks, common, background, residue,
 ):  # fmt: skip
     """Take what one decoded cycle tells of ambient field and zeros.
 
@@ -342,6 +345,8 @@ def update_python(
     common : ndarray, shape (bodies, COMMON_ENTRIES)
     background : ndarray, shape (4, n)
         Written: Hz, then µT in the axes of the chips.
+    residue : ndarray, shape (n,)
+        Written: variance of an axis by the ambient field, µT².
     """
     dt_s, calm_dt_s, slow_s = times
     _average(field, displacement, temperature, status, refused, dt_s, slow_s, about, memory)
@@ -355,7 +360,7 @@ def update_python(
     for g in range(common.shape[0]):
         _filter(dt_s, common[g])
     _follow(dt_s, calm_dt_s, slow_s, about, memory, zero, marks)
-    _compose(runs, about, zero, common, background)
+    _compose(runs, about, zero, common, background, residue)
 
 
 update = njit(update_python, nogil=True, cache=True, **_OPTIONS)
