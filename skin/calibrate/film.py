@@ -1,9 +1,10 @@
-"""Direction and displacement of a unit in one fit: 2x2 map, offset and R(psi, H) together.
+"""Direction and displacement of a unit in one fit: 2x2 map, offset, centre and R(psi, H) together.
 
-A film off the chip's axis, or tilted, looks like an offset of the lateral field that grows as the
-film nears the chip; no single offset undoes it. What is fitted is therefore the displacement, not
-the field, over the whole range: each sample weighs as much as its displacement is worth, and what
-the model cannot follow is told as a spread of its own.
+A film off the chip's axis looks like an offset of the lateral field that grows as the film nears
+the chip: no offset undoes it, but a shift of the displacement does, and a tilt is a little of both.
+What is fitted is therefore the displacement, not the field, over the whole range: each sample
+weighs as much as its displacement is worth, and what the model cannot follow is told as a spread of
+its own.
 """
 
 from __future__ import annotations
@@ -24,7 +25,10 @@ from skin.errors import ScanError
 
 __all__ = ["FilmFit", "fit_film"]
 
-RAW = ("stretch", "skew", "turn", "hall_offset_x_ut", "hall_offset_y_ut", *ANGLE_NAMES)
+RAW = ("stretch", "skew", "turn", "hall_offset_x_ut", "hall_offset_y_ut", "film_x_mm", "film_y_mm",
+       *ANGLE_NAMES)  # fmt: skip
+TABLE = 7
+"""First of the polynomial's coefficients in `RAW`."""
 NAMES = ("field_xx", "field_xy", "field_yx", "field_yy", *RAW[3:], "field_angle_max_mm")
 SHORTEST = 0.5
 """Least share of the scan's displacements over which the angle must grow."""
@@ -40,9 +44,9 @@ class FilmFit:
     ----------
     fit : Fit
         ``field_xx`` to ``field_yy`` (determinant 1 to second order), ``hall_offset_x_ut``,
-        ``hall_offset_y_ut``, ``field_angle_mm[0]`` to ``[15]``, and ``field_angle_max_mm``, the
-        end of the scan, or where before it an off-centre film's angle ceases to grow; residuals
-        in mm, of a component.
+        ``hall_offset_y_ut``, ``film_x_mm``, ``film_y_mm``, ``field_angle_mm[0]`` to ``[15]``, and
+        ``field_angle_max_mm``, the end of the scan, or where before it the angle ceases to grow;
+        residuals in mm, of a component.
     spread_mm : float
         What is left beyond the noise, one sigma of a component: the film is not as the model is.
     sigma_mm : float
@@ -63,7 +67,7 @@ def fit_film(
     offset_ut: tuple[float, float, float] = (0.0, 0.0, 0.0),
     sigma_ut: float = 105.0,
 ) -> FilmFit:
-    """Fit map, offset and field-angle polynomial to strokes over depth, length and direction.
+    """Fit map, offset, centre and field-angle polynomial to strokes over depth and direction.
 
     Parameters
     ----------
@@ -94,7 +98,7 @@ def fit_film(
     wanted = np.concatenate([reach, np.zeros_like(reach)])
     angle = field_angle(field.T, direction_rad)
     start = least_squares(angle_powers(angle, depth), reach, 1.0, ANGLE_NAMES)
-    found = np.concatenate([np.zeros(5), start.values])
+    found = np.concatenate([np.zeros(TABLE), start.values])
     spread_mm = 0.0
     for _ in range(ROUNDS):
         noise = _noise_mm(found, field, depth, along) * sigma_ut
@@ -103,7 +107,7 @@ def fit_film(
         found = fit.values
         left = wanted - _model(found, field, depth, along)[0]
         spread_mm = _spread(left, noise, left.size - found.size)
-    range_mm = _range(found[5:], depth, float(reach.max()))
+    range_mm = _range(found[TABLE:], depth, float(reach.max()))
     derivatives = _model(found, field, depth, along)[1]
     own = np.einsum("tp,pq,tq->t", derivatives, fit.covariance, derivatives).mean()
     values, jacobian = np.empty(len(NAMES)), np.zeros((len(NAMES), len(RAW)))
@@ -157,9 +161,9 @@ def _model(
     size = np.maximum(np.hypot(*lateral), 1e-9)
     way = lateral / size
     angle = np.arctan2(size, field[2])
-    table = at[5:].reshape(4, 4)
+    table = at[TABLE:].reshape(4, 4)
     powers = angle_powers(angle, depth)
-    reach = powers @ at[5:]
+    reach = powers @ at[TABLE:]
     # d reach / d size at the same Bz, and reach over size for a change of the direction
     radial = angle_slope(table, angle, depth) * field[2] / (size**2 + field[2] ** 2)
     around = reach / size
@@ -172,8 +176,9 @@ def _model(
         [[x, -y], [y, x], [y, -x], *(-_map(*at[:3]).T[:, :, np.newaxis] + zero)], axis=1
     )  # d lateral / d parameter, shape (2, 5, t)
     first = np.einsum("ijt,jpt->ipt", by_field, by)
-    moved = way * reach
-    each = np.concatenate([first, way[:, np.newaxis, :] * powers.T], axis=1)
+    moved = way * reach - at[5:TABLE, np.newaxis]
+    centre = np.broadcast_to(-np.eye(2)[:, :, np.newaxis], (2, 2, len(angle)))
+    each = np.concatenate([first, centre, way[:, np.newaxis, :] * powers.T], axis=1)
     turned = np.stack([along, np.stack([-along[1], along[0]])])
     predicted = np.einsum("ait,it->at", turned, moved)
     return predicted.ravel(), np.einsum("ait,ipt->atp", turned, each).reshape(2 * len(angle), -1)
@@ -187,9 +192,9 @@ def _noise_mm(
     lateral = _map(*at[:3]) @ raw
     ahead = np.sum(along * lateral, axis=0)
     angle = np.arctan2(np.abs(ahead), field[2])
-    table = at[5:].reshape(4, 4)
+    table = at[TABLE:].reshape(4, 4)
     radial = angle_slope(table, angle, depth) / np.hypot(ahead, field[2])
     # across: R / M_r, which at no displacement is what it is along
     small = np.abs(ahead) < 1e-3 * np.abs(field[2])
-    across = angle_powers(angle, depth) @ at[5:] / np.where(small, 1.0, np.abs(ahead))
+    across = angle_powers(angle, depth) @ at[TABLE:] / np.where(small, 1.0, np.abs(ahead))
     return np.concatenate([radial, np.where(small, radial, across)])

@@ -140,7 +140,9 @@ def least_squares(
     if not length.all():
         silent = [name for name, size in zip(names, length, strict=True) if size == 0.0]
         raise ScanError(f"scan: must have samples that tell {', '.join(silent)}; got none")
-    q, r = np.linalg.qr(weighted / length)
+    # the values as a last column: what the factor makes of it is all that is needed of Q
+    both = np.linalg.qr(np.column_stack([weighted / length, values * weight]), mode="r")
+    r, turned = both[:count, :count], both[:count, count]
     _, singular, rows = np.linalg.svd(r)
     lost = singular < RANK * singular[0]
     if lost.any():
@@ -151,7 +153,7 @@ def least_squares(
             "they have one and the same effect"
         )
     inverse = np.linalg.inv(r)
-    solution = inverse @ (q.T @ (values * weight)) / length
+    solution = inverse @ turned / length
     spread = inverse / length[:, np.newaxis]
     residual = values - matrix @ solution
     freedom = samples - count

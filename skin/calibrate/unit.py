@@ -206,10 +206,11 @@ def calibrate_unit(
     film = fit_film(
         field, *place, sheared["direction_rad"], offset_ut=tuple(offset), sigma_ut=field_ut
     )
-    mapped = map_field(field, film.fit)
-    lateral = mapped[:, 0] * np.cos(sheared["direction_rad"])
-    lateral += mapped[:, 1] * np.sin(sheared["direction_rad"])
-    amplitude = _amplitude(lateral, *place, float(p["field_reference_mm"]), field_ut)
+    x, y, _ = map_field(field, film.fit).T
+    way = place[1] * np.exp(1j * sheared["direction_rad"])
+    way += film.fit["film_x_mm"] + 1j * film.fit["film_y_mm"]
+    lateral = (x * way.real + y * way.imag) / np.abs(way)
+    amplitude = _amplitude(lateral, place[0], np.abs(way), float(p["field_reference_mm"]), field_ut)
     shear = fit_shear(
         sheared["force_n"][:, 0], place[1], place[0],
         reference_mm=float(p["field_reference_mm"]), sigma_n=force_n,
