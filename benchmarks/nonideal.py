@@ -23,6 +23,7 @@ from skin.decode.decoder import ESTIMATORS, Decoder
 from skin.sim.play import ScriptedScene
 from skin.sim.script import NonIdeal
 from skin.sim.script_load import load_scene
+from skin.sim.truth import Truth
 from topology import load
 
 CASES: dict[str, NonIdeal] = {
@@ -42,6 +43,8 @@ CASES: dict[str, NonIdeal] = {
 }
 
 TARE_S = 5.0
+AT_ONCE = 50
+"""Cycles that are read together."""
 STAGES_S = (50.0, 100.0, 150.0)
 """When z, x and y are loaded."""
 PAPER_FORCE_N, PAPER_TEMPERATURE_C = 0.03, 0.8
@@ -104,11 +107,15 @@ def _errors(non_ideal: NonIdeal, estimator: str, rate_hz: float) -> dict:
     times = np.arange(round(script.seconds * rate_hz)) / rate_hz
     read, true = np.empty((2, times.size, 3, palm.n))
     warm, valid = np.empty((times.size, palm.n)), np.empty((times.size, palm.n), bool)
-    for i, time_s in enumerate(times):
-        truth = scene.at(float(time_s))
+    many = Truth.room(AT_ONCE, palm.n)
+    for start in range(0, times.size, AT_ONCE):
+        rows = slice(start, min(start + AT_ONCE, times.size))
+        for i, time_s in enumerate(times[rows]):
+            many.put(i, scene.at(float(time_s)))
+        truth = many.first(rows.stop - start)
         reading = decoder(scene.units.counts(truth))
-        read[i], true[i] = reading.force, truth.force
-        warm[i], valid[i] = reading.temperature - truth.temperature, reading.valid
+        read[rows], true[rows] = reading.force, truth.force
+        warm[rows], valid[rows] = reading.temperature - truth.temperature, reading.valid
     read -= read[times < TARE_S].mean(axis=0)
     wrong = np.abs(read - true)
     size = np.sqrt((wrong**2).sum(axis=1))

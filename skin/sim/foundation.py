@@ -150,8 +150,9 @@ class Foundation:
         """The units of a patch together on one elastic body; patches do not feel each other.
 
         The default modulus is that of the casting silicone [assumed]. The time of a step grows with
-        the square of how many units of one patch are touched: with 1024 units of 16 patches it is
-        about a millisecond, in a single patch of 1024 ten of them.
+        the square of how many units of one patch are touched: about a millisecond for 1024 units of
+        16 patches, half of one for 256 units of a single patch, more than a bus carries. A single
+        patch of 1024 would take tens of them, more than a cycle at 250 Hz.
         """
         normal, shear = influence(
             topology.position,
