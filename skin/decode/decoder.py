@@ -135,6 +135,11 @@ class Decoder:
         return frozenset(self.plan.quantities) | ({"sigma"} if self.plan.sigma else set())
 
     @property
+    def reading(self) -> Reading:
+        """The last cycle's, as a call gives it: views of arrays that stay the same."""
+        return self._reading
+
+    @property
     def estimator(self) -> str:
         """Inversion of the tangential field."""
         return self.plan.estimator
