@@ -71,7 +71,8 @@ FLAT = 1e-3
 SWELLING_MM = 0.05
 OUT_OF_PLANE_MM = 2.0
 """One-sigmas of the motions that slip must not be mistaken for."""
-ENOUGH, ENOUGH_TO_SWELL = 3, 8
+ENOUGH, ENOUGH_TO_TURN, ENOUGH_TO_SWELL = 3, 2, 8
+"""Units that can contradict each other; that stick, to tell a turn, a swelling."""
 HUBER = 2.0
 CLIPPED_WEIGHT = 0.1
 LEAK_S = 1.0
@@ -158,11 +159,12 @@ def _take(
     record, members, slip, force, displacement, displacement_sigma, geometry, frame, size, columns,
     judged, work,
 ):  # fmt: skip
-    """Take the units of a contact into `work`; returns the length in use and how many stick."""
+    """Take the units of a contact into `work`; returns the length in use, how many stick, and how
+    many are anchored to this body, be it that they slip."""
     first = record["begin"]
     count = record["end"] - first
     body, parent = np.float64(record["id"]), np.float64(record["parent"])
-    stuck = 0
+    stuck, known = 0, 0
     for j in range(count):
         i = members[first + j]
         unit = judged[i]
@@ -171,11 +173,13 @@ def _take(
             unit[BODY] = body
         for k in range(CARRIED):
             work[k, j] = unit[k]
-        held = not new and unit[BODY] == body and slip[i] != SLIPPING
+        anchored = not new and unit[BODY] == body
+        held = anchored and slip[i] != SLIPPING
+        known += anchored
         stuck += held
         work[HELD_NOW, j] = 1.0 if held else 0.0
         work[NEW, j] = 1.0 if new else 0.0
-        work[JOINED, j] = 1.0 if not new and unit[BODY] != body else 0.0
+        work[JOINED, j] = 1.0 if not (new or anchored) else 0.0
         work[BODY, j] = body
         work[HERE_X, j] = displacement[0, i]
         work[HERE_Y, j] = displacement[1, i]
@@ -190,7 +194,7 @@ def _take(
             work[k, j] = 0.0
     for j in range(count, length):
         work[NOISE, j] = 1.0
-    return length, stuck
+    return length, stuck, known
 
 
 @register_jitable
@@ -489,8 +493,8 @@ def _conclude(record, settings, now_ns, judging, ratio):
     """State of the contact from its stick ratio, or from the friction cone where units are few."""
     before = record["slip"]
     stick = record["stick_ratio"]
+    used = 1.0 - record["margin"]
     if judging < ENOUGH:
-        used = 1.0 - record["margin"]
         record["flags"] |= FEW_UNITS
         if not np.isfinite(used):
             state = UNKNOWN
@@ -500,7 +504,9 @@ def _conclude(record, settings, now_ns, judging, ratio):
             state = INCIPIENT
         else:
             state = HELD
-    elif stick < settings[GROSS_RATIO]:
+    elif stick < settings[GROSS_RATIO] or (
+        judging - record["slip_units"] < ENOUGH and used > CONE_GROSS
+    ):
         state = GROSS
     elif stick < settings[INCIPIENT_RATIO] or (
         before == INCIPIENT and stick < 0.5 + 0.5 * settings[INCIPIENT_RATIO]
@@ -547,11 +553,11 @@ def _judge_contact(
     flat = _frame(record, members, force, geometry, origin, frame)
     size = max(record["arm"], 1e-4)
     columns = 4 if flat else COLUMNS
-    length, stuck = _take(
+    length, stuck, known = _take(
         record, members, slip, force, displacement, displacement_sigma, geometry, frame, size,
         columns, judged, work,
     )  # fmt: skip
-    if stuck < ENOUGH:
+    if stuck < ENOUGH_TO_TURN:
         columns = 2
     x[:] = 0.0
     if stuck:
@@ -561,7 +567,7 @@ def _judge_contact(
     judging, sticks, pattern = 0, 1.0, 0.0
     if record["slip"] == GROSS:
         judging = count
-    elif stuck >= ENOUGH:
+    elif known >= ENOUGH:
         judging = count
         pull, square = 0.0, 0.0
         for j in range(count):
