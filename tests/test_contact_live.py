@@ -10,14 +10,17 @@ from scipy.spatial.transform import Rotation
 
 import skin
 import topology
+from bus.cycle import ClosedBy, RawCycle
 from bus.memory import MemoryTransport
 from skin.contact.records import Event
 from skin.contact.wrench import wrench
 from skin.errors import SkinError
+from skin.reader import CycleReader
 from skin.sim.node import Nodes
 from skin.sim.play import ScriptedScene
 from skin.sim.scene import PressSlideLift
 from skin.sim.script_load import load_scene
+from skin.sim.unit import UnitSimulator
 
 
 def test_contacts_of_a_stroke_are_the_truth_within_their_sigma():
@@ -131,3 +134,21 @@ def test_what_is_known_of_friction_reaches_the_contacts():
         assert contact.margin == pytest.approx(1.0 - used / (contact.friction * contact.load))
         assert (state.slip[contact.units] != skin.UnitSlip.NO_CONTACT).all()
         assert contact.slip in tuple(skin.SlipState)
+
+
+def test_contacts_outlive_stamps_that_step_back_and_numbers_that_repeat():
+    palm = topology.load("palm")
+    scene, simulator = PressSlideLift(palm), UnitSimulator(palm, seed=5)
+    counts = simulator.counts(scene.at(3.0))
+    read = CycleReader(palm, want={"contacts"}, estimator="sine", dtype="float32")
+    rest = (np.ones(palm.n, bool), np.zeros(palm.n, np.uint16), *(np.zeros(palm.n, int),) * 3)
+    ages = []
+    for number, stamp_ns in ((7, 900), (8, 1000), (8, 1000), (9, 10), (20, -5), (3, 0)):
+        state = read(RawCycle(number, stamp_ns, ClosedBy.COMPLETE, counts, *rest))
+        (contact,) = state.contacts
+        assert contact.id == 1
+        assert state.stamp_ns == stamp_ns
+        ages.append(contact.age_s)
+    assert ages[1] == pytest.approx(0.004)
+    assert ages[4] == pytest.approx(13 * 0.004)
+    assert (np.diff(ages) > 0.0).all()

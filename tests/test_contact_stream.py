@@ -193,6 +193,45 @@ def test_invalid_units_change_coverage_and_no_number_of_the_rest():
     assert told[0] == told[1]
 
 
+@pytest.mark.parametrize("row", [0, 1, 2])
+def test_a_number_that_is_none_makes_its_unit_silent_and_spoils_no_other(row):
+    clean, broken = plate(want={"slip"}), plate(want={"slip"})
+    unit = 2 * COLUMNS + 2
+    valid = np.ones(N, bool)
+    valid[unit] = False
+    spoiled = BOTH.copy()
+    spoiled[row, unit] = np.nan
+    for number in range(1, 4):
+        cycle(clean, BOTH, number, valid=valid)
+        cycle(broken, spoiled, number)
+    for one, other in zip(clean.contacts, broken.contacts, strict=True):
+        assert unit not in other.units
+        assert one.wrench == pytest.approx(other.wrench)
+        assert one.coverage == other.coverage < 1.0 or one.coverage == other.coverage == 1.0
+    assert broken.coverage == pytest.approx(1.0 - 1.0 / N)
+
+
+@given(seeds)
+@settings(max_examples=25)
+def test_whatever_is_told_totals_are_of_what_can_be_trusted(seed):
+    rng = np.random.default_rng(seed)
+    stream = plate(want=CONTACT_WANTS, capacity=3)
+    for number in range(1, 8):
+        force = rng.normal(0.0, 2.0, (3, N)) * rng.choice([0.0, 1.0, 1e6], N)
+        moved = rng.normal(0.0, 1.0, (3, N))
+        for values in (force, moved):
+            values[rng.integers(0, 3, 5), rng.integers(0, N, 5)] = rng.choice([np.nan, np.inf])
+        sigma = rng.uniform(0.0, 0.1, (3, N))
+        valid = rng.random(N) < 0.9
+        stream.update(force, sigma, moved, 0.01, None, valid, stamp_ns=number * CYCLE_NS)
+        used = stream.touching
+        assert np.isfinite(force[:, used]).all()
+        assert valid[used].all()
+        assert np.isfinite(stream.total.wrench).all()
+        assert stream.total.load == pytest.approx(force[2, used].sum())
+        assert sum(c.units.size for c in stream.contacts) <= used.sum()
+
+
 def test_patches_that_move_against_each_other_carry_their_forces_along():
     finger = np.arange(N) >= N // 2
     position, rotation = naive.grid(ROWS, COLUMNS, PITCH), naive.facing_down(N)

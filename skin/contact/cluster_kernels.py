@@ -46,12 +46,21 @@ OUT, OPEN, BRIDGE, SILENT = range(4)
 
 
 @register_jitable
-def _gate(load, sigma, valid, keep_sigma, touching, kind):
-    """Sort units into kinds, return how many are open. A NaN makes a unit silent."""
+def _gate(force, force_sigma, valid, keep_sigma, touching, kind):
+    """Sort units into kinds, return how many are open. A NaN makes a unit silent.
+
+    Of units that are not loaded nobody asks for the shear.
+    """
+    load, sigma = force[force.shape[0] - 1], force_sigma[force.shape[0] - 1]
     above = 0
     for i in range(load.size):
-        if valid[i] and np.isfinite(load[i]) and sigma[i] >= 0.0:
-            kind[i] = OPEN if load[i] > keep_sigma * sigma[i] else OUT
+        told = valid[i] and np.isfinite(load[i]) and sigma[i] >= 0.0
+        loaded = told and load[i] > keep_sigma * sigma[i]
+        if loaded:
+            for row in range(force.shape[0]):
+                told &= np.isfinite(force[row, i]) and np.isfinite(force_sigma[row, i])
+        if told:
+            kind[i] = OPEN if loaded else OUT
             above += kind[i]
         else:
             kind[i] = BRIDGE if touching[i] else SILENT
@@ -365,7 +374,7 @@ def join_python(force, force_sigma, valid, graph, start_sigma, keep_sigma, units
     load, sigma = force[force.shape[0] - 1], force_sigma[force.shape[0] - 1]
     n = load.size
     kind, label, touching = units[KIND], units[LABEL], units[TOUCHING]
-    above = _gate(load, sigma, valid, keep_sigma, touching, kind)
+    above = _gate(force, force_sigma, valid, keep_sigma, touching, kind)
     label[:] = -1
     units[BEGIN, 0] = 0
     if above == 0:

@@ -635,6 +635,6 @@ def describe_python(
     _conclude(total, contacts[contacts.size - 1], origin, c6, spare)
 
 
-describe = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})(
-    describe_python
-)
+describe = njit(
+    cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp"}
+)(describe_python)
