@@ -18,6 +18,7 @@ from skin.cli import main
 from skin.decode.ambient import Ambient
 from skin.decode.decoder import Decoder
 from skin.errors import CountsError, OptionError, ScanError, SkinError
+from skin.sim.fabrication import Fabrication
 from skin.sim.halbach import CHIP_AXES, HalbachField
 from skin.sim.surroundings import Surroundings
 from skin.sim.unit import UnitSimulator
@@ -297,6 +298,23 @@ def test_neighbours_are_in_the_offsets_or_left_out():
     assert np.allclose(included.offset_ut - left_out.offset_ut, stencil.rest_ut[:2])
     assert np.abs(included.offset_ut - own).max() > 150.0
     assert included.axial_ut - left_out.axial_ut == pytest.approx(stencil.rest_ut[2])
+
+
+def test_film_beside_its_chip_is_in_the_offsets_only_if_not_known():
+    """No offset undoes it where the unit is pressed, and it must not be taken off twice."""
+    nominal = topology.load("fingertip")
+    made = Fabrication.perfect(nominal.n, 16)
+    made.centre_mm[:] = [[0.1], [-0.05]]
+    counts = simulated(nominal, field=HalbachField(nominal, fabrication=made, reach_m=0.0))
+    known = with_parameters(nominal, film_x_mm=0.1, film_y_mm=-0.05)
+    blind, seeing = tare(nominal, counts), tare(known, counts)
+    assert np.abs(seeing.offset_ut).max() < 25.0
+    assert np.hypot(*blind.offset_ut).min() > 160.0
+    for skin, found in ((nominal, blind), (known, seeing)):
+        offsets = {f"hall_offset_{axis}_ut": found.offset_ut[i] for i, axis in enumerate("xy")}
+        tared = with_parameters(skin, frequency_rest_hz=found.frequency_hz, **offsets)
+        mean = Decoder(tared, estimator="sine")(counts).displacement_mm.mean(axis=0)
+        assert np.abs(mean).max() < 0.006
 
 
 def test_field_of_the_tare_is_not_subtracted_again(tmp_path):

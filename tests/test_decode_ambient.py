@@ -39,6 +39,16 @@ def test_uniform_field_is_found_on_skins_of_any_shape(name):
     assert np.abs(ambient.zero[1:]).max() < 0.5
 
 
+def test_film_beside_its_chip_is_no_ambient_field():
+    """What it adds at rest is the unit's own: 165 µT for 0.1 mm, all of them to one side."""
+    skin = with_parameters(topology.load("palm"), film_x_mm=0.08, film_y_mm=-0.06)
+    ambient, world = Ambient(skin), World(skin)
+    world.stray_ut[:2] = np.array([[0.8], [-0.6]]) * 11073.0 * np.exp(-1.44) * np.sin(0.02 * np.pi)
+    world.run(ambient, 8.0)
+    assert np.abs(ambient.field_ut).max() < 15.0
+    assert ambient.followed.all()
+
+
 def test_background_reads_as_the_counts_do():
     """Through the map, the axes and the rotation of each unit."""
     skin = calibrated(topology.load("fingertip"), seed=5)

@@ -1,7 +1,8 @@
 """Tare: what untouched units read is their zero, as an explicit action that is saved.
 
 Of every unit it takes the frequency at rest and the offsets of the lateral field, in place: with
-the chip's own offset, that of its assembly, and the ambient field of the moment. From then on
+the chip's own offset, that of its assembly as far as calibration does not know it (`film_x_mm`),
+and the ambient field of the moment. From then on
 `skin.decode.ambient.Ambient` tells the *change* of the ambient field since the tare, so that
 nothing is subtracted twice; what it had followed before belongs to the calibration before, and is
 not restored on this one.
@@ -26,6 +27,7 @@ import numpy as np
 from bus.status import INVALID, Status
 from skin.calibrate.fit import Fit
 from skin.calibrate.write import write_calibration
+from skin.decode.rest import film_at_rest_ut, inverse_map
 from skin.errors import CountsError, OptionError, ScanError, SkinError
 from topology import CHANNELS, Topology
 from topology.model import TABLES
@@ -246,7 +248,8 @@ def tare(
     mean, sigma = (
         np.array([getattr(unit, name) for unit in found]).T for name in ("mean", "sigma")
     )
-    offset = np.array([unit.offsets() for unit in found]).T
+    own = np.einsum("abn,bn->an", inverse_map(topology), film_at_rest_ut(topology)[:2])
+    offset = np.array([unit.offsets(own[:, i]) for i, unit in enumerate(found)]).T
     rest = np.zeros((3, topology.n)) if rest_ut is None else np.asarray(rest_ut, float)
     axial = np.where(topology.wired[BZ], offset[2] - p["hall_offset_z_ut"] - rest[2], np.nan)
     return Tare(
@@ -272,20 +275,22 @@ class _Unit:
 
     def temperature(self, channel: int) -> float:
         """Mean of chip or gel, degree Celsius."""
-        if channel == CHIP:
-            return float(self.mean[CHIP])
+        if channel == CHIP or not self.count:
+            return float(self.mean[channel])
         share = np.maximum(self.values[GEL], 1e-9) / self.p["gel_current_20c_ua"]
         return float(20.0 + 60.0 * np.mean(np.log(share)) / np.log(self.p["gel_current_ratio"]))
 
-    def offsets(self) -> np.ndarray:
-        """Mean field at the chip's reference temperature, shape (3,)."""
-        above = 0.0
-        for channel in (CHIP, GEL):
-            if self.wired[channel] and self.count > 1:
-                above = self.temperature(channel) - self.p["hall_reference_c"]
-                break
-        drift = np.array([self.p[f"hall_drift_{axis}_ut_per_k"] for axis in "xyz"])
-        return self.mean[BX : BZ + 1] - drift * above
+    def offsets(self, own: np.ndarray) -> np.ndarray:
+        """Mean field at the chip's reference temperature, shape (3,), without the lateral one of
+        the film itself, shape (2,)."""
+        p = self.p
+        told = [self.temperature(channel) for channel in (CHIP, GEL) if self.wired[channel]]
+        chip, film = (told[0], told[-1]) if told else (p["hall_reference_c"], p["film_reference_c"])
+        above = chip - p["hall_reference_c"]
+        gain = 1.0 + p["hall_gain_per_k"] * above
+        gain *= 1.0 + p["film_drift_per_k"] * (film - p["film_reference_c"])
+        drift = np.array([p[f"hall_drift_{axis}_ut_per_k"] for axis in "xyz"])
+        return self.mean[BX : BZ + 1] - drift * above - gain * np.array([*own, 0.0])
 
     def faults(self, flags: np.ndarray) -> Iterator[str]:
         """Why this unit cannot be tared; its flags of all cycles, shape (t,)."""

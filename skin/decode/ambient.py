@@ -41,6 +41,7 @@ from pathlib import Path
 import numpy as np
 
 from bus.status import Status
+from skin.decode.rest import film_at_rest_ut, inverse_map
 from skin.errors import CalibrationError, OptionError
 from skin.sim.halbach import CHIP_AXES
 from skin.state import Reading
@@ -58,7 +59,7 @@ REFUSED = 0xFFFF & ~int(Status.EXTRAPOLATED | Status.IDLE)
 """Any other flag, and a unit is not used."""
 STANDS_ON = (
     "frequency_rest_hz", "frequency_slope_hz_per_mm", "hall_offset_x_ut", "hall_offset_y_ut",
-    "hall_offset_z_ut", "field_xx", "field_xy", "field_yx", "field_yy",
+    "hall_offset_z_ut", "field_xx", "field_xy", "field_yx", "field_yy", "film_x_mm", "film_y_mm",
 )  # fmt: skip
 """Parameters without which saved zeros mean nothing."""
 
@@ -299,9 +300,7 @@ def _about(topology: Topology, k) -> np.ndarray:
     to_skin = topology.rotation * CHIP_AXES[:, np.newaxis]
     out[k.SKIN_CHIP : k.SKIN_CHIP + 9] = to_skin.reshape(9, -1)
     unmap = np.zeros((3, 3, topology.n))
-    determinant = p["field_xx"] * p["field_yy"] - p["field_xy"] * p["field_yx"]
-    unmap[0, :2] = p["field_yy"] / determinant, -p["field_xy"] / determinant
-    unmap[1, :2] = -p["field_yx"] / determinant, p["field_xx"] / determinant
+    unmap[:2, :2] = inverse_map(topology)
     unmap[2, 2] = 1.0
     out[k.MAP_XX : k.MAP_YY + 1] = unmap[:2, :2].reshape(4, -1)
     counts_skin = np.einsum("acn,bcn->abn", unmap, to_skin)
@@ -313,12 +312,9 @@ def _about(topology: Topology, k) -> np.ndarray:
     out[k.SIGMA_UT] = np.sqrt(lateral)
     out[k.LATERAL] = np.where(topology.wired[bx] & topology.wired[by], 1.0 / lateral, 0.0)
     out[k.AXIAL] = np.where(topology.wired[bz], 1.0 / axial, 0.0)
-    rest = (
-        p["field_vertical_ratio"]
-        * p["field_amplitude_ut"]
-        * np.exp(-p["field_growth_per_mm"] * p["field_reference_mm"])
-    )
-    per_hz = rest * p["field_growth_per_mm"] / p["frequency_slope_hz_per_mm"]
+    own = film_at_rest_ut(topology)
+    out[k.OWN_X], out[k.OWN_Y] = own[:2]
+    per_hz = own[2] * p["field_growth_per_mm"] / p["frequency_slope_hz_per_mm"]
     out[k.WITNESS_UT] = WITNESS_SIGMAS * per_hz * out[k.SIGMA_HZ]
     out[k.FILM_DRIFT] = p["film_drift_per_k"]
     return out

@@ -27,8 +27,9 @@ COUNTS_SKIN = 9
     LATERAL, AXIAL,  # 1 / sigma² of the field in 1/µT²; 0 where the wire does not carry it
     WITNESS_UT,  # a rise of Bz that tells a press
     FILM_DRIFT,
-) = range(18, 29)  # fmt: skip
-ABOUT_ROWS = 29
+    OWN_X, OWN_Y,  # lateral field at rest of a film beside its chip's axis
+) = range(18, 31)  # fmt: skip
+ABOUT_ROWS = 31
 
 # -- memory: rows of (rows, n), what one cycle leaves to the next ----------------------------------
 (
@@ -139,7 +140,7 @@ def _average(field, displacement, temperature, status, refused, dt_s, slow_s, ab
     long = dt_s / (LONG_OF_SLOW * slow_s + dt_s)
     for i in range(status.size):
         drop = displacement[2, i] * about[HZ_PER_MM, i]
-        x, y = field[0, i], field[1, i]
+        x, y = field[0, i] - about[OWN_X, i], field[1, i] - about[OWN_Y, i]
         z = _axial(i, field[2, i], about, memory)
         t = 0.0 if temperature is None else temperature[i]
         told = drop + x + y + z + t
@@ -192,8 +193,8 @@ def _votes(field, first, last, about, memory, marks, row):
         votes = marks[i] & VOTES != 0
         sigma = about[SIGMA_UT, i]
         most = CLIP_SIGMAS * sigma
-        x = _held(field[0, i], most) if votes else 0.0
-        y = _held(field[1, i], most) if votes else 0.0
+        x = _held(field[0, i] - about[OWN_X, i], most) if votes else 0.0
+        y = _held(field[1, i] - about[OWN_Y, i], most) if votes else 0.0
         z = _held(_axial(i, field[2, i], about, memory), most) if votes else 0.0
         known = memory[REST_Z, i] == memory[REST_Z, i]
         off_z = memory[LONG_Z, i] if known else 0.0
