@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec import structs
 
 import topology
 from skin.calibrate.bench import strokes
@@ -253,6 +254,27 @@ def test_a_unit_that_is_not_known_adds_nothing_and_widens_what_its_neighbours_kn
     np.testing.assert_allclose(added[felt], added_true[felt], rtol=0.2)
     predict(crosstalk, moved)
     np.testing.assert_array_equal(crosstalk.residue_ut2, before)
+
+
+def test_sensors_of_another_kind_have_no_film():
+    palm = topology.load("palm")
+    layout = np.zeros(len(palm.frames), np.int32)
+    layout[palm.frames.units[:, 0] >= 32] = 1
+    skin = dataclasses.replace(
+        palm, frames=dataclasses.replace(palm.frames, layout=layout),
+        layouts=(palm.layouts[0], structs.replace(palm.layouts[0], counts_only=True)),
+    )  # fmt: skip
+    foreign = skin.counts_only
+    assert 0 < foreign.sum() < 64
+    crosstalk = CrossTalk(skin, dtype="float64", tolerance_ut=0.0)
+    moved = displaced(64, cycles=1)[0]
+    own = np.where(foreign, 0.0, moved)
+    np.testing.assert_allclose(predict(crosstalk, moved), stencil_of("palm")(own), atol=1e-9)
+    alone = Stencil.of(part_of(palm, np.flatnonzero(~foreign)))
+    np.testing.assert_allclose(crosstalk.stencil.rest_ut[:, ~foreign], alone.rest_ut, atol=1e-9)
+    known = crosstalk.residue_ut2.copy()
+    predict(crosstalk, moved, ~foreign)
+    np.testing.assert_array_equal(crosstalk.residue_ut2, known)
 
 
 def test_a_unit_that_was_not_looked_at_counts_as_not_displaced():

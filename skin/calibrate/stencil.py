@@ -5,7 +5,8 @@ chip from the film's axis and its height along it alone: one fit serves all pair
 on flat, curved and irregular skins, once it is turned to where the chip really is.
 
 Units of different frames move against each other, so what one adds at the other is no constant of
-the skin: such pairs are left out, and counted (`Stencil.moving_pairs`).
+the skin: such pairs are left out, and counted (`Stencil.moving_pairs`). For frames that stand
+still, build the stencil of the topology in that pose with ``rigid=True``.
 """
 
 from __future__ import annotations
@@ -63,7 +64,8 @@ class Stencil:
         One-sigma of what each kind predicts for a film of strength 1, the mean over the range of
         the scan: what the polynomial misses, and the noise of the scan.
     strength : ndarray, shape (n,)
-        Of each unit's film: `field_amplitude_ut`, or 1 where the pairs were measured themselves.
+        Of each unit's film: `field_amplitude_ut`, 0 of sensors of another kind; 1 where the pairs
+        were measured themselves.
     rest_ut : ndarray, shape (3, n)
         What all neighbours within `HORIZON_M`, however far beyond the reach, add while they are at
         rest: constant, and large along z.
@@ -225,12 +227,13 @@ class Stencil:
         missed = np.array([[_missed(axis) for axis in fit] for fit in fits])
         apart = np.linalg.norm(topology.position[:, i] - topology.position[:, j], axis=0)
         reach_m = float(apart.max())
-        bound, rms = left_out(_parted(topology), reach_m, depth_max_mm, displacement_max_mm)
+        parted = _parted(_with_films(topology))
+        bound, rms = left_out(parted, reach_m, depth_max_mm, displacement_max_mm)
         residual = [axis.residual_rms for axis in fits[int(np.argmin(apart))]]
         worst = [axis.residual_max for axis in fits[int(np.argmin(apart))]]
         return cls(
             start.astype(np.int32), j, np.arange(len(fits), dtype=np.int32), values,
-            np.sqrt(known + missed), np.ones(topology.n), field_at_rest(_parted(topology)), degree,
+            np.sqrt(known + missed), np.ones(topology.n), field_at_rest(parted), degree,
             reach_m, depth_max_mm, displacement_max_mm, bound, rms, max(residual), max(worst), 0,
         )  # fmt: skip
 
@@ -274,6 +277,7 @@ class Stencil:
         """
         if degree not in DEGREES:
             raise ScanError(f"degree: must be 1, 2, 3 or 4; got {degree}")
+        topology = _with_films(topology)
         parted = topology if rigid else _parted(topology)
         start, neighbour = _rows(parted, reach_m)
         moving = 0 if rigid else (_rows(topology, reach_m)[1].size - neighbour.size) // 2
@@ -367,6 +371,13 @@ def _missed(fit: Fit) -> float:
     """Mean square of what the polynomial misses: of the residual, what noise cannot explain."""
     by_chance = 3.0 * np.sqrt(2.0 / max(fit.samples - len(fit.values), 1))
     return fit.residual_rms**2 * (1.0 - 1.0 / fit.chi2) if fit.chi2 > 1.0 + by_chance else 0.0
+
+
+def _with_films(topology: Topology) -> Topology:
+    """The same skin, in which sensors of another kind have no film."""
+    strength = np.where(topology.counts_only, 0.0, topology.parameters["field_amplitude_ut"])
+    parameters = {**topology.parameters, "field_amplitude_ut": strength}
+    return dataclasses.replace(topology, parameters=parameters)
 
 
 def _parted(topology: Topology) -> Topology:

@@ -255,7 +255,8 @@ def contraction_of(topology: Topology, stencil: Stencil) -> float:
         crest = p["field_amplitude_ut"] * np.exp(
             p["field_growth_per_mm"] * (depth - p["field_reference_mm"])
         )
-        per_ut = 1.0 / (p["field_wavenumber_rad_per_mm"] * crest)
+        steepest = p["field_wavenumber_rad_per_mm"] * crest
+        per_ut = np.divide(1.0, steepest, out=np.zeros(stencil.n), where=~topology.counts_only)
         each = slope[stencil.kind] * stencil.strength[neighbour, np.newaxis, np.newaxis]
         each *= per_ut[unit, np.newaxis, np.newaxis]
         worst = max(worst, _spectral_radius(each, unit, neighbour, stencil.n))
