@@ -1,0 +1,135 @@
+"""What is not done: cycle time by how much of the skin is touched, and by what is wanted.
+
+One round contact presses 0, 5, 25 and 100 % of the units. `full` decodes every unit to everything
+with sigmas and one sweep of cross-talk; `skip` leaves out the blocks of 16 units that nothing
+presses. The first table gives the time of `skip` over that of `full`, in turns, in one process; the
+second that of each single want over all of them, without skipping.
+
+Skipping changes no value: in the same run every unit that is not IDLE is compared, to the bit where
+there is no cross-talk. With it, films that count as at rest are predicted as if they were: the
+largest difference is given beside the bound that `CrossTalk.idle_ut` sets.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from benchmarks.contact import plate
+from benchmarks.timing import medians
+from skin.decode.array import ArrayDecoder
+from skin.decode.decoder import Decoder
+from skin.sim.material import Elastic
+from skin.sim.truth import Truth
+from skin.sim.unit import UnitSimulator
+from skin.state import UNIT_WANTS, Reading, Status
+from topology import Topology
+
+SIZES = (64, 1024)
+SHARES = (0.0, 0.05, 0.25, 1.0)
+CYCLES = 16
+DEPTH_MM, SHEAR_MM = 1.0, 0.4
+VALUES = ("force", "tangential", "theta", "displacement_mm", "force_sigma", "tangential_sigma",
+          "theta_sigma", "displacement_sigma_mm")  # fmt: skip
+SINGLE = tuple(name for name in UNIT_WANTS if name != "sigma")
+
+
+def run(quick: bool) -> dict:
+    """Measure; see the head of this file for what the figures are."""
+    sizes = {str(n): _size(plate(n), quick) for n in SIZES}
+    return {"idle_ratio": sizes[str(SIZES[-1])]["shares"]["0"]["ratio"], "sizes": sizes}
+
+
+def table(figures: dict) -> str:
+    """The figures for a person."""
+    lines = [f"{'units':>6}{'touched %':>11}{'idle %':>8}{'full us':>9}{'skip us':>9}{'ratio':>7}"
+             f"{'differ':>9}{'swept N':>9}{'bound N':>9}"]  # fmt: skip
+    for n, rows in figures["sizes"].items():
+        for share, row in rows["shares"].items():
+            lines.append(
+                f"{n:>6}{share:>11}{100 * row['idle']:>8.0f}{row['full_us']:>9.2f}"
+                f"{row['skip_us']:>9.2f}{row['ratio']:>7.2f}{row['differ']:>9}"
+                f"{row['swept_n']:>9.1e}{row['bound_n']:>9.1e}"
+            )
+    for n, rows in figures["sizes"].items():
+        wants = ", ".join(f"{name} {ratio:.2f}" for name, ratio in rows["wants"].items())
+        lines.append(f"{n:>6} units, one want over all: {wants}")
+    return "\n".join(lines)
+
+
+def _size(skin: Topology, quick: bool) -> dict:
+    target_s = 0.1 if quick else 0.5
+    shares = {f"{100 * share:g}": _share(skin, share, target_s) for share in SHARES}
+    counts = counts_of(skin, 0.25)
+    runs = {name: _cycles(Decoder(skin, {name}), counts) for name in SINGLE}
+    seconds = medians({**runs, "all": _cycles(Decoder(skin), counts)}, target_s)
+    wants = {name: seconds[name] / seconds["all"] for name in SINGLE}
+    return {"shares": shares, "wants": wants}
+
+
+def counts_of(skin: Topology, share: float) -> np.ndarray:
+    """Counts while the units nearest to a corner are pressed and dragged, shape (t, c, n)."""
+    truth = Truth.at_rest(skin.n, 25.0)
+    count = round(share * skin.n)
+    away = np.linalg.norm(skin.position - skin.position[:, :1], axis=0)
+    touched = np.argsort(away, kind="stable")[:count]
+    truth.depth_mm[touched] = DEPTH_MM
+    truth.displacement_mm[0, touched] = SHEAR_MM
+    truth.force[2] = Elastic(skin).normal(truth.depth_mm)
+    truth.contact = truth.depth_mm > 0.0
+    simulator = UnitSimulator(skin, seed=count)
+    return np.stack([simulator.counts(truth) for _ in range(CYCLES)])
+
+
+def _share(skin: Topology, share: float, target_s: float) -> dict:
+    counts = counts_of(skin, share)
+    plain = [ArrayDecoder(skin, sweeps=0, ambient=False, skip=skip) for skip in (False, True)]
+    swept = [ArrayDecoder(skin, sweeps=1, ambient=False, skip=skip) for skip in (False, True)]
+    differ, idle, worst = 0, 0.0, 0.0
+    for raw in counts:
+        told, left_out = (decoder(raw) for decoder in plain)
+        differ += _differ(told, left_out)
+        idle = float(np.mean(left_out.status & Status.IDLE != 0))
+        told, left_out = (decoder(raw) for decoder in swept)
+        seen = left_out.status & Status.IDLE == 0
+        off = np.abs(told.force - left_out.force)[:, seen]
+        worst = max(worst, float(off.max(initial=0.0)))
+    if differ:
+        raise AssertionError(f"{differ} values of units that were not skipped have changed")
+    bound_n = swept[1].crosstalk.idle_ut * _newton_per_ut(skin)
+    seconds = medians(
+        dict(zip(("full", "skip"), (_cycles(d, counts) for d in swept), strict=True)), target_s
+    )
+    full, skip = (seconds[name] / CYCLES for name in ("full", "skip"))
+    return {
+        "full_us": 1e6 * full, "skip_us": 1e6 * skip, "ratio": skip / full, "idle": idle,
+        "differ": differ, "swept_n": worst, "bound_n": bound_n,
+    }  # fmt: skip
+
+
+def _differ(told: Reading, left_out: Reading) -> int:
+    """Values of units that are not IDLE which are not the same to the bit."""
+    seen = left_out.status & Status.IDLE == 0
+    count = 0
+    for name in VALUES:
+        one, other = (getattr(reading, name)[..., seen] for reading in (told, left_out))
+        count += int(np.sum(one.view(np.uint32) != other.view(np.uint32)))
+    return count
+
+
+def _newton_per_ut(skin: Topology) -> float:
+    """Largest shear that a microtesla of lateral field reads as: at rest."""
+    p = skin.parameters
+    crest = p["field_amplitude_ut"] * np.exp(-p["field_growth_per_mm"] * p["field_reference_mm"])
+    return float(np.max(p["shear_soft_n_per_mm"] / (p["field_wavenumber_rad_per_mm"] * crest)))
+
+
+def _cycles(decoder: Decoder | ArrayDecoder, counts: np.ndarray):
+    """All cycles, handed over as a bus does: in one array."""
+    here = np.zeros(counts.shape[1:], np.int16)
+
+    def go() -> None:
+        for raw in counts:
+            here[:] = raw
+            decoder(here)
+
+    return go
