@@ -9,7 +9,8 @@ everybody calls it, for a sample of the frames; `cantools raw` leaves out scales
 
 `cantools_ratio` is `table` to `cantools`, of the layout where it is less; the ratios of like to
 like, scaled to scaled and raw to raw, stand beside it. Each is the median over rounds in which
-everybody has a turn. All values are compared, those of cantools with our scaled ones.
+everybody has a turn; time is that of this thread on the processor. All values are compared, those
+of cantools with our scaled ones.
 """
 
 from __future__ import annotations
@@ -113,10 +114,10 @@ def _measure(topology: Topology, quick: bool) -> dict:
 
 
 def _seconds(call: Callable[[], object]) -> float:
-    """How long a call takes, the caches being as it leaves them itself: the mean of a turn."""
+    """Processor time of a call, the caches being as it leaves them itself: the mean of a turn."""
     call()
-    calls, started = 0, time.perf_counter()
-    while (passed := time.perf_counter() - started) < TURN_S:
+    calls, started = 0, time.thread_time()
+    while (passed := time.thread_time() - started) < TURN_S:
         call()
         calls += 1
     return passed / calls

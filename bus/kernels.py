@@ -31,15 +31,18 @@ CHANNEL_COUNT = 6
 _WORDS = np.dtype((np.int64, FRAME_DTYPE.itemsize // 8))
 _BYTES = np.dtype((np.uint8, FRAME_DTYPE.itemsize))
 
-# A field: four bytes of the record, in the other order where SWAP, shifted right and masked.
-BYTE, SWAP, SHIFT, MASK = range(4)
-FIELD_WIDTH = 4
-# Columns of `signals`, one row for each signal of each frame; the first four are a field.
+# A field: four bytes of the record as one number, shifted right and masked. WHERE has the first of
+# the bytes from bit BYTE_AT on, SWAPPED where the high byte comes first, and the shift below that:
+# in one number, since a signal takes about as long as its numbers are many.
+WHERE, MASK = range(2)
+SWAPPED, BYTE_AT, SHIFT_MASK = 1 << 5, 6, (1 << 5) - 1
+FIELD_WIDTH = 2
+# Columns of `signals`, one row for each signal of each frame; the first two are a field.
 # A count is (field ^ FLIP) - BIAS: that is how signs, and 16 bits unsigned, are read. PLACE is that
 # of the count in the channels of all units, one after the other.
 FLIP, BIAS, CHANNEL, UNIT, PLACE = range(FIELD_WIDTH, FIELD_WIDTH + 5)
 SIGNAL_COLUMNS = FIELD_WIDTH + 5
-# Columns of `frames`; the last three are fields of four columns each, mask 0 where there is none.
+# Columns of `frames`; the last three are fields of two columns each, mask 0 where there is none.
 # PAGES frames have the same identifier (0: it is the frame's own), and PAGE as their first byte.
 (
     BUS, IDENTIFIER, SIZE, IS_FD, FIRST_CHANNEL, FIRST_STATUS, END_STATUS, GROUP, PART, PAGES, PAGE,
@@ -249,18 +252,21 @@ def _high_first(data, row, byte):
 
 def _read_bits(data, row, table, t, k):
     """The unsigned integer in the field at table[t, k:k + 4]."""
-    t = np.uintp(t)
-    row, byte = np.uintp(row), np.uintp(table[t, k + BYTE])
-    word = high_first(data, row, byte) if table[t, k + SWAP] else low_first(data, row, byte)
-    return np.int32((word >> np.uint32(table[t, k + SHIFT])) & np.uint32(table[t, k + MASK]))
+    row, t = np.uintp(row), np.uintp(t)
+    where = np.uint32(table[t, k + WHERE])
+    byte = np.uintp(where >> np.uint32(BYTE_AT))
+    is_swapped = where & np.uint32(SWAPPED)
+    word = high_first(data, row, byte) if is_swapped else low_first(data, row, byte)
+    return np.int32((word >> (where & np.uint32(SHIFT_MASK))) & np.uint32(table[t, k + MASK]))
 
 
 def _write_bits(value, data, row, table, t, k):
     """Set the bits of a field, which are 0, to the low bits of `value`."""
-    word = (np.int64(value) & table[t, k + MASK]) << np.int64(table[t, k + SHIFT])
+    where = np.int64(table[t, k + WHERE])
+    word = (np.int64(value) & table[t, k + MASK]) << (where & SHIFT_MASK)
     for i in range(4):
-        place = 3 - i if table[t, k + SWAP] else i
-        data[row, table[t, k + BYTE] + place] |= np.uint8((word >> (8 * i)) & 0xFF)
+        place = 3 - i if where & SWAPPED else i
+        data[row, (where >> BYTE_AT) + place] |= np.uint8((word >> (8 * i)) & 0xFF)
 
 
 def _unpack_frame(data, row, f, frames, signals, units, counts, codes):

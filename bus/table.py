@@ -10,7 +10,7 @@ from bus.frame import FRAME_DTYPE
 from topology import CHANNELS, Signal, Topology, WireLayout
 from topology.wire import UNIT_FIELDS
 
-__all__ = ["FrameTable", "field_of"]
+__all__ = ["FrameTable"]
 
 
 class FrameTable:
@@ -112,8 +112,8 @@ class FrameTable:
         self.extended = others[np.argsort(others[:, 0])].reshape(-1, 2)
 
 
-def field_of(signal: Signal, size: int) -> tuple[int, int, int, int]:
-    """Where a signal lies in a record: first of four bytes, whether to swap them, shift and mask.
+def _field_of(signal: Signal, size: int) -> tuple[int, int]:
+    """Where a signal lies in a record, and its mask: the two columns of a field.
 
     The four bytes lie within the record, if not within the frame; the mask takes away what is not
     the signal's.
@@ -128,7 +128,8 @@ def field_of(signal: Signal, size: int) -> tuple[int, int, int, int]:
         shift, byte = 7 - bit, k.PAYLOAD + last - 3
     if not 0 <= first <= last < size:
         raise ValueError(f"must lie within the {size} bytes of its frame")
-    return byte, int(signal.order == "big"), shift, (1 << signal.length) - 1
+    swapped = k.SWAPPED if signal.order == "big" else 0
+    return byte << k.BYTE_AT | swapped | shift, (1 << signal.length) - 1
 
 
 def _signals(layout: WireLayout, part: int) -> np.ndarray:
@@ -161,18 +162,18 @@ def _frame_fields(layout: WireLayout, part: int, row: np.ndarray) -> None:
     for name, column in (("sequence", k.SEQUENCE), ("status", k.STATUS), ("crc", k.CRC)):
         signal = layout.frame_field(name, part)
         # Without the field the mask is 0, and reading gives 0.
-        field = (k.PAYLOAD, 0, 0, 0) if signal is None else _field(layout, signal)
+        field = (k.PAYLOAD << k.BYTE_AT, 0) if signal is None else _field(layout, signal)
         row[column : column + k.FIELD_WIDTH] = field
         if name == "crc" and signal is not None:
-            if signal.length != 16 or field[k.SHIFT]:
+            if signal.length != 16 or field[k.WHERE] & k.SHIFT_MASK:
                 raise _wrong(layout, signal, "must be 16 bits that fill two bytes",
                              f"{signal.length} bits from bit {signal.start}")  # fmt: skip
             row[k.CRC_PLACE] = k.PAYLOAD + signal.start // 8
 
 
-def _field(layout: WireLayout, signal: Signal) -> tuple[int, int, int, int]:
+def _field(layout: WireLayout, signal: Signal) -> tuple[int, int]:
     try:
-        return field_of(signal, layout.size)
+        return _field_of(signal, layout.size)
     except ValueError as error:
         got = f"{signal.length} bits from bit {signal.start}, {signal.order} endian"
         raise _wrong(layout, signal, str(error), got) from None
