@@ -71,8 +71,8 @@ class Contact:
     wrench_sigma = _Vector("One-sigma of `wrench`, shape (6,).")
     centroid = _Vector("Centre of pressure of the normal loads; NaN where WEAK; shape (3,).")
     centroid_covariance = _Vector(
-        "Shape (3, 3), from the noise of its units. What bears less than the gate beside them is not "
-        "in it, and matters to a contact below 1 N."
+        "Shape (3, 3), from the noise of its units. What bears less than the gate beside them is "
+        "not in it, and matters to a contact below 1 N."
     )
     moment = _Vector("Moment about the centroid, shape (3,).")
     moment_covariance = _Vector("Shape (3, 3).")
