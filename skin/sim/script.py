@@ -20,6 +20,11 @@ the lowest point of the body is, as it lies before it is turned by `rpy_deg` abo
 With `press_n` the body is not held at a height but sunk until the skin bears that much; with
 `drag_n` it is not held along x and y but dragged. Each quantity runs through the keys that name it,
 and stays as it is before the first and after the last.
+
+`[[loads]]` are weights glued to units, `[[tools]]` spheres of iron that pass by, `[[room]]` the air
+and how the skin lies in the field of the Earth. `[non_ideal]` switches on what real units do and
+the paper's formulas leave out, one by one; `[electronics]` says what parts its boards are made of.
+`skin sim --schema` prints all of it as a JSON Schema.
 """
 
 from __future__ import annotations
