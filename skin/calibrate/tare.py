@@ -44,8 +44,9 @@ UNTARED_SHARE = 0.03
 TARED_HZ = 60.0
 """How far the frequency may be from its rest unless the unit is pressed: as far as units are made
 apart [assumed], or, once it was tared, as far as a zero drifts (0.1 N)."""
-OFFSET_UT = 1000.0
-"""Lateral field beyond which a unit is sheared: 0.24 mm at rest."""
+OFFSET_UT, OFFSET_BLIND_UT = 1000.0, 2000.0
+"""Lateral field beyond which a unit is sheared: beside what resting neighbours add, and where that
+is not known, which on a fingertip is 1.2 mT. 1000 µT are 0.6 mm at rest."""
 
 GEL, FREQUENCY, BX, BY, BZ, CHIP = range(len(CHANNELS))
 INCLUDED, LEFT_OUT = "included", "left out"
@@ -233,6 +234,8 @@ def tare(
     _check("counts", counts, np.int16, (len(CHANNELS), topology.n))
     flags = np.zeros(counts.shape[::2], np.uint16) if status is None else status
     _check("status", flags, np.uint16, (topology.n,), len(counts))
+    rest = np.zeros((3, topology.n)) if rest_ut is None else np.asarray(rest_ut, float)
+    room_ut = OFFSET_BLIND_UT if rest_ut is None else OFFSET_UT
     good = flags & int(INVALID) == 0
     value = topology.scale[:, :, np.newaxis] * counts.transpose(1, 2, 0)
     value += topology.offset[:, :, np.newaxis]
@@ -240,7 +243,7 @@ def tare(
     faults = [
         f"{topology.unit_names[i]}: {fault}"
         for i in np.flatnonzero(taken)
-        for fault in found[i].faults(flags[:, i])
+        for fault in found[i].faults(flags[:, i], rest[:, i], room_ut)
     ]
     if faults:
         raise ScanError("\n".join(faults))
@@ -250,7 +253,6 @@ def tare(
     )
     own = np.einsum("abn,bn->an", inverse_map(topology), film_at_rest_ut(topology)[:2])
     offset = np.array([unit.offsets(own[:, i]) for i, unit in enumerate(found)]).T
-    rest = np.zeros((3, topology.n)) if rest_ut is None else np.asarray(rest_ut, float)
     axial = np.where(topology.wired[BZ], offset[2] - p["hall_offset_z_ut"] - rest[2], np.nan)
     return Tare(
         topology, taken, mean[FREQUENCY], sigma[FREQUENCY], offset[:2] - rest[:2],
@@ -292,8 +294,18 @@ class _Unit:
         drift = np.array([p[f"hall_drift_{axis}_ut_per_k"] for axis in "xyz"])
         return self.mean[BX : BZ + 1] - drift * above - gain * np.array([*own, 0.0])
 
-    def faults(self, flags: np.ndarray) -> Iterator[str]:
-        """Why this unit cannot be tared; its flags of all cycles, shape (t,)."""
+    def faults(self, flags: np.ndarray, rest: np.ndarray, room_ut: float) -> Iterator[str]:
+        """Why this unit cannot be tared.
+
+        Parameters
+        ----------
+        flags : ndarray, shape (t,)
+            Of all cycles.
+        rest : ndarray, shape (3,)
+            Field of resting neighbours.
+        room_ut : float
+            How far the lateral field may be from that.
+        """
         if self.count < LEAST_CYCLES:
             seen = Status(int(np.bitwise_or.reduce(flags & int(INVALID), initial=0)))
             why = f" ({seen.name})" if seen else ""
@@ -316,7 +328,7 @@ class _Unit:
                        f"{self.spread[channel]:.3g} {unit}")  # fmt: skip
             elif self.spread[channel] == 0.0 and nominal > self.step[channel]:
                 yield f"{name}: must have noise of {usual:.3g} {unit}; got readings all alike"
-        yield from self._loaded()
+        yield from self._loaded(rest, room_ut)
         if self.wired[GEL]:
             gel = np.log(np.maximum(self.values[GEL], 1e-9))
             warmed = gel[half:].mean() - gel[:half].mean()
@@ -324,16 +336,16 @@ class _Unit:
             if abs(warmed) > WARMED_C:
                 yield f"temperature: must be steady; changed by {warmed:.2g} °C from half to half"
 
-    def _loaded(self) -> Iterator[str]:
+    def _loaded(self, rest_ut: np.ndarray, room_ut: float) -> Iterator[str]:
         rest = self.p["frequency_rest_hz"]
         room = TARED_HZ if self.p["frequency_sigma_hz"] > 0.0 else UNTARED_SHARE * rest
         if abs(self.mean[FREQUENCY] - rest) > room:
             yield (f"frequency: must be within {room:.4g} Hz of {rest:.6g} Hz where nothing "
                    f"presses or pulls; got {self.mean[FREQUENCY]:.6g} Hz")  # fmt: skip
-        for name, channel in (("bx", BX), ("by", BY)):
-            if abs(self.mean[channel]) > OFFSET_UT:
-                yield (f"{name}: must be within {OFFSET_UT:g} µT of 0 where nothing shears; got "
-                       f"{self.mean[channel]:.4g} µT")  # fmt: skip
+        for name, channel, there in (("bx", BX, rest_ut[0]), ("by", BY, rest_ut[1])):
+            if abs(self.mean[channel] - there) > room_ut:
+                yield (f"{name}: must be within {room_ut:g} µT of {there:.4g} µT where nothing "
+                       f"shears; got {self.mean[channel]:.4g} µT")  # fmt: skip
 
 
 def _check(
