@@ -1,130 +1,135 @@
 """How good a slip detector is: what it must see, when, and what it must not see.
 
-A trial is a time series of the true share of the load that slips, and the time of the detector's
-first alarm. Three times of the truth matter: the first slip (`FIRST` of the load), the onset
-(`ONSET`), from which latency counts, and gross slip (`GROSS`).
+A trial is a time series of the true share of the load that has slipped, and of the detector's
+alarm; an alarm is the moment when it goes on. `benchmarks.slip` says what each figure means.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["FIRST", "GROSS", "ONSET", "Outcome", "outcome", "score", "slipping_share"]
+from benchmarks.slip_scenes import FIRST, GROSS, ONSET, Trial
 
-FIRST, ONSET, GROSS = 0.02, 0.1, 0.95
+__all__ = ["Outcome", "outcome", "score"]
+
 WARNING_S = 0.04
-"""Time from onset to gross slip below which there is nothing to catch before."""
-RECENT_S = 0.25
-"""An alarm is true if slip happened this recently."""
+"""Time from onset to gross slip below which hardly anything could be done."""
+FRICTION_S = 0.2
+"""After the alarm: when the friction estimate is read."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """One trial: its true times, the alarm, seconds; NaN for never."""
+    """One trial: its true times and the alarm, in seconds since the motion began; NaN for never.
 
+    Attributes
+    ----------
+    kind : str
+    units : int
+        In contact when the motion begins.
+    first_s, onset_s, gross_s : float
+        When `FIRST`, `ONSET` and `GROSS` of the load have slipped.
+    alarm_s : float
+        The first alarm after the motion has begun.
+    false : bool
+        That alarm came while nothing had slipped.
+    early : bool
+        There was an alarm before the motion, while nothing had slipped.
+    speed_mm_s : float
+        Of the fastest face.
+    friction_error : float
+        Relative, of the estimate after the alarm, of the friction of motion.
+    """
+
+    kind: str
+    units: int
     first_s: float
     onset_s: float
     gross_s: float
     alarm_s: float
     false: bool
-    """The alarm came while nothing slipped."""
+    early: bool
+    speed_mm_s: float
     friction_error: float = np.nan
-    """Relative, of the estimate after the alarm."""
 
 
-def slipping_share(slipping: np.ndarray, load: np.ndarray) -> np.ndarray:
-    """Share of the load that slips.
-
-    Parameters
-    ----------
-    slipping : ndarray, shape (t, n), bool
-        Whether a unit slides under what it touches: the truth.
-    load : ndarray, shape (t, n)
-        Newton, true normal load.
-
-    Returns
-    -------
-    ndarray, shape (t,)
-    """
-    return np.sum(slipping * load, axis=1) / np.maximum(load.sum(axis=1), 1e-12)
-
-
-def outcome(
-    time_s: np.ndarray,
-    share: np.ndarray,
-    alarm: np.ndarray,
-    *,
-    from_s: float = 0.0,
-    friction_error: float = np.nan,
-) -> Outcome:
-    """Compare the alarms of one trial with its truth.
+def outcome(trial: Trial, alarm: np.ndarray, friction: np.ndarray | None = None) -> Outcome:
+    """Hold a detector's alarm against the truth.
 
     Parameters
     ----------
-    time_s, share : ndarray, shape (t,)
-        Time, and true share of the load that slips.
+    trial : Trial
     alarm : ndarray, shape (t,), bool
         The detector says that the contact slips.
-    from_s : float
-        When the trial begins; what was before is approach.
-    friction_error : float
-        Relative error of the friction estimate after the alarm.
+    friction : ndarray, shape (t,), optional
+        Its estimates.
     """
-    counts = time_s >= from_s
-    most = np.maximum.accumulate(np.where(counts, share, 0.0))
+    since_s, share, moving = trial.time_s - trial.plan.begins_s, trial.share, trial.moving
 
     def when(true: np.ndarray) -> float:
-        return float(time_s[np.argmax(true)]) if true.any() else np.nan
+        return float(since_s[np.argmax(true)]) if true.any() else np.nan
 
-    alarm_s = when(alarm & counts)
-    recent = (time_s > alarm_s - RECENT_S) & (time_s <= alarm_s) & counts
-    false = np.isfinite(alarm_s) and not np.any(share[recent] >= FIRST)
+    rises = alarm & ~np.concatenate([[False], alarm[:-1]])
+    alarm_s = when(rises & moving)
+    first_s = when(moving & (share >= FIRST))
+    error = np.nan
+    if friction is not None and np.isfinite(alarm_s):
+        at = min(np.searchsorted(since_s, alarm_s + FRICTION_S), since_s.size - 1)
+        error = float(friction[at] / trial.plan.kinetic.mean() - 1.0)
     return Outcome(
-        when(most >= FIRST), when(most >= ONSET), when(most >= GROSS), alarm_s, bool(false),
-        friction_error,
+        trial.plan.kind, trial.units, first_s, when(moving & (share >= ONSET)),
+        when(moving & (share >= GROSS)), alarm_s,
+        false=np.isfinite(alarm_s) and not alarm_s >= first_s,
+        early=bool(np.any(rises & ~moving & (np.maximum.accumulate(share) < FIRST))),
+        speed_mm_s=trial.plan.speed_mm_s,
+        friction_error=error,
     )  # fmt: skip
 
 
-def score(outcomes: Iterable[Outcome]) -> dict[str, float]:
-    """Figures of many trials.
+def score(outcomes: Sequence[Outcome]) -> dict[str, float | None]:
+    """Figures of many trials of all kinds; `benchmarks.slip` says what they are.
 
-    Returns
-    -------
-    dict
-        trials : number;
-        caught_before_gross : share, of the trials that reach gross slip and give a warning of at
-        least `WARNING_S`, with an alarm after the first slip and before gross slip;
-        latency_median_s, latency_p90_s : from the onset to the alarm, of all trials with an onset;
-        an alarm that never came counts as infinitely late, one before the onset as negative;
-        premature : share of the trials with an onset with an alarm while nothing slipped;
-        false_alarm : share of the trials without onset with an alarm while nothing slipped;
-        abrupt : share of the trials with gross slip that give no warning;
-        friction_error_median : of the trials with an alarm.
+    None where there is nothing to tell, or where the answer is never.
     """
-    all_of = list(outcomes)
-    slips = [one for one in all_of if np.isfinite(one.onset_s)]
-    holds = [one for one in all_of if not np.isfinite(one.onset_s)]
+    slips = [one for one in outcomes if one.kind == "slip"]
     gross = [one for one in slips if np.isfinite(one.gross_s)]
     warned = [one for one in gross if one.gross_s - one.onset_s >= WARNING_S]
-    late = np.array([np.inf if np.isnan(o.alarm_s) else o.alarm_s - o.onset_s for o in slips])
-    errors = [o.friction_error for o in slips if np.isfinite(o.friction_error)]
+    late_s = [np.nan_to_num(one.alarm_s - one.onset_s, nan=np.inf) for one in slips]
+    way_mm = [late * one.speed_mm_s for late, one in zip(late_s, slips, strict=True)]
+    alarmed = [one.friction_error for one in slips if np.isfinite(one.alarm_s)]
+    errors = [abs(error) for error in alarmed if np.isfinite(error)]
 
-    def share(hits: list[bool]) -> float:
-        return float(np.mean(hits)) if hits else np.nan
+    def share(hits: list[bool]) -> float | None:
+        return float(np.mean(hits)) if hits else None
 
-    def at(quantile: float) -> float:
-        return float(np.quantile(late, quantile, method="higher")) if late.size else np.nan
+    def caught(some: list[Outcome]) -> float | None:
+        return share([not one.false and one.alarm_s < one.gross_s for one in some])
+
+    def false(kind: str) -> float | None:
+        return share([one.false or one.early for one in outcomes if one.kind == kind])
+
+    def quantile(values: list[float], q: float) -> float | None:
+        found = float(np.quantile(values, q, method="higher")) if values else np.inf
+        return 1e3 * found if np.isfinite(found) else None
 
     return {
-        "trials": len(all_of),
-        "caught_before_gross": share([not o.false and o.alarm_s < o.gross_s for o in warned]),
-        "latency_median_s": at(0.5),
-        "latency_p90_s": at(0.9),
-        "premature": share([o.false for o in slips]),
-        "false_alarm": share([o.false for o in holds]),
-        "abrupt": share([o.gross_s - o.onset_s < WARNING_S for o in gross]),
-        "friction_error_median": float(np.median(errors)) if errors else np.nan,
+        "caught_before_gross": caught(gross),
+        "caught_with_warning": caught(warned),
+        "latency_ms_median": quantile(late_s, 0.5),
+        "latency_ms_p90": quantile(late_s, 0.9),
+        "way_um_median": quantile(way_mm, 0.5),
+        "way_um_p90": quantile(way_mm, 0.9),
+        "premature": false("slip"),
+        "false_alarm_hold": false("hold"),
+        "false_alarm_modulation": false("modulation"),
+        "friction_error_median": float(np.median(errors)) if errors else None,
+        "friction_known": share([bool(np.isfinite(error)) for error in alarmed]),
+        "slips": len(slips),
+        "gross": len(gross),
+        "warned": len(warned),
+        "holds": sum(one.kind == "hold" for one in outcomes),
+        "modulations": sum(one.kind == "modulation" for one in outcomes),
     }

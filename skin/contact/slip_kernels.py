@@ -427,16 +427,17 @@ def _decide(count, length, units, slip, dt_s, settings, judged, work):
 
 
 @register_jitable
-def _learn(record, units, slip, force, force_sigma, dt_s, judged):
+def _learn(record, units, slip, force, force_sigma, now_ns, dt_s, judged):
     """Friction: what slipping units carry, and what stuck ones bear at least."""
+    # Where all slides, units slide that nobody has seen slip by themselves.
+    all_slide = record["slip"] == GROSS and (now_ns - record["gross_ns"]) * 1e-9 < SETTLE_S
     for j in range(units.size):
         i = units[j]
+        slides = all_slide or (slip[i] == SLIPPING and judged[i, FRESH] > 0.0)
         load, shear_x, shear_y = force[2, i], force[0, i], force[1, i]
         square = np.float64(shear_x) ** 2 + np.float64(shear_y) ** 2
-        if slip[i] == SLIPPING:
-            if judged[i, FRESH] <= 0.0:
-                continue
-        elif square <= (record["friction_lower"] * load) ** 2:
+        bears = slip[i] != SLIPPING and square > (record["friction_lower"] * load) ** 2
+        if not (slides or bears):
             continue
         load_sigma = np.float64(force_sigma[2, i])
         variance = 0.5 * (np.float64(force_sigma[0, i]) ** 2 + np.float64(force_sigma[1, i]) ** 2)
@@ -444,7 +445,7 @@ def _learn(record, units, slip, force, force_sigma, dt_s, judged):
             continue
         ratio = np.sqrt(square) / load
         noise = (variance + (ratio * load_sigma) ** 2) / np.float64(load) ** 2
-        if slip[i] == SLIPPING:
+        if slides:
             # The length of a noisy vector is too long by half its variance over itself.
             ratio -= 0.5 * variance / (np.sqrt(square) * load)
             weight = dt_s / FRICTION_S / (noise + (SPREAD * ratio) ** 2)
@@ -600,7 +601,7 @@ def _judge_contact(
     forget = 1.0 - dt_s / FRICTION_MEMORY_S
     record["friction_information"] *= forget
     record["friction_sum"] *= forget
-    _learn(record, units, slip, force, force_sigma, dt_s, judged)
+    _learn(record, units, slip, force, force_sigma, now_ns, dt_s, judged)
     ratio = _margin(record, settings)
     if record["slip"] == GROSS and judging >= ENOUGH:
         if not _sliding_still(record, ratio, now_ns, dt_s):

@@ -1,0 +1,96 @@
+"""Slip against a physics that the detector does not know: coupled faces, Coulomb, relaxation."""
+
+import numpy as np
+import pytest
+
+from benchmarks.slip import watch
+from benchmarks.slip_scenes import FIRST, GROSS, ONSET, Plan, play, see, skin_of
+from benchmarks.slip_scoring import outcome
+from skin.contact.records import SlipState
+from skin.contact.stream import ContactStream
+from skin.sim.body import Body
+
+
+def plan(**changes):
+    """A ball of half a metre on a flat skin; friction 0.5 at rest, 0.45 in motion."""
+    values = {
+        "kind": "slip", "skin": "flat", "body": Body.sphere(0.5),
+        "lean": (np.eye(3), np.array([0.004, -0.003, 0.5])), "depth_mm": 1.2,
+        "friction": np.full(64, 0.5), "kinetic": np.full(64, 0.45), "modulus_pa": 6e5,
+        "press_s": 0.2, "speed_mm_s": 3.0, "heading_rad": 0.4, "turn_rad_per_mm": 0.0,
+        "pivot_m": (0.0, 0.0), "seed": 5,
+    }  # fmt: skip
+    return Plan(**{**values, **changes})
+
+
+WAYS = {
+    "straight": {},
+    "turning on the spot": {"slide": 0.0, "turn_rad_per_mm": 0.05},
+    "both": {"turn_rad_per_mm": -0.03, "pivot_m": (0.01, 0.0)},
+    "straight over a cylinder": {"skin": "cylinder", "body": Body.plate(0.2, 0.2),
+                                 "lean": (np.eye(3), np.zeros(3)), "heading_rad": 1.57},
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module", params=WAYS)
+def slipping(request):
+    return play(plan(**WAYS[request.param]))
+
+
+@pytest.mark.parametrize("estimator", ["field-angle", "sine"])
+def test_slip_is_seen_between_its_first_sign_and_gross_slip(slipping, estimator):
+    alarm, friction = watch(slipping, see(slipping, estimator))
+    found = outcome(slipping, alarm, friction)
+    assert not found.early
+    assert found.first_s <= found.alarm_s < found.gross_s
+    assert found.alarm_s < found.onset_s + 0.06
+    assert abs(found.friction_error) < 0.1
+
+
+def test_the_truth_slips_from_nothing_to_everything(slipping):
+    share = slipping.share[slipping.moving]
+    assert share[0] < FIRST
+    assert np.argmax(share >= FIRST) <= np.argmax(share >= ONSET) < np.argmax(share >= GROSS)
+
+
+@pytest.mark.parametrize("modulation", [0.0, 0.1, 0.3])
+def test_a_grip_that_holds_is_quiet(modulation):
+    trial = play(
+        plan(kind="modulation", farthest_mm=0.03, modulation=modulation, modulation_hz=2.0)
+    )
+    assert trial.share.max() < FIRST
+    load = trial.force[trial.moving, 2].sum(axis=1)
+    assert np.ptp(load) / np.median(load) == pytest.approx(2.0 * modulation, abs=0.02)
+    alarm, _ = watch(trial, see(trial))
+    assert not alarm.any()
+
+
+@pytest.mark.parametrize("rate_hz", [10.0, pytest.param(250.0, marks=pytest.mark.long)])
+def test_an_hour_of_holding_is_quiet_while_the_elastomer_relaxes(rate_hz):
+    held = play(plan(kind="hold", farthest_mm=0.5, friction=np.full(64, 0.9)))
+    skin, rng = skin_of("flat"), np.random.default_rng(8)
+    moved, force = held.displacement_mm[-1], held.force[-1]
+    seen = see(held)
+    sigma, force_sigma = (
+        array[-1].astype(np.float32) for array in (seen.displacement_sigma_mm, seen.force_sigma)
+    )
+    stream = ContactStream(
+        skin.position, skin.rotation, skin.area, skin.neighbour_start, skin.neighbour_index,
+        want={"slip"}, rate_hz=rate_hz,
+    )  # fmt: skip
+    said, told = np.zeros((2, 3, skin.n), np.float32)
+    worst = SlipState.NONE
+    for second in range(3600):
+        cycles = int(rate_hz)
+        noise = rng.standard_normal((cycles, 3, skin.n), np.float32)
+        # creep by a tenth and more, each unit by its own share
+        creep = 1.0 + np.log1p(second + np.arange(cycles) / rate_hz)[:, np.newaxis] * np.linspace(
+            0.008, 0.014, skin.n
+        )
+        for t in range(cycles):
+            said[:] = force * creep[t] + force_sigma * noise[t]
+            told[:] = moved * creep[t] + sigma * noise[t]
+            stamp_ns = round(1e9 * (second + (t + 1) / rate_hz))
+            for contact in stream.update(said, force_sigma, told, sigma, stamp_ns=stamp_ns):
+                worst = max(worst, contact.slip)
+    assert worst == SlipState.STICK
