@@ -303,11 +303,16 @@ def test_films_that_count_as_at_rest_add_less_than_the_bound():
     assert (predict(gated, still) != 0.0).any()
 
 
-def test_a_film_beyond_the_range_stands_where_the_polynomials_end():
+def test_a_film_beyond_the_range_stands_where_the_polynomials_end_and_is_not_known():
     crosstalk = crosstalk_of("palm")
-    inside, outside = np.zeros((2, 3, 64))
-    inside[:, 27], outside[:, 27] = (3.0, -3.0, 2.5), (8.0, -9.0, 40.0)
-    np.testing.assert_array_equal(predict(crosstalk, outside), predict(crosstalk, inside))
+    felt = crosstalk.stencil.unit[crosstalk.stencil.neighbour == 27]
+    inside, deeper, aside = np.zeros((3, 3, 64))
+    inside[:, 27], deeper[:, 27], aside[:, 27] = (3.0, -3.0, 2.5), (3.0, -3.0, 40.0), (8, -9.0, 2.5)
+    expected = predict(crosstalk, inside)
+    np.testing.assert_allclose(crosstalk.residue_ut2, crosstalk.residue_ut**2)
+    for beyond in (deeper, aside):
+        np.testing.assert_array_equal(predict(crosstalk, beyond), expected)
+        assert (crosstalk.residue_ut2[felt] > crosstalk.residue_ut[felt] ** 2).all()
 
 
 # -- sweeps ----------------------------------------------------------------------------------------

@@ -68,7 +68,8 @@ class CrossTalk:
         One-sigma, per axis, of what a prediction from true displacements misses: fits, terms that
         were saved, neighbours beyond the reach.
     residue_ut2 : ndarray, shape (n,)
-        Its square, plus what neighbours may add that are not known now.
+        Its square, plus what neighbours may add that are not known now: not usable, NaN, or so far
+        beyond the stencil's range that they are taken to stand at its end.
     idle_ut : float
         What neighbours that count as at rest may add to any axis of the worst unit.
     terms : int

@@ -60,7 +60,7 @@ def films_python(displacement, usable, strength, idle, most, base, tile, sources
     tile : ndarray, shape (5 * BLOCK,)
     sources : ndarray, shape (5, n)
         Written: dx, dy, H and weight, all of them zero for films that do not count; and 1 for
-        films that are usable and finite, else 0.
+        films that are usable and within the range, else 0.
     out : ndarray, shape (3, n)
 
     Returns
@@ -93,13 +93,15 @@ def films_python(displacement, usable, strength, idle, most, base, tile, sources
             x = x if looked else nothing
             y = y if looked else nothing
             # NaN and infinity times zero are not zero
-            known = (tile[KNOWN * BLOCK + i] != nothing) & ((x + y + h) * nothing == nothing)
-            counts = known & ((abs(h) > idle_depth) | (x * x + y * y > idle_square))
+            told = tile[KNOWN * BLOCK + i] != nothing
+            finite = told & ((x + y + h) * nothing == nothing)
+            counts = finite & ((abs(h) > idle_depth) | (x * x + y * y > idle_square))
             tile[i] = min(max(x, -reach), reach) if counts else nothing
             tile[Y * BLOCK + i] = min(max(y, -reach), reach) if counts else nothing
             tile[H * BLOCK + i] = min(max(h, highest), deepest) if counts else nothing
             tile[WEIGHT * BLOCK + i] = tile[WEIGHT * BLOCK + i] if counts else nothing
-            tile[KNOWN * BLOCK + i] = one if known else nothing
+            within = (max(abs(x), abs(y)) <= reach) & (h >= highest) & (h <= deepest)
+            tile[KNOWN * BLOCK + i] = one if finite & within else nothing
         for i in range(count):
             moved |= tile[WEIGHT * BLOCK + i] != nothing
         for i in range(count):
