@@ -34,11 +34,12 @@ def test_a_frame_that_differs_is_counted():
 
 
 def test_the_table_has_a_row_for_each_log():
-    names = ("frames_wrong", "frames_per_s", "pythoncan_frames_per_s", "ratio", "written_per_s",
-             "pythoncan_written_per_s", "bytes_per_frame")  # fmt: skip
+    names = ("frames_wrong", "frames_per_s", "pythoncan_frames_per_s", "ratio", "cpu_ratio",
+             "written_per_s", "pythoncan_written_per_s", "bytes_per_frame")  # fmt: skip
     keys = ("candump", "candump_fd", "blf", "blf_fd")
     figures = {f"{key}_{name}": np.float64(1234.5) for key in keys for name in names}
-    figures |= {f"{key}_zlib{what}_ratio": 12.3 for key in keys[2:] for what in ("", "_alone")}
+    more = ("ratio", "cpu_ratio", "alone_cpu_ratio")
+    figures |= {f"{key}_zlib_{name}": 12.3 for key in keys[2:] for name in more}
     shown = logs.table({**figures, "frames": 9, "rounds": 3, "inflated_by": "zlib"}).splitlines()
     assert [line.split()[0] for line in shown[1:-1]] == [*keys, *keys[2:]]
 
@@ -49,5 +50,4 @@ def test_the_containers_of_a_file_hold_its_frames(tmp_path):
     inside = b"".join(map(zlib.decompress, logs._containers(path)))
     assert inside.count(b"LOBJ") == 5000
     figures = logs._with_zlib(path, rounds=1)
-    assert 0 < figures["zlib_ratio"]
-    assert 0 < figures["zlib_alone_ratio"]
+    assert all(figure > 0 for figure in figures.values())
