@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from ambientfixtures import World, apart, without_bz
@@ -126,6 +128,24 @@ def test_zero_goes_no_farther_than_its_span_and_wants_a_tare():
     assert ambient.zero[0, :2] == pytest.approx([60.0, 60.0])
     assert ambient.wants_tare.tolist() == [True, True] + [False] * (UNITS - 2)
     assert load_hz(ambient, world)[0] == pytest.approx(12.0)
+
+
+def test_nothing_that_is_taken_off_is_hidden():
+    ambient, world = begun()
+    world.drop_hz[7] = 100.0
+    creep(world, ambient, 300.0, drift=0.5)
+    told = json.loads(json.dumps(ambient.report()))
+    names = ambient.topology.unit_names
+    assert told["followed"] == [names[i] for i in np.flatnonzero(ambient.followed)]
+    assert names[7] not in told["followed"]
+    assert told["wants_tare"] == []
+    taken = ambient.background
+    for i, name in enumerate(names):
+        zero, field = told["zeros"][name], told["ambient"]["skin"]["field_ut"]
+        chip = np.array([-1.0, -1.0, 1.0]) * (ambient.topology.rotation[:, :, i].T @ field)
+        assert taken[0, i] == pytest.approx(zero[0], rel=1e-6)
+        assert taken[1:, i] == pytest.approx(np.add(chip, [*zero[1:], 0.0]), abs=1e-3)
+    assert told["ambient"]["skin"]["voters"] == UNITS - 1
 
 
 @pytest.mark.parametrize(

@@ -176,6 +176,35 @@ class Ambient:
         most = np.array([[k.SPAN_HZ], [k.SPAN_UT], [k.SPAN_UT]])
         return (np.abs(self._zero) >= most).any(axis=0)
 
+    def report(self) -> dict[str, dict[str, object]]:
+        """What is taken off, for people and for JSON.
+
+        Returns
+        -------
+        dict
+            ``ambient``: of each body its field and sigma (µT) and the number of voters; ``zeros``:
+            of each unit whose zero has been followed, how far (Hz, µT, µT); ``followed``: units
+            whose zero is being followed; ``wants_tare``: units whose zero has gone as far as it
+            may.
+        """
+        names = np.array(self.topology.unit_names)
+        spread = np.sqrt(np.einsum("aab->ab", self.covariance_ut2))
+        ambient = {
+            body: {
+                "field_ut": self.field_ut[:, g].tolist(),
+                "sigma_ut": spread[:, g].tolist(),
+                "voters": int(self.voters[g]),
+            }
+            for g, body in enumerate(self.bodies)
+        }
+        gone = np.flatnonzero(self._zero.any(axis=0))
+        return {
+            "ambient": ambient,
+            "zeros": {str(names[i]): self._zero[:, i].tolist() for i in gone},
+            "followed": names[self.followed].tolist(),
+            "wants_tare": names[self.wants_tare].tolist(),
+        }
+
     # -- the loop ----------------------------------------------------------------------------------
 
     def reset(self) -> None:
