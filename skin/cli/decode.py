@@ -50,7 +50,8 @@ def decode(
         raise SkinError(f"--output: must end in .csv or .npz; got {output.name!r}")
     loaded = load(topology)
     assembler = Assembler(loaded)
-    reader = CycleReader(loaded, want=None, estimator="sine", dtype="float64")
+    want = {"temperature", "force", "wrench", "centroid", "contacts"}
+    reader = CycleReader(loaded, want=want, estimator="sine", dtype="float64")
     rows: list[tuple[Any, ...]] = []
 
     def keep(cycle: Any) -> None:
