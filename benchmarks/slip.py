@@ -1,10 +1,10 @@
 """Slip: how soon it is seen, and how often where there is none, beside the usual detectors.
 
 Bodies press, slide and turn on flat and curved skins at 250 Hz, by a physics of which the detector
-knows nothing (`benchmarks.slip_scenes`): 300 slips, 300 holds and 300 grips that come and go by 10
-to 30 %, friction 0.3 to 0.9, the fastest face at 0.5 to 10 mm/s, 45 % of them turning, six or more
-units in contact; and a third of that with three to five. The detector was tuned on trials of
-`TUNED`; those reported here are of `REPORTED`.
+knows nothing (`benchmarks.slip_scenes`, `benchmarks.slip_seen`): 300 slips, 300 holds and 300 grips
+that come and go by 10 to 30 %, friction 0.3 to 0.9, the fastest face at 0.5 to 10 mm/s, 45 % of
+them turning, six or more units in contact; and a third of that with three to five. The detector was
+tuned on trials of `TUNED`; those reported here are of `REPORTED`.
 
 Truth: a face slips while the body moves over it (by more than 1 nm in a cycle). `share` is the
 share of the load on faces that have slipped since the motion began, or since they were touched.
@@ -43,8 +43,9 @@ from multiprocessing import get_context
 import numpy as np
 
 from benchmarks.slip_baselines import BASELINES
-from benchmarks.slip_scenes import KINDS, RATE_HZ, Seen, Trial, see, skin_of, stage
+from benchmarks.slip_scenes import KINDS, RATE_HZ, Trial, skin_of, stage
 from benchmarks.slip_scoring import Outcome, outcome, score
+from benchmarks.slip_seen import Seen, see
 from skin.contact.records import SlipState
 from skin.contact.stream import ContactStream
 from skin.decode.decoder import Decoder

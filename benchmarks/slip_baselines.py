@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import butter, lfilter, sosfilt
 
-from benchmarks.slip_scenes import RATE_HZ, Seen, Trial, skin_of
+from benchmarks.slip_scenes import RATE_HZ, Trial, skin_of
+from benchmarks.slip_seen import Seen
 
 __all__ = ["BASELINES", "band_power", "friction_ratio", "light_units_cusum"]
 

@@ -1,11 +1,9 @@
-"""Trials for slip detectors: bodies on skins by the simulator's mechanics, and what units see.
+"""Trials for slip detectors: bodies that press, slide and turn on skins, by the simulator.
 
 The detector fits one rigid motion to the displacements of units that stick. The trials know nothing
 of that: faces are springs on an elastic half space that couples them all, a body of its own shape
 presses and drags them through Coulomb's return map (`skin.sim.mechanics`), on flat and curved
-skins, and the elastomer relaxes. What a unit sees of it goes through the noise of its field and
-frequency, the error of its gain, and a residue of its neighbours' stray fields that comes from
-magnet theory (`skin.sim.halbach`).
+skins, and the elastomer relaxes. What units see of it is for `benchmarks.slip_seen`.
 """
 
 from __future__ import annotations
@@ -13,7 +11,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +25,7 @@ from skin.sim.mechanics import Mechanics
 from skin.sim.viscoelastic import Prony
 from topology import Topology, load
 
-__all__ = ["KINDS", "SKINS", "Plan", "Seen", "Trial", "play", "see", "skin_of", "stage"]
+__all__ = ["KINDS", "SKINS", "Plan", "Trial", "play", "skin_of", "stage"]
 
 KINDS = ("slip", "hold", "modulation")
 SKINS = {
@@ -41,15 +39,6 @@ SETTLE_S = 0.4
 LONGEST_S = 6.0
 FARTHEST_MM, DEEPEST_MM = 2.45, 2.9
 """What units can be asked to see."""
-FIELD_UT, FREQUENCY_MM = 105.0, 0.0067
-"""One-sigma of each axis of the field; of the depth, from 6 Hz."""
-RESIDUE = 0.1
-"""Share of the neighbours' stray fields that is left once they have been predicted."""
-GAIN, TURN, STIFF = 0.01, 0.005, 0.02
-"""One-sigma from unit to unit of the displacement's gain and direction (rad), and of stiffness."""
-ANGLE_MM_PER_UT, PER_MM = 0.59e-3, 0.70
-"""Displacement that the field's angle makes of a stray µT, unpressed, and how it falls with
-depth."""
 FEW, BEARS_N = (3, 5), 0.05
 """Units that bear load where they are few, and what counts as load."""
 FIRST, ONSET, GROSS = 0.02, 0.1, 0.95
@@ -162,16 +151,6 @@ class Trial:
         return int((self.force[at, 2] > 0.0).sum())
 
 
-@dataclass(frozen=True)
-class Seen:
-    """What units say, each array of shape (t, 3, n), unit frame; newton and millimetre."""
-
-    force: np.ndarray
-    force_sigma: np.ndarray
-    displacement_mm: np.ndarray
-    displacement_sigma_mm: np.ndarray
-
-
 @cache
 def skin_of(name: str) -> Topology:
     """A skin of `SKINS`, 12 mm pitch, its apex in the origin."""
@@ -204,9 +183,6 @@ def _fields(name: str) -> tuple[HalbachField, HalbachField]:
     """The field of all films in reach, and of the own one."""
     skin = skin_of(name)
     return HalbachField(skin, reach_m=1.6 * PITCH_M), HalbachField(skin, reach_m=0.0)
-
-
-# -- what happens ----------------------------------------------------------------------------------
 
 
 def stage(seed: int, kind: str, number: int, *, few: bool = False) -> Trial:
@@ -282,7 +258,7 @@ def _drawn(rng: np.random.Generator, kind: str) -> Plan:
     return replace(plan, depth_mm=low)
 
 
-@cache
+@lru_cache(4)
 def _foundation(skin: str, modulus_pa: float) -> Foundation:
     topology = skin_of(skin)
     if np.isinf(modulus_pa):
@@ -389,74 +365,3 @@ def _grip(plan: Plan) -> Callable[[float], float]:
         return float(np.interp(middle * (1.0 + plan.modulation * swing), loads, depths))
 
     return depth
-
-
-# -- what units see --------------------------------------------------------------------------------
-
-
-def see(trial: Trial, estimator: str = "field-angle", *, residue: float = RESIDUE) -> Seen:
-    """What units say of a trial, decoded by one of the two estimators of the displacement.
-
-    Parameters
-    ----------
-    trial : Trial
-    estimator : "field-angle" or "sine"
-    residue : float
-        Share of the neighbours' stray fields that is left.
-    """
-    skin, rng = skin_of(trial.plan.skin), np.random.default_rng(trial.plan.seed)
-    p, true = skin.parameters, trial.displacement_mm
-    cycles, _, n = true.shape
-    amplitude = p["field_amplitude_ut"] * np.exp(
-        p["field_growth_per_mm"] * (true[:, 2] - p["field_reference_mm"])
-    )
-    wrong = FIELD_UT * rng.standard_normal((cycles, 2, n))
-    if residue:
-        wrong += residue * trial.stray_ut
-    gain = 1.0 + GAIN * rng.standard_normal(n)
-    turn = TURN * rng.standard_normal(n)
-    told = gain * (true[:, :2] + turn * np.stack([-true[:, 1], true[:, 0]], axis=1))
-    depth_wrong = FREQUENCY_MM * rng.standard_normal((cycles, n))
-    told_depth = true[:, 2] + depth_wrong
-    size = np.hypot(true[:, 0], true[:, 1])
-    sigma = np.empty((cycles, 3, n))
-    sigma[:, 2] = FREQUENCY_MM
-    if estimator == "field-angle":
-        per_ut = ANGLE_MM_PER_UT * np.exp(-PER_MM * true[:, 2])
-        told = told + per_ut[:, np.newaxis] * wrong
-        sigma[:, :2] = FIELD_UT * per_ut[:, np.newaxis]
-    else:
-        k = p["field_wavenumber_rad_per_mm"]
-        slope = np.maximum(np.cos(np.minimum(k * size, 1.5)), 0.1) * k * amplitude
-        chord = amplitude * np.sinc(k * size / np.pi) * k
-        along = true[:, :2] / np.maximum(size, 1e-9)[:, np.newaxis]
-        radial = (along * wrong).sum(axis=1)
-        across = wrong - along * radial[:, np.newaxis]
-        by_depth = np.tan(np.minimum(k * size, 1.47)) / k * p["field_growth_per_mm"]
-        radial = radial / slope - by_depth * depth_wrong
-        told = told + along * radial[:, np.newaxis] + across / chord[:, np.newaxis]
-        square = (FIELD_UT / slope) ** 2 + (by_depth * FREQUENCY_MM) ** 2
-        level = (FIELD_UT / chord) ** 2
-        sigma[:, :2] = np.sqrt(along**2 * (square - level)[:, np.newaxis] + level[:, np.newaxis])
-    displacement = np.concatenate([told, told_depth[:, np.newaxis]], axis=1)
-    return Seen(*_forces(skin, rng, displacement, sigma), displacement, sigma)
-
-
-def _forces(
-    skin: Topology, rng: np.random.Generator, displacement: np.ndarray, sigma: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Forces and their sigmas from displacements, by the units' elastic laws."""
-    material, step = Elastic(skin), 1e-3
-    stiff = 1.0 + STIFF * rng.standard_normal((2, skin.n))
-    depth, size = displacement[:, 2], np.hypot(displacement[:, 0], displacement[:, 1])
-    normal = np.sign(depth) * material.normal(np.abs(depth))
-    per_mm = material.normal(np.abs(depth) + step) - material.normal(np.abs(depth))
-    shear = material.tangential(size, np.maximum(depth, 0.0))
-    shear_per_mm = material.tangential(size + step, np.maximum(depth, 0.0)) - shear
-    along = displacement[:, :2] / np.maximum(size, 1e-9)[:, np.newaxis]
-    force, spread = np.empty_like(displacement), np.empty_like(displacement)
-    force[:, :2] = (stiff[0] * shear)[:, np.newaxis] * along
-    force[:, 2] = stiff[1] * normal
-    spread[:, :2] = (shear_per_mm / step)[:, np.newaxis] * sigma[:, :2]
-    spread[:, 2] = per_mm / step * sigma[:, 2]
-    return force, spread

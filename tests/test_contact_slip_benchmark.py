@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from benchmarks import slip
-from benchmarks.slip_scenes import FEW, FIRST, KINDS, ONSET, see, stage
+from benchmarks.slip_scenes import FEW, FIRST, KINDS, ONSET, stage
 from benchmarks.slip_scoring import FRICTION_S, outcome, score
+from benchmarks.slip_seen import see
 
 
 def trial(shares, kind="slip"):

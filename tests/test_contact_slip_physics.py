@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from benchmarks.slip import watch
-from benchmarks.slip_scenes import FIRST, GROSS, ONSET, Plan, play, see, skin_of
+from benchmarks.slip_scenes import FIRST, GROSS, ONSET, Plan, play, skin_of
 from benchmarks.slip_scoring import outcome
+from benchmarks.slip_seen import see
 from skin.contact.records import SlipState
 from skin.contact.stream import ContactStream
 from skin.sim.body import Body
