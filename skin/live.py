@@ -223,8 +223,8 @@ class Skin:
         """Set the poses of all units, for patches that move against each other.
 
         Wrenches, centres and normals of the cycles to come are those of the new poses; the skin
-        frame stays. As often as they change: once a cycle costs a few microseconds. Units become
-        no neighbours by coming close.
+        frame stays. As often as they change: once a cycle is cheap. Units become no neighbours by
+        coming close.
 
         Parameters
         ----------

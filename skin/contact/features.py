@@ -68,10 +68,8 @@ class Geometry:
                 f"got {np.shape(position)} and {np.shape(rotation)}"
             )
         np.mean(position, axis=1, out=self.origin)
-        for a in range(3):
-            np.subtract(position[a], self.origin[a], out=packed[:, POSITION + a])
-            for b in range(3):
-                packed[:, ROTATION + 3 * a + b] = rotation[a, b]
+        np.subtract(np.transpose(position), self.origin, out=packed[:, POSITION:ROTATION])
+        packed[:, ROTATION:AREA] = np.reshape(rotation, (9, n)).T
 
 
 def contact_features(
