@@ -1,0 +1,134 @@
+"""What an array adds: neighbours' films that move, and the Earth's field as the skin turns."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from benchmarks.accuracy_skin import Made, with_rate
+from skin.decode.array import ArrayDecoder
+from skin.sim.surroundings import Surroundings
+from topology.pose import from_rpy
+
+EVERYWHERE_M = 1.0
+"""All films are felt by all chips."""
+ROOM_C = 25.0
+PRESSED = 0.6
+"""Share of units that are pressed in a random scene."""
+REACH_MM, DEPTH_MM = 2.5, 2.0
+CALM_S, TURN_S, TURN_RAD_PER_S = 6.0, 7.0, 1.0
+
+
+def scenes(count: int, n: int, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Scenes of units that are pressed and sheared each for itself.
+
+    Returns
+    -------
+    displacement_mm : ndarray, shape (count, 2, n)
+        Evenly spread over the disc of `REACH_MM`; 0 where not pressed.
+    depth_mm : ndarray, shape (count, n)
+    """
+    rng = np.random.default_rng(seed)
+    pressed = rng.random((count, n)) < PRESSED
+    depth = DEPTH_MM * rng.random((count, n)) * pressed
+    reach = REACH_MM * np.sqrt(rng.random((count, n))) * pressed
+    around = rng.uniform(-np.pi, np.pi, (count, n))
+    return reach[:, np.newaxis] * np.stack([np.cos(around), np.sin(around)], axis=1), depth
+
+
+def crosstalk(skin: Made, count: int, estimator: str, sweeps: int) -> dict[str, float]:
+    """Errors in random scenes without noise, every scene for itself.
+
+    Returns
+    -------
+    dict
+        ``um_rms``, ``um_max`` of the tangential displacement of all units, ``pressed_um_rms`` of
+        the pressed ones, ``force_n_rms`` of the force vector of units with R < 2 mm.
+    """
+    displacement, depth = scenes(count, skin.true.n)
+    room = np.full(depth.shape, ROOM_C)
+    units = skin.simulator(skin.field(reach_m=EVERYWHERE_M))
+    counts = units.quantise(units.quantities(depth, displacement, room))
+    # one sweep as a live skin has it, whose last cycle was this scene too; more, from a cold start
+    decoder = ArrayDecoder(
+        skin.known, {"force", "displacement"}, estimator, "float64",
+        sweeps=1 if sweeps < 2 else sweeps + 1, ambient=False,
+    )  # fmt: skip
+    off, force = np.empty(depth.shape), np.empty(depth.shape)
+    true = skin.force(displacement, depth)
+    for i in range(count):
+        decoder.reset()
+        reading = decoder(counts[i])
+        if sweeps == 1:
+            reading = decoder(counts[i])
+        off[i] = np.hypot(*(reading.displacement_mm[:2] - displacement[i]))
+        force[i] = np.linalg.norm(reading.force - true[i], axis=0)
+    below = np.hypot(displacement[:, 0], displacement[:, 1]) < 2.0
+    return {
+        "um_rms": 1e3 * _rms(off),
+        "um_max": 1e3 * float(off.max()),
+        "pressed_um_rms": 1e3 * _rms(off[depth > 0.0]),
+        "force_n_rms": _rms(force[below]),
+    }
+
+
+def turning(
+    skin: Made, estimator: str, *, ambient: bool, rate_hz: float = 50.0, seed: int = 1
+) -> dict[str, float]:
+    """What the Earth's field adds as the skin turns in it, a quarter of its units held pressed.
+
+    The skin rests untouched for half of `CALM_S`, is then pressed, and turns about all axes. The
+    same is played without the Earth's field, with the same noise: what differs, since the skin
+    began to turn, is the field's.
+
+    Returns
+    -------
+    dict
+        ``um_rms`` in the tangential displacement of pressed units, ``free_mn_rms`` in the shear of
+        the others, mN.
+    """
+    skin = with_rate(skin, rate_hz)
+    pressed = np.random.default_rng(seed).random(skin.true.n) < 0.25
+    with_it, without = (
+        _turn(skin, estimator, ambient, rate_hz, pressed, world, seed)
+        for world in (Surroundings(), Surroundings(np.zeros(3)))
+    )
+    added = with_it - without
+    added = added[1:] - added[0]
+    return {
+        "um_rms": 1e3 * _rms(np.hypot(added[:, 0], added[:, 1])[:, pressed]),
+        "free_mn_rms": 1e3 * _rms(np.hypot(added[:, 2], added[:, 3])[:, ~pressed]),
+    }
+
+
+def _turn(
+    skin: Made, estimator: str, ambient: bool, rate_hz: float, pressed: np.ndarray,
+    world: Surroundings, seed: int,
+) -> np.ndarray:  # fmt: skip
+    """Displacement and force along x and y while the skin turns, shape (t, 4, n)."""
+    n = skin.true.n
+    calm, turn = round(CALM_S * rate_hz), round(TURN_S * rate_hz)
+    rng = np.random.default_rng(seed)
+    units = skin.simulator(
+        skin.field(reach_m=EVERYWHERE_M, surroundings=world), noise=True, seed=seed
+    )
+    decoder = ArrayDecoder(
+        skin.known, {"force", "displacement"}, estimator, sweeps=1, ambient=ambient
+    )
+    room = np.full(n, ROOM_C)
+    way = rng.uniform(-1.0, 1.0, (2, n)) * pressed
+    depth = rng.uniform(0.5, 2.0, n) * pressed
+    out = np.empty((turn + 1, 4, n))
+    for i in range(calm + turn):
+        held = i >= calm // 2
+        angle = TURN_RAD_PER_S * max(i + 1 - calm, 0) / rate_hz
+        world.attitude = from_rpy(angle, 0.7 * angle, 0.4 * angle)
+        values = units.quantities(depth * held, way * held, room)
+        reading = decoder(units.quantise(units.disturb(values)))
+        if i >= calm - 1:
+            out[i + 1 - calm, :2] = reading.displacement_mm[:2]
+            out[i + 1 - calm, 2:] = reading.force[:2]
+    return out
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))

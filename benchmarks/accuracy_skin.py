@@ -1,0 +1,174 @@
+"""Simulated skins that were on a simulated bench: what they really are, and what is known of them.
+
+The truth is magnet theory (`HalbachField`) and the material's laws with constants that differ from
+unit to unit; what is known of a unit is what `skin.calibrate` finds in noisy, quantised scans.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import tempfile
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+import topology
+from skin.calibrate.bench import Bench
+from skin.calibrate.unit import calibrate, record
+from skin.sim.fabrication import Fabrication
+from skin.sim.halbach import HalbachField
+from skin.sim.material import Elastic
+from skin.sim.surroundings import Surroundings
+from skin.sim.unit import UnitSimulator
+from topology import Topology
+
+SPREAD = {
+    "gel_current_20c_ua": 0.05,
+    "gel_current_ratio": 0.05,
+    "frequency_rest_hz": 0.02,
+    "frequency_slope_hz_per_mm": 0.03,
+    "normal_break_hz": 0.03,
+    "normal_soft_n_per_hz": 0.05,
+    "normal_stiff_n_per_hz": 0.05,
+    "field_amplitude_ut": 0.05,
+    "shear_soft_n_per_mm": 0.05,
+    "shear_break_mm": 0.03,
+    "shear_stiff_n_per_mm": 0.05,
+    "film_drift_per_k": 0.2,
+    "hall_gain_per_k": 0.3,
+}
+"""Relative spread of the units' constants about the nominal ones."""
+OFFSET_UT, DRIFT_UT_PER_K = 150.0, 1.0
+"""Largest offset of a Hall axis, and its drift."""
+FILM_SEED = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """A skin as it was made.
+
+    Attributes
+    ----------
+    true : Topology
+        With the constants that the units really have.
+    known : Topology
+        With those that the bench has found.
+    films : Fabrication
+    """
+
+    true: Topology
+    known: Topology
+    films: Fabrication
+
+    def at_pitch(self, pitch_m: float) -> Made:
+        """The same units at another pitch."""
+        side = round(np.sqrt(self.true.n))
+        place = square(side, pitch_m).position
+        true, known = (dataclasses.replace(t, position=place) for t in (self.true, self.known))
+        return Made(true, known, self.films)
+
+    def tiled(self, times: int, pitch_m: float) -> Made:
+        """A square of `times` x `times` such squares: units repeat."""
+        side = round(np.sqrt(self.true.n))
+        whole = square(times * side, pitch_m)
+        row = np.arange(times * side) % side
+        each = (side * row[:, np.newaxis] + row).ravel()
+        true, known = (
+            dataclasses.replace(
+                whole, parameters={name: v[..., each] for name, v in t.parameters.items()}
+            )
+            for t in (self.true, self.known)
+        )
+        parts = (
+            values[..., each] if name in ("centre_mm", "tilt_rad") else values[each]
+            for name, values in vars(self.films).items()
+        )
+        return Made(true, known, Fabrication(*parts))
+
+    def field(
+        self, *, reach_m: float = 0.0, surroundings: Surroundings | None = None
+    ) -> HalbachField:
+        """Field of the films at the chips."""
+        return HalbachField(
+            self.true, fabrication=self.films, reach_m=reach_m, surroundings=surroundings
+        )
+
+    def simulator(
+        self, field: HalbachField | None = None, *, noise: bool = False, seed: int = 0
+    ) -> UnitSimulator:
+        """Displacement to counts; each unit alone if no field is given."""
+        return UnitSimulator(self.true, seed=seed, noise=noise, field=field or self.field())
+
+    def force(self, displacement_mm: np.ndarray, depth_mm: np.ndarray) -> np.ndarray:
+        """Force at displacements, shape (t, 3, n), newton, unit frame.
+
+        Parameters
+        ----------
+        displacement_mm : ndarray, shape (t, 2, n)
+        depth_mm : ndarray, shape (t, n)
+        """
+        elastic = Elastic(self.true)
+        reach = np.hypot(displacement_mm[:, 0], displacement_mm[:, 1])
+        along = displacement_mm / np.maximum(reach, 1e-12)[:, np.newaxis]
+        shear = elastic.tangential(reach, depth_mm)[:, np.newaxis] * along
+        return np.concatenate([shear, elastic.normal(depth_mm)[:, np.newaxis]], axis=1)
+
+
+@cache
+def square(side: int, pitch_m: float, rate_hz: float = 100.0) -> Topology:
+    """A flat grid of nominal units."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "square.toml"
+        file.write_text(
+            'format = 1\nname = "square"\n[[buses]]\nname = "main"\ndata_bitrate = 5_000_000\n'
+            f'cycle_rate_hz = {rate_hz}\n[[patches]]\nname = "square"\nkind = "grid"\n'
+            f'rows = {side}\ncolumns = {side}\npitch_m = {pitch_m}\nbus = "main"\n'
+            'layout = "f3t-fd64"\nfirst_id = 0x100\n',
+            encoding="utf-8",
+        )
+        return topology.load(file, allow_overload=True)
+
+
+@cache
+def made(side: int, *, fabricated: bool, seed: int = 0) -> Made:
+    """A square of units that was on the bench, each unit alone.
+
+    Parameters
+    ----------
+    side : int
+    fabricated : bool
+        Films with the errors of their fabrication; else as drawn.
+    """
+    nominal = square(side, 0.012)
+    n = nominal.n
+    rng = np.random.default_rng(seed)
+    changed = {
+        name: nominal.parameters[name] * (1.0 + spread * rng.uniform(-1.0, 1.0, n))
+        for name, spread in SPREAD.items()
+    }
+    for axis in "xyz":
+        changed[f"hall_offset_{axis}_ut"] = OFFSET_UT * rng.uniform(-1.0, 1.0, n)
+        changed[f"hall_drift_{axis}_ut_per_k"] = DRIFT_UT_PER_K * rng.uniform(-1.0, 1.0, n)
+    true = with_parameters(nominal, **changed)
+    films = Fabrication.draw(n, FILM_SEED) if fabricated else Fabrication.perfect(n)
+    bench = Bench(true, fabrication=films, seed=seed, quantised=True)
+    no_films = with_parameters(true, field_amplitude_ut=np.full(n, 1e-6))
+    bare = Bench(no_films, seed=seed + 1, quantised=True)
+    return Made(true, calibrate(nominal, record(bench, bare)).topology, films)
+
+
+def with_parameters(skin: Topology, **changed: np.ndarray) -> Topology:
+    """The same skin with other parameters."""
+    return dataclasses.replace(skin, parameters={**skin.parameters, **changed})
+
+
+def with_rate(skin: Made, rate_hz: float) -> Made:
+    """The same units on a bus of another cycle rate."""
+    true, known = (
+        dataclasses.replace(t, buses=(msgspec.structs.replace(t.buses[0], cycle_rate_hz=rate_hz),))
+        for t in (skin.true, skin.known)
+    )
+    return Made(true, known, skin.films)

@@ -1,0 +1,212 @@
+"""Fig. 4a of the paper: constant loads while the room warms from 20 to 80 °C, on units with flaws.
+
+Every unit of a square bears 100 g from 50 s on, the same along x from 100 s and along y from 150 s.
+Every non-ideality of the simulator is on. The units were on the bench first, as those of a user
+are: each alone, held still at each pose, loaded from rest, with its own film, electronics and
+loops. On the skin they feel their neighbours and the Earth; the skin rests for 50 s before it is
+loaded, and from that the decoder tells the ambient field.
+
+Errors are decoded minus true. A single reading has the noise of its sensors, so force errors are
+told of the mean over `WINDOW_S` and, beside it, of single readings.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.accuracy_skin import square, with_parameters
+from skin.calibrate.bench import Bench, Scan
+from skin.calibrate.unit import Recordings, calibrate, record
+from skin.decode.array import ArrayDecoder
+from skin.sim.fabrication import Fabrication
+from skin.sim.halbach import HalbachField
+from skin.sim.play import LOOP_SHARE, ScriptedScene
+from skin.sim.script import NonIdeal, SceneFile
+from skin.sim.script_load import load_scene
+from skin.sim.surroundings import Surroundings
+from skin.sim.unit import UnitSimulator
+from skin.sim.viscoelastic import Hysteresis
+from topology import Topology
+
+PICTURE = Path(__file__).parent / "pictures" / "fig4a.png"
+ESTIMATORS = ("field-angle", "sine")
+EVERYWHERE_M = 1.0
+"""Reach of the films."""
+SIDE = 6
+WINDOW_S = 1.0
+STAGES_S = (50.0, 100.0, 150.0)
+"""When z, x and y are loaded."""
+PAPER_FORCE_N, PAPER_TEMPERATURE_C, PAPER_STRAIN_GAUGE = 0.03, 0.8, 0.132
+"""Largest mean error of force and largest error of temperature that the paper reports of F3T, and
+the drift of a strain gauge beside it, as a share of the load."""
+HUES = ("#0072b2", "#d55e00", "#009e73")
+
+
+def run(quick: bool) -> dict[str, Any]:
+    """Play, decode, draw the picture; see `table` for what the figures are."""
+    rate_hz = 10.0 if quick else 25.0
+    skin = square(SIDE, 0.012, rate_hz)
+    script = load_scene("fig4a", skin)
+    known = calibrate(skin, on_the_bench(skin, script)).topology
+    times, counts, true, warm = _play(skin, script, rate_hz)
+    figures: dict[str, Any] = {
+        "rate_hz": rate_hz,
+        "window_s": WINDOW_S,
+        "paper": {"force_n": PAPER_FORCE_N, "temperature_c": PAPER_TEMPERATURE_C},
+    }
+    decoded = {}
+    for estimator in ESTIMATORS:
+        decoder = ArrayDecoder(known, {"temperature", "force"}, estimator)
+        force, temperature = np.empty_like(true), np.empty_like(warm)
+        for i, raw in enumerate(counts):
+            reading = decoder(raw)
+            force[i], temperature[i] = reading.force, reading.temperature
+        figures[estimator] = _errors(times, force - true, temperature - warm, rate_hz)
+        decoded[estimator] = force, temperature
+    _draw(times, true, warm, decoded, rate_hz)
+    return {**figures, "picture": str(PICTURE)}
+
+
+def table(figures: dict[str, Any]) -> str:
+    """The figures beside the paper's."""
+    paper = figures["paper"]
+    head = f"{'':<36}{'paper':>10}" + "".join(f"{name:>14}" for name in ESTIMATORS)
+    rows = [head]
+    for key, told, text in (
+        ("force_mean_n", f"{paper['force_n']:g}", "mean error of a component, N"),
+        ("length_mean_n", "", "mean length of the error, N"),
+        ("reading_mean_n", "", "… of a component, single readings, N"),
+        ("temperature_max_c", f"{paper['temperature_c']:g}", "largest error of T, °C"),
+        ("temperature_mean_c", "", "mean error of T, °C"),
+    ):
+        values = "".join(f"{figures[name][key]:>14.4f}" for name in ESTIMATORS)
+        rows.append(f"{text:<36}{told:>10}{values}")
+    for i, stage in enumerate(("z", "z x", "z x y")):
+        for axis, name in enumerate(("Fx", "Fy", "Fz")):
+            values = "".join(f"{figures[e]['stages_n'][i][axis]:>14.4f}" for e in ESTIMATORS)
+            rows.append(f"{f'{name} while {stage} is loaded, N':<36}{'':>10}{values}")
+    return "\n".join([*rows, f"picture: {figures['picture']}"])
+
+
+def on_the_bench(skin: Topology, script: SceneFile, seed: int = 11) -> Recordings:
+    """Recordings of the scene's units, each alone: their films, boards and loops, with noise."""
+    board = {**_board(script), "quantised": True}
+    films = Fabrication.draw(skin.n, script.seed)
+    bench = Bench(skin, fabrication=films, seed=seed, **board)
+    no_films = with_parameters(skin, field_amplitude_ut=np.full(skin.n, 1e-6))
+    recordings = record(bench, Bench(no_films, seed=seed + 1, **board))
+    return dataclasses.replace(
+        recordings,
+        pressed=_with_loops(recordings.pressed, skin),
+        sheared=_with_loops(recordings.sheared, skin),
+    )
+
+
+def _board(script: SceneFile) -> dict[str, Any]:
+    parts = script.electronics
+    return {
+        "counter": parts.counter(), "divider": parts.divider(), "converter": parts.hall_converter()
+    }  # fmt: skip
+
+
+def _with_loops(scan: Scan, skin: Topology) -> Scan:
+    """The scan with the force that loops add to each stroke from rest, once all has relaxed."""
+    span_n = float(skin.parameters["normal_max_n"].max())
+    shape = scan.depth_mm.shape
+    pressing = Hysteresis(shape, width_n=LOOP_SHARE * span_n, span_n=span_n)
+    dragging = Hysteresis((2, *shape), width_n=LOOP_SHARE * 2.0, span_n=2.0, one_sided=False)
+    along = np.stack([np.cos(scan.direction_rad), np.sin(scan.direction_rad)])
+    shear, normal = scan.force_n[:, 0], scan.force_n[:, 1]
+    force = np.stack(
+        [np.sum(along * dragging.force(shear * along), axis=0), pressing.force(normal)], axis=1
+    )
+    return dataclasses.replace(scan, force_n=force)
+
+
+def _play(skin: Topology, script: SceneFile, rate_hz: float) -> tuple[np.ndarray, ...]:
+    """Times (t,), counts (t, c, n), true forces (t, 3, n) and gel temperatures (t, n)."""
+    scene = ScriptedScene(skin, script, non_ideal=NonIdeal.everything())
+    films = Fabrication.draw(skin.n, script.seed)
+    # the skin lies still in the Earth's field, and feels all of its films, not the nearest alone
+    field = HalbachField(skin, fabrication=films, reach_m=EVERYWHERE_M, surroundings=Surroundings())
+    units = UnitSimulator(skin, seed=script.seed, field=field, **_board(script))
+    times = np.arange(round(script.seconds * rate_hz)) / rate_hz
+    counts, force, warm = [], [], []
+    for time_s in times:
+        truth = scene.at(float(time_s))
+        counts.append(units.counts(truth))
+        force.append(truth.force.copy())
+        warm.append(truth.temperature.copy())
+    return times, np.array(counts), np.array(force), np.array(warm)
+
+
+def _mean_over_window(values: np.ndarray, rate_hz: float) -> np.ndarray:
+    """Means over whole windows, along the first axis."""
+    length = round(WINDOW_S * rate_hz)
+    whole = len(values) // length
+    return values[: whole * length].reshape(whole, length, *values.shape[1:]).mean(axis=1)
+
+
+def _errors(
+    times: np.ndarray, force: np.ndarray, temperature: np.ndarray, rate_hz: float
+) -> dict[str, Any]:
+    smooth = _mean_over_window(force, rate_hz)
+    stage = np.searchsorted(STAGES_S, _mean_over_window(times, rate_hz))
+    each = np.abs(smooth)
+    loaded = stage > 0
+    return {
+        "force_mean_n": float(each[loaded].mean(axis=(0, 2)).max()),
+        "length_mean_n": float(np.sqrt((smooth**2).sum(axis=1))[loaded].mean()),
+        "reading_mean_n": float(np.abs(force[times >= STAGES_S[0]]).mean(axis=(0, 2)).max()),
+        "stages_n": [each[stage == i].mean(axis=(0, 2)).tolist() for i in (1, 2, 3)],
+        "temperature_mean_c": float(np.abs(temperature).mean()),
+        "temperature_max_c": float(np.abs(_mean_over_window(temperature, rate_hz)).max()),
+    }
+
+
+def _draw(
+    times: np.ndarray,
+    true: np.ndarray,
+    warm: np.ndarray,
+    decoded: dict[str, tuple[np.ndarray, np.ndarray]],
+    rate_hz: float,
+) -> None:
+    """Forces of all units by both estimators, and the temperature, over time."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11.0, 6.4), layout="constrained")
+    FigureCanvasAgg(figure)
+    at = _mean_over_window(times, rate_hz)
+    force_axes, error_axes = figure.subplots(2, 2, sharex=True, height_ratios=(3, 2))
+    for axis, (name, (force, _)) in zip(force_axes, decoded.items(), strict=True):
+        for i, (hue, component) in enumerate(zip(HUES, ("Fx", "Fy", "Fz"), strict=True)):
+            each = _mean_over_window(force[:, i], rate_hz)
+            axis.fill_between(at, *np.percentile(each, (5.0, 95.0), axis=1), color=hue, alpha=0.25)
+            axis.plot(at, each[:, 0], color=hue, linewidth=0.8, label=component)
+            axis.plot(times, true[:, i, 0], "k--", linewidth=0.8)
+        axis.set(title=f"{name}: one unit, and 90 % of {true.shape[-1]}", ylabel="force / N",
+                 ylim=(-0.15, 1.45))  # fmt: skip
+        axis.legend(loc="upper left", frameon=False)
+    error, heat = error_axes
+    for hue, (name, (force, _)) in zip(HUES, decoded.items(), strict=False):
+        each = np.abs(_mean_over_window(force - true, rate_hz)).max(axis=1).mean(axis=-1)
+        error.plot(at, each, color=hue, linewidth=1.0, label=name)
+    error.axhline(PAPER_FORCE_N, color="black", linestyle=":", label="paper, mean")
+    error.set(xlabel="time / s", ylabel="worst component's error / N", ylim=(0.0, 0.2))
+    error.legend(loc="upper left", frameon=False)
+    (_, temperature), *_ = decoded.values()
+    off = _mean_over_window(temperature - warm, rate_hz)
+    heat.plot(at, _mean_over_window(warm[:, 0], rate_hz), "k--", linewidth=0.8, label="true")
+    heat.plot(at, _mean_over_window(temperature[:, 0], rate_hz), color=HUES[0], label="decoded")
+    heat.set(xlabel="time / s", ylabel="temperature / °C")
+    heat.legend(loc="upper left", frameon=False)
+    beside = heat.twinx()
+    beside.fill_between(at, off.min(axis=1), off.max(axis=1), color=HUES[1], alpha=0.4)
+    beside.set(ylabel="error of all units / °C", ylim=(-PAPER_TEMPERATURE_C, PAPER_TEMPERATURE_C))
+    PICTURE.parent.mkdir(exist_ok=True)
+    figure.savefig(PICTURE, dpi=110)

@@ -1,0 +1,174 @@
+"""Run time against error: estimator x type x sweeps x skipping, on a skin touched in places.
+
+A square of 30 x 30 units at 12 mm, tiles of 36 units that were on the bench, is pressed in a few
+round patches whose depth falls to their rims, and each is sheared its own way; the patches wander.
+The error is that of the tangential displacement of the pressed units without noise: what the
+choices leave. Times are medians of rounds in which the choices take turns, so that a noisy machine
+treats them alike. The front are the choices than which none is both faster and better.
+"""
+
+from __future__ import annotations
+
+import time
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.accuracy_array import EVERYWHERE_M, ROOM_C
+from benchmarks.accuracy_skin import Made, made
+from skin import Decoder
+from skin.calibrate.stencil import Stencil
+from skin.decode.array import ArrayDecoder
+
+PICTURE = Path(__file__).parent / "pictures" / "pareto.png"
+SIDE, TILES = 6, 5
+PATCHES, RADIUS_UNITS = 4, 3.0
+CHOICES = tuple(product(("field-angle", "sine"), ("float32", "float64"), (0, 1, 2), (False, True)))
+HUES = {"field-angle": "#0072b2", "sine": "#d55e00"}
+MARKS = {0: "o", 1: "s", 2: "^"}
+
+
+def run(quick: bool) -> dict[str, Any]:
+    """Measure, draw the picture; see `table` for what the figures are."""
+    skin = made(SIDE, fabricated=False).tiled(TILES, 0.012)
+    cycles, rounds = (4, 5) if quick else (12, 25)
+    displacement, depth = touches(cycles, skin.true.n)
+    room = np.full(depth.shape, ROOM_C)
+    units = skin.simulator(skin.field(reach_m=EVERYWHERE_M))
+    counts = units.quantise(units.quantities(depth, displacement, room))
+    stencil = Stencil.of(skin.known)
+    decoders = [_decoder(skin, stencil, *choice) for choice in CHOICES]
+    errors = [_error_um(decoder, counts, displacement, depth) for decoder in decoders]
+    seconds = np.empty((rounds, len(CHOICES)))
+    for row in seconds:
+        for i, decoder in enumerate(decoders):
+            start = time.perf_counter()
+            for raw in counts:
+                decoder(raw)
+            row[i] = (time.perf_counter() - start) / cycles
+    micros = 1e6 * np.median(seconds, axis=0)
+    points = [
+        {"estimator": estimator, "dtype": dtype, "sweeps": sweeps, "skip": skip,
+         "us_per_cycle": float(us), "um_rms": error, "front": _leads(us, error, micros, errors)}
+        for (estimator, dtype, sweeps, skip), us, error in zip(CHOICES, micros, errors, strict=True)
+    ]  # fmt: skip
+    figures = {
+        "units": skin.true.n,
+        "pressed_share": float((depth > 0.0).mean()),
+        "points": points,
+        "picture": str(PICTURE),
+    }
+    _draw(figures)
+    return figures
+
+
+def table(figures: dict[str, Any]) -> str:
+    """The choices, fastest first."""
+    lines = [f"{'estimator':<14}{'type':<10}{'sweeps':>7}{'skip':>6}{'µs/cycle':>10}{'ns/unit':>9}"
+             f"{'µm rms':>9}"]  # fmt: skip
+    for point in sorted(figures["points"], key=lambda point: point["us_per_cycle"]):
+        each = 1e3 * point["us_per_cycle"] / figures["units"]
+        lines.append(
+            f"{point['estimator']:<14}{point['dtype']:<10}{point['sweeps']:>7}"
+            f"{'yes' if point['skip'] else 'no':>6}{point['us_per_cycle']:>10.1f}{each:>9.1f}"
+            f"{point['um_rms']:>9.1f}{'  front' if point['front'] else ''}"
+        )
+    lines.append(f"{figures['units']} units, {figures['pressed_share']:.0%} pressed; picture: "
+                 f"{figures['picture']}")  # fmt: skip
+    return "\n".join(lines)
+
+
+def touches(cycles: int, n: int, seed: int = 4) -> tuple[np.ndarray, np.ndarray]:
+    """Round patches that wander over a square of n units.
+
+    Returns
+    -------
+    displacement_mm : ndarray, shape (cycles, 2, n)
+    depth_mm : ndarray, shape (cycles, n)
+    """
+    side = round(np.sqrt(n))
+    rng = np.random.default_rng(seed)
+    place = np.stack(np.meshgrid(np.arange(side), np.arange(side))).reshape(2, 1, n)
+    start = rng.uniform(RADIUS_UNITS, side - RADIUS_UNITS, (2, PATCHES, 1))
+    way = rng.uniform(-0.1, 0.1, (2, PATCHES, 1))
+    around = rng.uniform(-np.pi, np.pi, PATCHES)
+    shear = 2.0 * rng.random(PATCHES) * np.stack([np.cos(around), np.sin(around)])
+    depth, displacement = np.empty((cycles, n)), np.empty((cycles, 2, n))
+    for t in range(cycles):
+        away = np.hypot(*(place - start - t * way)) / RADIUS_UNITS
+        each = 2.0 * np.maximum(1.0 - away**2, 0.0)
+        hardest = each.argmax(axis=0)
+        depth[t] = each.max(axis=0)
+        displacement[t] = shear[:, hardest] * (depth[t] > 0.0)
+    return displacement, depth
+
+
+def _decoder(
+    skin: Made, stencil: Stencil, estimator: str, dtype: str, sweeps: int, skip: bool
+) -> Decoder | ArrayDecoder:
+    """Without sweeps, what neighbours add at rest is taken off all the same, as a tare does."""
+    want = {"temperature", "force", "displacement"}
+    if sweeps:
+        return ArrayDecoder(
+            skin.known, want, estimator, dtype,
+            sweeps=sweeps, ambient=False, skip=skip, stencil=stencil,
+        )  # fmt: skip
+    return Decoder(skin.known, want, estimator, dtype, skip=skip, rest_ut=stencil.rest_ut)
+
+
+def _error_um(
+    decoder: Decoder | ArrayDecoder, counts: np.ndarray, displacement: np.ndarray, depth: np.ndarray
+) -> float:
+    """Of the tangential displacement of pressed units, root mean square, as a stream is decoded."""
+    decoder.reset()
+    off = []
+    # the first cycle is given twice: a stream has one before it
+    decoder(counts[0])
+    for raw, true, pressed in zip(counts, displacement, depth > 0.1, strict=True):
+        read = decoder(raw).displacement_mm[:2]
+        off.append(np.hypot(*(read - true))[pressed])
+    return 1e3 * float(np.sqrt(np.mean(np.concatenate(off) ** 2)))
+
+
+def _leads(us: float, error: float, micros: np.ndarray, errors: list[float]) -> bool:
+    return not any(
+        other_us <= us and other <= error and (other_us < us or other < error)
+        for other_us, other in zip(micros, errors, strict=True)
+    )
+
+
+def _draw(figures: dict[str, Any]) -> None:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.4, 4.8), layout="constrained")
+    FigureCanvasAgg(figure)
+    axis = figure.subplots()
+    for point in figures["points"]:
+        hue = HUES[point["estimator"]]
+        axis.plot(point["us_per_cycle"], point["um_rms"], MARKS[point["sweeps"]], color=hue,
+                  fillstyle="full" if point["dtype"] == "float32" else "none",
+                  alpha=1.0 if not point["skip"] else 0.5, markersize=6.0)  # fmt: skip
+    front = sorted((point["us_per_cycle"], point["um_rms"], i)
+                   for i, point in enumerate(figures["points"]) if point["front"])  # fmt: skip
+    axis.step([us for us, _, _ in front], [um for _, um, _ in front], where="post", color="black",
+              linewidth=0.8, label="front")  # fmt: skip
+    for us, um, i in front:
+        point = figures["points"][i]
+        text = f"{point['estimator']}, {point['dtype']}, {point['sweeps']} sweeps"
+        axis.annotate(text + (", skip" if point["skip"] else ""), (us, um), fontsize=6,
+                      xytext=(4.0, 4.0), textcoords="offset points")  # fmt: skip
+    for estimator, hue in HUES.items():
+        axis.plot([], [], "o", color=hue, label=estimator)
+    for sweeps, mark in MARKS.items():
+        axis.plot([], [], mark, color="grey", label=f"{sweeps} sweeps")
+    axis.plot([], [], "o", color="grey", fillstyle="none", label="float64")
+    axis.plot([], [], "o", color="grey", alpha=0.5, label="skipping")
+    axis.set(xscale="log", yscale="log", xlabel=f"µs a cycle of {figures['units']} units",
+             ylabel="error of pressed units without noise, rms / µm")  # fmt: skip
+    axis.legend(frameon=False, fontsize=7)
+    axis.spines[["top", "right"]].set_visible(False)
+    PICTURE.parent.mkdir(exist_ok=True)
+    figure.savefig(PICTURE, dpi=110)
