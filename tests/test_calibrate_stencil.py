@@ -243,6 +243,9 @@ def test_a_file_that_is_no_stencil_of_the_skin_is_refused(tmp_path):
     Stencil.of(skin, degree=1).save(path)
     with pytest.raises(SkinError, match="must be the stencil of 64 units, as palm; got 12"):
         Stencil.load(path, other)
+    moved = dataclasses.replace(skin, position=1.1 * skin.position)
+    with pytest.raises(SkinError, match=r"mm apart in it; got a skin that differs by 3\.\d mm"):
+        Stencil.load(path, moved)
     with pytest.raises(SkinError, match=r"none\.npz: must be a stencil that was saved; got"):
         Stencil.load(tmp_path / "none.npz", skin)
     path.write_bytes(path.read_bytes()[:200])

@@ -84,7 +84,6 @@ def test_pairs_share_coefficients_where_units_stand_on_a_lattice():
     assert crosstalk_of("hand").on_lattice == stencil_of("palm").kind.size
     assert crosstalk_of("fingertip").on_lattice == 0
     assert crosstalk_of("palm", lattices=False).on_lattice == 0
-    # two rows of a strip are as good as eight of a palm
     assert len(find_lattices(topology.load("palm"), stencil_of("palm"))) == 1
 
 

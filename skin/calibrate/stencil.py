@@ -24,6 +24,7 @@ from skin.calibrate.fit import Fit
 from skin.calibrate.stray import (
     APART_M,
     DEGREES,
+    Pairs,
     field_at_rest,
     left_out,
     monomials,
@@ -32,14 +33,13 @@ from skin.calibrate.stray import (
     scan_stray,
 )
 from skin.errors import ScanError, SkinError
-from skin.sim.halbach import CHIP_AXES, HalbachField
 from topology import Topology
 from topology.neighbours import compressed_rows, pairs_within
 
 __all__ = ["Stencil"]
 
-SAME_MM = 1e-3
-"""Pairs whose chips sit within this of each other, as their films see them, share a fit."""
+SAME_SKIN_M = 2e-4
+"""Units that are this much nearer or farther than in a saved stencil are other units."""
 FORMAT = 1
 """Of the file that a stencil is saved to."""
 
@@ -57,6 +57,8 @@ class Stencil:
     neighbour : ndarray, shape (m,), int32
         Neighbours of unit i are ``neighbour[start[i]:start[i + 1]]``.
     kind : ndarray, shape (m,), int32
+    apart_m : ndarray, shape (m,)
+        Distance of the centres of each pair.
     coefficients : ndarray, shape (k, 3, terms), float64
         Of each kind, for a film of strength 1: µT per mm and its powers (`powers`), axes of the
         chip of the unit, from (dx, dy, H) of the neighbour in the neighbour's frame.
@@ -89,6 +91,7 @@ class Stencil:
     start: np.ndarray
     neighbour: np.ndarray
     kind: np.ndarray
+    apart_m: np.ndarray
     coefficients: np.ndarray
     sigma_ut: np.ndarray
     strength: np.ndarray
@@ -188,6 +191,15 @@ class Stencil:
                 f"{path}: must be the stencil of {topology.n} units, as {topology.name}; "
                 f"got {found.n}"
             )
+        off = np.abs(_apart(topology, found.unit, found.neighbour) - found.apart_m)
+        if off.max(initial=0.0) > SAME_SKIN_M:
+            worst = int(np.argmax(off))
+            i, j = (topology.unit_names[k[worst]] for k in (found.unit, found.neighbour))
+            raise SkinError(
+                f"{path}: must be the stencil of {topology.name}, {i} and {j} being "
+                f"{1e3 * (found.apart_m[worst]):.4g} mm apart in it; got a skin that differs by "
+                f"{1e3 * off[worst]:.2g} mm"
+            )
         return found
 
     @classmethod
@@ -203,8 +215,7 @@ class Stencil:
     ) -> Stencil:
         """From fits of pairs of the very skin: one unit moves, the chips around it are read.
 
-        Pairs that were not measured are as left out as those beyond the reach; what rests is taken
-        from magnet theory.
+        Pairs that were not measured count as left out; what rests is taken from magnet theory.
 
         Parameters
         ----------
@@ -215,7 +226,14 @@ class Stencil:
             Of `fit_stray`, of one degree.
         depth_max_mm, displacement_max_mm : float
             Range of the scans.
+
+        Raises
+        ------
+        ScanError
+            No pair at all.
         """
+        if not len(fits):
+            raise ScanError("fits: must be one or more; got none")
         place = np.lexsort((neighbour, unit))
         i, j = np.asarray(unit)[place], np.asarray(neighbour, np.int32)[place]
         start = np.concatenate([[0], np.cumsum(np.bincount(i, minlength=topology.n))])
@@ -225,16 +243,16 @@ class Stencil:
         gram = _gram(depth_max_mm, displacement_max_mm, degree)
         known = np.array([[np.sum(axis.covariance * gram) for axis in fit] for fit in fits])
         missed = np.array([[_missed(axis) for axis in fit] for fit in fits])
-        apart = np.linalg.norm(topology.position[:, i] - topology.position[:, j], axis=0)
-        reach_m = float(apart.max())
+        apart = _apart(topology, i, j)
         parted = _parted(_with_films(topology))
-        bound, rms = left_out(parted, reach_m, depth_max_mm, displacement_max_mm)
+        bound, rms = left_out(parted, i, j, depth_max_mm, displacement_max_mm)
         residual = [axis.residual_rms for axis in fits[int(np.argmin(apart))]]
         worst = [axis.residual_max for axis in fits[int(np.argmin(apart))]]
         return cls(
-            start.astype(np.int32), j, np.arange(len(fits), dtype=np.int32), values,
-            np.sqrt(known + missed), np.ones(topology.n), field_at_rest(parted), degree,
-            reach_m, depth_max_mm, displacement_max_mm, bound, rms, max(residual), max(worst), 0,
+            start.astype(np.int32), j, np.arange(len(fits), dtype=np.int32), apart,
+            values, np.sqrt(known + missed), np.ones(topology.n), field_at_rest(parted), degree,
+            float(apart.max()), depth_max_mm, displacement_max_mm, bound, rms, max(residual),
+            max(worst), 0,
         )  # fmt: skip
 
     @classmethod
@@ -282,7 +300,7 @@ class Stencil:
         start, neighbour = _rows(parted, reach_m)
         moving = 0 if rigid else (_rows(topology, reach_m)[1].size - neighbour.size) // 2
         unit = np.repeat(np.arange(topology.n), np.diff(start))
-        pairs = _Pairs.of(topology, unit, neighbour)
+        pairs = Pairs.of(topology, unit, neighbour)
         moved, share = scan_poses(depth_max_mm, displacement_max_mm)
         stray = scan_stray(topology, pairs.seen, moved)
         if sigma_ut:
@@ -298,66 +316,18 @@ class Stencil:
         missed = np.maximum(rms**2 - (1.0 - fitted) * sigma_ut**2, 0.0)
         sigma = np.sqrt(missed + fitted * sigma_ut**2)
         strength = topology.parameters["field_amplitude_ut"]
-        bound, beyond = left_out(parted, reach_m, depth_max_mm, displacement_max_mm)
+        bound, beyond = left_out(parted, unit, neighbour, depth_max_mm, displacement_max_mm)
         nearest = int(np.argmin(pairs.seen[0])) if len(stray) else None
         worst = (0.0, 0.0) if nearest is None else (
             float(strength.max() * rms[nearest].max()),
             float(strength.max() * np.abs(residual[nearest]).max()),
         )  # fmt: skip
         return cls(
-            start, neighbour, pairs.kind, pairs.turned(values, degree),
-            pairs.spread(sigma), strength.copy(), field_at_rest(parted), degree,
-            reach_m, depth_max_mm, displacement_max_mm, bound, beyond, *worst, moving,
+            start, neighbour, pairs.kind, _apart(topology, unit, neighbour),
+            pairs.turned(values, degree), pairs.spread(sigma), strength.copy(),
+            field_at_rest(parted), degree, reach_m, depth_max_mm, displacement_max_mm, bound,
+            beyond, *worst, moving,
         )  # fmt: skip
-
-
-@dataclass(frozen=True, eq=False)
-class _Pairs:
-    """Kinds of pairs of a skin.
-
-    A film looks the same from every side, so that kinds which differ in azimuth alone share a scan
-    (`seen`), with the chip at azimuth 0 of the film.
-    """
-
-    kind: np.ndarray  # (m,) of each pair
-    scan: np.ndarray  # (k,) scan of each kind
-    azimuth: np.ndarray  # (k,) of the chip around the film, film frame
-    to_chip: np.ndarray  # (3, 3, k) from the scan's axes to those of the chip
-    seen: np.ndarray  # (3, s) scans: distance from the axis and height over the film, mm; reference
-
-    @classmethod
-    def of(cls, topology: Topology, unit: np.ndarray, neighbour: np.ndarray) -> _Pairs:
-        film = HalbachField(topology, reach_m=0.0).film
-        inward = topology.rotation[:, 2]
-        place = 1e3 * topology.position + film.middle_mm * inward
-        between = place[:, unit] + film.chip_mm * inward[:, unit] - place[:, neighbour]
-        of_film = topology.rotation[:, :, neighbour]
-        between = np.einsum("abm,am->bm", of_film, between)
-        turn = np.einsum("bam,bcm->acm", topology.rotation[:, :, unit], of_film)
-        reference = topology.parameters["field_reference_mm"][neighbour]
-        alike = np.vstack([between / SAME_MM, turn.reshape(9, -1) / 1e-5, reference / 1e-6])
-        _, first, kind = np.unique(
-            np.rint(alike).astype(np.int64), axis=1, return_index=True, return_inverse=True
-        )
-        between, turn, reference = between[:, first], turn[:, :, first], reference[first]
-        away, azimuth = np.hypot(between[0], between[1]), np.arctan2(between[1], between[0])
-        key = np.rint(np.stack([away / SAME_MM, between[2] / SAME_MM, reference / 1e-6]))
-        seen, scan = np.unique(key.astype(np.int64), axis=1, return_inverse=True)
-        # film at azimuth 0 -> its displacement turned there; field turned back, then to the chip
-        to_chip = np.einsum("a,abk,bck->ack", CHIP_AXES, turn, _about_z(azimuth))
-        return cls(
-            kind.ravel().astype(np.int32), scan.ravel(), azimuth, to_chip,
-            seen * np.array([[SAME_MM], [SAME_MM], [1e-6]]),
-        )  # fmt: skip
-
-    def turned(self, values: np.ndarray, degree: int) -> np.ndarray:
-        """Coefficients of every kind, (k, 3, terms), from those of the scans, (s, 3, terms)."""
-        turn = _turned_terms(self.azimuth, degree)
-        return np.einsum("adk,kdp,pqk->kaq", self.to_chip, values[self.scan], turn, optimize=True)
-
-    def spread(self, sigma: np.ndarray) -> np.ndarray:
-        """One-sigma of every kind, shape (k, 3), from that of the scans, (s, 3)."""
-        return np.sqrt(np.einsum("adk,kd->ka", self.to_chip**2, sigma[self.scan] ** 2))
 
 
 def _gram(depth_max_mm: float, displacement_max_mm: float, degree: int) -> np.ndarray:
@@ -390,22 +360,13 @@ def _parted(topology: Topology) -> Topology:
     return dataclasses.replace(topology, position=position)
 
 
+def _apart(topology: Topology, unit: np.ndarray, neighbour: np.ndarray) -> np.ndarray:
+    """Distances of the centres of pairs, metre."""
+    return np.linalg.norm(topology.position[:, unit] - topology.position[:, neighbour], axis=0)
+
+
 def _rows(topology: Topology, reach_m: float) -> tuple[np.ndarray, np.ndarray]:
     """Neighbours nearer than `reach_m`, compressed rows."""
     pairs = [np.stack([i, j]) for i, j, _ in pairs_within(topology.position, reach_m)]
     i, j = np.concatenate([np.empty((2, 0), np.int64), *pairs], axis=1)
     return compressed_rows(topology.n, i, j)
-
-
-def _about_z(angle: np.ndarray) -> np.ndarray:
-    """Rotations about z, shape (3, 3, m)."""
-    c, s, zero, one = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
-    return np.array([[c, -s, zero], [s, c, zero], [zero, zero, one]])
-
-
-def _turned_terms(azimuth: np.ndarray, degree: int) -> np.ndarray:
-    """Terms of a displacement turned by -azimuth, from its own terms, shape (terms, terms, m)."""
-    samples = np.random.default_rng(0).uniform(-1.0, 1.0, (3, 4 * len(powers(degree))))
-    turned = np.einsum("abm,bt->mat", _about_z(-azimuth), samples)
-    q, r = np.linalg.qr(monomials(samples, degree).T)
-    return np.einsum("mpt,tq->pqm", monomials(turned, degree), np.linalg.solve(r, q.T).T)

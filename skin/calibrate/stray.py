@@ -7,6 +7,7 @@ since the neighbour was at rest.
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -18,10 +19,12 @@ from topology import Topology
 from topology.neighbours import pairs_within
 
 __all__ = [
-    "APART_M", "DEGREES", "HORIZON_M", "field_at_rest", "fit_stray", "left_out", "monomials",
-    "powers", "scan_poses", "scan_stray",
+    "APART_M", "DEGREES", "HORIZON_M", "Pairs", "field_at_rest", "fit_stray", "left_out",
+    "monomials", "powers", "scan_poses", "scan_stray",
 ]  # fmt: skip
 
+SAME_MM = 1e-3
+"""Pairs whose chips sit within this of each other, as their films see them, share a fit."""
 APART_M = 10.0
 """Between the pairs of the bench, and between frames: none feels another."""
 HORIZON_M = 0.1
@@ -179,42 +182,121 @@ def field_at_rest(topology: Topology) -> np.ndarray:
 
 
 def left_out(
-    topology: Topology, reach_m: float, depth_max_mm: float, displacement_max_mm: float
+    topology: Topology,
+    unit: np.ndarray,
+    neighbour: np.ndarray,
+    depth_max_mm: float,
+    displacement_max_mm: float,
 ) -> tuple[float, np.ndarray]:
-    """`Stencil.left_out_ut` and `Stencil.left_out_rms_ut`, of neighbours beyond the reach."""
+    """`Stencil.left_out_ut` and `Stencil.left_out_rms_ut`.
+
+    Parameters
+    ----------
+    topology : Topology
+    unit, neighbour : ndarray, shape (m,)
+        Pairs that are in.
+    depth_max_mm, displacement_max_mm : float
+    """
+    n, strength = topology.n, topology.parameters["field_amplitude_ut"]
+    pairs = [np.stack([i, j]) for i, j, _ in pairs_within(topology.position, HORIZON_M)]
+    i, j = np.concatenate([np.empty((2, 0), np.int64), *pairs], axis=1)
+    at, by = np.concatenate([i, j]), np.concatenate([j, i])
+    missing = ~np.isin(at * n + by, np.asarray(unit, np.int64) * n + neighbour)
+    at, by = at[missing], by[missing]
+    if not at.size:
+        return 0.0, np.zeros(n)
+    between = topology.position[:, at] - topology.position[:, by]
+    d = np.linalg.norm(between, axis=0)
+    x, y, _ = np.einsum("abp,ap->bp", topology.rotation[:, :, at], between)
+    x, y = np.stack([x, y]) / np.maximum(np.hypot(x, y), 1e-12)
+
     moved, share = scan_poses(depth_max_mm, displacement_max_mm)
-    strength = topology.parameters["field_amplitude_ut"]
-    if reach_m >= HORIZON_M:
-        return 0.0, np.zeros(topology.n)
     film = HalbachField(topology, reach_m=0.0).film
-    distance = np.geomspace(max(reach_m, 0.008), HORIZON_M, 24)
+    distance = np.geomspace(max(float(d.min()), 0.008), HORIZON_M, 24)
     reference = float(topology.parameters["field_reference_mm"].min())
     seen = np.stack([1e3 * distance, np.full(24, film.chip_mm), np.full(24, reference)])
     stray = scan_stray(topology, seen, moved)
-    # along the line between the two, across it, along z: what falls with a power is told times one
-    steep = distance**4
     middle = np.einsum("t,kta->ka", share, stray)
     spread = np.einsum("t,kta->k", share, (stray - middle[:, np.newaxis]) ** 2)
-    most, mean = (steep * found.T for found in (np.abs(stray).max(axis=1), middle))
-    square = steep**2 * spread
-    bound, pull = np.zeros((2, 3, topology.n))
-    variance = np.zeros(topology.n)
-    for i, j, apart in pairs_within(topology.position, HORIZON_M):
-        beyond = apart > reach_m
-        for at, by in ((i[beyond], j[beyond]), (j[beyond], i[beyond])):
-            d = apart[beyond]
-            toward = np.einsum(
-                "abp,ap->bp", topology.rotation[:, :, at],
-                topology.position[:, at] - topology.position[:, by],
-            )  # fmt: skip
-            x, y = toward[:2] / np.maximum(np.hypot(*toward[:2]), 1e-12)
-            along, across, up = (np.interp(d, distance, row) / d**4 for row in most)
-            farthest = (
-                np.abs(x) * along + np.abs(y) * across,
-                np.abs(y) * along + np.abs(x) * across,
-            )
-            np.add.at(bound.T, at, np.stack([*farthest, up], axis=1) * strength.max())
-            along, across, up = (np.interp(d, distance, row) / d**4 for row in mean)
-            np.add.at(pull.T, at, strength[by, None] * np.stack([x * along, y * along, up], axis=1))
-            np.add.at(variance, at, strength[by] ** 2 * np.interp(d, distance, square) / d**8)
-    return float(bound.max()), np.sqrt((np.sum(pull**2, axis=0) + variance) / 3.0)
+
+    def told(values: np.ndarray, power: int) -> np.ndarray:
+        """At the distance of each pair; what falls with a power is told times that power."""
+        return np.interp(d, distance, values * distance**power) / d**power
+
+    def added(values: np.ndarray) -> np.ndarray:
+        return np.bincount(at, values, minlength=n)
+
+    # along the line between the two, across it, along z
+    along, across, up = (told(row, 4) for row in np.abs(stray).max(axis=1).T)
+    bound = max(
+        float(added(farthest).max()) * float(strength.max())
+        for farthest in (np.abs(x) * along + np.abs(y) * across,
+                         np.abs(y) * along + np.abs(x) * across, up)
+    )  # fmt: skip
+    along, _, up = (strength[by] * told(row, 4) for row in middle.T)
+    square = sum(added(pull) ** 2 for pull in (x * along, y * along, up))
+    square += added(strength[by] ** 2 * told(spread, 8))
+    return bound, np.sqrt(square / 3.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """Kinds of pairs of a skin.
+
+    A film looks the same from every side, so that kinds which differ in azimuth alone share a scan
+    (`seen`), with the chip at azimuth 0 of the film.
+    """
+
+    kind: np.ndarray  # (m,) of each pair
+    scan: np.ndarray  # (k,) scan of each kind
+    azimuth: np.ndarray  # (k,) of the chip around the film, film frame
+    to_chip: np.ndarray  # (3, 3, k) from the scan's axes to those of the chip
+    seen: np.ndarray  # (3, s) scans: distance from the axis and height over the film, mm; reference
+
+    @classmethod
+    def of(cls, topology: Topology, unit: np.ndarray, neighbour: np.ndarray) -> Pairs:
+        film = HalbachField(topology, reach_m=0.0).film
+        inward = topology.rotation[:, 2]
+        place = 1e3 * topology.position + film.middle_mm * inward
+        between = place[:, unit] + film.chip_mm * inward[:, unit] - place[:, neighbour]
+        of_film = topology.rotation[:, :, neighbour]
+        between = np.einsum("abm,am->bm", of_film, between)
+        turn = np.einsum("bam,bcm->acm", topology.rotation[:, :, unit], of_film)
+        reference = topology.parameters["field_reference_mm"][neighbour]
+        alike = np.vstack([between / SAME_MM, turn.reshape(9, -1) / 1e-5, reference / 1e-6])
+        _, first, kind = np.unique(
+            np.rint(alike).astype(np.int64), axis=1, return_index=True, return_inverse=True
+        )
+        between, turn, reference = between[:, first], turn[:, :, first], reference[first]
+        away, azimuth = np.hypot(between[0], between[1]), np.arctan2(between[1], between[0])
+        key = np.rint(np.stack([away / SAME_MM, between[2] / SAME_MM, reference / 1e-6]))
+        seen, scan = np.unique(key.astype(np.int64), axis=1, return_inverse=True)
+        # film at azimuth 0 -> its displacement turned there; field turned back, then to the chip
+        to_chip = np.einsum("a,abk,bck->ack", CHIP_AXES, turn, _about_z(azimuth))
+        return cls(
+            kind.ravel().astype(np.int32), scan.ravel(), azimuth, to_chip,
+            seen * np.array([[SAME_MM], [SAME_MM], [1e-6]]),
+        )  # fmt: skip
+
+    def turned(self, values: np.ndarray, degree: int) -> np.ndarray:
+        """Coefficients of every kind, (k, 3, terms), from those of the scans, (s, 3, terms)."""
+        turn = _turned_terms(self.azimuth, degree)
+        return np.einsum("adk,kdp,pqk->kaq", self.to_chip, values[self.scan], turn, optimize=True)
+
+    def spread(self, sigma: np.ndarray) -> np.ndarray:
+        """One-sigma of every kind, shape (k, 3), from that of the scans, (s, 3)."""
+        return np.sqrt(np.einsum("adk,kd->ka", self.to_chip**2, sigma[self.scan] ** 2))
+
+
+def _about_z(angle: np.ndarray) -> np.ndarray:
+    """Rotations about z, shape (3, 3, m)."""
+    c, s, zero, one = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
+    return np.array([[c, -s, zero], [s, c, zero], [zero, zero, one]])
+
+
+def _turned_terms(azimuth: np.ndarray, degree: int) -> np.ndarray:
+    """Terms of a displacement turned by -azimuth, from its own terms, shape (terms, terms, m)."""
+    samples = np.random.default_rng(0).uniform(-1.0, 1.0, (3, 4 * len(powers(degree))))
+    turned = np.einsum("abm,bt->mat", _about_z(-azimuth), samples)
+    q, r = np.linalg.qr(monomials(samples, degree).T)
+    return np.einsum("mpt,tq->pqm", monomials(turned, degree), np.linalg.solve(r, q.T).T)

@@ -359,19 +359,19 @@ class Scattered:
         self.pairs = pairs
         self.off = lower[degree, which] - stencil.coefficients[kinds][which]
 
-        table = Table.of(powers(stencil.degree), filled_up=k.QUAD)
+        levels = np.arange(1, max(int(degree.max()), 1) + 1)
+        exponents = powers(int(levels[-1]))
+        table = Table.of(exponents, filled_up=k.QUAD)
         self.parent, self.factor = table.parent, table.factor
-        ends = [max(row for term, row in table.row.items() if sum(term) == d)
-                for d in range(1, stencil.degree + 1)]  # fmt: skip
+        ends = [max(row for term, row in table.row.items() if sum(term) == d) for d in levels]
         self.orders = np.array([0, *((end - k.FACTORS) // k.QUAD + 1 for end in ends)])
         self.start, self.receiver, chosen = _by_film(pairs, stencil, unit, degree)
         film = stencil.neighbour[pairs[chosen]]
-        levels = np.arange(1, stencil.degree + 1)
         self.reached = np.zeros((stencil.n, levels.size), np.int64)
         np.add.at(self.reached, film, degree[chosen, np.newaxis] >= levels)
         rows = np.zeros((chosen.size, 3, self.orders[-1] * k.QUAD))
-        used = [table.row[tuple(map(int, e))] - k.FACTORS for e in powers(stencil.degree)]
-        rows[:, :, used] = lower[degree[chosen], which[chosen]]
+        used = [table.row[tuple(map(int, e))] - k.FACTORS for e in exponents]
+        rows[:, :, used] = lower[degree[chosen], which[chosen], :, : len(used)]
         self.place = np.zeros(stencil.n, np.int64)
         parts, length = [], 0
         for j in range(stencil.n):
