@@ -5,7 +5,8 @@ along y from 150 s, while the room warms from 20 to 80 °C. The decoder has the 
 parameters and no calibration. It is tared: what each force reads on average over the first
 `TARE_S` seconds is taken from it. Each estimator meets the film that it reckons with: `sine` the
 paper's law but in the rows `magnet` to `crosstalk`, the others the Halbach film as drawn. The wire
-rounds in every row.
+rounds in every row. The experiment only ever loads, so that loops of the elastomer, whose law is
+that of first loading, hardly show.
 
 Errors of force are the lengths of the difference vectors over all units: mean over each of the
 three stages, mean and 95th percentile over all of them, and the mean of each component. The

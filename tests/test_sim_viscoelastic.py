@@ -177,13 +177,36 @@ def test_compiled_and_plain_python_agree(way: np.ndarray) -> None:
     compiled, plain = (Hysteresis((2,), width_n=0.8, span_n=7.2) for _ in range(2))
     creeping, plainly = (Prony((2,)) for _ in range(2))
     for load in way:
-        found = compiled.elastic(load), creeping.elastic(load, 0.02)
+        found = compiled.lagging(load), creeping.elastic(load, 0.02)
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(room, "_yield", room._yield_python)
             patch.setattr(room, "_creep", room._creep_python)
-            again = plain.elastic(load), plainly.elastic(load, 0.02)
+            patch.setattr(room, "_load", room._load_python)
+            again = plain.lagging(load), plainly.elastic(load, 0.02)
         np.testing.assert_allclose(found, again, atol=1e-12)
         np.testing.assert_allclose(creeping.terms, plainly.terms, atol=1e-12)
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_a_law_of_first_loading_holds_until_the_first_unloading(way: float) -> None:
+    """After that the loop is as wide as ever, and reads what is no longer borne."""
+    loop = Hysteresis((1,), width_n=0.36, span_n=7.2, one_sided=way > 0.0)
+    for force in way * np.linspace(0.0, 7.2, 60):
+        np.testing.assert_allclose(loop.lagging(np.array([force])), force, atol=1e-12)
+    back = [float(loop.lagging(np.array([f]))[0]) - f for f in way * np.linspace(7.2, 0.0, 60)]
+    assert (way * np.array(back) > -1e-12).all()
+    assert max(np.abs(back)) == pytest.approx(0.36, rel=0.15)
+
+
+@given(way=WAYS)
+def test_loops_and_lags_are_one_displacement_seen_twice(way: np.ndarray) -> None:
+    """`lagging` rises with `elastic`, whatever came before: both tell the same displacement."""
+    loops, again = (Hysteresis((2,), width_n=0.8, span_n=7.2) for _ in range(2))
+    pairs = np.array([[loops.elastic(at), again.lagging(at)] for at in way])
+    elastic, lagging = np.swapaxes(pairs, 0, 1).reshape(2, -1)
+    order = np.argsort(elastic)
+    assert (np.diff(lagging[order]) >= -1e-12).all()
+    assert (lagging >= elastic - 1e-12).all()
 
 
 # -- the rest --------------------------------------------------------------------------------------

@@ -44,7 +44,8 @@ SLIDE_M_PER_S = 0.05
 """How fast a body moves that is dragged harder than friction holds it."""
 
 LOOP_SHARE = 0.05
-"""Width of the elastomer's loops over the force that they span [assumed, a soft silicone]."""
+"""Width of the elastomer's loops over the force that they span [assumed, a soft silicone]. The
+elastic laws are those of first loading, as a bench measures them."""
 
 ROOM_C = 24.0
 
@@ -352,8 +353,8 @@ class ScriptedScene:
             pressing, dragging = self._loops
             needed = self._needed
             needed[:2], needed[2] = (
-                dragging.elastic(truth.force[:2]),
-                pressing.elastic(truth.force[2]),
+                dragging.lagging(truth.force[:2]),
+                pressing.lagging(truth.force[2]),
             )
         if self._prony is not None:
             needed = self._prony.elastic(needed, dt_s)

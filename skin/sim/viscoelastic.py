@@ -186,6 +186,25 @@ class Hysteresis:
         )  # fmt: skip
         return self._elastic.copy()
 
+    def lagging(self, force: np.ndarray) -> np.ndarray:
+        """Go on to the force by which the displacement under `force` would be reached at first.
+
+        A law that was measured while loading, as those of a bench are, holds for that force: it is
+        `force` itself until the first unloading.
+        """
+        elastic = self.elastic(force)
+        _load(elastic.reshape(-1), self._weights, self._low, self._high)
+        return elastic
+
+
+def _load_python(elastic, weights, low, high):
+    """From elastic forces, which are overwritten, to those of first loading."""
+    for i in range(elastic.size):
+        force = elastic[i]
+        for j in range(weights.size):
+            force += weights[j] * min(max(elastic[i], low[j]), high[j])
+        elastic[i] = force
+
 
 def _yield_python(force, weights, low, high, stops, elastic):
     """`Hysteresis.elastic`, in place: along straight pieces, from one stop to the next."""
@@ -231,5 +250,6 @@ def _creep_python(force, kept, gained, terms, elastic):
 
 
 _FLAGS = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True, "cache": True}
+_load = njit(_load_python, **_FLAGS)
 _creep = njit(_creep_python, **_FLAGS)
 _yield = njit(_yield_python, **_FLAGS)
