@@ -14,22 +14,28 @@ With fewer than 4 it holds its field, and its sigma widens as for a robot that t
 to the 50 µT of knowing nothing.
 
 **Zeros.** The frequency and the lateral field of a unit at rest drift. They are followed, with 30 s
-and 40 s and no faster than 1 Hz and 6 µT a minute, while the unit is *calm*: its load, averaged
-over a second, has for 5 s been within half a sigma of a single reading; nothing near it is loaded;
-its temperature is steady; its Bz, averaged over 10 s and an independent witness of the depth, tells
-no press of a sigma either; and no flag is on it. So a held press loses at most about half a sigma,
-however long it lasts, and one that creeps up as slowly as a zero may follow is noticed by Bz before
-it has lost two. A press that creeps up on most units of a body at once passes for ambient field at
-Bz, and where the wire has no Bz any press that grows by less than 1 Hz (1.7 mN) a minute passes for
-drift, up to the span: a zero that has gone 60 Hz (0.1 N) or 200 µT from calibration stops there,
-and the unit wants a tare. (At less than 100 cycles a second averages take 100 cycles, 1000 of the
-field, and all else is as much slower.)
+and 40 s and no faster than 1 Hz and 6 µT a minute, while the unit has been *calm* for 5 s: its
+load, averaged over a second, is no contact; its Bz, averaged over 10 s and an independent witness
+of the depth, tells no press of half the sigma of a reading; nothing near it is loaded; its
+temperature is steady; and no flag is on it. So a held press loses less than that sigma, however
+long it lasts, and one that creeps up as slowly as a zero may follow little more; what drifted under
+a contact is made up for after it. A zero that has gone 60 Hz (0.1 N) or 200 µT from calibration
+stops there, and the unit wants a tare.
 
-The zero of Bz is not followed but learnt, once, when a unit has first been calm, from the second to
-the fifth second: its size tells the displacement, so that it belongs to calibration, and only its
-change in common with the other units is ambient. The lateral zero is that of the calibration: a
-tare puts the ambient field of its attitude into the offsets, and what is found here is the change
-since then, never the same field twice.
+Where the wire has no Bz, or what it reads at rest is not known yet, the load must be within half a
+sigma. A held press is as safe so, but one that grows by less than 1 Hz (1.7 mN) a minute passes for
+drift, and a unit that has drifted more under a contact is not followed any more.
+
+Bz at rest is learnt when a unit has first been calm, from the second to the fifth second, follows
+by 0.3 µT a minute at most, so that only a press that grows by less than 0.1 Hz (0.15 mN) a minute
+passes for drift, and is not taken off: its size tells the displacement, and belongs to calibration.
+Only its change in common with the other units is ambient; a press that creeps up on most units of a
+body at once passes for that. The lateral zero is that of the calibration: a tare puts the ambient
+field of its attitude into the offsets, and what is found here is the change since then, never the
+same field twice.
+
+At less than 100 cycles a second averages take 100 cycles, 1000 of the field, and all is as much
+slower.
 """
 
 from __future__ import annotations
@@ -53,7 +59,7 @@ __all__ = ["Ambient"]
 SLOW_S = 1.0
 SLOW_CYCLES = 100
 """The slow averages: this long, and over this many cycles at least."""
-WITNESS_SIGMAS = 1.0
+WITNESS_SIGMAS = 0.5
 """Bz tells a press that lowers the frequency by this many sigma."""
 REFUSED = 0xFFFF & ~int(Status.EXTRAPOLATED | Status.IDLE)
 """Any other flag, and a unit is not used."""

@@ -33,7 +33,7 @@ ABOUT_ROWS = 31
 
 # -- memory: rows of (rows, n), what one cycle leaves to the next ----------------------------------
 (
-    FAST_HZ, SLOW_HZ,  # load, averaged over `FAST_S` and over the slow time
+    FAST_HZ, SLOW_HZ,  # load, averaged over the fast and over the slow time
     LONG_X, LONG_Y, LONG_Z,  # field that is not at rest, averaged over the long time
     WARM, FILM,  # gel temperature over the slow and the long time
     AGE_S,  # how long the unit has been usable, without a break
@@ -54,8 +54,8 @@ INFORMATION, TOLD = 14, 23
 """Scratch: of the votes, nine entries, and what they tell, three."""
 COMMON_ENTRIES = 26
 
-FAST_S = 0.05
-"""Average in which a touch is seen."""
+FAST_OF_SLOW = 0.05
+"""The average in which a touch is seen, over the slow one."""
 LONG_OF_SLOW = 10.0
 """The long time over the slow one: about what a film lags behind the gel."""
 STEADY_C = 0.3
@@ -63,8 +63,8 @@ STEADY_C = 0.3
 LOADED_SIGMAS = 3.0
 """A unit whose load is above this many sigma of a single reading is loaded: the contact gate."""
 CALM_SIGMAS = 0.5
-"""A unit whose averaged load is within this share of the sigma of a single reading may be
-unloaded: no held press, however long, can lose more than this."""
+"""A unit whose averaged load is within this share of the sigma of a single reading may be unloaded
+though Bz does not tell."""
 DWELL_OF_SLOW = 5.0
 """How long a unit must have been calm before its zero is followed, over the slow time."""
 LEARN_OF_SLOW = 2.0
@@ -78,6 +78,8 @@ the long one."""
 RATE_HZ = 1.0 / 60.0
 RATE_UT = 0.1
 """Fastest change of a zero, a second."""
+RATE_REST_UT = 0.005
+"""Fastest change of Bz at rest, which is looked at and not subtracted, a second."""
 SPAN_HZ = 60.0
 SPAN_UT = 200.0
 """Farthest that a zero goes from calibration: beyond, the unit wants a tare."""
@@ -135,7 +137,7 @@ def _axial(i, z, about, memory):
 @register_jitable(**_OPTIONS)
 def _average(field, displacement, temperature, status, refused, dt_s, slow_s, about, memory):
     """Averages of every unit; they begin anew after a unit could not be used."""
-    fast = dt_s / (FAST_S + dt_s)
+    fast = dt_s / (FAST_OF_SLOW * slow_s + dt_s)
     slow = dt_s / (slow_s + dt_s)
     long = dt_s / (LONG_OF_SLOW * slow_s + dt_s)
     for i in range(status.size):
@@ -202,7 +204,9 @@ def _votes(field, first, last, about, memory, marks, row):
         trust = 1.0 / (1.0 + off / (sigma * sigma))
         trust = trust * trust if votes else 0.0
         lateral = trust * about[LATERAL, i]
-        axial = trust * about[AXIAL, i] if known else 0.0
+        # a press too light to be a contact is not ambient field either
+        still = abs(memory[SLOW_HZ, i]) < CALM_SIGMAS * about[SIGMA_HZ, i]
+        axial = trust * about[AXIAL, i] if known & still else 0.0
         count += 1.0 if votes else 0.0
         both += lateral
         # lateral · (1 - n nᵀ) + axial · n nᵀ, n the unit's axis
@@ -261,13 +265,15 @@ def _follow(dt_s, calm_dt_s, slow_s, about, memory, zero, marks):
     share_hz = dt_s / max(FOLLOW_S, DAMPED * slow_s)
     share_ut = dt_s / (DAMPED * LONG_OF_SLOW * slow_s)
     for i in range(marks.size):
-        known = not np.isnan(memory[REST_Z, i])
         axial = about[AXIAL, i] > 0.0
+        known = axial and not np.isnan(memory[REST_Z, i])
+        # what Bz tells of no press may be drift, up to what counts as a contact
+        sigmas = LOADED_SIGMAS if known else CALM_SIGMAS
         calm = (
             marks[i] & (VOTES | NEAR) == VOTES
-            and abs(memory[SLOW_HZ, i]) < CALM_SIGMAS * about[SIGMA_HZ, i]
+            and abs(memory[SLOW_HZ, i]) < sigmas * about[SIGMA_HZ, i]
             and abs(memory[WARM, i] - memory[FILM, i]) < STEADY_C
-            and not (axial and known and abs(memory[LONG_Z, i]) > about[WITNESS_UT, i])
+            and not (known and abs(memory[LONG_Z, i]) > about[WITNESS_UT, i])
         )
         memory[CALM_S, i] = memory[CALM_S, i] + calm_dt_s if calm else 0.0
         learning = axial and memory[REST_S, i] < DWELL_OF_SLOW * slow_s
@@ -284,6 +290,8 @@ def _follow(dt_s, calm_dt_s, slow_s, about, memory, zero, marks):
         for row in range(2):
             step = _held(share_ut * memory[LONG_X + row, i], RATE_UT * dt_s)
             zero[1 + row, i] = _held(zero[1 + row, i] + step, SPAN_UT)
+        if axial and abs(memory[SLOW_HZ, i]) < CALM_SIGMAS * about[SIGMA_HZ, i]:
+            memory[REST_Z, i] += _held(share_ut * memory[LONG_Z, i], RATE_REST_UT * dt_s)
 
 
 @register_jitable(**_OPTIONS)
