@@ -191,6 +191,15 @@ def test_what_is_not_moved_adds_nothing_and_the_rest_of_the_background_stays():
     np.testing.assert_allclose(found, base + predict(crosstalk, moved), atol=1e-9)
 
 
+@pytest.mark.parametrize("skin", [plane(1, 1), plane(3, 3, 60.0), plane(6, 1)])
+def test_units_alone_far_apart_or_in_one_row_are_skins_too(skin):
+    crosstalk = CrossTalk(skin, dtype="float64", tolerance_ut=0.0)
+    moved = displaced(skin.n, cycles=1)[0]
+    np.testing.assert_allclose(predict(crosstalk, moved), crosstalk.stencil(moved), atol=1e-9)
+    assert crosstalk.on_lattice == 0
+    assert (crosstalk.contraction > 0.0) == (crosstalk.stencil.kind.size > 0)
+
+
 def test_a_stronger_film_is_felt_more():
     crosstalk = CrossTalk(topology.load("palm"), stencil_of("palm"), dtype="float64")
     alone = np.zeros((3, 64))
