@@ -40,7 +40,7 @@ LAPS = (3, 30)
 TRIALS = (40, 300)
 """Quick, and in full."""
 FULL = {"wrench", "centroid", "slip"}
-PASSES = {"decode": {"force", "displacement", "temperature"}, "contacts": {"contacts"},
+PASSES = {"decode": {"force", "displacement", "temperature", "sigma"}, "contacts": {"contacts"},
           "full": FULL}  # fmt: skip
 SAME = ("load", "wrench", "centroid", "moment", "area", "peak_pressure", "extent", "shear",
         "torsion", "temperature", "wrench_covariance", "centroid_covariance",
