@@ -18,7 +18,8 @@ from skin.calibrate.amplitude import (
 )
 from skin.calibrate.bench import Bench, circles, strokes
 from skin.calibrate.fit import least_squares
-from skin.calibrate.normal import fit_frequency
+from skin.calibrate.gel import fit_gel
+from skin.calibrate.normal import fit_frequency, fit_normal
 from skin.calibrate.shear import fit_shear
 from skin.errors import ScanError
 from topology import THETA_KNOTS
@@ -30,6 +31,10 @@ AMPLITUDE = {"field_wavenumber_rad_per_mm": 0.63, "field_amplitude_ut": 10900.0,
              "field_growth_per_mm": 0.73, "field_growth_per_mm2": 0.02}  # fmt: skip
 SHEAR = {"shear_soft_n_per_mm": 0.48, "shear_break_mm": 1.93, "shear_stiff_n_per_mm": 2.2,
          "shear_gain_per_mm": 0.04}  # fmt: skip
+FALL = np.linspace(0.0, 1800.0, 80)
+NORMAL = {"normal_soft_n_per_hz": 0.0017, "normal_break_hz": 523.0,
+          "normal_stiff_n_per_hz": 0.0049}  # fmt: skip
+GEL = {"gel_current_20c_ua": 10.4, "gel_current_ratio": 11.6}
 FREQUENCY = {"frequency_rest_hz": 4567.0, "frequency_slope_hz_per_mm": 883.0}
 DRIFT = {"film_drift_per_k": -0.0011, "hall_gain_per_k": 0.0005, "hall_drift_x_ut_per_k": 1.5,
          "hall_drift_y_ut_per_k": -2.0, "hall_drift_z_ut_per_k": 0.3}  # fmt: skip
@@ -55,6 +60,18 @@ def scan_shear(rng):
     force = soft * SLIDE + stiff * np.maximum(SLIDE - knee, 0.0)
     force *= 1.0 + gain * (PRESS - 2.0)
     return fit_shear(force + 0.005 * rng.standard_normal(force.shape), SLIDE, PRESS)
+
+
+def scan_normal(rng):
+    soft, knee, stiff = NORMAL.values()
+    force = np.where(FALL < knee, soft * FALL, soft * knee + stiff * (FALL - knee))
+    return fit_normal(force + 0.005 * rng.standard_normal(FALL.size), FALL)
+
+
+def scan_gel(rng):
+    warm = np.linspace(20.0, 80.0, 60)
+    current = GEL["gel_current_20c_ua"] * GEL["gel_current_ratio"] ** ((warm - 20.0) / 60.0)
+    return fit_gel(current * (1.0 + 0.002 * rng.standard_normal(60)), warm)
 
 
 def scan_frequency(rng):
@@ -96,6 +113,8 @@ FITS = {
     "amplitude": (scan_amplitude, AMPLITUDE),
     "shear": (scan_shear, SHEAR),
     "frequency": (scan_frequency, FREQUENCY),
+    "normal": (scan_normal, NORMAL),
+    "gel": (scan_gel, GEL),
     "drift": (scan_drift, DRIFT),
     "bare chip": (scan_bare, BARE),
     "theta": (scan_theta, TURN),
@@ -274,6 +293,20 @@ REFUSED = {
         "theta_correction_rad[11], theta_correction_rad[12], theta_correction_rad[13], "
         "theta_correction_rad[14], theta_correction_rad[15]; got none",
     ),
+    "normal force before the break": (
+        lambda: fit_normal(FALL / 600.0, FALL),
+        "fall_hz: must reach beyond the break, where the law stiffens, to tell normal_break_hz; "
+        "got 0 to 1800 Hz",
+    ),
+    "gel at one temperature": (
+        lambda: fit_gel(np.full(9, 10.0), np.full(9, 20.0)),
+        "temperature: must have 2 levels or more, 5 apart, to tell its effect; got 1 between 20 "
+        "and 20",
+    ),
+    "no current": (
+        lambda: fit_gel(np.array([10.0, 0.0]), np.array([20.0, 80.0])),
+        "current_ua[1]: must be above 0; got 0",
+    ),
     "one direction": (
         lambda: fit_direction(ROUND, np.zeros(64)),
         "direction_rad: must have 4 levels or more, 0.2 apart, to tell its effect; got 1 between "
@@ -314,3 +347,13 @@ def test_a_scan_that_cannot_tell_is_refused_by_what_it_lacks(case):
     with pytest.raises(ScanError) as caught:
         fit()
     assert str(caught.value).startswith(message)
+
+
+def test_a_slope_that_is_not_well_known_is_in_the_normal_law():
+    force = np.where(FALL < 540.0, FALL / 600.0, 0.9 + (FALL - 540.0) / 200.0)
+    sure, unsure = (fit_normal(force, FALL, fall_sigma_relative=s) for s in (0.0, 0.01))
+    assert (unsure.values == sure.values).all()
+    np.testing.assert_allclose(unsure.sigma, np.hypot(sure.sigma, 0.01 * sure.values))
+    # one factor: where the fall reads too large, N/Hz are too few and the break too far
+    spread = unsure.covariance - sure.covariance
+    assert spread[0, 2] > 0.0 > spread[0, 1]
