@@ -2,9 +2,9 @@
 
 Every unit of a square bears 100 g from 50 s on, the same along x from 100 s and along y from 150 s.
 Every non-ideality of the simulator is on. The units were on the bench first, as those of a user
-are: each alone, held still at each pose, loaded from rest, with its own film, electronics and
-loops. On the skin they feel their neighbours and the Earth; the skin rests for 50 s before it is
-loaded, and from that the decoder tells the ambient field.
+are: each alone, with its own film and electronics, held still at each pose and loaded from rest. On
+the skin their elastomer creeps and lags, and they feel their neighbours and the Earth; the skin
+rests for 50 s before it is loaded, and from that the decoder tells the ambient field.
 
 Errors are decoded minus true. A single reading has the noise of its sensors, so force errors are
 told of the mean over `WINDOW_S` and, beside it, of single readings.
@@ -12,24 +12,22 @@ told of the mean over `WINDOW_S` and, beside it, of single readings.
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks.accuracy_skin import square, with_parameters
-from skin.calibrate.bench import Bench, Scan
+from skin.calibrate.bench import Bench
 from skin.calibrate.unit import Recordings, calibrate, record
 from skin.decode.array import ArrayDecoder
 from skin.sim.fabrication import Fabrication
 from skin.sim.halbach import HalbachField
-from skin.sim.play import LOOP_SHARE, ScriptedScene
+from skin.sim.play import ScriptedScene
 from skin.sim.script import NonIdeal, SceneFile
 from skin.sim.script_load import load_scene
 from skin.sim.surroundings import Surroundings
 from skin.sim.unit import UnitSimulator
-from skin.sim.viscoelastic import Hysteresis
 from topology import Topology
 
 PICTURE = Path(__file__).parent / "pictures" / "fig4a.png"
@@ -93,17 +91,12 @@ def table(figures: dict[str, Any]) -> str:
 
 
 def on_the_bench(skin: Topology, script: SceneFile, seed: int = 11) -> Recordings:
-    """Recordings of the scene's units, each alone: their films, boards and loops, with noise."""
+    """Recordings of the scene's units, each alone: their films and boards, with noise."""
     board = {**_board(script), "quantised": True}
     films = Fabrication.draw(skin.n, script.seed)
     bench = Bench(skin, fabrication=films, seed=seed, **board)
     no_films = with_parameters(skin, field_amplitude_ut=np.full(skin.n, 1e-6))
-    recordings = record(bench, Bench(no_films, seed=seed + 1, **board))
-    return dataclasses.replace(
-        recordings,
-        pressed=_with_loops(recordings.pressed, skin),
-        sheared=_with_loops(recordings.sheared, skin),
-    )
+    return record(bench, Bench(no_films, seed=seed + 1, **board))
 
 
 def _board(script: SceneFile) -> dict[str, Any]:
@@ -111,20 +104,6 @@ def _board(script: SceneFile) -> dict[str, Any]:
     return {
         "counter": parts.counter(), "divider": parts.divider(), "converter": parts.hall_converter()
     }  # fmt: skip
-
-
-def _with_loops(scan: Scan, skin: Topology) -> Scan:
-    """The scan with the force that loops add to each stroke from rest, once all has relaxed."""
-    span_n = float(skin.parameters["normal_max_n"].max())
-    shape = scan.depth_mm.shape
-    pressing = Hysteresis(shape, width_n=LOOP_SHARE * span_n, span_n=span_n)
-    dragging = Hysteresis((2, *shape), width_n=LOOP_SHARE * 2.0, span_n=2.0, one_sided=False)
-    along = np.stack([np.cos(scan.direction_rad), np.sin(scan.direction_rad)])
-    shear, normal = scan.force_n[:, 0], scan.force_n[:, 1]
-    force = np.stack(
-        [np.sum(along * dragging.force(shear * along), axis=0), pressing.force(normal)], axis=1
-    )
-    return dataclasses.replace(scan, force_n=force)
 
 
 def _play(skin: Topology, script: SceneFile, rate_hz: float) -> tuple[np.ndarray, ...]:
