@@ -88,8 +88,9 @@ def naive_decode(skin, raw, status=None, estimator="sine", consistency=False, ba
             model = crest * np.sin(wavenumber * by_angle)
             miss = np.abs(np.maximum(strength, 1e-6) / model - 1.0)
             # the field in the counts, with the gain still in it
-            allowed = 0.15**2 + (1000.0**2 + 25.0 * _field_variance(skin)) / (whole * gain) ** 2
-            allowed += 25.0 * _amplitude_variance(skin)
+            stray = np.sqrt(1000.0**2 + 25.0 * _field_variance(skin)) / (whole * gain)
+            stray = stray * np.maximum(strength, 1e-6) / model
+            allowed = 0.15**2 + stray**2 + 25.0 * _amplitude_variance(skin)
             flags |= Status.MAGNETIC_ANOMALY * (miss**2 > allowed)
         known = np.where(silent, known, known | flags)
 

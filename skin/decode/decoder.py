@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,6 +11,9 @@ from skin.decode.plan import ESTIMATORS, Plan
 from skin.errors import CountsError
 from skin.state import Reading
 from topology import CHANNELS, Topology
+
+if TYPE_CHECKING:
+    from skin.calibrate.stencil import Stencil
 
 __all__ = ["ESTIMATORS", "Decoder"]
 
@@ -56,13 +60,23 @@ class Decoder:
         Leave out what a scene does not need. Blocks of 16 units of which none is pressed by more
         than 2.5 sigma show NaN for all that is tangential and the flag IDLE; blocks whose counts
         and flags are those of the cycle before keep its results. All else is the same to the bit.
+    sweeps : 0, 1 or 2
+        Take off the fields of the neighbours' films, as they were displaced in the cycle before; 2:
+        decode once more with those of this cycle.
+    ambient : bool
+        Follow the ambient field and the zeros of the units, and take them off; see `Ambient`.
+    stencil : Stencil, optional
+        Of the neighbours' fields; from magnet theory if not given. With `sweeps` only.
     rest_ut : ndarray, shape (3, n), optional
-        Field that the neighbours add to each unit at rest, µT, axes of the chips.
+        Field that the neighbours add to each unit at rest, µT, axes of the chips; that of the
+        stencil if not given. Units that were tared in their places have it in their offsets: zeros.
 
     Attributes
     ----------
     plan : Plan
         What follows from these.
+    crosstalk : CrossTalk or None
+    ambient : Ambient or None
 
     Raises
     ------
@@ -90,18 +104,35 @@ class Decoder:
         consistency: bool | None = None,
         temperature_every: int | None = None,
         skip: bool = False,
+        sweeps: int = 0,
+        ambient: bool = False,
+        stencil: Stencil | None = None,
         rest_ut: np.ndarray | None = None,
     ) -> None:
         self.topology = topology
         self.plan = plan = Plan.of(
             topology, want, estimator=estimator, dtype=dtype, consistency=consistency,
-            temperature_every=temperature_every, skip=skip,
+            temperature_every=temperature_every, skip=skip, sweeps=sweeps, ambient=ambient,
         )  # fmt: skip
         self.dtype = np.dtype(plan.dtype)
 
         from skin.decode import kernels as k
         from skin.decode.coefficients import Coefficients
 
+        self.crosstalk = self.ambient = None
+        if sweeps:
+            from skin.decode.crosstalk import ACCURATE_UT, LIVE_UT, CrossTalk
+
+            self.crosstalk = CrossTalk(
+                topology, stencil, dtype=plan.dtype,
+                tolerance_ut=LIVE_UT if sweeps == 1 else ACCURATE_UT,
+            )  # fmt: skip
+            if rest_ut is None:
+                rest_ut = self.crosstalk.stencil.rest_ut
+        if ambient:
+            from skin.decode.ambient import Ambient
+
+            self.ambient = Ambient(topology, plan.dtype, crosstalk=sweeps > 0)
         angle = plan.estimator == "field-angle"
         found = Coefficients.of(
             topology, self.dtype, angle=angle, vertical=angle or plan.consistency,
@@ -109,24 +140,28 @@ class Decoder:
         )  # fmt: skip
         self._names = _names(plan)
         n, blocks = topology.n, -(-topology.n // k.LANES)
-        self._kernel = k.decode
+        self._kernels = k
         self._state = np.zeros((blocks, k.STATE_ROWS, k.LANES), self.dtype)
         self._calibration = (
             found.values,
             found.limits,
-            _parts(plan, k),
+            _parts(plan, self._names, k),
             np.array([row for name in self._names for row in _rows_of(name, k)], np.int64),
             self._state.reshape(-1),
-            np.zeros(blocks * k.INTEGER_ROWS * k.LANES, np.int16),
-            np.zeros(k.INTEGER_ROWS * k.LANES, np.int16),
-            np.zeros(k.REAL_ROWS * k.LANES, self.dtype),
+            np.zeros(blocks * k.SEEN_ROWS * k.LANES, np.int16),
+            np.zeros(k.LANES, np.int16),
+            np.zeros(k.LANES, np.int16),
+            np.zeros(k.TILE_ROWS * k.LANES, self.dtype),
             plan.temperature_every,
         )
+        self._kernel: dict[bool, Callable] = {}
         self._shape = (len(CHANNELS), n)
         self._none_known = np.zeros(n, np.uint16)
-        self._raw = self._status = self._background = _NONE_YET
+        self._raw = self._status = self._given = _NONE_YET
+        self._background = np.zeros((1, 5, n), self.dtype)
         self._out = self._outputs(1)
-        self._reading = self._view(*self._out, 0)
+        self._whole = self._view(*self._out, 0, self._names)
+        self._reading = self._view(*self._out, 0, self._wanted())
         self.reset()
 
     @property
@@ -145,24 +180,34 @@ class Decoder:
         return self.plan.estimator
 
     def reset(self) -> None:
-        """Forget all temperatures: the next cycle is the first."""
+        """Forget all temperatures, displacements and drifts: the next cycle is the first."""
         self._state[:] = np.nan
         self._state[:, 1:3] = 0.0
         self._cycle = 0
         self._reuse = False
+        self._background[:] = 0.0
+        for array in self._out:
+            array[:] = 0
+        if self.ambient is not None:
+            self.ambient.reset()
 
     def warmup(self, *, background: bool = False) -> None:
-        """Compile the kernel, or load it; the state stays as it is.
+        """Compile what a cycle needs, or load it; the state stays as it is.
 
         Parameters
         ----------
         background : bool
-            Whether for calls with a background.
+            Whether for calls with a background of the caller's.
         """
-        n = self.topology.n
-        none = np.zeros((0, 4, n), self.dtype) if background else None
-        self._run(np.zeros((0, *self._shape), np.int16), np.zeros((0, n), np.uint16), none,
-                  0, True, *self._outputs(0))  # fmt: skip
+        looped = self.crosstalk is not None or self.ambient is not None
+        none = np.zeros((0, 5, self.topology.n), self.dtype) if background or looped else None
+        counts = np.zeros((0, *self._shape), np.int16)
+        known = np.zeros((0, self.topology.n), np.uint16)
+        self._run(counts, known, none, False, True, *self._outputs(0))
+        if self.crosstalk is not None:
+            self.crosstalk.warmup()
+        if self.ambient is not None:
+            self.ambient.warmup(self._whole)
 
     def __call__(
         self,
@@ -183,7 +228,8 @@ class Decoder:
             heard of.
         background : ndarray, shape (4, n) or (t, 4, n), of the decoder's type, optional
             What is not the unit's own signal, and is subtracted: row 0 Hz by which the frequency
-            fell, rows 1-3 µT in the axes of the chip, as its counts read.
+            fell, rows 1-3 µT in the axes of the chip, as its counts read. A fifth row, if there is
+            one, is the variance of what is not known of the field, µT² of an axis.
         advance : bool
             False to decode the cycle before once more, with another background: what lags behind
             the gel does not move on.
@@ -200,20 +246,56 @@ class Decoder:
             An array of another shape or type.
         """
         # A live bus hands over the same arrays each cycle: they are looked at once.
-        if raw is not self._raw or status is not self._status or background is not self._background:
+        if raw is not self._raw or status is not self._status or background is not self._given:
             if not isinstance(raw, np.ndarray) or raw.ndim != 2:
                 return self._batch(raw, status, background, advance)
             self._accept(raw, status, background)
-        self._run(*self._inputs, int(self._reuse), advance, *self._out)
+        if self.crosstalk is not None or self.ambient is not None:
+            self._loop(advance)
+            return self._reading
+        if background is not None:
+            self._background[0, : len(background)] = background
+        self._run(
+            *self._inputs, None if background is None else self._background, self._reuse, advance,
+            *self._out,
+        )  # fmt: skip
         self._reuse = True
         return self._reading
 
+    def _loop(self, advance: bool) -> None:
+        """Decode a cycle, taking off what the cycles before tell of neighbours and drifts."""
+        taken = self._background[0]
+        taken[:] = 0.0
+        if self._given is not None:
+            taken[: len(self._given)] = self._given
+        if self.ambient is not None:
+            taken[:4] += self.ambient.background
+            taken[4] += self.ambient.residue_ut2
+        if self.crosstalk is None:
+            self._run(*self._inputs, self._background, False, advance, *self._out)
+        else:
+            base, residue = taken[1:4].copy(), taken[4].copy()
+            for sweep in range(self.plan.sweeps):
+                self.crosstalk.predict(
+                    self._whole.displacement_mm, self._whole.valid, taken[1:4], base
+                )
+                taken[4] = residue + self.crosstalk.residue_ut2
+                self._run(
+                    *self._inputs, self._background, False, advance and sweep == 0, *self._out
+                )
+        if self.ambient is not None and advance:
+            self.ambient.update(self._whole)
+
     def _run(self, counts, known, background, reuse, advance, out, status, valid) -> None:
         """Call the kernel and count its cycles."""
-        self._kernel(
-            counts, known, background, *self._calibration, self._cycle, bool(advance), bool(reuse),
+        arguments = (
+            counts, known, background, *self._calibration, self._cycle, advance, reuse,
             out, status, valid,
         )  # fmt: skip
+        kernel = self._kernel.get(background is None)
+        if kernel is None:
+            kernel = self._kernel[background is None] = self._kernels.compiled(*arguments)
+        kernel(*arguments)
         if advance:
             self._cycle += counts.shape[0]
 
@@ -224,12 +306,14 @@ class Decoder:
         if status is not None:
             self._check("status", status, np.uint16, self._shape[1:])
         if background is not None:
-            self._check("background", background, self.dtype, (4, self.topology.n))
-        given = (raw, self._none_known if status is None else status, background)
-        plain = [None if array is None else _plain(array) for array in given]
-        self._inputs = tuple(None if array is None else array[np.newaxis] for array in plain)
-        if all(array is other for array, other in zip(given, plain, strict=True)):
-            self._raw, self._status, self._background = raw, status, background
+            rows = 5 if isinstance(background, np.ndarray) and len(background) == 5 else 4
+            self._check("background", background, self.dtype, (rows, self.topology.n))
+        known = self._none_known if status is None else status
+        counts, flags = _plain(raw), _plain(known)
+        self._inputs = counts[np.newaxis], flags[np.newaxis]
+        self._given = background
+        if counts is raw and flags is known:
+            self._raw, self._status = raw, status
 
     def _batch(self, raw, status, background, advance: bool) -> Reading:
         """Decode consecutive cycles into new arrays."""
@@ -241,12 +325,23 @@ class Decoder:
         else:
             self._check("status", status, np.uint16, known)
         if background is not None:
-            self._check("background", background, self.dtype, (*cycles, 4, self.topology.n))
-            background = _plain(background)
+            rows = background.shape[1] if np.ndim(background) == 3 else 4
+            self._check("background", background, self.dtype, (*cycles, max(rows, 4), known[-1]))
         out = self._outputs(raw.shape[0])
-        self._run(_plain(raw), _plain(status), background, False, advance, *out)
+        if self.crosstalk is not None or self.ambient is not None:
+            for t in range(raw.shape[0]):
+                self(raw[t], status[t], None if background is None else background[t],
+                     advance=advance)  # fmt: skip
+                for whole, array in zip(out, self._out, strict=True):
+                    whole[t] = array[0]
+        else:
+            if background is not None:
+                taken = np.zeros((*cycles, 5, known[-1]), self.dtype)
+                taken[:, : background.shape[1]] = background
+                background = taken
+            self._run(_plain(raw), _plain(status), background, False, advance, *out)
         self._reuse = False
-        return self._view(*out, slice(None))
+        return self._view(*out, slice(None), self._wanted())
 
     def _outputs(self, cycles: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What the kernel writes: quantities one below the other, status, validity."""
@@ -258,7 +353,14 @@ class Decoder:
             np.zeros((cycles, n), bool),
         )
 
-    def _view(self, out: np.ndarray, status: np.ndarray, valid: np.ndarray, at) -> Reading:
+    def _wanted(self) -> tuple[str, ...]:
+        """Those of `_names` that a reading shows."""
+        return tuple(name for name in self._names
+                     if name.removesuffix("_sigma") in self.plan.quantities)  # fmt: skip
+
+    def _view(
+        self, out: np.ndarray, status: np.ndarray, valid: np.ndarray, at, shown: Collection[str]
+    ) -> Reading:
         """A reading of the kernel's arrays at a cycle, or at all of them."""
         found: dict[str, np.ndarray | None] = dict.fromkeys(
             ("temperature", "force", "tangential", "theta", "displacement_mm")
@@ -268,7 +370,8 @@ class Decoder:
             quantity = name.removesuffix("_sigma")
             size = _COMPONENTS[quantity]
             field = _SIGMAS[quantity] if name != quantity else _FIELDS.get(name, name)
-            found[field] = out[at, row] if size == 1 else out[at, row : row + size]
+            if name in shown:
+                found[field] = out[at, row] if size == 1 else out[at, row : row + size]
             row += size
         return Reading(**found, status=status[at], valid=valid[at])
 
@@ -289,10 +392,18 @@ class Decoder:
 
 
 def _names(plan: Plan) -> tuple[str, ...]:
-    """Quantities in the order of the kernel's rows, sigmas among them."""
-    plain = tuple(name for name in plan.quantities if name != "field")
+    """Quantities in the order of the kernel's rows, sigmas among them.
+
+    What the loop over cycles feeds on is there, wanted or not.
+    """
+    needed = set(plan.quantities)
+    if plan.sweeps or plan.ambient:
+        needed |= {"displacement"}
+    if plan.ambient:
+        needed |= {"field"}
+    plain = tuple(name for name in _COMPONENTS if name in needed and name != "field")
     sigmas = tuple(f"{name}_sigma" for name in plain) if plan.sigma else ()
-    return (*plain, *sigmas, *(("field",) if "field" in plan.quantities else ()))
+    return (*plain, *sigmas, *(("field",) if "field" in needed else ()))
 
 
 def _rows_of(name: str, k) -> range:
@@ -305,10 +416,10 @@ def _rows_of(name: str, k) -> range:
     return range(row, row + _COMPONENTS[quantity])
 
 
-def _parts(plan: Plan, k):
+def _parts(plan: Plan, names: Collection[str], k):
     """The plan as the kernel takes it."""
     chosen = {
-        **dict.fromkeys(plan.quantities, True),
+        **{name: True for name in names if name in _COMPONENTS},
         "sigma": plan.sigma,
         "angle": plan.estimator == "field-angle",
         "anomaly": plan.consistency,

@@ -21,13 +21,16 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, types
+from numba import njit, typeof, types
 from numba.extending import lower_builtin, overload, register_jitable, type_callable
 
-__all__ = ["LANES", "Parts", "decode", "decode_python"]
+__all__ = ["LANES", "Parts", "compiled", "decode", "decode_python"]
 
-LANES = 16
-"""Units in a block: float32 lanes of the widest vector registers."""
+LANES = 128
+"""Units in a block: enough that what is done once for a block is cheap, few enough that it stays in
+the nearest cache."""
+SKIP = 16
+"""Units that are left out together; a vector of float32."""
 
 # -- channels: rows of the counts, in the order of `topology.CHANNELS` ----------------------------
 CHANNELS = 6
@@ -45,6 +48,7 @@ IDLE = 1 << 13
 UNKNOWN = NEVER | NOT_F3T
 SILENT = UNKNOWN | DISABLED
 INVALID = 0x1AFF
+ALL_FLAGS = 0x3FFF
 """Flags with which array features leave a unit out."""
 
 # -- limits: rows of int16; a range is a row of lower ends and one of widths, modulo 2^16 ----------
@@ -101,17 +105,15 @@ float32 temperature would stop as soon as its step is below half a unit in the l
 `HELD` on, rows `TEMPERATURE` to `CHIP_ABOVE` of the tile, where these are not of each cycle."""
 
 # -- tiles: one block on its way through -----------------------------------------------------------
-FLAGS = CHANNELS
-INTEGER_ROWS = CHANNELS + 1
+SEEN_ROWS = CHANNELS + 1
 (
     TEMPERATURE, FILM_ABOVE, CHIP_ABOVE,
     FX, FY, FZ, FT, THETA, DX, DY, H,
     TEMPERATURE_SIGMA, FX_SIGMA, FY_SIGMA, FZ_SIGMA, FT_SIGMA, THETA_SIGMA,
     DX_SIGMA, DY_SIGMA, H_SIGMA,
     FIELD_X, FIELD_Y, FIELD_Z,
-    BACKGROUND,
-) = range(24)  # fmt: skip
-REAL_ROWS = BACKGROUND + 4
+) = range(23)  # fmt: skip
+TILE_ROWS = 23
 TANGENTIAL = (FX, FY, FT, THETA, DX, DY, FX_SIGMA, FY_SIGMA, FT_SIGMA, THETA_SIGMA, DX_SIGMA,
               DY_SIGMA, FIELD_X, FIELD_Y, FIELD_Z)  # fmt: skip
 """What a block without load does not show."""
@@ -417,17 +419,14 @@ def _outside(count, limits, at, row):
 
 
 @register_jitable(forceinline=True, **_OPTIONS)
-def _judge(integers, j, limits, at):
+def _judge(incoming, gel, frequency, bx, by, bz, chip, limits, at):
     """Flags of a unit from its counts alone, before anything is clamped."""
-    gel = integers[GEL * LANES + j]
-    frequency = integers[FREQUENCY * LANES + j]
-    chip = integers[CHIP * LANES + j]
     railed = (
         _outside(gel, limits, at, LIMIT_RAIL + 2 * GEL)
         | _outside(frequency, limits, at, LIMIT_RAIL + 2 * FREQUENCY)
-        | _outside(integers[BX * LANES + j], limits, at, LIMIT_RAIL + 2 * BX)
-        | _outside(integers[BY * LANES + j], limits, at, LIMIT_RAIL + 2 * BY)
-        | _outside(integers[BZ * LANES + j], limits, at, LIMIT_RAIL + 2 * BZ)
+        | _outside(bx, limits, at, LIMIT_RAIL + 2 * BX)
+        | _outside(by, limits, at, LIMIT_RAIL + 2 * BY)
+        | _outside(bz, limits, at, LIMIT_RAIL + 2 * BZ)
         | _outside(chip, limits, at, LIMIT_RAIL + 2 * CHIP)
     )
     impossible = (
@@ -438,13 +437,13 @@ def _judge(integers, j, limits, at):
     beyond = _outside(gel, limits, at, LIMIT_CALIBRATED) | _outside(
         frequency, limits, at, LIMIT_CALIBRATED + 2
     )
-    known = integers[FLAGS * LANES + j] | limits[at + LIMIT_STATUS * LANES]
+    known = int(incoming) | int(limits[at + LIMIT_STATUS * LANES])
     found = (
         (SATURATED if railed else 0)
         | (OUT_OF_RANGE if impossible else 0)
         | (EXTRAPOLATED if beyond else 0)
     )
-    return known if known & SILENT else known | found
+    return (known if known & SILENT else known | found) & ALL_FLAGS
 
 
 # -- temperature -----------------------------------------------------------------------------------
@@ -587,20 +586,102 @@ def _amplitude_variance(depth, sigma, c, at):
 
 
 @register_jitable(forceinline=True, **_OPTIONS)
-def _angle_row(i, depth, c, at):
-    """Factor of psi^(2 i + 1) in R(psi, H), a cubic in H."""
-    row = at + (ANGLE + 4 * i) * LANES
-    q = c[row + 3 * LANES] * depth + c[row + 2 * LANES]
-    return (q * depth + c[row + LANES]) * depth + c[row]
+def _by_strength(solid, field2, depth, depth_sigma, gain, c, at, parts, single):
+    """R = asin(S / M0) / k, its sigma, its flags, 1 / S and 1 / M0.
+
+    The sigma is half of the interval of the arcsine, which has no slope at the crest.
+    """
+    real = c.dtype.type
+    one = real(1.0)
+    scale = c[at + WAVENUMBER_INVERSE * LANES]
+    each = one / (solid * gain)  # one division for both quotients
+    inverse = solid * each * _exp2(-_octaves(depth, c, at), single)
+    ratio = min(solid * inverse, one)
+    reach = scale * _asin(ratio, single)
+    noise2 = field2 * (inverse * inverse)
+    square = ratio * ratio
+    near2 = noise2 + square * _amplitude_variance(depth, c[at + DEPTH_SIGMA * LANES], c, at)
+    below = one - ratio
+    found = SATURATED if near2 >= below * below else 0
+    sigma = real(0.0)
+    if parts.sigma is not None:
+        s = np.sqrt(noise2 + square * _amplitude_variance(depth, depth_sigma, c, at))
+        low = ratio - s
+        lower = _asin(min(abs(low), one), single)
+        lower = lower if low > real(0.0) else -lower
+        sigma = real(0.5) * scale * (_asin(min(ratio + s, one), single) - lower)
+    return reach, sigma, found, each * gain, inverse
 
 
 @register_jitable(forceinline=True, **_OPTIONS)
-def _angle_slope(i, depth, c, at):
+def _angle_row(i, h, c, at):
+    """Factor of psi^(2 i + 1) in R(psi, H), a cubic in H."""
+    row = at + (ANGLE + 4 * i) * LANES
+    q = c[row + 3 * LANES] * h + c[row + 2 * LANES]
+    return (q * h + c[row + LANES]) * h + c[row]
+
+
+@register_jitable(forceinline=True, **_OPTIONS)
+def _angle_slope(i, h, c, at):
     """Its derivative by H."""
     real = c.dtype.type
     row = at + (ANGLE + 4 * i) * LANES
-    q = real(3.0) * c[row + 3 * LANES] * depth + real(2.0) * c[row + 2 * LANES]
-    return q * depth + c[row + LANES]
+    q = real(3.0) * c[row + 3 * LANES] * h + real(2.0) * c[row + 2 * LANES]
+    return q * h + c[row + LANES]
+
+
+@register_jitable(forceinline=True, **_OPTIONS)
+def _by_angle(solid, z, field2, depth, depth_sigma, c, at, parts, single):
+    """R(psi, H), psi = atan2(S, Bz), its sigma, its flags and 1 / S."""
+    real = c.dtype.type
+    upright = abs(z)
+    big = max(solid, upright)
+    quotient = real(1.0) / (solid * big)  # one division for both quotients
+    psi = _atan(min(solid, upright) * (solid * quotient), single)
+    psi = real(1.5707963267948966) - psi if solid > upright else psi
+    psi = real(3.141592653589793) - psi if z < real(0.0) else psi
+    end = c[at + ANGLE_END * LANES]
+    found = SATURATED if psi > end else 0
+    p = min(psi, end)
+    p2 = p * p
+    h = min(max(depth, real(DEPTH_MIN)), real(DEPTH_MAX))
+    q0 = _angle_row(0, h, c, at)
+    q1 = _angle_row(1, h, c, at)
+    q2 = _angle_row(2, h, c, at)
+    q3 = _angle_row(3, h, c, at)
+    reach = p * (((q3 * p2 + q2) * p2 + q1) * p2 + q0)
+    sigma = real(0.0)
+    if parts.sigma is not None:
+        slope = ((real(7.0) * q3 * p2 + real(5.0) * q2) * p2 + real(3.0) * q1) * p2 + q0
+        d3 = _angle_slope(3, h, c, at) * p2 + _angle_slope(2, h, c, at)
+        d1 = (d3 * p2 + _angle_slope(1, h, c, at)) * p2 + _angle_slope(0, h, c, at)
+        deeper = p * d1 * depth_sigma
+        further = slope * (psi - p)
+        turned2 = field2 / (solid * solid + z * z + field2)
+        sigma = np.sqrt(
+            slope * slope * turned2
+            + deeper * deeper
+            + further * further
+            + c[at + ANGLE_VARIANCE * LANES]
+        )
+    return reach, sigma, found, big * quotient
+
+
+@register_jitable(forceinline=True, **_OPTIONS)
+def _anomaly(solid, z, reach, amplitude, inverse, c, at):
+    """Flag of a field that is not the film's: S against M0 sin(k R), R from the angle.
+
+    At R = 0 this is Bz against the M0 that makes this R of this angle, so it is a check of the
+    strength everywhere. Either M0 or its inverse is 1.
+    """
+    u = c[at + WAVENUMBER * LANES] * reach
+    model = amplitude * (u * _sinc(u))
+    measured = solid * inverse
+    off = measured - model
+    square = solid * solid + z * z
+    allowed = c[at + ANOMALY_SHARE * LANES] * (model * model) * square
+    allowed += c[at + ANOMALY_FIELD * LANES] * (measured * measured)
+    return 0 if off * off * square <= allowed else MAGNETIC_ANOMALY
 
 
 @register_jitable(forceinline=True, **_OPTIONS)
@@ -610,6 +691,23 @@ def _shear(reach, c, at):
     return c[at + SHEAR_SOFT * LANES] * reach + c[at + SHEAR_STIFFER * LANES] * max(
         reach - c[at + SHEAR_BREAK * LANES], real(0.0)
     )
+
+
+@register_jitable(forceinline=True, **_OPTIONS)
+def _shear_variance(reach, sigma, law, stiffening, depth_sigma, c, at):
+    """Variance of the tangential force along its direction."""
+    real = c.dtype.type
+    half = _shear(reach + sigma, c, at) - _shear(reach - sigma, c, at)
+    half *= real(0.5) * stiffening
+    deeper = law * c[at + SHEAR_GAIN * LANES] * depth_sigma
+    force = law * stiffening
+    return half * half + deeper * deeper + c[at + SHEAR_VARIANCE * LANES] * (force * force)
+
+
+@register_jitable(forceinline=True, **_OPTIONS)
+def _component(part, along2, across2):
+    """Sigma of a component whose share of the direction is `part`; both are equal at R = 0."""
+    return np.sqrt(across2 + part * part * (along2 - across2))
 
 
 @register_jitable(forceinline=True, **_OPTIONS)
@@ -644,8 +742,8 @@ def _turn(x, y, c, at, single):
 
 
 def decode_python(
-    counts, incoming, background, coefficients, limits, parts, rows, state, seen, integers, tile,
-    every, phase, advance, reuse, out, status, valid,
+    counts, incoming, background, coefficients, limits, parts, rows, state, seen, flag, loaded,
+    tile, every, phase, advance, reuse, out, status, valid,
 ):  # fmt: skip
     """Decode t cycles of n units, one cycle after the other.
 
@@ -654,9 +752,9 @@ def decode_python(
     counts : ndarray, shape (t, c, n), int16
     incoming : ndarray, shape (t, n), uint16
         Status flags of the bus.
-    background : ndarray, shape (t, 4, n), or None
-        What is not the unit's own signal: Hz of fall of the frequency, then µT in the axes of the
-        chip; None is not compiled.
+    background : ndarray, shape (t, 5, n), or None
+        What is not the unit's own signal: Hz of fall of the frequency, µT in the axes of the chip,
+        and µT² of an axis, variance of what is not known of it; None is not compiled.
     coefficients : ndarray, shape (b * ROWS * LANES,), float32 or float64
         Calibration, a block for every `LANES` units, or a single block that all share.
     limits : ndarray, shape (b * LIMIT_ROWS * LANES,), int16
@@ -667,10 +765,10 @@ def decode_python(
         Rows of the tile that go out, in this order.
     state : ndarray, shape (b * STATE_ROWS * LANES,)
         What one cycle leaves to the next, always a block for every `LANES` units.
-    seen : ndarray, shape (b * INTEGER_ROWS * LANES,), int16
+    seen : ndarray, shape (b * SEEN_ROWS * LANES,), int16
         Counts and flags of the cycle before, for `skipping`.
-    integers : ndarray, shape (INTEGER_ROWS * LANES,), int16
-    tile : ndarray, shape (REAL_ROWS * LANES,)
+    flag, loaded : ndarray, shape (LANES,), int16
+    tile : ndarray, shape (TILE_ROWS * LANES,)
         Room to work in.
     every, phase : int
         Temperatures are new where the number of the cycle, which is `phase` for the first, is a
@@ -685,96 +783,84 @@ def decode_python(
     """
     _apart()
     real = coefficients.dtype.type
-    one = real(1.0)
     zero = real(0.0)
+    one = real(1.0)
     nothing = real(np.nan)
     single = np.finfo(coefficients.dtype).bits == 32
     units = counts.shape[2]
     blocks = (units + LANES - 1) // LANES
     block_step = 0 if coefficients.size < blocks * ROWS * LANES else ROWS * LANES
     limit_step = 0 if limits.size < blocks * LIMIT_ROWS * LANES else LIMIT_ROWS * LANES
+    warm = parts.temperature is not None or parts.film is not None or parts.chip is not None
     lateral = (
         parts.force is not None
         or parts.tangential is not None
         or parts.theta is not None
         or parts.displacement is not None
     )
+    upright = parts.angle is not None or parts.anomaly is not None or parts.field is not None
     for cycle in range(counts.shape[0]):
         due = advance and (phase + cycle) % every == 0
         for block in range(blocks):
-            first = block * LANES
-            count = min(LANES, units - first)
-            whole = count == LANES
+            first = (block * LANES) & NOT_NEGATIVE
+            count = min(LANES, units - first) & (2 * LANES - 1)
             k = (block * block_step) & NOT_NEGATIVE
             k_limits = (block * limit_step) & NOT_NEGATIVE
             k_state = (block * STATE_ROWS * LANES) & NOT_NEGATIVE
 
-            # -- in: the last block is filled up with its first unit
-            for channel in range(CHANNELS):
-                if whole:
-                    for j in range(LANES):
-                        integers[channel * LANES + j] = counts[cycle, channel, first + j]
-                else:
-                    for j in range(LANES):
-                        i = first + (j if j < count else 0)
-                        integers[channel * LANES + j] = counts[cycle, channel, i]
-            if whole:
-                for j in range(LANES):
-                    integers[FLAGS * LANES + j] = incoming[cycle, first + j]
-            else:
-                for j in range(LANES):
-                    integers[FLAGS * LANES + j] = incoming[cycle, first + (j if j < count else 0)]
-            if background is not None:
-                for row in range(4):
-                    if whole:
-                        for j in range(LANES):
-                            tile[(BACKGROUND + row) * LANES + j] = background[cycle, row, first + j]
-                    else:
-                        for j in range(LANES):
-                            tile[(BACKGROUND + row) * LANES + j] = background[
-                                cycle, row, first + (j if j < count else 0)
-                            ]
             if parts.skipping is not None:
-                k_seen = (block * INTEGER_ROWS * LANES) & NOT_NEGATIVE
-                changed = 0
-                for j in range(INTEGER_ROWS * LANES):
-                    changed |= integers[j] ^ seen[k_seen + j]
-                    seen[k_seen + j] = integers[j]
+                k_seen = (block * SEEN_ROWS * LANES) & NOT_NEGATIVE
+                changed = np.int16(0)
+                for channel in range(CHANNELS):
+                    for j in range(count):
+                        at = k_seen + channel * LANES + j
+                        now = counts[cycle, channel, first + j]
+                        changed = np.int16(changed | (now ^ seen[at]))
+                        seen[at] = now
+                for j in range(count):
+                    at = k_seen + CHANNELS * LANES + j
+                    now = np.int16(incoming[cycle, first + j])
+                    changed = np.int16(changed | (now ^ seen[at]))
+                    seen[at] = now
                 if background is None and reuse and not due and changed == 0:
                     continue
 
             # -- flags of the counts
-            any_flag = 0
-            loaded = 0
-            for j in range(LANES):
-                flags = np.int16(_judge(integers, j, limits, k_limits + j))
-                integers[FLAGS * LANES + j] = flags
-                any_flag |= flags
-                if parts.skipping is not None:
-                    pressed = _outside(
-                        integers[FREQUENCY * LANES + j], limits, k_limits + j, LIMIT_IDLE
+            for j in range(count):
+                frequency = counts[cycle, FREQUENCY, first + j]
+                flags = np.int16(
+                    _judge(
+                        incoming[cycle, first + j], counts[cycle, GEL, first + j], frequency,
+                        counts[cycle, BX, first + j], counts[cycle, BY, first + j],
+                        counts[cycle, BZ, first + j], counts[cycle, CHIP, first + j],
+                        limits, k_limits + j,
                     )
-                    loaded |= 1 if pressed & (flags & SILENT == 0) else 0
+                )  # fmt: skip
+                flag[j] = flags
+                if parts.skipping is not None:
+                    pressed = _outside(frequency, limits, k_limits + j, LIMIT_IDLE)
+                    loaded[j] = np.int16(1 if pressed & (flags & SILENT == 0) else 0)
 
             # -- temperature
-            if parts.temperature is not None or parts.film is not None or parts.chip is not None:
+            if warm:
                 fresh = True
                 if parts.held is not None:
                     # a unit that was not known when temperatures were due is decoded now
-                    unheard = 0
-                    for j in range(LANES):
+                    unheard = np.int16(0)
+                    for j in range(count):
                         t = state[k_state + HELD * LANES + j]
                         tile[TEMPERATURE * LANES + j] = t
                         tile[FILM_ABOVE * LANES + j] = state[k_state + (HELD + 1) * LANES + j]
                         tile[CHIP_ABOVE * LANES + j] = state[k_state + (HELD + 2) * LANES + j]
-                        known = integers[FLAGS * LANES + j] & UNKNOWN == 0
-                        unheard |= 1 if (t != t) & known else 0  # noqa: PLR0124
+                        known = flag[j] & UNKNOWN == 0
+                        lost = (t != t) & known  # noqa: PLR0124
+                        unheard = np.int16(unheard | (1 if lost else 0))
                     fresh = due or unheard != 0
                 if fresh:
-                    for j in range(LANES):
-                        flags = integers[FLAGS * LANES + j]
-                        t, _ = _temperature(
-                            real(integers[GEL * LANES + j]), coefficients, k + j, single
+                    for j in range(count):
+                        flags = flag[j]
+                        t, current = _temperature(
+                            real(counts[cycle, GEL, first + j]), coefficients, k + j, single
                         )
                         keep = flags & INVALID == 0
                         held = False
@@ -783,7 +869,7 @@ def decode_python(
                             held = (not due) & (old == old)  # noqa: PLR0124
                             keep = keep & (not held)
                         film_above, chip_above = _follow(
-                            t, real(integers[CHIP * LANES + j]), coefficients, k + j,
+                            t, real(counts[cycle, CHIP, first + j]), coefficients, k + j,
                             state, k_state + j, keep, advance | (parts.held is not None), parts,
                         )  # fmt: skip
                         if parts.held is not None:
@@ -798,25 +884,25 @@ def decode_python(
                         tile[FILM_ABOVE * LANES + j] = film_above
                         tile[CHIP_ABOVE * LANES + j] = chip_above
                 if parts.sigma is not None and parts.temperature is not None:
-                    for j in range(LANES):
-                        _, current = _temperature(
-                            real(integers[GEL * LANES + j]), coefficients, k + j, single
+                    for j in range(count):
+                        t, current = _temperature(
+                            real(counts[cycle, GEL, first + j]), coefficients, k + j, single
                         )
                         tile[TEMPERATURE_SIGMA * LANES + j] = _temperature_sigma(
                             tile[TEMPERATURE * LANES + j], current, coefficients, k + j
                         )
 
             # -- normal force
-            if lateral or parts.anomaly is not None:
-                for j in range(LANES):
+            if lateral:
+                for j in range(count):
                     c = k + j
+                    frequency = real(counts[cycle, FREQUENCY, first + j])
                     depth = (
-                        coefficients[c + DEPTH_SCALE * LANES]
-                        * real(integers[FREQUENCY * LANES + j])
+                        coefficients[c + DEPTH_SCALE * LANES] * frequency
                         + coefficients[c + DEPTH_OFFSET * LANES]
                     )
                     if background is not None:
-                        fall = tile[BACKGROUND * LANES + j]
+                        fall = background[cycle, 0, first + j]
                         depth -= coefficients[c + PER_HZ * LANES] * fall
                     fz = _normal(depth, coefficients, c)
                     tile[H * LANES + j] = depth
@@ -828,163 +914,95 @@ def decode_python(
                             depth, sigma, fz, coefficients, c
                         )
 
-            # -- field, tangential displacement and force
-            working = lateral or parts.field is not None or parts.anomaly is not None
-            if parts.skipping is not None:
-                if loaded == 0:
-                    working = False
-                    for row in TANGENTIAL:
-                        for j in range(LANES):
-                            tile[row * LANES + j] = nothing
-                    for j in range(LANES):
-                        flags = integers[FLAGS * LANES + j]
-                        integers[FLAGS * LANES + j] = flags if flags & SILENT else flags | IDLE
-            if working:
-                for j in range(LANES):
-                    c = k + j
-                    film_above = tile[FILM_ABOVE * LANES + j]
-                    chip_above = tile[CHIP_ABOVE * LANES + j]
-                    x, y = _lateral(
-                        real(integers[BX * LANES + j]), real(integers[BY * LANES + j]),
-                        chip_above, coefficients, c, parts,
-                    )  # fmt: skip
-                    if background is not None:
-                        bx = tile[(BACKGROUND + 1) * LANES + j]
-                        by = tile[(BACKGROUND + 2) * LANES + j]
-                        x -= (coefficients[c + MAP_XX * LANES] * bx
-                              + coefficients[c + MAP_XY * LANES] * by)  # fmt: skip
-                        y -= (coefficients[c + MAP_YX * LANES] * bx
-                              + coefficients[c + MAP_YY * LANES] * by)  # fmt: skip
-                    z = zero
-                    if (
-                        parts.angle is not None
-                        or parts.anomaly is not None
-                        or parts.field is not None
-                    ):
-                        z = _vertical(
-                            real(integers[BZ * LANES + j]), chip_above, coefficients, c, parts
-                        )
+            # -- field, tangential displacement and force, some lanes at a time
+            if lateral or parts.field is not None:
+                together = SKIP if parts.skipping is not None else LANES
+                for part in range((count + together - 1) // together):
+                    start = (part * together) & NOT_NEGATIVE
+                    size = min(together, count - start) & (2 * LANES - 1)
+                    if parts.skipping is not None:
+                        busy = 0
+                        for lane in range(size):
+                            busy |= loaded[start + lane]
+                        if busy == 0:
+                            for row in TANGENTIAL:
+                                for lane in range(size):
+                                    tile[row * LANES + start + lane] = nothing
+                            for lane in range(size):
+                                flags = flag[start + lane]
+                                idle = flags if flags & SILENT else flags | IDLE
+                                flag[start + lane] = idle
+                            continue
+                    for lane in range(size):
+                        j = start + lane
+                        c = k + j
+                        film_above = tile[FILM_ABOVE * LANES + j]
+                        chip_above = tile[CHIP_ABOVE * LANES + j]
+                        x, y = _lateral(
+                            real(counts[cycle, BX, first + j]), real(counts[cycle, BY, first + j]),
+                            chip_above, coefficients, c, parts,
+                        )  # fmt: skip
+                        z = zero
+                        if upright:
+                            z = _vertical(
+                                real(counts[cycle, BZ, first + j]), chip_above, coefficients, c,
+                                parts,
+                            )  # fmt: skip
                         if background is not None:
-                            z -= tile[(BACKGROUND + 3) * LANES + j]
-                    gain = _chip_gain(chip_above, coefficients, c, parts)
-                    if parts.field is not None:
-                        each = one / gain
-                        tile[FIELD_X * LANES + j] = x * each
-                        tile[FIELD_Y * LANES + j] = y * each
-                        tile[FIELD_Z * LANES + j] = z * each
-                    if lateral or parts.anomaly is not None:
+                            bx = background[cycle, 1, first + j]
+                            by = background[cycle, 2, first + j]
+                            x -= (coefficients[c + MAP_XX * LANES] * bx
+                                  + coefficients[c + MAP_XY * LANES] * by)  # fmt: skip
+                            y -= (coefficients[c + MAP_YX * LANES] * bx
+                                  + coefficients[c + MAP_YY * LANES] * by)  # fmt: skip
+                            z -= background[cycle, 3, first + j]
+                        gain = _chip_gain(chip_above, coefficients, c, parts)
+                        if parts.field is not None:
+                            each = one / gain
+                            tile[FIELD_X * LANES + j] = x * each
+                            tile[FIELD_Y * LANES + j] = y * each
+                            tile[FIELD_Z * LANES + j] = z * each
+                        if not lateral:
+                            continue
+
+                        field2 = coefficients[c + FIELD_VARIANCE * LANES]
+                        if background is not None:
+                            field2 += background[cycle, 4, first + j]
                         depth = tile[H * LANES + j]
+                        depth_sigma = tile[H_SIGMA * LANES + j]
                         gain *= _film_gain(film_above, coefficients, c, parts)
                         strength = np.sqrt(x * x + y * y)
                         solid = max(strength, real(FIELD_MIN))
-                        found = 0
-                        reach = zero  # R, and what its sigmas need
-                        along = zero
-                        by_depth = zero
-                        inverse = zero
-                        if parts.angle is None:
-                            # asin(S / M0) / k; one division for both of its quotients
-                            each = one / (solid * gain)
-                            octaves = _octaves(depth, coefficients, c)
-                            inverse = solid * each * _exp2(-octaves, single)
-                            each *= gain
-                            ratio = min(solid * inverse, one)
-                            reach = coefficients[c + WAVENUMBER_INVERSE * LANES] * _asin(
-                                ratio, single
-                            )
-                            field2 = coefficients[c + FIELD_VARIANCE * LANES] * (inverse * inverse)
-                            s2 = field2 + ratio * ratio * _amplitude_variance(
-                                depth, coefficients[c + DEPTH_SIGMA * LANES], coefficients, c
-                            )
-                            below = one - ratio
-                            found = SATURATED if s2 >= below * below else 0
-                            if parts.sigma is not None:
-                                s = np.sqrt(
-                                    field2
-                                    + ratio
-                                    * ratio
-                                    * _amplitude_variance(
-                                        depth, tile[H_SIGMA * LANES + j], coefficients, c
-                                    )
-                                )
-                                low = ratio - s
-                                lower = _asin(min(abs(low), one), single)
-                                lower = lower if low > zero else -lower
-                                upper = _asin(min(ratio + s, one), single)
-                                along = (
-                                    real(0.5)
-                                    * coefficients[c + WAVENUMBER_INVERSE * LANES]
-                                    * (upper - lower)
-                                )
-                        if parts.angle is not None or parts.anomaly is not None:
-                            # psi = atan2(S, Bz); one division for t and for 1 / S
-                            upright = abs(z)
-                            steep = solid > upright
-                            big = max(solid, upright)
-                            quotient = one / (solid * big)
-                            psi = _atan(min(solid, upright) * (solid * quotient), single)
-                            psi = real(1.5707963267948966) - psi if steep else psi
-                            psi = real(3.141592653589793) - psi if z < zero else psi
-                            bounded = min(psi, coefficients[c + ANGLE_END * LANES])
-                            h = min(max(depth, real(DEPTH_MIN)), real(DEPTH_MAX))
-                            q0 = _angle_row(0, h, coefficients, c)
-                            q1 = _angle_row(1, h, coefficients, c)
-                            q2 = _angle_row(2, h, coefficients, c)
-                            q3 = _angle_row(3, h, coefficients, c)
-                            p2 = bounded * bounded
-                            by_angle = bounded * (((q3 * p2 + q2) * p2 + q1) * p2 + q0)
+                        if parts.angle is not None:
+                            reach, along, found, each = _by_angle(
+                                solid, z, field2, depth, depth_sigma, coefficients, c, parts,
+                                single,
+                            )  # fmt: skip
                             if parts.anomaly is not None:
-                                # |B| against M0, as S against M0 sin(k R), whichever R is told
-                                u = coefficients[c + WAVENUMBER * LANES] * by_angle
-                                model = u * _sinc(u)
-                                measured = solid * inverse
-                                if parts.angle is not None:
-                                    octaves = _octaves(depth, coefficients, c)
-                                    model *= gain * _exp2(octaves, single)
-                                    measured = solid
-                                off = measured - model
-                                odd = off * off * (x * x + y * y + z * z)
-                                allowed = (
-                                    coefficients[c + ANOMALY_SHARE * LANES]
-                                    * (x * x + y * y + z * z)
-                                    + coefficients[c + ANOMALY_FIELD * LANES]
-                                )
-                                found |= 0 if odd <= allowed * (model * model) else MAGNETIC_ANOMALY
-                            if parts.angle is not None:
-                                each = big * quotient
-                                reach = by_angle
-                                ended = psi > coefficients[c + ANGLE_END * LANES]
-                                found |= SATURATED if ended else 0
-                                if parts.sigma is not None:
-                                    slope = (
-                                        (real(7.0) * q3 * p2 + real(5.0) * q2) * p2 + real(3.0) * q1
-                                    ) * p2 + q0
-                                    d0 = _angle_slope(0, h, coefficients, c)
-                                    d1 = _angle_slope(1, h, coefficients, c)
-                                    d2 = _angle_slope(2, h, coefficients, c)
-                                    d3 = _angle_slope(3, h, coefficients, c)
-                                    by_depth = bounded * (((d3 * p2 + d2) * p2 + d1) * p2 + d0)
-                                    field2 = coefficients[c + FIELD_VARIANCE * LANES]
-                                    psi2 = field2 / (solid * solid + z * z + field2)
-                                    over = slope * (psi - bounded)
-                                    by_depth *= tile[H_SIGMA * LANES + j]
-                                    along = np.sqrt(
-                                        slope * slope * psi2
-                                        + by_depth * by_depth
-                                        + coefficients[c + ANGLE_VARIANCE * LANES]
-                                        + over * over
-                                    )
+                                amplitude = gain * _exp2(_octaves(depth, coefficients, c), single)
+                                found |= _anomaly(solid, z, reach, amplitude, one, coefficients, c)
+                        else:
+                            reach, along, found, each, inverse = _by_strength(
+                                solid, field2, depth, depth_sigma, gain, coefficients, c, parts,
+                                single,
+                            )  # fmt: skip
+                            if parts.anomaly is not None:
+                                other, _, _, _ = _by_angle(
+                                    solid, z, field2, depth, depth_sigma, coefficients, c, parts,
+                                    single,
+                                )  # fmt: skip
+                                found |= _anomaly(solid, z, other, one, inverse, coefficients, c)
                         limit = coefficients[c + REACH * LANES]
                         found |= EXTRAPOLATED if reach > limit else 0
-                        flags = integers[FLAGS * LANES + j]
-                        integers[FLAGS * LANES + j] = flags if flags & SILENT else flags | found
+                        flags = flag[j]
+                        flag[j] = flags if flags & SILENT else flags | found
 
                         x *= each
                         y *= each
                         if parts.turning is not None:
                             x, y = _turn(x, y, coefficients, c, single)
                         outer = reach  # from the chip's axis
-                        whole_way = strength * each
+                        share = one if strength > zero else zero
                         if parts.centring is not None:
                             dx = reach * x - coefficients[c + FILM_X * LANES]
                             dy = reach * y - coefficients[c + FILM_Y * LANES]
@@ -992,18 +1010,18 @@ def decode_python(
                             away = one / max(reach, real(FIELD_MIN))
                             x = dx * away
                             y = dy * away
-                            whole_way = one
+                            share = one
+                        law = _shear(reach, coefficients, c)
                         stiffening = (
                             coefficients[c + SHEAR_GAIN * LANES] * depth
                             + coefficients[c + SHEAR_GAIN_OFFSET * LANES]
                         )
-                        law = _shear(reach, coefficients, c)
                         ft = law * stiffening
                         if parts.force is not None:
                             tile[FX * LANES + j] = ft * x
                             tile[FY * LANES + j] = ft * y
                         if parts.tangential is not None:
-                            tile[FT * LANES + j] = ft * whole_way
+                            tile[FT * LANES + j] = ft * share
                         if parts.theta is not None:
                             tile[THETA * LANES + j] = _atan2(y, x, single)
                         if parts.displacement is not None:
@@ -1011,72 +1029,55 @@ def decode_python(
                             tile[DY * LANES + j] = reach * y
                         if parts.sigma is not None:
                             beyond = real(EXTRAPOLATION) * max(outer - limit, zero)
-                            along = np.sqrt(along * along + beyond * beyond)
-                            # across the direction: R sigma / S, which has a limit at R = 0
-                            turned = np.sqrt(coefficients[c + FIELD_VARIANCE * LANES]) * each
+                            along2 = along * along + beyond * beyond
+                            # across the direction, R sigma / S, which has a limit at R = 0
                             rate = one / max(reach, real(1e-12))
+                            turned = np.sqrt(field2) * each
                             if parts.centring is not None:
                                 turned *= outer * rate
+                            turned = min(turned, limit * rate)
                             law2 = coefficients[c + ANGLE_VARIANCE * LANES]
+                            turned2 = turned * turned + law2 * (rate * rate)
                             if parts.theta is not None:
-                                tile[THETA_SIGMA * LANES + j] = min(
-                                    np.sqrt(turned * turned + law2 * (rate * rate)),
-                                    real(1.8137993642342178),
-                                )
+                                most = real(1.8137993642342178)  # pi / sqrt(3)
+                                tile[THETA_SIGMA * LANES + j] = min(np.sqrt(turned2), most)
                             if parts.displacement is not None:
-                                across = min(reach * turned, limit)
-                                across = across * across + law2
-                                more = along * along - across
-                                tile[DX_SIGMA * LANES + j] = np.sqrt(across + x * x * more)
-                                tile[DY_SIGMA * LANES + j] = np.sqrt(across + y * y * more)
+                                across2 = reach * reach * turned2
+                                tile[DX_SIGMA * LANES + j] = _component(x, along2, across2)
+                                tile[DY_SIGMA * LANES + j] = _component(y, along2, across2)
                             if parts.force is not None or parts.tangential is not None:
-                                half = (
-                                    _shear(reach + along, coefficients, c)
-                                    - _shear(reach - along, coefficients, c)
-                                ) * (real(0.5) * stiffening)
-                                deeper = (
-                                    law
-                                    * coefficients[c + SHEAR_GAIN * LANES]
-                                    * tile[H_SIGMA * LANES + j]
-                                )
-                                variance = (
-                                    half * half
-                                    + deeper * deeper
-                                    + coefficients[c + SHEAR_VARIANCE * LANES] * (ft * ft)
-                                )
+                                along2 = _shear_variance(
+                                    reach, np.sqrt(along2), law, stiffening, depth_sigma,
+                                    coefficients, c,
+                                )  # fmt: skip
+                                across2 = ft * ft * turned2
                                 if parts.tangential is not None:
-                                    tile[FT_SIGMA * LANES + j] = np.sqrt(variance)
+                                    tile[FT_SIGMA * LANES + j] = np.sqrt(along2)
                                 if parts.force is not None:
-                                    across = ft * min(turned, limit * rate)
-                                    across = across * across + law2 * (ft * rate) * (ft * rate)
-                                    more = variance - across
-                                    tile[FX_SIGMA * LANES + j] = np.sqrt(across + x * x * more)
-                                    tile[FY_SIGMA * LANES + j] = np.sqrt(across + y * y * more)
+                                    tile[FX_SIGMA * LANES + j] = _component(x, along2, across2)
+                                    tile[FY_SIGMA * LANES + j] = _component(y, along2, across2)
 
             # -- out
-            if any_flag & UNKNOWN != 0:
-                for r in range(rows.size):
-                    at = rows[r] * LANES
-                    for j in range(LANES):
-                        if integers[FLAGS * LANES + j] & UNKNOWN != 0:
-                            tile[at + j] = nothing
             for r in range(rows.size):
                 at = (rows[r] * LANES) & NOT_NEGATIVE
-                if whole:
-                    for j in range(LANES):
-                        out[cycle, r, first + j] = tile[at + j]
-                else:
-                    for j in range(count):
-                        out[cycle, r, first + j] = tile[at + j]
-            if whole:
-                for j in range(LANES):
-                    status[cycle, first + j] = integers[FLAGS * LANES + j]
-                for j in range(LANES):
-                    valid[cycle, first + j] = integers[FLAGS * LANES + j] & INVALID == 0
-            else:
                 for j in range(count):
-                    status[cycle, first + j] = integers[FLAGS * LANES + j]
-                    valid[cycle, first + j] = integers[FLAGS * LANES + j] & INVALID == 0
+                    unknown = flag[j] & UNKNOWN != 0
+                    out[cycle, r, first + j] = nothing if unknown else tile[at + j]
+            for j in range(count):
+                status[cycle, first + j] = flag[j] & ALL_FLAGS
+                valid[cycle, first + j] = flag[j] & INVALID == 0
 
 
 decode = njit(decode_python, nogil=True, cache=True, **_OPTIONS)
+
+
+def compiled(*arguments):
+    """The kernel for arguments of these types, without the dispatcher that looks at them each time.
+
+    The caller answers for the types from now on.
+    """
+    if not hasattr(decode, "overloads"):  # plain Python
+        return decode
+    kinds = tuple(typeof(argument) for argument in arguments)
+    decode.compile(kinds)
+    return decode.overloads[kinds].entry_point

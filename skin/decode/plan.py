@@ -57,7 +57,11 @@ class Plan:
     temperature_every : int
         Cycles from one temperature to the next.
     skip : bool
-        Leave out the inversion of blocks without load, and blocks that did not change.
+        Leave out the inversion of units without load, and what did not change.
+    sweeps : int
+        Predictions of cross-talk a cycle.
+    ambient : bool
+        Follow the ambient field and the zeros of the units.
     """
 
     quantities: tuple[str, ...]
@@ -72,6 +76,8 @@ class Plan:
     dtype: str
     temperature_every: int
     skip: bool
+    sweeps: int
+    ambient: bool
 
     @classmethod
     def of(
@@ -84,6 +90,8 @@ class Plan:
         consistency: bool | None = None,
         temperature_every: int | None = None,
         skip: bool = False,
+        sweeps: int = 0,
+        ambient: bool = False,
     ) -> Plan:
         """The shortest plan for a scene; parameters and errors as of `Decoder`."""
         p = topology.parameters
@@ -105,16 +113,22 @@ class Plan:
             if not tabled.all():
                 unit = topology.unit_names[int(np.argmin(tabled))]
                 raise OptionError(f"{unit}: must have 'field_angle_mm' for consistency; got none")
-        consistent = lateral and (angled if consistency is None else consistency)
         if temperature_every is None:
             temperature_every = max(1, int(HOLD_S * topology.cycle_rate_hz)) if skip else 1
         elif temperature_every < 1:
             raise OptionError(f"temperature_every: must be 1 or more; got {temperature_every}")
 
+        if sweeps not in (0, 1, 2):
+            raise OptionError(f"sweeps: must be 0, 1 or 2; got {sweeps}")
+        looped = sweeps > 0 or ambient
+        field = ambient or "field" in wanted
+        lateral = lateral or looped
+        consistent = lateral and (angled if consistency is None else consistency)
+
         magnet = lateral and (estimator == "sine" or consistent)
-        gain = p["hall_gain_per_k"].any() and (magnet or "field" in wanted)
+        gain = p["hall_gain_per_k"].any() and (magnet or field)
         drift = any(p[f"hall_drift_{axis}_ut_per_k"].any() for axis in "xyz")
-        chip = bool(gain or drift) and (lateral or "field" in wanted)
+        chip = bool(gain or drift) and (lateral or field)
         gel, own = (topology.wired[CHANNELS.index(name)] for name in ("gel", "hall_temperature"))
         return cls(
             quantities=quantities,
@@ -129,6 +143,8 @@ class Plan:
             dtype=_real(dtype),
             temperature_every=temperature_every,
             skip=skip,
+            sweeps=sweeps,
+            ambient=ambient,
         )
 
     def __str__(self) -> str:
