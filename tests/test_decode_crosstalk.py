@@ -17,7 +17,7 @@ from skin.calibrate.field_angle import fit_field_angle
 from skin.calibrate.stencil import Stencil
 from skin.decode import crosstalk_kernels as kernels
 from skin.decode.crosstalk import ACCURATE_UT, LIVE_UT, CrossTalk, contraction_of
-from skin.decode.crosstalk_plan import find_lattices
+from skin.decode.crosstalk_cells import find_lattices
 from skin.errors import SkinError
 from skin.sim.halbach import HalbachField
 from tests.test_calibrate_stencil import change_ut, displaced, neighbours_ut, palm
@@ -84,7 +84,7 @@ def test_pairs_share_coefficients_where_units_stand_on_a_lattice():
     assert crosstalk_of("hand").on_lattice == stencil_of("palm").kind.size
     assert crosstalk_of("fingertip").on_lattice == 0
     assert crosstalk_of("palm", lattices=False).on_lattice == 0
-    assert len(find_lattices(topology.load("palm"), stencil_of("palm"))) == 1
+    assert len(find_lattices(topology.load("palm"))) == 1
 
 
 @pytest.mark.parametrize("slant", [0.0, 0.5])

@@ -39,7 +39,8 @@ import numpy as np
 from skin.calibrate.stencil import Stencil
 from skin.calibrate.stray import powers
 from skin.decode import crosstalk_kernels as kernels
-from skin.decode.crosstalk_plan import Lattice, Scattered, find_lattices
+from skin.decode.crosstalk_cells import find_lattices
+from skin.decode.crosstalk_plan import Lattice, Scattered
 from skin.errors import SkinError
 from topology import Topology
 
@@ -150,7 +151,7 @@ class CrossTalk:
             )
         self._lattices = [
             Lattice(cells, stencil, unit, tolerance_ut, real)
-            for cells in (find_lattices(topology, stencil) if lattices else ())
+            for cells in (find_lattices(topology) if lattices else ())
         ]
         left = np.ones(unit.size, bool)
         for lattice in self._lattices:
