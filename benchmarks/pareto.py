@@ -2,13 +2,14 @@
 
 A square of 30 x 30 units at 12 mm, tiles of 36 units that were on the bench, is pressed in a few
 round patches whose depth falls to their rims, and each is sheared its own way; the patches wander.
-The error is that of the tangential displacement of the pressed units without noise: what the
-choices leave. Times are medians of rounds in which the choices take turns, so that a noisy machine
-treats them alike. The front are the choices than which none is both faster and better.
+The skin is tared. The error is that of the tangential displacement of the pressed units without
+noise: what the choices leave. Times are the processor's, medians of rounds in which the choices
+take turns. The front are the choices than which none is faster and as good.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from itertools import product
 from pathlib import Path
@@ -26,6 +27,8 @@ PICTURE = Path(__file__).parent / "pictures" / "pareto.png"
 SIDE, TILES = 6, 5
 PATCHES, RADIUS_UNITS = 4, 3.0
 CHOICES = tuple(product(("field-angle", "sine"), ("float32", "float64"), (0, 1, 2), (False, True)))
+ALIKE = 1.01
+"""Errors within this factor are no better than each other."""
 HUES = {"field-angle": "#0072b2", "sine": "#d55e00"}
 MARKS = {0: "o", 1: "s", 2: "^"}
 
@@ -38,16 +41,16 @@ def run(quick: bool) -> dict[str, Any]:
     room = np.full(depth.shape, ROOM_C)
     units = skin.simulator(skin.field(reach_m=EVERYWHERE_M))
     counts = units.quantise(units.quantities(depth, displacement, room))
-    stencil = Stencil.of(skin.known)
+    stencil = dataclasses.replace(Stencil.of(skin.known), rest_ut=_at_rest(skin))
     decoders = [_decoder(skin, stencil, *choice) for choice in CHOICES]
     errors = [_error_um(decoder, counts, displacement, depth) for decoder in decoders]
     seconds = np.empty((rounds, len(CHOICES)))
     for row in seconds:
         for i, decoder in enumerate(decoders):
-            start = time.perf_counter()
+            start = time.thread_time()
             for raw in counts:
                 decoder(raw)
-            row[i] = (time.perf_counter() - start) / cycles
+            row[i] = (time.thread_time() - start) / cycles
     micros = 1e6 * np.median(seconds, axis=0)
     points = [
         {"estimator": estimator, "dtype": dtype, "sweeps": sweeps, "skip": skip,
@@ -108,7 +111,7 @@ def touches(cycles: int, n: int, seed: int = 4) -> tuple[np.ndarray, np.ndarray]
 def _decoder(
     skin: Made, stencil: Stencil, estimator: str, dtype: str, sweeps: int, skip: bool
 ) -> Decoder | ArrayDecoder:
-    """Without sweeps, what neighbours add at rest is taken off all the same, as a tare does."""
+    """Without sweeps, what neighbours add at rest is taken off all the same."""
     want = {"temperature", "force", "displacement"}
     if sweeps:
         return ArrayDecoder(
@@ -116,6 +119,13 @@ def _decoder(
             sweeps=sweeps, ambient=False, skip=skip, stencil=stencil,
         )  # fmt: skip
     return Decoder(skin.known, want, estimator, dtype, skip=skip, rest_ut=stencil.rest_ut)
+
+
+def _at_rest(skin: Made) -> np.ndarray:
+    """What all films add at rest to each unit's own, µT, shape (3, n): what a tare finds."""
+    n = skin.true.n
+    still = np.zeros((2, n)), np.zeros(n), np.full(n, ROOM_C)
+    return skin.field(reach_m=EVERYWHERE_M)(*still) - skin.field()(*still)
 
 
 def _error_um(
@@ -134,7 +144,7 @@ def _error_um(
 
 def _leads(us: float, error: float, micros: np.ndarray, errors: list[float]) -> bool:
     return not any(
-        other_us <= us and other <= error and (other_us < us or other < error)
+        other_us < us and other < ALIKE * error
         for other_us, other in zip(micros, errors, strict=True)
     )
 
@@ -167,7 +177,8 @@ def _draw(figures: dict[str, Any]) -> None:
     axis.plot([], [], "o", color="grey", fillstyle="none", label="float64")
     axis.plot([], [], "o", color="grey", alpha=0.5, label="skipping")
     axis.set(xscale="log", yscale="log", xlabel=f"µs a cycle of {figures['units']} units",
-             ylabel="error of pressed units without noise, rms / µm")  # fmt: skip
+             ylabel="error of pressed units without noise, rms / µm",
+             ylim=(1.0, 1000.0))  # fmt: skip
     axis.legend(frameon=False, fontsize=7)
     axis.spines[["top", "right"]].set_visible(False)
     PICTURE.parent.mkdir(exist_ok=True)
