@@ -172,7 +172,7 @@ def calibration_files(
     taken : ndarray, shape (n,), bool
         Units that are tared.
     out : str or path, optional
-        A file where one patch is tared, else a folder of a file for each; if not given, the files
+        A file where one patch is tared, or a folder for a file of each; if not given, the files
         that the topology names.
 
     Raises
@@ -183,7 +183,8 @@ def calibration_files(
     patches = [topology.patch_names[i] for i in np.unique(topology.patch[taken])]
     if out is not None:
         path = Path(out)
-        return {p: path if len(patches) == 1 else path / f"{p}.toml" for p in patches}
+        alone = len(patches) == 1 and not path.is_dir()
+        return {patch: path if alone else path / f"{patch}.toml" for patch in patches}
     files = {}
     for patch in patches:
         named = _named_file(topology, patch)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from bus.cycle import RawCycle
     from bus.memory import MemoryTransport
+    from skin.sim.node import Nodes
     from skin.sim.truth import Truth
     from topology import Topology
 
@@ -84,7 +85,8 @@ def tare(
         from skin.calibrate.stencil import Stencil
 
         rest_ut = Stencil.of(loaded).rest_ut
-    counts, status = _listen(loaded, seconds, sync, simulate)
+    simulated = _simulated(loaded, crosstalk) if simulate else None
+    counts, status = _listen(loaded, seconds, sync, simulated)
     try:
         found = take(loaded, counts, status, rest_ut=rest_ut, leave_out=leave_out)
     except ScanError as error:
@@ -140,7 +142,7 @@ class _Recording:
 
 
 def _listen(
-    topology: Topology, seconds: float, sync: Literal["host", "bus"], simulate: bool
+    topology: Topology, seconds: float, sync: Literal["host", "bus"], nodes: Nodes | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Counts, shape (t, c, n), and flags, shape (t, n), of all cycles of that time."""
     import numpy as np
@@ -152,11 +154,11 @@ def _listen(
 
     # simulated units answer at once: nobody need wait for them, but where they send on their own
     synced = all(bus.sync_id is not None for bus in topology.buses)
-    clock = _Ticks(topology.cycle_rate_hz) if simulate and synced else time.monotonic_ns
+    clock = _Ticks(topology.cycle_rate_hz) if nodes and synced else time.monotonic_ns
     recording = _Recording(topology, clock)
     with ExitStack() as opened:
-        if simulate:
-            transports = _simulated(topology, opened)
+        if nodes is not None:
+            transports = _attached(nodes, opened)
         else:
             transports = [
                 opened.enter_context(open_transport(bus, i)) for i, bus in enumerate(topology.buses)
@@ -172,13 +174,24 @@ def _listen(
     return np.stack(recording.counts), np.stack(recording.status)
 
 
-def _simulated(topology: Topology, opened: ExitStack) -> list[MemoryTransport]:
-    from bus.memory import MemoryTransport
+def _simulated(topology: Topology, crosstalk: bool) -> Nodes:
+    """Untouched units, that feel each other's films where cross-talk is taken off."""
+    from skin.sim.halbach import HalbachField
     from skin.sim.node import Nodes
+    from skin.sim.unit import UnitSimulator
 
-    nodes = Nodes(topology, _Untouched(topology.n), history=0)
+    units = (
+        UnitSimulator(topology, field=HalbachField(topology, reach_m=0.1)) if crosstalk else None
+    )
+    return Nodes(topology, _Untouched(topology.n), units=units, history=0)
+
+
+def _attached(nodes: Nodes, opened: ExitStack) -> list[MemoryTransport]:
+    """This host's ends of in-process buses on which the nodes answer."""
+    from bus.memory import MemoryTransport
+
     opened.callback(nodes.close)
-    pairs = [MemoryTransport.pair(index=i) for i in range(len(topology.buses))]
+    pairs = [MemoryTransport.pair(index=i) for i in range(len(nodes.topology.buses))]
     nodes.attach([far for _, far in pairs])
     return [opened.enter_context(near) for near, _ in pairs]
 
