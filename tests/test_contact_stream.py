@@ -211,6 +211,20 @@ def test_a_number_that_is_none_makes_its_unit_silent_and_spoils_no_other(row):
     assert broken.coverage == pytest.approx(1.0 - 1.0 / N)
 
 
+def test_a_displacement_that_is_none_for_a_cycle_does_not_blind_slip():
+    stream, unit = plate(want={"slip"}), 2 * COLUMNS + 2
+    for number in range(1, 12):
+        moved = 0.3 * BOTH
+        if number == 5:
+            moved[0, unit] = np.nan
+        moved[0, 0] = np.nan  # nobody asks for that of a unit without load
+        contact = cycle(stream, BOTH, number, displacement_mm=moved)[0]
+        assert (unit in contact.units) == (number != 5)
+        assert np.isfinite(contact.motion).all()
+        assert contact.slip == (SlipState.NONE if number == 1 else SlipState.STICK)
+        assert stream.coverage == (1.0 if number != 5 else pytest.approx(1 - 1 / N))
+
+
 @given(seeds)
 @settings(max_examples=25)
 def test_whatever_is_told_totals_are_of_what_can_be_trusted(seed):

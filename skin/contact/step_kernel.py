@@ -9,6 +9,7 @@ from collections.abc import Callable
 from hashlib import blake2b
 from pathlib import Path
 
+import numpy as np
 from numba import njit, typeof
 
 from skin.contact.cluster_kernels import find_contacts
@@ -34,7 +35,7 @@ def _step(sources: int) -> Callable[..., int]:
 
     def step_python(
         do, have, now_ns, dt_s, force, force_sigma, displacement, displacement_sigma, temperature,
-        valid, graph, gate, slip_settings, geometry, origin, units, slots, shared, contacts,
+        valid, usable, graph, gate, slip_settings, geometry, origin, units, slots, shared, contacts,
         counters, sums, path, judged, work,
     ):  # fmt: skip
         """Take the next cycle.
@@ -53,6 +54,8 @@ def _step(sources: int) -> Callable[..., int]:
         temperature : ndarray, shape (n,)
             Degree Celsius.
         valid : ndarray, shape (n,), bool
+        usable : ndarray, shape (n,), bool
+            Scratch.
         graph, gate, units, slots, shared, counters : ndarray
             As in `find_contacts`, `gate` being its settings.
         geometry, origin, contacts, sums, path : ndarray
@@ -66,8 +69,16 @@ def _step(sources: int) -> Callable[..., int]:
             Number of contacts.
         """
         assert sources  # naming it makes it part of what numba's cache goes by
+        for i in range(valid.size):
+            usable[i] = valid[i]
+            if do & JUDGE and force[2, i] > gate[1] * force_sigma[2, i]:
+                # Slip remembers: a number that is none would never leave it.
+                x, y = displacement[0, i], displacement[1, i]
+                usable[i] &= np.isfinite(
+                    x + y + displacement_sigma[0, i] + displacement_sigma[1, i]
+                )
         count = find_contacts(
-            force, force_sigma, valid, graph, gate, now_ns, units, slots, shared, contacts[:-1],
+            force, force_sigma, usable, graph, gate, now_ns, units, slots, shared, contacts[:-1],
             counters,
         )  # fmt: skip
         if count > 0 and do & DESCRIBE:

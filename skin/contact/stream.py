@@ -268,9 +268,9 @@ class ContactStream:
         self._nothing = np.zeros((3, n), self._dtype)
         tracker, geometry = self.tracker, self.geometry
         self._kept = (
-            tracker.graph, tracker.gate, (slip or SlipSettings()).packed(), geometry.packed,
-            geometry.origin, tracker.units, tracker.slots, tracker.shared, self.records,
-            tracker.counters, np.zeros((capacity + 2, SUMS)), self.paths, np.zeros((n, JUDGED)),
+            np.ones(n, bool), tracker.graph, tracker.gate, (slip or SlipSettings()).packed(),
+            geometry.packed, geometry.origin, tracker.units, tracker.slots, tracker.shared,
+            self.records, tracker.counters, np.zeros((capacity + 2, SUMS)), self.paths, np.zeros((n, JUDGED)),
             np.zeros((WORK_ROWS, work_length(n))),
         )  # fmt: skip
         self._present = tracker.slots[0]
@@ -329,7 +329,7 @@ class ContactStream:
             Newton, one-sigma.
         displacement_mm : ndarray, shape (3, n), optional
             Millimetre, unit frame: how far the face is dragged and how deep it is pressed. Slip
-            needs it.
+            needs it, and to it a loaded unit without is silent.
         displacement_sigma_mm : ndarray, shape (3, n), or float, optional
             Millimetre, one-sigma. Slip needs it.
         temperature : ndarray, shape (n,), optional
