@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.accuracy_skin import Made, with_rate
-from skin.decode.array import ArrayDecoder
+from skin import Decoder
+from skin.decode.crosstalk import ACCURATE_UT, LIVE_UT, CrossTalk
 from skin.sim.surroundings import Surroundings
 from topology.pose import from_rpy
 
@@ -48,18 +49,22 @@ def crosstalk(skin: Made, count: int, estimator: str, sweeps: int) -> dict[str, 
     room = np.full(depth.shape, ROOM_C)
     units = skin.simulator(skin.field(reach_m=EVERYWHERE_M))
     counts = units.quantise(units.quantities(depth, displacement, room))
-    # one sweep as a live skin has it, whose last cycle was this scene too; more, from a cold start
-    decoder = ArrayDecoder(
-        skin.known, {"force", "displacement"}, estimator, "float64",
-        sweeps=1 if sweeps < 2 else sweeps + 1, ambient=False,
-    )  # fmt: skip
+    talk = CrossTalk(
+        skin.known, dtype="float64", tolerance_ut=LIVE_UT if sweeps < 2 else ACCURATE_UT
+    )
+    decoder = Decoder(
+        skin.known, {"force", "displacement"}, estimator, "float64", rest_ut=talk.stencil.rest_ut
+    )
+    background = np.zeros((4, skin.true.n))
     off, force = np.empty(depth.shape), np.empty(depth.shape)
     true = skin.force(displacement, depth)
     for i in range(count):
         decoder.reset()
-        reading = decoder(counts[i])
-        if sweeps == 1:
-            reading = decoder(counts[i])
+        background[:] = 0.0
+        reading = decoder(counts[i], None, background)
+        for _ in range(sweeps):
+            talk.predict(reading.displacement_mm, reading.valid, background[1:])
+            reading = decoder(counts[i], None, background, advance=False)
         off[i] = np.hypot(*(reading.displacement_mm[:2] - displacement[i]))
         force[i] = np.linalg.norm(reading.force - true[i], axis=0)
     below = np.hypot(displacement[:, 0], displacement[:, 1]) < 2.0
@@ -111,9 +116,7 @@ def _turn(
     units = skin.simulator(
         skin.field(reach_m=EVERYWHERE_M, surroundings=world), noise=True, seed=seed
     )
-    decoder = ArrayDecoder(
-        skin.known, {"force", "displacement"}, estimator, sweeps=1, ambient=ambient
-    )
+    decoder = Decoder(skin.known, {"force", "displacement"}, estimator, sweeps=1, ambient=ambient)
     room = np.full(n, ROOM_C)
     way = rng.uniform(-1.0, 1.0, (2, n)) * pressed
     depth = rng.uniform(0.5, 2.0, n) * pressed

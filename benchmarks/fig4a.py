@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks.accuracy_skin import square, with_parameters
+from skin import Decoder
 from skin.calibrate.bench import Bench
 from skin.calibrate.unit import Recordings, calibrate, record
-from skin.decode.array import ArrayDecoder
 from skin.sim.fabrication import Fabrication
 from skin.sim.halbach import HalbachField
 from skin.sim.play import ScriptedScene
@@ -58,7 +58,7 @@ def run(quick: bool) -> dict[str, Any]:
     }
     decoded = {}
     for estimator in ESTIMATORS:
-        decoder = ArrayDecoder(known, {"temperature", "force"}, estimator)
+        decoder = Decoder(known, {"temperature", "force"}, estimator, sweeps=1, ambient=True)
         force, temperature = np.empty_like(true), np.empty_like(warm)
         for i, raw in enumerate(counts):
             reading = decoder(raw)

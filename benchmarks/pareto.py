@@ -21,7 +21,6 @@ from benchmarks.accuracy_array import EVERYWHERE_M, ROOM_C
 from benchmarks.accuracy_skin import Made, made
 from skin import Decoder
 from skin.calibrate.stencil import Stencil
-from skin.decode.array import ArrayDecoder
 
 PICTURE = Path(__file__).parent / "pictures" / "pareto.png"
 SIDE, TILES = 6, 5
@@ -42,7 +41,12 @@ def run(quick: bool) -> dict[str, Any]:
     units = skin.simulator(skin.field(reach_m=EVERYWHERE_M))
     counts = units.quantise(units.quantities(depth, displacement, room))
     stencil = dataclasses.replace(Stencil.of(skin.known), rest_ut=_at_rest(skin))
-    decoders = [_decoder(skin, stencil, *choice) for choice in CHOICES]
+    want = {"temperature", "force", "displacement"}
+    decoders = [
+        Decoder(skin.known, want, estimator, dtype, skip=skip, sweeps=sweeps,
+                stencil=stencil if sweeps else None, rest_ut=stencil.rest_ut)
+        for estimator, dtype, sweeps, skip in CHOICES
+    ]  # fmt: skip
     errors = [_error_um(decoder, counts, displacement, depth) for decoder in decoders]
     seconds = np.empty((rounds, len(CHOICES)))
     for row in seconds:
@@ -108,19 +112,6 @@ def touches(cycles: int, n: int, seed: int = 4) -> tuple[np.ndarray, np.ndarray]
     return displacement, depth
 
 
-def _decoder(
-    skin: Made, stencil: Stencil, estimator: str, dtype: str, sweeps: int, skip: bool
-) -> Decoder | ArrayDecoder:
-    """Without sweeps, what neighbours add at rest is taken off all the same."""
-    want = {"temperature", "force", "displacement"}
-    if sweeps:
-        return ArrayDecoder(
-            skin.known, want, estimator, dtype,
-            sweeps=sweeps, ambient=False, skip=skip, stencil=stencil,
-        )  # fmt: skip
-    return Decoder(skin.known, want, estimator, dtype, skip=skip, rest_ut=stencil.rest_ut)
-
-
 def _at_rest(skin: Made) -> np.ndarray:
     """What all films add at rest to each unit's own, µT, shape (3, n): what a tare finds."""
     n = skin.true.n
@@ -129,7 +120,7 @@ def _at_rest(skin: Made) -> np.ndarray:
 
 
 def _error_um(
-    decoder: Decoder | ArrayDecoder, counts: np.ndarray, displacement: np.ndarray, depth: np.ndarray
+    decoder: Decoder, counts: np.ndarray, displacement: np.ndarray, depth: np.ndarray
 ) -> float:
     """Of the tangential displacement of pressed units, root mean square, as a stream is decoded."""
     decoder.reset()
