@@ -52,6 +52,8 @@ BEYOND_MM = 0.5
 """How far beyond the stencil's range its polynomials are still followed; then films stand still."""
 PULLED_MM = 0.3
 """The same, of a film that is pulled off its chip."""
+IDLE_REACH_MM = 0.5
+"""Displacement that a film at rest never reads as: the noise of its field is 0.07 mm."""
 DEPTHS = 5
 """Depths, from rest to the largest of the stencil, at which the contraction is looked at."""
 TURNS = 60
@@ -80,8 +82,9 @@ class CrossTalk:
         Root mean square, over axes and over all displacements in the stencil's range, of what may
         be saved in terms at any unit. 0: all terms.
     idle_mm : float
-        A film that is pressed less than this counts as at rest if it is displaced by less than
-        three times this, as friction has it, or has not been looked at (NaN).
+        A film that is pressed less than this can be displaced by three times this at most, as
+        friction has it: it counts as at rest, unless its field tells of a displacement that is no
+        noise (`IDLE_REACH_MM`). 0: only a film that is not displaced at all counts as at rest.
     lattices : bool
         False: every pair counts as one of an irregular skin.
 
@@ -165,7 +168,7 @@ class CrossTalk:
 
         n = topology.n
         self.strength = stencil.strength.astype(real)
-        self._idle = np.array([idle_mm, (3.0 * idle_mm) ** 2], real)
+        self._idle = np.array([idle_mm, IDLE_REACH_MM**2 if idle_mm else 0.0], real)
         reach, deepest = stencil.displacement_max_mm, stencil.depth_max_mm
         self._most = np.array([reach + BEYOND_MM, -PULLED_MM, deepest + BEYOND_MM], real)
         self._tile = np.zeros(5 * kernels.BLOCK, real)
