@@ -270,8 +270,8 @@ class ContactStream:
         self._kept = (
             np.ones(n, bool), tracker.graph, tracker.gate, (slip or SlipSettings()).packed(),
             geometry.packed, geometry.origin, tracker.units, tracker.slots, tracker.shared,
-            self.records, tracker.counters, np.zeros((capacity + 2, SUMS)), self.paths, np.zeros((n, JUDGED)),
-            np.zeros((WORK_ROWS, work_length(n))),
+            self.records, tracker.counters, np.zeros((capacity + 2, SUMS)), self.paths,
+            np.zeros((n, JUDGED)), np.zeros((WORK_ROWS, work_length(n))),
         )  # fmt: skip
         self._present = tracker.slots[0]
         self._shock_kept = (
