@@ -31,7 +31,7 @@ def stencil_of(name):
 
 
 @functools.cache
-def crosstalk_of(name, tolerance_ut=LIVE_UT, lattices=True, dtype="float64", idle_mm=0.02):
+def crosstalk_of(name, tolerance_ut=LIVE_UT, lattices=True, dtype="float64", idle_mm=0.0):
     return CrossTalk(
         topology.load(name), stencil_of(name), dtype=dtype, tolerance_ut=tolerance_ut,
         lattices=lattices, idle_mm=idle_mm,
@@ -229,7 +229,7 @@ def test_blocks_that_are_skipped_leave_nothing_behind(seed):
 def large_crosstalk():
     skin = plane(40, 20)
     stencil = Stencil.of(skin, degree=2, reach_m=0.025)
-    return CrossTalk(skin, stencil, dtype="float64", tolerance_ut=0.0)
+    return CrossTalk(skin, stencil, dtype="float64", tolerance_ut=0.0, idle_mm=0.0)
 
 
 # -- units that are not known, idle, or beyond the range -------------------------------------------
