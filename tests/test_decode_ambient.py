@@ -89,6 +89,25 @@ def test_covariance_holds_for_a_field_that_wanders_as_assumed():
     assert np.all((0.7 < spread) & (spread < 1.4))
 
 
+def test_fields_that_are_seen_now_and_then_are_enough():
+    """A decoder that skips shows none of blocks without load, but where noise says otherwise."""
+    skin = apart(16, 250.0)
+    ambient, world = Ambient(skin), World(skin)
+    for cycle in range(8000):
+        if cycle == 6000:
+            world.ambient_ut[:] = EARTH
+        reading = world.cycle(ambient.background)
+        if cycle % 4:
+            reading.field_ut[:] = np.nan
+            reading.status[:] = Status.IDLE
+        ambient.update(reading)
+        if cycle == 1000:
+            assert np.isnan(ambient.rest_ut).all()  # a second of fields is not enough
+    assert np.abs(ambient.rest_ut - 4329.0).max() < 15.0
+    assert np.abs(ambient.field_ut - EARTH).max() < 25.0
+    assert ambient.followed.mean() > 0.8
+
+
 @pytest.mark.parametrize("lie_ut", [300.0, 2000.0, 20000.0])
 def test_units_that_lie_do_not_count(lie_ut):
     """Two of eight units far from each other have their own field; plain means would give in."""

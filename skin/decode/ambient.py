@@ -34,8 +34,9 @@ body at once passes for that. The lateral zero is that of the calibration: a tar
 field of its attitude into the offsets, and what is found here is the change since then, never the
 same field twice.
 
+A decoder with `skip` shows the fields of units without load now and then only: then all is slower.
 At less than 100 cycles a second averages take 100 cycles, 1000 of the field, and all is as much
-slower.
+slower as well.
 """
 
 from __future__ import annotations

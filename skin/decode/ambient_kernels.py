@@ -37,7 +37,7 @@ ABOUT_ROWS = 31
     LONG_X, LONG_Y, LONG_Z,  # field that is not at rest, averaged over the long time
     WARM, FILM,  # gel temperature over the slow and the long time
     AGE_S,  # how long the unit has been usable, without a break
-    ALONE_S,  # how long its field has been its own, too: the age of the long averages
+    ALONE_S,  # how long its field has been seen and its own, too: the age of the long averages
     CALM_S,  # how long nothing has touched the unit or its neighbours
     REST_Z, REST_WARM,  # Bz at rest, and the film's temperature then; NaN: not known
     REST_S,  # how long it was averaged
@@ -145,11 +145,12 @@ def _average(field, displacement, temperature, status, refused, dt_s, slow_s, ab
         x, y = field[0, i] - about[OWN_X, i], field[1, i] - about[OWN_Y, i]
         z = _axial(i, field[2, i], about, memory)
         t = 0.0 if temperature is None else temperature[i]
-        told = drop + x + y + z + t
+        told, felt = drop + t, x + y + z
         usable = (status[i] & refused == 0) & (told - told == 0.0)  # neither NaN nor infinite
+        seen = usable & (felt - felt == 0.0)  # a decoder may leave out fields without load
         age = memory[AGE_S, i] + dt_s
         memory[AGE_S, i] = age if usable else 0.0
-        alone = memory[ALONE_S, i] + dt_s
+        alone = memory[ALONE_S, i] + (dt_s if seen else 0.0)
         memory[ALONE_S, i] = alone if usable else 0.0
         # a mean at first, then a low-pass
         share = dt_s / age if age > 0.0 else 1.0
@@ -157,9 +158,9 @@ def _average(field, displacement, temperature, status, refused, dt_s, slow_s, ab
         wide = max(long, dt_s / alone if alone > 0.0 else 1.0)
         memory[FAST_HZ, i] += quick * (drop - memory[FAST_HZ, i]) if usable else 0.0
         memory[SLOW_HZ, i] += short * (drop - memory[SLOW_HZ, i]) if usable else 0.0
-        memory[LONG_X, i] += wide * (x - memory[LONG_X, i]) if usable else 0.0
-        memory[LONG_Y, i] += wide * (y - memory[LONG_Y, i]) if usable else 0.0
-        memory[LONG_Z, i] += wide * (z - memory[LONG_Z, i]) if usable else 0.0
+        memory[LONG_X, i] += wide * (x - memory[LONG_X, i]) if seen else 0.0
+        memory[LONG_Y, i] += wide * (y - memory[LONG_Y, i]) if seen else 0.0
+        memory[LONG_Z, i] += wide * (z - memory[LONG_Z, i]) if seen else 0.0
         memory[WARM, i] += short * (t - memory[WARM, i]) if usable else 0.0
         memory[FILM, i] += max(long, share) * (t - memory[FILM, i]) if usable else 0.0
 
@@ -192,7 +193,8 @@ def _votes(field, first, last, about, memory, marks, row):
     xx = xy = xz = yy = yz = zz = 0.0
     tx = ty = tz = 0.0
     for i in range(first & NOT_NEGATIVE, last & NOT_NEGATIVE):
-        votes = marks[i] & VOTES != 0
+        felt = field[0, i] + field[1, i] + _axial(i, field[2, i], about, memory)
+        votes = (marks[i] & VOTES != 0) & (felt - felt == 0.0)
         sigma = about[SIGMA_UT, i]
         most = CLIP_SIGMAS * sigma
         x = _held(field[0, i] - about[OWN_X, i], most) if votes else 0.0
@@ -277,10 +279,11 @@ def _follow(dt_s, calm_dt_s, slow_s, about, memory, zero, marks):
         )
         memory[CALM_S, i] = memory[CALM_S, i] + calm_dt_s if calm else 0.0
         learning = axial and memory[REST_S, i] < DWELL_OF_SLOW * slow_s
-        if learning and memory[CALM_S, i] >= LEARN_OF_SLOW * slow_s:
+        watched = min(memory[CALM_S, i], memory[ALONE_S, i])
+        if learning and watched >= LEARN_OF_SLOW * slow_s:
             memory[REST_Z, i] = memory[LONG_Z, i] + (memory[REST_Z, i] if known else 0.0)
             memory[REST_WARM, i] = memory[FILM, i]
-            memory[REST_S, i] = memory[CALM_S, i]
+            memory[REST_S, i] = watched
             memory[LONG_Z, i] = 0.0
         if learning or memory[CALM_S, i] < DWELL_OF_SLOW * slow_s:
             continue
