@@ -71,16 +71,30 @@ def counts_of(skin: Topology, most: float = 0.9, seed: int = 1) -> np.ndarray:
         p["field_growth_per_mm"] * (depth - p["field_reference_mm"])
     )
     field = 0.93 * most * crest * np.sqrt(rng.random(skin.n))
+    reach = np.arcsin(np.minimum(field / crest, 1.0)) / p["field_wavenumber_rad_per_mm"]
     direction = rng.uniform(-np.pi, np.pi, skin.n)
     values = np.stack([
         p["gel_current_20c_ua"] * p["gel_current_ratio"] ** ((temperature - 20.0) / 60.0),
         p["frequency_rest_hz"] - drop,
         field * np.cos(direction),
         field * np.sin(direction),
-        p["field_vertical_ratio"] * crest,
+        field / np.tan(_angle_of(p["field_angle_mm"], reach, depth)),
         temperature,
     ])  # fmt: skip
     return np.rint((values - skin.offset) / skin.scale).astype(np.int16)
+
+
+def _angle_of(table: np.ndarray, reach: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """Angle of the field at which a table says `reach`, by Newton's method."""
+    row = [table[4 * i] + depth * (table[4 * i + 1] + depth * (table[4 * i + 2]
+           + depth * table[4 * i + 3])) for i in range(4)]  # fmt: skip
+    angle = reach / row[0]
+    for _ in range(12):
+        z = angle * angle
+        told = angle * (row[0] + z * (row[1] + z * (row[2] + z * row[3])))
+        slope = row[0] + z * (3.0 * row[1] + z * (5.0 * row[2] + z * 7.0 * row[3]))
+        angle = angle - (told - reach) / slope
+    return angle
 
 
 def numpy_decode(skin: Topology, counts: np.ndarray) -> np.ndarray:
@@ -183,7 +197,9 @@ class Paper:
         return self._out
 
 
-def exact(skin: Topology, counts: np.ndarray, units: np.ndarray) -> np.ndarray:
+def exact(
+    skin: Topology, counts: np.ndarray, units: np.ndarray, estimator: str = "sine"
+) -> np.ndarray:
     """The model with 40 digits for some units; rows as in `ROWS`, rounded to float64."""
     try:
         from mpmath import mp, mpf
@@ -195,7 +211,7 @@ def exact(skin: Topology, counts: np.ndarray, units: np.ndarray) -> np.ndarray:
     with mp.workdps(40):
         for column, i in enumerate(units):
             p = {name: mpf(float(v[i])) for name, v in skin.parameters.items() if v.ndim == 1}
-            current, frequency, bx, by, _, chip = (
+            current, frequency, bx, by, bz, chip = (
                 mpf(float(skin.scale[c, i])) * int(counts[c, i]) + mpf(float(skin.offset[c, i]))
                 for c in range(6)
             )
@@ -209,7 +225,13 @@ def exact(skin: Topology, counts: np.ndarray, units: np.ndarray) -> np.ndarray:
                 p["field_growth_per_mm"] * (h - p["field_reference_mm"])
             )
             crest *= (1 + p["film_drift_per_k"] * (t - p["film_reference_c"])) * gain
-            r = mp.asin(min(mp.hypot(bx, by) / crest, 1)) / p["field_wavenumber_rad_per_mm"]
+            if estimator == "sine":
+                r = mp.asin(min(mp.hypot(bx, by) / crest, 1)) / p["field_wavenumber_rad_per_mm"]
+            else:
+                table = [mpf(float(v)) for v in skin.parameters["field_angle_mm"][:, i]]
+                psi = mp.atan2(mp.hypot(bx, by), bz)
+                r = sum(table[4 * a + b] * psi ** (2 * a + 1) * h**b
+                        for a in range(4) for b in range(4))  # fmt: skip
             ft = p["shear_soft_n_per_mm"] * r
             ft += p["shear_stiff_n_per_mm"] * max(r - p["shear_break_mm"], 0)
             theta = mp.atan2(by, bx)
