@@ -127,7 +127,6 @@ def test_figures_are_plain_and_shown(figures):
     json.dumps(figures)
     text = accuracy.table(figures)
     assert all(name in text for name in accuracy.TARGETS)
-    assert accuracy.PICTURE.parent.name == "pictures"
     with open(figures["picture"], "rb") as picture:
         assert picture.read(4) == b"\x89PNG"
 
@@ -156,7 +155,6 @@ def test_the_papers_experiment_keeps_to_the_papers_errors(experiment):
 def test_the_papers_experiment_is_told_and_drawn(experiment):
     json.dumps(experiment)
     assert len(fig4a.table(experiment).splitlines()) == 16
-    assert fig4a.PICTURE != experiment["picture"]
     with open(experiment["picture"], "rb") as picture:
         assert picture.read(4) == b"\x89PNG"
 
