@@ -62,6 +62,8 @@ HERE_X, HERE_Y = CARRIED + 3, CARRIED + 4  # displacement
 NOISE = CARRIED + 5  # its variance
 NORMAL = CARRIED + 6  # load
 WEIGHT = CARRIED + 7  # in the fit; later, of a lag
+# How far the body's motion asks the unit to be; its lag against that, millimetre and in sigmas; its
+# squared distance from the middle in sizes of the contact.
 ASKED, BEHIND, LATE, AWAY = CARRIED + 8, CARRIED + 9, CARRIED + 10, CARRIED + 11
 DESIGN = CARRIED + 12  # what each motion does to x, then to y
 WORK_ROWS = DESIGN + 2 * COLUMNS
