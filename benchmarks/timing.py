@@ -1,4 +1,4 @@
-"""Timing side by side: what is compared takes turns, so that a slow spell of the machine hits all."""
+"""Timing side by side: all take turns, so that a slow spell of the machine hits each of them."""
 
 from __future__ import annotations
 

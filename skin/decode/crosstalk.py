@@ -83,8 +83,9 @@ class CrossTalk:
         be saved in terms at any unit. 0: all terms.
     idle_mm : float
         A film that is pressed less than this can be displaced by three times this at most, as
-        friction has it: it counts as at rest, unless its field tells of a displacement that is no
-        noise (`IDLE_REACH_MM`). 0: only a film that is not displaced at all counts as at rest.
+        friction has it: it counts as at rest, unless it is pulled by more than three times this, or
+        its field tells of a displacement that is no noise (`IDLE_REACH_MM`). 0: only a film that is
+        not displaced at all counts as at rest.
     lattices : bool
         False: every pair counts as one of an irregular skin.
 
@@ -134,7 +135,7 @@ class CrossTalk:
         dtype: str = "float32",
         degree: int = 4,
         tolerance_ut: float = LIVE_UT,
-        idle_mm: float = 0.02,
+        idle_mm: float = 0.027,
         lattices: bool = True,
     ) -> None:
         stencil = Stencil.of(topology, degree=degree) if stencil is None else stencil
@@ -168,7 +169,8 @@ class CrossTalk:
 
         n = topology.n
         self.strength = stencil.strength.astype(real)
-        self._idle = np.array([idle_mm, IDLE_REACH_MM**2 if idle_mm else 0.0], real)
+        reach_mm = IDLE_REACH_MM if idle_mm else 0.0
+        self._idle = np.array([idle_mm, 3.0 * idle_mm, reach_mm**2], real)
         reach, deepest = stencil.displacement_max_mm, stencil.depth_max_mm
         self._most = np.array([reach + BEYOND_MM, -PULLED_MM, deepest + BEYOND_MM], real)
         self._tile = np.zeros(5 * kernels.BLOCK, real)

@@ -51,8 +51,9 @@ def films_python(displacement, usable, strength, idle, most, base, tile, sources
         not been looked at since nothing touches it.
     usable : ndarray, shape (n,), bool
     strength : ndarray, shape (n,)
-    idle : ndarray, shape (2,)
-        Depth and square of the tangential displacement below which a film counts as at rest.
+    idle : ndarray, shape (3,)
+        Depth, height and square of the tangential displacement below which a film counts as at
+        rest.
     most : ndarray, shape (3,)
         Tangential displacement, least and largest depth: beyond them films stand still.
     base : ndarray, shape (3, n), or None
@@ -70,7 +71,7 @@ def films_python(displacement, usable, strength, idle, most, base, tile, sources
     """
     nothing, one = out.dtype.type(0.0), out.dtype.type(1.0)
     reach, highest, deepest = most[0], most[1], most[2]
-    idle_depth, idle_square = idle[0], idle[1]
+    idle_depth, idle_height, idle_square = idle[0], idle[1], idle[2]
     n = usable.size
     moved, changed = 0, 0
     for b in range((n + BLOCK - 1) // BLOCK):
@@ -95,7 +96,8 @@ def films_python(displacement, usable, strength, idle, most, base, tile, sources
             # NaN and infinity times zero are not zero
             told = tile[KNOWN * BLOCK + i] != nothing
             finite = told & ((x + y + h) * nothing == nothing)
-            counts = finite & ((abs(h) > idle_depth) | (x * x + y * y > idle_square))
+            away = (h > idle_depth) | (h < -idle_height) | (x * x + y * y > idle_square)
+            counts = finite & away
             tile[i] = min(max(x, -reach), reach) if counts else nothing
             tile[Y * BLOCK + i] = min(max(y, -reach), reach) if counts else nothing
             tile[H * BLOCK + i] = min(max(h, highest), deepest) if counts else nothing
