@@ -85,3 +85,15 @@ def test_a_field_that_all_units_see_comes_off():
         reading = decoder(counts)
     assert abs(first) > 0.01
     assert np.abs(reading.displacement_mm[0].mean()) < 0.2 * abs(first)
+
+
+def test_units_without_load_are_looked_at_now_and_then_for_the_ambient_field():
+    palm, _, _ = pressed_palm()
+    simulated = UnitSimulator(palm, noise=False, field=HalbachField(palm))
+    still = simulated.quantities(np.zeros(palm.n), np.zeros((2, palm.n)), np.full(palm.n, 25.0))
+    still[2] += 50.0
+    counts = simulated.quantise(still)
+    decoder = Decoder(palm, {"displacement"}, "field-angle", skip=True, ambient=True)
+    every = decoder.plan.temperature_every
+    idle = [bool((decoder(counts).status & Status.IDLE).all()) for _ in range(4 * every)]
+    assert idle == [t % every != 0 for t in range(4 * every)]

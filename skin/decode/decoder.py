@@ -288,8 +288,9 @@ class Decoder:
 
     def _run(self, counts, known, background, reuse, advance, out, status, valid) -> None:
         """Call the kernel and count its cycles."""
+        cycle = self._cycle if advance else self._cycle - 1
         arguments = (
-            counts, known, background, *self._calibration, self._cycle, advance, reuse,
+            counts, known, background, *self._calibration, cycle, advance, reuse,
             out, status, valid,
         )  # fmt: skip
         kernel = self._kernel.get(background is None)
@@ -430,6 +431,7 @@ def _parts(plan: Plan, names: Collection[str], k):
         "lagging": plan.chip_lags,
         "held": plan.temperature_every > 1,
         "skipping": plan.skip,
+        "looking": plan.skip and plan.ambient,
     }
     return k.Parts(**{name: True for name, wanted in chosen.items() if wanted})
 

@@ -31,6 +31,8 @@ LANES = 128
 the nearest cache."""
 SKIP = 16
 """Units that are left out together; a vector of float32."""
+LOOK_CYCLES = 4
+"""Cycles, at least, from one look at units without load to the next."""
 
 # -- channels: rows of the counts, in the order of `topology.CHANNELS` ----------------------------
 CHANNELS = 6
@@ -162,7 +164,10 @@ class Parts(NamedTuple):
     held
         Temperatures are decoded every few cycles and held between.
     skipping
-        Leave out the inversion of blocks without load, and blocks that did not change.
+        Leave out the inversion of units without load, and blocks that did not change.
+    looking
+        Look at units without load all the same, every few cycles, a block after the other: for who
+        follows the ambient field.
     """
 
     temperature: bool | None = None
@@ -181,6 +186,7 @@ class Parts(NamedTuple):
     lagging: bool | None = None
     held: bool | None = None
     skipping: bool | None = None
+    looking: bool | None = None
 
 
 # -- compiler --------------------------------------------------------------------------------------
@@ -924,7 +930,10 @@ def decode_python(
                         busy = 0
                         for lane in range(size):
                             busy |= loaded[start + lane]
-                        if busy == 0:
+                        look = False
+                        if parts.looking is not None:
+                            look = (phase + cycle + block) % max(every, LOOK_CYCLES) == 0
+                        if busy == 0 and not look:
                             for row in TANGENTIAL:
                                 for lane in range(size):
                                     tile[row * LANES + start + lane] = nothing
