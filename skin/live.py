@@ -46,8 +46,10 @@ def open(
     source: Topology | str | Path,
     *,
     want: Collection[str] | None = None,
-    estimator: str = "sine",
+    estimator: str | None = None,
     dtype: str = "float32",
+    sweeps: int = 1,
+    ambient: bool = True,
     slip: SlipSettings | None = None,
     sync: Literal["host", "bus"] = "host",
     wait: Literal["event", "drain"] = "event",
@@ -65,10 +67,15 @@ def open(
         A loaded topology, a file, or the name of a built-in one ("palm", "fingertip", …).
     want : collection of str, optional
         What to compute, of `skin.state.WANTS`; everything if not given.
-    estimator : str
-        Inversion of the tangential field.
+    estimator : str, optional
+        Inversion of the tangential field: "field-angle" or "sine". If not given, the first where
+        every unit has Bz on the wire.
     dtype : "float32" or "float64"
         Arithmetic of the decoder.
+    sweeps : 0, 1 or 2
+        Of the cross-talk of neighbours: not taken off; as of the last cycle; accurate.
+    ambient : bool
+        Take off the ambient field, and follow the zeros of units that nothing touches.
     slip : SlipSettings, optional
         What is known of the friction, the safety that grip forces are to have, what counts as slip.
     sync : "host" or "bus"
@@ -129,9 +136,9 @@ def open(
                 f"transports: must be one for each of {len(loaded.buses)} buses; got {len(opened)}"
             )
         return Skin(
-            loaded, opened, want=want, estimator=estimator, dtype=dtype, slip=slip, sync=sync,
-            pace=pace,
-            deadline_s=deadline_s, wait=wait, nodes=nodes,
+            loaded, opened, want=want, estimator=estimator, dtype=dtype, sweeps=sweeps,
+            ambient=ambient, slip=slip, sync=sync, pace=pace, deadline_s=deadline_s, wait=wait,
+            nodes=nodes,
         )  # fmt: skip
     except BaseException:
         if nodes is not None:
@@ -160,8 +167,10 @@ class Skin:
         transports: list[Transport],
         *,
         want: Collection[str] | None,
-        estimator: str,
+        estimator: str | None,
         dtype: str,
+        sweeps: int,
+        ambient: bool,
         slip: SlipSettings | None,
         sync: str,
         pace: bool,
@@ -173,7 +182,10 @@ class Skin:
         self.transports = transports
         self.timing = Timing()
         self.nodes = nodes
-        self._read = CycleReader(topology, want=want, estimator=estimator, dtype=dtype, slip=slip)
+        self._read = CycleReader(
+            topology, want=want, estimator=estimator, dtype=dtype, sweeps=sweeps, ambient=ambient,
+            slip=slip,
+        )  # fmt: skip
         self._position, self._rotation = topology.position, topology.rotation
         self._assembler = Assembler(topology, deadline_s=deadline_s)
         self._batch = FrameBatch(4096)

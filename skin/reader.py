@@ -9,6 +9,7 @@ import numpy as np
 
 from bus.cycle import RawCycle
 from skin.decode.decoder import Decoder
+from skin.decode.plan import LATERAL
 from skin.errors import OptionError
 from skin.state import ARRAY_WANTS, WANTS, Reading, State
 from topology import CHANNELS, Topology
@@ -31,10 +32,8 @@ class CycleReader:
     topology : Topology
     want : collection of str, optional
         Of `skin.state.WANTS`; everything if not given.
-    estimator : str
-        Inversion of the tangential field.
-    dtype : "float32" or "float64"
-        Arithmetic of the decoder.
+    estimator, dtype, sweeps, ambient
+        As of `skin.open`.
     slip : SlipSettings, optional
 
     Raises
@@ -48,8 +47,10 @@ class CycleReader:
         topology: Topology,
         *,
         want: Collection[str] | None,
-        estimator: str,
-        dtype: str,
+        estimator: str | None = None,
+        dtype: str = "float32",
+        sweeps: int = 1,
+        ambient: bool = True,
         slip: SlipSettings | None = None,
     ) -> None:
         wanted = set(WANTS if want is None else [want] if isinstance(want, str) else want)
@@ -64,7 +65,11 @@ class CycleReader:
             needed.add("displacement")
             if _has_temperature(topology):
                 needed.add("temperature")
-        self._decoder = Decoder(topology, want=needed, estimator=estimator, dtype=dtype)
+        lateral = not needed.isdisjoint(LATERAL)
+        self._decoder = Decoder(
+            topology, needed, estimator, dtype, sweeps=sweeps if lateral else 0,
+            ambient=ambient and lateral,
+        )  # fmt: skip
         self._period_ns = round(1e9 / topology.cycle_rate_hz)
         self._now_ns = -1
         self._share = topology.area / topology.area.sum()

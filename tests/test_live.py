@@ -116,7 +116,7 @@ def test_unit_that_dies_ages_and_is_left_out():
     unit = int(loaded.frames.units[3, 0])
     answer = far.listener
 
-    with skin.open(loaded, transports=[near], pace=False) as strip:
+    with skin.open(loaded, transports=[near], pace=False, sweeps=0, ambient=False) as strip:
         states = iter(strip)
         for _ in range(5):
             state = next(states)
@@ -140,8 +140,8 @@ def test_unit_that_dies_ages_and_is_left_out():
 
 def test_free_running_units_make_one_cycle_a_period(tmp_path):
     loaded = topology_of(tmp_path, ("sync_id = 0x080\n", ""))
+    started = time.monotonic()
     with skin.open(loaded, simulate=True) as strip:
-        started = time.monotonic()
         states = take(strip, 25)
         periods = (time.monotonic() - started) * loaded.cycle_rate_hz
         assert strip.counters.data > 0

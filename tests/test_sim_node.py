@@ -21,6 +21,7 @@ from bus.errors import BusClosedError
 from bus.frame import CAN_ERR, ECHO, FD_BRS, FD_FDF, FRAME_DTYPE, FrameBatch
 from bus.memory import MemoryTransport
 from skin.errors import SkinError
+from skin.sim.halbach import FELT_M, HalbachField
 from skin.sim.node import RECENT, Nodes, Served
 from skin.sim.scene import PressSlideLift
 from skin.sim.settings import BoardSettings
@@ -80,7 +81,8 @@ def heartbeats(frames: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("topology", [PALM, STRIP], ids=["fd64", "classic"])
 def test_frames_parse_back_to_the_counts(topology: Topology) -> None:
-    nodes, again = Nodes(topology, seed=3), UnitSimulator(topology, seed=3)
+    films = HalbachField(topology, reach_m=FELT_M)
+    nodes, again = Nodes(topology, seed=3), UnitSimulator(topology, seed=3, field=films)
     scene, out = PressSlideLift(topology), FrameBatch(64)
     for cycle in range(0, 200, 20):
         out.clear()

@@ -51,7 +51,7 @@ def decode(
     loaded = load(topology)
     assembler = Assembler(loaded)
     want = {"temperature", "force", "wrench", "centroid", "contacts"}
-    reader = CycleReader(loaded, want=want, estimator="sine", dtype="float64")
+    reader = CycleReader(loaded, want=want, dtype="float64", sweeps=2)
     rows: list[tuple[Any, ...]] = []
 
     def keep(cycle: Any) -> None:

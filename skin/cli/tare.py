@@ -45,10 +45,10 @@ def tare(
     crosstalk: Annotated[
         bool,
         tyro.conf.arg(
-            help="leave the field of resting neighbours out of the offsets: for a decoder that "
-            "takes off cross-talk, and with it that field"
+            help="leave the field of resting neighbours out of the offsets, as a decoder wants it "
+            "that takes off cross-talk, and with it that field"
         ),
-    ] = False,
+    ] = True,
     simulate: Annotated[
         bool, tyro.conf.arg(help="tare simulated units, which nothing touches, in this process")
     ] = False,
@@ -85,7 +85,7 @@ def tare(
         from skin.calibrate.stencil import Stencil
 
         rest_ut = Stencil.of(loaded).rest_ut
-    simulated = _simulated(loaded, crosstalk) if simulate else None
+    simulated = _simulated(loaded) if simulate else None
     counts, status = _listen(loaded, seconds, sync, simulated)
     try:
         found = take(loaded, counts, status, rest_ut=rest_ut, leave_out=leave_out)
@@ -174,16 +174,11 @@ def _listen(
     return np.stack(recording.counts), np.stack(recording.status)
 
 
-def _simulated(topology: Topology, crosstalk: bool) -> Nodes:
-    """Untouched units, that feel each other's films where cross-talk is taken off."""
-    from skin.sim.halbach import HalbachField
+def _simulated(topology: Topology) -> Nodes:
+    """Units that nothing touches."""
     from skin.sim.node import Nodes
-    from skin.sim.unit import UnitSimulator
 
-    units = (
-        UnitSimulator(topology, field=HalbachField(topology, reach_m=0.1)) if crosstalk else None
-    )
-    return Nodes(topology, _Untouched(topology.n), units=units, history=0)
+    return Nodes(topology, _Untouched(topology.n), history=0)
 
 
 def _attached(nodes: Nodes, opened: ExitStack) -> list[MemoryTransport]:

@@ -20,7 +20,10 @@ from skin.sim.surroundings import Surroundings, dipole_field_ut
 from topology import Topology
 from topology.neighbours import compressed_rows, pairs_within
 
-__all__ = ["CHIP_AXES", "HalbachField", "crest_ut"]
+__all__ = ["CHIP_AXES", "FELT_M", "HalbachField", "crest_ut"]
+
+FELT_M = 0.05
+"""How far a film is felt: beyond, all of a flat skin's resting ones add 13 µT to a lateral axis."""
 
 CHIP_AXES = np.array([-1.0, -1.0, 1.0])
 """The Hall chip's x, y, z along the unit's. The chip sees its film on the side from which the film

@@ -19,6 +19,7 @@ from bus.frame import ECHO, FrameBatch
 from bus.memory import MemoryTransport
 from bus.transport import Transport
 from skin.errors import SkinError
+from skin.sim.halbach import FELT_M, HalbachField
 from skin.sim.heartbeat import Heartbeats
 from skin.sim.scene import PressSlideLift, Scene
 from skin.sim.settings import BoardSettings
@@ -73,8 +74,9 @@ class Nodes:
     noise : bool
         False: only quantisation.
     units : UnitSimulator, optional
-        The units, in place of those of `topology`, `seed` and `noise`. A scene that has `units` of
-        its own, as a `skin.sim.play.ScriptedScene` does, brings them along.
+        The units, in place of those of `topology`, `seed` and `noise`, whose films are Halbach
+        films that feel each other. A scene that has `units` of its own, as a
+        `skin.sim.play.ScriptedScene` does, brings them along.
     history : int or None
         Cycles that `truth_at` remembers; None remembers all, 0 none.
     """
@@ -92,7 +94,9 @@ class Nodes:
         self.topology = topology
         self.scene = scene or PressSlideLift(topology)
         own = units or getattr(self.scene, "units", None)
-        self.units = own or UnitSimulator(topology, seed=seed, noise=noise)
+        self.units = own or UnitSimulator(
+            topology, seed=seed, noise=noise, field=HalbachField(topology, reach_m=FELT_M)
+        )
         self.served = Served()
         self._packer = Packer(topology)
         self._heartbeats = Heartbeats(topology)

@@ -18,7 +18,7 @@ from skin.sim.fabrication import Fabrication
 from skin.sim.field import Field, SineField
 from skin.sim.foundation import Foundation
 from skin.sim.friction import Friction
-from skin.sim.halbach import HalbachField
+from skin.sim.halbach import FELT_M, HalbachField
 from skin.sim.mechanics import Mechanics
 from skin.sim.motion import Motion, Track, shape_of
 from skin.sim.script import HalfSpace, LoadTable, NonIdeal, SceneFile
@@ -366,7 +366,7 @@ class ScriptedScene:
             field = SineField(topology)
             return field if surroundings is None else StrayField(topology, field, surroundings)
         made = Fabrication.draw(topology.n, self.script.seed) if wanted.fabrication else None
-        reach_m = 0.03 if wanted.crosstalk else 0.0
+        reach_m = FELT_M if wanted.crosstalk else 0.0
         return HalbachField(topology, fabrication=made, reach_m=reach_m, surroundings=surroundings)
 
 
