@@ -117,7 +117,7 @@ def _job(command, root, directory, variables):
         "PYTHONDONTWRITEBYTECODE": "1",
     }
     # The host's compiled kernels serve here too: the processor is the same, and so is its name.
-    passed = ("CI", "NUMBA_CACHE_DIR", "F3T_LONG_S")
+    passed = ("CI", "NUMBA_CACHE_DIR", "F3T_LONG_S", "UPDATE_GOLDEN")
     environment |= {name: os.environ[name] for name in passed if name in os.environ}
     settings = shlex.join(f"{name}={value}" for name, value in (environment | variables).items())
     return (
