@@ -24,7 +24,7 @@ STRETCH_MAX = 0.2
 """A frequency this share above rest is no working unit: it would be pulled to 6/5 of its height."""
 PULL_SIGMAS = 6.0
 """A unit that reads as pulled by more than this many sigma has lost its tare: EXTRAPOLATED."""
-IDLE_SIGMAS = 2.5
+IDLE_SIGMAS = 2.9
 """A unit pressed by less than this many sigma is without load: no contact takes it (3 sigma)."""
 OVERREACH = 1.1
 """R from the angle is told to this many times its calibrated range; a lower bound beyond."""

@@ -58,7 +58,7 @@ class Decoder:
         it. 1 if not given, or what `HOLD_S` lasts with `skip`.
     skip : bool
         Leave out what a scene does not need. Blocks of 16 units of which none is pressed by more
-        than 2.5 sigma show NaN for all that is tangential and the flag IDLE; blocks whose counts
+        than 2.9 sigma show NaN for all that is tangential and the flag IDLE; blocks whose counts
         and flags are those of the cycle before keep its results. All else is the same to the bit.
     sweeps : 0, 1 or 2
         Take off the fields of the neighbours' films, as they were displaced in the cycle before; 2:

@@ -922,7 +922,12 @@ def decode_python(
 
             # -- field, tangential displacement and force, some lanes at a time
             if lateral or parts.field is not None:
-                together = SKIP if parts.skipping is not None else LANES
+                together = LANES
+                if parts.skipping is not None:
+                    touched = np.int16(0)
+                    for j in range(count):
+                        touched = np.int16(touched | loaded[j])
+                    together = SKIP if touched != 0 else LANES
                 for part in range((count + together - 1) // together):
                     start = (part * together) & NOT_NEGATIVE
                     size = min(together, count - start) & (2 * LANES - 1)
