@@ -1,10 +1,11 @@
 """Contacts: error beside time, from raw counts to contacts with slip.
 
 Time: the whole pass, from the counts of a cycle to its state, for 0, 1 and 3 contacts, each on a
-fourteenth of the units; the pass without slip; and decoding alone. Beside it, in turn, in one
-process: the same contacts in numpy (equal, as far as two ways to add up can be), and the contact
-stage of nb-touch on forces that are decoded already, against what our pass takes beyond decoding,
-where that package is installed.
+fourteenth of the units; the pass without slip; decoding alone; and the whole pass as `skin.open`
+has it, with one sweep of cross-talk and the ambient field. Beside it, in turn, in one process: the
+same contacts in numpy (equal, as far as two ways to add up can be), and the contact stage of nb-
+touch on forces that are decoded already, against what our pass takes beyond decoding, where that
+package is installed.
 
 Error: the centre of pressure of one sphere on a palm of 8 x 8 units against the truth, over load
 and place, edges included; and how often the truth lies within one sigma, along x and along y (0.683
@@ -24,6 +25,7 @@ import topology
 from benchmarks.peers_contact import NumpyContacts, nb_touch
 from bus.cycle import ClosedBy, RawCycle
 from skin.reader import CycleReader
+from skin.sim.halbach import FELT_M, HalbachField
 from skin.sim.material import Elastic
 from skin.sim.truth import Truth
 from skin.sim.unit import UnitSimulator
@@ -56,6 +58,7 @@ def run(quick: bool) -> dict:
     most = str(TOUCHES[-1])
     return {
         **{f"cycle_us_p50_{n}": rows[most]["full"]["us_p50"] for n, rows in sizes.items()},
+        **{f"live_us_p50_{n}": rows[most]["live"]["us_p50"] for n, rows in sizes.items()},
         "sizes": sizes,
         "centre_of_pressure": centre_of_pressure(TRIALS[not quick]),
     }
@@ -64,13 +67,15 @@ def run(quick: bool) -> dict:
 def table(figures: dict) -> str:
     """The figures for a person."""
     lines = [f"{'units':>6}{'contacts':>10}{'decode us':>11}{'+contacts':>11}{'+slip p50':>11}"
-             f"{'p99':>8}{'numpy us':>10}{'ratio':>7}{'nb-touch us':>13}{'ratio':>7}"]  # fmt: skip
+             f"{'p99':>8}{'live p50':>10}{'numpy us':>10}{'ratio':>7}"
+             f"{'nb-touch us':>13}{'ratio':>7}"]  # fmt: skip
     for n, rows in figures["sizes"].items():
         for touches, row in rows.items():
             lines.append(
                 f"{n:>6}{touches:>10}{row['decode']['us_p50']:>11.1f}"
                 f"{row['contacts']['us_p50']:>11.1f}{row['full']['us_p50']:>11.1f}"
-                f"{row['full']['us_p99']:>8.1f}{row['numpy']['us_p50']:>10.0f}"
+                f"{row['full']['us_p99']:>8.1f}{row['live']['us_p50']:>10.1f}"
+                f"{row['numpy']['us_p50']:>10.0f}"
                 f"{row['numpy_ratio']:>7.0f}" + _nb_columns(row)
             )
     if "nb_touch" not in next(iter(next(iter(figures["sizes"].values())).values())):
@@ -129,10 +134,14 @@ def pressed_by(skin: Topology, touches: int) -> Truth:
     return pressed(skin, skin.position[:, units.astype(int)], reach_m**2 / 3e-3, 1.5)
 
 
-def counts_of(skin: Topology, touches: int) -> list[np.ndarray]:
-    """Counts of some cycles under so many spheres that are slowly dragged along and stick."""
+def counts_of(skin: Topology, touches: int, *, live: bool = False) -> list[np.ndarray]:
+    """Counts of some cycles under so many spheres that are slowly dragged along and stick.
+
+    `live`: of films that feel each other.
+    """
     truth = pressed_by(skin, touches)
-    simulator = UnitSimulator(skin, seed=touches)
+    field = HalbachField(skin, reach_m=FELT_M) if live else None
+    simulator = UnitSimulator(skin, seed=touches, field=field)
     cycles = []
     for cycle in range(CYCLES):
         truth.displacement_mm[0] = np.where(truth.contact, 0.1 + 0.0005 * cycle, 0.0)
@@ -143,8 +152,11 @@ def counts_of(skin: Topology, touches: int) -> list[np.ndarray]:
 class _Pass:
     """Counts to states, as a bus hands them over: in arrays that stay the same."""
 
-    def __init__(self, skin: Topology, want: set[str], dtype: str = "float32") -> None:
-        self.reader = CycleReader(skin, want=want, estimator="sine", dtype=dtype)
+    def __init__(
+        self, skin: Topology, want: set[str], dtype: str = "float32", *, live: bool = False
+    ) -> None:
+        options = {} if live else {"estimator": "sine", "sweeps": 0, "ambient": False}
+        self.reader = CycleReader(skin, want=want, dtype=dtype, **options)
         self.reader.warmup()
         self._counts = np.zeros((6, skin.n), np.int16)
         self._rest = (np.ones(skin.n, bool), np.zeros(skin.n, np.uint16),
@@ -160,12 +172,14 @@ class _Pass:
 def _size(skin: Topology, touches: int, quick: bool) -> dict:
     counts = counts_of(skin, touches)
     passes = {name: _Pass(skin, want) for name, want in PASSES.items()}
+    passes["live"] = _Pass(skin, FULL, live=True)
+    felt = counts_of(skin, touches, live=True)
     assert_same(skin, counts[:8], touches)
     numpy_pass, stage = NumpyContacts(skin), nb_touch(skin)
     samples: dict[str, list[int]] = {name: [] for name in (*passes, "numpy", "nb_touch")}
     for lap in range(LAPS[not quick]):
         for name, one in passes.items():
-            for cycle in counts:
+            for cycle in felt if name == "live" else counts:
                 raw = one.load(cycle)
                 started = time.perf_counter_ns()
                 one.reader(raw)
