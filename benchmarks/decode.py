@@ -9,7 +9,6 @@ float64, a calibration for each unit, and neither flags nor lags.
 from __future__ import annotations
 
 import tempfile
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,6 +16,7 @@ import numpy as np
 
 import topology
 from benchmarks.peers_decode import Paper, array_of, counts_of, exact, numpy_decode
+from benchmarks.timing import times
 from skin.decode import kernels
 from skin.decode.decoder import ESTIMATORS, Decoder
 from skin.state import Reading
@@ -32,7 +32,6 @@ LATTICE = 32
 REFERENCE = "float32 sine per unit"
 """Which decoder the ratios to the peers are for."""
 SAMPLE = 200
-ROUNDS = 15
 
 
 def run(quick: bool) -> dict:
@@ -120,7 +119,7 @@ def _size(n: int, quick: bool) -> dict:
     runs["live"] = lambda: live(counts["alike"])
     runs["copy for live"] = _copy(_bytes(live))
 
-    seconds = _times(runs, target_s=0.15 if quick else 0.6)
+    seconds = times(runs, target_s=0.15 if quick else 0.6)
     found = {}
     for name, error in errors.items():
         found[name] = _row(seconds[name], n, error)
@@ -160,7 +159,7 @@ def _calibrated(quick: bool) -> dict:
                 np.stack([got.temperature, *got.force])[:, units], truth
             )
             runs[estimator + name] = lambda decoder=decoder: decoder(counts)
-    seconds = _times(runs, target_s=0.15 if quick else 0.6)
+    seconds = times(runs, target_s=0.15 if quick else 0.6)
     return {name: _row(seconds[name], CALIBRATED, errors[name]) for name in runs}
 
 
@@ -173,7 +172,7 @@ def _full(quick: bool) -> dict:
     swept = Decoder(skin, want, "field-angle", sweeps=1)
     alone = Decoder(skin, want, "field-angle", rest_ut=swept.crosstalk.stencil.rest_ut)
     runs = {"swept": lambda: swept(moving), "alone": lambda: alone(moving)}
-    seconds = _times(runs, target_s=0.15 if quick else 0.6)
+    seconds = times(runs, target_s=0.15 if quick else 0.6)
     return {
         "ns_per_unit": seconds["swept"][0] / n * 1e9,
         "ns_fastest": seconds["swept"][1] / n * 1e9,
@@ -234,24 +233,3 @@ def _copy(size: int) -> Callable[[], None]:
     source = np.ones(size // 2, np.uint8)
     target = np.empty_like(source)
     return lambda: np.copyto(target, source)
-
-
-def _times(
-    runs: dict[str, Callable[[], object]], target_s: float
-) -> dict[str, tuple[float, float]]:
-    """Median and least seconds of each, in turn, so that a slow spell of the machine hits all."""
-    repeats = {}
-    for name, call in runs.items():
-        call()
-        started = time.perf_counter()
-        call()
-        once = max(time.perf_counter() - started, 1e-7)
-        repeats[name] = max(1, min(2000, round(target_s / ROUNDS / once)))
-    samples = {name: [] for name in runs}
-    for _ in range(ROUNDS):
-        for name, call in runs.items():
-            started = time.perf_counter()
-            for _ in range(repeats[name]):
-                call()
-            samples[name].append((time.perf_counter() - started) / repeats[name])
-    return {name: (float(np.median(values)), min(values)) for name, values in samples.items()}

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.contact import plate
-from benchmarks.timing import medians
+from benchmarks.timing import times
 from skin.decode.decoder import Decoder
 from skin.sim.halbach import HalbachField
 from skin.sim.material import Elastic
@@ -58,8 +58,8 @@ def _size(skin: Topology, quick: bool) -> dict:
     shares = {f"{100 * share:g}": _share(skin, share, target_s) for share in SHARES}
     counts = counts_of(skin, 0.25)
     runs = {name: _cycles(Decoder(skin, {name}), counts) for name in SINGLE}
-    seconds = medians({**runs, "all": _cycles(Decoder(skin), counts)}, target_s)
-    wants = {name: seconds[name] / seconds["all"] for name in SINGLE}
+    seconds = times({**runs, "all": _cycles(Decoder(skin), counts)}, target_s)
+    wants = {name: seconds[name][0] / seconds["all"][0] for name in SINGLE}
     return {"shares": shares, "wants": wants}
 
 
@@ -89,10 +89,10 @@ def _share(skin: Topology, share: float, target_s: float) -> dict:
             if differ:
                 raise AssertionError(f"{differ} values of units that were not skipped have changed")
         idle.append(np.mean(left_out.status & Status.IDLE != 0))
-    seconds = medians(
+    seconds = times(
         dict(zip(("full", "skip"), (_cycles(d, counts) for d in swept), strict=True)), target_s
     )
-    full, skip = (seconds[name] / CYCLES for name in ("full", "skip"))
+    full, skip = (seconds[name][0] / CYCLES for name in ("full", "skip"))
     return {
         "full_us": 1e6 * full, "skip_us": 1e6 * skip, "ratio": skip / full,
         "idle": float(np.mean(idle)),

@@ -7,13 +7,15 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-__all__ = ["medians"]
+__all__ = ["times"]
 
 ROUNDS = 15
 
 
-def medians(runs: Mapping[str, Callable[[], object]], target_s: float) -> dict[str, float]:
-    """Median seconds of a call of each.
+def times(
+    runs: Mapping[str, Callable[[], object]], target_s: float
+) -> dict[str, tuple[float, float]]:
+    """Median and least seconds of a call of each.
 
     Parameters
     ----------
@@ -35,4 +37,4 @@ def medians(runs: Mapping[str, Callable[[], object]], target_s: float) -> dict[s
             for _ in range(repeats[name]):
                 call()
             samples[name].append((time.perf_counter() - started) / repeats[name])
-    return {name: float(np.median(values)) for name, values in samples.items()}
+    return {name: (float(np.median(values)), min(values)) for name, values in samples.items()}
