@@ -3,6 +3,7 @@
 import itertools
 import json
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -84,11 +85,10 @@ def test_simulator_and_skin_in_two_processes(background):
 
 def test_scene_plays_on_the_bus_and_its_truth_is_written(background, tmp_path):
     truth = tmp_path / "truth.npz"
-    units = background(
-        *SKIN, "sim", "strip", "--scene", "press", *ON_VCAN, "--truth", truth, "--seconds", "12"
-    )
+    units = background(*SKIN, "sim", "strip", "--scene", "press", *ON_VCAN, "--truth", truth)
     assert "10 units on socketcan vcan0" in units.stderr.readline()
     report = skin_json("run", "strip", *ON_VCAN, "--seconds", "5")
+    units.send_signal(signal.SIGINT)
     assert units.wait(60) == 0
     assert report["units_heard"] == 10
     assert report["peak_force_n"] > 0.5
