@@ -97,3 +97,11 @@ def test_units_without_load_are_looked_at_now_and_then_for_the_ambient_field():
     every = decoder.plan.temperature_every
     idle = [bool((decoder(counts).status & Status.IDLE).all()) for _ in range(4 * every)]
     assert idle == [t % every != 0 for t in range(4 * every)]
+
+
+def test_the_ambient_loop_sees_the_temperature_wanted_or_not():
+    decoder = Decoder(topology.load("palm"), {"force"}, ambient=True)
+    counts = np.zeros((6, 64), np.int16)
+    decoder.warmup()
+    assert decoder(counts).temperature is None
+    assert decoder.ambient._seen[2] is not None

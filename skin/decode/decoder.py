@@ -138,7 +138,9 @@ class Decoder:
             topology, self.dtype, angle=angle, vertical=angle or plan.consistency,
             every=plan.temperature_every, rest_ut=rest_ut,
         )  # fmt: skip
-        self._names = _names(plan)
+        silent = ~topology.enabled | topology.counts_only
+        warm = bool((topology.wired[CHANNELS.index("gel")] | silent).all())
+        self._names = _names(plan, warm)
         n, blocks = topology.n, -(-topology.n // k.LANES)
         self._kernels = k
         self._state = np.zeros((blocks, k.STATE_ROWS, k.LANES), self.dtype)
@@ -392,16 +394,17 @@ class Decoder:
         )
 
 
-def _names(plan: Plan) -> tuple[str, ...]:
+def _names(plan: Plan, warm: bool) -> tuple[str, ...]:
     """Quantities in the order of the kernel's rows, sigmas among them.
 
-    What the loop over cycles feeds on is there, wanted or not.
+    What the loop over cycles feeds on is there, wanted or not; zeros are followed only while the
+    temperature is steady, where the wire tells it (`warm`).
     """
     needed = set(plan.quantities)
     if plan.sweeps or plan.ambient:
         needed |= {"displacement"}
     if plan.ambient:
-        needed |= {"field"}
+        needed |= {"field", "temperature"} if warm else {"field"}
     plain = tuple(name for name in _COMPONENTS if name in needed and name != "field")
     sigmas = tuple(f"{name}_sigma" for name in plain) if plan.sigma else ()
     return (*plain, *sigmas, *(("field",) if "field" in needed else ()))
