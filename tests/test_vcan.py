@@ -115,7 +115,7 @@ def test_a_machine_without_the_packages_skips_and_names_them(replay):
 
 
 def test_a_machine_with_the_programs_can_boot(tmp_path):
-    for name in ("linux.uml", "insmod", "ip", "candump"):
+    for name in ("linux.uml", "insmod", "ip", "candump", "taskset"):
         shutil.copy(sys.executable, tmp_path / name)
     assert guest_of(str(tmp_path)).unavailable() is None
 
