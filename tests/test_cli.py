@@ -53,6 +53,8 @@ def test_every_command_has_help(name, capsys):
         (["run", "palm", "--seconds", "0"], "--seconds: must be above 0"),
         (["decode", "none.log", "--topology", "palm", "--output", "x.xls"], "must end in .csv"),
         (["decode", "none.log", "--topology", "palm"], "none.log"),
+        (["demo", "--picture", "no/demo.png"], "--picture: must be in a folder that exists"),
+        (["decode", "none.log", "--topology", "palm", "-o", "no/x.csv"], "--output: must be in a"),
     ],
 )
 def test_bad_input_is_refused_with_a_message(arguments, message, capsys):
@@ -104,7 +106,9 @@ def test_same_seed_same_figures(tmp_path, capsys):
 
 def test_run_without_units_says_so(capsys):
     assert main(["run", "palm", "--seconds", "0.2", "--json"]) == 1
-    report = last_json(capsys)
+    printed = capsys.readouterr()
+    report = json.loads(printed.out.splitlines()[-1])
+    assert "nobody can answer: palm: buses[0] 'main': interface: must be one that" in printed.err
     assert report["units_heard"] == 0
     assert len(report["silent_units"]) == 64
 
@@ -193,3 +197,34 @@ def test_log_of_another_skin_is_no_cycle(recorded, capsys):
     assert main(["decode", str(log), "--topology", "fingertip", "--json"]) in (0, 1)
     report = last_json(capsys)
     assert report["valid_share"] == 0.0
+
+
+SHARED = {
+    "--interface": "NAME use this interface for every bus instead of the file's",
+    "--channel": "NAMES use these channels instead of the file's, one for each bus: can0,can1",
+    "--sync": "{host,bus} who sends SYNC: this host, or another node (default: host)",
+    "--json": "end with one JSON object",
+}
+
+
+@pytest.mark.parametrize("option", SHARED)
+def test_an_option_means_the_same_wherever_it_is(option, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    told = 0
+    for name in COMMANDS:
+        with pytest.raises(SystemExit):
+            main([name, "--help"])
+        _, listed = capsys.readouterr().out.split(" options ")
+        text = " ".join(listed.replace("│", " ").split())
+        assert text.count(f"{option} {SHARED[option]}") == text.count(f"{option} ")
+        told += f"{option} " in text
+    assert told >= 3
+
+
+@pytest.mark.parametrize("name", sorted(set(COMMANDS) - {"decode"}))
+def test_an_unknown_topology_is_refused_alike(name, capsys):
+    assert main([name, "plam"]) == 2
+    assert capsys.readouterr().err == (
+        "plam: must be a file or a ready-made topology (fingertip, hand, palm, strip); "
+        "got no such file; nearest: 'palm'\n"
+    )

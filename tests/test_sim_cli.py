@@ -99,5 +99,6 @@ def test_a_schema_of_scenes_is_printed_for_editors(capsys: pytest.CaptureFixture
 def test_nothing_to_simulate_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["sim"]) == 2
     assert capsys.readouterr().err == (
-        "skin sim: must have a topology file or the name of one; got none\n"
+        "skin sim: must have a file or the name of a ready-made topology "
+        "(fingertip, hand, palm, strip); got none\n"
     )

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json as json_text
-import sys
 from typing import TYPE_CHECKING, Annotated
 
-import tyro
+from skin.cli import options
 
 if TYPE_CHECKING:
     from topology.summary import BusSummary, PatchSummary, Summary
@@ -15,43 +14,29 @@ __all__ = ["check"]
 
 
 def check(
-    file: Annotated[
-        str | None,
-        tyro.conf.Positional,
-        tyro.conf.arg(metavar="FILE", help="topology file, or the name of a ready-made one"),
-    ] = None,
+    file: options.FileOrNone = None,
     /,
     *,
-    json: Annotated[bool, tyro.conf.arg(help="end with one JSON object")] = False,
+    json: options.Json = False,
     schema: Annotated[
-        bool, tyro.conf.arg(help="print the JSON Schema of topology files for your editor")
+        bool, options.quiet("print the JSON Schema of topology files, for your editor")
     ] = False,
 ) -> int:
     """Check a topology file: units, identifiers, frames, and the load of each bus at worst.
 
-    Exits 1 if a bus cannot carry its cycle rate, and 2, with every problem and its line, if the
-    file is wrong.
+    Exits with 1 if a bus cannot carry its cycle rate. If the file is wrong, exits with 2, after
+    every problem with its line.
     """
     import msgspec
 
-    from topology.errors import TopologyError
-    from topology.load import builtin, load
+    from topology.load import load
     from topology.schema import json_schema
     from topology.summary import summary
 
     if schema:
         print(json_text.dumps(json_schema(), indent=2))
         return 0
-    if file is None:
-        names = ", ".join(builtin)
-        print(f"skin check: must have a file or the name of a ready-made topology ({names}); got "
-              "none", file=sys.stderr)  # fmt: skip
-        return 2
-    try:
-        found = summary(load(file, allow_overload=True))
-    except TopologyError as error:
-        print(error, file=sys.stderr)
-        return 2
+    found = summary(load(options.given(file, "check"), allow_overload=True))
     print(_table(found))
     if json:
         print(json_text.dumps(msgspec.to_builtins(found)))

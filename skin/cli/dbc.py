@@ -8,19 +8,19 @@ from typing import Annotated
 
 import tyro
 
+from skin.cli import options
+
 __all__ = ["dbc"]
 
 
 def dbc(
-    file: Annotated[
-        str,
-        tyro.conf.Positional,
-        tyro.conf.arg(metavar="FILE", help="topology file, or the name of a ready-made one"),
-    ],
+    file: options.File,
     /,
     *,
-    output: Annotated[Path, tyro.conf.arg(metavar="DIR", help="folder to write into")] = Path("."),
-    json: Annotated[bool, tyro.conf.arg(help="end with one JSON object")] = False,
+    output: Annotated[
+        Path, tyro.conf.arg(metavar="DIR", aliases=["-o"], help="folder to write into")
+    ] = Path("."),
+    json: options.Json = False,
 ) -> int:
     """Write one DBC file for each bus, named after the skin and the bus: palm-main.dbc.
 

@@ -15,19 +15,27 @@ from typing import Annotated, Any, TextIO
 import numpy as np
 import tyro
 
+from skin.cli import options
+
 __all__ = ["decode"]
 
 
 def decode(
-    log: Annotated[Path, tyro.conf.Positional],
+    log: Annotated[
+        Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG", help="recorded CAN log")
+    ],
     /,
     *,
-    topology: Annotated[str, tyro.conf.arg(help="file or built-in name of the skin's topology")],
+    topology: Annotated[str, tyro.conf.arg(metavar="FILE", help=options.FILE_HELP)],
     output: Annotated[
         Path | None,
-        tyro.conf.arg(help="where to write: .csv (a row per cycle and unit) or .npz (arrays)"),
+        options.quiet(
+            "where to write: .csv (a row for each cycle and unit) or .npz (arrays)",
+            metavar="FILE",
+            aliases=["-o"],
+        ),
     ] = None,
-    json: Annotated[bool, tyro.conf.arg(help="end with one JSON object")] = False,
+    json: options.Json = False,
 ) -> int:
     """Decode a recorded CAN log (candump, BLF, ASC, TRC, …).
 
@@ -35,10 +43,12 @@ def decode(
     log must name.
 
     The arrays of an .npz are time_s (t), temperature_c (t, n), force_n (t, 3, n), status (t, n),
-    wrench (t, 6), centroid_m (t, 3), contact (t, n) and unit (n); nothing in it needs pickle.
-    `contact` is the identity of what touches a unit, the same as long as it stays, and 0 for
-    nothing. Exits 1 if the log
-    holds no cycle of this skin, or is damaged: then all that stands before the damage is decoded.
+    wrench (t, 6), centroid_m (t, 3), contact (t, n) and unit (n); nothing in it needs pickle. The
+    contact of a unit is the identity of what touches it, the same as long as it stays, and 0 for
+    nothing.
+
+    Exits with 1 if the log holds no cycle of this skin, or is damaged: then all that stands before
+    the damage is decoded.
     """
     from bus.assemble import Assembler
     from bus.logs import buses_of, read
@@ -48,6 +58,7 @@ def decode(
 
     if output is not None and output.suffix not in (".csv", ".npz"):
         raise SkinError(f"--output: must end in .csv or .npz; got {output.name!r}")
+    options.check_folder("--output", output)
     loaded = load(topology)
     assembler = Assembler(loaded)
     want = {"temperature", "force", "wrench", "centroid", "contacts"}

@@ -10,6 +10,8 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
+from skin.cli import options
+
 __all__ = ["demo", "errors_against_truth"]
 
 LOADED_N = 0.05
@@ -20,31 +22,35 @@ CENTROID_LOAD_N = 1.0
 
 
 def demo(
-    topology: Annotated[str, tyro.conf.Positional] = "palm",
+    file: Annotated[
+        str, tyro.conf.Positional, tyro.conf.arg(metavar="[FILE]", help=options.FILE_HELP)
+    ] = "palm",
     /,
     *,
-    seconds: Annotated[float, tyro.conf.arg(help="simulated time; a stroke takes 7")] = 7.0,
-    seed: Annotated[int, tyro.conf.arg(help="seed of the simulated noise")] = 0,
-    fast: Annotated[
-        bool, tyro.conf.arg(help="as fast as possible instead of in real time")
-    ] = False,
-    picture: Annotated[Path, tyro.conf.arg(help="where to write the picture")] = Path(
-        "skin-demo.png"
-    ),
-    json: Annotated[bool, tyro.conf.arg(help="end with one JSON object")] = False,
+    seconds: Annotated[
+        float, tyro.conf.arg(metavar="SECONDS", help="simulated time; a stroke takes 7")
+    ] = 7.0,
+    seed: Annotated[int, tyro.conf.arg(metavar="INT", help="seed of the simulated noise")] = 0,
+    fast: Annotated[bool, options.quiet("as fast as possible instead of in real time")] = False,
+    picture: Annotated[
+        Path, tyro.conf.arg(metavar="FILE.png", help="where to write the picture")
+    ] = Path("skin-demo.png"),
+    json: options.Json = False,
 ) -> int:
-    """Simulate the units of a topology under a sphere that presses, slides and lifts; decode the
-    frames live; compare with the truth; draw a picture."""
+    """Simulate a skin, decode its frames live, and show the errors against the truth.
+
+    A sphere presses, slides and lifts all over the units. The picture shows the forces, the wrench
+    and the centre of pressure beside the true ones.
+    """
     import skin
     from skin.contact.records import SlipState
-    from skin.errors import SkinError
     from skin.view.picture import save_run
     from skin.view.terminal import LiveTable
     from topology import load
 
-    if not 0.0 < seconds <= 3600.0:
-        raise SkinError(f"--seconds: must be above 0 and at most 3600; got {seconds:g}")
-    loaded = load(topology)
+    options.check_seconds(seconds, at_most=3600.0)
+    options.check_folder("--picture", picture)
+    loaded = load(file)
     cycles = max(1, round(seconds * loaded.cycle_rate_hz))
     table = LiveTable(loaded)
     log = _Log()

@@ -11,7 +11,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import tyro
+from skin.cli import options
 
 if TYPE_CHECKING:
     from bus.diagnose import Finding
@@ -22,41 +22,30 @@ __all__ = ["doctor"]
 
 
 def doctor(
-    file: Annotated[str, tyro.conf.Positional],
+    file: options.File,
     /,
     *,
-    seconds: Annotated[float, tyro.conf.arg(help="how long to listen")] = 5.0,
-    sync: Annotated[
-        Literal["host", "bus"], tyro.conf.arg(help="who sends SYNC: this host or another node")
-    ] = "host",
-    interface: Annotated[
-        str | None, tyro.conf.arg(help="use this interface for every bus instead of the file's")
-    ] = None,
-    channel: Annotated[
-        str | None,
-        tyro.conf.arg(
-            help="use these channels instead of the file's, one for each bus, as vcan0,vcan1"
-        ),
-    ] = None,
+    seconds: options.Listening = 5.0,
+    sync: options.Sync = "host",
+    interface: options.Interface = None,
+    channel: options.Channel = None,
     log: Annotated[
-        str | None, tyro.conf.arg(metavar="FILE", help="diagnose a recorded log instead")
+        str | None, options.quiet("diagnose a recorded log instead", metavar="LOG")
     ] = None,
-    json: Annotated[bool, tyro.conf.arg(help="end with one JSON object")] = False,
+    json: options.Json = False,
 ) -> int:
     """Listen to the buses of a topology, and compare what is heard with what the file expects.
 
     Each finding comes with its likely cause: missing units, silent branches, swapped buses, wrong
     identifiers, lengths and rates, two units of one address, boards without heartbeats or with one
-    serial number, losses by where they happen, errors of the bus.
-    Exits 0 if all is well, 1 if there are findings.
+    serial number, losses by where they happen, errors of the bus. Exits with 0 if all is well,
+    and with 1 if there are findings.
     """
     from bus.diagnose import diagnose
     from bus.discover import Survey
-    from skin.errors import SkinError
     from topology import load
 
-    if not seconds > 0.0:
-        raise SkinError(f"--seconds: must be above 0; got {seconds:g}")
+    options.check_seconds(seconds)
     loaded = load(file).on(interface=interface, channel=channel)
     survey = Survey(loaded)
     found = list(_of_this_host())

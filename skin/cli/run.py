@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json as json_text
+import sys
 import time
 from dataclasses import asdict
 from typing import Annotated, Any, Literal
@@ -10,46 +11,37 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import tyro
 
+from skin.cli import options
+
 __all__ = ["run"]
 
 
 def run(
-    file: Annotated[str, tyro.conf.Positional],
+    file: options.File,
     /,
     *,
-    seconds: Annotated[
-        float | None, tyro.conf.arg(help="stop after this time; otherwise until Ctrl-C")
-    ] = None,
-    interface: Annotated[
-        str | None, tyro.conf.arg(help="use this interface for every bus instead of the file's")
-    ] = None,
-    channel: Annotated[
-        str | None,
-        tyro.conf.arg(
-            help="use these channels instead of the file's, one for each bus, as vcan0,vcan1"
-        ),
-    ] = None,
-    sync: Annotated[
-        Literal["host", "bus"], tyro.conf.arg(help="who sends SYNC: this host or another node")
-    ] = "host",
+    seconds: options.Until = None,
+    interface: options.Interface = None,
+    channel: options.Channel = None,
+    sync: options.Sync = "host",
     wait: Annotated[
         Literal["event", "drain"],
-        tyro.conf.arg(help="wake for every arrival (least latency) or once a cycle (least work)"),
+        tyro.conf.arg(help="wake for every arrival (least latency), or once a cycle (least work)"),
     ] = "event",
-    json: Annotated[bool, tyro.conf.arg(help="end with one JSON object")] = False,
+    json: options.Json = False,
 ) -> int:
-    """Open the buses of a topology, send SYNC, and show what the skin feels.
+    """Listen to the buses of a topology, send SYNC, and show what the skin feels.
 
-    Exits 1 if no unit ever answered.
+    Exits with 1 if no unit ever answered.
     """
     import skin
-    from skin.errors import SkinError
     from skin.view.terminal import LiveTable
     from topology import load
 
-    if seconds is not None and not seconds > 0.0:
-        raise SkinError(f"--seconds: must be above 0; got {seconds:g}")
+    options.check_seconds(seconds)
     loaded = load(file).on(interface=interface, channel=channel)
+    if why := options.unreachable(file, loaded):
+        print(f"note: nobody can answer: {why}", file=sys.stderr)
     table = LiveTable(loaded)
     tally = _Tally(loaded)
     end = None

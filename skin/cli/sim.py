@@ -10,7 +10,7 @@ from contextlib import ExitStack
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated
 
-import tyro
+from skin.cli import options
 
 if TYPE_CHECKING:
     from bus.faults import FaultScript
@@ -24,57 +24,48 @@ __all__ = ["sim"]
 
 
 def sim(
-    file: Annotated[
-        str | None,
-        tyro.conf.Positional,
-        tyro.conf.arg(metavar="FILE", help="topology file, or the name of a ready-made one"),
-    ] = None,
+    file: options.FileOrNone = None,
     /,
     *,
-    seconds: Annotated[
-        float | None, tyro.conf.arg(help="stop after this time; otherwise until Ctrl-C")
-    ] = None,
+    seconds: options.Until = None,
     seed: Annotated[
-        int | None, tyro.conf.arg(help="seed of the simulated noise; else 0, or the scene's")
-    ] = None,
-    noise: Annotated[bool, tyro.conf.arg(help="leave the noise out, keep the quantisation")] = True,
-    interface: Annotated[
-        str | None, tyro.conf.arg(help="use this interface for every bus instead of the file's")
-    ] = None,
-    channel: Annotated[
-        str | None,
-        tyro.conf.arg(
-            help="use these channels instead of the file's, one for each bus, as vcan0,vcan1"
+        int | None,
+        options.quiet(
+            "seed of the simulated noise; otherwise the scene's, or 0",
+            metavar="INT",
+            constructor=int,
         ),
     ] = None,
+    noise: Annotated[bool, options.quiet("leave the noise out, keep the quantisation")] = True,
+    interface: options.Interface = None,
+    channel: options.Channel = None,
     faults: Annotated[
-        str | None, tyro.conf.arg(metavar="FILE", help="do to the frames what this script says")
+        str | None, options.quiet("do to the frames what this script says", metavar="FILE")
     ] = None,
     scene: Annotated[
-        str | None,
-        tyro.conf.arg(metavar="NAME|FILE", help="play this scene, ready-made or from a file"),
+        str | None, options.quiet("play this scene, ready-made or from a file", metavar="NAME|FILE")
     ] = None,
     truth: Annotated[
-        str | None,
-        tyro.conf.arg(metavar="FILE.npz", help="write down the truth about every cycle"),
+        str | None, options.quiet("write down the truth about every cycle", metavar="FILE.npz")
     ] = None,
     fast: Annotated[
-        bool,
-        tyro.conf.arg(help="make the frames of the scene as fast as possible, on no bus"),
+        bool, options.quiet("make the frames of the scene as fast as possible, on no bus")
     ] = False,
-    json: Annotated[bool, tyro.conf.arg(help="end with one JSON object")] = False,
+    json: options.Json = False,
     schema: Annotated[
-        bool, tyro.conf.arg(help="print the JSON Schema of scene files for your editor")
+        bool, options.quiet("print the JSON Schema of scene files, for your editor")
     ] = False,
 ) -> int:
     """Put simulated units on the buses of a topology; they answer whoever sends SYNC.
 
+    Listen in another process with `skin run FILE` and the same interface and channel. On Linux
+    these can be `--interface socketcan --channel vcan0`, after `ip link add vcan0 type vcan` and
+    then `ip link set vcan0 mtu 72 up`. Where there is no vcan, multicast serves as well:
+    take `--interface udp_multicast --channel 239.74.163.2`, after `pip install 'f3t-skin[udp]'`.
+
     Without a scene a sphere presses, slides and lifts all over the skin. A scene's own faults are
-    done to the frames where `--faults` names no others; where all buses are in-process it plays
-    `--fast`. Listen in another process with `skin run FILE` and the same options. On Linux use
-    `--interface socketcan --channel vcan0` (`ip link add vcan0 type vcan; ip link set vcan0 mtu 72
-    up`); where there is no vcan, `--interface udp_multicast --channel 239.74.163.2`
-    (`pip install 'f3t-skin[udp]'`). Exits 1 if no SYNC ever came.
+    done to the frames where no others are given. A scene plays as with `--fast` where all buses
+    are within the process. Exits with 1 if no SYNC ever came.
     """
     from bus.faults import load_script
     from skin.errors import SkinError
@@ -85,16 +76,14 @@ def sim(
     if schema:
         print(json_text.dumps(json_schema(SceneFile), indent=2))
         return 0
-    if file is None:
-        raise SkinError("skin sim: must have a topology file or the name of one; got none")
-    if seconds is not None and not seconds > 0.0:
-        raise SkinError(f"--seconds: must be above 0; got {seconds:g}")
+    file = options.given(file, "sim")
+    options.check_seconds(seconds)
     if scene is None and (truth is not None or fast):
         raise SkinError(f"{'--truth' if truth else '--fast'}: must be given with --scene; got none")
     loaded = load(file).on(interface=interface, channel=channel)
     fast = fast or (scene is not None and _in_process(loaded))
-    if not fast:
-        _within_reach(file, loaded)
+    if not fast and (why := options.unreachable(file, loaded)):
+        raise SkinError(why)
     script = None if faults is None else load_script(faults, loaded)
     with ExitStack() as opened:
         if scene is None:
@@ -205,19 +194,6 @@ def _serve(
 
 def _in_process(topology: Topology) -> bool:
     return all(bus.interface == "memory" for bus in topology.buses)
-
-
-def _within_reach(file: str, topology: Topology) -> None:
-    """Refuse a bus that no other process could ever listen to."""
-    from skin.errors import SkinError
-
-    for i, bus in enumerate(topology.buses):
-        if bus.interface == "memory":
-            raise SkinError(
-                f"{file}: buses[{i}] {bus.name!r}: interface: must be one that other processes can "
-                "reach; got 'memory' (try --interface socketcan --channel vcan0, or --interface "
-                "udp_multicast --channel 239.74.163.2)"
-            )
 
 
 def _watched() -> bool:

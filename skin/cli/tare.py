@@ -9,7 +9,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import tyro
+from skin.cli import options
 
 if TYPE_CHECKING:
     import numpy as np
@@ -26,59 +26,51 @@ SHOWN = 16
 
 
 def tare(
-    file: Annotated[str, tyro.conf.Positional],
+    file: options.File,
     /,
     *,
-    seconds: Annotated[float, tyro.conf.arg(help="how long to listen")] = 2.0,
+    seconds: options.Listening = 2.0,
     output: Annotated[
         str | None,
-        tyro.conf.arg(
+        options.quiet(
+            "calibration file to write, or a folder of one for each patch; otherwise those that "
+            "the topology names",
+            metavar="FILE|DIR",
             aliases=["-o"],
-            metavar="FILE|FOLDER",
-            help="calibration file to write, or a folder of one for each patch; "
-            "otherwise those that the topology names",
         ),
     ] = None,
     leave_out: Annotated[
-        tuple[str, ...], tyro.conf.arg(metavar="UNIT", help="units that keep the zeros they have")
+        tuple[str, ...], options.quiet("units that keep the zeros they have", metavar="[UNIT …]")
     ] = (),
     crosstalk: Annotated[
         bool,
-        tyro.conf.arg(
-            help="leave the field of resting neighbours out of the offsets, as a decoder wants it "
-            "that takes off cross-talk, and with it that field"
+        options.quiet(
+            "leave the field of resting neighbours in the offsets, for a decoder that does not "
+            "take off cross-talk (sweeps=0)"
         ),
     ] = True,
     simulate: Annotated[
-        bool, tyro.conf.arg(help="tare simulated units, which nothing touches, in this process")
+        bool, options.quiet("tare simulated units, which nothing touches, in this process")
     ] = False,
-    interface: Annotated[
-        str | None, tyro.conf.arg(help="use this interface for every bus instead of the file's")
-    ] = None,
-    channel: Annotated[
-        str | None,
-        tyro.conf.arg(
-            help="use these channels instead of the file's, one for each bus, as vcan0,vcan1"
-        ),
-    ] = None,
-    sync: Annotated[
-        Literal["host", "bus"], tyro.conf.arg(help="who sends SYNC: this host or another node")
-    ] = "host",
-    json: Annotated[bool, tyro.conf.arg(help="end with one JSON object")] = False,
+    interface: options.Interface = None,
+    channel: options.Channel = None,
+    sync: options.Sync = "host",
+    json: options.Json = False,
 ) -> int:
     """Take the frequency and the lateral field of every unit as its zero, and save them.
 
-    Nothing may touch the skin meanwhile. Every other value of the calibration files is kept. Exits
-    1, and writes nothing, if a unit is loaded, moving, noisy or invalid.
+    Nothing may touch the skin meanwhile. Every other value of the calibration files is kept. If a
+    unit is loaded, moving, noisy or invalid, nothing is written and the exit status is 1.
     """
     from skin.calibrate.tare import calibration_files, chosen
     from skin.calibrate.tare import tare as take
-    from skin.errors import ScanError, SkinError
+    from skin.errors import ScanError
     from topology import load
 
-    if not seconds > 0.0:
-        raise SkinError(f"--seconds: must be above 0; got {seconds:g}")
+    options.check_seconds(seconds)
     loaded = load(file).on(interface=interface, channel=channel)
+    for unit in leave_out:
+        loaded.unit_index(unit)
     calibration_files(loaded, chosen(loaded, leave_out), output)  # refused before, not after
     rest_ut = None
     if crosstalk:

@@ -1,0 +1,110 @@
+"""Arguments that several commands share: their help texts and the errors about them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tyro
+
+if TYPE_CHECKING:
+    from topology import Topology
+
+__all__ = [
+    "FILE_HELP",
+    "Channel",
+    "File",
+    "FileOrNone",
+    "Interface",
+    "Json",
+    "Listening",
+    "Sync",
+    "Until",
+    "check_folder",
+    "check_seconds",
+    "given",
+    "quiet",
+    "unreachable",
+]
+
+
+def quiet(help: str, **options: Any) -> Any:
+    """An argument whose default is nothing that its help could tell."""
+    return tyro.conf.arg(help=help, help_behavior_hint="", **options)
+
+
+FILE_HELP = "topology file, or the name of a ready-made one"
+
+File = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="FILE", help=FILE_HELP)]
+
+FileOrNone = Annotated[str | None, tyro.conf.Positional, quiet(FILE_HELP, metavar="[FILE]")]
+"""Of commands that print a schema without any file; see `given`."""
+
+Json = Annotated[bool, quiet("end with one JSON object")]
+
+Listening = Annotated[float, tyro.conf.arg(metavar="SECONDS", help="how long to listen")]
+
+Until = Annotated[
+    float | None,
+    quiet("stop after this time; otherwise at Ctrl-C", metavar="SECONDS", constructor=float),
+]
+
+Interface = Annotated[
+    str | None,
+    quiet("use this interface for every bus instead of the file's", metavar="NAME"),
+]
+
+Channel = Annotated[
+    str | None,
+    quiet(
+        "use these channels instead of the file's, one for each bus: can0,can1",
+        metavar="NAMES",
+    ),
+]
+
+Sync = Annotated[
+    Literal["host", "bus"], tyro.conf.arg(help="who sends SYNC: this host, or another node")
+]
+
+
+def given(file: str | None, command: str) -> str:
+    """The topology of a command that needs one after all."""
+    from skin.errors import SkinError
+    from topology.load import builtin
+
+    if file is None:
+        raise SkinError(
+            f"skin {command}: must have a file or the name of a ready-made topology "
+            f"({', '.join(builtin)}); got none"
+        )
+    return file
+
+
+def check_seconds(seconds: float | None, at_most: float | None = None) -> None:
+    """Refuse a time that never passes, and one beyond `at_most`."""
+    from skin.errors import SkinError
+
+    if seconds is None or (seconds > 0.0 and (at_most is None or seconds <= at_most)):
+        return
+    limit = "" if at_most is None else f" and at most {at_most:g}"
+    raise SkinError(f"--seconds: must be above 0{limit}; got {seconds:g}")
+
+
+def check_folder(option: str, path: Path | None) -> None:
+    """Refuse a file to be written whose folder is not there, before the work and not after."""
+    from skin.errors import SkinError
+
+    if path is not None and not path.absolute().parent.is_dir():
+        raise SkinError(f"{option}: must be in a folder that exists; got '{path}'")
+
+
+def unreachable(file: str, topology: Topology) -> str | None:
+    """What is wrong with the first bus that no other process could ever be on, if there is one."""
+    for i, bus in enumerate(topology.buses):
+        if bus.interface == "memory":
+            return (
+                f"{file}: buses[{i}] {bus.name!r}: interface: must be one that other processes can "
+                "reach; got 'memory' (try --interface socketcan --channel vcan0, or --interface "
+                "udp_multicast --channel 239.74.163.2)"
+            )
+    return None
