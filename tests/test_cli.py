@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import itertools
 import json
+import subprocess
+import sys
 
 import can
 import numpy as np
@@ -219,6 +221,16 @@ def test_an_option_means_the_same_wherever_it_is(option, capsys, monkeypatch):
         assert text.count(f"{option} {SHARED[option]}") == text.count(f"{option} ")
         told += f"{option} " in text
     assert told >= 3
+
+
+def test_who_reads_no_further_breaks_nothing():
+    command = [sys.executable, "-c", "import sys; from skin.cli import main; sys.exit(main())"]
+    with subprocess.Popen(
+        [*command, "check", "--schema"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as process:
+        process.stdout.close()
+        assert process.stderr.read() == b""
+    assert process.returncode == 0
 
 
 @pytest.mark.parametrize("name", sorted(set(COMMANDS) - {"decode"}))

@@ -6,6 +6,7 @@ Exit status: 0 fine, 1 a check failed, 2 wrong use or bad input. Every command t
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable
 from importlib import import_module
@@ -60,7 +61,12 @@ def _guarded(call: Callable[[], int]) -> int:
     from topology.errors import TopologyError
 
     try:
-        return call()
+        status = call()
+        sys.stdout.flush()
+        return status
+    except BrokenPipeError:  # whoever reads has seen enough, as `head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
     except (BusError, SkinError, TopologyError) as error:
         return _refuse(str(error))
     except OSError as error:
@@ -68,9 +74,6 @@ def _guarded(call: Callable[[], int]) -> int:
         return _refuse(f"{where}: {error.strerror or error}")
     except KeyboardInterrupt:
         return 130
-    except BrokenPipeError:
-        sys.stderr.close()
-        return 0
 
 
 def _refuse(message: str) -> int:
