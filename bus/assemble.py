@@ -84,6 +84,7 @@ class Assembler:
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         from bus import kernels
+        from bus.jit import direct
         from bus.table import FrameTable
 
         if stale_cycles < 1:
@@ -91,7 +92,7 @@ class Assembler:
         if deadline_s is not None and not deadline_s > 0:
             raise ValueError(f"deadline_s: must be above 0 s; got {deadline_s}")
         self._kernels = kernels
-        self._feed, self._close = kernels.direct(kernels.feed), kernels.direct(kernels.close_cycle)
+        self._feed, self._close = direct(kernels.feed), direct(kernels.close_cycle)
         self._clock = clock
         self._period_ns = max(1, round(1e9 / topology.cycle_rate_hz))
         self._silence_ns = (stale_cycles + 1) * self._period_ns

@@ -12,7 +12,6 @@ The rules of assembling are told in `bus.assemble`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numba
@@ -156,17 +155,6 @@ class Shown(NamedTuple):
     age: np.ndarray
     sequence: np.ndarray
     fault_code: np.ndarray
-
-
-def direct(kernel: Callable) -> Callable:
-    """A kernel of one signature without its dispatcher, whose caller answers for the types.
-
-    The dispatcher looks at the type of every array in every tuple, at each call, for 3 µs.
-    """
-    if not hasattr(kernel, "overloads"):  # not compiled: NUMBA_DISABLE_JIT
-        return kernel
-    (compiled,) = kernel.overloads.values()
-    return compiled.entry_point
 
 
 def _crc_tables() -> np.ndarray:

@@ -86,6 +86,8 @@ class Ambient:
 
     Attributes
     ----------
+    taken : ndarray, shape (5, n)
+        The next two, one below the other, as a decoder takes its background.
     background : ndarray, shape (4, n)
         To be taken off the counts of the next cycle: Hz by which the frequency has fallen without
         a press, then µT in the axes of the chips. One array, written by `update`.
@@ -131,7 +133,8 @@ class Ambient:
         self._zero = np.empty((3, n))
         self._marks = np.empty(n, np.uint8)
         self._common = np.empty((len(self.bodies), k.COMMON_ENTRIES))
-        self.background, self.residue_ut2 = np.empty((4, n), dtype), np.empty(n, dtype)
+        self.taken = np.empty((5, n), dtype)
+        self.background, self.residue_ut2 = self.taken[:4], self.taken[4]
         self._state = self._memory, self._zero, self._marks, self._common
         self._written = self.background, self.residue_ut2
         self._seen: tuple[np.ndarray | None, ...] = (None,) * 4
@@ -258,11 +261,13 @@ class Ambient:
     def _accept(self, reading: Reading) -> None:
         """Keep the arrays of a reading, which a decoder writes again and again, and the kernel's
         code for their types: to look at the types takes as long as the kernel."""
+        from bus.jit import direct
+
         self._seen = (
             reading.field_ut, reading.displacement_mm, reading.temperature, reading.status
         )  # fmt: skip
-        self._update = self._kernel.compiled(
-            *self._seen, REFUSED, self._crosstalk, (0.0, 0.0, 0.0),
+        self._update = direct(
+            self._kernel.update, *self._seen, REFUSED, self._crosstalk, (0.0, 0.0, 0.0),
             *self._constants, *self._state, *self._written,
         )  # fmt: skip
 

@@ -8,13 +8,11 @@ its own file and would not see a change in another one.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
-from numba import njit, typeof
+from numba import njit
 from numba.extending import register_jitable
 
-__all__ = ["compiled", "compose", "update", "update_python"]
+__all__ = ["compose", "update", "update_python"]
 
 # -- about: rows of (rows, n), what a unit is ------------------------------------------------------
 SKIN_CHIP = 0
@@ -377,12 +375,3 @@ def update_python(
 
 update = njit(update_python, nogil=True, cache=True, **_OPTIONS)
 compose = njit(_compose, nogil=True, cache=True, **_OPTIONS)
-
-
-def compiled(*arguments: object) -> Callable:
-    """`update` for arguments of these types, whose caller answers for them from then on."""
-    if not hasattr(update, "overloads"):  # not compiled: NUMBA_DISABLE_JIT
-        return update
-    types = tuple(typeof(argument) for argument in arguments)
-    update.compile(types)
-    return update.overloads[types].entry_point

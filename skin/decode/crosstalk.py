@@ -176,6 +176,10 @@ class CrossTalk:
         self._tile = np.zeros(5 * kernels.BLOCK, real)
         self._sources = np.zeros((5, n), real)
         self._sources[kernels.KNOWN] = 1.0
+        self._stale, self._todo = np.zeros((2, n), np.uint8)
+        order = np.argsort(stencil.neighbour, kind="stable")
+        counts = np.bincount(stencil.neighbour, minlength=n)
+        self._felt = np.append(0, np.cumsum(counts)).astype(np.int32), unit[order].astype(np.int32)
         self._errors(unit, real)
         self.idle_ut = self._idle_bound(unit, idle_mm)
 
@@ -195,24 +199,26 @@ class CrossTalk:
             looked at since at rest; NaN in H: not known.
         usable : ndarray, shape (n,), bool
             Units whose displacement may be believed.
-        out : ndarray, shape (3, n)
-            Written: microtesla, axes of the chips.
-        base : ndarray, shape (3, n), optional
+        out : ndarray, shape (3, n) or (5, n)
+            Written: microtesla, axes of the chips. Of five rows, as of a decoder's background,
+            these are rows 1 to 3; row 0 is that of `base`, and `residue_ut2` is added to row 4.
+        base : ndarray, shape (3, n) or (5, n) as `out`, optional
             Added: the rest of the background.
 
         Returns
         -------
-        ndarray, shape (3, n)
+        ndarray, shape (3, n) or (5, n)
             `out`. All arrays have the type of this object and are contiguous.
         """
         moved, changed = kernels.films(
             displacement_mm, usable, self.strength, self._idle, self._most, base,
-            self._tile, self._sources, out,
+            self.residue_ut2, self._tile, self._sources, self._stale, out,
         )  # fmt: skip
         if changed:
             kernels.unknown(
-                self.stencil.start, self.stencil.neighbour, self._prior,
-                self._sources[kernels.KNOWN], self._always, self.residue_ut2,
+                self.stencil.start, self.stencil.neighbour, self._prior, *self._felt,
+                self._sources[kernels.KNOWN], self._stale, self._todo, self._always,
+                self.residue_ut2, base, out,
             )  # fmt: skip
         if moved:
             for lattice in self._lattices:
@@ -225,9 +231,10 @@ class CrossTalk:
         """Compile what this skin needs, or load it."""
         n = self._sources.shape[1]
         pressed = np.ones((3, n), self._sources.dtype)
-        for base in (None, np.zeros_like(pressed)):
-            self.predict(pressed, np.zeros(n, bool), np.empty_like(pressed), base)
-            self.predict(pressed, np.ones(n, bool), np.empty_like(pressed), base)
+        taken = np.zeros((kernels.ROWS, n), pressed.dtype)
+        for usable in (np.zeros(n, bool), np.ones(n, bool)):
+            self.predict(pressed, usable, taken, taken)
+            self.predict(pressed, usable, np.empty_like(pressed))
 
     def _errors(self, unit: np.ndarray, real: np.dtype) -> None:
         """Set what is not known of a prediction, in any case and of units that are not known."""

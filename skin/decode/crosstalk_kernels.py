@@ -19,6 +19,8 @@ from __future__ import annotations
 
 from numba import njit
 
+from bus.jit import apart
+
 __all__ = ["films", "films_python", "lattice", "lattice_python", "scattered", "scattered_python",
            "unknown", "unknown_python"]  # fmt: skip
 
@@ -34,6 +36,8 @@ QUAD = 4
 X, Y, H, WEIGHT, KNOWN = range(5)
 """Rows of `sources`, and X, Y, H of every tile of terms: the factors; then come the terms."""
 FACTORS = 3
+ROWS = 5
+"""Of a whole background: Hz, the field's three axes, and a variance."""
 
 NOT_NEGATIVE = 2**62 - 1
 """Mask that changes nothing, but shows the compiler that an index does not count from the end."""
@@ -41,7 +45,9 @@ NOT_NEGATIVE = 2**62 - 1
 _OPTIONS = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True, "cache": True}
 
 
-def films_python(displacement, usable, strength, idle, most, base, tile, sources, out):
+def films_python(
+    displacement, usable, strength, idle, most, base, residue, tile, sources, stale, out
+):
     """Take over the displacements of the films that count, and begin the result.
 
     Parameters
@@ -56,20 +62,27 @@ def films_python(displacement, usable, strength, idle, most, base, tile, sources
         rest.
     most : ndarray, shape (3,)
         Tangential displacement, least and largest depth: beyond them films stand still.
-    base : ndarray, shape (3, n), or None
+    base : ndarray, shape (3, n) or (5, n), or None
         What the result begins with; None: zero.
+    residue : ndarray, shape (n,)
+        Variance that is added to row 4.
     tile : ndarray, shape (5 * BLOCK,)
     sources : ndarray, shape (5, n)
         Written: dx, dy, H and weight, all of them zero for films that do not count; and 1 for
         films that are usable and within the range, else 0.
-    out : ndarray, shape (3, n)
+    stale : ndarray, shape (n,), uint8
+        Written: 1 where the last row of `sources` is another.
+    out : ndarray, shape (3, n) or (5, n)
+        Of five rows, as of a whole background, the fields are rows 1 to 3.
 
     Returns
     -------
     moved, changed : bool
         Whether any film counts; whether the last row of `sources` is another.
     """
+    apart()
     nothing, one = out.dtype.type(0.0), out.dtype.type(1.0)
+    at = 1 if out.shape[0] == ROWS else 0
     reach, highest, deepest = most[0], most[1], most[2]
     idle_depth, idle_height, idle_square = idle[0], idle[1], idle[2]
     n = usable.size
@@ -107,38 +120,64 @@ def films_python(displacement, usable, strength, idle, most, base, tile, sources
         for i in range(count):
             moved |= tile[WEIGHT * BLOCK + i] != nothing
         for i in range(count):
-            changed |= sources[KNOWN, first + i] != tile[KNOWN * BLOCK + i]
+            other = sources[KNOWN, first + i] != tile[KNOWN * BLOCK + i]
+            stale[first + i] = other
+            changed |= other
         for row in range(5):
             for i in range(count):
                 sources[row, first + i] = tile[row * BLOCK + i]
-        for axis in range(3):
+        for axis in range(at, at + 3):
             for i in range(count):
                 out[axis, first + i] = nothing if base is None else base[axis, first + i]
+        if at:
+            for i in range(count):
+                out[0, first + i] = nothing if base is None else base[0, first + i]
+            for i in range(count):
+                more = nothing if base is None else base[ROWS - 1, first + i]
+                out[ROWS - 1, first + i] = more + residue[first + i]
     return moved != 0, changed != 0
 
 
-def unknown_python(start, neighbour, prior, known, always, residue):
-    """Add up the variances of what is not known.
+def unknown_python(
+    start, neighbour, prior, felt_start, felt, known, stale, todo, always, residue, base, out
+):
+    """Add up the variances of what is not known, of the units that feel a film that is stale.
 
     Parameters
     ----------
     start, neighbour : ndarray
-        Compressed rows of m pairs.
+        Compressed rows of m pairs: the films that a unit feels.
     prior : ndarray, shape (m,)
         Mean square of what the neighbour of each pair may add to one axis.
+    felt_start, felt : ndarray
+        Compressed rows the other way round: the units that feel a film.
     known : ndarray, shape (n,)
         1 or 0.
+    stale : ndarray, shape (n,), uint8
+    todo : ndarray, shape (n,), uint8
+        Scratch, zero before and after.
     always : ndarray, shape (n,)
         What is there in any case.
     residue : ndarray, shape (n,)
         Written.
+    base, out : ndarray
+        As of `films_python`.
     """
-    one = residue.dtype.type(1.0)
+    nothing, one = residue.dtype.type(0.0), residue.dtype.type(1.0)
+    for film in range(stale.size):
+        if stale[film]:
+            for p in range(felt_start[film], felt_start[film + 1]):
+                todo[felt[p]] = 1
     for i in range(always.size):
-        total = always[i]
-        for p in range(start[i], start[i + 1]):
-            total += prior[p] * (one - known[neighbour[p]])
-        residue[i] = total
+        if todo[i]:
+            todo[i] = 0
+            total = always[i]
+            for p in range(start[i], start[i + 1]):
+                total += prior[p] * (one - known[neighbour[p]])
+            residue[i] = total
+            if out.shape[0] == ROWS:
+                more = nothing if base is None else base[ROWS - 1, i]
+                out[ROWS - 1, i] = more + total
 
 
 def lattice_python(
@@ -171,10 +210,11 @@ def lattice_python(
     tile : ndarray, shape (3 * BLOCK,)
     active : ndarray, shape (2, blocks), bool
         Which blocks of cells have a film that has moved: now, and in the last cycle.
-    out : ndarray, shape (3, n)
-        Added to.
+    out : ndarray, shape (3, n) or (5, n)
+        Added to; see `films_python`.
     """
     nothing = out.dtype.type(0.0)
+    axes = 1 if out.shape[0] == ROWS else 0
     blocks = active.shape[1]
     for b in range(blocks):
         start = halo + b * BLOCK
@@ -246,7 +286,7 @@ def lattice_python(
             for axis in range(3):
                 of = (axis * BLOCK + runs[r, 1] - start) & NOT_NEGATIVE
                 for i in range(runs[r, 2]):
-                    out[axis, unit + i] += tile[of + i]
+                    out[axes + axis, unit + i] += tile[of + i]
 
 
 def scattered_python(
@@ -274,10 +314,11 @@ def scattered_python(
     terms : ndarray, shape (k * LANES,)
     tile : ndarray
         As many lanes as the film that is felt by most has units times axes.
-    out : ndarray, shape (3, n)
-        Added to.
+    out : ndarray, shape (3, n) or (5, n)
+        Added to; see `films_python`.
     """
     nothing = out.dtype.type(0.0)
+    axes = 1 if out.shape[0] == ROWS else 0
     n = out.shape[1]
     degrees = reached.shape[1]
     for block in range((n + LANES - 1) // LANES):
@@ -322,9 +363,8 @@ def scattered_python(
                     at += QUAD * lanes
             for p in range(pairs):
                 unit = receiver[start[film] + p]
-                out[0, unit] += tile[3 * p]
-                out[1, unit] += tile[3 * p + 1]
-                out[2, unit] += tile[3 * p + 2]
+                for axis in range(3):
+                    out[axes + axis, unit] += tile[3 * p + axis]
 
 
 films = njit(**_OPTIONS)(films_python)

@@ -116,6 +116,7 @@ class Decoder:
         )  # fmt: skip
         self.dtype = np.dtype(plan.dtype)
 
+        from bus.jit import direct
         from skin.decode import kernels as k
         from skin.decode.coefficients import Coefficients
 
@@ -142,7 +143,8 @@ class Decoder:
         warm = bool((topology.wired[CHANNELS.index("gel")] | silent).all())
         self._names = _names(plan, warm)
         n, blocks = topology.n, -(-topology.n // k.LANES)
-        self._kernels = k
+        self._kernels, self._direct = k, direct
+        self._looped = self.crosstalk is not None or self.ambient is not None
         self._state = np.zeros((blocks, k.STATE_ROWS, k.LANES), self.dtype)
         self._calibration = (
             found.values,
@@ -161,6 +163,9 @@ class Decoder:
         self._none_known = np.zeros(n, np.uint16)
         self._raw = self._status = self._given = _NONE_YET
         self._background = np.zeros((1, 5, n), self.dtype)
+        self._taken = self._background[0]
+        self._base = np.zeros((5, n), self.dtype)
+        self._known = np.zeros((5, n), self.dtype) if self.ambient is None else self.ambient.taken
         self._out = self._outputs(1)
         self._whole = self._view(*self._out, 0, self._names)
         self._reading = self._view(*self._out, 0, self._wanted())
@@ -186,7 +191,7 @@ class Decoder:
         self._state[:] = np.nan
         self._state[:, 1:3] = 0.0
         self._cycle = 0
-        self._reuse = False
+        self._kept: bool | None = None
         self._background[:] = 0.0
         for array in self._out:
             array[:] = 0
@@ -201,11 +206,11 @@ class Decoder:
         background : bool
             Whether for calls with a background of the caller's.
         """
-        looped = self.crosstalk is not None or self.ambient is not None
-        none = np.zeros((0, 5, self.topology.n), self.dtype) if background or looped else None
+        taken = background or self._looped
+        none = np.zeros((0, 5, self.topology.n), self.dtype) if taken else None
         counts = np.zeros((0, *self._shape), np.int16)
         known = np.zeros((0, self.topology.n), np.uint16)
-        self._run(counts, known, none, False, True, *self._outputs(0))
+        self._run(counts, known, none, True, *self._outputs(0))
         if self.crosstalk is not None:
             self.crosstalk.warmup()
         if self.ambient is not None:
@@ -252,53 +257,46 @@ class Decoder:
             if not isinstance(raw, np.ndarray) or raw.ndim != 2:
                 return self._batch(raw, status, background, advance)
             self._accept(raw, status, background)
-        if self.crosstalk is not None or self.ambient is not None:
+        if self._looped:
             self._loop(advance)
-            return self._reading
-        if background is not None:
-            self._background[0, : len(background)] = background
-        self._run(
-            *self._inputs, None if background is None else self._background, self._reuse, advance,
-            *self._out,
-        )  # fmt: skip
-        self._reuse = True
+        elif background is None:
+            self._run(*self._inputs, None, advance, *self._out)
+        else:
+            self._taken[: len(background)] = background
+            self._run(*self._inputs, self._background, advance, *self._out)
         return self._reading
 
     def _loop(self, advance: bool) -> None:
         """Decode a cycle, taking off what the cycles before tell of neighbours and drifts."""
-        taken = self._background[0]
-        taken[:] = 0.0
+        base, taken = self._known, self._taken
         if self._given is not None:
-            taken[: len(self._given)] = self._given
-        if self.ambient is not None:
-            taken[:4] += self.ambient.background
-            taken[4] += self.ambient.residue_ut2
+            base = self._base
+            base[:] = self._known
+            base[: len(self._given)] += self._given
         if self.crosstalk is None:
-            self._run(*self._inputs, self._background, False, advance, *self._out)
-        else:
-            base, residue = taken[1:4].copy(), taken[4].copy()
-            for sweep in range(self.plan.sweeps):
-                self.crosstalk.predict(
-                    self._whole.displacement_mm, self._whole.valid, taken[1:4], base
-                )
-                taken[4] = residue + self.crosstalk.residue_ut2
-                self._run(
-                    *self._inputs, self._background, False, advance and sweep == 0, *self._out
-                )
+            taken[:] = base
+            self._run(*self._inputs, self._background, advance, *self._out)
+        for sweep in range(self.plan.sweeps):
+            self.crosstalk.predict(self._whole.displacement_mm, self._whole.valid, taken, base)
+            again = advance and sweep == 0
+            self._run(*self._inputs, self._background, again, *self._out)
         if self.ambient is not None and advance:
             self.ambient.update(self._whole)
 
-    def _run(self, counts, known, background, reuse, advance, out, status, valid) -> None:
+    def _run(self, counts, known, background, advance, out, status, valid) -> None:
         """Call the kernel and count its cycles."""
-        cycle = self._cycle if advance else self._cycle - 1
+        bare = background is None
+        kept = out is self._out[0]
         arguments = (
-            counts, known, background, *self._calibration, cycle, advance, reuse,
+            counts, known, background, *self._calibration,
+            self._cycle if advance else self._cycle - 1, advance, kept and self._kept is bare,
             out, status, valid,
         )  # fmt: skip
-        kernel = self._kernel.get(background is None)
+        kernel = self._kernel.get(bare)
         if kernel is None:
-            kernel = self._kernel[background is None] = self._kernels.compiled(*arguments)
+            kernel = self._kernel[bare] = self._direct(self._kernels.decode, *arguments)
         kernel(*arguments)
+        self._kept = bare if kept else None
         if advance:
             self._cycle += counts.shape[0]
 
@@ -331,7 +329,7 @@ class Decoder:
             rows = background.shape[1] if np.ndim(background) == 3 else 4
             self._check("background", background, self.dtype, (*cycles, max(rows, 4), known[-1]))
         out = self._outputs(raw.shape[0])
-        if self.crosstalk is not None or self.ambient is not None:
+        if self._looped:
             for t in range(raw.shape[0]):
                 self(raw[t], status[t], None if background is None else background[t],
                      advance=advance)  # fmt: skip
@@ -342,8 +340,7 @@ class Decoder:
                 taken = np.zeros((*cycles, 5, known[-1]), self.dtype)
                 taken[:, : background.shape[1]] = background
                 background = taken
-            self._run(_plain(raw), _plain(status), background, False, advance, *out)
-        self._reuse = False
+            self._run(_plain(raw), _plain(status), background, advance, *out)
         return self._view(*out, slice(None), self._wanted())
 
     def _outputs(self, cycles: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

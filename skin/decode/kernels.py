@@ -21,10 +21,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, typeof, types
-from numba.extending import lower_builtin, overload, register_jitable, type_callable
+from numba import njit, types
+from numba.extending import overload, register_jitable
 
-__all__ = ["LANES", "Parts", "compiled", "decode", "decode_python"]
+from bus.jit import apart
+
+__all__ = ["LANES", "Parts", "decode", "decode_python"]
 
 LANES = 128
 """Units in a block: enough that what is done once for a block is cheap, few enough that it stays in
@@ -101,13 +103,17 @@ ROWS = TURN + KNOTS + 1
 
 # -- state: rows ----------------------------------------------------------------------------------
 LAST_TEMPERATURE, FILM_LAG, CHIP_LAG, HELD = range(4)
-STATE_ROWS = HELD + 3
+STATE_ROWS = HELD + 4
 """Kept as lag behind the gel, not as a temperature: a float32 lag goes on shrinking where a
 float32 temperature would stop as soon as its step is below half a unit in the last place. From
-`HELD` on, rows `TEMPERATURE` to `CHIP_ABOVE` of the tile, where these are not of each cycle."""
+`HELD` on, rows `TEMPERATURE` to `CHIP_ABOVE` and `TEMPERATURE_SIGMA` of the tile, where these are
+not of each cycle."""
 
 # -- tiles: one block on its way through -----------------------------------------------------------
-SEEN_ROWS = CHANNELS + 1
+SEEN_FLAGS, RESTED = CHANNELS, CHANNELS + 1
+"""Of `seen`, beside the counts: the flags; one lane that says whether the block showed nothing
+tangential."""
+SEEN_ROWS = CHANNELS + 2
 (
     TEMPERATURE, FILM_ABOVE, CHIP_ABOVE,
     FX, FY, FZ, FT, THETA, DX, DY, H,
@@ -119,6 +125,7 @@ TILE_ROWS = 23
 TANGENTIAL = (FX, FY, FT, THETA, DX, DY, FX_SIGMA, FY_SIGMA, FT_SIGMA, THETA_SIGMA, DX_SIGMA,
               DY_SIGMA, FIELD_X, FIELD_Y, FIELD_Z)  # fmt: skip
 """What a block without load does not show."""
+TANGENTIAL_BITS = sum(1 << row for row in TANGENTIAL)
 
 CURRENT_MIN = 1e-6
 """Bound of the gel current over its value at 20 °C."""
@@ -187,29 +194,6 @@ class Parts(NamedTuple):
     held: bool | None = None
     skipping: bool | None = None
     looking: bool | None = None
-
-
-# -- compiler --------------------------------------------------------------------------------------
-
-
-def _apart():
-    """Tell the compiler that no two arrays of the calling kernel overlap; in Python, nothing.
-
-    It would ask at run time, for every pair of them, and beyond a few pairs give up vectors.
-    """
-
-
-@type_callable(_apart)
-def _apart_type(context):
-    return lambda: types.none
-
-
-@lower_builtin(_apart)
-def _apart_code(context, builder, signature, arguments):
-    for argument in builder.function.args:
-        if argument.type.is_pointer:
-            argument.add_attribute("noalias")
-    return context.get_dummy_value()
 
 
 # -- elementary functions --------------------------------------------------------------------------
@@ -772,7 +756,7 @@ def decode_python(
     state : ndarray, shape (b * STATE_ROWS * LANES,)
         What one cycle leaves to the next, always a block for every `LANES` units.
     seen : ndarray, shape (b * SEEN_ROWS * LANES,), int16
-        Counts and flags of the cycle before, for `skipping`.
+        Counts (where there is no background) and flags of the cycle before, for `skipping`.
     flag, loaded : ndarray, shape (LANES,), int16
     tile : ndarray, shape (TILE_ROWS * LANES,)
         Room to work in.
@@ -782,12 +766,13 @@ def decode_python(
     advance : bool
         False where the same cycle is decoded again: its temperatures stay as they are.
     reuse : bool
-        Whether `out`, `status` and `valid` hold the cycle before. Only with `skipping`.
+        Whether `out`, `status` and `valid` hold the cycle before, decoded by this kernel. Only with
+        `skipping`.
     out : ndarray, shape (t, r, n)
     status : ndarray, shape (t, n), uint16
     valid : ndarray, shape (t, n), bool
     """
-    _apart()
+    apart()
     real = coefficients.dtype.type
     zero = real(0.0)
     one = real(1.0)
@@ -814,22 +799,24 @@ def decode_python(
             k_limits = (block * limit_step) & NOT_NEGATIVE
             k_state = (block * STATE_ROWS * LANES) & NOT_NEGATIVE
 
+            heard = np.int16(0)  # whether the flags of the bus are others
             if parts.skipping is not None:
                 k_seen = (block * SEEN_ROWS * LANES) & NOT_NEGATIVE
-                changed = np.int16(0)
-                for channel in range(CHANNELS):
-                    for j in range(count):
-                        at = k_seen + channel * LANES + j
-                        now = counts[cycle, channel, first + j]
-                        changed = np.int16(changed | (now ^ seen[at]))
-                        seen[at] = now
                 for j in range(count):
-                    at = k_seen + CHANNELS * LANES + j
+                    at = k_seen + SEEN_FLAGS * LANES + j
                     now = np.int16(incoming[cycle, first + j])
-                    changed = np.int16(changed | (now ^ seen[at]))
+                    heard = np.int16(heard | (now ^ seen[at]))
                     seen[at] = now
-                if background is None and reuse and not due and changed == 0:
-                    continue
+                if background is None:
+                    changed = heard
+                    for channel in range(CHANNELS):
+                        for j in range(count):
+                            at = k_seen + channel * LANES + j
+                            now = counts[cycle, channel, first + j]
+                            changed = np.int16(changed | (now ^ seen[at]))
+                            seen[at] = now
+                    if reuse and not due and changed == 0:
+                        continue
 
             # -- flags of the counts
             for j in range(count):
@@ -846,8 +833,19 @@ def decode_python(
                 if parts.skipping is not None:
                     pressed = _outside(frequency, limits, k_limits + j, LIMIT_IDLE)
                     loaded[j] = np.int16(1 if pressed & (flags & SILENT == 0) else 0)
+            look = resting = rested = False  # block without load; shown as that already
+            if parts.skipping is not None:
+                touched = np.int16(0)
+                for j in range(count):
+                    touched = np.int16(touched | loaded[j])
+                if parts.looking is not None:
+                    look = (phase + cycle + block) % max(every, LOOK_CYCLES) == 0
+                resting = (lateral or parts.field is not None) and touched == 0 and not look
+                rested = resting and reuse and seen[k_seen + RESTED * LANES] != 0
+                seen[k_seen + RESTED * LANES] = resting
 
             # -- temperature
+            steady = False  # what is shown of temperatures stays as it is
             if warm:
                 fresh = True
                 if parts.held is not None:
@@ -855,13 +853,24 @@ def decode_python(
                     unheard = np.int16(0)
                     for j in range(count):
                         t = state[k_state + HELD * LANES + j]
-                        tile[TEMPERATURE * LANES + j] = t
-                        tile[FILM_ABOVE * LANES + j] = state[k_state + (HELD + 1) * LANES + j]
-                        tile[CHIP_ABOVE * LANES + j] = state[k_state + (HELD + 2) * LANES + j]
                         known = flag[j] & UNKNOWN == 0
                         lost = (t != t) & known  # noqa: PLR0124
                         unheard = np.int16(unheard | (1 if lost else 0))
                     fresh = due or unheard != 0
+                    if parts.skipping is not None:
+                        steady = reuse and not fresh and heard == 0
+                    if not steady:
+                        for j in range(count):
+                            tile[TEMPERATURE * LANES + j] = state[k_state + HELD * LANES + j]
+                        if parts.sigma is not None:
+                            for j in range(count):
+                                sigma = state[k_state + (HELD + 3) * LANES + j]
+                                tile[TEMPERATURE_SIGMA * LANES + j] = sigma
+                    if fresh or not resting:
+                        for j in range(count):
+                            tile[FILM_ABOVE * LANES + j] = state[k_state + (HELD + 1) * LANES + j]
+                        for j in range(count):
+                            tile[CHIP_ABOVE * LANES + j] = state[k_state + (HELD + 2) * LANES + j]
                 if fresh:
                     for j in range(count):
                         flags = flag[j]
@@ -889,14 +898,21 @@ def decode_python(
                         tile[TEMPERATURE * LANES + j] = t
                         tile[FILM_ABOVE * LANES + j] = film_above
                         tile[CHIP_ABOVE * LANES + j] = chip_above
-                if parts.sigma is not None and parts.temperature is not None:
+                if fresh and parts.sigma is not None and parts.temperature is not None:
                     for j in range(count):
                         t, current = _temperature(
                             real(counts[cycle, GEL, first + j]), coefficients, k + j, single
                         )
-                        tile[TEMPERATURE_SIGMA * LANES + j] = _temperature_sigma(
+                        sigma = _temperature_sigma(
                             tile[TEMPERATURE * LANES + j], current, coefficients, k + j
                         )
+                        if parts.held is not None:
+                            old = tile[TEMPERATURE_SIGMA * LANES + j]
+                            held = (not due) & (old == old)  # noqa: PLR0124
+                            sigma = old if held else sigma
+                            known = flag[j] & UNKNOWN == 0
+                            state[k_state + (HELD + 3) * LANES + j] = sigma if known else nothing
+                        tile[TEMPERATURE_SIGMA * LANES + j] = sigma
 
             # -- normal force
             if lateral:
@@ -921,24 +937,26 @@ def decode_python(
                         )
 
             # -- field, tangential displacement and force, some lanes at a time
-            if lateral or parts.field is not None:
+            if resting:
+                if not rested:
+                    for row in TANGENTIAL:
+                        for j in range(count):
+                            tile[row * LANES + j] = nothing
+                for j in range(count):
+                    flags = flag[j]
+                    flag[j] = flags if flags & SILENT else flags | IDLE
+            elif lateral or parts.field is not None:
                 together = LANES
-                if parts.skipping is not None:
-                    touched = np.int16(0)
-                    for j in range(count):
-                        touched = np.int16(touched | loaded[j])
-                    together = SKIP if touched != 0 else LANES
+                if parts.skipping is not None and touched != 0:
+                    together = SKIP
                 for part in range((count + together - 1) // together):
                     start = (part * together) & NOT_NEGATIVE
                     size = min(together, count - start) & (2 * LANES - 1)
                     if parts.skipping is not None:
-                        busy = 0
+                        busy = np.int16(look)
                         for lane in range(size):
-                            busy |= loaded[start + lane]
-                        look = False
-                        if parts.looking is not None:
-                            look = (phase + cycle + block) % max(every, LOOK_CYCLES) == 0
-                        if busy == 0 and not look:
+                            busy = np.int16(busy | loaded[start + lane])
+                        if busy == 0:
                             for row in TANGENTIAL:
                                 for lane in range(size):
                                     tile[row * LANES + start + lane] = nothing
@@ -1073,6 +1091,10 @@ def decode_python(
 
             # -- out
             for r in range(rows.size):
+                if steady and (rows[r] == TEMPERATURE or rows[r] == TEMPERATURE_SIGMA):
+                    continue
+                if rested and (TANGENTIAL_BITS >> rows[r]) & 1:
+                    continue
                 at = (rows[r] * LANES) & NOT_NEGATIVE
                 for j in range(count):
                     unknown = flag[j] & UNKNOWN != 0
@@ -1083,15 +1105,3 @@ def decode_python(
 
 
 decode = njit(decode_python, nogil=True, cache=True, **_OPTIONS)
-
-
-def compiled(*arguments):
-    """The kernel for arguments of these types, without the dispatcher that looks at them each time.
-
-    The caller answers for the types from now on.
-    """
-    if not hasattr(decode, "overloads"):  # plain Python
-        return decode
-    kinds = tuple(typeof(argument) for argument in arguments)
-    decode.compile(kinds)
-    return decode.overloads[kinds].entry_point

@@ -1,0 +1,59 @@
+"""What stands on the insides of numba: calls without its dispatcher, and hints for its compiler.
+
+A kernel that takes a hint is cached by the content of its own file: it does not see this one
+change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from numba import typeof, types
+from numba.extending import lower_builtin, type_callable
+
+__all__ = ["apart", "direct"]
+
+
+def direct(kernel: Callable, *arguments: object) -> Callable:
+    """A kernel without its dispatcher, which looks at the type of every array at each call.
+
+    Parameters
+    ----------
+    kernel : callable
+        Made by `numba.njit`; anything else is handed back as it is (NUMBA_DISABLE_JIT).
+    *arguments
+        Of the types that it will be called with, for which the caller answers from now on. None
+        are needed by a kernel that has one signature.
+    """
+    if not hasattr(kernel, "overloads"):
+        return kernel
+    if not arguments:
+        (compiled,) = kernel.overloads.values()
+        return compiled.entry_point
+    kinds = tuple(typeof(argument) for argument in arguments)
+    kernel.compile(kinds)
+    return kernel.overloads[kinds].entry_point
+
+
+def apart() -> None:
+    """Tell the compiler that no two arrays of the calling kernel overlap; in Python, nothing.
+
+    It would ask at run time, for every pair of them, and beyond a few pairs give up vectors. A
+    kernel with so many arrays is also better off with the widest vectors that there are, which the
+    compiler avoids on most processors for the sake of code that needs them now and then.
+    """
+
+
+@type_callable(apart)
+def _apart_type(context):
+    return lambda: types.none
+
+
+@lower_builtin(apart)
+def _apart_code(context, builder, signature, arguments):
+    for argument in builder.function.args:
+        if argument.type.is_pointer:
+            argument.add_attribute("noalias")
+    # llvmlite's own `add` knows but the attributes that have no value.
+    set.add(builder.function.attributes, '"prefer-vector-width"="512"')
+    return context.get_dummy_value()
