@@ -75,7 +75,8 @@ def draw(
               ylabel="error without noise, rms / µm",
               title="random neighbours pressed, R to 2.5 mm")  # fmt: skip
     for axis in figure.axes:
-        axis.legend(frameon=False, fontsize=6, ncols=3 if axis is pitch else 1)
+        above = {"loc": "upper right", "ncols": 3} if axis is pitch else {}  # all lines are below
+        axis.legend(frameon=False, fontsize=6, **above)
         axis.spines[["top", "right"]].set_visible(False)
     path.parent.mkdir(exist_ok=True)
     figure.savefig(path, dpi=110)
