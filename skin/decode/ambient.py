@@ -135,7 +135,8 @@ class Ambient:
         self._common = np.empty((len(self.bodies), k.COMMON_ENTRIES))
         self.taken = np.empty((5, n), dtype)
         self.background, self.residue_ut2 = self.taken[:4], self.taken[4]
-        self._state = self._memory, self._zero, self._marks, self._common
+        tile = np.empty(k.TILE_ROWS * k.BLOCK)
+        self._state = self._memory, self._zero, self._marks, self._common, tile
         self._written = self.background, self.residue_ut2
         self._seen: tuple[np.ndarray | None, ...] = (None,) * 4
         self._period_s = 1.0 / topology.cycle_rate_hz

@@ -12,6 +12,8 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
+from bus.jit import apart
+
 __all__ = ["compose", "update", "update_python"]
 
 # -- about: rows of (rows, n), what a unit is ------------------------------------------------------
@@ -41,6 +43,19 @@ ABOUT_ROWS = 31
     REST_S,  # how long it was averaged
 ) = range(13)  # fmt: skip
 MEMORY_ROWS = 13
+
+# -- tile: rows of a block of units on their way into the averages ---------------------------------
+BLOCK = 128
+(
+    DROP, TOLD_X, TOLD_Y, TOLD_Z, GEL,  # values; 0 where they are not known
+    USABLE, QUICK, SHORT, LONG, WIDE,  # shares that they enter with; 0 likewise
+) = range(10)  # fmt: skip
+TILE_ROWS = 10
+AVERAGED = (
+    (FAST_HZ, DROP, QUICK), (SLOW_HZ, DROP, SHORT), (LONG_X, TOLD_X, WIDE), (LONG_Y, TOLD_Y, WIDE),
+    (LONG_Z, TOLD_Z, WIDE), (WARM, GEL, SHORT), (FILM, GEL, LONG),
+)  # fmt: skip
+"""Rows of memory, and of the tile: value and share."""
 
 # -- states of a unit ------------------------------------------------------------------------------
 NEAR, LOADED, VOTES, FOLLOWED = 1, 2, 4, 8
@@ -99,7 +114,7 @@ _OPTIONS = {"error_model": "numpy", "fastmath": {"contract", "reassoc"}}
 """Sums may be added up in any order; NaN stays NaN."""
 
 
-@register_jitable(**_OPTIONS)
+@register_jitable(forceinline=True, **_OPTIONS)
 def _held(value, most):
     return min(max(value, -most), most)
 
@@ -121,7 +136,7 @@ def _invert(m):
     m[5] = m[7] = e
 
 
-@register_jitable(**_OPTIONS)
+@register_jitable(forceinline=True, **_OPTIONS)
 def _axial(i, z, about, memory):
     """Bz of a unit beyond that at rest, its film as warm as it is now; all of it while the rest is
     not known, and 0 where it is not on the wire."""
@@ -132,55 +147,80 @@ def _axial(i, z, about, memory):
     return beyond if about[AXIAL, i] > 0.0 else 0.0
 
 
-@register_jitable(**_OPTIONS)
-def _average(field, displacement, temperature, status, refused, dt_s, slow_s, about, memory):
-    """Averages of every unit; they begin anew after a unit could not be used."""
+@register_jitable(forceinline=True, **_OPTIONS)
+def _average(field, displacement, temperature, status, refused, dt_s, slow_s, about, memory, tile):
+    """Averages of every unit; they begin anew after a unit could not be used.
+
+    Values and shares of `BLOCK` units go to a tile first, and from there to one row of the memory
+    after the other: a loop over many rows of one array would be no vector instructions.
+    """
     fast = dt_s / (FAST_OF_SLOW * slow_s + dt_s)
     slow = dt_s / (slow_s + dt_s)
     long = dt_s / (LONG_OF_SLOW * slow_s + dt_s)
-    for i in range(status.size):
-        drop = displacement[2, i] * about[HZ_PER_MM, i]
-        x, y = field[0, i] - about[OWN_X, i], field[1, i] - about[OWN_Y, i]
-        z = _axial(i, field[2, i], about, memory)
-        t = 0.0 if temperature is None else temperature[i]
-        told, felt = drop + t, x + y + z
-        usable = (status[i] & refused == 0) & (told - told == 0.0)  # neither NaN nor infinite
-        seen = usable & (felt - felt == 0.0)  # a decoder may leave out fields without load
-        age = memory[AGE_S, i] + dt_s
-        memory[AGE_S, i] = age if usable else 0.0
-        alone = memory[ALONE_S, i] + (dt_s if seen else 0.0)
-        memory[ALONE_S, i] = alone if usable else 0.0
-        # a mean at first, then a low-pass
-        share = dt_s / age if age > 0.0 else 1.0
-        quick, short = max(fast, share), max(slow, share)
-        wide = max(long, dt_s / alone if alone > 0.0 else 1.0)
-        memory[FAST_HZ, i] += quick * (drop - memory[FAST_HZ, i]) if usable else 0.0
-        memory[SLOW_HZ, i] += short * (drop - memory[SLOW_HZ, i]) if usable else 0.0
-        memory[LONG_X, i] += wide * (x - memory[LONG_X, i]) if seen else 0.0
-        memory[LONG_Y, i] += wide * (y - memory[LONG_Y, i]) if seen else 0.0
-        memory[LONG_Z, i] += wide * (z - memory[LONG_Z, i]) if seen else 0.0
-        memory[WARM, i] += short * (t - memory[WARM, i]) if usable else 0.0
-        memory[FILM, i] += max(long, share) * (t - memory[FILM, i]) if usable else 0.0
+    for block in range((status.size + BLOCK - 1) // BLOCK):
+        first = (block * BLOCK) & NOT_NEGATIVE
+        size = min(BLOCK, status.size - first)
+        for j in range(size):
+            i = first + j
+            x, y = field[0, i] - about[OWN_X, i], field[1, i] - about[OWN_Y, i]
+            z = _axial(i, field[2, i], about, memory)
+            drop = displacement[2, i] * about[HZ_PER_MM, i]
+            t = 0.0 if temperature is None else temperature[i]
+            told, felt = drop + t, x + y + z
+            usable = (status[i] & refused == 0) & (told - told == 0.0)  # neither NaN nor infinite
+            seen = usable & (felt - felt == 0.0)  # a decoder may leave out fields without load
+            tile[DROP * BLOCK + j] = drop if usable else 0.0
+            tile[TOLD_X * BLOCK + j] = x if seen else 0.0
+            tile[TOLD_Y * BLOCK + j] = y if seen else 0.0
+            tile[TOLD_Z * BLOCK + j] = z if seen else 0.0
+            tile[GEL * BLOCK + j] = t if usable else 0.0
+            tile[USABLE * BLOCK + j] = 1.0 if usable else 0.0
+            tile[WIDE * BLOCK + j] = 1.0 if seen else 0.0
+        for j in range(size):
+            age = (memory[AGE_S, first + j] + dt_s) * tile[USABLE * BLOCK + j]
+            memory[AGE_S, first + j] = age
+            share = min(dt_s / max(age, dt_s), 1.0)  # a mean at first, then a low-pass
+            usable = tile[USABLE * BLOCK + j]
+            tile[QUICK * BLOCK + j] = max(fast, share) * usable
+            tile[SHORT * BLOCK + j] = max(slow, share) * usable
+            tile[LONG * BLOCK + j] = max(long, share) * usable
+        for j in range(size):
+            alone = memory[ALONE_S, first + j] + dt_s * tile[WIDE * BLOCK + j]
+            memory[ALONE_S, first + j] = alone * tile[USABLE * BLOCK + j]
+            tile[WIDE * BLOCK + j] *= max(long, min(dt_s / max(alone, dt_s), 1.0))
+        for row, value, share in AVERAGED:
+            of, by = (value * BLOCK) & NOT_NEGATIVE, (share * BLOCK) & NOT_NEGATIVE
+            for j in range(size):
+                memory[row, first + j] += tile[by + j] * (tile[of + j] - memory[row, first + j])
 
 
-@register_jitable(**_OPTIONS)
+@register_jitable(forceinline=True, **_OPTIONS)
 def _mark(near_too, about, memory, around_start, around, marks):
     """Which units are loaded, which are near such a one, and which of the others may vote."""
-    marks[:] = 0
+    loaded = 0
     for i in range(marks.size):
-        if memory[AGE_S, i] > 0.0 and abs(memory[FAST_HZ, i]) > LOADED_SIGMAS * about[SIGMA_HZ, i]:
-            marks[i] |= NEAR | LOADED
-            for k in range(around_start[i], around_start[i + 1]):
-                marks[around[k]] |= NEAR
+        pressed = abs(memory[FAST_HZ, i]) > LOADED_SIGMAS * about[SIGMA_HZ, i]
+        marks[i] = LOADED | NEAR if pressed & (memory[AGE_S, i] > 0.0) else 0
+        loaded += 1 if marks[i] != 0 else 0
+    # looked at from the side with fewer units
+    if 2 * loaded <= marks.size:
+        for i in range(marks.size if loaded else 0):
+            if marks[i] & LOADED:
+                for k in range(around_start[i], around_start[i + 1]):
+                    marks[around[k]] |= NEAR
+    else:
+        for i in range(marks.size):
+            if marks[i] & LOADED == 0:
+                for k in range(around_start[i], around_start[i + 1]):
+                    marks[i] |= NEAR if marks[around[k]] & LOADED else 0
     disturbed = LOADED if near_too else LOADED | NEAR
     for i in range(marks.size):
-        if marks[i] & disturbed != 0:
-            memory[ALONE_S, i] = 0.0
-        elif memory[AGE_S, i] > 0.0:
-            marks[i] |= VOTES
+        apart_now = marks[i] & disturbed == 0
+        memory[ALONE_S, i] = memory[ALONE_S, i] if apart_now else 0.0
+        marks[i] |= VOTES if apart_now & (memory[AGE_S, i] > 0.0) else 0
 
 
-@register_jitable(**_OPTIONS)
+@register_jitable(forceinline=True, **_OPTIONS)
 def _votes(field, first, last, about, memory, marks, row):
     """Add up what the units of a body, neighbours in their order, tell of its field.
 
@@ -259,7 +299,7 @@ def _filter(dt_s, row):
             row[FIELD + a] += covariance[3 * a + b] * row[TOLD + b]
 
 
-@register_jitable(**_OPTIONS)
+@register_jitable(forceinline=True, **_OPTIONS)
 def _follow(dt_s, calm_dt_s, slow_s, about, memory, zero, marks):
     """Zeros of the units that are provably unloaded."""
     share_hz = dt_s / max(FOLLOW_S, DAMPED * slow_s)
@@ -295,7 +335,7 @@ def _follow(dt_s, calm_dt_s, slow_s, about, memory, zero, marks):
             memory[REST_Z, i] += _held(share_ut * memory[LONG_Z, i], RATE_REST_UT * dt_s)
 
 
-@register_jitable(**_OPTIONS)
+@register_jitable(forceinline=True, **_OPTIONS)
 def _compose(runs, about, zero, common, background, residue):
     """What is to be taken off the next cycle's counts."""
     for run in range(runs.shape[1]):
@@ -323,7 +363,7 @@ def _compose(runs, about, zero, common, background, residue):
 
 def update_python(
     field, displacement, temperature, status, refused, near_too, times, around_start, around,
-    runs, about, memory, zero, marks, common, background, residue,
+    runs, about, memory, zero, marks, common, tile, background, residue,
 ):  # fmt: skip
     """Take what one decoded cycle tells of ambient field and zeros.
 
@@ -353,13 +393,16 @@ def update_python(
     marks : ndarray, shape (n,), uint8
         `NEAR`, `LOADED`, `VOTES`, `FOLLOWED` of this cycle.
     common : ndarray, shape (bodies, COMMON_ENTRIES)
+    tile : ndarray, shape (TILE_ROWS * BLOCK,)
+        Scratch.
     background : ndarray, shape (4, n)
         Written: Hz, then µT in the axes of the chips.
     residue : ndarray, shape (n,)
         Written: variance of an axis by the ambient field, µT².
     """
+    apart()
     dt_s, calm_dt_s, slow_s = times
-    _average(field, displacement, temperature, status, refused, dt_s, slow_s, about, memory)
+    _average(field, displacement, temperature, status, refused, dt_s, slow_s, about, memory, tile)
     _mark(near_too, about, memory, around_start, around, marks)
     for g in range(common.shape[0]):
         common[g, VOTERS] = 0.0

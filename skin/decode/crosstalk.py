@@ -34,8 +34,11 @@ the skin is refused. `sine` gains less: near its crest no sweep helps.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
+from bus.jit import direct
 from skin.calibrate.stencil import Stencil
 from skin.calibrate.stray import powers
 from skin.decode import crosstalk_kernels as kernels
@@ -210,22 +213,54 @@ class CrossTalk:
         ndarray, shape (3, n) or (5, n)
             `out`. All arrays have the type of this object and are contiguous.
         """
-        moved, changed = kernels.films(
+        return self.bound(displacement_mm, usable, out, base, again=False)()
+
+    def bound(
+        self,
+        displacement_mm: np.ndarray,
+        usable: np.ndarray,
+        out: np.ndarray,
+        base: np.ndarray | None = None,
+        *,
+        again: bool = True,
+    ) -> Callable[[], np.ndarray]:
+        """`predict` with arrays that stay the same, for a call each cycle: they are looked at once.
+
+        Parameters
+        ----------
+        displacement_mm, usable, out, base : ndarray
+            As of `predict`.
+        again : bool
+            False for who calls once.
+        """
+        taken = (
             displacement_mm, usable, self.strength, self._idle, self._most, base,
             self.residue_ut2, self._tile, self._sources, self._stale, out,
         )  # fmt: skip
-        if changed:
-            kernels.unknown(
-                self.stencil.start, self.stencil.neighbour, self._prior, *self._felt,
-                self._sources[kernels.KNOWN], self._stale, self._todo, self._always,
-                self.residue_ut2, base, out,
-            )  # fmt: skip
-        if moved:
-            for lattice in self._lattices:
-                kernels.lattice(self._sources, *lattice.arguments, out)
-            if self._scattered is not None:
-                kernels.scattered(self._sources, *self._scattered.arguments, out)
-        return out
+        unknown = (
+            self.stencil.start, self.stencil.neighbour, self._prior, *self._felt,
+            self._sources[kernels.KNOWN], self._stale, self._todo, self._always,
+            self.residue_ut2, base, out,
+        )  # fmt: skip
+        parts = [(kernels.lattice, lattice) for lattice in self._lattices]
+        if self._scattered is not None:
+            parts.append((kernels.scattered, self._scattered))
+        adding = [(kernel, (self._sources, *part.arguments, out)) for kernel, part in parts]
+        films = kernels.films
+        if again:
+            films = direct(films, *taken)
+            adding = [(direct(kernel, *given), given) for kernel, given in adding]
+
+        def call() -> np.ndarray:
+            moved, changed = films(*taken)
+            if changed:
+                kernels.unknown(*unknown)
+            if moved:
+                for kernel, given in adding:
+                    kernel(*given)
+            return out
+
+        return call
 
     def warmup(self) -> None:
         """Compile what this skin needs, or load it."""

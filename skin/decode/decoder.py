@@ -168,6 +168,7 @@ class Decoder:
         self._known = np.zeros((5, n), self.dtype) if self.ambient is None else self.ambient.taken
         self._out = self._outputs(1)
         self._whole = self._view(*self._out, 0, self._names)
+        self._predict: dict[bool, Callable] = {}
         self._reading = self._view(*self._out, 0, self._wanted())
         self.reset()
 
@@ -213,6 +214,7 @@ class Decoder:
         self._run(counts, known, none, True, *self._outputs(0))
         if self.crosstalk is not None:
             self.crosstalk.warmup()
+            self._bind(False)
         if self.ambient is not None:
             self.ambient.warmup(self._whole)
 
@@ -268,20 +270,28 @@ class Decoder:
 
     def _loop(self, advance: bool) -> None:
         """Decode a cycle, taking off what the cycles before tell of neighbours and drifts."""
-        base, taken = self._known, self._taken
         if self._given is not None:
-            base = self._base
-            base[:] = self._known
-            base[: len(self._given)] += self._given
+            self._base[:] = self._known
+            self._base[: len(self._given)] += self._given
+        told = self._given is not None
         if self.crosstalk is None:
-            taken[:] = base
+            self._taken[:] = self._base if told else self._known
             self._run(*self._inputs, self._background, advance, *self._out)
         for sweep in range(self.plan.sweeps):
-            self.crosstalk.predict(self._whole.displacement_mm, self._whole.valid, taken, base)
+            predict = self._predict.get(told) or self._bind(told)
+            predict()
             again = advance and sweep == 0
             self._run(*self._inputs, self._background, again, *self._out)
         if self.ambient is not None and advance:
             self.ambient.update(self._whole)
+
+    def _bind(self, told: bool) -> Callable:
+        """The prediction of cross-talk on top of a background that is told, or not."""
+        base = self._base if told else self._known
+        whole = self._whole
+        predict = self.crosstalk.bound(whole.displacement_mm, whole.valid, self._taken, base)
+        self._predict[told] = predict
+        return predict
 
     def _run(self, counts, known, background, advance, out, status, valid) -> None:
         """Call the kernel and count its cycles."""
