@@ -1,0 +1,72 @@
+"""Rows that a skipping decoder leaves as they are: never those of another cycle."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from decodefixtures import row_of
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from test_decode_plan import FIELDS, scene
+
+from bus.status import Status
+from skin.decode.decoder import Decoder
+
+
+@settings(max_examples=30)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([64, 128, 300]), st.booleans())
+def test_backgrounds_and_units_that_come_and_go_are_of_their_own_cycle(seed, n, twice):
+    """Backgrounds are told now and then, units are heard of and not, cycles decoded once more."""
+    rng = np.random.default_rng(seed)
+    skin, raw, status = scene(n, seed)
+    for unit in rng.integers(0, n, 3):
+        status[:, unit] = np.where(rng.random(len(raw)) < 0.5, Status.NEVER, 0)
+    skipping = Decoder(skin, skip=True)
+    full = Decoder(skin, temperature_every=skipping.plan.temperature_every)
+    told = rng.normal(0.0, [[10.0], [200.0], [200.0], [200.0]], (4, n)).astype(np.float32)
+    rested = 0
+    for counts, flags in zip(raw, status, strict=True):
+        background = told if rng.random() < 0.6 else None
+        some, every = skipping(counts, flags, background), full(counts, flags, background)
+        if twice and rng.random() < 0.5:
+            some = skipping(counts, flags, told, advance=False)
+            every = full(counts, flags, told, advance=False)
+        idle = some.status & Status.IDLE != 0
+        rested += idle.any()
+        for name in FIELDS:
+            shown, wanted = getattr(some, name), getattr(every, name)
+            assert np.array_equal(shown[..., ~idle], wanted[..., ~idle], equal_nan=True), name
+            left_out = np.isnan(shown) | (shown == wanted)
+            assert left_out[..., idle].all(), name
+        np.testing.assert_array_equal(some.temperature, every.temperature)
+        np.testing.assert_array_equal(some.temperature_sigma, every.temperature_sigma)
+        np.testing.assert_array_equal(some.force[2], every.force[2])
+        np.testing.assert_array_equal(some.status[~idle], every.status[~idle])
+    assert rested > 0
+
+
+@pytest.mark.parametrize("between", ["batch", "reset"])
+def test_rows_of_another_use_are_not_kept(between):
+    """What lies in the arrays of a cycle is trusted only after a cycle like this one."""
+    skin, raw, _ = scene(128, 3)
+    skipping, full = Decoder(skin, skip=True), Decoder(skin, temperature_every=5)
+    for counts in raw[:4]:
+        skipping(counts), full(counts)
+    for decoder in (skipping, full):
+        if between == "batch":
+            decoder(raw[4:6])
+        else:
+            decoder.reset()
+    some, every = skipping(raw[6]), full(raw[6])
+    idle = some.status & Status.IDLE != 0
+    np.testing.assert_array_equal(some.temperature, every.temperature)
+    np.testing.assert_array_equal(some.temperature_sigma, every.temperature_sigma)
+    np.testing.assert_array_equal(some.force[2], every.force[2])
+    assert idle.any()
+    assert np.isnan(some.force[0][idle]).all()
+
+
+def test_only_temperatures_are_never_idle():
+    skin = row_of(64, rate_hz=100.0)
+    reading = Decoder(skin, {"temperature"}, skip=True)(np.zeros((6, 64), np.int16))
+    assert not (reading.status & Status.IDLE).any()
