@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skin.contact.cluster_kernels import join, join_python
+from skin.contact.cluster_kernels import TOUCHING, UNIT_ROWS, join, join_python
 from skin.contact.clusters import (
     contact_clusters,
     neighbour_graph,
@@ -74,10 +74,10 @@ def test_machine_code_and_python_join_alike(scene):
     n = load.size
     results = []
     for kernel in (join, join_python):
-        units = np.zeros((8, n + 1), np.int32)
-        units[4, :n] = touching
-        sigma = np.full((1, n), SIGMA)
-        parts = kernel(load[np.newaxis], sigma, valid, packed_graph(n, *graph), 5.0, 3.0, units)
+        units = np.zeros((len(UNIT_ROWS), n + 1), np.int32)
+        units[TOUCHING, :n] = touching
+        told = load[np.newaxis], np.full((1, n), SIGMA)
+        parts = kernel(*told, *told, valid, packed_graph(n, *graph), 5.0, 3.0, units)
         results.append((parts, units))
     assert results[0][0] == results[1][0]
     np.testing.assert_array_equal(results[0][1], results[1][1])

@@ -1,5 +1,8 @@
 """The stream of contacts: what it tells is what the parts compute, and only what is wanted."""
 
+import copy
+import pickle
+
 import naive_contact as naive
 import numpy as np
 import pytest
@@ -16,7 +19,7 @@ from skin.contact.feature_kernels import describe_python
 from skin.contact.features import contact_features
 from skin.contact.records import Event, Flag, SlipState, UnitSlip
 from skin.contact.slip_kernels import judge_python
-from skin.contact.step_kernel import step_python
+from skin.contact.step_kernel import point_python, step_python
 from skin.contact.stream import CONTACT_WANTS, ContactStream
 from skin.errors import OptionError, SkinError
 
@@ -287,6 +290,137 @@ def test_arrays_that_are_written_anew_in_place_are_read_anew(dtype, given):
     assert stream.total.load == pytest.approx(force[2, force[2] >= 3.0].sum(), rel=1e-6)
 
 
+def moving_scene(number, rng):
+    """What a cycle brings of two contacts that come and go: all six arguments, float64."""
+    force = press(ONE, TWO) if number % 7 else press(ONE)
+    force[:, force[2] > 0] *= 1.0 + 0.1 * np.sin(0.3 * number)
+    force += rng.normal(0.0, 0.003, (3, N))
+    sigma = rng.uniform(0.005, 0.02, (3, N))
+    warmth = rng.uniform(20.0, 30.0, N)
+    return force, sigma, 0.3 * force, 0.2 * sigma, warmth, rng.random(N) < 0.95
+
+
+def told_by(stream):
+    """All that a cycle has told, as bytes."""
+    return (stream.records.tobytes(), stream.tracker.label.tobytes(), stream.unit_slip.tobytes(),
+            stream.paths.tobytes(), [c.id for c in stream.contacts])  # fmt: skip
+
+
+def in_place(given, numbers):
+    for array, values in zip(given, numbers, strict=True):
+        array[...] = values
+    return given
+
+
+def strided(array):
+    wide = np.zeros((*array.shape[:-1], 2 * array.shape[-1]), array.dtype)
+    wide[..., ::2] = array
+    return wide[..., ::2]
+
+
+def unaligned(array):
+    memory = np.zeros(array.nbytes + 1, np.uint8)
+    shifted = memory[1:].view(array.dtype).reshape(array.shape)
+    shifted[...] = array
+    return shifted
+
+
+def frozen(array):
+    array.flags.writeable = False
+    return array
+
+
+HANDED_OVER = {
+    "fresh": np.copy,
+    "strided": strided,
+    "unaligned": unaligned,
+    "frozen": lambda array: frozen(array.copy()),
+    "fortran": np.asfortranarray,
+    "wider": lambda array: array.astype(np.float64 if array.dtype.kind == "f" else np.int64),
+    "swapped": lambda array: array.astype(array.dtype.newbyteorder()),
+    "listed": lambda array: array.tolist(),
+    "derived": lambda array: array.view(np.matrix) if array.ndim == 2 else array.copy(),
+}
+
+
+@pytest.mark.parametrize("how", HANDED_OVER)
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_it_does_not_matter_how_readings_are_handed_over(dtype, how):
+    rng = np.random.default_rng(8)
+    same, other = (plate(want=CONTACT_WANTS, dtype=dtype) for _ in range(2))
+    kept = [np.zeros((3, N), dtype) for _ in range(4)] + [np.zeros(N, dtype), np.zeros(N, bool)]
+    for number in range(1, 25):
+        given = in_place(kept, moving_scene(number, rng))
+        same.update(*given, stamp_ns=number * CYCLE_NS)
+        turned = [HANDED_OVER[how](a.copy()) for a in given]
+        # Now and then as the other does, and one by one.
+        mixed = [a if (number + k) % 4 == 0 else b
+                 for k, (a, b) in enumerate(zip(given, turned, strict=True))]  # fmt: skip
+        other.update(*mixed, stamp_ns=number * CYCLE_NS)
+        assert told_by(other) == told_by(same)
+
+
+def test_a_list_that_is_changed_and_a_number_that_is_another_are_read_anew():
+    stream = plate()
+    force = BOTH.tolist()
+    stream.update(force, 0.01, stamp_ns=1)
+    force[2] = (2.0 * BOTH[2]).tolist()
+    stream.update(force, 0.01, stamp_ns=2)
+    assert stream.total.load == pytest.approx(2.0 * BOTH[2].sum())
+    sigma = stream.total.load_sigma
+    stream.update(force, 0.02, stamp_ns=3)
+    assert stream.total.load_sigma == pytest.approx(2.0 * sigma)
+
+
+def test_a_cycle_that_is_refused_is_forgotten():
+    stream = plate(want={"slip"})
+    force, moved = BOTH.copy(), 0.3 * BOTH
+    stream.update(force, 0.01, moved, 0.01, stamp_ns=1)
+    told = stream.total.load_sigma
+    with pytest.raises(SkinError, match="temperature: must have shape"):
+        stream.update(force, 0.02, moved, 0.01, np.zeros(3), stamp_ns=2)
+    stream.update(force, 0.01, moved, 0.01, stamp_ns=2)
+    assert stream.total.load_sigma == told
+
+
+def test_what_is_not_given_any_more_is_not_known_any_more():
+    stream, valid = plate(), np.arange(N) > 3 * COLUMNS
+    cycle(stream, BOTH, 1, valid=valid)
+    assert stream.coverage < 1.0
+    assert np.isfinite(stream.total.temperature)
+    stream.update(BOTH, 0.01, stamp_ns=2 * CYCLE_NS)
+    assert stream.coverage == 1.0
+    assert np.isnan(stream.total.temperature)
+
+
+def test_readings_of_the_last_cycle_live_as_long_as_they_are_read():
+    stream = plate()
+    for number in range(1, 20):
+        stream.update(BOTH.copy(), np.full((3, N), 0.01), stamp_ns=2 * number)
+        reused = [np.full((3, N), 99.0) for _ in range(4)]
+        stream.again(2 * number + 1)
+        assert stream.total.load == BOTH[2].sum()
+        del reused
+
+
+def test_before_anything_is_brought_nothing_touches():
+    assert plate(want=CONTACT_WANTS).again(1) == []
+
+
+def test_the_list_of_contacts_is_the_callers():
+    stream = plate()
+    cycle(stream, BOTH, 1).reverse()
+    assert [c.id for c in cycle(stream, BOTH, 2)] == [1, 2]
+    cycle(stream, BOTH, 3).clear()
+    assert [c.id for c in cycle(stream, BOTH, 4)] == [1, 2]
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])
+def test_a_copy_would_share_its_memory(copied):
+    with pytest.raises(TypeError, match="ContactStream cannot be copied or pickled"):
+        copied(plate())
+
+
 def test_readings_that_nobody_may_write_to_and_strided_ones_are_taken():
     wide = np.zeros((6, N))
     wide[::2] = BOTH
@@ -380,6 +514,7 @@ def test_machine_code_and_python_tell_alike(monkeypatch):
 
     machine = told()
     monkeypatch.setattr(module, "step", step_python)
+    monkeypatch.setattr(module, "point", point_python)
     monkeypatch.setattr(step_kernel, "find_contacts", find_contacts_python)
     monkeypatch.setattr(step_kernel, "describe", describe_python)
     monkeypatch.setattr(step_kernel, "judge", judge_python)
@@ -410,6 +545,12 @@ def test_stream_says_what_it_sees():
          lambda: plate().update(np.zeros((3, 79)), 0.01, stamp_ns=0)),
         (SkinError, r"temperature: must have shape \(80,\); got \(3,\)",
          lambda: plate().update(BOTH, 0.01, temperature=np.zeros(3), stamp_ns=0)),
+        (SkinError, r"force: must have shape \(3, 80\); got \(1, 3, 80\)",
+         lambda: plate().update(BOTH[np.newaxis], 0.01, stamp_ns=0)),
+        (SkinError, "force: must be real numbers; got complex128",
+         lambda: plate().update(BOTH + 0j, 0.01, stamp_ns=0)),
+        (SkinError, "force_sigma: must be real numbers; got object",
+         lambda: plate().update(BOTH, None, stamp_ns=0)),
         (SkinError, "displacement_mm, displacement_sigma_mm: must be given where slip is wanted",
          lambda: plate(want={"slip"}).update(BOTH, 0.01, stamp_ns=0)),
     ],

@@ -24,15 +24,15 @@ __all__ = [
     "join_python",
 ]
 
-COUNTERS = 5
-PRESENT_COUNT, UNTRACKED, ENDED, NEXT_ID, TOUCHING_UNITS = range(5)
+COUNTERS = 6
+PRESENT_COUNT, UNTRACKED, ENDED, NEXT_ID, TOUCHING_UNITS, IN_USE = range(6)
 """Rows of `counters`, and how many: contacts now; parts beyond the capacity; ended now; last id;
-units in contact now."""
+units in contact now; records from here on are free."""
 
-UNIT_ROWS = KIND, LABEL, MEMBERS, BEGIN, TOUCHING, OWNER, QUEUE, SLIP = range(8)
+UNIT_ROWS = KIND, LABEL, MEMBERS, BEGIN, TOUCHING, OWNER, QUEUE, SLIP, LOADED = range(9)
 """Rows of `units`: what it is now; its contact, counted along PRESENT, -1; units of the contacts,
 one contact after another; where each contact begins there; in contact, as far as is known; record
-that last owned the unit, -1; scratch; kept by slip_kernels."""
+that last owned the unit, -1; scratch; kept by slip_kernels; units above the gate, in order."""
 SLOT_ROWS = PRESENT_SLOTS, SLOT_OF, PART_OF = range(3)
 """Rows of `slots`: records of the contacts; record of each part, and back."""
 
@@ -46,35 +46,54 @@ OUT, OPEN, BRIDGE, SILENT = range(4)
 
 
 @register_jitable
-def _gate(force, force_sigma, valid, keep_sigma, touching, kind):
-    """Sort units into kinds, return how many are open. A NaN makes a unit silent.
-
-    Of units that are not loaded nobody asks for the shear.
-    """
-    load, sigma = force[force.shape[0] - 1], force_sigma[force.shape[0] - 1]
+def _gate(load, sigma, valid, keep_sigma, touching, kind):
+    """Sort units into kinds by their normal load, return how many are open."""
     above = 0
     for i in range(load.size):
-        told = valid[i] and np.isfinite(load[i]) and sigma[i] >= 0.0
-        loaded = told and load[i] > keep_sigma * sigma[i]
-        if loaded:
-            for row in range(force.shape[0]):
-                told &= np.isfinite(force[row, i]) and np.isfinite(force_sigma[row, i])
-        if told:
-            kind[i] = OPEN if loaded else OUT
-            above += kind[i]
-        else:
-            kind[i] = BRIDGE if touching[i] else SILENT
+        told = valid[i] & np.isfinite(load[i]) & (sigma[i] >= 0.0)
+        unheard = BRIDGE if touching[i] else SILENT
+        loaded = OPEN if load[i] > keep_sigma * sigma[i] else OUT
+        kind[i] = loaded if told else unheard
+        above += told & (loaded == OPEN)
     return above
 
 
 @register_jitable
-def _join(load, sigma, start, index, start_sigma, touching, kind, label, queue, members, begin):
+def _list_loaded(force, force_sigma, moved, moved_sigma, touching, kind, loaded):
+    """List the open units; returns how many. Any other number that is none makes one silent.
+
+    Of units that are not loaded nobody asks for the shear.
+    """
+    count = 0
+    for i in range(force.shape[1]):
+        loaded[count] = i
+        count += kind[i] == OPEN
+    listed, count = count, 0
+    for at in range(listed):
+        i = loaded[at]
+        told = True
+        for row in range(force.shape[0]):
+            told &= np.isfinite(force[row, i]) & np.isfinite(force_sigma[row, i])
+        for row in range(min(moved.shape[0], 2)):
+            told &= np.isfinite(moved[row, i]) & np.isfinite(moved_sigma[row, i])
+        if told:
+            loaded[count] = i
+            count += 1
+        else:
+            kind[i] = BRIDGE if touching[i] else SILENT
+    return count
+
+
+@register_jitable
+def _join(
+    load, sigma, start, index, start_sigma, touching, kind, label, queue, members, begin, loaded
+):
     """Parts that are connected and have a unit that starts a contact or was in one; their number.
 
     Silent units join their neighbours and belong to nothing.
     """
     parts = 0
-    for first in range(load.size):
+    for first in loaded:
         if kind[first] != OPEN or label[first] >= 0:
             continue
         label[first] = parts
@@ -311,12 +330,17 @@ def _identify(
             i = members[at]
             if touching[i] and owner[i] >= 0:
                 shared[part, owner[i]] += load[i]
-    for slot in range(contacts.size):
+    in_use = counters[IN_USE]
+    for slot in range(in_use):
         record = contacts[slot]
         record["event"] = 0
         if record["track"] == LOST and now_ns - record["seen_ns"] > memory_ns:
             _free(slot, contacts, owner)
-    _assign(shared, parts, contacts, 1.0, QUIET, PRESENT, ABSORBED, slot_of, part_of)
+    while in_use > 0 and contacts[in_use - 1]["track"] == FREE:
+        in_use -= 1
+    _assign(
+        shared, parts, contacts[:in_use], 1.0, QUIET, PRESENT, ABSORBED, slot_of, part_of
+    )  # fmt: skip
     unclaimed = 0
     for part in range(parts):
         unclaimed += slot_of[part] < 0
@@ -325,8 +349,12 @@ def _identify(
             load, start, index, now_ns, owner, members, begin, parts, shared, slot_of, part_of,
             contacts, counters,
         )  # fmt: skip
+    for part in range(parts):
+        in_use = max(in_use, slot_of[part] + 1)
+    counters[IN_USE] = in_use
+    used = contacts[:in_use]
     counters[ENDED] = _part_ways(
-        parts, contacts, shared, settle_ns, slot_of, part_of, now_ns, owner, ended
+        parts, used, shared, settle_ns, slot_of, part_of, now_ns, owner, ended
     )
     for part in range(parts):
         record = contacts[slot_of[part]]
@@ -341,7 +369,7 @@ def _identify(
     for part in range(parts):
         _own(
             load, start, index, label, owner, members, begin[part], begin[part + 1],
-            slot_of[part], contacts,
+            slot_of[part], used,
         )  # fmt: skip
 
 
@@ -362,7 +390,9 @@ def _order(parts, contacts, slot_of, label, members, present):
 
 
 @register_jitable
-def join_python(force, force_sigma, valid, graph, start_sigma, keep_sigma, units):
+def join_python(
+    force, force_sigma, moved, moved_sigma, valid, graph, start_sigma, keep_sigma, units
+):
     """Find the connected units above the gate; parameters as in `find_contacts_python`.
 
     Returns
@@ -373,21 +403,24 @@ def join_python(force, force_sigma, valid, graph, start_sigma, keep_sigma, units
     """
     load, sigma = force[force.shape[0] - 1], force_sigma[force.shape[0] - 1]
     n = load.size
-    kind, label, touching = units[KIND], units[LABEL], units[TOUCHING]
-    above = _gate(force, force_sigma, valid, keep_sigma, touching, kind)
+    kind, label, touching, loaded = units[KIND], units[LABEL], units[TOUCHING], units[LOADED]
+    above = _gate(load, sigma, valid, keep_sigma, touching, kind)
     label[:] = -1
     units[BEGIN, 0] = 0
+    if above > 0:
+        above = _list_loaded(force, force_sigma, moved, moved_sigma, touching, kind, loaded)
     if above == 0:
         return 0
     return _join(
-        load, sigma, graph[: n + 1], graph[n + 1 :], start_sigma,
-        touching, kind, label, units[QUEUE], units[MEMBERS], units[BEGIN],
+        load, sigma, graph[: n + 1], graph[n + 1 :], start_sigma, touching, kind, label,
+        units[QUEUE], units[MEMBERS], units[BEGIN], loaded[:above],
     )  # fmt: skip
 
 
 def find_contacts_python(
-    force, force_sigma, valid, graph, settings, now_ns, units, slots, shared, contacts, counters
-):
+    force, force_sigma, moved, moved_sigma, valid, graph, settings, now_ns, units, slots, shared,
+    contacts, counters,
+):  # fmt: skip
     """Find the contacts of one cycle; see the head of this file.
 
     What differs only in meaning shares an array: each array that is passed costs time.
@@ -397,6 +430,8 @@ def find_contacts_python(
     force, force_sigma : ndarray, shape (r, n)
         Newton; the last row is the normal load of the units, positive when pressed, and its
         one-sigma.
+    moved, moved_sigma : ndarray, shape (q, n)
+        Of these the first two rows must be numbers, too, where a unit is loaded.
     valid : ndarray, shape (n,), bool
     graph : ndarray, shape (n + 1 + m,), int32
         Neighbour graph: starts of the rows, then the neighbours.
@@ -404,7 +439,7 @@ def find_contacts_python(
         What starts a contact and what a unit in a contact must exceed, in sigmas; how long a lost
         contact can return and how old one must be to survive being absorbed, nanoseconds.
     now_ns : int
-    units : ndarray, shape (8, n + 1), int32
+    units : ndarray, shape (9, n + 1), int32
         Rows as in `UNIT_ROWS`; TOUCHING and OWNER are kept from call to call.
     slots : ndarray, shape (3, s), int32
         Rows as in `SLOT_ROWS`; PRESENT holds the records of the contacts, oldest first.
@@ -412,7 +447,7 @@ def find_contacts_python(
         Scratch.
     contacts : ndarray, shape (s,), CONTACT
         The records, kept.
-    counters : ndarray, shape (5 + s,), int64
+    counters : ndarray, shape (6 + s,), int64
         Rows as in `COUNTERS`, kept; then the identities that ended in this cycle.
 
     Returns
@@ -427,7 +462,9 @@ def find_contacts_python(
     touching, owner = units[TOUCHING], units[OWNER]
     slot_of, part_of, present = slots[SLOT_OF], slots[PART_OF], slots[PRESENT_SLOTS]
     ended = counters[COUNTERS:]
-    parts = join_python(force, force_sigma, valid, graph, settings[0], settings[1], units)
+    parts = join_python(
+        force, force_sigma, moved, moved_sigma, valid, graph, settings[0], settings[1], units
+    )
     counters[TOUCHING_UNITS] = begin[parts]
     if parts == 0 and counters[PRESENT_COUNT] == 0:
         counters[ENDED] = 0
@@ -445,9 +482,9 @@ def find_contacts_python(
     )  # fmt: skip
     _order(parts, contacts, slot_of, label, members, present)
     for i in range(n):
-        touching[i] = kind[i] == OPEN or (kind[i] == BRIDGE and label[i] >= 0)
-        if kind[i] == BRIDGE:
-            label[i] = -1
+        bridge = kind[i] == BRIDGE
+        touching[i] = (kind[i] == OPEN) | (bridge & (label[i] >= 0))
+        label[i] = -1 if bridge else label[i]
     counters[PRESENT_COUNT] = parts
     return parts
 

@@ -68,12 +68,16 @@ def contact_clusters(
     load = np.ascontiguousarray(load, np.float64)
     n = load.size
     used = np.isfinite(load) if valid is None else np.isfinite(load) & valid
-    _, label, _, _, was_touching, _, _, _ = units = np.zeros((len(UNIT_ROWS), n + 1), np.int32)
+    units = np.zeros((len(UNIT_ROWS), n + 1), np.int32)
+    _, label, _, _, was_touching, *_ = units
     if touching is not None:
         was_touching[:n] = touching
+    loads, sigmas = load[np.newaxis], np.array(np.broadcast_to(sigma, (1, n)), np.float64)
     join(
-        load[np.newaxis],
-        np.array(np.broadcast_to(sigma, (1, n)), np.float64),
+        loads,
+        sigmas,
+        loads,
+        sigmas,
         used,
         packed_graph(n, neighbour_start, neighbour_index),
         float(start_sigma),

@@ -15,6 +15,7 @@ __all__ = [
     "DEPTH",
     "GEOMETRY",
     "SUMS",
+    "TILE_SHAPE",
     "WARMTH",
     "WAYPOINTS",
     "WEAK_SIGMAS",
@@ -571,7 +572,7 @@ def _walk(record, path):
 
 def describe_python(
     count, untracked_end, have, force, force_sigma, displacement, temperature,
-    geometry, origin, graph, units, slots, contacts, sums, path,
+    geometry, origin, graph, units, slots, contacts, path, sums, c6, spare, tile,
 ):  # fmt: skip
     """Describe the contacts that `find_contacts` has found, and their total.
 
@@ -597,16 +598,18 @@ def describe_python(
         As in `find_contacts`.
     contacts : ndarray, shape (s + 1,), CONTACT
         The records; the last is the total.
-    sums : ndarray, shape (s // 2 + 2, SUMS), float64
-        Scratch.
     path : ndarray, shape (s, WAYPOINTS, 3), float64
         Last waypoints of each record, a ring.
+    sums : ndarray, shape (s // 2 + 2, SUMS), float64
+        Scratch, as are those below.
+    c6 : ndarray, shape (6, 6), float64
+    spare : ndarray, shape (3, 3, 3), float64
+    tile : ndarray, shape TILE_SHAPE, float64
     """
     n = force.shape[1]
     kind, label, members = units[KIND], units[LABEL], units[MEMBERS]
     total = sums[count + 1]
     _clear(total)
-    c6, spare, tile = np.empty((6, 6)), np.empty((3, 3, 3)), np.empty(TILE_SHAPE)
     end = 0
     for k in range(count + 1):
         _clear(sums[k])

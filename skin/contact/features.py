@@ -11,6 +11,7 @@ from skin.contact.feature_kernels import (
     POSITION,
     ROTATION,
     SUMS,
+    TILE_SHAPE,
     WARMTH,
     WAYPOINTS,
     describe,
@@ -142,7 +143,7 @@ def contact_features(
     records = np.zeros(2 * count + 1, CONTACT)
     records["begin"][:count], records["end"][:count] = ends[:-1] - ends[0], ends[1:] - ends[0]
     records["event"] = 1
-    units = np.zeros((8, n + 1), np.int32)
+    units = np.zeros((3, n + 1), np.int32)
     kind, units[1, :n], members = units[0], label, units[2]
     members[: n - ends[0]] = order[ends[0] :]
     if silent is not None:
@@ -170,8 +171,11 @@ def contact_features(
         units,
         np.tile(np.arange(2 * count, dtype=np.int32), (3, 1)),
         records,
-        np.zeros((count + 2, SUMS)),
         np.zeros((2 * count, WAYPOINTS, 3)),
+        np.zeros((count + 2, SUMS)),
+        np.zeros((6, 6)),
+        np.zeros((3, 3, 3)),
+        np.zeros(TILE_SHAPE),
     )
     return records[:count], records[-1]
 

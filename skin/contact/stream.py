@@ -2,20 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from typing import Any
 
 import numpy as np
 
+from bus.jit import direct
 from skin.contact.cluster_kernels import BRIDGE, OPEN
 from skin.contact.clusters import KEEP_SIGMA, START_SIGMA
 from skin.contact.detect import Shocks
-from skin.contact.feature_kernels import DEPTH, SUMS, WARMTH, WAYPOINTS
+from skin.contact.feature_kernels import DEPTH, SUMS, TILE_SHAPE, WARMTH, WAYPOINTS
 from skin.contact.features import Geometry, wrench_in_frame
 from skin.contact.records import CONTACT, Event, Flag, SlipState
 from skin.contact.slip import SlipSettings
 from skin.contact.slip_kernels import JUDGED, WORK_ROWS, work_length
-from skin.contact.step_kernel import DESCRIBE, EACH, JUDGE, direct, step
+from skin.contact.step_kernel import (
+    DESCRIBE,
+    DO,
+    EACH,
+    EARLY,
+    GIVEN,
+    HAVE,
+    JUDGE,
+    KEPT,
+    LAST_NS,
+    PLACES,
+    SAME,
+    SIZES,
+    point,
+    step,
+)
 from skin.contact.track import Tracker
 from skin.errors import OptionError, SkinError
 
@@ -24,6 +40,11 @@ __all__ = ["CONTACT_WANTS", "Contact", "ContactStream"]
 CONTACT_WANTS = ("wrench", "centroid", "contacts", "slip", "shocks")
 """What may be wanted of contacts. Wrench and centroid are the total's and come together; slip and
 shocks bring the contacts along. With nothing wanted there are identities and units alone."""
+_GIVEN = (
+    "force", "force_sigma", "displacement_mm", "displacement_sigma_mm", "temperature", "valid"
+)  # fmt: skip
+_UNSEEN = object()
+"""No argument is this one."""
 
 
 class _Number:
@@ -165,8 +186,8 @@ class ContactStream:
     """Contacts of an array, cycle by cycle: units, identities, features, slip.
 
     Everything is allocated here once. What is not wanted is not computed, and without contact there
-    is next to nothing to do. Arrays that are handed over again, and written anew in place, are
-    looked at once.
+    is next to nothing to do. Readings of the right type are read where they lie, others are copied;
+    arrays that are handed over again, and written anew in place, are looked at once.
 
     Parameters
     ----------
@@ -264,22 +285,35 @@ class ContactStream:
         each = not wanted.isdisjoint(("contacts", "slip", "shocks"))
         slips = "slip" in wanted
         self._do = (DESCRIBE if wanted else 0) | (EACH if each else 0) | (JUDGE if slips else 0)
-        self._everything = np.ones(n, bool)
-        self._nothing = np.zeros((3, n), self._dtype)
         tracker, geometry = self.tracker, self.geometry
-        self._kept = (
-            np.ones(n, bool), tracker.graph, tracker.gate, (slip or SlipSettings()).packed(),
-            geometry.packed, geometry.origin, tracker.units, tracker.slots, tracker.shared,
-            self.records, tracker.counters, np.zeros((capacity + 2, SUMS)), self.paths,
-            np.zeros((n, JUDGED)), np.zeros((WORK_ROWS, work_length(n))),
+        own = (
+            *np.zeros((4, 3, n), self._dtype), np.zeros(n, self._dtype), np.ones(n, bool)
         )  # fmt: skip
+        self._own = [(name, a, a.dtype, a.shape) for name, a in zip(_GIVEN, own, strict=True)]
+        self._everything = np.ones(n, bool)
+        # The kernel knows addresses: these keep what lies there.
+        self._taken = list(own)
+        self._kept = (
+            tracker.graph, tracker.gate, (slip or SlipSettings()).packed(), geometry.packed,
+            geometry.origin, tracker.units, tracker.slots, tracker.shared, self.records,
+            tracker.counters, self.paths, np.zeros((capacity + 2, SUMS)), np.zeros((6, 6)),
+            np.zeros((3, 3, 3)), np.zeros(TILE_SHAPE), np.zeros((n, JUDGED)),
+            np.zeros((WORK_ROWS, work_length(n))), np.zeros(capacity, np.int32),
+        )  # fmt: skip
+        self._places = np.zeros(PLACES, np.int64)
+        self._places[list(SIZES)] = n, tracker.graph.size, slots, work_length(n)
+        self._places[DO] = self._do
+        for place, array in zip((*GIVEN, *KEPT), (*own, *self._kept), strict=True):
+            self._places[place] = array.ctypes.data
+        self._step: Callable = self._first_step
+        self._point: Callable = self._first_point
+        self._given: tuple = (_UNSEEN,) * len(_GIVEN)
+        self._found: list[Contact] = []
         self._present = tracker.slots[0]
         self._shock_kept = (
             tracker.slots[0], self.records["event"], self.records["wrench"][:, :3],
             self.records["wrench_sigma"][:, :3],
         )  # fmt: skip
-        self._stamp_ns: int | None = None
-        self._given: tuple = (None,) * 6
         self.records[-1:] = UNTOUCHED
 
     @property
@@ -304,8 +338,8 @@ class ContactStream:
             self.tracker.graph[: self._n + 1], self.tracker.graph[self._n + 1 :],
             want=CONTACT_WANTS, dtype=self._dtype.name,
         )  # fmt: skip
-        force = np.ones_like(self._nothing)
-        fresh.update(force, 0.01, self._nothing, 0.01, self._nothing[0], stamp_ns=0)
+        none = np.zeros((3, self._n), self._dtype)
+        fresh.update(none + 1, 0.01, none, 0.01, none[0], stamp_ns=0)
 
     def update(
         self,
@@ -354,67 +388,73 @@ class ContactStream:
             and valid is f
         ):
             self._accept(
-                force, force_sigma, displacement_mm, displacement_sigma_mm, temperature, valid
+                (force, force_sigma, displacement_mm, displacement_sigma_mm, temperature, valid)
             )
         return self.again(stamp_ns)
 
     def again(self, stamp_ns: int) -> list[Contact]:
         """Take the next cycle, in the very arrays of the last `update`, written anew in place."""
-        before = self._stamp_ns
-        if before is not None and stamp_ns <= before:
-            raise SkinError(f"stamp_ns: must be after the last one, {before}; got {stamp_ns}")
-        self._stamp_ns = stamp_ns
-        dt_s = 0.0 if before is None else 1e-9 * (stamp_ns - before)
-        count = self._step(self._do, self._have, stamp_ns, dt_s, *self._arrays)
-        if count == 0:
-            if self.contacts:
-                self.contacts = []
-                self.records[-1:] = UNTOUCHED
-                self.unit_slip[:] = 0
-            return self.contacts
-        views = self._views
-        self.contacts = [views[slot] for slot in self._present[:count].tolist()]
-        if self.shocks is not None:
-            self.shocks.update(count, *self._shock_kept)
-        return self.contacts
+        count = self._step(self._places, stamp_ns)
+        if count != SAME:
+            self._renew(count, stamp_ns)
+        self.contacts = contacts = self._found.copy()
+        if contacts and self.shocks is not None:
+            self.shocks.update(len(contacts), *self._shock_kept)
+        return contacts
 
-    def _accept(
-        self,
-        force: np.ndarray,
-        force_sigma: np.ndarray | float,
-        displacement_mm: np.ndarray | None,
-        displacement_sigma_mm: np.ndarray | float | None,
-        temperature: np.ndarray | None,
-        valid: np.ndarray | None,
-    ) -> None:
-        """Check what a cycle brings, and remember it as the kernels take it."""
-        if self._do & JUDGE and (displacement_mm is None or displacement_sigma_mm is None):
+    def __reduce_ex__(self, protocol: int) -> None:
+        raise TypeError("a ContactStream cannot be copied or pickled: its kernel knows addresses")
+
+    def _first_step(self, places: np.ndarray, stamp_ns: int) -> int:
+        """Find the kernel and call it."""
+        self._step = direct(step[self._dtype.name], places, 0)
+        return self._step(places, stamp_ns)
+
+    def _first_point(self, places: np.ndarray, *taken: np.ndarray) -> None:
+        """Find the kernel and call it."""
+        self._point = direct(point, places, *(own for _, own, _, _ in self._own))
+        self._point(places, *taken)
+
+    def _renew(self, count: int, stamp_ns: int) -> None:
+        """Contacts came or went, or it is too early for that."""
+        if count == EARLY:
+            last = self._places[LAST_NS]
+            raise SkinError(f"stamp_ns: must be after the last one, {last}; got {stamp_ns}")
+        views = self._views
+        self._found = [views[slot] for slot in self._present[:count].tolist()]
+        if count == 0:
+            self.records[-1:] = UNTOUCHED
+            self.unit_slip[:] = 0
+
+    def _accept(self, given: tuple) -> None:
+        """Look at what a cycle brings, as far as it was not there before."""
+        before, self._given = self._given, (_UNSEEN,) * len(given)
+        _, _, displacement, displacement_sigma, temperature, valid = given
+        if self._do & JUDGE and (displacement is None or displacement_sigma is None):
             raise SkinError(
                 "displacement_mm, displacement_sigma_mm: must be given where slip is wanted; "
                 "got None"
             )
-        n, real = self._n, self._dtype
-        given = (force, force_sigma, displacement_mm, displacement_sigma_mm, temperature, valid)
-        names = ("force", "force_sigma", "displacement_mm", "displacement_sigma_mm",
-                 "temperature", "valid")  # fmt: skip
-        taken = [
-            None if values is None else _plain(name, values, kind, shape)
-            for name, values, kind, shape in zip(
-                names, given, (*(real,) * 5, bool), (*((3, n),) * 4, (n,), (n,)), strict=True
-            )
-        ]
-        self._have = DEPTH * (taken[2] is not None) | WARMTH * (taken[4] is not None)
-        stand_ins = (None, None, self._nothing, self._nothing, self._nothing[0], self._everything)
-        self._arrays = (
-            *(b if a is None else a for a, b in zip(taken, stand_ins, strict=True)),
-            *self._kept,
-        )
-        self._step = direct(step, self._do, self._have, 0, 0.0, *self._arrays)
-        same = all(
-            own is its or not isinstance(its, np.ndarray)
-            for own, its in zip(taken, given, strict=True)
-        )
-        self._given = given if same else (None,) * 6
+        seen, taken = list(given), self._taken.copy()
+        for k, (name, own, kind, shape) in enumerate(self._own):
+            values = given[k]
+            if values is before[k]:
+                continue
+            if type(values) is np.ndarray and values.dtype == kind and values.shape == shape:
+                flags = values.flags
+                if flags.c_contiguous and flags.aligned:
+                    taken[k] = values
+                    continue
+            taken[k] = own
+            if values is not None or k < 2:
+                _copy(name, values, own)
+                if not isinstance(values, (int, float, np.generic)):
+                    seen[k] = _UNSEEN
+        if valid is None:
+            taken[-1] = self._everything
+        self._point(self._places, *taken)
+        self._places[HAVE] = DEPTH * (displacement is not None) | WARMTH * (temperature is not None)
+        self._taken, self._given = taken, tuple(seen)
 
 
 def _untouched() -> np.ndarray:
@@ -432,17 +472,14 @@ def _untouched() -> np.ndarray:
 UNTOUCHED = _untouched()
 
 
-def _plain(name: str, values: np.ndarray | float, kind: type, shape: tuple) -> np.ndarray:
-    """`values` as the kernels are compiled for: of one type and shape, contiguous, writeable."""
-    if not (
-        isinstance(values, np.ndarray)
-        and values.shape == shape
-        and values.dtype == kind
-        and values.flags.c_contiguous
-        and values.flags.writeable
-    ):
-        try:
-            values = np.broadcast_to(np.asarray(values, kind), shape).copy()
-        except ValueError:
-            raise SkinError(f"{name}: must have shape {shape}; got {np.shape(values)}") from None
-    return values
+def _copy(name: str, values: object, own: np.ndarray) -> None:
+    """Copy numbers of any type, one for each unit or one for all."""
+    array = np.asarray(values)
+    if array.dtype.kind not in "biuf":
+        raise SkinError(f"{name}: must be real numbers; got {array.dtype}")
+    if array.ndim > own.ndim:
+        raise SkinError(f"{name}: must have shape {own.shape}; got {array.shape}")
+    try:
+        own[...] = array
+    except ValueError:
+        raise SkinError(f"{name}: must have shape {own.shape}; got {array.shape}") from None

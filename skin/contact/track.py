@@ -11,7 +11,7 @@ from skin.errors import SkinError
 
 __all__ = ["Tracker"]
 
-PRESENT_COUNT, UNTRACKED, ENDED, _, TOUCHING_UNITS = range(COUNTERS)
+PRESENT_COUNT, UNTRACKED, ENDED, _, TOUCHING_UNITS, _ = range(COUNTERS)
 
 
 class Tracker:
@@ -74,7 +74,7 @@ class Tracker:
         self.contacts = np.zeros(slots, CONTACT) if records is None else records
         self.counters = np.zeros(COUNTERS + slots, np.int64)
         self.units = np.zeros((len(UNIT_ROWS), n + 1), np.int32)
-        self.kind, self.label, self.members, _, _, owner, _, self.slip = self.units[:, :n]
+        self.kind, self.label, self.members, _, _, owner, _, self.slip, _ = self.units[:, :n]
         owner[:] = -1
         self.label[:] = -1
         self.slots = np.zeros((len(SLOT_ROWS), slots), np.int32)
@@ -125,6 +125,6 @@ class Tracker:
         if load.ndim == 1:
             load, sigma = load[np.newaxis], sigma[np.newaxis]
         return find_contacts(
-            load, sigma, valid, self.graph, self.gate, now_ns,
+            load, sigma, load, sigma, valid, self.graph, self.gate, now_ns,
             self.units, self.slots, self.shared, self.contacts, self.counters,
         )  # fmt: skip
