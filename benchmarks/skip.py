@@ -1,12 +1,15 @@
 """What is not done: cycle time by how much of the skin is touched, and by what is wanted.
 
 One round contact presses 0, 5, 25 and 100 % of the units. `full` decodes every unit to everything
-with sigmas and one sweep of cross-talk; `skip` leaves out the blocks of 16 units that nothing
-presses. The first table gives the time of `skip` over that of `full`, in turns, in one process; the
-second that of each single want over all of them, without skipping.
+with sigmas and one sweep of the cross-talk of every film; `plain`, which is what a decoder does if
+not told otherwise, leaves out the films that count as at rest; `skip` also leaves out blocks of
+units that nothing presses, and holds temperatures. The first table gives the time of `skip` over
+those of the others, in turns, in one process; the second that of each single want over all of them,
+without skipping.
 
-Skipping changes no value: in the same run every unit that is not IDLE is compared to the bit, with
-cross-talk and without. A block without load holds films that count as at rest either way.
+Skipping changes no value: in the same run every unit that is not IDLE is compared to the bit with
+`plain`, with cross-talk and without. What films that count as at rest would add has a bound,
+`CrossTalk.idle_ut`; what it made of the forces is in the table.
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ import numpy as np
 
 from benchmarks.contact import plate
 from benchmarks.timing import times
+from skin.decode.crosstalk import CrossTalk
 from skin.decode.decoder import Decoder
 from skin.sim.halbach import HalbachField
 from skin.sim.material import Elastic
@@ -40,12 +44,16 @@ def run(quick: bool) -> dict:
 
 def table(figures: dict) -> str:
     """The figures for a person."""
-    lines = [f"{'units':>6}{'touched %':>11}{'idle %':>8}{'full us':>9}{'skip us':>9}{'ratio':>7}"]
+    lines = [
+        f"{'units':>6}{'touched %':>11}{'idle %':>8}{'full us':>9}{'plain us':>10}{'skip us':>9}"
+        f"{'of full':>9}{'of plain':>10}{'force off N':>13}"
+    ]
     for n, rows in figures["sizes"].items():
         for share, row in rows["shares"].items():
             lines.append(
                 f"{n:>6}{share:>11}{100 * row['idle']:>8.0f}{row['full_us']:>9.2f}"
-                f"{row['skip_us']:>9.2f}{row['ratio']:>7.2f}"
+                f"{row['plain_us']:>10.2f}{row['skip_us']:>9.2f}{row['ratio']:>9.2f}"
+                f"{row['ratio_plain']:>10.2f}{row['off_n']:>13.1e}"
             )
     for n, rows in figures["sizes"].items():
         wants = ", ".join(f"{name} {ratio:.2f}" for name, ratio in rows["wants"].items())
@@ -57,8 +65,8 @@ def _size(skin: Topology, quick: bool) -> dict:
     target_s = 0.1 if quick else 0.5
     shares = {f"{100 * share:g}": _share(skin, share, target_s) for share in SHARES}
     counts = counts_of(skin, 0.25)
-    runs = {name: _cycles(Decoder(skin, {name}), counts) for name in SINGLE}
-    seconds = times({**runs, "all": _cycles(Decoder(skin), counts)}, target_s)
+    runs = {name: cycles_of(Decoder(skin, {name}), counts) for name in SINGLE}
+    seconds = times({**runs, "all": cycles_of(Decoder(skin), counts)}, target_s)
     wants = {name: seconds[name][0] / seconds["all"][0] for name in SINGLE}
     return {"shares": shares, "wants": wants}
 
@@ -79,24 +87,29 @@ def counts_of(skin: Topology, share: float) -> np.ndarray:
 
 def _share(skin: Topology, share: float, target_s: float) -> dict:
     counts = counts_of(skin, share)
-    plain = [Decoder(skin, skip=skip) for skip in (False, True)]
-    swept = [Decoder(skin, sweeps=1, skip=skip) for skip in (False, True)]
-    idle = []
+    bare = [Decoder(skin, skip=skip) for skip in (False, True)]
+    plain, skip = swept = [Decoder(skin, sweeps=1, skip=skip) for skip in (False, True)]
+    full = Decoder(skin, sweeps=1)
+    full.crosstalk = CrossTalk(skin, idle_mm=0.0)
+    idle, off = [], []
     for raw in counts:
-        for full, skipping in (plain, swept):
-            told, left_out = full(raw), skipping(raw)
+        for every, some in (bare, swept):
+            told, left_out = every(raw), some(raw)
             differ = _differ(told, left_out)
             if differ:
                 raise AssertionError(f"{differ} values of units that were not skipped have changed")
+        off.append(np.nanmax(np.abs(full(raw).force - told.force)))
         idle.append(np.mean(left_out.status & Status.IDLE != 0))
-    seconds = times(
-        dict(zip(("full", "skip"), (_cycles(d, counts) for d in swept), strict=True)), target_s
-    )
-    full, skip = (seconds[name][0] / CYCLES for name in ("full", "skip"))
+    runs = {"full": full, "plain": plain, "skip": skip}
+    seconds = times({name: cycles_of(d, counts) for name, d in runs.items()}, target_s)
+    each = {name: seconds[name][0] / CYCLES for name in runs}
     return {
-        "full_us": 1e6 * full, "skip_us": 1e6 * skip, "ratio": skip / full,
+        **{f"{name}_us": 1e6 * each[name] for name in runs},
+        "ratio": each["skip"] / each["full"],
+        "ratio_plain": each["skip"] / each["plain"],
+        "off_n": float(np.max(off)),
         "idle": float(np.mean(idle)),
-    }  # fmt: skip
+    }
 
 
 def _differ(told: Reading, left_out: Reading) -> int:
@@ -109,7 +122,7 @@ def _differ(told: Reading, left_out: Reading) -> int:
     return count
 
 
-def _cycles(decoder: Decoder, counts: np.ndarray):
+def cycles_of(decoder: Decoder, counts: np.ndarray):
     """All cycles, handed over as a bus does: in one array."""
     here = np.zeros(counts.shape[1:], np.int16)
 
