@@ -18,6 +18,7 @@ from skin.contact.detect import shock_python
 from skin.contact.feature_kernels import describe_python
 from skin.contact.features import contact_features
 from skin.contact.records import Event, Flag, SlipState, UnitSlip
+from skin.contact.slip import SlipSettings
 from skin.contact.slip_kernels import judge_python
 from skin.contact.step_kernel import point_python, step_python
 from skin.contact.stream import CONTACT_WANTS, ContactStream
@@ -471,6 +472,26 @@ def test_slip_that_is_not_wanted_is_not_a_number():
     (contact, _) = cycle(stream, BOTH, 1)
     assert contact.slip == SlipState.NONE
     assert np.isnan([contact.stick_ratio, contact.margin, contact.friction]).all()
+
+
+@given(seeds)
+@settings(max_examples=20)
+def test_the_margin_of_one_unit_is_that_of_its_shear(seed):
+    rng = np.random.default_rng(seed)
+    turn = Rotation.from_rotvec(rng.normal(0.0, 0.3, (N, 3))).as_matrix()
+    rotation = np.einsum("nij,jkn->ikn", turn, naive.facing_down(N))
+    position = naive.grid(ROWS, COLUMNS, PITCH)
+    stream = ContactStream(
+        position, rotation, AREA, *neighbour_graph(position, 1.01 * PITCH), want={"slip"},
+        slip=SlipSettings(friction=0.4),
+    )  # fmt: skip
+    unit, force = rng.integers(N), np.zeros((3, N))
+    for number in range(1, 6):
+        force[:, unit] = *rng.normal(0.0, 0.2, 2), rng.uniform(1.0, 3.0)
+        (contact,) = cycle(stream, force, number)
+        assert contact.record["arm"] == 0.0
+        shear, load = np.hypot(*force[:2, unit]), force[2, unit]
+        assert contact.margin == pytest.approx(1.0 - shear / (0.4 * load), abs=1e-5)
 
 
 def test_shocks_of_a_contact():

@@ -543,7 +543,8 @@ def _arm(members, first, last, force, geometry, origin, record):
             square += d * d
         load += force[2, i]
         moment += force[2, i] * np.sqrt(max(square - along * along, 0.0))
-    record["arm"] = moment / load
+    # Of one unit it is 0, not what rounding makes of that: a torsion is divided by it.
+    record["arm"] = moment / load if last - first > 1 else 0.0
 
 
 @register_jitable
