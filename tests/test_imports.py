@@ -1,6 +1,7 @@
 """The house's order: who may import whom, what is imported late, and what names are promised."""
 
 import ast
+import functools
 import importlib
 import subprocess
 import sys
@@ -28,6 +29,7 @@ MODULES = [
 ]
 
 
+@functools.cache
 def imported(file):
     """List the top-level packages that a file imports, at any depth of it."""
     names = set()
@@ -36,7 +38,7 @@ def imported(file):
             names |= {alias.name.split(".")[0] for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.level == 0:
             names.add(node.module.split(".")[0])
-    return names
+    return frozenset(names)
 
 
 def in_new_process(code):
