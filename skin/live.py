@@ -50,6 +50,7 @@ def open(
     dtype: str = "float32",
     sweeps: int = 1,
     ambient: bool = True,
+    skip: bool = False,
     slip: SlipSettings | None = None,
     sync: Literal["host", "bus"] = "host",
     wait: Literal["event", "drain"] = "event",
@@ -76,6 +77,10 @@ def open(
         Of the cross-talk of neighbours: not taken off; as of the last cycle; accurate.
     ambient : bool
         Take off the ambient field, and follow the zeros of units that nothing touches.
+    skip : bool
+        Leave out what untouched units do not need: they show NaN for all that is tangential and
+        the flag IDLE, temperatures are held for 0.05 s, and the ambient field is looked at less
+        often.
     slip : SlipSettings, optional
         What is known of the friction, the safety that grip forces are to have, what counts as slip.
     sync : "host" or "bus"
@@ -137,8 +142,8 @@ def open(
             )
         return Skin(
             loaded, opened, want=want, estimator=estimator, dtype=dtype, sweeps=sweeps,
-            ambient=ambient, slip=slip, sync=sync, pace=pace, deadline_s=deadline_s, wait=wait,
-            nodes=nodes,
+            ambient=ambient, skip=skip, slip=slip, sync=sync, pace=pace, deadline_s=deadline_s,
+            wait=wait, nodes=nodes,
         )  # fmt: skip
     except BaseException:
         if nodes is not None:
@@ -171,6 +176,7 @@ class Skin:
         dtype: str,
         sweeps: int,
         ambient: bool,
+        skip: bool,
         slip: SlipSettings | None,
         sync: str,
         pace: bool,
@@ -184,7 +190,7 @@ class Skin:
         self.nodes = nodes
         self._read = CycleReader(
             topology, want=want, estimator=estimator, dtype=dtype, sweeps=sweeps, ambient=ambient,
-            slip=slip,
+            skip=skip, slip=slip,
         )  # fmt: skip
         self._position, self._rotation = topology.position, topology.rotation
         self._assembler = Assembler(topology, deadline_s=deadline_s)

@@ -32,7 +32,7 @@ class CycleReader:
     topology : Topology
     want : collection of str, optional
         Of `skin.state.WANTS`; everything if not given.
-    estimator, dtype, sweeps, ambient
+    estimator, dtype, sweeps, ambient, skip
         As of `skin.open`.
     slip : SlipSettings, optional
 
@@ -51,6 +51,7 @@ class CycleReader:
         dtype: str = "float32",
         sweeps: int = 1,
         ambient: bool = True,
+        skip: bool = False,
         slip: SlipSettings | None = None,
     ) -> None:
         wanted = set(WANTS if want is None else [want] if isinstance(want, str) else want)
@@ -68,7 +69,7 @@ class CycleReader:
         lateral = not needed.isdisjoint(LATERAL)
         self._decoder = Decoder(
             topology, needed, estimator, dtype, sweeps=sweeps if lateral else 0,
-            ambient=ambient and lateral,
+            ambient=ambient and lateral, skip=skip,
         )  # fmt: skip
         self._period_ns = round(1e9 / topology.cycle_rate_hz)
         self._now_ns = -1

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from decodefixtures import row_of
@@ -9,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_decode_plan import FIELDS, scene
 
+import skin
 from bus.status import Status
 from skin.decode.decoder import Decoder
 
@@ -70,3 +73,21 @@ def test_only_temperatures_are_never_idle():
     skin = row_of(64, rate_hz=100.0)
     reading = Decoder(skin, {"temperature"}, skip=True)(np.zeros((6, 64), np.int16))
     assert not (reading.status & Status.IDLE).any()
+
+
+def test_a_live_skin_that_skips_tells_the_same_contacts():
+    """Its ambient field is looked at less often: forces differ by a part of their noise."""
+    shown = []
+    for skip in (False, True):
+        with skin.open("palm", simulate=True, pace=False, skip=skip) as palm:
+            states = itertools.islice(palm, 300)
+            shown.append([
+                (s.wrench.copy(), s.label.copy(), s.units.status.copy()) for s in states
+            ])  # fmt: skip
+    idle = False
+    for (wrench, label, _), (skipped, same, status) in zip(*shown, strict=True):
+        np.testing.assert_array_equal(label, same)
+        np.testing.assert_allclose(skipped[:3], wrench[:3], atol=0.05)
+        idle |= bool((status & Status.IDLE).any())
+    assert idle
+    assert shown[0][-1][0][2] < -1.0  # something is pressed in the end
