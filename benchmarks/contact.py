@@ -2,7 +2,8 @@
 
 Time: the whole pass, from the counts of a cycle to its state, for 0, 1 and 3 contacts, each on a
 fourteenth of the units; the pass without slip; decoding alone; and the whole pass as `skin.open`
-has it, with one sweep of cross-talk and the ambient field. Beside it, in turn, in one process: the
+has it, with one sweep of cross-talk and the ambient field; and contacts with slip alone, of plain
+arrays that are new ones each cycle. Beside it, in turn, in one process: the
 same contacts in numpy (equal, as far as two ways to add up can be), and the contact stage of nb-
 touch on forces that are decoded already, against what our pass takes beyond decoding, where that
 package is installed.
@@ -15,8 +16,10 @@ if sigma is right).
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -24,11 +27,13 @@ import numpy as np
 import topology
 from benchmarks.peers_contact import NumpyContacts, nb_touch
 from bus.cycle import ClosedBy, RawCycle
+from skin.contact.stream import Contact, ContactStream
 from skin.reader import CycleReader
 from skin.sim.halbach import FELT_M, HalbachField
 from skin.sim.material import Elastic
 from skin.sim.truth import Truth
 from skin.sim.unit import UnitSimulator
+from skin.state import Reading
 from topology import Topology
 
 SHAPES = {64: "grid", 363: "cylinder", 1024: "grid", 4096: "grid"}
@@ -59,6 +64,7 @@ def run(quick: bool) -> dict:
     return {
         **{f"cycle_us_p50_{n}": rows[most]["full"]["us_p50"] for n, rows in sizes.items()},
         **{f"live_us_p50_{n}": rows[most]["live"]["us_p50"] for n, rows in sizes.items()},
+        **{f"plain_us_p50_{n}": rows[most]["plain"]["us_p50"] for n, rows in sizes.items()},
         "sizes": sizes,
         "centre_of_pressure": centre_of_pressure(TRIALS[not quick]),
     }
@@ -67,7 +73,7 @@ def run(quick: bool) -> dict:
 def table(figures: dict) -> str:
     """The figures for a person."""
     lines = [f"{'units':>6}{'contacts':>10}{'decode us':>11}{'+contacts':>11}{'+slip p50':>11}"
-             f"{'p99':>8}{'live p50':>10}{'numpy us':>10}{'ratio':>7}"
+             f"{'p99':>8}{'live p50':>10}{'plain p50':>11}{'numpy us':>10}{'ratio':>7}"
              f"{'nb-touch us':>13}{'ratio':>7}"]  # fmt: skip
     for n, rows in figures["sizes"].items():
         for touches, row in rows.items():
@@ -75,6 +81,7 @@ def table(figures: dict) -> str:
                 f"{n:>6}{touches:>10}{row['decode']['us_p50']:>11.1f}"
                 f"{row['contacts']['us_p50']:>11.1f}{row['full']['us_p50']:>11.1f}"
                 f"{row['full']['us_p99']:>8.1f}{row['live']['us_p50']:>10.1f}"
+                f"{row['plain']['us_p50']:>11.1f}"
                 f"{row['numpy']['us_p50']:>10.0f}"
                 f"{row['numpy_ratio']:>7.0f}" + _nb_columns(row)
             )
@@ -149,6 +156,16 @@ def counts_of(skin: Topology, touches: int, *, live: bool = False) -> list[np.nd
     return cycles
 
 
+def plain(skin: Topology) -> Callable[..., list[Contact]]:
+    """Contacts with slip of arrays that somebody else has decoded; returns what takes a cycle."""
+    stream = ContactStream(
+        skin.position, skin.rotation, skin.area, skin.neighbour_start, skin.neighbour_index,
+        want=FULL, rate_hz=skin.cycle_rate_hz,
+    )  # fmt: skip
+    stamps = itertools.count(0, round(1e9 / skin.cycle_rate_hz))
+    return lambda *arrays: stream.update(*arrays, stamp_ns=next(stamps))
+
+
 class _Pass:
     """Counts to states, as a bus hands them over: in arrays that stay the same."""
 
@@ -175,8 +192,8 @@ def _size(skin: Topology, touches: int, quick: bool) -> dict:
     passes["live"] = _Pass(skin, FULL, live=True)
     felt = counts_of(skin, touches, live=True)
     assert_same(skin, counts[:8], touches)
-    numpy_pass, stage = NumpyContacts(skin), nb_touch(skin)
-    samples: dict[str, list[int]] = {name: [] for name in (*passes, "numpy", "nb_touch")}
+    numpy_pass, stage, stream = NumpyContacts(skin), nb_touch(skin), plain(skin)
+    samples: dict[str, list[int]] = {name: [] for name in (*passes, "plain", "numpy", "nb_touch")}
     for lap in range(LAPS[not quick]):
         for name, one in passes.items():
             for cycle in felt if name == "live" else counts:
@@ -184,13 +201,18 @@ def _size(skin: Topology, touches: int, quick: bool) -> dict:
                 started = time.perf_counter_ns()
                 one.reader(raw)
                 samples[name].append(time.perf_counter_ns() - started)
+        decode = passes["decode"]
+        for cycle in counts:
+            arrays = [array.copy() for array in _shown(decode.reader(decode.load(cycle)).units)]
+            started = time.perf_counter_ns()
+            stream(*arrays)
+            samples["plain"].append(time.perf_counter_ns() - started)
         if lap % 10 == 0:
             for cycle in counts:
                 started = time.perf_counter_ns()
                 numpy_pass(cycle)
                 samples["numpy"].append(time.perf_counter_ns() - started)
         if lap % 10 == 0 and stage is not None:
-            decode = passes["decode"]
             for cycle in counts:
                 force = decode.reader(decode.load(cycle)).units.force.astype(np.float64)
                 started = time.perf_counter_ns()
@@ -204,6 +226,12 @@ def _size(skin: Topology, touches: int, quick: bool) -> dict:
         own = found["contacts"]["us_p50"] - found["decode"]["us_p50"]
         found["nb_touch_ratio"] = found["nb_touch"]["us_p50"] / own
     return found
+
+
+def _shown(units: Reading) -> tuple[np.ndarray, ...]:
+    """What a reading shows to contacts."""
+    return (units.force, units.force_sigma, units.displacement_mm, units.displacement_sigma_mm,
+            units.temperature, units.valid)  # fmt: skip
 
 
 def assert_same(skin: Topology, counts: list[np.ndarray], touches: int) -> None:

@@ -25,6 +25,7 @@ def test_benchmark_gives_errors_beside_times(monkeypatch):
     assert figures["cycle_us_p50_64"] == rows["3"]["full"]["us_p50"]
     for row in rows.values():
         assert 0.0 < row["full"]["us_p50"] <= row["full"]["us_p99"]
+        assert 0.0 < row["plain"]["us_p50"] <= row["plain"]["us_p99"]
         assert row["numpy_ratio"] > 1.0
     for row in figures["centre_of_pressure"]:
         if row["load_n"] == "above 5":
@@ -32,6 +33,19 @@ def test_benchmark_gives_errors_beside_times(monkeypatch):
     text = contact.table(figures)
     assert "above 5" in text
     assert ("nb-touch is not installed" in text) == ("nb_touch" not in rows["1"])
+
+
+def test_plain_arrays_have_the_contacts_of_the_whole_pass():
+    skin = contact.plate(64)
+    one, stream = contact._Pass(skin, contact.FULL), contact.plain(skin)
+    for counts in contact.counts_of(skin, 3)[:20]:
+        state = one.reader(one.load(counts))
+        found = stream(*(array.copy() for array in contact._shown(state.units)))
+        assert [c.id for c in found] == [c.id for c in state.contacts] == [1, 2, 3]
+        for a, b in zip(found, state.contacts, strict=True):
+            assert a.load == b.load
+            assert a.slip == b.slip
+            np.testing.assert_array_equal(a.motion, b.motion)
 
 
 @pytest.mark.parametrize(("n", "kind"), [(64, "grid"), (363, "cylinder")])
