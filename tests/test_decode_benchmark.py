@@ -9,12 +9,15 @@ import pytest
 
 from benchmarks import decode, timing
 from benchmarks.peers_decode import ROWS, array_of, counts_of, exact, numpy_decode
+from skin.state import UNIT_WANTS
 
 
 def test_benchmark_gives_errors_beside_times(monkeypatch):
     monkeypatch.setattr(decode, "SIZES", (48,))
     monkeypatch.setattr(decode, "CALIBRATED", 96)
     monkeypatch.setattr(decode, "LATTICE", 4)
+    for quantities in ("NINE", "LIVE"):  # all of them: kernels that other tests have as well
+        monkeypatch.setattr(decode, quantities, set(UNIT_WANTS))
     monkeypatch.setattr(timing, "ROUNDS", 2)
     figures = json.loads(json.dumps(decode.run(quick=True)))
     for name in ("copy_floor_ratio", "ns_per_unit_calibrated", "ns_per_unit_full", "numpy_ratio",

@@ -172,8 +172,8 @@ def test_a_slow_chip_does_not_stand_still_in_float32():
     raw = np.repeat(warm_step(1, 60.0, 60.3), [1, 100_000], axis=0)
     raw[:, 0] = np.round(raw[:, 0] * 0.007 / 0.055)
     raw[:, 1], raw[:, 2] = 9000, 15
-    single = sine(skin, {"displacement"}, dtype="float32")(raw).displacement_mm[-1, 0, 0]
-    double = sine(skin, {"displacement"}, dtype="float64")(raw).displacement_mm[-1, 0, 0]
+    single = sine(skin, dtype="float32")(raw).displacement_mm[-1, 0, 0]
+    double = sine(skin, dtype="float64")(raw).displacement_mm[-1, 0, 0]
     assert abs(single - double) < 2e-6
 
 

@@ -25,11 +25,10 @@ from skin.errors import CalibrationError, OptionError
 
 seeds = st.integers(0, 2**32 - 1)
 dtypes = st.sampled_from(["float32", "float64"])
-PLACES = {"displacement", "force", "tangential", "theta"}
 
 
-def angled(skin, want=PLACES, **options):
-    return Decoder(skin, want, "field-angle", **options)
+def angled(skin, **options):
+    return Decoder(skin, None, "field-angle", **options)
 
 
 def counts_at(skin, depth, reach, direction, temperature=25.0, gain=1.0, noise=None):
@@ -131,7 +130,7 @@ def test_the_strength_of_the_magnet_and_the_gain_of_the_chip_cancel(seed, gain):
     plain, weak = (angled(skin, dtype="float64")(counts_at(skin, *place, gain=g)).displacement_mm
                    for g in (1.0, gain))  # fmt: skip
     assert np.abs(plain - weak).max() < 3e-3
-    arcsine = sine(skin, PLACES, dtype="float64")(counts_at(skin, *place, gain=0.95))
+    arcsine = sine(skin, dtype="float64")(counts_at(skin, *place, gain=0.95))
     assert np.abs(plain - arcsine.displacement_mm).max() > 0.03
 
 
@@ -167,9 +166,7 @@ def test_all_of_the_field_scaled_is_the_same_angle(seed, dtype, factor):
     raw[2:5] //= 4
     more = raw.copy()
     more[2:5] *= factor
-    one, other = (
-        angled(skin, dtype=dtype, consistency=False)(r).displacement_mm for r in (raw, more)
-    )
+    one, other = (angled(skin, dtype=dtype)(r).displacement_mm for r in (raw, more))
     assert np.abs(one - other).max() <= (3e-6 if dtype == "float32" else 1e-12)
 
 
@@ -192,7 +189,7 @@ def test_r_grows_to_its_end_and_stays_there(dtype):
     angle = np.linspace(0.0, np.pi, 2001)
     raw = np.repeat(counts_at(skin, [1.0], [0.0], [0.0])[np.newaxis], angle.size, axis=0)
     raw[:, 2, 0], raw[:, 4, 0] = np.rint(6000 * np.sin(angle)), np.rint(6000 * np.cos(angle))
-    got = angled(skin, PLACES | {"sigma"}, dtype=dtype)(raw)
+    got = angled(skin, dtype=dtype)(raw)
     reach = got.displacement_mm[:-1, 0, 0]  # at the very end there is no direction
     angle = angle[:-1]
     assert np.all(np.diff(reach) >= -1e-3)
@@ -210,7 +207,7 @@ def test_r_grows_to_its_end_and_stays_there(dtype):
 @given(seeds, dtypes)
 def test_no_integer_makes_a_nan(seed, dtype):
     skin = calibrated(row_of(48), seed % 5, turn_rad=0.5)
-    got = Decoder(skin, None, "field-angle", dtype=dtype)(any_counts(skin, 20, seed))
+    got = angled(skin, dtype=dtype)(any_counts(skin, 20, seed))
     for name in ("temperature", "force", "tangential", "theta", "displacement_mm", "field_ut",
                  "temperature_sigma", "force_sigma", "tangential_sigma", "theta_sigma",
                  "displacement_sigma_mm"):  # fmt: skip
@@ -221,7 +218,7 @@ def test_no_integer_makes_a_nan(seed, dtype):
 def test_no_lateral_field_is_no_shear(dtype):
     raw = counts_at(row_of(3), 1.0, np.zeros(3), 0.0)
     raw[2:4] = 0
-    got = Decoder(row_of(3), None, "field-angle", dtype=dtype)(raw)
+    got = angled(row_of(3), dtype=dtype)(raw)
     for values in (got.force[:2], got.displacement_mm[:2], got.tangential, got.theta):
         assert not values.any()
     sigma = got.displacement_sigma_mm
@@ -233,7 +230,7 @@ def test_no_lateral_field_is_no_shear(dtype):
 def test_no_field_at_all_is_an_anomaly(dtype):
     raw = counts_at(row_of(2), 1.0, np.zeros(2), 0.0)
     raw[2:5] = 0
-    got = Decoder(row_of(2), None, "field-angle", dtype=dtype)(raw)
+    got = angled(row_of(2), dtype=dtype)(raw)
     expected = Status.MAGNETIC_ANOMALY | Status.EXTRAPOLATED
     assert got.status.tolist() == [expected] * 2
     assert not got.valid.any()
@@ -251,7 +248,7 @@ def test_a_field_too_strong_or_too_weak_is_an_anomaly(estimator, gain, odd):
     rng = np.random.default_rng(3)
     reach = np.where(np.arange(60) < 20, 0.0, rng.uniform(0.0, 2.4, 60))
     raw = counts_at(skin, rng.uniform(0.8, 1.9, 60), reach, rng.uniform(-3, 3, 60), gain=gain)
-    reading = Decoder(skin, {"force"}, estimator)(raw)
+    reading = Decoder(skin, None, estimator)(raw)
     found = reading.status & Status.MAGNETIC_ANOMALY != 0
     assert found.all() if odd else not found.any()
     np.testing.assert_array_equal(reading.valid, ~found)
@@ -266,7 +263,7 @@ def test_noise_and_a_hot_magnet_are_no_anomaly(estimator):
             skin, rng.uniform(0.0, 1.95, 500), rng.uniform(0.0, 2.45, 500),
             rng.uniform(-3, 3, 500), np.full(500, warm), 1.0 - 0.0011 * (warm - 25.0), rng,
         )  # fmt: skip
-        reading = Decoder(skin, {"force"}, estimator)(raw)
+        reading = Decoder(skin, None, estimator)(raw)
         assert not (reading.status & Status.MAGNETIC_ANOMALY).any()
 
 

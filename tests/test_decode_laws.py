@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import numpy as np
 import pytest
@@ -70,7 +71,7 @@ def test_decoding_undoes_the_simulated_unit_within_quantisation(seed, dtype, lay
     counts = simulated.quantise(
         simulated.quantities(depth, lateral, temperature, hall_temperature=chip)
     )
-    got = sine(skin, dtype=dtype)(counts)
+    got = Decoder(skin, estimator="sine", dtype=dtype)(counts)
 
     rounding = 1.0 if dtype == "float64" else 1.001
     digits = 1e-9 if dtype == "float64" else 5e-5
@@ -331,13 +332,13 @@ def test_no_integer_makes_a_nan(seed, dtype, layout):
 
 def test_direction_is_corrected_by_its_table():
     """A table that is the same everywhere turns; a single knot acts between its neighbours only."""
-    n = 64
+    n, arcsine = 64, functools.partial(Decoder, estimator="sine", dtype="float64")
     direction = np.linspace(-np.pi, np.pi, n, endpoint=False) + 0.01
     raw = nominal_counts(n=n)
     raw[2], raw[3] = np.round(2000 * np.cos(direction)), np.round(2000 * np.sin(direction))
-    plain = sine(row_of(n), dtype="float64")(raw)
+    plain = arcsine(row_of(n))(raw)
     even = with_parameters(row_of(n), theta_correction_rad=0.25)
-    turned = sine(even, dtype="float64")(raw)
+    turned = arcsine(even)(raw)
     shift = (turned.theta - plain.theta + np.pi) % (2.0 * np.pi) - np.pi
     np.testing.assert_allclose(shift, 0.25, atol=1e-12)
     np.testing.assert_allclose(turned.tangential, plain.tangential, atol=1e-12)
@@ -346,7 +347,7 @@ def test_direction_is_corrected_by_its_table():
     for knot in (0, 5):
         table = np.zeros((THETA_KNOTS, n))
         table[knot] = 0.2
-        one = sine(with_parameters(row_of(n), theta_correction_rad=table), dtype="float64")(raw)
+        one = arcsine(with_parameters(row_of(n), theta_correction_rad=table))(raw)
         shift = (one.theta - plain.theta + np.pi) % (2.0 * np.pi) - np.pi
         away = (plain.theta - (-np.pi + knot * np.pi / 8.0) + np.pi) % (2.0 * np.pi) - np.pi
         hat = 0.2 * np.maximum(1.0 - np.abs(away) / (np.pi / 8.0), 0.0)

@@ -36,8 +36,8 @@ def error_um(reading, place):
 @pytest.mark.parametrize("sweeps", [1, 2])
 def test_sweeps_take_off_what_neighbours_add(sweeps):
     palm, counts, place = pressed_palm()
-    decoder = Decoder(palm, {"displacement"}, "field-angle", sweeps=sweeps)
-    alone = error_um(Decoder(palm, {"displacement"}, "field-angle")(counts), place)
+    decoder = Decoder(palm, None, "field-angle", sweeps=sweeps)
+    alone = error_um(Decoder(palm, None, "field-angle")(counts), place)
     found = [error_um(decoder(counts), place) for _ in range(4)]
     assert alone > 80.0
     assert found[0] < 0.7 * alone
@@ -100,7 +100,7 @@ def test_units_without_load_are_looked_at_now_and_then_for_the_ambient_field():
 
 
 def test_the_ambient_loop_sees_the_temperature_wanted_or_not():
-    decoder = Decoder(topology.load("palm"), {"force"}, ambient=True)
+    decoder = Decoder(topology.load("palm"), {"displacement", "sigma"}, ambient=True)
     counts = np.zeros((6, 64), np.int16)
     decoder.warmup()
     assert decoder(counts).temperature is None

@@ -7,6 +7,8 @@ import pytest
 from decodefixtures import calibrated, row_of, sensible_counts, sine
 from mpmath import mp, mpf
 
+from skin.decode.decoder import Decoder
+
 CYCLES = 4
 QUANTITIES = ("temperature", "fx", "fy", "fz", "tangential", "theta", "x", "y", "h")
 
@@ -79,7 +81,7 @@ def one_unit(skin, counts, i, film, chip):
 
 def decoded(skin, raw, dtype):
     """Decode the same, in the oracle's names, float64 arrays of shape (t, n)."""
-    reading = sine(skin, dtype=dtype)(raw)
+    reading = Decoder(skin, estimator="sine", dtype=dtype)(raw)
     rows = (reading.temperature, *reading.force.swapaxes(0, 1), reading.tangential, reading.theta)
     rows = (*rows, *reading.displacement_mm.swapaxes(0, 1))
     return {name: row.astype(float) for name, row in zip(QUANTITIES, rows, strict=True)}
@@ -149,6 +151,6 @@ def test_temperature_polynomial_is_the_exponential_law(dtype, limit):
     gel = np.arange(np.ceil(ends[0]), np.floor(ends[1]) + 1)
     raw = np.zeros((gel.size, 6, 1), np.int16)
     raw[:, 0, 0] = gel
-    got = sine(skin, want={"temperature"}, dtype=dtype)(raw).temperature[:, 0]
+    got = sine(skin, dtype=dtype)(raw).temperature[:, 0]
     law = 20.0 + 60.0 * np.log(gel * 0.007 / 10.0) / np.log(12.0)
     assert np.abs(got - law).max() <= limit

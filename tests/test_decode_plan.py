@@ -142,15 +142,15 @@ def test_a_batch_in_between_is_not_mistaken_for_the_last_cycle():
 
 
 def test_idle_is_not_untouched_and_not_invalid():
-    skin = row_of(16)
+    skin = row_of(16, rate_hz=100.0)
     raw = counts_at(skin, np.zeros(16), 0.0, 0.0)
-    reading = Decoder(skin, {"force"}, skip=True)(raw)
+    reading = Decoder(skin, skip=True)(raw)
     assert reading.status.tolist() == [Status.IDLE] * 16
     assert reading.valid.all()
     assert np.isnan(reading.force[:2]).all()
     assert np.isfinite(reading.force[2]).all()
     pressed = counts_at(skin, np.where(np.arange(16) == 3, 0.1, 0.0), 0.0, 0.0)
-    assert not Decoder(skin, {"force"}, skip=True)(pressed).status.any()
+    assert not Decoder(skin, skip=True)(pressed).status.any()
 
 
 # -- temperatures held -----------------------------------------------------------------------------
@@ -160,8 +160,8 @@ def test_idle_is_not_untouched_and_not_invalid():
 def test_held_temperatures_are_those_of_the_cycles_when_they_were_due(dtype):
     skin = calibrated(row_of(40, rate_hz=50.0), seed=1)
     raw = sensible_counts(skin, 13, 2)
-    held = Decoder(skin, {"temperature"}, dtype=dtype, temperature_every=4)(raw).temperature
-    each = Decoder(skin, {"temperature"}, dtype=dtype)(raw).temperature
+    held = Decoder(skin, dtype=dtype, temperature_every=4)(raw).temperature
+    each = Decoder(skin, dtype=dtype)(raw).temperature
     for t in range(13):
         np.testing.assert_array_equal(held[t], each[t - t % 4])
 
@@ -252,7 +252,7 @@ def test_the_field_is_that_of_the_film_in_the_units_frame():
     skin = calibrated(row_of(40), seed=6)
     p = skin.parameters
     raw = sensible_counts(skin, 1, 7)[0]
-    got = Decoder(skin, {"field"}, dtype="float64")(raw).field_ut
+    got = Decoder(skin, dtype="float64")(raw).field_ut
     value = skin.scale * raw + skin.offset
     above = value[5] - p["hall_reference_c"]
     x, y, z = (
@@ -263,4 +263,4 @@ def test_the_field_is_that_of_the_film_in_the_units_frame():
     expected = [p["field_xx"] * x + p["field_xy"] * y, p["field_yx"] * x + p["field_yy"] * y, z]
     np.testing.assert_allclose(got, expected, rtol=0, atol=1e-8)
     blind = dataclasses.replace(skin, wired=skin.wired & (np.arange(6) != 4)[:, np.newaxis])
-    assert np.isnan(Decoder(blind, {"field"}).__call__(raw).field_ut[2]).all()
+    assert np.isnan(Decoder(blind)(raw).field_ut[2]).all()
