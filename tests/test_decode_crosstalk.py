@@ -18,8 +18,10 @@ from skin.calibrate.stencil import Stencil
 from skin.decode import crosstalk_kernels as kernels
 from skin.decode.crosstalk import ACCURATE_UT, LIVE_UT, CrossTalk, contraction_of
 from skin.decode.crosstalk_cells import find_lattices
+from skin.decode.decoder import Decoder
 from skin.errors import SkinError
 from skin.sim.halbach import HalbachField
+from skin.sim.unit import UnitSimulator
 from tests.test_calibrate_stencil import change_ut, displaced, neighbours_ut, palm
 
 SKINS = ("palm", "hand", "fingertip", "strip")
@@ -421,6 +423,48 @@ def test_units_too_near_for_their_films_are_refused():
         CrossTalk(dataclasses.replace(skin, parameters=weak), degree=2)
     with pytest.raises(SkinError, match="stencil: must be of 16 units, as palm; got 64"):
         CrossTalk(skin, stencil_of("palm"))
+
+
+# -- heat ------------------------------------------------------------------------------------------
+
+
+def test_warm_films_are_weaker_as_are_those_at_rest():
+    skin, crosstalk = topology.load("palm"), crosstalk_of("palm", 0.0)
+    moved = displaced(skin.n, cycles=1)[0]
+    above = np.random.default_rng(2).uniform(-10.0, 55.0, skin.n)
+    gain = skin.parameters["film_drift_per_k"] * above
+    out, usable = np.empty((5, skin.n)), np.ones(skin.n, bool)
+    base = np.arange(5.0 * skin.n).reshape(5, skin.n)
+    crosstalk.predict(moved, usable, out, base, above)
+    weaker = CrossTalk(skin, dataclasses.replace(
+        stencil_of("palm"), strength=stencil_of("palm").strength * (1.0 + gain)
+    ), dtype="float64", tolerance_ut=0.0, idle_mm=0.0)  # fmt: skip
+    rest = stencil_of("palm").rest_ut * gain
+    np.testing.assert_allclose(out[1:4], base[1:4] + rest + predict(weaker, moved), atol=1e-6)
+    assert np.abs(out[1:4] - base[1:4] - predict(crosstalk, moved)).max() > 20.0
+    np.testing.assert_array_equal(out[0], base[0])
+    np.testing.assert_allclose(out[4], base[4] + crosstalk.residue_ut2)
+
+
+@pytest.mark.parametrize("film_c", [25.0, 75.0])
+def test_a_hot_array_is_decoded_as_well_as_a_cold_one(film_c):
+    """Weaker films of the neighbours, at rest and displaced, and the chips' gain on their field."""
+    skin = topology.load("palm")
+    assert skin.parameters["hall_gain_per_k"].all()
+    units = UnitSimulator(skin, seed=1, field=HalbachField(skin, reach_m=1.0))
+    decoder = Decoder(skin, {"displacement", "temperature"}, dtype="float64", sweeps=2)
+    rng, off = np.random.default_rng(3), []
+    for _ in range(8):
+        pressed = rng.random(skin.n) < 0.6
+        depth, reach = 2.0 * rng.random(skin.n), 2.5 * np.sqrt(rng.random(skin.n))
+        way = rng.uniform(-np.pi, np.pi, skin.n)
+        moved = reach * pressed * np.stack([np.cos(way), np.sin(way)])
+        values = units.quantities(depth * pressed, moved, np.full(skin.n, film_c))
+        decoder.reset()
+        for _ in range(3):
+            reading = decoder(units.quantise(values))
+        off.append((reading.displacement_mm[:2] - moved)[:, pressed])
+    assert 1e3 * np.sqrt(np.mean(np.sum(np.concatenate(off, axis=1) ** 2, axis=0))) < 4.0
 
 
 # -- the kernels as Python -------------------------------------------------------------------------

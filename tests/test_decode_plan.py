@@ -221,23 +221,26 @@ def test_decoding_a_cycle_again_changes_nothing_that_follows(every, layout):
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 @pytest.mark.parametrize("estimator", ["sine", "field-angle"])
 def test_a_background_is_taken_off_the_counts(dtype, estimator):
-    """Counts that are higher by whole steps, and a background of just as much."""
+    """Counts that are higher by whole steps, and a background that the chip reads as that."""
     skin = calibrated(row_of(50), seed=5)
     raw = sensible_counts(skin, 3, 6, most=0.8)
     steps = np.random.default_rng(7).integers(-60, 60, (4, 50))
     moved = raw.copy()
     moved[:, 1] -= steps[0].astype(np.int16)
     moved[:, 2:5] += steps[1:].astype(np.int16)
-    background = (steps * skin.scale[1:5]).astype(dtype)
+    warmer = skin.scale[5] * raw[:, 5] + skin.offset[5] - skin.parameters["hall_reference_c"]
+    background = np.tile(steps * skin.scale[1:5], (3, 1, 1))
+    background[:, 1:] /= (1.0 + skin.parameters["hall_gain_per_k"] * warmer)[:, np.newaxis]
+    background = background.astype(dtype)
     plain = Decoder(skin, None, estimator, dtype=dtype)(raw)
-    taken = Decoder(skin, None, estimator, dtype=dtype)(moved, None, np.stack([background] * 3))
+    taken = Decoder(skin, None, estimator, dtype=dtype)(moved, None, background)
     limit = 2e-5 if dtype == "float32" else 1e-9
     for name in ("force", "displacement_mm", "tangential"):
         assert np.abs(getattr(plain, name) - getattr(taken, name)).max() <= limit, name
     assert np.abs(plain.field_ut - taken.field_ut).max() <= (1e-2 if dtype == "float32" else 1e-8)
     live = Decoder(skin, None, estimator, dtype=dtype)
     for t in range(3):
-        one = live(moved[t], None, background)
+        one = live(moved[t], None, background[t])
         np.testing.assert_array_equal(one.force, taken.force[t])
 
 

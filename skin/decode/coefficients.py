@@ -68,6 +68,7 @@ class Coefficients:
         vertical: bool = False,
         every: int = 1,
         rest_ut: np.ndarray | None = None,
+        felt_ut: np.ndarray | None = None,
     ) -> Coefficients:
         """Coefficients of a topology, for arithmetic in `dtype`.
 
@@ -82,8 +83,10 @@ class Coefficients:
         every : int
             Cycles from one temperature to the next.
         rest_ut : ndarray, shape (3, n), optional
-            Field that resting neighbours add, axes of the chips; a part of the offsets. Without it
-            the model of the field is held to less.
+            Field that resting neighbours add, axes of the chips, and that the offsets do not hold.
+            Without it the model of the field is held to less.
+        felt_ut : ndarray, shape (3, n), optional
+            The same, whether the offsets hold it or not: it is read with the chip's gain as it is.
 
         Raises
         ------
@@ -91,7 +94,7 @@ class Coefficients:
             A parameter is not one that a working unit can have.
         """
         _refuse_impossible(topology)
-        values = _values(topology, angle, every, rest_ut).astype(dtype)
+        values = _values(topology, angle, every, rest_ut, felt_ut).astype(dtype)
         limits = _limits(topology, vertical)
         turning = bool(topology.parameters["theta_correction_rad"].any())
         return cls(_blocks(_once(values)), _blocks(_once(limits)), turning)
@@ -112,7 +115,13 @@ def _blocks(rows: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(blocks).reshape(-1)
 
 
-def _values(topology: Topology, angle: bool, every: int, rest_ut: np.ndarray | None) -> np.ndarray:
+def _values(
+    topology: Topology,
+    angle: bool,
+    every: int,
+    rest_ut: np.ndarray | None,
+    felt_ut: np.ndarray | None,
+) -> np.ndarray:
     """Rows of coefficients, shape (ROWS, n), float64."""
     p = topology.parameters
     scale, offset, wired = topology.scale, topology.offset, topology.wired
@@ -163,17 +172,22 @@ def _values(topology: Topology, angle: bool, every: int, rest_ut: np.ndarray | N
     still = [
         offset[k.BX + i] - p[f"hall_offset_{axis}_ut"] - rest[i] for i, axis in enumerate("xyz")
     ]
+    felt = np.zeros((3, topology.n)) if felt_ut is None else felt_ut
+    drift = [
+        p[f"hall_drift_{axis}_ut_per_k"] + p["hall_gain_per_k"] * felt[i]
+        for i, axis in enumerate("xyz")
+    ]
     for row, axis in ((k.X_BX, "x"), (k.Y_BX, "y")):
         from_x, from_y = p[f"field_{axis}x"], p[f"field_{axis}y"]
         c[row] = from_x * scale[k.BX]
         c[row + 1] = from_y * scale[k.BY]
         c[row + 2] = from_x * still[0] + from_y * still[1]
-        c[row + 3] = -from_x * p["hall_drift_x_ut_per_k"] - from_y * p["hall_drift_y_ut_per_k"]
+        c[row + 3] = -from_x * drift[0] - from_y * drift[1]
     c[k.MAP_XX], c[k.MAP_XY] = p["field_xx"], p["field_xy"]
     c[k.MAP_YX], c[k.MAP_YY] = p["field_yx"], p["field_yy"]
     c[k.Z_BZ] = scale[k.BZ]
     c[k.Z_OFFSET] = np.where(wired[k.BZ], still[2], np.nan)
-    c[k.Z_DRIFT] = -p["hall_drift_z_ut_per_k"]
+    c[k.Z_DRIFT] = -drift[2]
 
     reference = p["field_reference_mm"]
     linear, curved = p["field_growth_per_mm"], p["field_growth_per_mm2"]

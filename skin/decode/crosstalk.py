@@ -96,8 +96,7 @@ class CrossTalk:
     ----------
     stencil : Stencil
     strength : ndarray, shape (n,)
-        Of the films, as the stencil has it: write ``stencil.strength * (1 + drift * warmer)`` to it
-        as they warm up. What rests then changes too, by that share of `Stencil.rest_ut`.
+        Of the films, as the stencil has it.
     contraction : float
         Largest share of the cross-talk that one sweep leaves, of films that are not displaced.
     residue_ut : ndarray, shape (n,)
@@ -172,6 +171,8 @@ class CrossTalk:
 
         n = topology.n
         self.strength = stencil.strength.astype(real)
+        self._drift = topology.parameters["film_drift_per_k"].astype(real)
+        self._rest = np.ascontiguousarray(stencil.rest_ut, real)
         reach_mm = IDLE_REACH_MM if idle_mm else 0.0
         self._idle = np.array([idle_mm, 3.0 * idle_mm, reach_mm**2], real)
         reach, deepest = stencil.displacement_max_mm, stencil.depth_max_mm
@@ -192,6 +193,7 @@ class CrossTalk:
         usable: np.ndarray,
         out: np.ndarray,
         base: np.ndarray | None = None,
+        film_above: np.ndarray | None = None,
     ) -> np.ndarray:
         """Stray fields of all films that are known, have moved and are within reach.
 
@@ -207,13 +209,16 @@ class CrossTalk:
             these are rows 1 to 3; row 0 is that of `base`, and `residue_ut2` is added to row 4.
         base : ndarray, shape (3, n) or (5, n) as `out`, optional
             Added: the rest of the background.
+        film_above : ndarray, shape (n,), optional
+            Temperature of each film above that of its calibration, kelvin: its field, and that of
+            the neighbours at rest, is weaker by `film_drift_per_k`.
 
         Returns
         -------
         ndarray, shape (3, n) or (5, n)
             `out`. All arrays have the type of this object and are contiguous.
         """
-        return self.bound(displacement_mm, usable, out, base, again=False)()
+        return self.bound(displacement_mm, usable, out, base, film_above, again=False)()
 
     def bound(
         self,
@@ -221,6 +226,7 @@ class CrossTalk:
         usable: np.ndarray,
         out: np.ndarray,
         base: np.ndarray | None = None,
+        film_above: np.ndarray | None = None,
         *,
         again: bool = True,
     ) -> Callable[[], np.ndarray]:
@@ -228,14 +234,15 @@ class CrossTalk:
 
         Parameters
         ----------
-        displacement_mm, usable, out, base : ndarray
+        displacement_mm, usable, out, base, film_above : ndarray
             As of `predict`.
         again : bool
             False for who calls once.
         """
         taken = (
-            displacement_mm, usable, self.strength, self._idle, self._most, base,
-            self.residue_ut2, self._tile, self._sources, self._stale, out,
+            displacement_mm, usable, film_above, self.strength, self._drift, self._rest,
+            self._idle, self._most, base, self.residue_ut2, self._tile, self._sources, self._stale,
+            out,
         )  # fmt: skip
         unknown = (
             self.stencil.start, self.stencil.neighbour, self._prior, *self._felt,

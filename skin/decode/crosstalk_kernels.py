@@ -46,8 +46,9 @@ _OPTIONS = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True, "ca
 
 
 def films_python(
-    displacement, usable, strength, idle, most, base, residue, tile, sources, stale, out
-):
+    displacement, usable, above, strength, drift, rest, idle, most, base, residue, tile, sources,
+    stale, out,
+):  # fmt: skip
     """Take over the displacements of the films that count, and begin the result.
 
     Parameters
@@ -56,7 +57,13 @@ def films_python(
         A film whose depth is known, but whose dx or dy is NaN, counts as not displaced: it has
         not been looked at since nothing touches it.
     usable : ndarray, shape (n,), bool
-    strength : ndarray, shape (n,)
+    above : ndarray, shape (n,), or None
+        Temperature of each film above that of its calibration; None: as there.
+    strength, drift : ndarray, shape (n,)
+        Of the films, and its relative change per kelvin.
+    rest : ndarray, shape (3, n)
+        Field of all neighbours at rest, which the units' offsets hold already: what it changes by,
+        they being as warm as the unit's own film, is part of the result.
     idle : ndarray, shape (3,)
         Depth, height and square of the tangential displacement below which a film counts as at
         rest.
@@ -97,7 +104,8 @@ def films_python(
         for i in range(count):
             tile[H * BLOCK + i] = displacement[H, first + i]
         for i in range(count):
-            tile[WEIGHT * BLOCK + i] = strength[first + i]
+            gain = one if above is None else one + drift[first + i] * above[first + i]
+            tile[WEIGHT * BLOCK + i] = strength[first + i] * gain
         for i in range(count):
             tile[KNOWN * BLOCK + i] = one if usable[first + i] else nothing
         for j in range(count):
@@ -126,9 +134,12 @@ def films_python(
         for row in range(5):
             for i in range(count):
                 sources[row, first + i] = tile[row * BLOCK + i]
-        for axis in range(at, at + 3):
+        for axis in range(3):
             for i in range(count):
-                out[axis, first + i] = nothing if base is None else base[axis, first + i]
+                field = nothing if base is None else base[at + axis, first + i]
+                if above is not None:
+                    field += rest[axis, first + i] * (drift[first + i] * above[first + i])
+                out[at + axis, first + i] = field
         if at:
             for i in range(count):
                 out[0, first + i] = nothing if base is None else base[0, first + i]
@@ -213,6 +224,7 @@ def lattice_python(
     out : ndarray, shape (3, n) or (5, n)
         Added to; see `films_python`.
     """
+    apart()
     nothing = out.dtype.type(0.0)
     axes = 1 if out.shape[0] == ROWS else 0
     blocks = active.shape[1]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from skin.decode.plan import ESTIMATORS, Plan
+from skin.decode.plan import ESTIMATORS, LATERAL, Plan
 from skin.errors import CountsError
 from skin.state import Reading
 from topology import CHANNELS, Topology
@@ -22,6 +22,7 @@ _NONE_YET = object()
 
 _COMPONENTS = {
     "temperature": 1, "force": 3, "tangential": 1, "theta": 1, "displacement": 3, "field": 3,
+    "film_above": 1,
 }  # fmt: skip
 _FIELDS = {"displacement": "displacement_mm", "field": "field_ut"}
 """Names of a `Reading` that differ from those of `want`."""
@@ -121,6 +122,7 @@ class Decoder:
         from skin.decode.coefficients import Coefficients
 
         self.crosstalk = self.ambient = None
+        felt_ut = rest_ut
         if sweeps:
             from skin.decode.crosstalk import ACCURATE_UT, LIVE_UT, CrossTalk
 
@@ -128,8 +130,8 @@ class Decoder:
                 topology, stencil, dtype=plan.dtype,
                 tolerance_ut=LIVE_UT if sweeps == 1 else ACCURATE_UT,
             )  # fmt: skip
-            if rest_ut is None:
-                rest_ut = self.crosstalk.stencil.rest_ut
+            felt_ut = self.crosstalk.stencil.rest_ut
+            rest_ut = felt_ut if rest_ut is None else rest_ut
         if ambient:
             from skin.decode.ambient import Ambient
 
@@ -137,7 +139,7 @@ class Decoder:
         angle = plan.estimator == "field-angle"
         found = Coefficients.of(
             topology, self.dtype, angle=angle, vertical=angle or plan.consistency,
-            every=plan.temperature_every, rest_ut=rest_ut,
+            every=plan.temperature_every, rest_ut=rest_ut, felt_ut=felt_ut,
         )  # fmt: skip
         silent = ~topology.enabled | topology.counts_only
         warm = bool((topology.wired[CHANNELS.index("gel")] | silent).all())
@@ -168,6 +170,7 @@ class Decoder:
         self._known = np.zeros((5, n), self.dtype) if self.ambient is None else self.ambient.taken
         self._out = self._outputs(1)
         self._whole = self._view(*self._out, 0, self._names)
+        self._film_above = self._out[0][0, -1] if self._names[-1] == "film_above" else None
         self._predict: dict[bool, Callable] = {}
         self._reading = self._view(*self._out, 0, self._wanted())
         self.reset()
@@ -237,8 +240,9 @@ class Decoder:
             heard of.
         background : ndarray, shape (4, n) or (t, 4, n), of the decoder's type, optional
             What is not the unit's own signal, and is subtracted: row 0 Hz by which the frequency
-            fell, rows 1-3 µT in the axes of the chip, as its counts read. A fifth row, if there is
-            one, is the variance of what is not known of the field, µT² of an axis.
+            fell, rows 1-3 the field in µT, in the axes of the chip, which reads it with its gain. A
+            fifth row, if there is one, is the variance of what is not known of the field, µT² of an
+            axis.
         advance : bool
             False to decode the cycle before once more, with another background: what lags behind
             the gel does not move on.
@@ -289,7 +293,9 @@ class Decoder:
         """The prediction of cross-talk on top of a background that is told, or not."""
         base = self._base if told else self._known
         whole = self._whole
-        predict = self.crosstalk.bound(whole.displacement_mm, whole.valid, self._taken, base)
+        predict = self.crosstalk.bound(
+            whole.displacement_mm, whole.valid, self._taken, base, self._film_above
+        )
         self._predict[told] = predict
         return predict
 
@@ -380,7 +386,7 @@ class Decoder:
             quantity = name.removesuffix("_sigma")
             size = _COMPONENTS[quantity]
             field = _SIGMAS[quantity] if name != quantity else _FIELDS.get(name, name)
-            if name in shown:
+            if name in shown and name != "film_above":
                 found[field] = out[at, row] if size == 1 else out[at, row : row + size]
             row += size
         return Reading(**found, status=status[at], valid=valid[at])
@@ -414,7 +420,8 @@ def _names(plan: Plan, warm: bool) -> tuple[str, ...]:
         needed |= {"field", "temperature"} if warm else {"field"}
     plain = tuple(name for name in _COMPONENTS if name in needed and name != "field")
     sigmas = tuple(f"{name}_sigma" for name in plain) if plan.sigma else ()
-    return (*plain, *sigmas, *(("field",) if "field" in needed else ()))
+    last = [("field", "field" in needed), ("film_above", plan.sweeps and plan.film_compensation)]
+    return (*plain, *sigmas, *(name for name, wanted in last if wanted))
 
 
 def _rows_of(name: str, k) -> range:
@@ -422,7 +429,8 @@ def _rows_of(name: str, k) -> range:
     suffix = "_SIGMA" if name.endswith("_sigma") else ""
     quantity = name.removesuffix("_sigma")
     first = {"temperature": "TEMPERATURE", "force": "FX", "tangential": "FT", "theta": "THETA",
-             "displacement": "DX", "field": "FIELD_X"}[quantity]  # fmt: skip
+             "displacement": "DX", "field": "FIELD_X", "film_above": "FILM_ABOVE",
+             }[quantity]  # fmt: skip
     row = getattr(k, first + suffix)
     return range(row, row + _COMPONENTS[quantity])
 
@@ -430,9 +438,9 @@ def _rows_of(name: str, k) -> range:
 def _parts(plan: Plan, names: Collection[str], k):
     """The plan as the kernel takes it."""
     chosen = {
-        **{name: True for name in names if name in _COMPONENTS},
+        **{name: True for name in names if name in k.Parts._fields},
         "sigma": plan.sigma,
-        "angle": plan.estimator == "field-angle",
+        "angle": plan.estimator == "field-angle" and not set(names).isdisjoint(LATERAL),
         "anomaly": plan.consistency,
         "turning": plan.theta_table,
         "centring": plan.film_centre,

@@ -125,6 +125,7 @@ TILE_ROWS = 23
 TANGENTIAL = (FX, FY, FT, THETA, DX, DY, FX_SIGMA, FY_SIGMA, FT_SIGMA, THETA_SIGMA, DX_SIGMA,
               DY_SIGMA, FIELD_X, FIELD_Y, FIELD_Z)  # fmt: skip
 """What a block without load does not show."""
+HELD_BITS = 1 << TEMPERATURE | 1 << FILM_ABOVE | 1 << TEMPERATURE_SIGMA
 TANGENTIAL_BITS = sum(1 << row for row in TANGENTIAL)
 
 CURRENT_MIN = 1e-6
@@ -743,8 +744,8 @@ def decode_python(
     incoming : ndarray, shape (t, n), uint16
         Status flags of the bus.
     background : ndarray, shape (t, 5, n), or None
-        What is not the unit's own signal: Hz of fall of the frequency, µT in the axes of the chip,
-        and µT² of an axis, variance of what is not known of it; None is not compiled.
+        What is not the unit's own signal: Hz of fall of the frequency, the field in µT, in the axes
+        of the chip, and µT² of an axis, variance of what is not known of it; None is not compiled.
     coefficients : ndarray, shape (b * ROWS * LANES,), float32 or float64
         Calibration, a block for every `LANES` units, or a single block that all share.
     limits : ndarray, shape (b * LIMIT_ROWS * LANES,), int16
@@ -866,7 +867,7 @@ def decode_python(
                             for j in range(count):
                                 sigma = state[k_state + (HELD + 3) * LANES + j]
                                 tile[TEMPERATURE_SIGMA * LANES + j] = sigma
-                    if fresh or not resting:
+                    if not (steady and resting):
                         for j in range(count):
                             tile[FILM_ABOVE * LANES + j] = state[k_state + (HELD + 1) * LANES + j]
                         for j in range(count):
@@ -980,15 +981,15 @@ def decode_python(
                                 real(counts[cycle, BZ, first + j]), chip_above, coefficients, c,
                                 parts,
                             )  # fmt: skip
+                        gain = _chip_gain(chip_above, coefficients, c, parts)
                         if background is not None:
-                            bx = background[cycle, 1, first + j]
-                            by = background[cycle, 2, first + j]
+                            bx = gain * background[cycle, 1, first + j]
+                            by = gain * background[cycle, 2, first + j]
                             x -= (coefficients[c + MAP_XX * LANES] * bx
                                   + coefficients[c + MAP_XY * LANES] * by)  # fmt: skip
                             y -= (coefficients[c + MAP_YX * LANES] * bx
                                   + coefficients[c + MAP_YY * LANES] * by)  # fmt: skip
-                            z -= background[cycle, 3, first + j]
-                        gain = _chip_gain(chip_above, coefficients, c, parts)
+                            z -= gain * background[cycle, 3, first + j]
                         if parts.field is not None:
                             each = one / gain
                             tile[FIELD_X * LANES + j] = x * each
@@ -1091,7 +1092,7 @@ def decode_python(
 
             # -- out
             for r in range(rows.size):
-                if steady and (rows[r] == TEMPERATURE or rows[r] == TEMPERATURE_SIGMA):
+                if steady and (HELD_BITS >> rows[r]) & 1:
                     continue
                 if rested and (TANGENTIAL_BITS >> rows[r]) & 1:
                     continue

@@ -50,8 +50,8 @@ class Plan:
     film_centre : bool
         Take off where films sit beside their chips' axes: a unit has such a film.
     film_compensation, chip_compensation, chip_lags : bool
-        Film and Hall chip have a drift that matters here; chips follow the gel, as the wire does
-        not carry their temperature.
+        Films, the neighbours' among them, and Hall chip have a drift that matters here; chips
+        follow the gel, as the wire does not carry their temperature.
     dtype : str
         Of results and arithmetic.
     temperature_every : int
@@ -126,7 +126,7 @@ class Plan:
         consistent = lateral and (angled if consistency is None else consistency)
 
         magnet = lateral and (estimator == "sine" or consistent)
-        gain = p["hall_gain_per_k"].any() and (magnet or field)
+        gain = p["hall_gain_per_k"].any() and (magnet or field or sweeps > 0)
         drift = any(p[f"hall_drift_{axis}_ut_per_k"].any() for axis in "xyz")
         chip = bool(gain or drift) and (lateral or field)
         gel, own = (topology.wired[CHANNELS.index(name)] for name in ("gel", "hall_temperature"))
@@ -137,7 +137,7 @@ class Plan:
             consistency=consistent,
             theta_table=lateral and bool(p["theta_correction_rad"].any()),
             film_centre=lateral and bool(p["film_x_mm"].any() or p["film_y_mm"].any()),
-            film_compensation=bool(magnet and (p["film_drift_per_k"] * gel).any()),
+            film_compensation=bool((magnet or sweeps) and (p["film_drift_per_k"] * gel).any()),
             chip_compensation=chip,
             chip_lags=bool(chip and (gel & ~own).any()),
             dtype=_real(dtype),
