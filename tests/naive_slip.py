@@ -41,8 +41,8 @@ class NaiveSlip:
         self.state[:] = UnitSlip.STICK
         self.anchor, self.lag = here.copy(), np.zeros((2, n))
         self.moved, self.known = np.zeros((2, n)), np.zeros((2, n))
-        self.variance, self.anchor_variance = noise.copy(), noise.copy()
-        self.cycles, self.score, self.clipped = np.ones(n), np.zeros(n), np.zeros(n)
+        self.variance, self.anchor_variance = noise.copy(), kernels.UNSETTLED * noise
+        self.score, self.clipped = np.zeros(n), np.zeros(n)
 
     def _design(self, load):
         """Columns: along x, along y, a turn, a swelling; shape (2, n, 4)."""
@@ -70,9 +70,9 @@ class NaiveSlip:
 
     def _follow(self, here, noise):
         share = 1.0 - np.exp(-2.0 * np.pi * self.settings.lowpass_hz * self.dt_s)
-        self.lag = (1.0 - share) * self.lag + share * (here - self.anchor - self.moved)
+        self.now = here - self.anchor - self.moved
+        self.lag = (1.0 - share) * self.lag + share * self.now
         self.variance = share**2 * noise + (1.0 - share) ** 2 * self.variance
-        self.cycles += 1.0
         recent = np.hypot(*(self.moved - self.known))
         self.total = (
             self.variance + self.anchor_variance + self.settings.floor_mm**2
@@ -124,9 +124,10 @@ class NaiveSlip:
         late = self.behind / np.sqrt(self.total) > self.settings.slip_sigmas
         self.state[(self.state != UnitSlip.SLIPPING) & late] = UnitSlip.SLIPPING
         held = self.state != UnitSlip.SLIPPING
-        gain = held * np.maximum(1.0 / self.cycles, self.dt_s / kernels.LEAK_S)
-        self.anchor = self.anchor + gain * self.lag
-        self.lag = (1.0 - gain) * self.lag
+        gain = self.anchor_variance / (self.anchor_variance + noise)
+        gain = held * np.maximum(gain, self.dt_s / kernels.LEAK_S)
+        self.anchor = self.anchor + gain * self.now
+        self.lag = self.lag - gain * self.now
         self.known = self.known + gain * (self.moved - self.known)
         self.anchor_variance = gain**2 * noise + (1.0 - gain) ** 2 * self.anchor_variance
 

@@ -48,11 +48,11 @@ class SlipSettings:
         A setting is not positive, or the ratios are not in order.
     """
 
-    lowpass_hz: float = 15.0
-    slip_sigmas: float = 5.0
+    lowpass_hz: float = 10.0
+    slip_sigmas: float = 4.75
     gain_error: float = 0.01
     floor_mm: float = 0.008
-    incipient_ratio: float = 0.95
+    incipient_ratio: float = 0.97
     gross_ratio: float = 0.3
     confirm_cycles: int = 2
     safety: float = 1.2

@@ -26,11 +26,10 @@ BRIDGE, SILENT = 2, 3
 KIND, LABEL, MEMBERS, SLIP = 0, 1, 2, 7
 POSITION, ROTATION = 0, 3
 
-JUDGED = 20
+JUDGED = 19
 """Columns of `judged`: what is kept of a unit while it is in contact; millimetres."""
 (
     BODY,  # identity of the contact it is anchored to
-    CYCLES,  # since it was anchored
     ANCHOR_X, ANCHOR_Y, ANCHOR_VARIANCE,  # displacement at no motion of the body
     LAG_X, LAG_Y, LAG_VARIANCE,  # behind the body, low-passed
     MOVED_X, MOVED_Y,  # displacement that the body's motion asks for
@@ -77,12 +76,14 @@ ENOUGH, ENOUGH_TO_TURN, ENOUGH_TO_SWELL = 3, 2, 8
 """Units that can contradict each other; that stick, to tell a turn, a swelling."""
 HUBER = 2.0
 CLIPPED_WEIGHT = 0.1
+UNSETTLED = 3.0
+"""Variance of a new anchor, over that of one reading: where the body is, is not known better."""
 LEAK_S = 1.0
 """Time constant with which the anchor of a unit that sticks follows: slower creep is no slip."""
 STICK_SIGMAS, RESTICK_S = 2.0, 0.25
 """A unit that slips sticks again when its lag is below so many sigmas, or has not grown for so
 long."""
-PATTERN_SIGMAS, ONE_ALONE = 4.5, 3.5
+PATTERN_SIGMAS, ONE_ALONE = 4.7, 3.5
 """Sigmas of a pattern that are slip, and how many of them one unit can add."""
 SHARED_GAIN = 0.005
 """One-sigma of a gain error that all units share."""
@@ -296,12 +297,13 @@ def _follow(length, columns, lowpass, settings, x, work):
         variance += lowpass * (lowpass * noise - (2.0 - lowpass) * variance)
         variance += new * (noise - variance)
         work[LAG_VARIANCE, j] = variance
-        work[ANCHOR_VARIANCE, j] += new * (noise - work[ANCHOR_VARIANCE, j])
-        work[CYCLES, j] = (1.0 - new) * work[CYCLES, j] + 1.0
+        unsettled = max(new, work[JOINED, j]) * UNSETTLED * noise
+        anchor_variance = (1.0 - new) * work[ANCHOR_VARIANCE, j] + unsettled
+        work[ANCHOR_VARIANCE, j] = anchor_variance
         # What a lag may be that is none: noise, the anchor's, an error of the unit's gain, a floor.
         square = (work[MOVED_X, j] - work[KNOWN_X, j]) ** 2
         square += (work[MOVED_Y, j] - work[KNOWN_Y, j]) ** 2
-        weight = 1.0 / (variance + work[ANCHOR_VARIANCE, j] + gain * square + floor)
+        weight = 1.0 / (variance + anchor_variance + gain * square + floor)
         work[WEIGHT, j] = (1.0 - new) * weight
         square = work[LAG_X, j] ** 2 + work[LAG_Y, j] ** 2
         work[SCORE, j] = np.sqrt(square * work[WEIGHT, j])
@@ -395,7 +397,6 @@ def _rest(unit, work, j, dt_s, settings):
     work[ANCHOR_VARIANCE, j] = noise
     work[LAG_X, j] -= mean_x
     work[LAG_Y, j] -= mean_y
-    work[CYCLES, j] = unit[STRETCH]
     return True
 
 
@@ -418,13 +419,14 @@ def _decide(count, length, units, slip, dt_s, settings, judged, work):
     # drifting tare are no slip.
     slowest = dt_s / LEAK_S
     for j in range(length):
-        gain = work[HELD_NOW, j] * max(1.0 / max(work[CYCLES, j], 1.0), slowest)
+        variance = work[ANCHOR_VARIANCE, j]
+        gain = work[HELD_NOW, j] * max(variance / (variance + work[NOISE, j]), slowest)
         for c in range(2):
-            step = gain * work[LAG_X + c, j]
+            lag = work[HERE_X + c, j] - work[ANCHOR_X + c, j] - work[MOVED_X + c, j]
+            step = gain * lag
             work[ANCHOR_X + c, j] += step
             work[LAG_X + c, j] -= step
             work[KNOWN_X + c, j] += gain * (work[MOVED_X + c, j] - work[KNOWN_X + c, j])
-        variance = work[ANCHOR_VARIANCE, j]
         work[ANCHOR_VARIANCE, j] += gain * (gain * work[NOISE, j] - (2.0 - gain) * variance)
 
 
