@@ -8,8 +8,9 @@ those of the others, in turns, in one process; the second that of each single wa
 without skipping.
 
 Skipping changes no value: in the same run every unit that is not IDLE is compared to the bit with
-`plain`, with cross-talk and without. What films that count as at rest would add has a bound,
-`CrossTalk.idle_ut`; what it made of the forces is in the table.
+a pass that holds temperatures as long and leaves out no block, with cross-talk and without. What
+films that count as at rest would add has a bound, `CrossTalk.idle_ut`; what it made of the forces
+is in the table.
 """
 
 from __future__ import annotations
@@ -87,18 +88,19 @@ def counts_of(skin: Topology, share: float) -> np.ndarray:
 
 def _share(skin: Topology, share: float, target_s: float) -> dict:
     counts = counts_of(skin, share)
-    bare = [Decoder(skin, skip=skip) for skip in (False, True)]
-    plain, skip = swept = [Decoder(skin, sweeps=1, skip=skip) for skip in (False, True)]
-    full = Decoder(skin, sweeps=1)
+    plain, full = Decoder(skin, sweeps=1), Decoder(skin, sweeps=1)
     full.crosstalk = CrossTalk(skin, idle_mm=0.0)
+    skip, bare = Decoder(skin, sweeps=1, skip=True), Decoder(skin, skip=True)
+    held = {"temperature_every": skip.plan.temperature_every}
+    same = (Decoder(skin, sweeps=1, **held), skip), (Decoder(skin, **held), bare)
     idle, off = [], []
     for raw in counts:
-        for every, some in (bare, swept):
+        for every, some in same:
             told, left_out = every(raw), some(raw)
             differ = _differ(told, left_out)
             if differ:
                 raise AssertionError(f"{differ} values of units that were not skipped have changed")
-        off.append(np.nanmax(np.abs(full(raw).force - told.force)))
+        off.append(np.nanmax(np.abs(full(raw).force - plain(raw).force)))
         idle.append(np.mean(left_out.status & Status.IDLE != 0))
     runs = {"full": full, "plain": plain, "skip": skip}
     seconds = times({name: cycles_of(d, counts) for name, d in runs.items()}, target_s)

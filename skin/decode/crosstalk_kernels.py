@@ -98,31 +98,20 @@ def films_python(
         first = (b * BLOCK) & NOT_NEGATIVE
         count = min(BLOCK, n - first)
         for i in range(count):
-            tile[i] = displacement[X, first + i]
-        for i in range(count):
-            tile[Y * BLOCK + i] = displacement[Y, first + i]
-        for i in range(count):
-            tile[H * BLOCK + i] = displacement[H, first + i]
-        for i in range(count):
-            gain = one if above is None else one + drift[first + i] * above[first + i]
-            tile[WEIGHT * BLOCK + i] = strength[first + i] * gain
-        for i in range(count):
-            tile[KNOWN * BLOCK + i] = one if usable[first + i] else nothing
-        for j in range(count):
-            i = j & NOT_NEGATIVE
-            x, y, h = tile[i], tile[Y * BLOCK + i], tile[H * BLOCK + i]
+            at_i = first + i
+            x, y, h = displacement[X, at_i], displacement[Y, at_i], displacement[H, at_i]
             looked = (x == x) & (y == y)  # noqa: PLR0124 - NaN: not looked at
             x = x if looked else nothing
             y = y if looked else nothing
             # NaN and infinity times zero are not zero
-            told = tile[KNOWN * BLOCK + i] != nothing
-            finite = told & ((x + y + h) * nothing == nothing)
+            finite = usable[at_i] & ((x + y + h) * nothing == nothing)
             away = (h > idle_depth) | (h < -idle_height) | (x * x + y * y > idle_square)
             counts = finite & away
+            gain = one if above is None else one + drift[at_i] * above[at_i]
             tile[i] = min(max(x, -reach), reach) if counts else nothing
             tile[Y * BLOCK + i] = min(max(y, -reach), reach) if counts else nothing
             tile[H * BLOCK + i] = min(max(h, highest), deepest) if counts else nothing
-            tile[WEIGHT * BLOCK + i] = tile[WEIGHT * BLOCK + i] if counts else nothing
+            tile[WEIGHT * BLOCK + i] = strength[at_i] * gain if counts else nothing
             within = (max(abs(x), abs(y)) <= reach) & (h >= highest) & (h <= deepest)
             tile[KNOWN * BLOCK + i] = one if finite & within else nothing
         for i in range(count):
