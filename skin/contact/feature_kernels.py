@@ -15,7 +15,6 @@ __all__ = [
     "DEPTH",
     "GEOMETRY",
     "SUMS",
-    "TILE_SHAPE",
     "WARMTH",
     "WAYPOINTS",
     "WEAK_SIGMAS",
@@ -56,111 +55,177 @@ WARM, WARM_T, WARM_P, WARM_TP, WARM_PP, HOT, HOT_UNIT = 60, 61, 62, 65, 68, 74, 
 SILENT_AREA = 76
 SUMS = 77
 
-# Units are taken into tiles, a row for each factor of the sums: sums over rows become vector
-# instructions. Rows are a little longer than a tile, or they would fight for the same cache lines.
-TILE, LANES = 64, 8
-TILE_SHAPE = (33, TILE + LANES)
-T_LOAD, T_VARIANCE, T_P, T_S = 0, 1, 2, 5
-T_AXIS, T_AXIS_ROWS = 8, 8
-"""For each axis of the unit: force along it, its variance, the axis, position x axis."""
-T_ONE = 32
-
 
 @register_jitable
-def _fill(units, force, force_sigma, displacement, geometry, have, s, tile):
-    """Take units into a tile, fill it up with zeros; returns the length in use."""
+def _add_loads(units, force, force_sigma, displacement, geometry, have, s):
+    """Add the units' loads and their moments to the sums.
+
+    Over the load: places p, touched points s, axes x and z; over its variance: places v. Sums are
+    local variables: an array's would go to memory with each unit.
+    """
+    loads = variances = surface = px = py = pz = sx = sy = sz = sxx = sxy = sxz = syy = 0.0
+    syz = szz = vx = vy = vz = vxx = vxy = vxz = vyy = vyz = vzz = zx = zy = zz = xx = xy = 0.0
+    xz = 0.0
+    peak, peak_unit = s[PEAK], s[PEAK_UNIT]
     for j in range(units.size):
         i = units[j]
-        row = geometry[i]
-        load = np.float64(force[2, i])
+        load, variance = np.float64(force[2, i]), np.float64(force_sigma[2, i]) ** 2
+        area = geometry[i, AREA]
+        loads += load
+        variances += variance
+        surface += area
+        if load > peak * area:
+            peak = load / area
+            peak_unit = i
         depth = 1e-3 * displacement[2, i] if have & DEPTH else 0.0
-        if not np.isfinite(depth):
-            depth = 0.0
-        s[SURFACE] += row[AREA]
-        if load > s[PEAK] * row[AREA]:
-            s[PEAK] = load / row[AREA]
-            s[PEAK_UNIT] = i
-        tile[T_LOAD, j] = load
-        tile[T_VARIANCE, j] = np.float64(force_sigma[2, i]) ** 2
-        px, py, pz = row[POSITION], row[POSITION + 1], row[POSITION + 2]
-        tile[T_P, j], tile[T_P + 1, j], tile[T_P + 2, j] = px, py, pz
-        for a in range(3):
-            tile[T_S + a, j] = row[POSITION + a] + depth * row[ROTATION + 3 * a + 2]
-        for axis in range(3):
-            at = T_AXIS + T_AXIS_ROWS * axis
-            x, y, z = row[ROTATION + axis], row[ROTATION + 3 + axis], row[ROTATION + 6 + axis]
-            tile[at, j] = np.float64(force[axis, i])
-            tile[at + 1, j] = np.float64(force_sigma[axis, i]) ** 2
-            tile[at + 2, j], tile[at + 3, j], tile[at + 4, j] = x, y, z
-            tile[at + 5, j] = py * z - pz * y
-            tile[at + 6, j] = pz * x - px * z
-            tile[at + 7, j] = px * y - py * x
-        tile[T_ONE, j] = 1.0
-    length = (units.size + LANES - 1) // LANES * LANES
-    for row in range(TILE_SHAPE[0]):
-        for j in range(units.size, length):
-            tile[row, j] = 0.0
-    return length
-
-
-def _products():
-    """Which rows of a tile are multiplied with each other, and the sum that they add to.
-
-    Those of the second table are multiplied for each axis of the units.
-    """
-    table = [(LOAD, T_LOAD, T_ONE, T_ONE), (LOAD_VARIANCE, T_VARIANCE, T_ONE, T_ONE)]
-    row = 0
-    for a in range(3):
-        table += [
-            (LOAD_P + a, T_LOAD, T_P + a, T_ONE),
-            (LOAD_S + a, T_LOAD, T_S + a, T_ONE),
-            (VAR_P + a, T_VARIANCE, T_P + a, T_ONE),
-            (LOAD_Z + a, T_LOAD, T_AXIS + 2 * T_AXIS_ROWS + 2 + a, T_ONE),
-            (LOAD_X + a, T_LOAD, T_AXIS + 2 + a, T_ONE),
-        ]
-        for b in range(a, 3):
-            table.append((LOAD_SS + row, T_LOAD, T_S + a, T_S + b))
-            table.append((VAR_PP + row, T_VARIANCE, T_P + a, T_P + b))
-            row += 1
-    forces = [(FORCE + a, T_AXIS, T_AXIS + 2 + a) for a in range(6)]
-    upper = [(a, b) for a in range(6) for b in range(a, 6)]
-    spreads = [
-        (COVARIANCE + row, T_AXIS + 1, T_AXIS + 2 + a, T_AXIS + 2 + b)
-        for row, (a, b) in enumerate(upper)
-    ]
-    return np.array(table), np.array(forces), np.array(spreads)
-
-
-PRODUCTS, FORCES, SPREADS = _products()
+        depth = depth if np.isfinite(depth) else 0.0
+        place_x, along_x = geometry[i, POSITION], geometry[i, ROTATION + 2]
+        place_y, along_y = geometry[i, POSITION + 1], geometry[i, ROTATION + 5]
+        place_z, along_z = geometry[i, POSITION + 2], geometry[i, ROTATION + 8]
+        xx += load * geometry[i, ROTATION]
+        zx += load * along_x
+        xy += load * geometry[i, ROTATION + 3]
+        zy += load * along_y
+        xz += load * geometry[i, ROTATION + 6]
+        zz += load * along_z
+        touched_x = place_x + depth * along_x
+        touched_y = place_y + depth * along_y
+        touched_z = place_z + depth * along_z
+        px += load * place_x
+        one, other = load * touched_x, variance * place_x
+        sx += one
+        vx += other
+        sxx += one * touched_x
+        vxx += other * place_x
+        sxy += one * touched_y
+        vxy += other * place_y
+        sxz += one * touched_z
+        vxz += other * place_z
+        py += load * place_y
+        one, other = load * touched_y, variance * place_y
+        sy += one
+        vy += other
+        syy += one * touched_y
+        vyy += other * place_y
+        syz += one * touched_z
+        vyz += other * place_z
+        pz += load * place_z
+        one, other = load * touched_z, variance * place_z
+        sz += one
+        vz += other
+        szz += one * touched_z
+        vzz += other * place_z
+    s[LOAD] += loads
+    s[LOAD_VARIANCE] += variances
+    s[SURFACE] += surface
+    s[PEAK], s[PEAK_UNIT] = peak, peak_unit
+    s[LOAD_P] += px
+    s[LOAD_P + 1] += py
+    s[LOAD_P + 2] += pz
+    s[LOAD_S] += sx
+    s[LOAD_S + 1] += sy
+    s[LOAD_S + 2] += sz
+    s[LOAD_SS] += sxx
+    s[LOAD_SS + 1] += sxy
+    s[LOAD_SS + 2] += sxz
+    s[LOAD_SS + 3] += syy
+    s[LOAD_SS + 4] += syz
+    s[LOAD_SS + 5] += szz
+    s[VAR_P] += vx
+    s[VAR_P + 1] += vy
+    s[VAR_P + 2] += vz
+    s[VAR_PP] += vxx
+    s[VAR_PP + 1] += vxy
+    s[VAR_PP + 2] += vxz
+    s[VAR_PP + 3] += vyy
+    s[VAR_PP + 4] += vyz
+    s[VAR_PP + 5] += vzz
+    s[LOAD_Z] += zx
+    s[LOAD_Z + 1] += zy
+    s[LOAD_Z + 2] += zz
+    s[LOAD_X] += xx
+    s[LOAD_X + 1] += xy
+    s[LOAD_X + 2] += xz
 
 
 @register_jitable
-def _add_tile(tile, length, s):
-    """Add a tile to the sums."""
-    for k in range(PRODUCTS.shape[0]):
-        a, b, c = tile[PRODUCTS[k, 1]], tile[PRODUCTS[k, 2]], tile[PRODUCTS[k, 3]]
-        total = 0.0
-        for j in range(length):
-            total += a[j] * b[j] * c[j]
-        s[PRODUCTS[k, 0]] += total
-    y, z = T_AXIS_ROWS, 2 * T_AXIS_ROWS
-    for k in range(FORCES.shape[0]):
-        at, by = FORCES[k, 1], FORCES[k, 2]
-        fx, fy, fz = tile[at], tile[at + y], tile[at + z]
-        ax, ay, az = tile[by], tile[by + y], tile[by + z]
-        total = 0.0
-        for j in range(length):
-            total += fx[j] * ax[j] + fy[j] * ay[j] + fz[j] * az[j]
-        s[FORCES[k, 0]] += total
-    for k in range(SPREADS.shape[0]):
-        at, one, two = SPREADS[k, 1], SPREADS[k, 2], SPREADS[k, 3]
-        vx, vy, vz = tile[at], tile[at + y], tile[at + z]
-        ax, ay, az = tile[one], tile[one + y], tile[one + z]
-        bx, by, bz = tile[two], tile[two + y], tile[two + z]
-        total = 0.0
-        for j in range(length):
-            total += vx[j] * ax[j] * bx[j] + vy[j] * ay[j] * by[j] + vz[j] * az[j] * bz[j]
-        s[SPREADS[k, 0]] += total
+def _add_wrenches(units, force, force_sigma, geometry, s):
+    """Add the units' forces, their moments about the middle and covariances to the sums.
+
+    A force along the axis (x, y, z) of a unit has a moment along (u, v, w), position x axis.
+    """
+    fx = fy = fz = fu = fv = fw = xx = xy = xz = xu = xv = xw = yy = yz = yu = yv = yw = 0.0
+    zz = zu = zv = zw = uu = uv = uw = vv = vw = ww = 0.0
+    for j in range(units.size):
+        i = units[j]
+        px, py, pz = geometry[i, POSITION], geometry[i, POSITION + 1], geometry[i, POSITION + 2]
+        for axis in range(3):
+            x = geometry[i, ROTATION + axis]
+            y = geometry[i, ROTATION + 3 + axis]
+            z = geometry[i, ROTATION + 6 + axis]
+            u, v, w = py * z - pz * y, pz * x - px * z, px * y - py * x
+            along = np.float64(force[axis, i])
+            variance = np.float64(force_sigma[axis, i]) ** 2
+            fx += along * x
+            fy += along * y
+            fz += along * z
+            fu += along * u
+            fv += along * v
+            fw += along * w
+            part = variance * x
+            xx += part * x
+            xy += part * y
+            xz += part * z
+            xu += part * u
+            xv += part * v
+            xw += part * w
+            part = variance * y
+            yy += part * y
+            yz += part * z
+            yu += part * u
+            yv += part * v
+            yw += part * w
+            part = variance * z
+            zz += part * z
+            zu += part * u
+            zv += part * v
+            zw += part * w
+            part = variance * u
+            uu += part * u
+            uv += part * v
+            uw += part * w
+            part = variance * v
+            vv += part * v
+            vw += part * w
+            part = variance * w
+            ww += part * w
+    s[FORCE] += fx
+    s[FORCE + 1] += fy
+    s[FORCE + 2] += fz
+    s[MOMENT] += fu
+    s[MOMENT + 1] += fv
+    s[MOMENT + 2] += fw
+    s[COVARIANCE] += xx
+    s[COVARIANCE + 1] += xy
+    s[COVARIANCE + 2] += xz
+    s[COVARIANCE + 3] += xu
+    s[COVARIANCE + 4] += xv
+    s[COVARIANCE + 5] += xw
+    s[COVARIANCE + 6] += yy
+    s[COVARIANCE + 7] += yz
+    s[COVARIANCE + 8] += yu
+    s[COVARIANCE + 9] += yv
+    s[COVARIANCE + 10] += yw
+    s[COVARIANCE + 11] += zz
+    s[COVARIANCE + 12] += zu
+    s[COVARIANCE + 13] += zv
+    s[COVARIANCE + 14] += zw
+    s[COVARIANCE + 15] += uu
+    s[COVARIANCE + 16] += uv
+    s[COVARIANCE + 17] += uw
+    s[COVARIANCE + 18] += vv
+    s[COVARIANCE + 19] += vw
+    s[COVARIANCE + 20] += ww
 
 
 @register_jitable
@@ -187,15 +252,13 @@ def _add_warmth(units, temperature, geometry, s):
 
 
 @register_jitable
-def _add_units(units, force, force_sigma, displacement, temperature, geometry, have, s, tile):
+def _add_units(units, force, force_sigma, displacement, temperature, geometry, have, s):
     """Add units to the sums."""
     s[UNITS] += units.size
-    for first in range(0, units.size, TILE):
-        some = units[first : first + TILE]
-        length = _fill(some, force, force_sigma, displacement, geometry, have, s, tile)
-        _add_tile(tile, length, s)
-        if have & WARMTH:
-            _add_warmth(some, temperature, geometry, s)
+    _add_loads(units, force, force_sigma, displacement, geometry, have, s)
+    _add_wrenches(units, force, force_sigma, geometry, s)
+    if have & WARMTH:
+        _add_warmth(units, temperature, geometry, s)
 
 
 @register_jitable
@@ -307,29 +370,31 @@ def _cross(a, b, out):
 
 
 @register_jitable
-def _shift_covariance(covariance, shift, moment_only, out, k):
+def _shift_covariance(covariance, shift, side, low):
     """Covariance of a wrench after its moment has been moved: M' = M + shift x F.
 
-    With `moment_only`, just the block of the moment. The matrix k is scratch.
+    The block of force and moment goes into `side`, that of the moment into `low`.
     """
-    k[0, 0], k[1, 1], k[2, 2] = 0.0, 0.0, 0.0
-    k[0, 1], k[0, 2], k[1, 2] = -shift[2], shift[1], -shift[0]
-    k[1, 0], k[2, 0], k[2, 1] = shift[2], -shift[1], shift[0]
-    skip = 3 if moment_only else 0
+    x, y, z = shift[0], shift[1], shift[2]
     for a in range(3):
         for b in range(3):
-            low = covariance[a + 3, b + 3]
-            side = covariance[a, b + 3]
-            for r in range(3):
-                side += covariance[a, r] * k[b, r]
-                low += k[a, r] * covariance[r, b + 3] + covariance[a + 3, r] * k[b, r]
-                for q in range(3):
-                    low += k[a, r] * covariance[r, q] * k[b, q]
-            out[a + 3 - skip, b + 3 - skip] = low
-            if not moment_only:
-                out[a, b] = covariance[a, b]
-                out[a, b + 3] = side
-                out[b + 3, a] = side
+            side[a, b] = covariance[a, b + 3]
+            low[a, b] = covariance[a + 3, b + 3]
+    for a in range(3):
+        p, q, r = covariance[a, 0], covariance[a, 1], covariance[a, 2]
+        side[a, 0] += y * r - z * q
+        side[a, 1] += z * p - x * r
+        side[a, 2] += x * q - y * p
+    for a in range(3):
+        p, q, r = covariance[0, a + 3], covariance[1, a + 3], covariance[2, a + 3]
+        low[a, 0] += y * r - z * q
+        low[a, 1] += z * p - x * r
+        low[a, 2] += x * q - y * p
+    for b in range(3):
+        p, q, r = side[0, b], side[1, b], side[2, b]
+        low[0, b] += y * r - z * q
+        low[1, b] += z * p - x * r
+        low[2, b] += x * q - y * p
 
 
 @register_jitable
@@ -460,7 +525,13 @@ def _conclude(s, record, origin, c6, spare):
         wrench[a] = force[a]
         wrench[a + 3] += s[MOMENT + a]
     covariance = record["wrench_covariance"]
-    _shift_covariance(c6, origin, False, covariance, m)
+    _shift_covariance(c6, origin, m, v)
+    for a in range(3):
+        for b in range(3):
+            covariance[a, b] = c6[a, b]
+            covariance[a, b + 3] = m[a, b]
+            covariance[b + 3, a] = m[a, b]
+            covariance[a + 3, b + 3] = v[a, b]
     for a in range(6):
         record["wrench_sigma"][a] = np.sqrt(max(covariance[a, a], 0.0))
     _orient(s, record, m, v, spare[2])
@@ -492,7 +563,7 @@ def _conclude(s, record, origin, c6, spare):
     _cross(about, force, moment)
     for a in range(3):
         moment[a] += s[MOMENT + a]
-    _shift_covariance(c6, about, True, record["moment_covariance"], m)
+    _shift_covariance(c6, about, m, record["moment_covariance"])
     torsion, variance = 0.0, 0.0
     row = 0
     for a in range(3):
@@ -573,7 +644,7 @@ def _walk(record, path):
 
 def describe_python(
     count, untracked_end, have, force, force_sigma, displacement, temperature,
-    geometry, origin, graph, units, slots, contacts, path, sums, c6, spare, tile,
+    geometry, origin, graph, units, slots, contacts, path, sums, c6, spare,
 ):  # fmt: skip
     """Describe the contacts that `find_contacts` has found, and their total.
 
@@ -602,10 +673,9 @@ def describe_python(
     path : ndarray, shape (s, WAYPOINTS, 3), float64
         Last waypoints of each record, a ring.
     sums : ndarray, shape (s // 2 + 2, SUMS), float64
-        Scratch, as are those below.
+        Scratch, as are the two below.
     c6 : ndarray, shape (6, 6), float64
     spare : ndarray, shape (3, 3, 3), float64
-    tile : ndarray, shape TILE_SHAPE, float64
     """
     n = force.shape[1]
     kind, label, members = units[KIND], units[LABEL], units[MEMBERS]
@@ -619,12 +689,12 @@ def describe_python(
         end = max(end, record["end"])
         _add_units(
             members[record["begin"] : record["end"]],
-            force, force_sigma, displacement, temperature, geometry, have, sums[k], tile,
+            force, force_sigma, displacement, temperature, geometry, have, sums[k],
         )  # fmt: skip
     if untracked_end > end:
         _add_units(
             members[end:untracked_end],
-            force, force_sigma, displacement, temperature, geometry, have, sums[count], tile,
+            force, force_sigma, displacement, temperature, geometry, have, sums[count],
         )  # fmt: skip
     _add_silence(count, kind[:n], label, graph[: n + 1], graph[n + 1 :], geometry, sums)
     for k in range(count):

@@ -11,7 +11,6 @@ from skin.contact.feature_kernels import (
     POSITION,
     ROTATION,
     SUMS,
-    TILE_SHAPE,
     WARMTH,
     WAYPOINTS,
     describe,
@@ -175,7 +174,6 @@ def contact_features(
         np.zeros((count + 2, SUMS)),
         np.zeros((6, 6)),
         np.zeros((3, 3, 3)),
-        np.zeros(TILE_SHAPE),
     )
     return records[:count], records[-1]
 

@@ -17,7 +17,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic, overload
 
 from skin.contact.cluster_kernels import COUNTERS, SLOT_ROWS, UNIT_ROWS, find_contacts
-from skin.contact.feature_kernels import GEOMETRY, SUMS, TILE_SHAPE, WAYPOINTS, describe
+from skin.contact.feature_kernels import GEOMETRY, SUMS, WAYPOINTS, describe
 from skin.contact.records import CONTACT
 from skin.contact.slip_kernels import JUDGED, SETTINGS, WORK_ROWS, judge
 
@@ -53,10 +53,10 @@ GIVEN = FORCE, FORCE_SIGMA, DISPLACEMENT, DISPLACEMENT_SIGMA, TEMPERATURE, VALID
 """Addresses of what a cycle brings."""
 KEPT = (
     GRAPH, GATE, SLIP_SETTINGS, GEOMETRIES, ORIGIN, UNIT_STATES, SLOTS, SHARED, CONTACTS, COUNTED,
-    PATH, TOTALS, MATRIX, SPARE, TILE, JUDGED_UNITS, WORK, PRESENT,
-) = range(15, 33)  # fmt: skip
+    PATH, TOTALS, MATRIX, SPARE, JUDGED_UNITS, WORK, PRESENT,
+) = range(15, 32)  # fmt: skip
 """Addresses of what is kept, and of scratch."""
-PLACES = 33
+PLACES = 32
 
 OF_UNITS, OF_SLOTS = len(UNIT_ROWS), len(SLOT_ROWS)
 SAME, EARLY = -1, -2
@@ -154,7 +154,6 @@ def _step(sources: int, real: type) -> Callable[[np.ndarray, int], int]:
                 carray(_pointer(places[TOTALS]), (capacity + 2, SUMS), np.float64),
                 carray(_pointer(places[MATRIX]), (6, 6), np.float64),
                 carray(_pointer(places[SPARE]), (3, 3, 3), np.float64),
-                carray(_pointer(places[TILE]), TILE_SHAPE, np.float64),
             )  # fmt: skip
             if do & JUDGE:
                 judge(

@@ -11,7 +11,7 @@ from bus.jit import direct
 from skin.contact.cluster_kernels import BRIDGE, OPEN
 from skin.contact.clusters import KEEP_SIGMA, START_SIGMA
 from skin.contact.detect import Shocks
-from skin.contact.feature_kernels import DEPTH, SUMS, TILE_SHAPE, WARMTH, WAYPOINTS
+from skin.contact.feature_kernels import DEPTH, SUMS, WARMTH, WAYPOINTS
 from skin.contact.features import Geometry, wrench_in_frame
 from skin.contact.records import CONTACT, Event, Flag, SlipState
 from skin.contact.slip import SlipSettings
@@ -297,7 +297,7 @@ class ContactStream:
             tracker.graph, tracker.gate, (slip or SlipSettings()).packed(), geometry.packed,
             geometry.origin, tracker.units, tracker.slots, tracker.shared, self.records,
             tracker.counters, self.paths, np.zeros((capacity + 2, SUMS)), np.zeros((6, 6)),
-            np.zeros((3, 3, 3)), np.zeros(TILE_SHAPE), np.zeros((n, JUDGED)),
+            np.zeros((3, 3, 3)), np.zeros((n, JUDGED)),
             np.zeros((WORK_ROWS, work_length(n))), np.zeros(capacity, np.int32),
         )  # fmt: skip
         self._places = np.zeros(PLACES, np.int64)
