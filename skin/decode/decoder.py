@@ -170,7 +170,7 @@ class Decoder:
         self._known = np.zeros((5, n), self.dtype) if self.ambient is None else self.ambient.taken
         self._out = self._outputs(1)
         self._whole = self._view(*self._out, 0, self._names)
-        self._film_above = self._out[0][0, -1] if self._names[-1] == "film_above" else None
+        self._film_above = self._out[0][0, -1] if "film_above" in self._names else None
         self._predict: dict[bool, Callable] = {}
         self._reading = self._view(*self._out, 0, self._wanted())
         self.reset()
