@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from hypothesis import strategies as st
 from test_decode_plan import FIELDS, scene
 
 import skin
+from benchmarks import skip as benchmark
+from benchmarks import timing
 from bus.status import Status
 from skin.decode.decoder import Decoder
 
@@ -91,3 +94,20 @@ def test_a_live_skin_that_skips_tells_the_same_contacts():
         idle |= bool((status & Status.IDLE).any())
     assert idle
     assert shown[0][-1][0][2] < -1.0  # something is pressed in the end
+
+
+def test_the_benchmark_compares_what_it_times(monkeypatch):
+    monkeypatch.setattr(benchmark, "SIZES", (64,))
+    monkeypatch.setattr(benchmark, "SHARES", (0.0, 1.0))
+    monkeypatch.setattr(benchmark, "SINGLE", ("temperature",))
+    monkeypatch.setattr(timing, "ROUNDS", 2)
+    figures = json.loads(json.dumps(benchmark.run(quick=True)))
+    shares = figures["sizes"]["64"]["shares"]
+    assert shares["0"]["idle"] > 0.8
+    assert shares["100"]["idle"] == 0.0
+    assert shares["100"]["off_n"] == 0.0
+    assert 0.0 < shares["0"]["off_n"] < 0.05  # within what a unit at rest reads by noise
+    assert "of full" in benchmark.table(figures)
+    monkeypatch.setattr(benchmark, "_differ", lambda told, left_out: 3)
+    with pytest.raises(AssertionError, match="3 values"):
+        benchmark.run(quick=True)
