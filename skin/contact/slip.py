@@ -49,7 +49,7 @@ class SlipSettings:
     """
 
     lowpass_hz: float = 10.0
-    slip_sigmas: float = 4.75
+    slip_sigmas: float = 5.0
     gain_error: float = 0.01
     floor_mm: float = 0.008
     incipient_ratio: float = 0.97
