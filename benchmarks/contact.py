@@ -1,12 +1,11 @@
 """Contacts: error beside time, from raw counts to contacts with slip.
 
 Time: the whole pass, from the counts of a cycle to its state, for 0, 1 and 3 contacts, each on a
-fourteenth of the units; the pass without slip; decoding alone; and the whole pass as `skin.open`
-has it, with one sweep of cross-talk and the ambient field; and contacts with slip alone, of plain
-arrays that are new ones each cycle. Beside it, in turn, in one process: the
-same contacts in numpy (equal, as far as two ways to add up can be), and the contact stage of nb-
-touch on forces that are decoded already, against what our pass takes beyond decoding, where that
-package is installed.
+fourteenth of the units; the pass without slip; decoding alone; the whole pass as `skin.open` has
+it, with one sweep of cross-talk and the ambient field; and contacts with slip alone, of plain
+arrays that are new ones each cycle. Beside it, in turn, in one process: the same contacts in numpy
+(equal, as far as two ways to add up can be), and the contact stage of nb-touch on forces that are
+decoded already, against what our pass takes beyond decoding, where that package is installed.
 
 Error: the centre of pressure of one sphere on a palm of 8 x 8 units against the truth, over load
 and place, edges included; and how often the truth lies within one sigma, along x and along y (0.683

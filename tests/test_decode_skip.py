@@ -10,6 +10,7 @@ import pytest
 from decodefixtures import row_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from test_decode_field_angle import counts_at
 from test_decode_plan import FIELDS, scene
 
 import skin
@@ -74,8 +75,10 @@ def test_rows_of_another_use_are_not_kept(between):
 
 def test_only_temperatures_are_never_idle():
     skin = row_of(64, rate_hz=100.0)
-    reading = Decoder(skin, {"temperature"}, skip=True)(np.zeros((6, 64), np.int16))
-    assert not (reading.status & Status.IDLE).any()
+    raw = counts_at(skin, np.zeros(64), 0.0, 0.0)
+    for want, idle in (({"temperature"}, False), ({"force"}, True)):
+        status = Decoder(skin, want, skip=True)(raw).status
+        assert (status & Status.IDLE != 0).tolist() == [idle] * 64
 
 
 def test_a_live_skin_that_skips_tells_the_same_contacts():

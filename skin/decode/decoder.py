@@ -60,7 +60,9 @@ class Decoder:
     skip : bool
         Leave out what a scene does not need. Blocks of 16 units of which none is pressed by more
         than 2.9 sigma show NaN for all that is tangential and the flag IDLE; blocks whose counts
-        and flags are those of the cycle before keep its results. All else is the same to the bit.
+        and flags are those of the cycle before keep its results. All else is what a decoder without
+        it shows that holds temperatures as long, to the bit; but with `ambient`, whose votes are
+        fewer then.
     sweeps : 0, 1 or 2
         Take off the fields of the neighbours' films, as they were displaced in the cycle before; 2:
         decode once more with those of this cycle.
