@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from llvmlite import ir
 from numba import typeof, types
-from numba.extending import lower_builtin, type_callable
+from numba.extending import intrinsic, lower_builtin, type_callable
 
-__all__ = ["apart", "direct"]
+__all__ = ["ahead", "apart", "direct"]
 
 
 def direct(kernel: Callable, *arguments: object) -> Callable:
@@ -57,3 +58,21 @@ def _apart_code(context, builder, signature, arguments):
     # llvmlite's own `add` knows but the attributes that have no value.
     set.add(builder.function.attributes, '"prefer-vector-width"="512"')
     return context.get_dummy_value()
+
+
+@intrinsic
+def ahead(typing, array, index):
+    """Begin to fetch the cache line of an element of a 1-D array, which may lie beyond its end."""
+
+    def code(context, builder, signature, arguments):
+        view = context.make_array(signature.args[0])(context, builder, arguments[0])
+        byte, word = ir.IntType(8).as_pointer(), ir.IntType(32)
+        kind = ir.FunctionType(ir.VoidType(), [byte, word, word, word])
+        name = "llvm.prefetch.p0i8"
+        fetch = builder.module.globals.get(name) or ir.Function(builder.module, kind, name)
+        place = builder.bitcast(builder.gep(view.data, [arguments[1]]), byte)
+        to_read, nearest, data = word(0), word(3), word(1)
+        builder.call(fetch, [place, to_read, nearest, data])
+        return context.get_dummy_value()
+
+    return types.none(array, types.intp), code

@@ -231,7 +231,7 @@ def test_kernel_does_as_its_python(dtype):
         reading = world.cycle(ambient.background)
         ambient_kernels.update.py_func(
             reading.field_ut, reading.displacement_mm, reading.temperature, reading.status, 0xFFFF,
-            False, (0.004, 0.004, 1.0), *ambient._constants, *plain, background, residue,
+            False, np.array([0.004, 0.004, 1.0]), *ambient._constants, *plain, background, residue,
         )  # fmt: skip
         ambient.update(reading)
         assert np.allclose(background, ambient.background, rtol=1e-6, atol=1e-6)

@@ -26,11 +26,9 @@ def assembly():
     if not (features.get("avx2") and features.get("fma")):
         pytest.skip("this processor has no AVX2 with fused multiply and add")
     fresh = njit(kernels.decode_python, nogil=True, **kernels._OPTIONS)
-    taken = []
     decoder = Decoder(row_of(3), {"force"}, "field-angle", consistency=False)
-    decoder._kernel[True] = lambda *arguments: taken.append(arguments)
     decoder(np.zeros((6, 3), np.int16))
-    fresh(*taken[0])
+    fresh(*decoder._passes[True].arguments)
     (text,) = fresh.inspect_asm().values()
     names = re.findall(r"^([A-Za-z_]\S*decode_python\S*):$", text, re.MULTILINE)
     body = text[text.index(f"\n{names[0]}:") :]

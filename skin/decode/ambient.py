@@ -140,7 +140,7 @@ class Ambient:
         self._written = self.background, self.residue_ut2
         self._seen: tuple[np.ndarray | None, ...] = (None,) * 4
         self._period_s = 1.0 / topology.cycle_rate_hz
-        self._slow_s = max(SLOW_S, SLOW_CYCLES * self._period_s)
+        self._times = np.array([0.0, 0.0, max(SLOW_S, SLOW_CYCLES * self._period_s)])
         self.reset()
 
     # -- what is known -----------------------------------------------------------------------------
@@ -250,25 +250,22 @@ class Ambient:
             or reading.status is not status
         ):
             self._accept(reading)
-        self._update(
-            *self._seen, REFUSED, self._crosstalk, (dt_s, min(dt_s, 2.0 * period_s), self._slow_s),
-            *self._constants, *self._state, *self._written,
-        )  # fmt: skip
+        self._times[0], self._times[1] = dt_s, min(dt_s, 2.0 * period_s)
+        self._update()
 
     def warmup(self, reading: Reading) -> None:
         """Compile the kernel, or load it, for such a reading; the state stays as it is."""
         self._accept(reading)
 
     def _accept(self, reading: Reading) -> None:
-        """Keep the arrays of a reading, which a decoder writes again and again, and the kernel's
-        code for their types: to look at the types takes as long as the kernel."""
-        from bus.jit import direct
+        """Keep the arrays of a reading, which a decoder writes again and again."""
+        from bus.bound import Bound
 
         self._seen = (
             reading.field_ut, reading.displacement_mm, reading.temperature, reading.status
         )  # fmt: skip
-        self._update = direct(
-            self._kernel.update, *self._seen, REFUSED, self._crosstalk, (0.0, 0.0, 0.0),
+        self._update = Bound(
+            self._kernel.update, *self._seen, REFUSED, self._crosstalk, self._times,
             *self._constants, *self._state, *self._written,
         )  # fmt: skip
 

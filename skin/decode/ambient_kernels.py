@@ -379,7 +379,7 @@ def update_python(
         Flags with which a unit is not used.
     near_too : bool
         Whether units near a loaded one vote.
-    times : tuple of 3 floats
+    times : ndarray, shape (3,)
         Seconds since the last cycle, those of them that count as calm, and of the slow averages.
     around_start, around : ndarray, int32
         Who is near whom, compressed rows.
@@ -401,7 +401,7 @@ def update_python(
         Written: variance of an axis by the ambient field, µT².
     """
     apart()
-    dt_s, calm_dt_s, slow_s = times
+    dt_s, calm_dt_s, slow_s = times[0], times[1], times[2]
     _average(field, displacement, temperature, status, refused, dt_s, slow_s, about, memory, tile)
     _mark(near_too, about, memory, around_start, around, marks)
     for g in range(common.shape[0]):

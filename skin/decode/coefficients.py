@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bus.aligned import zeros
 from bus.status import Status
 from skin.decode import kernels as k
 from skin.errors import CalibrationError
@@ -112,7 +113,9 @@ def _blocks(rows: np.ndarray) -> np.ndarray:
     missing = -rows.shape[1] % k.LANES
     padded = np.pad(rows, ((0, 0), (0, missing)), mode="edge")
     blocks = padded.reshape(rows.shape[0], -1, k.LANES).transpose(1, 0, 2)
-    return np.ascontiguousarray(blocks).reshape(-1)
+    out = zeros(blocks.shape, rows.dtype)
+    out[:] = blocks
+    return out.reshape(-1)
 
 
 def _values(
@@ -323,8 +326,26 @@ def _limits(topology: Topology, vertical: bool) -> np.ndarray:
     out[k.LIMIT_IDLE : k.LIMIT_IDLE + 2] = _counts(
         topology, k.FREQUENCY, rest - least_load, np.full(topology.n, np.inf)
     )
+    _usual(out)
     out[k.LIMIT_RAIL + 1 :: 2] -= out[k.LIMIT_RAIL :: 2]
     return out.astype(np.int64).astype(np.int16)
+
+
+def _usual(out: np.ndarray) -> None:
+    """Counts that are within all ranges of their channel, from the other rows."""
+    held_to = {
+        k.GEL: (k.LIMIT_POSSIBLE, k.LIMIT_CALIBRATED),
+        k.FREQUENCY: (k.LIMIT_POSSIBLE + 2, k.LIMIT_CALIBRATED + 2),
+        k.CHIP: (k.LIMIT_POSSIBLE + 4,),
+    }
+    for channel in range(k.CHANNELS):
+        rows = np.array([k.LIMIT_RAIL + 2 * channel, *held_to.get(channel, ())])
+        low, high = out[rows].max(axis=0), out[rows + 1].min(axis=0)
+        if channel not in (k.GEL, k.FREQUENCY):
+            low, high = np.full_like(low, low.max()), np.full_like(high, high.min())
+        out[k.LIMIT_STATUS, (low > high) & (out[k.LIMIT_STATUS] < k.UNUSUAL)] += k.UNUSUAL
+        out[k.LIMIT_USUAL + 2 * channel] = low
+        out[k.LIMIT_USUAL + 2 * channel + 1] = np.maximum(low, high)
 
 
 def tidy_drop(topology: Topology) -> tuple[np.ndarray, np.ndarray]:

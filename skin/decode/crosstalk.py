@@ -38,7 +38,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from bus.jit import direct
+from bus.aligned import zeros
+from bus.bound import Bound
 from skin.calibrate.stencil import Stencil
 from skin.calibrate.stray import powers
 from skin.decode import crosstalk_kernels as kernels
@@ -177,8 +178,7 @@ class CrossTalk:
         self._idle = np.array([idle_mm, 3.0 * idle_mm, reach_mm**2], real)
         reach, deepest = stencil.displacement_max_mm, stencil.depth_max_mm
         self._most = np.array([reach + BEYOND_MM, -PULLED_MM, deepest + BEYOND_MM], real)
-        self._tile = np.zeros(5 * kernels.BLOCK, real)
-        self._sources = np.zeros((5, n), real)
+        self._sources = zeros((5, n), real)
         self._sources[kernels.KNOWN] = 1.0
         self._stale, self._todo = np.zeros((2, n), np.uint8)
         order = np.argsort(stencil.neighbour, kind="stable")
@@ -218,7 +218,7 @@ class CrossTalk:
         ndarray, shape (3, n) or (5, n)
             `out`. All arrays have the type of this object and are contiguous.
         """
-        return self.bound(displacement_mm, usable, out, base, film_above, again=False)()
+        return self.bound(displacement_mm, usable, out, base, film_above)()
 
     def bound(
         self,
@@ -227,8 +227,6 @@ class CrossTalk:
         out: np.ndarray,
         base: np.ndarray | None = None,
         film_above: np.ndarray | None = None,
-        *,
-        again: bool = True,
     ) -> Callable[[], np.ndarray]:
         """`predict` with arrays that stay the same, for a call each cycle: they are looked at once.
 
@@ -236,35 +234,29 @@ class CrossTalk:
         ----------
         displacement_mm, usable, out, base, film_above : ndarray
             As of `predict`.
-        again : bool
-            False for who calls once.
         """
-        taken = (
-            displacement_mm, usable, film_above, self.strength, self._drift, self._rest,
-            self._idle, self._most, base, self.residue_ut2, self._tile, self._sources, self._stale,
-            out,
+        films = Bound(
+            kernels.films, displacement_mm, usable, film_above, self.strength, self._drift,
+            self._rest, self._idle, self._most, base, self.residue_ut2, *self._sources,
+            self._stale, out,
         )  # fmt: skip
-        unknown = (
-            self.stencil.start, self.stencil.neighbour, self._prior, *self._felt,
+        unknown = Bound(
+            kernels.unknown, self.stencil.start, self.stencil.neighbour, self._prior, *self._felt,
             self._sources[kernels.KNOWN], self._stale, self._todo, self._always,
             self.residue_ut2, base, out,
         )  # fmt: skip
         parts = [(kernels.lattice, lattice) for lattice in self._lattices]
         if self._scattered is not None:
             parts.append((kernels.scattered, self._scattered))
-        adding = [(kernel, (self._sources, *part.arguments, out)) for kernel, part in parts]
-        films = kernels.films
-        if again:
-            films = direct(films, *taken)
-            adding = [(direct(kernel, *given), given) for kernel, given in adding]
+        adding = [Bound(kernel, self._sources, *part.arguments, out) for kernel, part in parts]
 
         def call() -> np.ndarray:
-            moved, changed = films(*taken)
+            moved, changed = films()
             if changed:
-                kernels.unknown(*unknown)
+                unknown()
             if moved:
-                for kernel, given in adding:
-                    kernel(*given)
+                for add in adding:
+                    add()
             return out
 
         return call

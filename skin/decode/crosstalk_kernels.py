@@ -17,6 +17,7 @@ Tiles have a constant pitch: it is what shows the compiler that loads and stores
 
 from __future__ import annotations
 
+import numpy as np
 from numba import njit
 
 from bus.jit import apart
@@ -46,8 +47,8 @@ _OPTIONS = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True, "ca
 
 
 def films_python(
-    displacement, usable, above, strength, drift, rest, idle, most, base, residue, tile, sources,
-    stale, out,
+    displacement, usable, above, strength, drift, rest, idle, most, base, residue, dx, dy, depth,
+    weight, known, stale, out,
 ):  # fmt: skip
     """Take over the displacements of the films that count, and begin the result.
 
@@ -73,68 +74,60 @@ def films_python(
         What the result begins with; None: zero.
     residue : ndarray, shape (n,)
         Variance that is added to row 4.
-    tile : ndarray, shape (5 * BLOCK,)
-    sources : ndarray, shape (5, n)
-        Written: dx, dy, H and weight, all of them zero for films that do not count; and 1 for
-        films that are usable and within the range, else 0.
+    dx, dy, depth, weight : ndarray, shape (n,)
+        Written, the rows of `sources`: zero for films that do not count.
+    known : ndarray, shape (n,)
+        Written, the last row of `sources`: 1 for films that are usable and within the range, else
+        0.
     stale : ndarray, shape (n,), uint8
-        Written: 1 where the last row of `sources` is another.
+        Written: 1 where `known` is another.
     out : ndarray, shape (3, n) or (5, n)
         Of five rows, as of a whole background, the fields are rows 1 to 3.
 
     Returns
     -------
     moved, changed : bool
-        Whether any film counts; whether the last row of `sources` is another.
+        Whether any film counts; whether `known` is another of any.
     """
     apart()
     nothing, one = out.dtype.type(0.0), out.dtype.type(1.0)
     at = 1 if out.shape[0] == ROWS else 0
     reach, highest, deepest = most[0], most[1], most[2]
     idle_depth, idle_height, idle_square = idle[0], idle[1], idle[2]
-    n = usable.size
-    moved, changed = 0, 0
-    for b in range((n + BLOCK - 1) // BLOCK):
-        first = (b * BLOCK) & NOT_NEGATIVE
-        count = min(BLOCK, n - first)
-        for i in range(count):
-            at_i = first + i
-            x, y, h = displacement[X, at_i], displacement[Y, at_i], displacement[H, at_i]
-            looked = (x == x) & (y == y)  # noqa: PLR0124 - NaN: not looked at
-            x = x if looked else nothing
-            y = y if looked else nothing
-            # NaN and infinity times zero are not zero
-            finite = usable[at_i] & ((x + y + h) * nothing == nothing)
-            away = (h > idle_depth) | (h < -idle_height) | (x * x + y * y > idle_square)
-            counts = finite & away
-            gain = one if above is None else one + drift[at_i] * above[at_i]
-            tile[i] = min(max(x, -reach), reach) if counts else nothing
-            tile[Y * BLOCK + i] = min(max(y, -reach), reach) if counts else nothing
-            tile[H * BLOCK + i] = min(max(h, highest), deepest) if counts else nothing
-            tile[WEIGHT * BLOCK + i] = strength[at_i] * gain if counts else nothing
-            within = (max(abs(x), abs(y)) <= reach) & (h >= highest) & (h <= deepest)
-            tile[KNOWN * BLOCK + i] = one if finite & within else nothing
-        for i in range(count):
-            moved |= tile[WEIGHT * BLOCK + i] != nothing
-        for i in range(count):
-            other = sources[KNOWN, first + i] != tile[KNOWN * BLOCK + i]
-            stale[first + i] = other
-            changed |= other
-        for row in range(5):
-            for i in range(count):
-                sources[row, first + i] = tile[row * BLOCK + i]
-        for axis in range(3):
-            for i in range(count):
-                field = nothing if base is None else base[at + axis, first + i]
-                if above is not None:
-                    field += rest[axis, first + i] * (drift[first + i] * above[first + i])
-                out[at + axis, first + i] = field
-        if at:
-            for i in range(count):
-                out[0, first + i] = nothing if base is None else base[0, first + i]
-            for i in range(count):
-                more = nothing if base is None else base[ROWS - 1, first + i]
-                out[ROWS - 1, first + i] = more + residue[first + i]
+    moved = changed = np.int32(0)  # as wide as a float32, or vectors would be half as long
+    for i in range(usable.size):
+        x, y, h = displacement[X, i], displacement[Y, i], displacement[H, i]
+        looked = (x == x) & (y == y)  # noqa: PLR0124 - NaN: not looked at
+        x = x if looked else nothing
+        y = y if looked else nothing
+        # NaN and infinity times zero are not zero
+        finite = usable[i] & ((x + y + h) * nothing == nothing)
+        away = (h > idle_depth) | (h < -idle_height) | (x * x + y * y > idle_square)
+        counts = finite & away
+        gain = one if above is None else one + drift[i] * above[i]
+        dx[i] = min(max(x, -reach), reach) if counts else nothing
+        dy[i] = min(max(y, -reach), reach) if counts else nothing
+        depth[i] = min(max(h, highest), deepest) if counts else nothing
+        weight[i] = strength[i] * gain if counts else nothing
+        within = (max(abs(x), abs(y)) <= reach) & (h >= highest) & (h <= deepest)
+        now = one if finite & within else nothing
+        other = known[i] != now
+        known[i] = now
+        stale[i] = other
+        moved = np.int32(moved | np.int32(counts))
+        changed = np.int32(changed | np.int32(other))
+    for axis in range(3):
+        for i in range(usable.size):
+            field = nothing if base is None else base[at + axis, i]
+            if above is not None:
+                field += rest[axis, i] * (drift[i] * above[i])
+            out[at + axis, i] = field
+    if at:
+        for i in range(usable.size):
+            out[0, i] = nothing if base is None else base[0, i]
+        for i in range(usable.size):
+            more = nothing if base is None else base[ROWS - 1, i]
+            out[ROWS - 1, i] = more + residue[i]
     return moved != 0, changed != 0
 
 
@@ -276,12 +269,14 @@ def lattice_python(
             for i in range(BLOCK):
                 m0, m1, m2, m3 = rows[r0 + i], rows[r1 + i], rows[r2 + i], rows[r3 + i]
                 m4, m5, m6, m7 = rows[r4 + i], rows[r5 + i], rows[r6 + i], rows[r7 + i]
-                tile[i] += (x0 * m0 + x1 * m1 + x2 * m2 + x3 * m3
-                            + x4 * m4 + x5 * m5 + x6 * m6 + x7 * m7)  # fmt: skip
-                tile[i + BLOCK] += (y0 * m0 + y1 * m1 + y2 * m2 + y3 * m3
-                                    + y4 * m4 + y5 * m5 + y6 * m6 + y7 * m7)  # fmt: skip
-                tile[i + 2 * BLOCK] += (z0 * m0 + z1 * m1 + z2 * m2 + z3 * m3
-                                        + z4 * m4 + z5 * m5 + z6 * m6 + z7 * m7)  # fmt: skip
+                # from left to right, so that each is one multiplication and addition
+                x, y, z = tile[i], tile[i + BLOCK], tile[i + 2 * BLOCK]
+                x = x + x0 * m0 + x1 * m1 + x2 * m2 + x3 * m3
+                y = y + y0 * m0 + y1 * m1 + y2 * m2 + y3 * m3
+                z = z + z0 * m0 + z1 * m1 + z2 * m2 + z3 * m3
+                tile[i] = x + x4 * m4 + x5 * m5 + x6 * m6 + x7 * m7
+                tile[i + BLOCK] = y + y4 * m4 + y5 * m5 + y6 * m6 + y7 * m7
+                tile[i + 2 * BLOCK] = z + z4 * m4 + z5 * m5 + z6 * m6 + z7 * m7
         for r in range(begin[b], begin[b + 1]):
             unit = runs[r, 0] & NOT_NEGATIVE
             for axis in range(3):

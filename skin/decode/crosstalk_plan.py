@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bus.aligned import LINE, zeros
 from skin.calibrate.stencil import Stencil
 from skin.calibrate.stray import powers
 from skin.decode import crosstalk_kernels as k
@@ -191,7 +192,8 @@ class Lattice:
         columns = int(cells.column.max()) + 1
         steps = offsets[:, shared]
         wide = columns + int(np.abs(steps[1]).max(initial=0))
-        self.halo = int(np.abs(steps[0] * wide + steps[1]).max(initial=0))
+        furthest = int(np.abs(steps[0] * wide + steps[1]).max(initial=0))
+        self.halo = furthest + -furthest % (LINE // np.dtype(dtype).itemsize)
         count = wide * (int(cells.row.max()) + 1)
         self.cells = count + -count % k.BLOCK
         self.pitch = self.cells + 2 * self.halo
@@ -209,8 +211,8 @@ class Lattice:
         values[: len(slots)] = [left[o, :, p] for *_, o, p in slots] or np.zeros((0, 3))
         groups = values.reshape(-1, k.GROUP, 3).transpose(0, 2, 1)
         self.coefficients = np.ascontiguousarray(groups, dtype).reshape(-1)
-        self.rows = np.zeros(self.parent.size * self.pitch, dtype)
-        self.tile = np.zeros(3 * k.BLOCK, dtype)
+        self.rows = zeros(self.parent.size * self.pitch, dtype)
+        self.tile = zeros(3 * k.BLOCK, dtype)
         self.active = np.zeros((2, self.begin.size - 1), bool)
 
     @property
@@ -307,9 +309,9 @@ class Scattered:
                 parts.append(some.transpose(2, 0, 1).reshape(-1))
                 length += parts[-1].size
         self.coefficients = np.concatenate([*parts, np.zeros(1)]).astype(dtype)
-        self.terms = np.zeros(self.parent.size * k.LANES, dtype)
+        self.terms = zeros(self.parent.size * k.LANES, dtype)
         most = int(np.diff(self.start).max(initial=0))
-        self.tile = np.zeros(3 * most + 1, dtype)
+        self.tile = zeros(3 * most + 1, dtype)
 
     @property
     def arguments(self) -> tuple:

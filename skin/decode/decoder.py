@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bus.aligned import zeros
 from skin.decode.plan import ESTIMATORS, LATERAL, Plan
 from skin.errors import CountsError
 from skin.state import Reading
 from topology import CHANNELS, Topology
 
 if TYPE_CHECKING:
+    from bus.bound import Bound
     from skin.calibrate.stencil import Stencil
 
 __all__ = ["ESTIMATORS", "Decoder"]
@@ -119,7 +121,6 @@ class Decoder:
         )  # fmt: skip
         self.dtype = np.dtype(plan.dtype)
 
-        from bus.jit import direct
         from skin.decode import kernels as k
         from skin.decode.coefficients import Coefficients
 
@@ -147,26 +148,28 @@ class Decoder:
         warm = bool((topology.wired[CHANNELS.index("gel")] | silent).all())
         self._names = _names(plan, warm)
         n, blocks = topology.n, -(-topology.n // k.LANES)
-        self._kernels, self._direct = k, direct
+        self._kernels = k
         self._looped = self.crosstalk is not None or self.ambient is not None
-        self._state = np.zeros((blocks, k.STATE_ROWS, k.LANES), self.dtype)
+        kept = k.HELD if plan.temperature_every == 1 else k.STATE_ROWS
+        self._state = zeros((blocks, kept, k.LANES), self.dtype)
         self._calibration = (
             found.values,
             found.limits,
             _parts(plan, self._names, k),
             np.array([row for name in self._names for row in _rows_of(name, k)], np.int64),
             self._state.reshape(-1),
-            np.zeros(blocks * k.SEEN_ROWS * k.LANES, np.int16),
-            np.zeros(k.LANES, np.int16),
-            np.zeros(k.LANES, np.int16),
-            np.zeros(k.TILE_ROWS * k.LANES, self.dtype),
+            zeros(blocks * k.SEEN_ROWS * k.LANES, np.int16),
+            zeros(k.LANES, np.int16),
+            zeros(k.LANES, np.int16),
+            zeros(k.TILE_ROWS * k.LANES, self.dtype),
             plan.temperature_every,
         )
-        self._kernel: dict[bool, Callable] = {}
+        self._moment = zeros(3, np.int64)
+        self._passes: dict[bool, Bound] = {}
         self._shape = (len(CHANNELS), n)
-        self._none_known = np.zeros(n, np.uint16)
+        self._none_known = zeros(n, np.uint16)
         self._raw = self._status = self._given = _NONE_YET
-        self._background = np.zeros((1, 5, n), self.dtype)
+        self._background = zeros((1, 5, n), self.dtype)
         self._taken = self._background[0]
         self._base = np.zeros((5, n), self.dtype)
         self._known = np.zeros((5, n), self.dtype) if self.ambient is None else self.ambient.taken
@@ -216,7 +219,7 @@ class Decoder:
         none = np.zeros((0, 5, self.topology.n), self.dtype) if taken else None
         counts = np.zeros((0, *self._shape), np.int16)
         known = np.zeros((0, self.topology.n), np.uint16)
-        self._run(counts, known, none, True, *self._outputs(0))
+        self._decode(counts, known, none, True, *self._outputs(0))
         if self.crosstalk is not None:
             self.crosstalk.warmup()
             self._bind(False)
@@ -268,10 +271,10 @@ class Decoder:
         if self._looped:
             self._loop(advance)
         elif background is None:
-            self._run(*self._inputs, None, advance, *self._out)
+            self._again(True, advance)
         else:
             self._taken[: len(background)] = background
-            self._run(*self._inputs, self._background, advance, *self._out)
+            self._again(False, advance)
         return self._reading
 
     def _loop(self, advance: bool) -> None:
@@ -282,12 +285,11 @@ class Decoder:
         told = self._given is not None
         if self.crosstalk is None:
             self._taken[:] = self._base if told else self._known
-            self._run(*self._inputs, self._background, advance, *self._out)
+            self._again(False, advance)
         for sweep in range(self.plan.sweeps):
             predict = self._predict.get(told) or self._bind(told)
             predict()
-            again = advance and sweep == 0
-            self._run(*self._inputs, self._background, again, *self._out)
+            self._again(False, advance and sweep == 0)
         if self.ambient is not None and advance:
             self.ambient.update(self._whole)
 
@@ -301,22 +303,38 @@ class Decoder:
         self._predict[told] = predict
         return predict
 
-    def _run(self, counts, known, background, advance, out, status, valid) -> None:
-        """Call the kernel and count its cycles."""
-        bare = background is None
-        kept = out is self._out[0]
-        arguments = (
-            counts, known, background, *self._calibration,
-            self._cycle if advance else self._cycle - 1, advance, kept and self._kept is bare,
-            out, status, valid,
-        )  # fmt: skip
-        kernel = self._kernel.get(bare)
-        if kernel is None:
-            kernel = self._kernel[bare] = self._direct(self._kernels.decode, *arguments)
-        kernel(*arguments)
-        self._kept = bare if kept else None
+    def _again(self, bare: bool, advance: bool) -> None:
+        """Decode the cycle that was accepted, `bare` without a background."""
+        call = self._passes.get(bare)
+        if call is None:
+            from bus.bound import Bound
+
+            background = None if bare else self._background
+            call = self._passes[bare] = Bound(
+                self._kernels.decode, *self._inputs, background, *self._calibration, self._moment,
+                *self._out,
+            )  # fmt: skip
+        self._set(advance, self._kept is bare)
+        call()
+        self._kept = bare
+        self._cycle += advance
+
+    def _decode(self, counts, known, background, advance, out, status, valid) -> None:
+        """Decode consecutive cycles of arrays of the caller's."""
+        self._set(advance, False)
+        self._kernels.decode(
+            counts, known, background, *self._calibration, self._moment, out, status, valid
+        )
+        self._kept = None
         if advance:
             self._cycle += counts.shape[0]
+
+    def _set(self, advance: bool, reuse: bool) -> None:
+        """Tell the kernel what differs from call to call."""
+        k, moment = self._kernels, self._moment
+        moment[k.PHASE] = self._cycle if advance else self._cycle - 1
+        moment[k.ADVANCE] = advance
+        moment[k.REUSE] = reuse
 
     def _accept(self, raw, status, background) -> None:
         """Check the arrays of one cycle and keep them as the kernel takes them."""
@@ -330,6 +348,9 @@ class Decoder:
         known = self._none_known if status is None else status
         counts, flags = _plain(raw), _plain(known)
         self._inputs = counts[np.newaxis], flags[np.newaxis]
+        for call in self._passes.values():
+            for position, array in enumerate(self._inputs):
+                call.put(position, array)
         self._given = background
         if counts is raw and flags is known:
             self._raw, self._status = raw, status
@@ -358,7 +379,7 @@ class Decoder:
                 taken = np.zeros((*cycles, 5, known[-1]), self.dtype)
                 taken[:, : background.shape[1]] = background
                 background = taken
-            self._run(_plain(raw), _plain(status), background, advance, *out)
+            self._decode(_plain(raw), _plain(status), background, advance, *out)
         return self._view(*out, slice(None), self._wanted())
 
     def _outputs(self, cycles: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -366,9 +387,9 @@ class Decoder:
         n = self.topology.n
         rows = self._calibration[3].size
         return (
-            np.zeros((cycles, rows, n), self.dtype),
-            np.zeros((cycles, n), np.uint16),
-            np.zeros((cycles, n), bool),
+            zeros((cycles, rows, n), self.dtype),
+            zeros((cycles, n), np.uint16),
+            zeros((cycles, n), bool),
         )
 
     def _wanted(self) -> tuple[str, ...]:

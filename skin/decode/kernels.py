@@ -24,7 +24,7 @@ import numpy as np
 from numba import njit, types
 from numba.extending import overload, register_jitable
 
-from bus.jit import apart
+from bus.jit import ahead, apart
 
 __all__ = ["LANES", "Parts", "decode", "decode_python"]
 
@@ -33,6 +33,8 @@ LANES = 128
 the nearest cache."""
 SKIP = 16
 """Units that are left out together; a vector of float32."""
+FAR = 1 << 17
+"""Units from which on the next block is fetched ahead: they do not fit the second cache."""
 LOOK_CYCLES = 4
 """Cycles, at least, from one look at units without load to the next."""
 
@@ -66,7 +68,12 @@ LIMIT_CALIBRATED = LIMIT_POSSIBLE + 6
 """Counts within the calibrated range: gel, frequency."""
 LIMIT_IDLE = LIMIT_CALIBRATED + 4
 """Frequency counts of a unit without load."""
-LIMIT_ROWS = LIMIT_IDLE + 2
+LIMIT_USUAL = LIMIT_IDLE + 2
+"""Counts that raise no flag, two rows a channel: the unit's own of gel and frequency, those of all
+units of the others, of which one lane is read."""
+LIMIT_ROWS = LIMIT_USUAL + 2 * CHANNELS
+UNUSUAL = 1 << 14
+"""In `LIMIT_STATUS`: no counts are usual."""
 
 # -- coefficients ---------------------------------------------------------------------------------
 (
@@ -106,8 +113,11 @@ LAST_TEMPERATURE, FILM_LAG, CHIP_LAG, HELD = range(4)
 STATE_ROWS = HELD + 4
 """Kept as lag behind the gel, not as a temperature: a float32 lag goes on shrinking where a
 float32 temperature would stop as soon as its step is below half a unit in the last place. From
-`HELD` on, rows `TEMPERATURE` to `CHIP_ABOVE` and `TEMPERATURE_SIGMA` of the tile, where these are
-not of each cycle."""
+`HELD` on, there where a plan holds temperatures: rows `TEMPERATURE` to `CHIP_ABOVE` and
+`TEMPERATURE_SIGMA` of the tile."""
+
+# -- what differs from call to call ----------------------------------------------------------------
+PHASE, ADVANCE, REUSE = range(3)
 
 # -- tiles: one block on its way through -----------------------------------------------------------
 SEEN_FLAGS, RESTED = CHANNELS, CHANNELS + 1
@@ -405,8 +415,19 @@ def _sinc(x):
 @register_jitable(forceinline=True, **_OPTIONS)
 def _outside(count, limits, at, row):
     """Whether a count is outside a range of `limits`: one comparison modulo 2^16."""
-    above = (int(count) - int(limits[at + row * LANES])) & 0xFFFF
-    return above > int(limits[at + (row + 1) * LANES]) & 0xFFFF
+    return _beyond(count, limits[at + row * LANES], limits[at + (row + 1) * LANES])
+
+
+@register_jitable(forceinline=True, **_OPTIONS)
+def _beyond(count, low, width):
+    return (int(count) - int(low)) & 0xFFFF > int(width) & 0xFFFF
+
+
+@register_jitable(forceinline=True, **_OPTIONS)
+def _range(limits, at, channel):
+    """Lower end and width of the counts of a channel, of a block's first unit."""
+    row = at + 2 * channel * LANES
+    return limits[row], limits[row + LANES]
 
 
 @register_jitable(forceinline=True, **_OPTIONS)
@@ -732,9 +753,16 @@ def _turn(x, y, c, at, single):
     return x * cosine - y * sine, x * sine + y * cosine
 
 
+@register_jitable(forceinline=True, **_OPTIONS)
+def _fetch(row, start):
+    """Begin to fetch what stands in a row for `LANES` units."""
+    for j in range(0, LANES, 64 // row.itemsize):
+        ahead(row, start + j)
+
+
 def decode_python(
     counts, incoming, background, coefficients, limits, parts, rows, state, seen, flag, loaded,
-    tile, every, phase, advance, reuse, out, status, valid,
+    tile, every, moment, out, status, valid,
 ):  # fmt: skip
     """Decode t cycles of n units, one cycle after the other.
 
@@ -754,21 +782,19 @@ def decode_python(
         What is compiled.
     rows : ndarray, shape (r,), int64
         Rows of the tile that go out, in this order.
-    state : ndarray, shape (b * STATE_ROWS * LANES,)
+    state : ndarray, shape (b * STATE_ROWS * LANES,), or (b * HELD * LANES,) without `held`
         What one cycle leaves to the next, always a block for every `LANES` units.
     seen : ndarray, shape (b * SEEN_ROWS * LANES,), int16
         Counts (where there is no background) and flags of the cycle before, for `skipping`.
     flag, loaded : ndarray, shape (LANES,), int16
     tile : ndarray, shape (TILE_ROWS * LANES,)
         Room to work in.
-    every, phase : int
-        Temperatures are new where the number of the cycle, which is `phase` for the first, is a
-        multiple of `every`. Only with `held`.
-    advance : bool
-        False where the same cycle is decoded again: its temperatures stay as they are.
-    reuse : bool
-        Whether `out`, `status` and `valid` hold the cycle before, decoded by this kernel. Only with
-        `skipping`.
+    every : int
+        Temperatures are new where the number of the cycle is a multiple of this. Only with `held`.
+    moment : ndarray, shape (3,), int64
+        `PHASE`, number of the first cycle. `ADVANCE`, 0 where the same cycle is decoded again: its
+        temperatures stay as they are. `REUSE`, whether `out`, `status` and `valid` hold the cycle
+        before, decoded by this kernel; only with `skipping`.
     out : ndarray, shape (t, r, n)
     status : ndarray, shape (t, n), uint16
     valid : ndarray, shape (t, n), bool
@@ -783,6 +809,7 @@ def decode_python(
     blocks = (units + LANES - 1) // LANES
     block_step = 0 if coefficients.size < blocks * ROWS * LANES else ROWS * LANES
     limit_step = 0 if limits.size < blocks * LIMIT_ROWS * LANES else LIMIT_ROWS * LANES
+    state_step = (HELD if parts.held is None else STATE_ROWS) * LANES
     warm = parts.temperature is not None or parts.film is not None or parts.chip is not None
     lateral = (
         parts.force is not None
@@ -790,7 +817,9 @@ def decode_python(
         or parts.theta is not None
         or parts.displacement is not None
     )
+    phase, advance, reuse = moment[PHASE], moment[ADVANCE] != 0, moment[REUSE] != 0
     upright = parts.angle is not None or parts.anomaly is not None or parts.field is not None
+    far = units >= FAR
     for cycle in range(counts.shape[0]):
         due = advance and (phase + cycle) % every == 0
         for block in range(blocks):
@@ -798,7 +827,19 @@ def decode_python(
             count = min(LANES, units - first) & (2 * LANES - 1)
             k = (block * block_step) & NOT_NEGATIVE
             k_limits = (block * limit_step) & NOT_NEGATIVE
-            k_state = (block * STATE_ROWS * LANES) & NOT_NEGATIVE
+            k_state = (block * state_step) & NOT_NEGATIVE
+
+            if far:
+                there = first + LANES
+                for channel in range(CHANNELS):
+                    _fetch(counts[cycle, channel], there)
+                _fetch(incoming[cycle], there)
+                _fetch(status[cycle], there)
+                _fetch(valid[cycle], there)
+                for r in range(rows.size):
+                    _fetch(out[cycle, r], there)
+                for r in range(FILM_LAG + 1):
+                    _fetch(state, k_state + state_step + r * LANES)
 
             heard = np.int16(0)  # whether the flags of the bus are others
             if parts.skipping is not None:
@@ -819,26 +860,50 @@ def decode_python(
                     if reuse and not due and changed == 0:
                         continue
 
-            # -- flags of the counts
+            # -- flags of the counts; most blocks have none, which takes fewer limits to see
+            doubt = touched = np.int16(0)
+            usual = k_limits + LIMIT_USUAL * LANES
+            low_x, width_x = _range(limits, usual, BX)
+            low_y, width_y = _range(limits, usual, BY)
+            low_z, width_z = _range(limits, usual, BZ)
+            low_chip, width_chip = _range(limits, usual, CHIP)
             for j in range(count):
+                at = k_limits + j
+                gel = counts[cycle, GEL, first + j]
                 frequency = counts[cycle, FREQUENCY, first + j]
-                flags = np.int16(
-                    _judge(
-                        incoming[cycle, first + j], counts[cycle, GEL, first + j], frequency,
-                        counts[cycle, BX, first + j], counts[cycle, BY, first + j],
-                        counts[cycle, BZ, first + j], counts[cycle, CHIP, first + j],
-                        limits, k_limits + j,
-                    )
-                )  # fmt: skip
-                flag[j] = flags
+                unusual = (
+                    _outside(gel, limits, at, LIMIT_USUAL + 2 * GEL)
+                    | _outside(frequency, limits, at, LIMIT_USUAL + 2 * FREQUENCY)
+                    | _beyond(counts[cycle, BX, first + j], low_x, width_x)
+                    | _beyond(counts[cycle, BY, first + j], low_y, width_y)
+                    | _beyond(counts[cycle, BZ, first + j], low_z, width_z)
+                    | _beyond(counts[cycle, CHIP, first + j], low_chip, width_chip)
+                )
+                known = np.int16(incoming[cycle, first + j]) | limits[at + LIMIT_STATUS * LANES]
+                doubt = np.int16(doubt | known | np.int16(1 if unusual else 0))
+                flag[j] = np.int16(0)
                 if parts.skipping is not None:
-                    pressed = _outside(frequency, limits, k_limits + j, LIMIT_IDLE)
-                    loaded[j] = np.int16(1 if pressed & (flags & SILENT == 0) else 0)
-            look = resting = rested = False  # block without load; shown as that already
-            if parts.skipping is not None:
+                    pressed = _outside(frequency, limits, at, LIMIT_IDLE)
+                    loaded[j] = np.int16(1 if pressed else 0)
+                    touched = np.int16(touched | loaded[j])
+            if doubt != 0:
                 touched = np.int16(0)
                 for j in range(count):
-                    touched = np.int16(touched | loaded[j])
+                    flags = np.int16(
+                        _judge(
+                            incoming[cycle, first + j], counts[cycle, GEL, first + j],
+                            counts[cycle, FREQUENCY, first + j],
+                            counts[cycle, BX, first + j], counts[cycle, BY, first + j],
+                            counts[cycle, BZ, first + j], counts[cycle, CHIP, first + j],
+                            limits, k_limits + j,
+                        )
+                    )  # fmt: skip
+                    flag[j] = flags
+                    if parts.skipping is not None:
+                        loaded[j] = np.int16(loaded[j] if flags & SILENT == 0 else 0)
+                        touched = np.int16(touched | loaded[j])
+            look = resting = rested = False  # block without load; shown as that already
+            if parts.skipping is not None:
                 if parts.looking is not None:
                     look = (phase + cycle + block) % max(every, LOOK_CYCLES) == 0
                 resting = (lateral or parts.field is not None) and touched == 0 and not look
@@ -937,35 +1002,33 @@ def decode_python(
                             depth, sigma, fz, coefficients, c
                         )
 
-            # -- field, tangential displacement and force, some lanes at a time
-            if resting:
+            # -- what is not looked at shows nothing
+            looked = lateral or parts.field is not None
+            if parts.skipping is not None and looked and not look:
                 if not rested:
                     for row in TANGENTIAL:
-                        for j in range(count):
+                        for j in range(LANES):
                             tile[row * LANES + j] = nothing
                 for j in range(count):
                     flags = flag[j]
                     flag[j] = flags if flags & SILENT else flags | IDLE
-            elif lateral or parts.field is not None:
+
+            # -- field, tangential displacement and force, some lanes at a time
+            if looked and not resting:
                 together = LANES
                 if parts.skipping is not None and touched != 0:
                     together = SKIP
                 for part in range((count + together - 1) // together):
                     start = (part * together) & NOT_NEGATIVE
                     size = min(together, count - start) & (2 * LANES - 1)
-                    if parts.skipping is not None:
-                        busy = np.int16(look)
+                    if parts.skipping is not None and not look:
+                        busy = np.int16(0)
                         for lane in range(size):
                             busy = np.int16(busy | loaded[start + lane])
                         if busy == 0:
-                            for row in TANGENTIAL:
-                                for lane in range(size):
-                                    tile[row * LANES + start + lane] = nothing
-                            for lane in range(size):
-                                flags = flag[start + lane]
-                                idle = flags if flags & SILENT else flags | IDLE
-                                flag[start + lane] = idle
                             continue
+                        for lane in range(size):
+                            flag[start + lane] &= ~np.int16(IDLE)
                     for lane in range(size):
                         j = start + lane
                         c = k + j
@@ -1098,8 +1161,11 @@ def decode_python(
                     continue
                 at = (rows[r] * LANES) & NOT_NEGATIVE
                 for j in range(count):
-                    unknown = flag[j] & UNKNOWN != 0
-                    out[cycle, r, first + j] = nothing if unknown else tile[at + j]
+                    out[cycle, r, first + j] = tile[at + j]
+                if doubt != 0:
+                    for j in range(count):
+                        if flag[j] & UNKNOWN != 0:
+                            out[cycle, r, first + j] = nothing
             for j in range(count):
                 status[cycle, first + j] = flag[j] & ALL_FLAGS
                 valid[cycle, first + j] = flag[j] & INVALID == 0
