@@ -147,8 +147,8 @@ def times(crosstalk: CrossTalk, rounds: int = 40) -> dict[str, float]:
     still, out, usable = np.zeros_like(moved), np.empty_like(moved), np.ones(n, bool)
     calls = {
         "copy": lambda: np.copyto(out, moved),
-        "ns_per_unit": lambda: crosstalk.predict(moved, usable, out),
-        "idle_ns_per_unit": lambda: crosstalk.predict(still, usable, out),
+        "ns_per_unit": crosstalk.bound(moved, usable, out),
+        "idle_ns_per_unit": crosstalk.bound(still, usable, out),
     }
     taken: dict[str, list[int]] = {name: [] for name in calls}
     for _ in range(rounds):

@@ -41,6 +41,7 @@ from dataclasses import fields
 
 import numpy as np
 
+from bus.aligned import zeros
 from bus.cycle import ClosedBy, FrameCounters, RawCycle
 from bus.frame import FRAME_DTYPE
 from topology import CHANNELS, Topology
@@ -104,7 +105,7 @@ class Assembler:
         self._memory = _memory(topology, table.tables, table.unit_group, stale_cycles)
         self._state = self._memory.state
         self._shown = kernels.Shown(
-            counts=np.zeros((len(CHANNELS), topology.n), np.int16),
+            counts=zeros((len(CHANNELS), topology.n), np.int16),
             valid=np.zeros(topology.n, bool),
             status=np.zeros(topology.n, np.uint16),
             age=np.full(topology.n, -1, np.int32),

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from naive_decode import naive_decode
 
+from benchmarks.peers_decode import array_of, counts_of
 from bus.status import INVALID, Status
 from skin.decode import kernels
 from skin.decode.decoder import ESTIMATORS, Decoder
@@ -230,6 +231,19 @@ def test_order_and_number_of_units_do_not_change_a_bit(seed, dtype, size):
     some = Decoder(subset(whole, order), dtype=dtype)(np.ascontiguousarray(raw[..., order]))
     for name, a, b in zip(FIELDS, values_of(every), values_of(some), strict=True):
         assert np.ascontiguousarray(a[..., order]).tobytes() == b.tobytes(), name
+
+
+def test_units_that_are_fetched_ahead_change_no_bit_either():
+    many = array_of(kernels.FAR + 77, alike=True)
+    raw = counts_of(many)
+    last = slice(many.n - 300, None)
+    few = array_of(300, alike=True)
+    want = {"temperature", "force"}
+    every = sine(many, want)(raw)
+    some = sine(few, want)(np.ascontiguousarray(raw[:, last]))
+    for name in ("temperature", "force", "status", "valid"):
+        a, b = getattr(every, name)[..., last], getattr(some, name)
+        assert np.ascontiguousarray(a).tobytes() == b.tobytes(), name
 
 
 @given(seeds, dtypes)

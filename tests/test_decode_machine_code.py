@@ -25,9 +25,10 @@ def assembly():
     features = binding.get_host_cpu_features()
     if not (features.get("avx2") and features.get("fma")):
         pytest.skip("this processor has no AVX2 with fused multiply and add")
-    fresh = njit(kernels.decode_python, nogil=True, **kernels._OPTIONS)
     decoder = Decoder(row_of(3), {"force"}, "field-angle", consistency=False)
     decoder(np.zeros((6, 3), np.int16))
+    plain = decoder._kernel.py_func
+    fresh = njit(plain, nogil=True, **kernels._OPTIONS)
     fresh(*decoder._passes[True].arguments)
     (text,) = fresh.inspect_asm().values()
     names = re.findall(r"^([A-Za-z_]\S*decode_python\S*):$", text, re.MULTILINE)

@@ -149,13 +149,13 @@ class Decoder:
         self._names = _names(plan, warm)
         n, blocks = topology.n, -(-topology.n // k.LANES)
         self._kernels = k
+        self._kernel = k.decode(_parts(plan, self._names, k))
         self._looped = self.crosstalk is not None or self.ambient is not None
         kept = k.HELD if plan.temperature_every == 1 else k.STATE_ROWS
         self._state = zeros((blocks, kept, k.LANES), self.dtype)
         self._calibration = (
             found.values,
             found.limits,
-            _parts(plan, self._names, k),
             np.array([row for name in self._names for row in _rows_of(name, k)], np.int64),
             self._state.reshape(-1),
             zeros(blocks * k.SEEN_ROWS * k.LANES, np.int16),
@@ -168,6 +168,7 @@ class Decoder:
         self._passes: dict[bool, Bound] = {}
         self._shape = (len(CHANNELS), n)
         self._none_known = zeros(n, np.uint16)
+        self._inputs = zeros((1, *self._shape), np.int16), self._none_known[np.newaxis]
         self._raw = self._status = self._given = _NONE_YET
         self._background = zeros((1, 5, n), self.dtype)
         self._taken = self._background[0]
@@ -215,11 +216,7 @@ class Decoder:
         background : bool
             Whether for calls with a background of the caller's.
         """
-        taken = background or self._looped
-        none = np.zeros((0, 5, self.topology.n), self.dtype) if taken else None
-        counts = np.zeros((0, *self._shape), np.int16)
-        known = np.zeros((0, self.topology.n), np.uint16)
-        self._decode(counts, known, none, True, *self._outputs(0))
+        self._bind_pass(not (background or self._looped))
         if self.crosstalk is not None:
             self.crosstalk.warmup()
             self._bind(False)
@@ -271,10 +268,10 @@ class Decoder:
         if self._looped:
             self._loop(advance)
         elif background is None:
-            self._again(True, advance)
+            self._decode_cycle(True, advance)
         else:
             self._taken[: len(background)] = background
-            self._again(False, advance)
+            self._decode_cycle(False, advance)
         return self._reading
 
     def _loop(self, advance: bool) -> None:
@@ -285,11 +282,11 @@ class Decoder:
         told = self._given is not None
         if self.crosstalk is None:
             self._taken[:] = self._base if told else self._known
-            self._again(False, advance)
+            self._decode_cycle(False, advance)
         for sweep in range(self.plan.sweeps):
             predict = self._predict.get(told) or self._bind(told)
             predict()
-            self._again(False, advance and sweep == 0)
+            self._decode_cycle(False, advance and sweep == 0)
         if self.ambient is not None and advance:
             self.ambient.update(self._whole)
 
@@ -303,26 +300,28 @@ class Decoder:
         self._predict[told] = predict
         return predict
 
-    def _again(self, bare: bool, advance: bool) -> None:
-        """Decode the cycle that was accepted, `bare` without a background."""
-        call = self._passes.get(bare)
-        if call is None:
-            from bus.bound import Bound
+    def _bind_pass(self, bare: bool) -> Bound:
+        """The kernel on the arrays of one cycle, `bare` without a background."""
+        from bus.bound import Bound
 
-            background = None if bare else self._background
-            call = self._passes[bare] = Bound(
-                self._kernels.decode, *self._inputs, background, *self._calibration, self._moment,
-                *self._out,
-            )  # fmt: skip
+        background = None if bare else self._background
+        call = self._passes[bare] = Bound(
+            self._kernel, *self._inputs, background, *self._calibration, self._moment, *self._out
+        )
+        return call
+
+    def _decode_cycle(self, bare: bool, advance: bool) -> None:
+        """Decode the cycle that was accepted, `bare` without a background."""
+        call = self._passes.get(bare) or self._bind_pass(bare)
         self._set(advance, self._kept is bare)
         call()
         self._kept = bare
         self._cycle += advance
 
-    def _decode(self, counts, known, background, advance, out, status, valid) -> None:
+    def _decode_batch(self, counts, known, background, advance, out, status, valid) -> None:
         """Decode consecutive cycles of arrays of the caller's."""
         self._set(advance, False)
-        self._kernels.decode(
+        self._kernel(
             counts, known, background, *self._calibration, self._moment, out, status, valid
         )
         self._kept = None
@@ -379,13 +378,13 @@ class Decoder:
                 taken = np.zeros((*cycles, 5, known[-1]), self.dtype)
                 taken[:, : background.shape[1]] = background
                 background = taken
-            self._decode(_plain(raw), _plain(status), background, advance, *out)
+            self._decode_batch(_plain(raw), _plain(status), background, advance, *out)
         return self._view(*out, slice(None), self._wanted())
 
     def _outputs(self, cycles: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What the kernel writes: quantities one below the other, status, validity."""
         n = self.topology.n
-        rows = self._calibration[3].size
+        rows = self._calibration[2].size
         return (
             zeros((cycles, rows, n), self.dtype),
             zeros((cycles, n), np.uint16),
@@ -474,7 +473,7 @@ def _parts(plan: Plan, names: Collection[str], k):
         "skipping": plan.skip,
         "looking": plan.skip and plan.ambient,
     }
-    return k.Parts(**{name: True for name, wanted in chosen.items() if wanted})
+    return k.Parts(**{name: bool(wanted) for name, wanted in chosen.items()})
 
 
 def _plain(array: np.ndarray) -> np.ndarray:

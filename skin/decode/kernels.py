@@ -18,6 +18,8 @@ its own file and would not see a change in another one.
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -159,7 +161,7 @@ _OPTIONS = {"error_model": "numpy", "fastmath": {"contract"}}
 
 
 class Parts(NamedTuple):
-    """What is compiled; each True, or None: left out.
+    """What is compiled.
 
     Attributes
     ----------
@@ -188,23 +190,23 @@ class Parts(NamedTuple):
         follows the ambient field.
     """
 
-    temperature: bool | None = None
-    force: bool | None = None
-    tangential: bool | None = None
-    theta: bool | None = None
-    displacement: bool | None = None
-    field: bool | None = None
-    sigma: bool | None = None
-    angle: bool | None = None
-    anomaly: bool | None = None
-    turning: bool | None = None
-    centring: bool | None = None
-    film: bool | None = None
-    chip: bool | None = None
-    lagging: bool | None = None
-    held: bool | None = None
-    skipping: bool | None = None
-    looking: bool | None = None
+    temperature: bool = False
+    force: bool = False
+    tangential: bool = False
+    theta: bool = False
+    displacement: bool = False
+    field: bool = False
+    sigma: bool = False
+    angle: bool = False
+    anomaly: bool = False
+    turning: bool = False
+    centring: bool = False
+    film: bool = False
+    chip: bool = False
+    lagging: bool = False
+    held: bool = False
+    skipping: bool = False
+    looking: bool = False
 
 
 # -- elementary functions --------------------------------------------------------------------------
@@ -479,7 +481,7 @@ def _temperature_sigma(t, current, c, at):
 
 
 @register_jitable(forceinline=True, **_OPTIONS)
-def _follow(t, chip, c, at, state, kept, keep, advance, parts):
+def _follow(t, chip_count, c, at, state, kept, keep, advance, film, chip, lagging):
     """Film and chip temperature above reference; both follow the gel.
 
     A unit that is invalid leaves no trace in the state. Without `advance`, the state is already
@@ -489,23 +491,23 @@ def _follow(t, chip, c, at, state, kept, keep, advance, parts):
     now = advance | (not keep)
     film_above = real(0.0)
     chip_above = real(0.0)
-    if parts.film is not None or parts.lagging is not None:
+    if film or lagging:
         last = state[kept + LAST_TEMPERATURE * LANES]
         # NaN: no cycle before this one
         step = last - t if (last == last) & now else real(0.0)  # noqa: PLR0124
         state[kept + LAST_TEMPERATURE * LANES] = t if keep & now else last
-        if parts.film is not None:
+        if film:
             was = state[kept + FILM_LAG * LANES]
             lag = (c[at + FILM_KEEP * LANES] if now else real(1.0)) * (was + step)
             state[kept + FILM_LAG * LANES] = lag if keep else was
             film_above = (t - c[at + FILM_REFERENCE * LANES]) + lag
-        if parts.lagging is not None:
+        if lagging:
             was = state[kept + CHIP_LAG * LANES]
             lag = (c[at + CHIP_KEEP * LANES] if now else real(1.0)) * (was + step)
             state[kept + CHIP_LAG * LANES] = lag if keep else was
             chip_above = c[at + CHIP_FOLLOWS * LANES] * (t + lag)
-    if parts.chip is not None:
-        chip_above += c[at + CHIP_SCALE * LANES] * chip + c[at + CHIP_OFFSET * LANES]
+    if chip:
+        chip_above += c[at + CHIP_SCALE * LANES] * chip_count + c[at + CHIP_OFFSET * LANES]
     return film_above, chip_above
 
 
@@ -542,36 +544,36 @@ def _normal_sigma(depth, sigma, force, c, at):
 
 
 @register_jitable(forceinline=True, **_OPTIONS)
-def _lateral(bx, by, chip_above, c, at, parts):
+def _lateral(bx, by, chip_above, c, at, chip):
     """Lateral field without the chip's offset and its drift, mapped; the gain is left in."""
     x = c[at + X_BX * LANES] * bx + c[at + X_BY * LANES] * by + c[at + X_OFFSET * LANES]
     y = c[at + Y_BX * LANES] * bx + c[at + Y_BY * LANES] * by + c[at + Y_OFFSET * LANES]
-    if parts.chip is not None:
+    if chip:
         x += c[at + X_DRIFT * LANES] * chip_above
         y += c[at + Y_DRIFT * LANES] * chip_above
     return x, y
 
 
 @register_jitable(forceinline=True, **_OPTIONS)
-def _vertical(bz, chip_above, c, at, parts):
+def _vertical(bz, chip_above, c, at, chip):
     z = c[at + Z_BZ * LANES] * bz + c[at + Z_OFFSET * LANES]
-    if parts.chip is not None:
+    if chip:
         z += c[at + Z_DRIFT * LANES] * chip_above
     return z
 
 
 @register_jitable(forceinline=True, **_OPTIONS)
-def _chip_gain(chip_above, c, at, parts):
+def _chip_gain(chip_above, c, at, chip):
     real = c.dtype.type
-    if parts.chip is not None:
+    if chip:
         return max(real(1.0) + c[at + CHIP_GAIN * LANES] * chip_above, real(GAIN_MIN))
     return real(1.0)
 
 
 @register_jitable(forceinline=True, **_OPTIONS)
-def _film_gain(film_above, c, at, parts):
+def _film_gain(film_above, c, at, film):
     real = c.dtype.type
-    if parts.film is not None:
+    if film:
         return max(real(1.0) + c[at + FILM_DRIFT * LANES] * film_above, real(GAIN_MIN))
     return real(1.0)
 
@@ -598,7 +600,7 @@ def _amplitude_variance(depth, sigma, c, at):
 
 
 @register_jitable(forceinline=True, **_OPTIONS)
-def _by_strength(solid, field2, depth, depth_sigma, gain, c, at, parts, single):
+def _by_strength(solid, field2, depth, depth_sigma, gain, c, at, with_sigma, single):
     """R = asin(S / M0) / k, its sigma, its flags, 1 / S and 1 / M0.
 
     The sigma is half of the interval of the arcsine, which has no slope at the crest.
@@ -616,7 +618,7 @@ def _by_strength(solid, field2, depth, depth_sigma, gain, c, at, parts, single):
     below = one - ratio
     found = SATURATED if near2 >= below * below else 0
     sigma = real(0.0)
-    if parts.sigma is not None:
+    if with_sigma:
         s = np.sqrt(noise2 + square * _amplitude_variance(depth, depth_sigma, c, at))
         low = ratio - s
         lower = _asin(min(abs(low), one), single)
@@ -643,7 +645,7 @@ def _angle_slope(i, h, c, at):
 
 
 @register_jitable(forceinline=True, **_OPTIONS)
-def _by_angle(solid, z, field2, depth, depth_sigma, c, at, parts, single):
+def _by_angle(solid, z, field2, depth, depth_sigma, c, at, with_sigma, single):
     """R(psi, H), psi = atan2(S, Bz), its sigma, its flags and 1 / S."""
     real = c.dtype.type
     upright = abs(z)
@@ -663,7 +665,7 @@ def _by_angle(solid, z, field2, depth, depth_sigma, c, at, parts, single):
     q3 = _angle_row(3, h, c, at)
     reach = p * (((q3 * p2 + q2) * p2 + q1) * p2 + q0)
     sigma = real(0.0)
-    if parts.sigma is not None:
+    if with_sigma:
         slope = ((real(7.0) * q3 * p2 + real(5.0) * q2) * p2 + real(3.0) * q1) * p2 + q0
         d3 = _angle_slope(3, h, c, at) * p2 + _angle_slope(2, h, c, at)
         d1 = (d3 * p2 + _angle_slope(1, h, c, at)) * p2 + _angle_slope(0, h, c, at)
@@ -760,415 +762,441 @@ def _fetch(row, start):
         ahead(row, start + j)
 
 
-def decode_python(
-    counts, incoming, background, coefficients, limits, parts, rows, state, seen, flag, loaded,
-    tile, every, moment, out, status, valid,
-):  # fmt: skip
-    """Decode t cycles of n units, one cycle after the other.
+def decode_python(parts: Parts) -> Callable:
+    """The function that decodes what `parts` say, not compiled: see `decode` within.
 
-    Parameters
-    ----------
-    counts : ndarray, shape (t, c, n), int16
-    incoming : ndarray, shape (t, n), uint16
-        Status flags of the bus.
-    background : ndarray, shape (t, 5, n), or None
-        What is not the unit's own signal: Hz of fall of the frequency, the field in µT, in the axes
-        of the chip, and µT² of an axis, variance of what is not known of it; None is not compiled.
-    coefficients : ndarray, shape (b * ROWS * LANES,), float32 or float64
-        Calibration, a block for every `LANES` units, or a single block that all share.
-    limits : ndarray, shape (b * LIMIT_ROWS * LANES,), int16
-        Ranges of counts, blocked in the same way, shared or not.
-    parts : Parts
-        What is compiled.
-    rows : ndarray, shape (r,), int64
-        Rows of the tile that go out, in this order.
-    state : ndarray, shape (b * STATE_ROWS * LANES,), or (b * HELD * LANES,) without `held`
-        What one cycle leaves to the next, always a block for every `LANES` units.
-    seen : ndarray, shape (b * SEEN_ROWS * LANES,), int16
-        Counts (where there is no background) and flags of the cycle before, for `skipping`.
-    flag, loaded : ndarray, shape (LANES,), int16
-    tile : ndarray, shape (TILE_ROWS * LANES,)
-        Room to work in.
-    every : int
-        Temperatures are new where the number of the cycle is a multiple of this. Only with `held`.
-    moment : ndarray, shape (3,), int64
-        `PHASE`, number of the first cycle. `ADVANCE`, 0 where the same cycle is decoded again: its
-        temperatures stay as they are. `REUSE`, whether `out`, `status` and `valid` hold the cycle
-        before, decoded by this kernel; only with `skipping`.
-    out : ndarray, shape (t, r, n)
-    status : ndarray, shape (t, n), uint16
-    valid : ndarray, shape (t, n), bool
+    Parts are truth values around it, not arguments: what they leave out is cut away before the
+    compiler looks at it, which takes it longer than to compile what is left.
     """
-    apart()
-    real = coefficients.dtype.type
-    zero = real(0.0)
-    one = real(1.0)
-    nothing = real(np.nan)
-    single = np.finfo(coefficients.dtype).bits == 32
-    units = counts.shape[2]
-    blocks = (units + LANES - 1) // LANES
-    block_step = 0 if coefficients.size < blocks * ROWS * LANES else ROWS * LANES
-    limit_step = 0 if limits.size < blocks * LIMIT_ROWS * LANES else LIMIT_ROWS * LANES
-    state_step = (HELD if parts.held is None else STATE_ROWS) * LANES
-    warm = parts.temperature is not None or parts.film is not None or parts.chip is not None
-    lateral = (
-        parts.force is not None
-        or parts.tangential is not None
-        or parts.theta is not None
-        or parts.displacement is not None
-    )
-    phase, advance, reuse = moment[PHASE], moment[ADVANCE] != 0, moment[REUSE] != 0
-    upright = parts.angle is not None or parts.anomaly is not None or parts.field is not None
-    far = units >= FAR
-    for cycle in range(counts.shape[0]):
-        due = advance and (phase + cycle) % every == 0
-        for block in range(blocks):
-            first = (block * LANES) & NOT_NEGATIVE
-            count = min(LANES, units - first) & (2 * LANES - 1)
-            k = (block * block_step) & NOT_NEGATIVE
-            k_limits = (block * limit_step) & NOT_NEGATIVE
-            k_state = (block * state_step) & NOT_NEGATIVE
+    (
+        with_temperature, with_force, with_tangential, with_theta, with_displacement, with_field,
+        with_sigma, with_angle, with_anomaly, with_turning, with_centring, with_film, with_chip,
+        with_lagging, with_held, with_skipping, with_looking,
+    ) = parts  # fmt: skip
+    warm = with_temperature or with_film or with_chip
+    lateral = with_force or with_tangential or with_theta or with_displacement
+    upright = with_angle or with_anomaly or with_field
+    looked = lateral or with_field
 
-            if far:
-                there = first + LANES
-                for channel in range(CHANNELS):
-                    _fetch(counts[cycle, channel], there)
-                _fetch(incoming[cycle], there)
-                _fetch(status[cycle], there)
-                _fetch(valid[cycle], there)
-                for r in range(rows.size):
-                    _fetch(out[cycle, r], there)
-                for r in range(FILM_LAG + 1):
-                    _fetch(state, k_state + state_step + r * LANES)
+    def decode(
+        counts, incoming, background, coefficients, limits, rows, state, seen, flag, loaded,
+        tile, every, moment, out, status, valid,
+    ):  # fmt: skip
+        """Decode t cycles of n units, one cycle after the other.
 
-            heard = np.int16(0)  # whether the flags of the bus are others
-            if parts.skipping is not None:
-                k_seen = (block * SEEN_ROWS * LANES) & NOT_NEGATIVE
-                for j in range(count):
-                    at = k_seen + SEEN_FLAGS * LANES + j
-                    now = np.int16(incoming[cycle, first + j])
-                    heard = np.int16(heard | (now ^ seen[at]))
-                    seen[at] = now
-                if background is None:
-                    changed = heard
+        Parameters
+        ----------
+        counts : ndarray, shape (t, c, n), int16
+        incoming : ndarray, shape (t, n), uint16
+            Status flags of the bus.
+        background : ndarray, shape (t, 5, n), or None
+            What is not the unit's own signal: Hz of fall of the frequency, the field in µT, in the
+            axes of the chip, and µT² of an axis, variance of what is not known of it; None is not
+            compiled.
+        coefficients : ndarray, shape (b * ROWS * LANES,), float32 or float64
+            Calibration, a block for every `LANES` units, or a single block that all share.
+        limits : ndarray, shape (b * LIMIT_ROWS * LANES,), int16
+            Ranges of counts, blocked in the same way, shared or not.
+        rows : ndarray, shape (r,), int64
+            Rows of the tile that go out, in this order.
+        state : ndarray, shape (b * STATE_ROWS * LANES,), or (b * HELD * LANES,) without `held`
+            What one cycle leaves to the next, always a block for every `LANES` units.
+        seen : ndarray, shape (b * SEEN_ROWS * LANES,), int16
+            Counts (where there is no background) and flags of the cycle before, for `skipping`.
+        flag, loaded : ndarray, shape (LANES,), int16
+        tile : ndarray, shape (TILE_ROWS * LANES,)
+            Room to work in.
+        every : int
+            Temperatures are new where the number of the cycle is a multiple of this. Only with
+            `held`.
+        moment : ndarray, shape (3,), int64
+            `PHASE`, number of the first cycle. `ADVANCE`, 0 where the same cycle is decoded again:
+            its temperatures stay as they are. `REUSE`, whether `out`, `status` and `valid` hold the
+            cycle before, decoded by this kernel; only with `skipping`.
+        out : ndarray, shape (t, r, n)
+        status : ndarray, shape (t, n), uint16
+        valid : ndarray, shape (t, n), bool
+        """
+        apart()
+        real = coefficients.dtype.type
+        zero = real(0.0)
+        one = real(1.0)
+        nothing = real(np.nan)
+        single = np.finfo(coefficients.dtype).bits == 32
+        units = counts.shape[2]
+        blocks = (units + LANES - 1) // LANES
+        block_step = 0 if coefficients.size < blocks * ROWS * LANES else ROWS * LANES
+        limit_step = 0 if limits.size < blocks * LIMIT_ROWS * LANES else LIMIT_ROWS * LANES
+        state_step = (HELD if not with_held else STATE_ROWS) * LANES
+        phase, advance, reuse = moment[PHASE], moment[ADVANCE] != 0, moment[REUSE] != 0
+        far = units >= FAR
+        for cycle in range(counts.shape[0]):
+            due = advance and (phase + cycle) % every == 0
+            for block in range(blocks):
+                first = (block * LANES) & NOT_NEGATIVE
+                count = min(LANES, units - first) & (2 * LANES - 1)
+                k = (block * block_step) & NOT_NEGATIVE
+                k_limits = (block * limit_step) & NOT_NEGATIVE
+                k_state = (block * state_step) & NOT_NEGATIVE
+
+                if far:
+                    there = first + LANES
                     for channel in range(CHANNELS):
-                        for j in range(count):
-                            at = k_seen + channel * LANES + j
-                            now = counts[cycle, channel, first + j]
-                            changed = np.int16(changed | (now ^ seen[at]))
-                            seen[at] = now
-                    if reuse and not due and changed == 0:
-                        continue
+                        _fetch(counts[cycle, channel], there)
+                    _fetch(incoming[cycle], there)
+                    _fetch(status[cycle], there)
+                    _fetch(valid[cycle], there)
+                    for r in range(rows.size):
+                        _fetch(out[cycle, r], there)
+                    for r in range(FILM_LAG + 1):
+                        _fetch(state, k_state + state_step + r * LANES)
 
-            # -- flags of the counts; most blocks have none, which takes fewer limits to see
-            doubt = touched = np.int16(0)
-            usual = k_limits + LIMIT_USUAL * LANES
-            low_x, width_x = _range(limits, usual, BX)
-            low_y, width_y = _range(limits, usual, BY)
-            low_z, width_z = _range(limits, usual, BZ)
-            low_chip, width_chip = _range(limits, usual, CHIP)
-            for j in range(count):
-                at = k_limits + j
-                gel = counts[cycle, GEL, first + j]
-                frequency = counts[cycle, FREQUENCY, first + j]
-                unusual = (
-                    _outside(gel, limits, at, LIMIT_USUAL + 2 * GEL)
-                    | _outside(frequency, limits, at, LIMIT_USUAL + 2 * FREQUENCY)
-                    | _beyond(counts[cycle, BX, first + j], low_x, width_x)
-                    | _beyond(counts[cycle, BY, first + j], low_y, width_y)
-                    | _beyond(counts[cycle, BZ, first + j], low_z, width_z)
-                    | _beyond(counts[cycle, CHIP, first + j], low_chip, width_chip)
-                )
-                known = np.int16(incoming[cycle, first + j]) | limits[at + LIMIT_STATUS * LANES]
-                doubt = np.int16(doubt | known | np.int16(1 if unusual else 0))
-                flag[j] = np.int16(0)
-                if parts.skipping is not None:
-                    pressed = _outside(frequency, limits, at, LIMIT_IDLE)
-                    loaded[j] = np.int16(1 if pressed else 0)
-                    touched = np.int16(touched | loaded[j])
-            if doubt != 0:
-                touched = np.int16(0)
-                for j in range(count):
-                    flags = np.int16(
-                        _judge(
-                            incoming[cycle, first + j], counts[cycle, GEL, first + j],
-                            counts[cycle, FREQUENCY, first + j],
-                            counts[cycle, BX, first + j], counts[cycle, BY, first + j],
-                            counts[cycle, BZ, first + j], counts[cycle, CHIP, first + j],
-                            limits, k_limits + j,
-                        )
-                    )  # fmt: skip
-                    flag[j] = flags
-                    if parts.skipping is not None:
-                        loaded[j] = np.int16(loaded[j] if flags & SILENT == 0 else 0)
-                        touched = np.int16(touched | loaded[j])
-            look = resting = rested = False  # block without load; shown as that already
-            if parts.skipping is not None:
-                if parts.looking is not None:
-                    look = (phase + cycle + block) % max(every, LOOK_CYCLES) == 0
-                resting = (lateral or parts.field is not None) and touched == 0 and not look
-                rested = resting and reuse and seen[k_seen + RESTED * LANES] != 0
-                seen[k_seen + RESTED * LANES] = resting
-
-            # -- temperature
-            steady = False  # what is shown of temperatures stays as it is
-            if warm:
-                fresh = True
-                if parts.held is not None:
-                    # a unit that was not known when temperatures were due is decoded now
-                    unheard = np.int16(0)
+                heard = np.int16(0)  # whether the flags of the bus are others
+                if with_skipping:
+                    k_seen = (block * SEEN_ROWS * LANES) & NOT_NEGATIVE
                     for j in range(count):
-                        t = state[k_state + HELD * LANES + j]
-                        known = flag[j] & UNKNOWN == 0
-                        lost = (t != t) & known  # noqa: PLR0124
-                        unheard = np.int16(unheard | (1 if lost else 0))
-                    fresh = due or unheard != 0
-                    if parts.skipping is not None:
-                        steady = reuse and not fresh and heard == 0
-                    if not steady:
-                        for j in range(count):
-                            tile[TEMPERATURE * LANES + j] = state[k_state + HELD * LANES + j]
-                        if parts.sigma is not None:
+                        at = k_seen + SEEN_FLAGS * LANES + j
+                        now = np.int16(incoming[cycle, first + j])
+                        heard = np.int16(heard | (now ^ seen[at]))
+                        seen[at] = now
+                    if background is None:
+                        changed = heard
+                        for channel in range(CHANNELS):
                             for j in range(count):
-                                sigma = state[k_state + (HELD + 3) * LANES + j]
-                                tile[TEMPERATURE_SIGMA * LANES + j] = sigma
-                    if not (steady and resting):
-                        for j in range(count):
-                            tile[FILM_ABOVE * LANES + j] = state[k_state + (HELD + 1) * LANES + j]
-                        for j in range(count):
-                            tile[CHIP_ABOVE * LANES + j] = state[k_state + (HELD + 2) * LANES + j]
-                if fresh:
-                    for j in range(count):
-                        flags = flag[j]
-                        t, current = _temperature(
-                            real(counts[cycle, GEL, first + j]), coefficients, k + j, single
-                        )
-                        keep = flags & INVALID == 0
-                        held = False
-                        if parts.held is not None:
-                            old = tile[TEMPERATURE * LANES + j]
-                            held = (not due) & (old == old)  # noqa: PLR0124
-                            keep = keep & (not held)
-                        film_above, chip_above = _follow(
-                            t, real(counts[cycle, CHIP, first + j]), coefficients, k + j,
-                            state, k_state + j, keep, advance | (parts.held is not None), parts,
-                        )  # fmt: skip
-                        if parts.held is not None:
-                            t = tile[TEMPERATURE * LANES + j] if held else t
-                            film_above = tile[FILM_ABOVE * LANES + j] if held else film_above
-                            chip_above = tile[CHIP_ABOVE * LANES + j] if held else chip_above
-                            known = flags & UNKNOWN == 0
-                            state[k_state + HELD * LANES + j] = t if known else nothing
-                            state[k_state + (HELD + 1) * LANES + j] = film_above
-                            state[k_state + (HELD + 2) * LANES + j] = chip_above
-                        tile[TEMPERATURE * LANES + j] = t
-                        tile[FILM_ABOVE * LANES + j] = film_above
-                        tile[CHIP_ABOVE * LANES + j] = chip_above
-                if fresh and parts.sigma is not None and parts.temperature is not None:
-                    for j in range(count):
-                        t, current = _temperature(
-                            real(counts[cycle, GEL, first + j]), coefficients, k + j, single
-                        )
-                        sigma = _temperature_sigma(
-                            tile[TEMPERATURE * LANES + j], current, coefficients, k + j
-                        )
-                        if parts.held is not None:
-                            old = tile[TEMPERATURE_SIGMA * LANES + j]
-                            held = (not due) & (old == old)  # noqa: PLR0124
-                            sigma = old if held else sigma
-                            known = flag[j] & UNKNOWN == 0
-                            state[k_state + (HELD + 3) * LANES + j] = sigma if known else nothing
-                        tile[TEMPERATURE_SIGMA * LANES + j] = sigma
+                                at = k_seen + channel * LANES + j
+                                now = counts[cycle, channel, first + j]
+                                changed = np.int16(changed | (now ^ seen[at]))
+                                seen[at] = now
+                        if reuse and not due and changed == 0:
+                            continue
 
-            # -- normal force
-            if lateral:
+                # -- flags of the counts; most blocks have none, which takes fewer limits to see
+                doubt = touched = np.int16(0)
+                usual = k_limits + LIMIT_USUAL * LANES
+                low_x, width_x = _range(limits, usual, BX)
+                low_y, width_y = _range(limits, usual, BY)
+                low_z, width_z = _range(limits, usual, BZ)
+                low_chip, width_chip = _range(limits, usual, CHIP)
                 for j in range(count):
-                    c = k + j
-                    frequency = real(counts[cycle, FREQUENCY, first + j])
-                    depth = (
-                        coefficients[c + DEPTH_SCALE * LANES] * frequency
-                        + coefficients[c + DEPTH_OFFSET * LANES]
+                    at = k_limits + j
+                    gel = counts[cycle, GEL, first + j]
+                    frequency = counts[cycle, FREQUENCY, first + j]
+                    unusual = (
+                        _outside(gel, limits, at, LIMIT_USUAL + 2 * GEL)
+                        | _outside(frequency, limits, at, LIMIT_USUAL + 2 * FREQUENCY)
+                        | _beyond(counts[cycle, BX, first + j], low_x, width_x)
+                        | _beyond(counts[cycle, BY, first + j], low_y, width_y)
+                        | _beyond(counts[cycle, BZ, first + j], low_z, width_z)
+                        | _beyond(counts[cycle, CHIP, first + j], low_chip, width_chip)
                     )
-                    if background is not None:
-                        fall = background[cycle, 0, first + j]
-                        depth -= coefficients[c + PER_HZ * LANES] * fall
-                    fz = _normal(depth, coefficients, c)
-                    tile[H * LANES + j] = depth
-                    tile[FZ * LANES + j] = fz
-                    if parts.sigma is not None:
-                        sigma = _depth_sigma(depth, coefficients, c)
-                        tile[H_SIGMA * LANES + j] = sigma
-                        tile[FZ_SIGMA * LANES + j] = _normal_sigma(
-                            depth, sigma, fz, coefficients, c
-                        )
-
-            # -- what is not looked at shows nothing
-            looked = lateral or parts.field is not None
-            if parts.skipping is not None and looked and not look:
-                if not rested:
-                    for row in TANGENTIAL:
-                        for j in range(LANES):
-                            tile[row * LANES + j] = nothing
-                for j in range(count):
-                    flags = flag[j]
-                    flag[j] = flags if flags & SILENT else flags | IDLE
-
-            # -- field, tangential displacement and force, some lanes at a time
-            if looked and not resting:
-                together = LANES
-                if parts.skipping is not None and touched != 0:
-                    together = SKIP
-                for part in range((count + together - 1) // together):
-                    start = (part * together) & NOT_NEGATIVE
-                    size = min(together, count - start) & (2 * LANES - 1)
-                    if parts.skipping is not None and not look:
-                        busy = np.int16(0)
-                        for lane in range(size):
-                            busy = np.int16(busy | loaded[start + lane])
-                        if busy == 0:
-                            continue
-                        for lane in range(size):
-                            flag[start + lane] &= ~np.int16(IDLE)
-                    for lane in range(size):
-                        j = start + lane
-                        c = k + j
-                        film_above = tile[FILM_ABOVE * LANES + j]
-                        chip_above = tile[CHIP_ABOVE * LANES + j]
-                        x, y = _lateral(
-                            real(counts[cycle, BX, first + j]), real(counts[cycle, BY, first + j]),
-                            chip_above, coefficients, c, parts,
-                        )  # fmt: skip
-                        z = zero
-                        if upright:
-                            z = _vertical(
-                                real(counts[cycle, BZ, first + j]), chip_above, coefficients, c,
-                                parts,
-                            )  # fmt: skip
-                        gain = _chip_gain(chip_above, coefficients, c, parts)
-                        if background is not None:
-                            bx = gain * background[cycle, 1, first + j]
-                            by = gain * background[cycle, 2, first + j]
-                            x -= (coefficients[c + MAP_XX * LANES] * bx
-                                  + coefficients[c + MAP_XY * LANES] * by)  # fmt: skip
-                            y -= (coefficients[c + MAP_YX * LANES] * bx
-                                  + coefficients[c + MAP_YY * LANES] * by)  # fmt: skip
-                            z -= gain * background[cycle, 3, first + j]
-                        if parts.field is not None:
-                            each = one / gain
-                            tile[FIELD_X * LANES + j] = x * each
-                            tile[FIELD_Y * LANES + j] = y * each
-                            tile[FIELD_Z * LANES + j] = z * each
-                        if not lateral:
-                            continue
-
-                        field2 = coefficients[c + FIELD_VARIANCE * LANES]
-                        if background is not None:
-                            field2 += background[cycle, 4, first + j]
-                        depth = tile[H * LANES + j]
-                        depth_sigma = tile[H_SIGMA * LANES + j]
-                        gain *= _film_gain(film_above, coefficients, c, parts)
-                        strength = np.sqrt(x * x + y * y)
-                        solid = max(strength, real(FIELD_MIN))
-                        if parts.angle is not None:
-                            reach, along, found, each = _by_angle(
-                                solid, z, field2, depth, depth_sigma, coefficients, c, parts,
-                                single,
-                            )  # fmt: skip
-                            if parts.anomaly is not None:
-                                amplitude = gain * _exp2(_octaves(depth, coefficients, c), single)
-                                found |= _anomaly(solid, z, reach, amplitude, one, coefficients, c)
-                        else:
-                            reach, along, found, each, inverse = _by_strength(
-                                solid, field2, depth, depth_sigma, gain, coefficients, c, parts,
-                                single,
-                            )  # fmt: skip
-                            if parts.anomaly is not None:
-                                other, _, _, _ = _by_angle(
-                                    solid, z, field2, depth, depth_sigma, coefficients, c, parts,
-                                    single,
-                                )  # fmt: skip
-                                found |= _anomaly(solid, z, other, one, inverse, coefficients, c)
-                        limit = coefficients[c + REACH * LANES]
-                        found |= EXTRAPOLATED if reach > limit else 0
-                        flags = flag[j]
-                        flag[j] = flags if flags & SILENT else flags | found
-
-                        x *= each
-                        y *= each
-                        if parts.turning is not None:
-                            x, y = _turn(x, y, coefficients, c, single)
-                        outer = reach  # from the chip's axis
-                        share = one if strength > zero else zero
-                        if parts.centring is not None:
-                            dx = reach * x - coefficients[c + FILM_X * LANES]
-                            dy = reach * y - coefficients[c + FILM_Y * LANES]
-                            reach = np.sqrt(dx * dx + dy * dy)
-                            away = one / max(reach, real(FIELD_MIN))
-                            x = dx * away
-                            y = dy * away
-                            share = one
-                        law = _shear(reach, coefficients, c)
-                        stiffening = (
-                            coefficients[c + SHEAR_GAIN * LANES] * depth
-                            + coefficients[c + SHEAR_GAIN_OFFSET * LANES]
-                        )
-                        ft = law * stiffening
-                        if parts.force is not None:
-                            tile[FX * LANES + j] = ft * x
-                            tile[FY * LANES + j] = ft * y
-                        if parts.tangential is not None:
-                            tile[FT * LANES + j] = ft * share
-                        if parts.theta is not None:
-                            tile[THETA * LANES + j] = _atan2(y, x, single)
-                        if parts.displacement is not None:
-                            tile[DX * LANES + j] = reach * x
-                            tile[DY * LANES + j] = reach * y
-                        if parts.sigma is not None:
-                            beyond = real(EXTRAPOLATION) * max(outer - limit, zero)
-                            along2 = along * along + beyond * beyond
-                            # across the direction, R sigma / S, which has a limit at R = 0
-                            rate = one / max(reach, real(1e-12))
-                            turned = np.sqrt(field2) * each
-                            if parts.centring is not None:
-                                turned *= outer * rate
-                            turned = min(turned, limit * rate)
-                            law2 = coefficients[c + ANGLE_VARIANCE * LANES]
-                            turned2 = turned * turned + law2 * (rate * rate)
-                            if parts.theta is not None:
-                                most = real(1.8137993642342178)  # pi / sqrt(3)
-                                tile[THETA_SIGMA * LANES + j] = min(np.sqrt(turned2), most)
-                            if parts.displacement is not None:
-                                across2 = reach * reach * turned2
-                                tile[DX_SIGMA * LANES + j] = _component(x, along2, across2)
-                                tile[DY_SIGMA * LANES + j] = _component(y, along2, across2)
-                            if parts.force is not None or parts.tangential is not None:
-                                along2 = _shear_variance(
-                                    reach, np.sqrt(along2), law, stiffening, depth_sigma,
-                                    coefficients, c,
-                                )  # fmt: skip
-                                across2 = ft * ft * turned2
-                                if parts.tangential is not None:
-                                    tile[FT_SIGMA * LANES + j] = np.sqrt(along2)
-                                if parts.force is not None:
-                                    tile[FX_SIGMA * LANES + j] = _component(x, along2, across2)
-                                    tile[FY_SIGMA * LANES + j] = _component(y, along2, across2)
-
-            # -- out
-            for r in range(rows.size):
-                if steady and (HELD_BITS >> rows[r]) & 1:
-                    continue
-                if rested and (TANGENTIAL_BITS >> rows[r]) & 1:
-                    continue
-                at = (rows[r] * LANES) & NOT_NEGATIVE
-                for j in range(count):
-                    out[cycle, r, first + j] = tile[at + j]
+                    known = np.int16(incoming[cycle, first + j]) | limits[at + LIMIT_STATUS * LANES]
+                    doubt = np.int16(doubt | known | np.int16(1 if unusual else 0))
+                    flag[j] = np.int16(0)
+                    if with_skipping:
+                        pressed = _outside(frequency, limits, at, LIMIT_IDLE)
+                        loaded[j] = np.int16(1 if pressed else 0)
+                        touched = np.int16(touched | loaded[j])
                 if doubt != 0:
+                    touched = np.int16(0)
                     for j in range(count):
-                        if flag[j] & UNKNOWN != 0:
-                            out[cycle, r, first + j] = nothing
-            for j in range(count):
-                status[cycle, first + j] = flag[j] & ALL_FLAGS
-                valid[cycle, first + j] = flag[j] & INVALID == 0
+                        flags = np.int16(
+                            _judge(
+                                incoming[cycle, first + j], counts[cycle, GEL, first + j],
+                                counts[cycle, FREQUENCY, first + j],
+                                counts[cycle, BX, first + j], counts[cycle, BY, first + j],
+                                counts[cycle, BZ, first + j], counts[cycle, CHIP, first + j],
+                                limits, k_limits + j,
+                            )
+                        )  # fmt: skip
+                        flag[j] = flags
+                        if with_skipping:
+                            loaded[j] = np.int16(loaded[j] if flags & SILENT == 0 else 0)
+                            touched = np.int16(touched | loaded[j])
+                look = resting = rested = False  # block without load; shown as that already
+                if with_skipping:
+                    if with_looking:
+                        look = (phase + cycle + block) % max(every, LOOK_CYCLES) == 0
+                    resting = looked and touched == 0 and not look
+                    rested = resting and reuse and seen[k_seen + RESTED * LANES] != 0
+                    seen[k_seen + RESTED * LANES] = resting
+
+                # -- temperature
+                steady = False  # what is shown of temperatures stays as it is
+                if warm:
+                    fresh = True
+                    if with_held:
+                        # a unit that was not known when temperatures were due is decoded now
+                        unheard = np.int16(0)
+                        for j in range(count):
+                            t = state[k_state + HELD * LANES + j]
+                            known = flag[j] & UNKNOWN == 0
+                            lost = (t != t) & known  # noqa: PLR0124
+                            unheard = np.int16(unheard | (1 if lost else 0))
+                        fresh = due or unheard != 0
+                        if with_skipping:
+                            steady = reuse and not fresh and heard == 0
+                        if not steady:
+                            for j in range(count):
+                                tile[TEMPERATURE * LANES + j] = state[k_state + HELD * LANES + j]
+                            if with_sigma:
+                                for j in range(count):
+                                    sigma = state[k_state + (HELD + 3) * LANES + j]
+                                    tile[TEMPERATURE_SIGMA * LANES + j] = sigma
+                        if not (steady and resting):
+                            for j in range(count):
+                                tile[FILM_ABOVE * LANES + j] = state[
+                                    k_state + (HELD + 1) * LANES + j
+                                ]
+                            for j in range(count):
+                                tile[CHIP_ABOVE * LANES + j] = state[
+                                    k_state + (HELD + 2) * LANES + j
+                                ]
+                    if fresh:
+                        for j in range(count):
+                            flags = flag[j]
+                            t, current = _temperature(
+                                real(counts[cycle, GEL, first + j]), coefficients, k + j, single
+                            )
+                            keep = flags & INVALID == 0
+                            held = False
+                            if with_held:
+                                old = tile[TEMPERATURE * LANES + j]
+                                held = (not due) & (old == old)  # noqa: PLR0124
+                                keep = keep & (not held)
+                            film_above, chip_above = _follow(
+                                t, real(counts[cycle, CHIP, first + j]), coefficients, k + j,
+                                state, k_state + j, keep, advance | with_held,
+                                with_film, with_chip, with_lagging,
+                            )  # fmt: skip
+                            if with_held:
+                                t = tile[TEMPERATURE * LANES + j] if held else t
+                                film_above = tile[FILM_ABOVE * LANES + j] if held else film_above
+                                chip_above = tile[CHIP_ABOVE * LANES + j] if held else chip_above
+                                known = flags & UNKNOWN == 0
+                                state[k_state + HELD * LANES + j] = t if known else nothing
+                                state[k_state + (HELD + 1) * LANES + j] = film_above
+                                state[k_state + (HELD + 2) * LANES + j] = chip_above
+                            tile[TEMPERATURE * LANES + j] = t
+                            tile[FILM_ABOVE * LANES + j] = film_above
+                            tile[CHIP_ABOVE * LANES + j] = chip_above
+                    if fresh and with_sigma and with_temperature:
+                        for j in range(count):
+                            t, current = _temperature(
+                                real(counts[cycle, GEL, first + j]), coefficients, k + j, single
+                            )
+                            sigma = _temperature_sigma(
+                                tile[TEMPERATURE * LANES + j], current, coefficients, k + j
+                            )
+                            if with_held:
+                                old = tile[TEMPERATURE_SIGMA * LANES + j]
+                                held = (not due) & (old == old)  # noqa: PLR0124
+                                sigma = old if held else sigma
+                                known = flag[j] & UNKNOWN == 0
+                                state[k_state + (HELD + 3) * LANES + j] = (
+                                    sigma if known else nothing
+                                )
+                            tile[TEMPERATURE_SIGMA * LANES + j] = sigma
+
+                # -- normal force
+                if lateral:
+                    for j in range(count):
+                        c = k + j
+                        frequency = real(counts[cycle, FREQUENCY, first + j])
+                        depth = (
+                            coefficients[c + DEPTH_SCALE * LANES] * frequency
+                            + coefficients[c + DEPTH_OFFSET * LANES]
+                        )
+                        if background is not None:
+                            fall = background[cycle, 0, first + j]
+                            depth -= coefficients[c + PER_HZ * LANES] * fall
+                        fz = _normal(depth, coefficients, c)
+                        tile[H * LANES + j] = depth
+                        tile[FZ * LANES + j] = fz
+                        if with_sigma:
+                            sigma = _depth_sigma(depth, coefficients, c)
+                            tile[H_SIGMA * LANES + j] = sigma
+                            tile[FZ_SIGMA * LANES + j] = _normal_sigma(
+                                depth, sigma, fz, coefficients, c
+                            )
+
+                # -- what is not looked at shows nothing
+                if with_skipping and looked and not look:
+                    if not rested:
+                        for row in TANGENTIAL:
+                            for j in range(LANES):
+                                tile[row * LANES + j] = nothing
+                    for j in range(count):
+                        flags = flag[j]
+                        flag[j] = flags if flags & SILENT else flags | IDLE
+
+                # -- field, tangential displacement and force, some lanes at a time
+                if looked and not resting:
+                    together = LANES
+                    if with_skipping and touched != 0:
+                        together = SKIP
+                    for part in range((count + together - 1) // together):
+                        start = (part * together) & NOT_NEGATIVE
+                        size = min(together, count - start) & (2 * LANES - 1)
+                        if with_skipping and not look:
+                            busy = np.int16(0)
+                            for lane in range(size):
+                                busy = np.int16(busy | loaded[start + lane])
+                            if busy == 0:
+                                continue
+                            for lane in range(size):
+                                flag[start + lane] &= ~np.int16(IDLE)
+                        for lane in range(size):
+                            j = start + lane
+                            c = k + j
+                            film_above = tile[FILM_ABOVE * LANES + j]
+                            chip_above = tile[CHIP_ABOVE * LANES + j]
+                            x, y = _lateral(
+                                real(counts[cycle, BX, first + j]),
+                                real(counts[cycle, BY, first + j]),
+                                chip_above, coefficients, c, with_chip,
+                            )  # fmt: skip
+                            z = zero
+                            if upright:
+                                z = _vertical(
+                                    real(counts[cycle, BZ, first + j]), chip_above, coefficients, c,
+                                    with_chip,
+                                )  # fmt: skip
+                            gain = _chip_gain(chip_above, coefficients, c, with_chip)
+                            if background is not None:
+                                bx = gain * background[cycle, 1, first + j]
+                                by = gain * background[cycle, 2, first + j]
+                                x -= (coefficients[c + MAP_XX * LANES] * bx
+                                      + coefficients[c + MAP_XY * LANES] * by)  # fmt: skip
+                                y -= (coefficients[c + MAP_YX * LANES] * bx
+                                      + coefficients[c + MAP_YY * LANES] * by)  # fmt: skip
+                                z -= gain * background[cycle, 3, first + j]
+                            if with_field:
+                                each = one / gain
+                                tile[FIELD_X * LANES + j] = x * each
+                                tile[FIELD_Y * LANES + j] = y * each
+                                tile[FIELD_Z * LANES + j] = z * each
+                            if not lateral:
+                                continue
+
+                            field2 = coefficients[c + FIELD_VARIANCE * LANES]
+                            if background is not None:
+                                field2 += background[cycle, 4, first + j]
+                            depth = tile[H * LANES + j]
+                            depth_sigma = tile[H_SIGMA * LANES + j]
+                            gain *= _film_gain(film_above, coefficients, c, with_film)
+                            strength = np.sqrt(x * x + y * y)
+                            solid = max(strength, real(FIELD_MIN))
+                            if with_angle:
+                                reach, along, found, each = _by_angle(
+                                    solid, z, field2, depth, depth_sigma, coefficients, c,
+                                    with_sigma, single,
+                                )  # fmt: skip
+                                if with_anomaly:
+                                    amplitude = gain * _exp2(
+                                        _octaves(depth, coefficients, c), single
+                                    )
+                                    found |= _anomaly(
+                                        solid, z, reach, amplitude, one, coefficients, c
+                                    )
+                            else:
+                                reach, along, found, each, inverse = _by_strength(
+                                    solid, field2, depth, depth_sigma, gain, coefficients, c,
+                                    with_sigma, single,
+                                )  # fmt: skip
+                                if with_anomaly:
+                                    other, _, _, _ = _by_angle(
+                                        solid, z, field2, depth, depth_sigma, coefficients, c,
+                                        with_sigma, single,
+                                    )  # fmt: skip
+                                    found |= _anomaly(
+                                        solid, z, other, one, inverse, coefficients, c
+                                    )
+                            limit = coefficients[c + REACH * LANES]
+                            found |= EXTRAPOLATED if reach > limit else 0
+                            flags = flag[j]
+                            flag[j] = flags if flags & SILENT else flags | found
+
+                            x *= each
+                            y *= each
+                            if with_turning:
+                                x, y = _turn(x, y, coefficients, c, single)
+                            outer = reach  # from the chip's axis
+                            share = one if strength > zero else zero
+                            if with_centring:
+                                dx = reach * x - coefficients[c + FILM_X * LANES]
+                                dy = reach * y - coefficients[c + FILM_Y * LANES]
+                                reach = np.sqrt(dx * dx + dy * dy)
+                                away = one / max(reach, real(FIELD_MIN))
+                                x = dx * away
+                                y = dy * away
+                                share = one
+                            law = _shear(reach, coefficients, c)
+                            stiffening = (
+                                coefficients[c + SHEAR_GAIN * LANES] * depth
+                                + coefficients[c + SHEAR_GAIN_OFFSET * LANES]
+                            )
+                            ft = law * stiffening
+                            if with_force:
+                                tile[FX * LANES + j] = ft * x
+                                tile[FY * LANES + j] = ft * y
+                            if with_tangential:
+                                tile[FT * LANES + j] = ft * share
+                            if with_theta:
+                                tile[THETA * LANES + j] = _atan2(y, x, single)
+                            if with_displacement:
+                                tile[DX * LANES + j] = reach * x
+                                tile[DY * LANES + j] = reach * y
+                            if with_sigma:
+                                beyond = real(EXTRAPOLATION) * max(outer - limit, zero)
+                                along2 = along * along + beyond * beyond
+                                # across the direction, R sigma / S, which has a limit at R = 0
+                                rate = one / max(reach, real(1e-12))
+                                turned = np.sqrt(field2) * each
+                                if with_centring:
+                                    turned *= outer * rate
+                                turned = min(turned, limit * rate)
+                                law2 = coefficients[c + ANGLE_VARIANCE * LANES]
+                                turned2 = turned * turned + law2 * (rate * rate)
+                                if with_theta:
+                                    most = real(1.8137993642342178)  # pi / sqrt(3)
+                                    tile[THETA_SIGMA * LANES + j] = min(np.sqrt(turned2), most)
+                                if with_displacement:
+                                    across2 = reach * reach * turned2
+                                    tile[DX_SIGMA * LANES + j] = _component(x, along2, across2)
+                                    tile[DY_SIGMA * LANES + j] = _component(y, along2, across2)
+                                if with_force or with_tangential:
+                                    along2 = _shear_variance(
+                                        reach, np.sqrt(along2), law, stiffening, depth_sigma,
+                                        coefficients, c,
+                                    )  # fmt: skip
+                                    across2 = ft * ft * turned2
+                                    if with_tangential:
+                                        tile[FT_SIGMA * LANES + j] = np.sqrt(along2)
+                                    if with_force:
+                                        tile[FX_SIGMA * LANES + j] = _component(x, along2, across2)
+                                        tile[FY_SIGMA * LANES + j] = _component(y, along2, across2)
+
+                # -- out
+                for r in range(rows.size):
+                    if steady and (HELD_BITS >> rows[r]) & 1:
+                        continue
+                    if rested and (TANGENTIAL_BITS >> rows[r]) & 1:
+                        continue
+                    at = (rows[r] * LANES) & NOT_NEGATIVE
+                    for j in range(count):
+                        out[cycle, r, first + j] = tile[at + j]
+                    if doubt != 0:
+                        for j in range(count):
+                            if flag[j] & UNKNOWN != 0:
+                                out[cycle, r, first + j] = nothing
+                for j in range(count):
+                    status[cycle, first + j] = flag[j] & ALL_FLAGS
+                    valid[cycle, first + j] = flag[j] & INVALID == 0
+
+    return decode
 
 
-decode = njit(decode_python, nogil=True, cache=True, **_OPTIONS)
+@functools.cache
+def decode(parts: Parts) -> Callable:
+    """The kernel for `parts`, compiled."""
+    return njit(decode_python(parts), nogil=True, cache=True, **_OPTIONS)
