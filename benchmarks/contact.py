@@ -25,6 +25,7 @@ import numpy as np
 
 import topology
 from benchmarks.peers_contact import NumpyContacts, nb_touch
+from bus.aligned import zeros
 from bus.cycle import ClosedBy, RawCycle
 from skin.contact.stream import Contact, ContactStream
 from skin.reader import CycleReader
@@ -174,7 +175,7 @@ class _Pass:
         options = {} if live else {"estimator": "sine", "sweeps": 0, "ambient": False}
         self.reader = CycleReader(skin, want=want, dtype=dtype, **options)
         self.reader.warmup()
-        self._counts = np.zeros((6, skin.n), np.int16)
+        self._counts = zeros((6, skin.n), np.int16)
         self._rest = (np.ones(skin.n, bool), np.zeros(skin.n, np.uint16),
                       *(np.zeros(skin.n, np.int64),) * 3)  # fmt: skip
         self._number = 0

@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 
 import topology
+from bus.aligned import zeros
 from topology import Topology
 
 ROWS = ("temperature", "fx", "fy", "fz", "tangential", "theta", "x", "y", "h")
@@ -61,7 +62,10 @@ def array_of(n: int, *, alike: bool, seed: int = 0) -> Topology:
 
 
 def counts_of(skin: Topology, most: float = 0.9, seed: int = 1) -> np.ndarray:
-    """Counts in the calibrated range, shape (c, n); lateral fields up to `most` of the crest."""
+    """Counts in the calibrated range, shape (c, n); lateral fields up to `most` of the crest.
+
+    They begin on a cache line, as those of a live bus do.
+    """
     rng = np.random.default_rng(seed)
     p = skin.parameters
     drop = rng.uniform(0.0, 1700.0, skin.n)
@@ -81,7 +85,9 @@ def counts_of(skin: Topology, most: float = 0.9, seed: int = 1) -> np.ndarray:
         field / np.tan(_angle_of(p["field_angle_mm"], reach, depth)),
         temperature,
     ])  # fmt: skip
-    return np.rint((values - skin.offset) / skin.scale).astype(np.int16)
+    counts = zeros(values.shape, np.int16)
+    counts[:] = np.rint((values - skin.offset) / skin.scale)
+    return counts
 
 
 def _angle_of(table: np.ndarray, reach: np.ndarray, depth: np.ndarray) -> np.ndarray:

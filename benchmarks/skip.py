@@ -19,6 +19,7 @@ import numpy as np
 
 from benchmarks.contact import plate
 from benchmarks.timing import times
+from bus.aligned import zeros
 from skin.decode.crosstalk import CrossTalk
 from skin.decode.decoder import Decoder
 from skin.sim.halbach import HalbachField
@@ -126,7 +127,7 @@ def _differ(told: Reading, left_out: Reading) -> int:
 
 def cycles_of(decoder: Decoder, counts: np.ndarray):
     """All cycles, handed over as a bus does: in one array."""
-    here = np.zeros(counts.shape[1:], np.int16)
+    here = zeros(counts.shape[1:], np.int16)
 
     def go() -> None:
         for raw in counts:
