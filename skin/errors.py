@@ -16,6 +16,9 @@ from difflib import get_close_matches
 
 __all__ = ["CalibrationError", "CountsError", "OptionError", "SceneError", "SkinError"]
 
+LISTED = 20
+"""Names that a message lists; of more, it tells the first and the last."""
+
 
 class SkinError(Exception):
     """Anything that goes wrong between counts and contacts."""
@@ -35,10 +38,13 @@ class OptionError(SkinError, ValueError):
     def unknown(cls, where: str, got: object, names: Iterable[str]) -> OptionError:
         """The error for `got`, which is none of `names`."""
         names = list(names)
+        listed = ", ".join(map(repr, names))
+        if len(names) > LISTED:
+            listed = f"{len(names)} names from {names[0]!r} to {names[-1]!r}"
         one_of = "" if len(names) == 1 else "one of "
         near = get_close_matches(str(got), names, n=1)
         hint = f" (nearest: {near[0]!r})" if near else ""
-        return cls(f"{where}: must be {one_of}{', '.join(map(repr, names))}; got {got!r}{hint}")
+        return cls(f"{where}: must be {one_of}{listed}; got {got!r}{hint}")
 
 
 class CountsError(SkinError, ValueError):

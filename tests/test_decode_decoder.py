@@ -407,3 +407,10 @@ def test_flags_are_those_of_a_unit_alone_at_every_end_of_every_range():
                     assert not others.any()
                     seen.add(flags)
     assert {0, int(Status.DISABLED), int(Status.SATURATED), int(Status.EXTRAPOLATED)} <= seen
+
+
+def test_a_message_does_not_list_all_units_of_a_skin():
+    names = [f"u{i}" for i in range(64)]
+    expected = "unit: must be one of 64 names from 'u0' to 'u63'; got 'u7x' (nearest: 'u7')"
+    assert str(OptionError.unknown("unit", "u7x", names)) == expected
+    assert "'u0', 'u1', 'u2'; got" in str(OptionError.unknown("unit", "x", names[:3]))
