@@ -19,6 +19,8 @@ from numba.extending import intrinsic
 __all__ = ["Bound"]
 
 WORD = ir.IntType(64)
+DATA = 4
+"""Which of an array's words is the address of its data."""
 _callers: dict[object, Callable] = {}
 
 
@@ -56,13 +58,12 @@ class Bound:
         self._words = np.array(words, np.int64)
         self._call = _caller(compiled.signature)
 
-    def put(self, position: int, argument: object) -> None:
-        """Exchange an argument for another of the same type; the caller answers for that."""
+    def put(self, position: int, argument: np.ndarray) -> None:
+        """Exchange an array for another of the same type, shape and strides, for which the caller
+        answers."""
         self.arguments[position] = argument
         if self._call is not None:
-            words = _words(self._kinds[position], argument)
-            at = self._places[position]
-            self._words[at : at + len(words)] = words
+            self._words[self._places[position] + DATA] = argument.__array_interface__["data"][0]
 
     def __call__(self) -> object:
         """Call the kernel."""

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
 
-from bus.jit import direct
+from bus.bound import Bound
 from skin.contact.cluster_kernels import BRIDGE, OPEN
 from skin.contact.clusters import KEEP_SIGMA, START_SIGMA
 from skin.contact.detect import Shocks
@@ -21,15 +21,12 @@ from skin.contact.step_kernel import (
     DO,
     EACH,
     EARLY,
-    GIVEN,
     HAVE,
     JUDGE,
-    KEPT,
     LAST_NS,
-    PLACES,
+    MOMENT,
+    NOW_NS,
     SAME,
-    SIZES,
-    point,
     step,
 )
 from skin.contact.track import Tracker
@@ -291,7 +288,6 @@ class ContactStream:
         )  # fmt: skip
         self._own = [(name, a, a.dtype, a.shape) for name, a in zip(_GIVEN, own, strict=True)]
         self._everything = np.ones(n, bool)
-        # The kernel knows addresses: these keep what lies there.
         self._taken = list(own)
         self._kept = (
             tracker.graph, tracker.gate, (slip or SlipSettings()).packed(), geometry.packed,
@@ -300,13 +296,9 @@ class ContactStream:
             np.zeros((3, 3, 3)), np.zeros((n, JUDGED)),
             np.zeros((WORK_ROWS, work_length(n))), np.zeros(capacity, np.int32),
         )  # fmt: skip
-        self._places = np.zeros(PLACES, np.int64)
-        self._places[list(SIZES)] = n, tracker.graph.size, slots, work_length(n)
-        self._places[DO] = self._do
-        for place, array in zip((*GIVEN, *KEPT), (*own, *self._kept), strict=True):
-            self._places[place] = array.ctypes.data
-        self._step: Callable = self._first_step
-        self._point: Callable = self._first_point
+        self._moment = np.zeros(MOMENT, np.int64)
+        self._moment[DO] = self._do
+        self._step: Bound | None = None
         self._given: tuple = (_UNSEEN,) * len(_GIVEN)
         self._found: list[Contact] = []
         self._present = tracker.slots[0]
@@ -394,7 +386,8 @@ class ContactStream:
 
     def again(self, stamp_ns: int) -> list[Contact]:
         """Take the next cycle, in the very arrays of the last `update`, written anew in place."""
-        count = self._step(self._places, stamp_ns)
+        self._moment[NOW_NS] = stamp_ns
+        count = (self._step or self._bind())()
         if count != SAME:
             self._renew(count, stamp_ns)
         self.contacts = contacts = self._found.copy()
@@ -405,20 +398,23 @@ class ContactStream:
     def __reduce_ex__(self, protocol: int) -> None:
         raise TypeError("a ContactStream cannot be copied or pickled: its kernel knows addresses")
 
-    def _first_step(self, places: np.ndarray, stamp_ns: int) -> int:
-        """Find the kernel and call it."""
-        self._step = direct(step[self._dtype.name], places, 0)
-        return self._step(places, stamp_ns)
+    def _bind(self) -> Bound:
+        """The kernel on this stream's arrays, typed as its own are, which one may write to."""
+        own = (array for _, array, _, _ in self._own)
+        self._step = Bound(step, self._moment, *own, *self._kept)
+        self._put(self._taken)
+        return self._step
 
-    def _first_point(self, places: np.ndarray, *taken: np.ndarray) -> None:
-        """Find the kernel and call it."""
-        self._point = direct(point, places, *(own for _, own, _, _ in self._own))
-        self._point(places, *taken)
+    def _put(self, taken: list[np.ndarray]) -> None:
+        """Point the kernel to what a cycle brings."""
+        for position, array in enumerate(taken, 1):
+            if array is not self._step.arguments[position]:
+                self._step.put(position, array)
 
     def _renew(self, count: int, stamp_ns: int) -> None:
         """Contacts came or went, or it is too early for that."""
         if count == EARLY:
-            last = self._places[LAST_NS]
+            last = self._moment[LAST_NS]
             raise SkinError(f"stamp_ns: must be after the last one, {last}; got {stamp_ns}")
         views = self._views
         self._found = [views[slot] for slot in self._present[:count].tolist()]
@@ -452,8 +448,9 @@ class ContactStream:
                     seen[k] = _UNSEEN
         if valid is None:
             taken[-1] = self._everything
-        self._point(self._places, *taken)
-        self._places[HAVE] = DEPTH * (displacement is not None) | WARMTH * (temperature is not None)
+        if self._step is not None:
+            self._put(taken)
+        self._moment[HAVE] = DEPTH * (displacement is not None) | WARMTH * (temperature is not None)
         self._taken, self._given = taken, tuple(seen)
 
 
