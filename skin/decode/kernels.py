@@ -515,12 +515,16 @@ def _follow(t, chip_count, c, at, state, kept, keep, advance, film, chip, laggin
 
 
 @register_jitable(forceinline=True, **_OPTIONS)
-def _normal(depth, c, at):
-    """Normal force at a depth: piecewise linear, and not clipped at zero."""
+def _bent(x, c, at):
+    """Force of a piecewise linear law whose three rows begin at `at`; not clipped at zero."""
     real = c.dtype.type
-    return c[at + SOFT * LANES] * depth + c[at + STIFFER * LANES] * max(
-        depth - c[at + BREAK * LANES], real(0.0)
-    )
+    return c[at] * x + c[at + 2 * LANES] * max(x - c[at + LANES], real(0.0))
+
+
+@register_jitable(forceinline=True, **_OPTIONS)
+def _normal(depth, c, at):
+    """Normal force at a depth."""
+    return _bent(depth, c, at + SOFT * LANES)
 
 
 @register_jitable(forceinline=True, **_OPTIONS)
@@ -700,11 +704,8 @@ def _anomaly(solid, z, reach, amplitude, inverse, c, at):
 
 @register_jitable(forceinline=True, **_OPTIONS)
 def _shear(reach, c, at):
-    """Tangential force at a tangential displacement at the reference depth: piecewise linear."""
-    real = c.dtype.type
-    return c[at + SHEAR_SOFT * LANES] * reach + c[at + SHEAR_STIFFER * LANES] * max(
-        reach - c[at + SHEAR_BREAK * LANES], real(0.0)
-    )
+    """Tangential force at a tangential displacement at the reference depth."""
+    return _bent(reach, c, at + SHEAR_SOFT * LANES)
 
 
 @register_jitable(forceinline=True, **_OPTIONS)
