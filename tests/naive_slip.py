@@ -1,7 +1,8 @@
 """Slow and obvious slip of one flat contact whose units stay the same, to hold the kernel against.
 
-The rules are the kernel's; the algebra is not: least squares instead of normal equations, and a
-pattern is worth what the sum of squares loses when it is let in.
+The rules are the kernel's; the algebra is not: least squares instead of normal equations, what is
+known beforehand as rows of its own, and a pattern is worth what the sum of squares loses when it is
+let in.
 """
 
 import numpy as np
@@ -28,8 +29,9 @@ class NaiveSlip:
             self.slip = SlipState.NONE
             return 1.0, 0.0
         held = self.state != UnitSlip.SLIPPING
-        self.moved = self._body(load, here, noise, held)
-        self._follow(here, noise)
+        moved = self._body(load, here, noise, held)
+        self._follow(load, here, noise, held, moved)
+        self._free(load, held)
         sticks, pattern = self._pattern(load, force, here)
         self._units(noise)
         ratio = min(sticks, 1.0 - load[self.state == UnitSlip.SLIPPING].sum() / load.sum())
@@ -40,9 +42,20 @@ class NaiveSlip:
         n = noise.size
         self.state[:] = UnitSlip.STICK
         self.anchor, self.lag = here.copy(), np.zeros((2, n))
-        self.moved, self.known = np.zeros((2, n)), np.zeros((2, n))
+        self.moved, self.known, self.slow, self.past = np.zeros((4, 2, n))
+        self.gives, self.sure = np.zeros(n), np.full(n, 1.0 / self.settings.gain_error**2)
         self.variance, self.anchor_variance = noise.copy(), kernels.UNSETTLED * noise
         self.score, self.clipped = np.zeros(n), np.zeros(n)
+
+    @property
+    def way(self):
+        """Way of each unit since it was anchored, shape (2, n)."""
+        return self.moved - self.known
+
+    @property
+    def believed(self):
+        """What each unit gives, as far as it is believed."""
+        return np.where(self.gives > 0.0, 1.0, kernels.DOUBT) * self.gives
 
     def _design(self, load):
         """Columns: along x, along y, a turn, a swelling; shape (2, n, 4)."""
@@ -60,75 +73,118 @@ class NaiveSlip:
         weight *= 1.0 - (1.0 - kernels.CLIPPED_WEIGHT) * self.clipped
         weight /= noise + self.anchor_variance + self.settings.floor_mm**2
         root = np.sqrt(held * weight / load[held].max())
-        swells = held.sum() >= kernels.ENOUGH_TO_SWELL
-        design = design[..., : 4 if swells else 3]
-        rows = [(root[:, np.newaxis] * design[c], root * (here - self.anchor)[c]) for c in range(2)]
+        self.swells = swells = held.sum() >= kernels.ENOUGH_TO_SWELL
+        self.design = design = design[..., : 4 if swells else 3]
+        there = here - self.anchor - self.believed * self.way
+        rows = [(root[:, np.newaxis] * design[c], root * there[c]) for c in range(2)]
         if swells:
             rows.append((np.array([[0.0, 0.0, 0.0, 1.0 / kernels.SWELLING_MM]]), np.zeros(1)))
         x, *_ = np.linalg.lstsq(*(np.concatenate(part) for part in zip(*rows, strict=True)))
         return design @ x
 
-    def _follow(self, here, noise):
-        share = 1.0 - np.exp(-2.0 * np.pi * self.settings.lowpass_hz * self.dt_s)
-        self.now = here - self.anchor - self.moved
-        self.lag = (1.0 - share) * self.lag + share * self.now
+    def _follow(self, load, here, noise, held, moved):
+        def lowpass(hz):
+            return 1.0 - np.exp(-2.0 * np.pi * hz * self.dt_s)
+
+        heavy = held * load
+        ahead = np.sqrt(heavy @ ((moved - self.slow) ** 2).sum(axis=0) / heavy.sum())
+        share = max(lowpass(self.settings.lowpass_hz), 1.0 - kernels.STRETCH_MM / ahead)
+        share = min(share, lowpass(kernels.FAST_HZ))
+        self.moved = moved
+        self.slow = (1.0 - share) * self.slow + share * moved
+        keep = np.exp(-self.dt_s / kernels.PAST_S)
+        self.past = keep * self.past + (1.0 - keep) * moved
+        self.raw = here - self.anchor - moved
+        self.lag = (1.0 - share) * self.lag + share * (self.raw - self.believed * self.way)
         self.variance = share**2 * noise + (1.0 - share) ** 2 * self.variance
-        recent = np.hypot(*(self.moved - self.known))
         self.total = (
             self.variance + self.anchor_variance + self.settings.floor_mm**2
-            + (self.settings.gain_error * recent) ** 2
+            + (self.way**2).sum(axis=0) / self.sure
         )  # fmt: skip
         self.score = np.hypot(*self.lag) / np.sqrt(self.total)
-        asked = self.anchor + self.moved
+        asked = self.anchor + self.slow
         self.far = np.hypot(*asked)
-        self.behind = -(self.lag * asked).sum(axis=0) / np.maximum(self.far, 1e-9)
+        self.along = asked / np.maximum(self.far, 1e-9)
+        self.root = held / np.sqrt(self.total)
+
+    def _free(self, load, held):
+        """All that may look like slip and is none, and what is known of it, as rows."""
+        columns = [*self.design.transpose(2, 0, 1), self.far * self.along]
+        known = (
+            [0.0] * 3 + [1.0 / kernels.SWELLING_MM] * int(self.swells) + [1.0 / kernels.SHARED_GAIN]
+        )
+        if held.sum() >= kernels.ENOUGH_TO_YIELD:
+            new = 1.0 / (self.settings.gain_error**2 * self.sure)
+            columns.append((self.way * self.along).sum(axis=0) * self.away * new * self.along)
+            known.append(1.0 / kernels.GROUND)
+        white = np.array([(self.root * column).ravel() for column in columns]).T
+        self.free = np.vstack([white, np.diag(known)])
+        self.rest = self._without(self.lag)
+        pace = ((self.root * (self.slow - self.past)) ** 2).sum()
+        self.moves = pace > kernels.MOVES**2 * load.size
+
+    def _without(self, lag):
+        """A lag (2, n), in sigmas, without what is free."""
+        white = np.concatenate([(self.root * lag).ravel(), np.zeros(self.free.shape[1])])
+        x, *_ = np.linalg.lstsq(self.free, white)
+        return white - self.free @ x
 
     def _pattern(self, load, force, here):
-        """What friction would let through, for each coefficient of the grid, or a lagging rim."""
+        """What friction would let through, for each coefficient of the grid."""
         pull = (force[:2] * here).sum()
+        self.clipped = np.zeros(load.size)
         if pull <= 0.0:
             return 1.0, 0.0
         softness = (here**2).sum() / pull
-        lag = self.behind * np.minimum(1.0, kernels.ONE_ALONE / np.maximum(self.score, 1e-9))
-        root = 1.0 / np.sqrt(self.total)
-
-        def left(*patterns):
-            if not patterns:
-                return ((root * lag) ** 2).sum(), np.zeros(0)
-            design = (root * np.array(patterns)).T
-            x, *_ = np.linalg.lstsq(design, root * lag)
-            return ((root * lag - design @ x) ** 2).sum(), x
-
-        before, _ = left(self.far)
-        patterns = [np.maximum(self.far - m * softness * load, 0.0) for m in kernels.FRICTIONS]
-        patterns.append(self.far * self.away)
-        worth = []
-        for pattern in patterns:
-            after, x = left(self.far, pattern) if pattern.any() else (before, np.zeros(2))
-            worth.append(before - after if x[1] > 0.0 else 0.0)
-        most, rim = max(worth), kernels.PATTERNS
-        alike = [k for k in range(rim) if worth[k] > 0.0 and worth[k] >= most - kernels.ALIKE]
-        best = alike[-1] if alike else rim
-        common = kernels.SHARED_GAIN**2 * ((root * self.far) ** 2).sum()
-        sigmas = np.sqrt(most / (1.0 + common))
-        self.clipped = np.zeros(load.size)
-        if sigmas <= kernels.PATTERN_SIGMAS:
+        worth, little = np.zeros(kernels.PATTERNS), 0.0
+        lacks = [np.maximum(self.far - m * softness * load, 0.0) for m in kernels.FRICTIONS]
+        shares = [load[lack > 0.0].sum() / load.sum() for lack in lacks]
+        for k, lack in enumerate(lacks):
+            pattern = self._without(-lack * self.along)
+            whole = ((self.root * lack) ** 2).sum()
+            along, square = pattern @ self.rest, pattern @ pattern
+            if along > 0.0 and square > kernels.LEFT_OVER * whole:
+                left = self.rest - along / square * pattern
+                worth[k] = self.rest @ self.rest - left @ left
+            if 1.0 - shares[k] > self.settings.incipient_ratio:
+                little, worth[k] = max(little, worth[k]), 0.0
+        most = worth.max()
+        wrong = 1.0 + kernels.SHARED_GAIN**2 * ((self.root * self.way) ** 2).sum()
+        sigmas = np.sqrt(max(most - little, 0.0) / wrong)
+        least = self.settings.slip_sigmas * (kernels.PATTERN_MOVING if self.moves else 1.0)
+        if sigmas <= least:
             return 1.0, sigmas
-        if best == rim:
-            return self.settings.incipient_ratio - 1e-3, sigmas
-        self.clipped = (patterns[best] > 0.0).astype(float)
-        return 1.0 - load[patterns[best] > 0.0].sum() / load.sum(), sigmas
+        best = max(
+            k for k in range(worth.size) if worth[k] > 0.0 and worth[k] >= most - kernels.ALIKE
+        )
+        self.clipped = (lacks[best] > 0.0).astype(float)
+        return 1.0 - shares[best], sigmas
 
     def _units(self, noise):
         """Stick or slip; in the scenes of these tests no unit comes to rest again."""
-        late = self.behind / np.sqrt(self.total) > self.settings.slip_sigmas
+        late = np.zeros(noise.size)
+        for j, along in enumerate(self.along.T):
+            alone = np.zeros_like(self.lag)
+            alone[:, j] = -along / self.root[j] if self.root[j] else 0.0
+            alone = self._without(alone)
+            late[j] = alone @ self.rest / np.sqrt(max(alone @ alone, kernels.LEAST_OWN))
+        behind = -self.root * (self.lag * self.along).sum(axis=0)
+        late = np.maximum(late, kernels.FAR_BEHIND * behind)
+        late = late > self.settings.slip_sigmas * (kernels.UNIT_MOVING if self.moves else 1.0)
         self.state[(self.state != UnitSlip.SLIPPING) & late] = UnitSlip.SLIPPING
-        held = self.state != UnitSlip.SLIPPING
+        held, way = self.state != UnitSlip.SLIPPING, self.way
         gain = self.anchor_variance / (self.anchor_variance + noise)
         gain = held * np.maximum(gain, self.dt_s / kernels.LEAK_S)
-        self.anchor = self.anchor + gain * self.now
-        self.lag = self.lag - gain * self.now
-        self.known = self.known + gain * (self.moved - self.known)
+        self.lag = self.lag - gain * (self.raw - self.believed * way)
+        self.anchor = self.anchor + gain * self.raw
+        self.known = self.known + gain * way
+        robust = np.minimum(1.0, kernels.HUBER / np.maximum(self.score, 1e-9)) ** 2
+        telling = held * (1.0 - gain) * robust / noise
+        forget = self.dt_s / kernels.LEARN_S * held
+        self.sure = (1.0 - forget) * self.sure + forget / self.settings.gain_error**2
+        self.sure = self.sure + telling * (way**2).sum(axis=0)
+        rest = (way * (self.raw - self.gives * way)).sum(axis=0)
+        self.gives = self.gives + telling * rest / self.sure
         self.anchor_variance = gain**2 * noise + (1.0 - gain) ** 2 * self.anchor_variance
 
     def _conclude(self, ratio):

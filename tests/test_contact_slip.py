@@ -225,7 +225,7 @@ def test_slip_ends_when_the_body_rests_and_units_stick_again():
     watch = Watch(position, rotation)
     seen = []
     for t in range(500):
-        way_mm = 0.016 * np.clip(t - 30, 0, 60)
+        way_mm = 0.016 * np.clip(t - 30, 0, 70)
         drag = held(rigid(position, (way_mm, 0.0), 0.0), load, 0.4)
         seen.append(int(watch.step(*readings(load, drag, rng), 0.03)["slip"]))
     assert max(seen[30:120]) == SlipState.INCIPIENT

@@ -26,11 +26,13 @@ class SlipSettings:
     Attributes
     ----------
     lowpass_hz : float
-        Lags are low-passed: less noise, later alarm.
+        Lags are low-passed: less noise, later alarm. They follow faster where the body is fast.
     slip_sigmas : float
-        Lag, against its displacement, at which a unit slips.
+        Lag, against its displacement, at which a unit, or a pattern of units, slips while the body
+        rests; while it moves, somewhat less is enough.
     gain_error : float
-        One-sigma of the units' gains, each for itself: a share of the displacement.
+        One-sigma of the units' gains, each for itself, before they are learned from the way: a
+        share of the displacement.
     floor_mm : float
         One-sigma of what else displacements are wrong by, cross-talk for instance.
     incipient_ratio, gross_ratio : float
@@ -48,10 +50,10 @@ class SlipSettings:
         A setting is not positive, or the ratios are not in order.
     """
 
-    lowpass_hz: float = 10.0
+    lowpass_hz: float = 5.0
     slip_sigmas: float = 5.0
     gain_error: float = 0.01
-    floor_mm: float = 0.008
+    floor_mm: float = 0.004
     incipient_ratio: float = 0.97
     gross_ratio: float = 0.3
     confirm_cycles: int = 2

@@ -5,6 +5,10 @@ one rigid motion, seen in each unit's tangent plane. The motion is fitted to the
 heavy ones first, because light ones slip first; how far a unit lags behind it says whether it
 slips. Lags that are each within the noise are added up along the patterns that slip makes.
 
+While all stick everything is linear: on soft ground, or with a wrong gain, a unit goes further than
+the body or less far, but always by the same share of the way. That share is learned, unit by unit,
+while the body moves; slip is what departs from it.
+
 The units of a contact are taken into rows of `work`, padded with zeros to whole vectors, so that
 loops over a row become vector instructions. The constants are this file's own: a cached kernel does
 not see another file change.
@@ -26,14 +30,17 @@ BRIDGE, SILENT = 2, 3
 KIND, LABEL, MEMBERS, SLIP = 0, 1, 2, 7
 POSITION, ROTATION = 0, 3
 
-JUDGED = 19
+JUDGED = 25
 """Columns of `judged`: what is kept of a unit while it is in contact; millimetres."""
 (
     BODY,  # identity of the contact it is anchored to
     ANCHOR_X, ANCHOR_Y, ANCHOR_VARIANCE,  # displacement at no motion of the body
     LAG_X, LAG_Y, LAG_VARIANCE,  # behind the body, low-passed
     MOVED_X, MOVED_Y,  # displacement that the body's motion asks for
+    SLOW_X, SLOW_Y,  # the same, low-passed as the lag is
+    PAST_X, PAST_Y,  # the same, low-passed over PAST_S
     KNOWN_X, KNOWN_Y,  # its part that the anchor has had time to follow
+    GIVES, SURE,  # share of the way since then by which it goes further; its inverse variance
     SCORE,  # lag in its sigmas
     CLIPPED,  # 1 where friction can not have held the unit, as far as the whole contact tells
     MARK_X, MARK_Y,  # of a slipping unit: mean lag of the last stretch of time,
@@ -52,6 +59,8 @@ SETTINGS = 9
 COLUMNS = 7
 """Motions of a body: along the two axes of the contact, about its normal, a swelling; and where the
 skin is curved, along the normal and about the two axes."""
+FREE = COLUMNS + 2
+"""What may look like slip and is none: those, a gain that all units share, soft ground."""
 LANES = 8
 # Rows of `work`: the carried columns of `judged` first, then:
 HELD_NOW = CARRIED  # 1 where the unit sticks and is anchored to this body
@@ -61,35 +70,54 @@ HERE_X, HERE_Y = CARRIED + 3, CARRIED + 4  # displacement
 NOISE = CARRIED + 5  # its variance
 NORMAL = CARRIED + 6  # load
 WEIGHT = CARRIED + 7  # in the fit; later, of a lag
-# How far the body's motion asks the unit to be; its lag against that, millimetre and in sigmas; its
+# How far the body's motion asks the unit to be, and in which direction; its lag against that; its
 # squared distance from the middle in sizes of the contact.
-ASKED, BEHIND, LATE, AWAY = CARRIED + 8, CARRIED + 9, CARRIED + 10, CARRIED + 11
-DESIGN = CARRIED + 12  # what each motion does to x, then to y
-WORK_ROWS = DESIGN + 2 * COLUMNS
+ASKED, ALONG_X, ALONG_Y, LATE, AWAY = range(CARRIED + 8, CARRIED + 13)
+ROOT = CARRIED + 13  # of the weight
+LEFT = CARRIED + 14  # of the lag in sigmas, when all that is no slip has been taken out of it
+OWN = CARRIED + 15  # share of the unit's own lag that is left then
+LACKS = CARRIED + 16  # lag that a pattern of slip foresees
+DESIGN = CARRIED + 17  # what each motion does to x, then to y; later, orthonormal
+TAKES = DESIGN + 2 * FREE  # those along the direction
+WORK_ROWS = TAKES + FREE
 
 FLAT = 1e-3
 """One minus the length of the mean of the units' normals, below which a contact is flat."""
 SWELLING_MM = 0.05
 OUT_OF_PLANE_MM = 2.0
 """One-sigmas of the motions that slip must not be mistaken for."""
-ENOUGH, ENOUGH_TO_TURN, ENOUGH_TO_SWELL = 3, 2, 8
-"""Units that can contradict each other; that stick, to tell a turn, a swelling."""
+SHARED_GAIN, GROUND = 0.005, 0.05
+"""One-sigma of a gain error that all units share, and of how much further soft ground lets a unit
+at the rim go before it has shown that it does."""
+ENOUGH, ENOUGH_TO_TURN, ENOUGH_TO_SWELL, ENOUGH_TO_YIELD = 3, 2, 8, 20
+"""Units that can contradict each other; that stick, to tell a turn, a swelling; that judge, to tell
+soft ground from slip."""
 HUBER = 2.0
 CLIPPED_WEIGHT = 0.1
 UNSETTLED = 3.0
 """Variance of a new anchor, over that of one reading: where the body is, is not known better."""
 LEAK_S = 1.0
 """Time constant with which the anchor of a unit that sticks follows: slower creep is no slip."""
+LEARN_S, DOUBT = 10.0, 0.1
+"""How long what a unit gives is remembered; the share of it that is believed of one that lags, for
+that may be slip."""
+FAST_HZ, STRETCH_MM = 15.0, 0.1
+"""Up to where, and on how long a way, lags are low-passed when the body is fast."""
 STICK_SIGMAS, RESTICK_S = 2.0, 0.25
 """A unit that slips sticks again when its lag is below so many sigmas, or has not grown for so
 long."""
-PATTERN_SIGMAS, ONE_ALONE = 4.7, 3.5
-"""Sigmas of a pattern that are slip, and how many of them one unit can add."""
-SHARED_GAIN = 0.005
-"""One-sigma of a gain error that all units share."""
-PATTERNS = 7
-FRICTIONS = 0.1 * 1.5 ** np.arange(PATTERNS)
+MOVES, UNIT_MOVING, PATTERN_MOVING = 3.0, 0.9, 0.8
+"""Sigmas that units come on their way in `PAST_S` while the body moves; the share of `slip_sigmas`
+at which a unit, a pattern slips then: a slip begins while something moves."""
+PAST_S = 0.2
+PATTERNS = 14
+FRICTIONS = 0.1 * 1.2 ** np.arange(PATTERNS)
 """Coefficients of friction whose patterns of slip are looked for."""
+LEFT_OVER = 1e-3
+"""Share of a pattern below which nothing of it is left."""
+LEAST_OWN, FAR_BEHIND = 0.3, 0.5
+"""Of a unit's lag, how much is at least taken to be its own when the body's motion is free; how
+much of it counts whatever that motion is."""
 ALIKE = 3.0
 """Twice the logarithm of the likelihood ratio up to which two patterns explain a lag alike."""
 SPREAD = 0.05
@@ -102,6 +130,7 @@ CONE_ALERT, CONE_CALM, CONE_GROSS = 0.9, 0.8, 0.98
 FRESH_S = 0.1
 """How long a unit that has begun to slip is taken to slide."""
 QUIET_SIGMAS = 4.0
+QUIET_MM = 0.008
 """A lag that changes by less from one stretch of time to the next has come to rest."""
 SETTLE_S = 0.15
 GRIPPED, PUSHED = 0.85, 1.25
@@ -143,7 +172,7 @@ def _design(place, frame, size, columns, work, j):
     qz = (place[POSITION + 2] - frame[3, 2]) * scale
     work[AWAY, j] = qx * qx + qy * qy + qz * qz
     for c in range(2):
-        at = DESIGN + c * COLUMNS
+        at = DESIGN + c * FREE
         ax, ay, az = place[ROTATION + c], place[ROTATION + 3 + c], place[ROTATION + 6 + c]
         # Rotation about an axis e moves q by e x q; its share along a is e . (q x a).
         rx, ry, rz = qy * az - qz * ay, qz * ax - qx * az, qx * ay - qy * ax
@@ -193,10 +222,12 @@ def _take(
         _design(geometry[i], frame, size, columns, work, j)
     length = (count + LANES - 1) // LANES * LANES
     for k in range(WORK_ROWS):
-        for j in range(count, length):
-            work[k, j] = 0.0
+        if k < ASKED or k >= DESIGN:
+            for j in range(count, length):
+                work[k, j] = 0.0
     for j in range(count, length):
         work[NOISE, j] = 1.0
+        work[SURE, j] = 1.0
     return length, stuck, known
 
 
@@ -224,16 +255,19 @@ def _fit(length, stuck, columns, settings, work, normal, x):
     for j in range(length):
         peak = max(peak, work[HELD_NOW, j] * work[NORMAL, j])
     for a in range(columns):
-        xa, ya = work[DESIGN + a], work[DESIGN + COLUMNS + a]
+        xa, ya = work[DESIGN + a], work[DESIGN + FREE + a]
         total = 0.0
         for j in range(length):
+            gives = max(work[GIVES, j], DOUBT * work[GIVES, j])
             along_x = work[HERE_X, j] - work[ANCHOR_X, j]
+            along_x -= gives * (work[MOVED_X, j] - work[KNOWN_X, j])
             along_y = work[HERE_Y, j] - work[ANCHOR_Y, j]
+            along_y -= gives * (work[MOVED_Y, j] - work[KNOWN_Y, j])
             total += weight[j] * (xa[j] * along_x + ya[j] * along_y)
         normal[a, COLUMNS] = total / peak
         for b in range(a + 1):
             total = _dot3(weight, xa, work[DESIGN + b], length)
-            total += _dot3(weight, ya, work[DESIGN + COLUMNS + b], length)
+            total += _dot3(weight, ya, work[DESIGN + FREE + b], length)
             normal[a, b] = total / peak
     if columns > 2:
         normal[3, 3] += 1.0 / SWELLING_MM**2
@@ -273,23 +307,52 @@ def _solve(normal, columns, x):
 
 
 @register_jitable
-def _follow(length, columns, lowpass, settings, x, work):
+def _pace(length, columns, paces, x, work):
+    """How far lags follow in this cycle: so fast that they are a mean over a short way."""
+    way, load = 0.0, 0.0
+    for j in range(length):
+        ahead_x, ahead_y = -work[SLOW_X, j], -work[SLOW_Y, j]
+        for a in range(columns):
+            ahead_x += work[DESIGN + a, j] * x[a]
+            ahead_y += work[DESIGN + FREE + a, j] * x[a]
+        heavy = work[HELD_NOW, j] * work[NORMAL, j]
+        load += heavy
+        way += heavy * (ahead_x * ahead_x + ahead_y * ahead_y)
+    slow, fast, _ = paces
+    way = np.sqrt(way / load) if load > 0.0 else 0.0
+    return min(max(slow, 1.0 - STRETCH_MM / max(way, STRETCH_MM)), fast)
+
+
+@register_jitable
+def _follow(length, columns, lowpass, lower, settings, x, work):
     """Where the body's motion asks each unit to be, and how far it lags behind."""
     floor, gain = settings[FLOOR_MM] ** 2, settings[GAIN_ERROR] ** 2
+    for j in range(length):
+        work[GIVES, j] *= 1.0 - work[NEW, j]
+        work[SURE, j] += work[NEW, j] * (1.0 / gain - work[SURE, j])
     for c in range(2):
         moved, lag, anchor = work[MOVED_X + c], work[LAG_X + c], work[ANCHOR_X + c]
         here, known = work[HERE_X + c], work[KNOWN_X + c]
+        slow, past = work[SLOW_X + c], work[PAST_X + c]
         for j in range(length):
             now = 0.0
             for a in range(columns):
-                now += work[DESIGN + c * COLUMNS + a, j] * x[a]
+                now += work[DESIGN + c * FREE + a, j] * x[a]
             # From another contact that became part of this one: the same lag, another motion.
-            anchor[j] += work[JOINED, j] * (moved[j] - now)
-            new = work[NEW, j]
+            joined, new = work[JOINED, j], work[NEW, j]
+            anchor[j] += joined * (moved[j] - now)
             anchor[j] += new * (here[j] - now - anchor[j])
-            known[j] += work[JOINED, j] * (now - moved[j])
+            known[j] += joined * (now - moved[j])
             known[j] += new * (now - known[j])
-            lag[j] = (1.0 - new) * (lag[j] + lowpass * (here[j] - anchor[j] - now - lag[j]))
+            slow[j] += joined * (now - moved[j])
+            slow[j] += new * (now - slow[j])
+            slow[j] += lowpass * (now - slow[j])
+            past[j] += joined * (now - moved[j])
+            past[j] += new * (now - past[j])
+            past[j] += lower * (now - past[j])
+            gives = max(work[GIVES, j], DOUBT * work[GIVES, j])
+            behind = here[j] - anchor[j] - now - gives * (now - known[j])
+            lag[j] = (1.0 - new) * (lag[j] + lowpass * (behind - lag[j]))
             moved[j] = now
     for j in range(length):
         new, noise = work[NEW, j], work[NOISE, j]
@@ -300,81 +363,145 @@ def _follow(length, columns, lowpass, settings, x, work):
         unsettled = max(new, work[JOINED, j]) * UNSETTLED * noise
         anchor_variance = (1.0 - new) * work[ANCHOR_VARIANCE, j] + unsettled
         work[ANCHOR_VARIANCE, j] = anchor_variance
-        # What a lag may be that is none: noise, the anchor's, an error of the unit's gain, a floor.
+        # What a lag may be that is none: noise, the anchor's, what the unit gives, a floor.
         square = (work[MOVED_X, j] - work[KNOWN_X, j]) ** 2
         square += (work[MOVED_Y, j] - work[KNOWN_Y, j]) ** 2
-        weight = 1.0 / (variance + anchor_variance + gain * square + floor)
+        weight = 1.0 / (variance + anchor_variance + square / work[SURE, j] + floor)
         work[WEIGHT, j] = (1.0 - new) * weight
         square = work[LAG_X, j] ** 2 + work[LAG_Y, j] ** 2
         work[SCORE, j] = np.sqrt(square * work[WEIGHT, j])
         # Friction drags a unit along: one that slips lags against its own displacement.
-        x = work[ANCHOR_X, j] + work[MOVED_X, j]
-        y = work[ANCHOR_Y, j] + work[MOVED_Y, j]
+        x = work[ANCHOR_X, j] + work[SLOW_X, j]
+        y = work[ANCHOR_Y, j] + work[SLOW_Y, j]
         far = np.sqrt(x * x + y * y)
         work[ASKED, j] = far
-        work[BEHIND, j] = -(work[LAG_X, j] * x + work[LAG_Y, j] * y) / max(far, 1e-9)
-        work[LATE, j] = work[BEHIND, j] * np.sqrt(work[WEIGHT, j])
+        work[ALONG_X, j] = x / max(far, 1e-9)
+        work[ALONG_Y, j] = y / max(far, 1e-9)
+        # Those that slip already are no judges.
+        work[ROOT, j] = np.sqrt(work[HELD_NOW, j] * work[WEIGHT, j])
 
 
 @register_jitable
-def _add_up(length, softness, load, settings, work, likely, shares):
-    """Slip as the whole contact shows it; returns the share of the load that sticks.
+def _compare(length, columns, swells, yields, settings, work, prior):
+    """Take out of the lags all that is no slip; returns how much that is.
+
+    Gram and Schmidt make the motions of the body, a shared gain and soft ground orthonormal, in
+    sigmas of the lags; what is known of each beforehand counts as one more reading.
+    """
+    free = columns + 1 + yields
+    root, along_x, along_y = work[ROOT], work[ALONG_X], work[ALONG_Y]
+    own, left = work[OWN], work[LEFT]
+    for j in range(length):
+        own[j] = 1.0
+        left[j] = -root[j] * (work[LAG_X, j] * along_x[j] + work[LAG_Y, j] * along_y[j])
+    for a in range(free):
+        xa, ya, takes = work[DESIGN + a], work[DESIGN + FREE + a], work[TAKES + a]
+        prior[a] = 0.0
+        if a >= columns:
+            prior[a, a] = 1.0 / (SHARED_GAIN if a == columns else GROUND)
+            for j in range(length):
+                far = work[ASKED, j]
+                if a > columns:
+                    far = along_x[j] * (work[MOVED_X, j] - work[KNOWN_X, j])
+                    far += along_y[j] * (work[MOVED_Y, j] - work[KNOWN_Y, j])
+                    # What has been learned is not to be feared any more.
+                    far *= work[AWAY, j] / (settings[GAIN_ERROR] ** 2 * work[SURE, j])
+                xa[j], ya[j] = far * along_x[j], far * along_y[j]
+        elif a > 3:
+            prior[a, a] = 1.0 / OUT_OF_PLANE_MM
+        elif a == 3:
+            prior[a, a] = 1.0 / SWELLING_MM if swells else 1e9 / SWELLING_MM
+        before = prior[a, a] ** 2
+        for j in range(length):
+            xa[j] *= root[j]
+            ya[j] *= root[j]
+            before += xa[j] * xa[j] + ya[j] * ya[j]
+        for b in range(a):
+            xb, yb = work[DESIGN + b], work[DESIGN + FREE + b]
+            common = 0.0
+            for j in range(length):
+                common += xa[j] * xb[j] + ya[j] * yb[j]
+            for c in range(3, b + 1):
+                common += prior[a, c] * prior[b, c]
+            for j in range(length):
+                xa[j] -= common * xb[j]
+                ya[j] -= common * yb[j]
+            for c in range(3, b + 1):
+                prior[a, c] -= common * prior[b, c]
+        square = 0.0
+        for j in range(length):
+            square += xa[j] * xa[j] + ya[j] * ya[j]
+        for c in range(3, a + 1):
+            square += prior[a, c] ** 2
+        scale = 1.0 / np.sqrt(square) if square > 1e-9 * before else 0.0
+        took = 0.0
+        for j in range(length):
+            xa[j] *= scale
+            ya[j] *= scale
+            took += root[j] * (xa[j] * work[LAG_X, j] + ya[j] * work[LAG_Y, j])
+            takes[j] = xa[j] * along_x[j] + ya[j] * along_y[j]
+        for c in range(3, a + 1):
+            prior[a, c] *= scale
+        for j in range(length):
+            left[j] += took * takes[j]
+            own[j] -= takes[j] * takes[j]
+    for j in range(length):
+        behind = -(work[LAG_X, j] * along_x[j] + work[LAG_Y, j] * along_y[j]) * root[j]
+        work[LATE, j] = max(left[j] / np.sqrt(max(own[j], LEAST_OWN)), FAR_BEHIND * behind)
+    return free
+
+
+@register_jitable
+def _add_up(length, free, softness, load, least, settings, work, likely, shares):
+    """Slip as the whole contact shows it; returns the share of the load that sticks, and sigmas.
 
     Where friction is m, a unit can be dragged no further than m load / stiffness; what the body's
-    motion asks for beyond that, it lags. For each m of a grid, and for a rim that lags whatever its
-    load, how much of the pattern is in the lags is a linear regression. The pattern that explains
-    most is tested against noise and against an error of gain that all units share.
+    motion asks for beyond that, it lags. For each m of a grid, how much of the pattern is in the
+    lags is a linear regression. The pattern that explains most is tested against noise, and against
+    those in which too little of the load slips to be of interest.
     """
-    asked, behind, weight = work[ASKED], work[BEHIND], work[WEIGHT]
-    all_lag, all_asked = 0.0, 0.0
-    for j in range(length):
-        # One unit alone is no pattern.
-        behind[j] *= min(1.0, ONE_ALONE / max(work[SCORE, j], 1e-9))
-        all_lag += weight[j] * asked[j] * behind[j]
-        all_asked += weight[j] * asked[j] * asked[j]
-    most = 0.0
-    if all_asked <= 0.0:
-        return 1.0, 0.0
-    for k in range(PATTERNS + 1):
-        lagged, square, common, slipped = 0.0, 0.0, 0.0, 0.0
-        if k < PATTERNS:
-            reach = FRICTIONS[k] * softness
+    asked, root, left, lacks = work[ASKED], work[ROOT], work[LEFT], work[LACKS]
+    most, little = 0.0, 0.0
+    for k in range(PATTERNS):
+        reach = FRICTIONS[k] * softness
+        lagged, square, slipped = 0.0, 0.0, 0.0
+        for j in range(length):
+            lack = max(asked[j] - reach * work[NORMAL, j], 0.0)
+            slipped += work[NORMAL, j] if lack > 0.0 else 0.0
+            lack *= root[j]
+            lagged += lack * left[j]
+            square += lack * lack
+            lacks[j] = lack
+        likely[k], shares[k] = 0.0, slipped / load
+        if lagged <= 0.0:
+            continue
+        whole = square
+        for a in range(free):
+            takes, common = work[TAKES + a], 0.0
             for j in range(length):
-                lacks = max(asked[j] - reach * work[NORMAL, j], 0.0)
-                slipped += work[NORMAL, j] if lacks > 0.0 else 0.0
-                lagged += weight[j] * lacks * behind[j]
-                square += weight[j] * lacks * lacks
-                common += weight[j] * lacks * asked[j]
-        else:
-            for j in range(length):
-                lacks = asked[j] * work[AWAY, j]
-                lagged += weight[j] * lacks * behind[j]
-                square += weight[j] * lacks * lacks
-                common += weight[j] * lacks * asked[j]
-        # What all units share, the fit has taken already.
-        lagged -= common / all_asked * all_lag
-        square -= common / all_asked * common
-        likely[k] = lagged * lagged / square if lagged > 0.0 and square > 0.0 else 0.0
-        shares[k] = slipped / load
+                common += lacks[j] * takes[j]
+            square -= common * common
+        if square > LEFT_OVER * whole:
+            likely[k] = lagged * lagged / square
+        if 1.0 - shares[k] > settings[INCIPIENT_RATIO]:
+            little = max(little, likely[k])
+            likely[k] = 0.0
         most = max(most, likely[k])
     # Of those that explain nearly as much, the one with the least slip.
-    best = PATTERNS
+    best = 0
     for k in range(PATTERNS):
         if likely[k] > 0.0 and likely[k] >= most - ALIKE:
             best = k
-    most = np.sqrt(most / (1.0 + SHARED_GAIN**2 * all_asked))
-    sure = most > PATTERN_SIGMAS
-    reach = FRICTIONS[best] * softness if sure and best < PATTERNS else np.inf
+    sigmas = np.sqrt(max(most - little, 0.0))
+    sure = sigmas > least
+    reach = FRICTIONS[best] * softness if sure else np.inf
     for j in range(length):
         work[CLIPPED, j] = 1.0 if asked[j] > reach * work[NORMAL, j] else 0.0
-    if not sure:
-        return 1.0, most
-    # A rim says that it slips, not how much of the load that is.
-    return 1.0 - shares[best] if best < PATTERNS else settings[INCIPIENT_RATIO] - 1e-3, most
+    return 1.0 - shares[best] if sure else 1.0, sigmas
 
 
 @register_jitable
-def _rest(unit, work, j, dt_s, settings):
+def _rest(unit, work, j, dt_s):
     """A unit that slips; returns whether it holds again: its lag is gone, or grows no more."""
     unit[FRESH] -= dt_s
     unit[SUM_X] += work[LAG_X, j]
@@ -387,7 +514,7 @@ def _rest(unit, work, j, dt_s, settings):
     mean_x, mean_y = unit[SUM_X] / unit[STRETCH], unit[SUM_Y] / unit[STRETCH]
     further = (mean_x - unit[MARK_X]) ** 2 + (mean_y - unit[MARK_Y]) ** 2
     noise = work[NOISE, j] / unit[STRETCH]
-    if further > QUIET_SIGMAS**2 * 2.0 * noise + settings[FLOOR_MM] ** 2:
+    if further > QUIET_SIGMAS**2 * 2.0 * noise + QUIET_MM**2:
         unit[MARK_X], unit[MARK_Y] = mean_x, mean_y
         unit[FRESH] = unit[STRETCH] * dt_s
         unit[SUM_X], unit[SUM_Y], unit[STRETCH] = 0.0, 0.0, 0.0
@@ -401,32 +528,42 @@ def _rest(unit, work, j, dt_s, settings):
 
 
 @register_jitable
-def _decide(count, length, units, slip, dt_s, settings, judged, work):
+def _decide(count, length, units, slip, dt_s, least, settings, judged, work):
     """Stick or slip of each unit, with hysteresis; the anchors of those that stick."""
     for j in range(count):
         i = units[j]
         if slip[i] == NO_CONTACT:
             slip[i] = STICK
         elif slip[i] == SLIPPING:
-            if _rest(judged[i], work, j, dt_s, settings):
+            if _rest(judged[i], work, j, dt_s):
                 slip[i] = RE_STICK
-        elif work[LATE, j] > settings[SLIP_SIGMAS]:
+        elif work[LATE, j] > least:
             slip[i] = SLIPPING
             judged[i, MARK_X:FRESH] = 0.0
             judged[i, FRESH] = FRESH_S
         work[HELD_NOW, j] = 1.0 if slip[i] != SLIPPING else 0.0
     # An anchor is the mean of what was seen while the unit stuck, and forgets slowly: creep and a
-    # drifting tare are no slip.
-    slowest = dt_s / LEAK_S
+    # drifting tare are no slip. What a unit gives is the slope of that line.
+    slowest, forget = dt_s / LEAK_S, dt_s / LEARN_S
     for j in range(length):
-        variance = work[ANCHOR_VARIANCE, j]
-        gain = work[HELD_NOW, j] * max(variance / (variance + work[NOISE, j]), slowest)
+        variance, held = work[ANCHOR_VARIANCE, j], work[HELD_NOW, j]
+        gain = held * max(variance / (variance + work[NOISE, j]), slowest)
+        rest, square = 0.0, 0.0
+        gives = max(work[GIVES, j], DOUBT * work[GIVES, j])
         for c in range(2):
+            way = work[MOVED_X + c, j] - work[KNOWN_X + c, j]
             lag = work[HERE_X + c, j] - work[ANCHOR_X + c, j] - work[MOVED_X + c, j]
             step = gain * lag
             work[ANCHOR_X + c, j] += step
-            work[LAG_X + c, j] -= step
-            work[KNOWN_X + c, j] += gain * (work[MOVED_X + c, j] - work[KNOWN_X + c, j])
+            work[LAG_X + c, j] -= step - gain * gives * way
+            work[KNOWN_X + c, j] += gain * way
+            square += way * way
+            rest += way * (lag - work[GIVES, j] * way)
+        robust = min(1.0, HUBER / max(work[SCORE, j], 1e-9))
+        telling = held * (1.0 - gain) * robust * robust / work[NOISE, j]
+        work[SURE, j] += held * forget * (1.0 / settings[GAIN_ERROR] ** 2 - work[SURE, j])
+        work[SURE, j] += telling * square
+        work[GIVES, j] += telling * rest / work[SURE, j]
         work[ANCHOR_VARIANCE, j] += gain * (gain * work[NOISE, j] - (2.0 - gain) * variance)
 
 
@@ -549,7 +686,8 @@ def _begin(record):
 @register_jitable
 def _judge_contact(
     record, members, slip, dt_s, now_ns, settings, force, force_sigma,
-    displacement, displacement_sigma, geometry, origin, judged, work, frame, normal, x,
+    displacement, displacement_sigma, geometry, origin, judged, work, frame, normal, x, prior,
+    patterns, paces,
 ):  # fmt: skip
     if record["event"] & (BORN | RESUMED):
         _begin(record)
@@ -567,23 +705,41 @@ def _judge_contact(
     x[:] = 0.0
     if stuck:
         _fit(length, stuck, columns, settings, work, normal, x)
-    lowpass = 1.0 - np.exp(-2.0 * np.pi * settings[LOWPASS_HZ] * dt_s)
-    _follow(length, columns, lowpass, settings, x, work)
+    lowpass = _pace(length, columns, paces, x, work)
+    _follow(length, columns, lowpass, paces[2], settings, x, work)
     judging, sticks, pattern = 0, 1.0, 0.0
     if record["slip"] == GROSS:
         judging = count
     elif known >= ENOUGH:
         judging = count
-        pull, square = 0.0, 0.0
+        free = _compare(
+            length, columns, stuck >= ENOUGH_TO_SWELL, stuck >= ENOUGH_TO_YIELD, settings, work,
+            prior,
+        )  # fmt: skip
+        pull, square, way, pace = 0.0, 0.0, 0.0, 0.0
         for j in range(count):
             fx, fy = np.float64(force[0, units[j]]), np.float64(force[1, units[j]])
             pull += fx * work[HERE_X, j] + fy * work[HERE_Y, j]
             square += work[HERE_X, j] ** 2 + work[HERE_Y, j] ** 2
+            x_mm, y_mm = work[MOVED_X, j] - work[KNOWN_X, j], work[MOVED_Y, j] - work[KNOWN_Y, j]
+            way += (work[ROOT, j] * x_mm) ** 2 + (work[ROOT, j] * y_mm) ** 2
+            x_mm, y_mm = work[SLOW_X, j] - work[PAST_X, j], work[SLOW_Y, j] - work[PAST_Y, j]
+            pace += (work[ROOT, j] * x_mm) ** 2 + (work[ROOT, j] * y_mm) ** 2
+        moves = pace > MOVES**2 * count
+        least = settings[SLIP_SIGMAS]
         if pull > 0.0:
+            # A model that all units share is never quite right.
+            wrong = np.sqrt(1.0 + SHARED_GAIN**2 * way)
             sticks, pattern = _add_up(
-                length, square / pull, record["load"], settings, work, normal[0], normal[1]
-            )
-        _decide(count, length, units, slip, dt_s, settings, judged, work)
+                length, free, square / pull, record["load"],
+                wrong * least * (PATTERN_MOVING if moves else 1.0), settings, work, patterns[0],
+                patterns[1],
+            )  # fmt: skip
+            pattern /= wrong
+        _decide(
+            count, length, units, slip, dt_s, least * (UNIT_MOVING if moves else 1.0), settings,
+            judged, work,
+        )  # fmt: skip
     slipping, load_slipping = 0, 0.0
     for j in range(count):
         i = units[j]
@@ -647,6 +803,11 @@ def judge_python(
         if slip[i] != NO_CONTACT and label[i] < 0 and kind[i] != BRIDGE and kind[i] != SILENT:
             slip[i] = NO_CONTACT
     frame, normal, x = np.empty((5, 3)), np.empty((COLUMNS, COLUMNS + 1)), np.empty(COLUMNS)
+    prior, patterns = np.empty((FREE, FREE)), np.empty((2, PATTERNS))
+    hertz = -2.0 * np.pi * dt_s
+    slow = 1.0 - np.exp(hertz * settings[LOWPASS_HZ])
+    fast = 1.0 - np.exp(hertz * max(FAST_HZ, settings[LOWPASS_HZ]))
+    paces = slow, fast, 1.0 - np.exp(-dt_s / PAST_S)
     for k in range(count):
         record = contacts[slots[0, k]]
         if record["flags"] & WEAK:
@@ -654,6 +815,7 @@ def judge_python(
         _judge_contact(
             record, members, slip, dt_s, now_ns, settings, force, force_sigma,
             displacement, displacement_sigma, geometry, origin, judged, work, frame, normal, x,
+            prior, patterns, paces,
         )  # fmt: skip
 
 
