@@ -84,8 +84,9 @@ def test_wrench_is_covariant_under_rigid_motion(seed):
         np.testing.assert_allclose(b["wrench"], moved, atol=1e-9)
         np.testing.assert_allclose(b["wrench_covariance"], covariance, atol=1e-9)
         np.testing.assert_allclose(b["centroid"], turn @ a["centroid"] + shift, atol=1e-11)
-        assert b["torsion"] == pytest.approx(a["torsion"], abs=1e-9)
-        assert b["shear"] == pytest.approx(a["shear"], abs=1e-9)
+        # along a normal that is fitted, and turns by rounding where the units hardly tell it
+        assert b["torsion"] == pytest.approx(a["torsion"], rel=1e-7, abs=1e-8)
+        assert b["shear"] == pytest.approx(a["shear"], rel=1e-7, abs=1e-8)
 
 
 @given(seeds, st.floats(0.5, 20.0))
