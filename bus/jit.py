@@ -9,31 +9,25 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from llvmlite import ir
-from numba import typeof, types
+from numba import types
 from numba.extending import intrinsic, lower_builtin, type_callable
 
 __all__ = ["ahead", "apart", "direct"]
 
 
-def direct(kernel: Callable, *arguments: object) -> Callable:
+def direct(kernel: Callable) -> Callable:
     """A kernel without its dispatcher, which looks at the type of every array at each call.
 
     Parameters
     ----------
     kernel : callable
-        Made by `numba.njit`; anything else is handed back as it is (NUMBA_DISABLE_JIT).
-    *arguments
-        Of the types that it will be called with, for which the caller answers from now on. None
-        are needed by a kernel that has one signature.
+        Made by `numba.njit` with one signature, for which the caller answers from now on; anything
+        else is handed back as it is (NUMBA_DISABLE_JIT).
     """
     if not hasattr(kernel, "overloads"):
         return kernel
-    if not arguments:
-        (compiled,) = kernel.overloads.values()
-        return compiled.entry_point
-    kinds = tuple(typeof(argument) for argument in arguments)
-    kernel.compile(kinds)
-    return kernel.overloads[kinds].entry_point
+    (compiled,) = kernel.overloads.values()
+    return compiled.entry_point
 
 
 def apart() -> None:
