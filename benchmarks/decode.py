@@ -2,8 +2,9 @@
 
 Everything decodes the same counts, in turn, in one process; times are medians of rounds, and the
 fastest round stands beside them: on a machine that others use it is the better measure of the code.
-`copy` moves as many bytes as the decoder reads and writes but for its calibration. Peers have
-float64, a calibration for each unit, and neither flags nor lags.
+`copy` moves as many bytes as the decoder reads and writes but for its calibration, in one thread.
+Decoders have one thread too, but for `shared`, which has what a decoder takes if not told
+otherwise. Peers have float64, a calibration for each unit, and neither flags nor lags.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import topology
 from benchmarks.peers_decode import Paper, array_of, counts_of, exact, numpy_decode
 from benchmarks.skip import cycles_of
 from benchmarks.timing import times
-from skin.decode import kernels
+from skin.decode import kernels, sharing
 from skin.decode.decoder import ESTIMATORS, Decoder
 from skin.sim.halbach import HalbachField
 from skin.sim.material import Elastic
@@ -49,7 +50,9 @@ def run(quick: bool) -> dict:
     return {
         "reference": REFERENCE,
         "sizes": found,
-        "copy_floor_ratio": largest["live"]["copy_floor_ratio"],
+        "threads": sharing.processors(),
+        "copy_floor_ratio": largest["shared"]["copy_floor_ratio"],
+        "copy_floor_ratio_one_thread": largest["live"]["copy_floor_ratio"],
         "numpy_ratio": reference["numpy_ratio"],
         "literal_ratio": reference["literal_ratio"],
         "calibrated": calibrated,
@@ -64,7 +67,8 @@ def table(figures: dict) -> str:
     lines = [f"{'units':>8}  {'decoder':<31}{'ns/unit':>9}{'fastest':>9}{'error N':>10}"
              f"{'error °C':>10}{'of copy':>9}"]  # fmt: skip
     for size, found in figures["sizes"].items():
-        for name, row in (*found["decoders"].items(), ("temperature, force; alike", found["live"])):
+        live = {"temperature, force; alike": found["live"], "the same, shared": found["shared"]}
+        for name, row in (found["decoders"] | live).items():
             share = f"{row['copy_floor_ratio']:.2f}" if "copy_floor_ratio" in row else ""
             lines.append(
                 f"{size:>8}  {name:<31}{row['ns_per_unit']:>9.2f}{row['ns_fastest']:>9.2f}"
@@ -112,7 +116,7 @@ def _size(n: int, quick: bool) -> dict:
               ("float32", "field-angle", "per unit"), ("float32", "sine", "alike"),
               ("float32", "field-angle", "alike")]  # fmt: skip
     for dtype, estimator, kind in wanted:
-        decoder = Decoder(skins[kind], NINE, estimator, dtype=dtype)
+        decoder = Decoder(skins[kind], NINE, estimator, dtype=dtype, workers=1)
         raw = counts[kind]
         name = f"{dtype} {estimator} {kind}"
         got = _rows(decoder(raw))[:, units]
@@ -121,8 +125,9 @@ def _size(n: int, quick: bool) -> dict:
         runs[name] = lambda decoder=decoder, raw=raw: decoder(raw)
         sizes[name] = _bytes(decoder)
         runs[f"copy for {name}"] = _copy(sizes[name])
-    live = Decoder(skins["alike"], LIVE, "sine", consistency=False)
-    runs["live"] = lambda: live(counts["alike"])
+    for name, workers in (("live", 1), ("shared", None)):
+        live = Decoder(skins["alike"], LIVE, "sine", consistency=False, workers=workers)
+        runs[name] = lambda live=live: live(counts["alike"])
     runs["copy for live"] = _copy(_bytes(live))
 
     seconds = times(runs, target_s=0.15 if quick else 0.6)
@@ -138,10 +143,13 @@ def _size(n: int, quick: bool) -> dict:
     )
     return {
         "decoders": found,
-        "live": {
-            **_row(seconds["live"], n, error),
-            "bytes_per_unit": _bytes(live) / n,
-            "copy_floor_ratio": seconds["copy for live"][0] / seconds["live"][0],
+        **{
+            name: {
+                **_row(seconds[name], n, error),
+                "bytes_per_unit": _bytes(live) / n,
+                "copy_floor_ratio": seconds["copy for live"][0] / seconds[name][0],
+            }
+            for name in ("live", "shared")
         },
         "numpy_ratio": seconds["numpy"][0] / seconds[REFERENCE][0],
         "literal_ratio": seconds["paper"][0] / seconds[REFERENCE][0],

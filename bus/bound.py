@@ -8,6 +8,7 @@ argument. It stands on the insides of numba: how a function takes its arguments,
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -24,8 +25,10 @@ DATA = 4
 _callers: dict[object, Callable] = {}
 
 
-class Bound:
+class Bound(functools.partial):
     """A kernel and its arguments, as a function without any.
+
+    It is a partial of the compiled function, so that Python runs no line of its own in a call.
 
     Parameters
     ----------
@@ -41,35 +44,31 @@ class Bound:
         Kept, as a call reads and writes them by address.
     """
 
-    def __init__(self, kernel: Callable, *arguments: object) -> None:
-        self.arguments = list(arguments)
-        self._kernel = kernel
-        self._call = None
+    def __new__(cls, kernel: Callable, *arguments: object) -> Bound:
+        kept = list(arguments)
         if not hasattr(kernel, "overloads"):
-            return
-        self._kinds = tuple(typeof(argument) for argument in arguments)
-        kernel.compile(self._kinds)
-        compiled = kernel.overloads[self._kinds]
+            self = super().__new__(cls, lambda: kernel(*kept))
+            self.arguments, self._words = kept, None
+            return self
+        kinds = tuple(typeof(argument) for argument in arguments)
+        kernel.compile(kinds)
+        compiled = kernel.overloads[kinds]
         words = [compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)]
-        self._places = []
-        for kind, argument in zip(self._kinds, arguments, strict=True):
-            self._places.append(len(words))
+        places = []
+        for kind, argument in zip(kinds, arguments, strict=True):
+            places.append(len(words))
             words += _words(kind, argument)
-        self._words = np.array(words, np.int64)
-        self._call = _caller(compiled.signature)
+        kept_words = np.array(words, np.int64)
+        self = super().__new__(cls, _caller(compiled.signature), kept_words.ctypes.data)
+        self.arguments, self._words, self._places = kept, kept_words, places
+        return self
 
     def put(self, position: int, argument: np.ndarray) -> None:
         """Exchange an array for another of the same type, shape and strides, for which the caller
         answers."""
         self.arguments[position] = argument
-        if self._call is not None:
+        if self._words is not None:
             self._words[self._places[position] + DATA] = argument.__array_interface__["data"][0]
-
-    def __call__(self) -> object:
-        """Call the kernel."""
-        if self._call is None:
-            return self._kernel(*self.arguments)
-        return self._call(self._words)
 
     def __reduce__(self) -> str:
         raise TypeError("a bound kernel knows the addresses of its arrays: it cannot be copied")
@@ -113,16 +112,17 @@ def _value(context, builder, kind: types.Type, words: Iterator[ir.Value]) -> ir.
 
 
 def _caller(signature) -> Callable:
-    """The compiled function that calls any function of a signature: its address, then arguments."""
+    """The compiled function that calls any function of a signature, given where that function's
+    address and, after it, its arguments stand."""
     key = signature.return_type, signature.args
     if key in _callers:
         return _callers[key]
     result, kinds = key
 
     @intrinsic
-    def call_address(typing, words):
+    def call_address(typing, place):
         def code(context, builder, given, arguments):
-            base = context.make_array(given.args[0])(context, builder, arguments[0]).data
+            base = builder.inttoptr(arguments[0], WORD.as_pointer())
             words = (
                 builder.load(builder.gep(base, [WORD(i)])) for i in range(2**31)
             )  # fmt: skip
@@ -135,11 +135,11 @@ def _caller(signature) -> Callable:
                 convention.return_status_propagate(builder, status)
             return out
 
-        return result(words), code
+        return result(place), code
 
-    @njit([(types.Array(types.int64, 1, "C"),)], nogil=True)
-    def call(words):
-        return call_address(words)
+    @njit([(types.int64,)], nogil=True)
+    def call(place):
+        return call_address(place)
 
     (compiled,) = call.overloads.values()
     _callers[key] = compiled.entry_point

@@ -305,6 +305,7 @@ def test_status_of_another_shape_is_refused(status):
             "estimator: must be one of 'sine', 'field-angle'; got 'sinus' .nearest: 'sine'.",
         ),
         ({"temperature_every": 0}, "temperature_every: must be 1 or more; got 0"),
+        ({"workers": 0}, "workers: must be 1 or more; got 0"),
         ({"dtype": "float16"}, "dtype: must be one of 'float32', 'float64'; got 'float16'"),
         ({"dtype": "single!"}, "dtype: must be one of 'float32', 'float64'; got 'single!'"),
     ],

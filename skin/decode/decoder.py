@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Collection
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bus.aligned import zeros
+from skin.decode import sharing
 from skin.decode.plan import ESTIMATORS, LATERAL, Plan
-from skin.errors import CountsError
+from skin.errors import CountsError, OptionError
 from skin.state import Reading
 from topology import CHANNELS, Topology
 
@@ -75,6 +77,10 @@ class Decoder:
     rest_ut : ndarray, shape (3, n), optional
         Field that the neighbours add to each unit at rest, µT, axes of the chips; that of the
         stencil if not given. Units that were tared in their places have it in their offsets: zeros.
+    workers : int, optional
+        Threads among which the units of an array are shared where that is worth it, see
+        `skin.decode.sharing.ENOUGH`: as many as there are processors if not given. They change no
+        result.
 
     Attributes
     ----------
@@ -113,6 +119,7 @@ class Decoder:
         ambient: bool = False,
         stencil: Stencil | None = None,
         rest_ut: np.ndarray | None = None,
+        workers: int | None = None,
     ) -> None:
         self.topology = topology
         self.plan = plan = Plan.of(
@@ -120,6 +127,8 @@ class Decoder:
             temperature_every=temperature_every, skip=skip, sweeps=sweeps, ambient=ambient,
         )  # fmt: skip
         self.dtype = np.dtype(plan.dtype)
+        if workers is not None and workers < 1:
+            raise OptionError(f"workers: must be 1 or more; got {workers}")
 
         from skin.decode import kernels as k
         from skin.decode.coefficients import Coefficients
@@ -159,13 +168,11 @@ class Decoder:
             np.array([row for name in self._names for row in _rows_of(name, k)], np.int64),
             self._state.reshape(-1),
             zeros(blocks * k.SEEN_ROWS * k.LANES, np.int16),
-            zeros(k.LANES, np.int16),
-            zeros(k.LANES, np.int16),
-            zeros(k.TILE_ROWS * k.LANES, self.dtype),
             plan.temperature_every,
         )
-        self._moment = zeros(3, np.int64)
-        self._passes: dict[bool, Bound] = {}
+        self._rooms = self._furnish(blocks, workers or sharing.processors())
+        self._live = self._share(1)
+        self._passes: dict[bool, Bound | sharing.Shared] = {}
         self._shape = (len(CHANNELS), n)
         self._none_known = zeros(n, np.uint16)
         self._inputs = zeros((1, *self._shape), np.int16), self._none_known[np.newaxis]
@@ -200,8 +207,9 @@ class Decoder:
         """Forget all temperatures, displacements and drifts: the next cycle is the first."""
         self._state[:] = np.nan
         self._state[:, 1:3] = 0.0
-        self._cycle = 0
+        self._moments[:, self._kernels.PHASE] = 0
         self._kept: bool | None = None
+        self._advancing: bool | None = None
         self._background[:] = 0.0
         for array in self._out:
             array[:] = 0
@@ -300,40 +308,70 @@ class Decoder:
         self._predict[told] = predict
         return predict
 
-    def _bind_pass(self, bare: bool) -> Bound:
+    def _furnish(self, blocks: int, workers: int) -> list[tuple[np.ndarray, ...]]:
+        """Rooms to work in: one for all blocks; and, if they can be shared, one for each share."""
+        k = self._kernels
+        shares = min(workers, blocks)
+        bounds = np.arange(shares + 1) * blocks // shares
+        self._moments = zeros((1 + shares if shares > 1 else 1, k.MOMENT), np.int64)
+        self._moments[0, [k.FIRST, k.LAST]] = 0, blocks
+        self._moments[1:, k.FIRST], self._moments[1:, k.LAST] = bounds[:-1], bounds[1:]
+        return [
+            (
+                zeros(k.LANES, np.int16),
+                zeros(k.LANES, np.int16),
+                zeros(k.TILE_ROWS * k.LANES, self.dtype),
+                moment,
+            )
+            for moment in self._moments
+        ]
+
+    def _share(self, cycles: int) -> slice:
+        """Rooms in which so many cycles are decoded: the first alone, or all others together."""
+        shared = len(self._rooms) > 1 and cycles * self.topology.n >= sharing.ENOUGH
+        return slice(1, None) if shared else slice(1)
+
+    def _bind_pass(self, bare: bool) -> Bound | sharing.Shared:
         """The kernel on the arrays of one cycle, `bare` without a background."""
         from bus.bound import Bound
 
         background = None if bare else self._background
-        call = self._passes[bare] = Bound(
-            self._kernel, *self._inputs, background, *self._calibration, self._moment, *self._out
-        )
+        calls = [
+            Bound(self._kernel, *self._inputs, background, *self._calibration, *room, *self._out)
+            for room in self._rooms[self._live]
+        ]
+        call = self._passes[bare] = calls[0] if len(calls) == 1 else sharing.Shared(calls)
         return call
 
     def _decode_cycle(self, bare: bool, advance: bool) -> None:
         """Decode the cycle that was accepted, `bare` without a background."""
         call = self._passes.get(bare) or self._bind_pass(bare)
-        self._set(advance, self._kept is bare)
+        if bare is not self._kept or advance is not self._advancing:
+            self._tell(advance, bare)
         call()
-        self._kept = bare
-        self._cycle += advance
 
     def _decode_batch(self, counts, known, background, advance, out, status, valid) -> None:
         """Decode consecutive cycles of arrays of the caller's."""
-        self._set(advance, False)
-        self._kernel(
-            counts, known, background, *self._calibration, self._moment, out, status, valid
-        )
+        share, phase = self._share(counts.shape[0]), self._moments[:, self._kernels.PHASE]
+        self._tell(advance, None)
+        phase[share] = phase[self._live.start or 0]
+        sharing.together([
+            functools.partial(
+                self._kernel, counts, known, background, *self._calibration, *room, out, status,
+                valid,
+            )
+            for room in self._rooms[share]
+        ])  # fmt: skip
+        phase[self._live] = phase[share.start or 0]
         self._kept = None
-        if advance:
-            self._cycle += counts.shape[0]
 
-    def _set(self, advance: bool, reuse: bool) -> None:
-        """Tell the kernel what differs from call to call."""
-        k, moment = self._kernels, self._moment
-        moment[k.PHASE] = self._cycle if advance else self._cycle - 1
-        moment[k.ADVANCE] = advance
-        moment[k.REUSE] = reuse
+    def _tell(self, advance: bool, bare: bool | None) -> None:
+        """Tell the kernel what is not as with the last call."""
+        k = self._kernels
+        self._moments[:, k.ADVANCE] = advance
+        if bare is not self._kept or bare is None:
+            self._moments[:, k.REUSE] = False
+        self._advancing, self._kept = advance, bare
 
     def _accept(self, raw, status, background) -> None:
         """Check the arrays of one cycle and keep them as the kernel takes them."""

@@ -119,7 +119,8 @@ float32 temperature would stop as soon as its step is below half a unit in the l
 `TEMPERATURE_SIGMA` of the tile."""
 
 # -- what differs from call to call ----------------------------------------------------------------
-PHASE, ADVANCE, REUSE = range(3)
+MOMENT = 5
+PHASE, ADVANCE, REUSE, FIRST, LAST = range(MOMENT)
 
 # -- tiles: one block on its way through -----------------------------------------------------------
 SEEN_FLAGS, RESTED = CHANNELS, CHANNELS + 1
@@ -151,7 +152,8 @@ FIELD_MIN = 1e-6
 DEPTH_MIN, DEPTH_MAX = -0.5, 4.0
 """mm: bounds of H in R(psi, H), whose cubics in H mean nothing far beyond their fit."""
 EXTRAPOLATION = 0.2
-"""One-sigma of what lies beyond the calibrated range, as a share of it [assumed]."""
+"""What lies beyond the calibrated range adds this share of it to its one-sigma [assumed]: straight,
+for a law that goes on otherwise than it is taken to is wrong the same way in every reading."""
 
 NOT_NEGATIVE = 2**62 - 1
 """Mask that changes nothing, but shows the compiler that an index does not count from the end: it
@@ -477,7 +479,7 @@ def _temperature_sigma(t, current, c, at):
     step = c[at + GEL_STEP * LANES] / current
     over = max(t - c[at + GEL_HIGH * LANES], c[at + GEL_LOW * LANES] - t)
     beyond = real(EXTRAPOLATION) * max(over, real(0.0))
-    return np.sqrt(c[at + GEL_VARIANCE * LANES] + step * step + beyond * beyond)
+    return np.sqrt(c[at + GEL_VARIANCE * LANES] + step * step) + beyond
 
 
 @register_jitable(forceinline=True, **_OPTIONS)
@@ -530,10 +532,8 @@ def _normal(depth, c, at):
 @register_jitable(forceinline=True, **_OPTIONS)
 def _depth_sigma(depth, c, at):
     real = c.dtype.type
-    sigma = c[at + DEPTH_SIGMA * LANES]
     over = max(depth - c[at + DEPTH_HIGH * LANES], c[at + DEPTH_LOW * LANES] - depth)
-    beyond = real(EXTRAPOLATION) * max(over, real(0.0))
-    return np.sqrt(sigma * sigma + beyond * beyond)
+    return c[at + DEPTH_SIGMA * LANES] + real(EXTRAPOLATION) * max(over, real(0.0))
 
 
 @register_jitable(forceinline=True, **_OPTIONS)
@@ -654,7 +654,10 @@ def _by_angle(solid, z, field2, depth, depth_sigma, c, at, with_sigma, single):
     real = c.dtype.type
     upright = abs(z)
     big = max(solid, upright)
-    quotient = real(1.0) / (solid * big)  # one division for both quotients
+    # one division for all quotients
+    total = solid * solid + z * z + field2 if with_sigma else real(1.0)
+    each = real(1.0) / (solid * big * total)
+    quotient = each * total
     psi = _atan(min(solid, upright) * (solid * quotient), single)
     psi = real(1.5707963267948966) - psi if solid > upright else psi
     psi = real(3.141592653589793) - psi if z < real(0.0) else psi
@@ -675,7 +678,7 @@ def _by_angle(solid, z, field2, depth, depth_sigma, c, at, with_sigma, single):
         d1 = (d3 * p2 + _angle_slope(1, h, c, at)) * p2 + _angle_slope(0, h, c, at)
         deeper = p * d1 * depth_sigma
         further = slope * (psi - p)
-        turned2 = field2 / (solid * solid + z * z + field2)
+        turned2 = field2 * (solid * big * each)
         sigma = np.sqrt(
             slope * slope * turned2
             + deeper * deeper
@@ -780,8 +783,8 @@ def decode_python(parts: Parts) -> Callable:
     looked = lateral or with_field
 
     def decode(
-        counts, incoming, background, coefficients, limits, rows, state, seen, flag, loaded,
-        tile, every, moment, out, status, valid,
+        counts, incoming, background, coefficients, limits, rows, state, seen, every,
+        flag, loaded, tile, moment, out, status, valid,
     ):  # fmt: skip
         """Decode t cycles of n units, one cycle after the other.
 
@@ -804,16 +807,17 @@ def decode_python(parts: Parts) -> Callable:
             What one cycle leaves to the next, always a block for every `LANES` units.
         seen : ndarray, shape (b * SEEN_ROWS * LANES,), int16
             Counts (where there is no background) and flags of the cycle before, for `skipping`.
-        flag, loaded : ndarray, shape (LANES,), int16
-        tile : ndarray, shape (TILE_ROWS * LANES,)
-            Room to work in.
         every : int
             Temperatures are new where the number of the cycle is a multiple of this. Only with
             `held`.
-        moment : ndarray, shape (3,), int64
-            `PHASE`, number of the first cycle. `ADVANCE`, 0 where the same cycle is decoded again:
-            its temperatures stay as they are. `REUSE`, whether `out`, `status` and `valid` hold the
-            cycle before, decoded by this kernel; only with `skipping`.
+        flag, loaded : ndarray, shape (LANES,), int16
+        tile : ndarray, shape (TILE_ROWS * LANES,)
+            Room to work in.
+        moment : ndarray, shape (MOMENT,), int64
+            `PHASE`, number of the next cycle, which is kept. `ADVANCE`, 0 where the cycle before is
+            decoded again: its temperatures stay as they are. `REUSE`, whether `out`, `status` and
+            `valid` hold the cycle before, decoded by this kernel; set for the next call, and used
+            with `skipping` only. `FIRST` and `LAST`, the blocks that are decoded.
         out : ndarray, shape (t, r, n)
         status : ndarray, shape (t, n), uint16
         valid : ndarray, shape (t, n), bool
@@ -829,11 +833,12 @@ def decode_python(parts: Parts) -> Callable:
         block_step = 0 if coefficients.size < blocks * ROWS * LANES else ROWS * LANES
         limit_step = 0 if limits.size < blocks * LIMIT_ROWS * LANES else LIMIT_ROWS * LANES
         state_step = (HELD if not with_held else STATE_ROWS) * LANES
-        phase, advance, reuse = moment[PHASE], moment[ADVANCE] != 0, moment[REUSE] != 0
+        advance, reuse = moment[ADVANCE] != 0, moment[REUSE] != 0
+        phase = moment[PHASE] - (0 if advance else 1)
         far = units >= FAR
         for cycle in range(counts.shape[0]):
             due = advance and (phase + cycle) % every == 0
-            for block in range(blocks):
+            for block in range(moment[FIRST], moment[LAST]):
                 first = (block * LANES) & NOT_NEGATIVE
                 count = min(LANES, units - first) & (2 * LANES - 1)
                 k = (block * block_step) & NOT_NEGATIVE
@@ -1149,26 +1154,23 @@ def decode_python(parts: Parts) -> Callable:
                                 tile[DY * LANES + j] = reach * y
                             if with_sigma:
                                 beyond = real(EXTRAPOLATION) * max(outer - limit, zero)
-                                along2 = along * along + beyond * beyond
+                                along += beyond
+                                along2 = along * along
                                 # across the direction, R sigma / S, which has a limit at R = 0
+                                aside = each * outer
+                                across2 = min(field2 * (aside * aside), limit * limit)
+                                across2 += coefficients[c + ANGLE_VARIANCE * LANES]
                                 rate = one / max(reach, real(1e-12))
-                                turned = np.sqrt(field2) * each
-                                if with_centring:
-                                    turned *= outer * rate
-                                turned = min(turned, limit * rate)
-                                law2 = coefficients[c + ANGLE_VARIANCE * LANES]
-                                turned2 = turned * turned + law2 * (rate * rate)
+                                turned2 = across2 * (rate * rate)
                                 if with_theta:
                                     most = real(1.8137993642342178)  # pi / sqrt(3)
                                     tile[THETA_SIGMA * LANES + j] = min(np.sqrt(turned2), most)
                                 if with_displacement:
-                                    across2 = reach * reach * turned2
                                     tile[DX_SIGMA * LANES + j] = _component(x, along2, across2)
                                     tile[DY_SIGMA * LANES + j] = _component(y, along2, across2)
                                 if with_force or with_tangential:
                                     along2 = _shear_variance(
-                                        reach, np.sqrt(along2), law, stiffening, depth_sigma,
-                                        coefficients, c,
+                                        reach, along, law, stiffening, depth_sigma, coefficients, c,
                                     )  # fmt: skip
                                     across2 = ft * ft * turned2
                                     if with_tangential:
@@ -1193,6 +1195,8 @@ def decode_python(parts: Parts) -> Callable:
                 for j in range(count):
                     status[cycle, first + j] = flag[j] & ALL_FLAGS
                     valid[cycle, first + j] = flag[j] & INVALID == 0
+        moment[PHASE] = phase + (counts.shape[0] if advance else 1)
+        moment[REUSE] = 1
 
     return decode
 
