@@ -654,10 +654,7 @@ def _by_angle(solid, z, field2, depth, depth_sigma, c, at, with_sigma, single):
     real = c.dtype.type
     upright = abs(z)
     big = max(solid, upright)
-    # one division for all quotients
-    total = solid * solid + z * z + field2 if with_sigma else real(1.0)
-    each = real(1.0) / (solid * big * total)
-    quotient = each * total
+    quotient = real(1.0) / (solid * big)  # one division for both quotients
     psi = _atan(min(solid, upright) * (solid * quotient), single)
     psi = real(1.5707963267948966) - psi if solid > upright else psi
     psi = real(3.141592653589793) - psi if z < real(0.0) else psi
@@ -678,7 +675,7 @@ def _by_angle(solid, z, field2, depth, depth_sigma, c, at, with_sigma, single):
         d1 = (d3 * p2 + _angle_slope(1, h, c, at)) * p2 + _angle_slope(0, h, c, at)
         deeper = p * d1 * depth_sigma
         further = slope * (psi - p)
-        turned2 = field2 * (solid * big * each)
+        turned2 = field2 / (solid * solid + z * z + field2)
         sigma = np.sqrt(
             slope * slope * turned2
             + deeper * deeper
