@@ -61,6 +61,7 @@ class Bound(functools.partial):
         kept_words = np.array(words, np.int64)
         self = super().__new__(cls, _caller(compiled.signature), kept_words.ctypes.data)
         self.arguments, self._words, self._places = kept, kept_words, places
+        self._kernel = kernel  # or its code would go with it
         return self
 
     def put(self, position: int, argument: np.ndarray) -> None:

@@ -1,6 +1,7 @@
 """Kernels that are called with arguments that stay the same, and the arrays made for them."""
 
 import copy
+import gc
 import pickle
 from typing import NamedTuple
 
@@ -138,3 +139,12 @@ def test_aligned_zeros_begin_a_line(shape, dtype):
     assert array.flags.c_contiguous
     assert array.flags.writeable
     assert np.array_equal(array, plain)
+
+
+def test_a_kernel_that_is_no_longer_held_elsewhere_is_kept():
+    def made(factor):
+        return Bound(njit(lambda values: values[0] * factor), np.full(1, 2.0))
+
+    calls = [made(factor) for factor in range(20)]
+    gc.collect()
+    assert [call() for call in calls] == [2.0 * factor for factor in range(20)]
