@@ -71,7 +71,7 @@ class NaiveSlip:
         design = self._design(load)
         weight = load * np.minimum(1.0, kernels.HUBER / np.maximum(self.score, 1e-9))
         weight *= 1.0 - (1.0 - kernels.CLIPPED_WEIGHT) * self.clipped
-        weight /= noise + self.anchor_variance + self.settings.floor_mm**2
+        weight /= noise + kernels.ALL_ALIKE * self.anchor_variance + self.settings.floor_mm**2
         root = np.sqrt(held * weight / load[held].max())
         self.swells = swells = held.sum() >= kernels.ENOUGH_TO_SWELL
         self.design = design = design[..., : 4 if swells else 3]
@@ -151,7 +151,7 @@ class NaiveSlip:
         most = worth.max()
         wrong = 1.0 + kernels.SHARED_GAIN**2 * ((self.root * self.way) ** 2).sum()
         sigmas = np.sqrt(max(most - little, 0.0) / wrong)
-        least = self.settings.slip_sigmas * (kernels.PATTERN_MOVING if self.moves else 1.0)
+        least = self.settings.slip_sigmas * (kernels.MOVING if self.moves else 1.0)
         if sigmas <= least:
             return 1.0, sigmas
         best = max(
@@ -170,7 +170,7 @@ class NaiveSlip:
             late[j] = alone @ self.rest / np.sqrt(max(alone @ alone, kernels.LEAST_OWN))
         behind = -self.root * (self.lag * self.along).sum(axis=0)
         late = np.maximum(late, kernels.FAR_BEHIND * behind)
-        late = late > self.settings.slip_sigmas * (kernels.UNIT_MOVING if self.moves else 1.0)
+        late = late > self.settings.slip_sigmas
         self.state[(self.state != UnitSlip.SLIPPING) & late] = UnitSlip.SLIPPING
         held, way = self.state != UnitSlip.SLIPPING, self.way
         gain = self.anchor_variance / (self.anchor_variance + noise)

@@ -108,6 +108,57 @@ def test_a_rigid_motion_of_all_units_is_no_slip_however_far_it_goes(seed, x_mm, 
     assert record["rotation"][2] == pytest.approx(angle, abs=0.004)
 
 
+def curved(rows, columns):
+    position, rotation = naive.cylinder(rows, columns)
+    return position - position.mean(axis=1, keepdims=True), rotation
+
+
+def carried(position, rotation, way_mm, turn):
+    """Where a rigid body takes units that stick to it, all ways in the skin's frame; (3, n) mm."""
+    moved = np.array(way_mm)[:, np.newaxis] + 1e3 * np.cross(turn, position.T).T
+    return np.einsum("abn,an->bn", rotation, moved)
+
+
+@given(seeds)
+@profile(max_examples=20)
+def test_a_body_that_comes_nearer_and_tilts_on_a_curved_skin_is_no_slip(seed):
+    rng = np.random.default_rng(seed)
+    position, rotation = curved(rng.integers(2, 5), 3)
+    way_mm, turn = rng.uniform(-1.0, 1.0, 3), rng.uniform(-0.03, 0.03, 3)
+    watch = Watch(position, rotation)
+    for t in range(250):
+        share = np.clip((t - 30) / 60, 0.0, 1.0)
+        moved = carried(position, rotation, share * way_mm, share * turn)
+        moved[2] += 2.0
+        force = np.array([[STIFFNESS], [STIFFNESS], [2.0]]) * moved
+        moved[:2] += 0.03 * rng.standard_normal(moved[:2].shape)
+        assert watch.step(force, moved, 0.03)["slip"] <= SlipState.STICK, t
+
+
+def test_a_unit_of_six_that_slips_on_a_curved_skin_is_not_taken_for_a_tilt():
+    position, rotation = curved(2, 3)
+    slips, took = 60, []
+    for corner in (0, 2, 3, 5):
+        for seed in range(5):
+            rng = np.random.default_rng(seed)
+            watch = Watch(position, rotation)
+            for t in range(100):
+                way, least = 0.012 * max(0, t - 30), 0.012 * (slips - 30)
+                moved = carried(position, rotation, (way, 0.0, 0.0), (0.0, 0.0, 0.0))
+                if way > least:
+                    moved[:2, corner] *= least / way
+                moved[2] = 1.0  # it goes round, as the skin does
+                force = np.array([[STIFFNESS], [STIFFNESS], [3.0]]) * moved
+                force[2, corner] *= 0.6
+                moved[:2] += 0.02 * rng.standard_normal(moved[:2].shape)
+                if watch.step(force, moved, 0.02)["slip"] >= SlipState.INCIPIENT:
+                    break
+            took.append(t - slips)
+    assert min(took) > 0
+    # were all tilts as likely, 15 cycles
+    assert np.mean(took) < 13.5
+
+
 def sliding(watch, position, load, *, friction=0.4, cycles=200, seed=3, order=None, push=1.0):
     """Drag a body at 4 mm/s until all slips; the records and unit states of each cycle."""
     rng = np.random.default_rng(seed)
@@ -193,6 +244,23 @@ def test_contacts_that_merge_and_part_again_and_again_are_no_slip(seed):
         load[[2, 7]] *= rng.random() > 0.3  # what joins the two halves
         record = watch.step(*readings(load, np.zeros((2, 10)), rng, 0.06), 0.06)
         assert record["slip"] <= SlipState.STICK, t
+
+
+def test_a_group_that_comes_and_goes_does_not_drag_the_body_along():
+    position, rotation = centred(1, 5)
+    false = 0
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        watch = Watch(position, rotation)
+        for _ in range(500):
+            load = np.array([1.4, 1.2, 0.8, 1.0, 1.0])
+            load[2] *= rng.random() > 0.03  # what joins two and two
+            record = watch.step(*readings(load, np.zeros((2, 5)), rng, 0.05), 0.05)
+            if record["slip"] > SlipState.STICK:
+                false += 1
+                break
+    # half of them, if all that have come together counted in full
+    assert false <= 5
 
 
 def test_three_units_judge_each_other():

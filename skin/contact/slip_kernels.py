@@ -30,7 +30,7 @@ BRIDGE, SILENT = 2, 3
 KIND, LABEL, MEMBERS, SLIP = 0, 1, 2, 7
 POSITION, ROTATION = 0, 3
 
-JUDGED = 25
+JUDGED = 26
 """Columns of `judged`: what is kept of a unit while it is in contact; millimetres."""
 (
     BODY,  # identity of the contact it is anchored to
@@ -41,6 +41,7 @@ JUDGED = 25
     PAST_X, PAST_Y,  # the same, low-passed over PAST_S
     KNOWN_X, KNOWN_Y,  # its part that the anchor has had time to follow
     GIVES, SURE,  # share of the way since then by which it goes further; its inverse variance
+    WAS_DEEP,  # how deep it was pressed then
     SCORE,  # lag in its sigmas
     CLIPPED,  # 1 where friction can not have held the unit, as far as the whole contact tells
     MARK_X, MARK_Y,  # of a slipping unit: mean lag of the last stretch of time,
@@ -70,23 +71,26 @@ HERE_X, HERE_Y = CARRIED + 3, CARRIED + 4  # displacement
 NOISE = CARRIED + 5  # its variance
 NORMAL = CARRIED + 6  # load
 WEIGHT = CARRIED + 7  # in the fit; later, of a lag
+DEEPER = CARRIED + 8  # than it was
 # How far the body's motion asks the unit to be, and in which direction; its lag against that; its
 # squared distance from the middle in sizes of the contact.
-ASKED, ALONG_X, ALONG_Y, LATE, AWAY = range(CARRIED + 8, CARRIED + 13)
-ROOT = CARRIED + 13  # of the weight
-LEFT = CARRIED + 14  # of the lag in sigmas, when all that is no slip has been taken out of it
-OWN = CARRIED + 15  # share of the unit's own lag that is left then
-LACKS = CARRIED + 16  # lag that a pattern of slip foresees
-DESIGN = CARRIED + 17  # what each motion does to x, then to y; later, orthonormal
+ASKED, ALONG_X, ALONG_Y, LATE, AWAY = range(CARRIED + 9, CARRIED + 14)
+ROOT = CARRIED + 14  # of the weight
+LEFT = CARRIED + 15  # of the lag in sigmas, when all that is no slip has been taken out of it
+OWN = CARRIED + 16  # share of the unit's own lag that is left then
+LACKS = CARRIED + 17  # lag that a pattern of slip foresees
+DESIGN = CARRIED + 18  # what each motion does to x, then to y; later, orthonormal
 TAKES = DESIGN + 2 * FREE  # those along the direction
 WORK_ROWS = TAKES + FREE
 
 FLAT = 1e-3
 """One minus the length of the mean of the units' normals, below which a contact is flat."""
-SWELLING_MM = 0.05
-OUT_OF_PLANE_MM = 2.0
-"""One-sigmas of the motions that slip must not be mistaken for."""
-SHARED_GAIN, GROUND = 0.005, 0.05
+SWELLING_MM, OUT_OF_PLANE_MM = 0.05, 0.02
+"""One-sigmas of motions that slip must not be mistaken for. A body that comes nearer, or tilts,
+presses units deeper or less deep: the second goes with that, and is what may be unseen of it."""
+FAR_MM = 2.0
+"""One-sigma of where the anchors place the body along the normal and in its tilt."""
+SHARED_GAIN, GROUND = 0.007, 0.05
 """One-sigma of a gain error that all units share, and of how much further soft ground lets a unit
 at the rim go before it has shown that it does."""
 ENOUGH, ENOUGH_TO_TURN, ENOUGH_TO_SWELL, ENOUGH_TO_YIELD = 3, 2, 8, 20
@@ -96,6 +100,9 @@ HUBER = 2.0
 CLIPPED_WEIGHT = 0.1
 UNSETTLED = 3.0
 """Variance of a new anchor, over that of one reading: where the body is, is not known better."""
+ALL_ALIKE = 30.0
+"""How much the variance of an anchor counts in the fit: units that have come together are wrong
+about the body all alike, and must not drag it along."""
 LEAK_S = 1.0
 """Time constant with which the anchor of a unit that sticks follows: slower creep is no slip."""
 LEARN_S, DOUBT = 10.0, 0.1
@@ -106,9 +113,9 @@ FAST_HZ, STRETCH_MM = 15.0, 0.1
 STICK_SIGMAS, RESTICK_S = 2.0, 0.25
 """A unit that slips sticks again when its lag is below so many sigmas, or has not grown for so
 long."""
-MOVES, UNIT_MOVING, PATTERN_MOVING = 3.0, 0.9, 0.8
+MOVES, MOVING = 3.0, 0.7
 """Sigmas that units come on their way in `PAST_S` while the body moves; the share of `slip_sigmas`
-at which a unit, a pattern slips then: a slip begins while something moves."""
+at which a pattern slips then: a slip begins while something moves."""
 PAST_S = 0.2
 PATTERNS = 14
 FRICTIONS = 0.1 * 1.2 ** np.arange(PATTERNS)
@@ -219,6 +226,10 @@ def _take(
             np.float64(displacement_sigma[0, i]) ** 2 + np.float64(displacement_sigma[1, i]) ** 2
         )
         work[NORMAL, j] = force[2, i]
+        depth = np.float64(displacement[2, i])
+        if new:
+            work[WAS_DEEP, j] = depth
+        work[DEEPER, j] = depth - work[WAS_DEEP, j]
         _design(geometry[i], frame, size, columns, work, j)
     length = (count + LANES - 1) // LANES * LANES
     for k in range(WORK_ROWS):
@@ -240,15 +251,16 @@ def _dot3(a, b, c, length):
 
 
 @register_jitable
-def _fit(length, stuck, columns, settings, work, normal, x):
-    """Weighted fit of the body's motion to the units that stick."""
+def _fit(length, stuck, columns, settings, work, normal, before, x, known):
+    """Weighted fit of the body's motion to the units that stick; returns how far it may have gone
+    out of the contact's plane since the anchors have had time to follow."""
     floor = settings[FLOOR_MM] ** 2
     weight = work[WEIGHT]
     for j in range(length):
         # Huber: a unit that lags pulls no harder the further it lags.
         robust = min(1.0, HUBER / max(work[SCORE, j], 1e-9))
         robust *= 1.0 - (1.0 - CLIPPED_WEIGHT) * work[CLIPPED, j]
-        spread = work[NOISE, j] + work[ANCHOR_VARIANCE, j] + floor
+        spread = work[NOISE, j] + ALL_ALIKE * work[ANCHOR_VARIANCE, j] + floor
         weight[j] = work[HELD_NOW, j] * robust * work[NORMAL, j] / spread
     # The loads only rank the units; the priors below want weights like those of lone units.
     peak = 0.0
@@ -273,9 +285,28 @@ def _fit(length, stuck, columns, settings, work, normal, x):
         normal[3, 3] += 1.0 / SWELLING_MM**2
         if stuck < ENOUGH_TO_SWELL:
             normal[3, 3] *= 1e9
-        for a in range(4, columns):
-            normal[a, a] += 1.0 / OUT_OF_PLANE_MM**2
+    if columns <= 4:
+        _solve(normal, columns, x)
+        return FAR_MM
+    # Out of the plane, few units cannot tell a motion from slip; how deep they are pressed can.
+    deeper, total = 0.0, 0.0
+    for j in range(length):
+        deeper += weight[j] * work[DEEPER, j] ** 2
+        total += weight[j]
+    variance = OUT_OF_PLANE_MM**2 + deeper / total
+    for a in range(columns):
+        before[a] = normal[a]
+        before[a, COLUMNS] = _dot3(weight, work[DESIGN + a], work[KNOWN_X], length)
+        before[a, COLUMNS] += _dot3(weight, work[DESIGN + FREE + a], work[KNOWN_Y], length)
+        before[a, COLUMNS] /= peak
+        if a >= 4:
+            before[a, a] += 1.0 / FAR_MM**2
+    _solve(before, columns, known)
+    for a in range(4, columns):
+        normal[a, a] += 1.0 / variance
+        normal[a, COLUMNS] += known[a] / variance
     _solve(normal, columns, x)
+    return np.sqrt(variance)
 
 
 @register_jitable
@@ -382,7 +413,7 @@ def _follow(length, columns, lowpass, lower, settings, x, work):
 
 
 @register_jitable
-def _compare(length, columns, swells, yields, settings, work, prior):
+def _compare(length, columns, swells, yields, out_of_plane, settings, work, prior):
     """Take out of the lags all that is no slip; returns how much that is.
 
     Gram and Schmidt make the motions of the body, a shared gain and soft ground orthonormal, in
@@ -408,7 +439,7 @@ def _compare(length, columns, swells, yields, settings, work, prior):
                     far *= work[AWAY, j] / (settings[GAIN_ERROR] ** 2 * work[SURE, j])
                 xa[j], ya[j] = far * along_x[j], far * along_y[j]
         elif a > 3:
-            prior[a, a] = 1.0 / OUT_OF_PLANE_MM
+            prior[a, a] = 1.0 / out_of_plane
         elif a == 3:
             prior[a, a] = 1.0 / SWELLING_MM if swells else 1e9 / SWELLING_MM
         before = prior[a, a] ** 2
@@ -559,6 +590,7 @@ def _decide(count, length, units, slip, dt_s, least, settings, judged, work):
             work[KNOWN_X + c, j] += gain * way
             square += way * way
             rest += way * (lag - work[GIVES, j] * way)
+        work[WAS_DEEP, j] += gain * work[DEEPER, j]
         robust = min(1.0, HUBER / max(work[SCORE, j], 1e-9))
         telling = held * (1.0 - gain) * robust * robust / work[NOISE, j]
         work[SURE, j] += held * forget * (1.0 / settings[GAIN_ERROR] ** 2 - work[SURE, j])
@@ -686,8 +718,8 @@ def _begin(record):
 @register_jitable
 def _judge_contact(
     record, members, slip, dt_s, now_ns, settings, force, force_sigma,
-    displacement, displacement_sigma, geometry, origin, judged, work, frame, normal, x, prior,
-    patterns, paces,
+    displacement, displacement_sigma, geometry, origin, judged, work, frame, normal,
+    before, x, known_x, prior, patterns, paces,
 ):  # fmt: skip
     if record["event"] & (BORN | RESUMED):
         _begin(record)
@@ -703,8 +735,9 @@ def _judge_contact(
     if stuck < ENOUGH_TO_TURN:
         columns = 2
     x[:] = 0.0
+    out_of_plane = FAR_MM
     if stuck:
-        _fit(length, stuck, columns, settings, work, normal, x)
+        out_of_plane = _fit(length, stuck, columns, settings, work, normal, before, x, known_x)
     lowpass = _pace(length, columns, paces, x, work)
     _follow(length, columns, lowpass, paces[2], settings, x, work)
     judging, sticks, pattern = 0, 1.0, 0.0
@@ -713,8 +746,8 @@ def _judge_contact(
     elif known >= ENOUGH:
         judging = count
         free = _compare(
-            length, columns, stuck >= ENOUGH_TO_SWELL, stuck >= ENOUGH_TO_YIELD, settings, work,
-            prior,
+            length, columns, stuck >= ENOUGH_TO_SWELL, stuck >= ENOUGH_TO_YIELD, out_of_plane,
+            settings, work, prior,
         )  # fmt: skip
         pull, square, way, pace = 0.0, 0.0, 0.0, 0.0
         for j in range(count):
@@ -732,13 +765,12 @@ def _judge_contact(
             wrong = np.sqrt(1.0 + SHARED_GAIN**2 * way)
             sticks, pattern = _add_up(
                 length, free, square / pull, record["load"],
-                wrong * least * (PATTERN_MOVING if moves else 1.0), settings, work, patterns[0],
+                wrong * least * (MOVING if moves else 1.0), settings, work, patterns[0],
                 patterns[1],
             )  # fmt: skip
             pattern /= wrong
         _decide(
-            count, length, units, slip, dt_s, least * (UNIT_MOVING if moves else 1.0), settings,
-            judged, work,
+            count, length, units, slip, dt_s, least, settings, judged, work,
         )  # fmt: skip
     slipping, load_slipping = 0, 0.0
     for j in range(count):
@@ -789,8 +821,8 @@ def judge_python(
     settings : ndarray, shape (SETTINGS,), float64
     force, force_sigma : ndarray, shape (3, n)
         Newton, unit frame, and its one-sigma.
-    displacement, displacement_sigma : ndarray, shape (2 or 3, n)
-        Millimetre, unit frame, and its one-sigma; x and y count.
+    displacement, displacement_sigma : ndarray, shape (3, n)
+        Millimetre, unit frame, and its one-sigma.
     geometry, origin, units, slots, contacts : ndarray
         As in `describe`; the row SLIP of `units` is kept here: `UnitSlip`.
     judged : ndarray, shape (n, JUDGED), float64
@@ -802,7 +834,9 @@ def judge_python(
     for i in range(judged.shape[0]):
         if slip[i] != NO_CONTACT and label[i] < 0 and kind[i] != BRIDGE and kind[i] != SILENT:
             slip[i] = NO_CONTACT
-    frame, normal, x = np.empty((5, 3)), np.empty((COLUMNS, COLUMNS + 1)), np.empty(COLUMNS)
+    frame = np.empty((5, 3))
+    normal, before = np.empty((COLUMNS, COLUMNS + 1)), np.empty((COLUMNS, COLUMNS + 1))
+    x, known_x = np.empty(COLUMNS), np.empty(COLUMNS)
     prior, patterns = np.empty((FREE, FREE)), np.empty((2, PATTERNS))
     hertz = -2.0 * np.pi * dt_s
     slow = 1.0 - np.exp(hertz * settings[LOWPASS_HZ])
@@ -814,8 +848,8 @@ def judge_python(
             continue
         _judge_contact(
             record, members, slip, dt_s, now_ns, settings, force, force_sigma,
-            displacement, displacement_sigma, geometry, origin, judged, work, frame, normal, x,
-            prior, patterns, paces,
+            displacement, displacement_sigma, geometry, origin, judged, work, frame, normal,
+            before, x, known_x, prior, patterns, paces,
         )  # fmt: skip
 
 
