@@ -73,11 +73,11 @@ class NaiveSlip:
         weight *= 1.0 - (1.0 - kernels.CLIPPED_WEIGHT) * self.clipped
         weight /= noise + kernels.ALL_ALIKE * self.anchor_variance + self.settings.floor_mm**2
         root = np.sqrt(held * weight / load[held].max())
-        self.swells = swells = held.sum() >= kernels.ENOUGH_TO_SWELL
-        self.design = design = design[..., : 4 if swells else 3]
+        self.yields = yields = held.sum() >= kernels.ENOUGH_TO_YIELD
+        self.design = design = design[..., : 4 if yields else 3]
         there = here - self.anchor - self.believed * self.way
         rows = [(root[:, np.newaxis] * design[c], root * there[c]) for c in range(2)]
-        if swells:
+        if yields:
             rows.append((np.array([[0.0, 0.0, 0.0, 1.0 / kernels.SWELLING_MM]]), np.zeros(1)))
         x, *_ = np.linalg.lstsq(*(np.concatenate(part) for part in zip(*rows, strict=True)))
         return design @ x
@@ -111,9 +111,9 @@ class NaiveSlip:
         """All that may look like slip and is none, and what is known of it, as rows."""
         columns = [*self.design.transpose(2, 0, 1), self.far * self.along]
         known = (
-            [0.0] * 3 + [1.0 / kernels.SWELLING_MM] * int(self.swells) + [1.0 / kernels.SHARED_GAIN]
+            [0.0] * 3 + [1.0 / kernels.SWELLING_MM] * int(self.yields) + [1.0 / kernels.SHARED_GAIN]
         )
-        if held.sum() >= kernels.ENOUGH_TO_YIELD:
+        if self.yields:
             new = 1.0 / (self.settings.gain_error**2 * self.sure)
             columns.append((self.way * self.along).sum(axis=0) * self.away * new * self.along)
             known.append(1.0 / kernels.GROUND)
@@ -151,12 +151,14 @@ class NaiveSlip:
         most = worth.max()
         wrong = 1.0 + kernels.SHARED_GAIN**2 * ((self.root * self.way) ** 2).sum()
         sigmas = np.sqrt(max(most - little, 0.0) / wrong)
-        least = self.settings.slip_sigmas * (kernels.MOVING if self.moves else 1.0)
+        best = max(
+            (k for k in range(worth.size) if worth[k] > 0.0 and worth[k] >= most - kernels.ALIKE),
+            default=0,
+        )
+        gross = 1.0 - shares[best] <= self.settings.gross_ratio
+        least = self.settings.slip_sigmas * (kernels.MOVING if self.moves and not gross else 1.0)
         if sigmas <= least:
             return 1.0, sigmas
-        best = max(
-            k for k in range(worth.size) if worth[k] > 0.0 and worth[k] >= most - kernels.ALIKE
-        )
         self.clipped = (lacks[best] > 0.0).astype(float)
         return 1.0 - shares[best], sigmas
 

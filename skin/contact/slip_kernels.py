@@ -93,9 +93,9 @@ FAR_MM = 2.0
 SHARED_GAIN, GROUND = 0.007, 0.05
 """One-sigma of a gain error that all units share, and of how much further soft ground lets a unit
 at the rim go before it has shown that it does."""
-ENOUGH, ENOUGH_TO_TURN, ENOUGH_TO_SWELL, ENOUGH_TO_YIELD = 3, 2, 8, 20
-"""Units that can contradict each other; that stick, to tell a turn, a swelling; that judge, to tell
-soft ground from slip."""
+ENOUGH, ENOUGH_TO_TURN, ENOUGH_TO_YIELD = 3, 2, 20
+"""Units that can contradict each other; that stick, to tell a turn; to tell swelling and soft
+ground from slip."""
 HUBER = 2.0
 CLIPPED_WEIGHT = 0.1
 UNSETTLED = 3.0
@@ -115,7 +115,8 @@ STICK_SIGMAS, RESTICK_S = 2.0, 0.25
 long."""
 MOVES, MOVING = 3.0, 0.7
 """Sigmas that units come on their way in `PAST_S` while the body moves; the share of `slip_sigmas`
-at which a pattern slips then: a slip begins while something moves."""
+at which a pattern that is not gross yet slips then: a slip begins while something moves, and it
+begins somewhere."""
 PAST_S = 0.2
 PATTERNS = 14
 FRICTIONS = 0.1 * 1.2 ** np.arange(PATTERNS)
@@ -283,7 +284,7 @@ def _fit(length, stuck, columns, settings, work, normal, before, x, known):
             normal[a, b] = total / peak
     if columns > 2:
         normal[3, 3] += 1.0 / SWELLING_MM**2
-        if stuck < ENOUGH_TO_SWELL:
+        if stuck < ENOUGH_TO_YIELD:
             normal[3, 3] *= 1e9
     if columns <= 4:
         _solve(normal, columns, x)
@@ -413,7 +414,7 @@ def _follow(length, columns, lowpass, lower, settings, x, work):
 
 
 @register_jitable
-def _compare(length, columns, swells, yields, out_of_plane, settings, work, prior):
+def _compare(length, columns, yields, out_of_plane, settings, work, prior):
     """Take out of the lags all that is no slip; returns how much that is.
 
     Gram and Schmidt make the motions of the body, a shared gain and soft ground orthonormal, in
@@ -441,7 +442,7 @@ def _compare(length, columns, swells, yields, out_of_plane, settings, work, prio
         elif a > 3:
             prior[a, a] = 1.0 / out_of_plane
         elif a == 3:
-            prior[a, a] = 1.0 / SWELLING_MM if swells else 1e9 / SWELLING_MM
+            prior[a, a] = 1.0 / SWELLING_MM if yields else 1e9 / SWELLING_MM
         before = prior[a, a] ** 2
         for j in range(length):
             xa[j] *= root[j]
@@ -483,7 +484,7 @@ def _compare(length, columns, swells, yields, out_of_plane, settings, work, prio
 
 
 @register_jitable
-def _add_up(length, free, softness, load, least, settings, work, likely, shares):
+def _add_up(length, free, softness, load, least, moves, settings, work, likely, shares):
     """Slip as the whole contact shows it; returns the share of the load that sticks, and sigmas.
 
     Where friction is m, a unit can be dragged no further than m load / stiffness; what the body's
@@ -524,6 +525,8 @@ def _add_up(length, free, softness, load, least, settings, work, likely, shares)
         if likely[k] > 0.0 and likely[k] >= most - ALIKE:
             best = k
     sigmas = np.sqrt(max(most - little, 0.0))
+    if moves and 1.0 - shares[best] > settings[GROSS_RATIO]:
+        least *= MOVING
     sure = sigmas > least
     reach = FRICTIONS[best] * softness if sure else np.inf
     for j in range(length):
@@ -746,8 +749,7 @@ def _judge_contact(
     elif known >= ENOUGH:
         judging = count
         free = _compare(
-            length, columns, stuck >= ENOUGH_TO_SWELL, stuck >= ENOUGH_TO_YIELD, out_of_plane,
-            settings, work, prior,
+            length, columns, stuck >= ENOUGH_TO_YIELD, out_of_plane, settings, work, prior,
         )  # fmt: skip
         pull, square, way, pace = 0.0, 0.0, 0.0, 0.0
         for j in range(count):
@@ -764,14 +766,11 @@ def _judge_contact(
             # A model that all units share is never quite right.
             wrong = np.sqrt(1.0 + SHARED_GAIN**2 * way)
             sticks, pattern = _add_up(
-                length, free, square / pull, record["load"],
-                wrong * least * (MOVING if moves else 1.0), settings, work, patterns[0],
-                patterns[1],
+                length, free, square / pull, record["load"], wrong * least, moves, settings, work,
+                patterns[0], patterns[1],
             )  # fmt: skip
             pattern /= wrong
-        _decide(
-            count, length, units, slip, dt_s, least, settings, judged, work,
-        )  # fmt: skip
+        _decide(count, length, units, slip, dt_s, least, settings, judged, work)
     slipping, load_slipping = 0, 0.0
     for j in range(count):
         i = units[j]
