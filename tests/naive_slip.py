@@ -155,8 +155,10 @@ class NaiveSlip:
             (k for k in range(worth.size) if worth[k] > 0.0 and worth[k] >= most - kernels.ALIKE),
             default=0,
         )
-        gross = 1.0 - shares[best] <= self.settings.gross_ratio
-        least = self.settings.slip_sigmas * (kernels.MOVING if self.moves and not gross else 1.0)
+        least = self.settings.slip_sigmas
+        if self.moves:
+            incipient = 1.0 - shares[best] > self.settings.gross_ratio
+            least *= kernels.MOVING if incipient else kernels.MOVING_GROSS
         if sigmas <= least:
             return 1.0, sigmas
         self.clipped = (lacks[best] > 0.0).astype(float)

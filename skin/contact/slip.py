@@ -28,8 +28,8 @@ class SlipSettings:
     lowpass_hz : float
         Lags are low-passed: less noise, later alarm. They follow faster where the body is fast.
     slip_sigmas : float
-        Lag, against its displacement, at which a unit, or a pattern of units, slips; while the body
-        moves, seven tenths are enough for a pattern, as long as it is incipient.
+        Lag, against its displacement, at which a unit, or a pattern of units, slips; for a pattern,
+        while the body moves, seven tenths are enough, eight where slip would be gross at once.
     gain_error : float
         One-sigma of the units' gains, each for itself, before they are learned from the way: a
         share of the displacement.

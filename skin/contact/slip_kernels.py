@@ -113,10 +113,10 @@ FAST_HZ, STRETCH_MM = 15.0, 0.1
 STICK_SIGMAS, RESTICK_S = 2.0, 0.25
 """A unit that slips sticks again when its lag is below so many sigmas, or has not grown for so
 long."""
-MOVES, MOVING = 3.0, 0.7
+MOVES, MOVING, MOVING_GROSS = 3.0, 0.7, 0.8
 """Sigmas that units come on their way in `PAST_S` while the body moves; the share of `slip_sigmas`
-at which a pattern that is not gross yet slips then: a slip begins while something moves, and it
-begins somewhere."""
+at which a pattern of incipient slip, and of gross slip, counts then: a slip begins while something
+moves, and it begins somewhere."""
 PAST_S = 0.2
 PATTERNS = 14
 FRICTIONS = 0.1 * 1.2 ** np.arange(PATTERNS)
@@ -525,8 +525,8 @@ def _add_up(length, free, softness, load, least, moves, settings, work, likely, 
         if likely[k] > 0.0 and likely[k] >= most - ALIKE:
             best = k
     sigmas = np.sqrt(max(most - little, 0.0))
-    if moves and 1.0 - shares[best] > settings[GROSS_RATIO]:
-        least *= MOVING
+    if moves:
+        least *= MOVING if 1.0 - shares[best] > settings[GROSS_RATIO] else MOVING_GROSS
     sure = sigmas > least
     reach = FRICTIONS[best] * softness if sure else np.inf
     for j in range(length):
