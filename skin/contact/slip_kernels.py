@@ -9,6 +9,9 @@ While all stick everything is linear: on soft ground, or with a wrong gain, a un
 the body or less far, but always by the same share of the way. That share is learned, unit by unit,
 while the body moves; slip is what departs from it.
 
+A body that tilts, or comes nearer, presses units deeper or less deep. On a curved skin such motions
+drag units as slip does, and are believed as far as the depths of the units have changed.
+
 The units of a contact are taken into rows of `work`, padded with zeros to whole vectors, so that
 loops over a row become vector instructions. The constants are this file's own: a cached kernel does
 not see another file change.
