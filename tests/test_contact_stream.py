@@ -215,13 +215,14 @@ def test_a_number_that_is_none_makes_its_unit_silent_and_spoils_no_other(row):
     assert broken.coverage == pytest.approx(1.0 - 1.0 / N)
 
 
-def test_a_displacement_that_is_none_for_a_cycle_does_not_blind_slip():
+@pytest.mark.parametrize("row", [0, 1, 2])
+def test_a_displacement_that_is_none_for_a_cycle_does_not_blind_slip(row):
     stream, unit = plate(want={"slip"}), 2 * COLUMNS + 2
     for number in range(1, 12):
         moved = 0.3 * BOTH
         if number == 5:
-            moved[0, unit] = np.nan
-        moved[0, 0] = np.nan  # nobody asks for that of a unit without load
+            moved[row, unit] = np.nan
+        moved[row, 0] = np.nan  # nobody asks for that of a unit without load
         contact = cycle(stream, BOTH, number, displacement_mm=moved)[0]
         assert (unit in contact.units) == (number != 5)
         assert np.isfinite(contact.motion).all()

@@ -74,7 +74,7 @@ def _list_loaded(force, force_sigma, moved, moved_sigma, touching, kind, loaded)
         told = True
         for row in range(force.shape[0]):
             told &= np.isfinite(force[row, i]) & np.isfinite(force_sigma[row, i])
-        for row in range(min(moved.shape[0], 2)):
+        for row in range(moved.shape[0]):
             told &= np.isfinite(moved[row, i]) & np.isfinite(moved_sigma[row, i])
         if told:
             loaded[count] = i
@@ -431,7 +431,7 @@ def find_contacts_python(
         Newton; the last row is the normal load of the units, positive when pressed, and its
         one-sigma.
     moved, moved_sigma : ndarray, shape (q, n)
-        Of these the first two rows must be numbers, too, where a unit is loaded.
+        These must be numbers, too, where a unit is loaded.
     valid : ndarray, shape (n,), bool
     graph : ndarray, shape (n + 1 + m,), int32
         Neighbour graph: starts of the rows, then the neighbours.

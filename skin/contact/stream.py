@@ -355,7 +355,9 @@ class ContactStream:
             Newton, one-sigma.
         displacement_mm : ndarray, shape (3, n), optional
             Millimetre, unit frame: how far the face is dragged and how deep it is pressed. Slip
-            needs it, and to it a loaded unit without is silent.
+            needs it, and to it a loaded unit without is silent. On curved skins the depths tell a
+            body that tilts from one that slips: an array that knows none is better given a guess,
+            load over stiffness, than zeros.
         displacement_sigma_mm : ndarray, shape (3, n), or float, optional
             Millimetre, one-sigma. Slip needs it.
         temperature : ndarray, shape (n,), optional
