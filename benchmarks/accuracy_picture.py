@@ -76,7 +76,7 @@ def draw(
               title="random neighbours pressed, R to 2.5 mm")  # fmt: skip
     for axis in figure.axes:
         above = {"loc": "upper right", "ncols": 3} if axis is pitch else {}  # all lines are below
-        axis.legend(frameon=False, fontsize=6, handlelength=4.0, **above)  # dashes need room
+        axis.legend(frameon=False, fontsize=6, handlelength=3.0, columnspacing=1.0, **above)
         axis.spines[["top", "right"]].set_visible(False)
     path.parent.mkdir(exist_ok=True)
     figure.savefig(path, dpi=110)
