@@ -112,7 +112,7 @@ def test_arrays_of_a_topology_cannot_be_written_and_survive_pickling():
         skin.parameters["radius_m"][0] = 1.0
     with pytest.raises(ValueError, match="read-only"):
         skin.frames.units[0, 0] = 1
-    again = pickle.loads(pickle.dumps(skin))
+    again = pickle.loads(pickle.dumps(skin))  # as `multiprocessing` hands it to another process
     assert again.unit_names == skin.unit_names
     np.testing.assert_array_equal(again.frames.units, skin.frames.units)
 

@@ -53,6 +53,7 @@ def run_tests(nodeids, root):
     environment = os.environ | {{"VCAN_REPORTS": str(reports)}}
     command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *nodeids]
     subprocess.run(command, cwd=root, env=environment, check=False)
+    # as the guest's: see tests/vcan/guest.py
     replays = [ast.literal_eval(line) for line in reports.read_text().splitlines()]
     return replays[:{limit}], {came_up}, "the console's last words"
 """

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
 __all__ = ["ENOUGH", "Shared", "processors", "together"]
 
-ENOUGH = 1 << 17
-"""Units times cycles from which on work is shared: half a millisecond of it, of which handing over
-to a thread costs a tenth."""
+ENOUGH = 1 << 18
+"""Units times cycles from which on work is shared: about a millisecond of it, where to hand over to
+a thread takes about a tenth of one."""
 
 
 def processors() -> int:

@@ -71,6 +71,7 @@ def run_tests(nodeids, root):
         console = _run(pytest, root, directory, VCAN_REPORTS=str(reports))
         written = reports.read_text() if reports.exists() else ""
         lines = written.split("\n")[:-1]  # a last one without its end was cut short
+        # Literals, and nothing else is taken for one: JSON would make lists of a report's tuples.
         return [ast.literal_eval(line) for line in lines], (directory / "up").exists(), console
 
 
