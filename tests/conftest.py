@@ -3,6 +3,7 @@
 import os
 from pathlib import Path
 
+import pytest
 from hypothesis import settings
 
 # One fixed place: a kernel compiles once for all test processes, the commands that tests start and
@@ -15,3 +16,12 @@ settings.register_profile(
     "f3t", deadline=None, max_examples=50, derandomize="CI" in os.environ, print_blob=True
 )
 settings.load_profile("f3t")
+
+
+@pytest.fixture
+def interpreted(monkeypatch):
+    """Decode by the kernel's Python: for a kernel that takes longer to compile than to interpret,
+    and whose machine code other tests hold to it."""
+    from skin.decode import kernels
+
+    monkeypatch.setattr(kernels, "decode", kernels.decode_python)

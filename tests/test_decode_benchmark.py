@@ -12,6 +12,7 @@ from benchmarks.peers_decode import ROWS, array_of, counts_of, exact, numpy_deco
 from skin.state import UNIT_WANTS
 
 
+@pytest.mark.usefixtures("interpreted")
 def test_benchmark_gives_errors_beside_times(monkeypatch):
     monkeypatch.setattr(decode, "SIZES", (48,))
     monkeypatch.setattr(decode, "CALIBRATED", 96)

@@ -24,6 +24,7 @@ def everything(skin, estimator):
     return Decoder(skin, estimator=estimator, dtype="float64", consistency=False)
 
 
+@pytest.mark.usefixtures("interpreted")
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 def test_an_off_centre_film_is_decoded_as_the_model_says(estimator):
     skin = off_centre(calibrated(row_of(UNITS), seed=1, turn_rad=0.05))

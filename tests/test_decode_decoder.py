@@ -80,6 +80,7 @@ def test_each_flag_has_its_count(changed, flags, dtype):
     assert bool(reading.valid[0]) == (flags & Status.OUT_OF_RANGE == 0)
 
 
+@pytest.mark.usefixtures("interpreted")
 def test_rails_are_those_of_the_wire():
     """Eleven bits on the classic wire: 1023 counts are its rail."""
     skin = row_of(1, "f3t-classic")
@@ -315,6 +316,7 @@ def test_an_unknown_option_is_refused(options, message):
         Decoder(row_of(3), **options)
 
 
+@pytest.mark.usefixtures("interpreted")
 def test_a_wire_without_a_wanted_channel_is_refused():
     wired = row_of(3).wired.copy()
     wired[0, 1] = False

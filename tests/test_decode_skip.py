@@ -73,6 +73,7 @@ def test_rows_of_another_use_are_not_kept(between):
     assert np.isnan(some.force[0][idle]).all()
 
 
+@pytest.mark.usefixtures("interpreted")
 def test_only_temperatures_are_never_idle():
     skin = row_of(64, rate_hz=100.0)
     raw = counts_at(skin, np.zeros(64), 0.0, 0.0)

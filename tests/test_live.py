@@ -14,7 +14,6 @@ import topology
 from bus.configure import Command
 from bus.memory import MemoryTransport
 from bus.status import Status
-from skin.decode import kernels
 from skin.errors import SkinError
 from skin.sim.node import Nodes
 from skin.state import WANTS
@@ -77,8 +76,8 @@ BROUGHT_ALONG = {
 
 
 @pytest.mark.parametrize("wanted", WANTS)
-def test_what_is_not_wanted_is_none(wanted, monkeypatch):
-    monkeypatch.setattr(kernels, "decode", kernels.decode_python)  # each would compile its own
+@pytest.mark.usefixtures("interpreted")
+def test_what_is_not_wanted_is_none(wanted):
     with skin.open("strip", simulate=True, pace=False, want={wanted}) as strip:
         (state,) = take(strip, 1)
     values = {

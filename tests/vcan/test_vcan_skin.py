@@ -74,7 +74,7 @@ def collect(transport, batch, wanted, seconds=10.0):
 def test_simulator_and_skin_in_two_processes(background):
     units = background(*SKIN, "sim", "strip", *ON_VCAN)
     assert "10 units on socketcan vcan0" in units.stderr.readline()
-    report = skin_json("run", "strip", *ON_VCAN, "--seconds", "8")
+    report = skin_json("run", "strip", *ON_VCAN, "--seconds", "4")
     assert report["units_heard"] == report["units"] == 10
     assert report["silent_units"] == []
     assert report["cycles"] > 40
