@@ -55,7 +55,7 @@ class NaiveSlip:
     @property
     def believed(self):
         """What each unit gives, as far as it is believed."""
-        return np.where(self.gives > 0.0, 1.0, kernels.DOUBT) * self.gives
+        return np.maximum(self.gives, 0.0)
 
     def _design(self, load):
         """Columns: along x, along y, a turn, a swelling; shape (2, n, 4)."""
@@ -99,7 +99,8 @@ class NaiveSlip:
         self.variance = share**2 * noise + (1.0 - share) ** 2 * self.variance
         self.total = (
             self.variance + self.anchor_variance + self.settings.floor_mm**2
-            + (self.way**2).sum(axis=0) / self.sure
+            + (self.way**2).sum(axis=0)
+            * (1.0 / self.sure + (kernels.DOUBT * np.minimum(self.gives, 0.0)) ** 2)
         )  # fmt: skip
         self.score = np.hypot(*self.lag) / np.sqrt(self.total)
         asked = self.anchor + self.slow

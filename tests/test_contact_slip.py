@@ -159,6 +159,50 @@ def test_a_unit_of_six_that_slips_on_a_curved_skin_is_not_taken_for_a_tilt():
     assert np.mean(took) < 13.5
 
 
+def test_a_unit_that_comes_late_on_a_curved_skin_does_not_tilt_the_body():
+    position, rotation = curved(2, 3)
+    touched, ways = 75, []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        watch = Watch(position, rotation)
+        at_touch = None
+        for t in range(200):
+            share = np.clip((t - 30) / 90, 0.0, 1.0)
+            moved = carried(
+                position, rotation, share * np.array([0.5, 0.5, 0.0]), [0.0, 0.0, share * 0.03]
+            )
+            if t == touched:
+                at_touch = moved[:2, 5].copy()
+            # the last unit is pressed when half of the way is done, and dragged from there on
+            moved[2] += 2.0 * np.where(
+                np.arange(6) == 5, np.clip((t - touched + 1) / 10, 0, 1), 1.0
+            )
+            moved[:2, 5] -= 0.0 if at_touch is None else at_touch
+            moved[:2] += 0.03 * rng.standard_normal(moved[:2].shape)
+            force = np.array([[STIFFNESS], [STIFFNESS], [2.0]]) * moved
+            record = watch.step(force, moved, 0.03)
+            assert record["slip"] <= SlipState.STICK, (seed, t)
+        ways.append(record["motion"][:2])
+    np.testing.assert_allclose(np.mean(ways, axis=0), 0.5, atol=0.03)
+
+
+def test_a_unit_that_goes_a_little_less_far_is_no_slip_until_it_slips():
+    position, rotation = centred(3, 4)
+    load, slips = dome(position), 240
+    gain = np.where(np.arange(12) == 5, 0.94, 1.0)
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        watch = Watch(position, rotation)
+        for t in range(320):
+            drag = rigid(position, (0.0075 * max(0, t - 30), 0.0), 0.0) * gain
+            if t > slips:
+                drag[0, 5] = 0.0075 * (slips - 30) * gain[5]
+            watch.step(*readings(load, drag, rng), 0.03)
+            if t <= slips:
+                assert (watch.units == UnitSlip.STICK).all(), (seed, t)
+        assert (watch.units == UnitSlip.SLIPPING).nonzero()[0].tolist() == [5]
+
+
 def sliding(watch, position, load, *, friction=0.4, cycles=200, seed=3, order=None, push=1.0):
     """Drag a body at 4 mm/s until all slips; the records and unit states of each cycle."""
     rng = np.random.default_rng(seed)

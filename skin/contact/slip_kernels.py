@@ -7,7 +7,8 @@ slips. Lags that are each within the noise are added up along the patterns that 
 
 While all stick everything is linear: on soft ground, or with a wrong gain, a unit goes further than
 the body or less far, but always by the same share of the way. That share is learned, unit by unit,
-while the body moves; slip is what departs from it.
+while the body moves; slip is what departs from it. One that goes less far by a steady share may
+slip all the same: its lag is kept, and doubted by half of that share.
 
 A body that tilts, or comes nearer, presses units deeper or less deep. On a curved skin such motions
 drag units as slip does, and are believed as far as the depths of the units have changed.
@@ -33,7 +34,7 @@ BRIDGE, SILENT = 2, 3
 KIND, LABEL, MEMBERS, SLIP = 0, 1, 2, 7
 POSITION, ROTATION = 0, 3
 
-JUDGED = 26
+JUDGED = 28
 """Columns of `judged`: what is kept of a unit while it is in contact; millimetres."""
 (
     BODY,  # identity of the contact it is anchored to
@@ -43,6 +44,7 @@ JUDGED = 26
     SLOW_X, SLOW_Y,  # the same, low-passed as the lag is
     PAST_X, PAST_Y,  # the same, low-passed over PAST_S
     KNOWN_X, KNOWN_Y,  # its part that the anchor has had time to follow
+    OUT_X, OUT_Y,  # what of that is due to motions out of the contact's plane
     GIVES, SURE,  # share of the way since then by which it goes further; its inverse variance
     WAS_DEEP,  # how deep it was pressed then
     SCORE,  # lag in its sigmas
@@ -84,7 +86,8 @@ OWN = CARRIED + 16  # share of the unit's own lag that is left then
 LACKS = CARRIED + 17  # lag that a pattern of slip foresees
 DESIGN = CARRIED + 18  # what each motion does to x, then to y; later, orthonormal
 TAKES = DESIGN + 2 * FREE  # those along the direction
-WORK_ROWS = TAKES + FREE
+OUT_NOW_X, OUT_NOW_Y = TAKES + FREE, TAKES + FREE + 1  # of MOVED, due to motions out of the plane
+WORK_ROWS = TAKES + FREE + 2
 
 FLAT = 1e-3
 """One minus the length of the mean of the units' normals, below which a contact is flat."""
@@ -108,10 +111,10 @@ ALL_ALIKE = 30.0
 about the body all alike, and must not drag it along."""
 LEAK_S = 1.0
 """Time constant with which the anchor of a unit that sticks follows: slower creep is no slip."""
-LEARN_S, DOUBT = 10.0, 0.1
-"""How long what a unit gives is remembered; the share of it that is believed of one that lags, for
-that may be slip."""
-FAST_HZ, STRETCH_MM = 15.0, 0.1
+LEARN_S, DOUBT = 10.0, 0.5
+"""How long what a unit gives is remembered; of one that goes less far than the body, the one-sigma
+of the share of it that is soft ground: it may be slip, and is not taken off."""
+FAST_HZ, STRETCH_MM = 15.0, 0.05
 """Up to where, and on how long a way, lags are low-passed when the body is fast."""
 STICK_SIGMAS, RESTICK_S = 2.0, 0.25
 """A unit that slips sticks again when its lag is below so many sigmas, or has not grown for so
@@ -274,7 +277,7 @@ def _fit(length, stuck, columns, settings, work, normal, before, x, known):
         xa, ya = work[DESIGN + a], work[DESIGN + FREE + a]
         total = 0.0
         for j in range(length):
-            gives = max(work[GIVES, j], DOUBT * work[GIVES, j])
+            gives = max(work[GIVES, j], 0.0)
             along_x = work[HERE_X, j] - work[ANCHOR_X, j]
             along_x -= gives * (work[MOVED_X, j] - work[KNOWN_X, j])
             along_y = work[HERE_Y, j] - work[ANCHOR_Y, j]
@@ -293,22 +296,23 @@ def _fit(length, stuck, columns, settings, work, normal, before, x, known):
         _solve(normal, columns, x)
         return FAR_MM
     # Out of the plane, few units cannot tell a motion from slip; how deep they are pressed can.
+    # Where the anchors place the body: a unit that came late was anchored further along the plane
+    # than the others, so only motions out of it are compared.
     deeper, total = 0.0, 0.0
     for j in range(length):
         deeper += weight[j] * work[DEEPER, j] ** 2
         total += weight[j]
     variance = OUT_OF_PLANE_MM**2 + deeper / total
-    for a in range(columns):
-        before[a] = normal[a]
-        before[a, COLUMNS] = _dot3(weight, work[DESIGN + a], work[KNOWN_X], length)
-        before[a, COLUMNS] += _dot3(weight, work[DESIGN + FREE + a], work[KNOWN_Y], length)
-        before[a, COLUMNS] /= peak
-        if a >= 4:
-            before[a, a] += 1.0 / FAR_MM**2
-    _solve(before, columns, known)
+    for a in range(4, columns):
+        before[a - 4, : a - 3] = normal[a, 4 : a + 1]
+        before[a - 4, a - 4] += 1.0 / FAR_MM**2
+        before[a - 4, COLUMNS] = _dot3(weight, work[DESIGN + a], work[OUT_X], length)
+        before[a - 4, COLUMNS] += _dot3(weight, work[DESIGN + FREE + a], work[OUT_Y], length)
+        before[a - 4, COLUMNS] /= peak
+    _solve(before, columns - 4, known)
     for a in range(4, columns):
         normal[a, a] += 1.0 / variance
-        normal[a, COLUMNS] += known[a] / variance
+        normal[a, COLUMNS] += known[a - 4] / variance
     _solve(normal, columns, x)
     return np.sqrt(variance)
 
@@ -369,9 +373,13 @@ def _follow(length, columns, lowpass, lower, settings, x, work):
         moved, lag, anchor = work[MOVED_X + c], work[LAG_X + c], work[ANCHOR_X + c]
         here, known = work[HERE_X + c], work[KNOWN_X + c]
         slow, past = work[SLOW_X + c], work[PAST_X + c]
+        out, out_now = work[OUT_X + c], work[OUT_NOW_X + c]
         for j in range(length):
             now = 0.0
-            for a in range(columns):
+            for a in range(4, columns):
+                now += work[DESIGN + c * FREE + a, j] * x[a]
+            out_now[j] = now
+            for a in range(min(columns, 4)):
                 now += work[DESIGN + c * FREE + a, j] * x[a]
             # From another contact that became part of this one: the same lag, another motion.
             joined, new = work[JOINED, j], work[NEW, j]
@@ -379,13 +387,14 @@ def _follow(length, columns, lowpass, lower, settings, x, work):
             anchor[j] += new * (here[j] - now - anchor[j])
             known[j] += joined * (now - moved[j])
             known[j] += new * (now - known[j])
+            out[j] += max(new, joined) * (out_now[j] - out[j])
             slow[j] += joined * (now - moved[j])
             slow[j] += new * (now - slow[j])
             slow[j] += lowpass * (now - slow[j])
             past[j] += joined * (now - moved[j])
             past[j] += new * (now - past[j])
             past[j] += lower * (now - past[j])
-            gives = max(work[GIVES, j], DOUBT * work[GIVES, j])
+            gives = max(work[GIVES, j], 0.0)
             behind = here[j] - anchor[j] - now - gives * (now - known[j])
             lag[j] = (1.0 - new) * (lag[j] + lowpass * (behind - lag[j]))
             moved[j] = now
@@ -401,7 +410,9 @@ def _follow(length, columns, lowpass, lower, settings, x, work):
         # What a lag may be that is none: noise, the anchor's, what the unit gives, a floor.
         square = (work[MOVED_X, j] - work[KNOWN_X, j]) ** 2
         square += (work[MOVED_Y, j] - work[KNOWN_Y, j]) ** 2
-        weight = 1.0 / (variance + anchor_variance + square / work[SURE, j] + floor)
+        doubt = DOUBT * min(work[GIVES, j], 0.0)
+        square *= 1.0 / work[SURE, j] + doubt * doubt
+        weight = 1.0 / (variance + anchor_variance + square + floor)
         work[WEIGHT, j] = (1.0 - new) * weight
         square = work[LAG_X, j] ** 2 + work[LAG_Y, j] ** 2
         work[SCORE, j] = np.sqrt(square * work[WEIGHT, j])
@@ -586,7 +597,7 @@ def _decide(count, length, units, slip, dt_s, least, settings, judged, work):
         variance, held = work[ANCHOR_VARIANCE, j], work[HELD_NOW, j]
         gain = held * max(variance / (variance + work[NOISE, j]), slowest)
         rest, square = 0.0, 0.0
-        gives = max(work[GIVES, j], DOUBT * work[GIVES, j])
+        gives = max(work[GIVES, j], 0.0)
         for c in range(2):
             way = work[MOVED_X + c, j] - work[KNOWN_X + c, j]
             lag = work[HERE_X + c, j] - work[ANCHOR_X + c, j] - work[MOVED_X + c, j]
@@ -594,6 +605,7 @@ def _decide(count, length, units, slip, dt_s, least, settings, judged, work):
             work[ANCHOR_X + c, j] += step
             work[LAG_X + c, j] -= step - gain * gives * way
             work[KNOWN_X + c, j] += gain * way
+            work[OUT_X + c, j] += gain * (work[OUT_NOW_X + c, j] - work[OUT_X + c, j])
             square += way * way
             rest += way * (lag - work[GIVES, j] * way)
         work[WAS_DEEP, j] += gain * work[DEEPER, j]
@@ -837,8 +849,8 @@ def judge_python(
         if slip[i] != NO_CONTACT and label[i] < 0 and kind[i] != BRIDGE and kind[i] != SILENT:
             slip[i] = NO_CONTACT
     frame = np.empty((5, 3))
-    normal, before = np.empty((COLUMNS, COLUMNS + 1)), np.empty((COLUMNS, COLUMNS + 1))
-    x, known_x = np.empty(COLUMNS), np.empty(COLUMNS)
+    normal, before = np.empty((COLUMNS, COLUMNS + 1)), np.empty((COLUMNS - 4, COLUMNS + 1))
+    x, known_x = np.empty(COLUMNS), np.empty(COLUMNS - 4)
     prior, patterns = np.empty((FREE, FREE)), np.empty((2, PATTERNS))
     hertz = -2.0 * np.pi * dt_s
     slow = 1.0 - np.exp(hertz * settings[LOWPASS_HZ])
