@@ -19,7 +19,7 @@ import topology
 from benchmarks.peers_decode import Paper, array_of, counts_of, exact, numpy_decode
 from benchmarks.skip import cycles_of
 from benchmarks.timing import times
-from skin.decode import kernels, sharing
+from skin.decode import layout, sharing
 from skin.decode.decoder import ESTIMATORS, Decoder
 from skin.sim.halbach import HalbachField
 from skin.sim.material import Elastic
@@ -252,7 +252,7 @@ def _bytes(decoder: Decoder) -> int:
     real = decoder.dtype.itemsize
     results = sum(3 if name in ("force", "displacement") else 1 for name in decoder.plan.quantities)
     memory = 2 * 2 * real if decoder.plan.film_compensation else 0
-    each = kernels.CHANNELS * 2 + 2 + results * real + 2 + 1 + memory
+    each = layout.CHANNELS * 2 + 2 + results * real + 2 + 1 + memory
     return decoder.topology.n * each
 
 

@@ -1,18 +1,18 @@
-"""What stands on the insides of numba: calls without its dispatcher, and hints for its compiler.
-
-A kernel that takes a hint is cached by the content of its own file: it does not see this one
-change.
-"""
+"""What stands on the insides of numba: calls without its dispatcher, hints for its compiler, and a
+stamp for its cache."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from hashlib import blake2b
+from pathlib import Path
+from types import ModuleType
 
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic, lower_builtin, type_callable
 
-__all__ = ["ahead", "apart", "direct"]
+__all__ = ["ahead", "apart", "direct", "stamp"]
 
 
 def direct(kernel: Callable) -> Callable:
@@ -70,3 +70,16 @@ def ahead(typing, array, index):
         return context.get_dummy_value()
 
     return types.none(array, types.intp), code
+
+
+def stamp(*modules: ModuleType) -> int:
+    """A number that changes with the files of modules.
+
+    Numba compiles a cached kernel anew when its own file changes, and sees no other file. It does
+    see the values that a kernel takes from the function around it: a kernel that calls what stands
+    in other files names their stamp there.
+    """
+    found = blake2b(digest_size=6)
+    for module in modules:
+        found.update(Path(module.__file__).read_bytes())
+    return int.from_bytes(found.digest(), "big")

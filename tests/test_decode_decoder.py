@@ -11,7 +11,7 @@ import pytest
 from decodefixtures import calibrated, row_of, sensible_counts, sine, with_parameters
 
 from bus.status import Status
-from skin.decode import kernels
+from skin.decode import laws, layout
 from skin.decode.decoder import Decoder
 from skin.errors import CalibrationError, CountsError, OptionError, SkinError
 
@@ -387,23 +387,23 @@ def test_flags_are_those_of_a_unit_alone_at_every_end_of_every_range():
     decoder = sine(skin, {"temperature"})
     limits = decoder._calibration[1]
     tidy = sensible_counts(skin, 1)[0]
-    tidy[kernels.BX :] = 0
-    lanes, seen = kernels.LANES, set()
+    tidy[layout.BX :] = 0
+    lanes, seen = layout.LANES, set()
     for unit in (0, 5, 127, 128, 139, 140):
-        at = unit // lanes * kernels.LIMIT_ROWS * lanes + unit % lanes
-        rows = limits[at : at + kernels.LIMIT_ROWS * lanes : lanes].astype(int)
-        ends = {channel: [kernels.LIMIT_RAIL + 2 * channel] for channel in range(kernels.CHANNELS)}
-        for i, channel in enumerate((kernels.GEL, kernels.FREQUENCY, kernels.CHIP)):
-            ends[channel].append(kernels.LIMIT_POSSIBLE + 2 * i)
-        ends[kernels.GEL].append(kernels.LIMIT_CALIBRATED)
-        ends[kernels.FREQUENCY].append(kernels.LIMIT_CALIBRATED + 2)
+        at = unit // lanes * layout.LIMIT_ROWS * lanes + unit % lanes
+        rows = limits[at : at + layout.LIMIT_ROWS * lanes : lanes].astype(int)
+        ends = {channel: [layout.LIMIT_RAIL + 2 * channel] for channel in range(layout.CHANNELS)}
+        for i, channel in enumerate((layout.GEL, layout.FREQUENCY, layout.CHIP)):
+            ends[channel].append(layout.LIMIT_POSSIBLE + 2 * i)
+        ends[layout.GEL].append(layout.LIMIT_CALIBRATED)
+        ends[layout.FREQUENCY].append(layout.LIMIT_CALIBRATED + 2)
         for channel, starts in ends.items():
             for row in starts:
                 low, high = rows[row], rows[row] + (rows[row + 1] & 0xFFFF)
                 for count in (low - 1, low, high, high + 1):
                     raw = tidy.copy()
                     raw[channel, unit] = np.array(count).astype(np.int16)
-                    flags = kernels._judge(0, *raw[:, unit], limits, at)
+                    flags = laws.judge(0, *raw[:, unit], limits, at)
                     shown = int(decoder(raw).status[unit])
                     assert shown == flags, (unit, channel, count)
                     others = np.delete(decoder.reading.status, [unit, 140])

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from naive_decode import naive_decode
 
 from benchmarks.peers_decode import array_of, counts_of
-from bus.status import INVALID, Status
+from bus.status import Status
 from skin.decode import kernels
 from skin.decode.decoder import ESTIMATORS, Decoder
 from skin.sim.unit import UnitSimulator
@@ -179,13 +179,6 @@ def test_float32_agrees_with_float64(seed):
     assert np.abs(single.force - double.force).max() < 4e-5
     assert np.abs(single.displacement_mm - double.displacement_mm).max() < 2e-5
     np.testing.assert_array_equal(single.status, double.status)
-
-
-def test_status_bits_of_the_kernel_are_those_of_the_bus():
-    names = ("NEVER", "DISABLED", "SATURATED", "OUT_OF_RANGE", "EXTRAPOLATED", "NOT_F3T",
-             "MAGNETIC_ANOMALY", "IDLE")  # fmt: skip
-    assert [getattr(kernels, name) for name in names] == [int(Status[name]) for name in names]
-    assert int(INVALID) == kernels.INVALID
 
 
 # -- symmetries ----------------------------------------------------------------------------------

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from hashlib import blake2b
-from pathlib import Path
 
 from numba import njit
 
+from bus.jit import stamp
+from skin.contact import cluster_kernels, feature_kernels, records, slip_kernels
 from skin.contact.cluster_kernels import find_contacts
 from skin.contact.feature_kernels import describe
 from skin.contact.slip_kernels import judge
@@ -30,16 +30,8 @@ SAME, EARLY = -1, -2
 """What a step returns where contacts neither came nor went, and where no time has passed."""
 
 
-def _sources() -> int:
-    """A number that changes with the files of the parts."""
-    folder = Path(__file__).parent
-    parts = ("cluster_kernels.py", "feature_kernels.py", "slip_kernels.py", "records.py")
-    found = blake2b(b"".join((folder / name).read_bytes() for name in parts), digest_size=6)
-    return int.from_bytes(found.digest(), "big")
-
-
 def _step(sources: int) -> Callable[..., int]:
-    """Make the function. Numba's cache does not see other files change, but it sees `sources`."""
+    """Make the function; `sources` is the stamp of the parts."""
 
     def step_python(
         moment, force, force_sigma, displacement, displacement_sigma, temperature, valid, graph,
@@ -106,5 +98,5 @@ def _step(sources: int) -> Callable[..., int]:
     return step_python
 
 
-step_python = _step(_sources())
+step_python = _step(stamp(cluster_kernels, feature_kernels, slip_kernels, records))
 step = njit(cache=True, nogil=True, error_model="numpy")(step_python)

@@ -12,7 +12,9 @@ import numpy as np
 
 from bus.aligned import zeros
 from bus.status import Status
-from skin.decode import kernels as k
+from skin.decode import layout as k
+from skin.decode.functions import OCTAVES_MAX
+from skin.decode.laws import GAIN_MIN
 from skin.errors import CalibrationError
 from topology import CHANNELS, THETA_KNOTS, Topology
 from topology.model import FIELD_ANGLE_TERMS
@@ -412,8 +414,8 @@ def _refuse_impossible(topology: Topology) -> None:
         worst = np.minimum(
             *(1.0 + p[drift] * (t - p[reference]) for t in (low - span, high + span))
         )
-        refuse(worst < k.GAIN_MIN, drift, f"a drift that leaves a gain of {k.GAIN_MIN:g} or more")
-    octaves = OCTAVES_MARGIN * k.OCTAVES_MAX * np.log(2.0)
+        refuse(worst < GAIN_MIN, drift, f"a drift that leaves a gain of {GAIN_MIN:g} or more")
+    octaves = OCTAVES_MARGIN * OCTAVES_MAX * np.log(2.0)
     deepest = tidy_drop(topology)[1] / p["frequency_slope_hz_per_mm"]
     for depth in (0.0, deepest):
         above = depth - p["field_reference_mm"]

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bus.aligned import zeros
+from skin.decode import layout as k
 from skin.decode import sharing
 from skin.decode.plan import ESTIMATORS, LATERAL, Plan
 from skin.errors import CountsError, OptionError
@@ -18,6 +19,7 @@ from topology import CHANNELS, Topology
 if TYPE_CHECKING:
     from bus.bound import Bound
     from skin.calibrate.stencil import Stencil
+    from skin.decode.kernels import Parts
 
 __all__ = ["ESTIMATORS", "Decoder"]
 
@@ -130,7 +132,7 @@ class Decoder:
         if workers is not None and workers < 1:
             raise OptionError(f"workers: must be 1 or more; got {workers}")
 
-        from skin.decode import kernels as k
+        from skin.decode import kernels
         from skin.decode.coefficients import Coefficients
 
         self.crosstalk = self.ambient = None
@@ -157,15 +159,14 @@ class Decoder:
         warm = bool((topology.wired[CHANNELS.index("gel")] | silent).all())
         self._names = _names(plan, warm)
         n, blocks = topology.n, -(-topology.n // k.LANES)
-        self._kernels = k
-        self._kernel = k.decode(_parts(plan, self._names, k))
+        self._kernel = kernels.decode(_parts(plan, self._names, kernels.Parts))
         self._looped = self.crosstalk is not None or self.ambient is not None
         kept = k.HELD if plan.temperature_every == 1 else k.STATE_ROWS
         self._state = zeros((blocks, kept, k.LANES), self.dtype)
         self._calibration = (
             found.values,
             found.limits,
-            np.array([row for name in self._names for row in _rows_of(name, k)], np.int64),
+            np.array([row for name in self._names for row in _rows_of(name)], np.int64),
             self._state.reshape(-1),
             zeros(blocks * k.SEEN_ROWS * k.LANES, np.int16),
             plan.temperature_every,
@@ -207,7 +208,7 @@ class Decoder:
         """Forget all temperatures, displacements and drifts: the next cycle is the first."""
         self._state[:] = np.nan
         self._state[:, 1:3] = 0.0
-        self._moments[:, self._kernels.PHASE] = 0
+        self._moments[:, k.PHASE] = 0
         self._kept: bool | None = None
         self._advancing: bool | None = None
         self._background[:] = 0.0
@@ -310,7 +311,6 @@ class Decoder:
 
     def _furnish(self, blocks: int, workers: int) -> list[tuple[np.ndarray, ...]]:
         """Rooms to work in: one for all blocks; and, if they can be shared, one for each share."""
-        k = self._kernels
         shares = min(workers, blocks)
         bounds = np.arange(shares + 1) * blocks // shares
         self._moments = zeros((1 + shares if shares > 1 else 1, k.MOMENT), np.int64)
@@ -352,7 +352,7 @@ class Decoder:
 
     def _decode_batch(self, counts, known, background, advance, out, status, valid) -> None:
         """Decode consecutive cycles of arrays of the caller's."""
-        share, phase = self._share(counts.shape[0]), self._moments[:, self._kernels.PHASE]
+        share, phase = self._share(counts.shape[0]), self._moments[:, k.PHASE]
         self._tell(advance, None)
         phase[share] = phase[self._live.start or 0]
         sharing.together([
@@ -367,7 +367,6 @@ class Decoder:
 
     def _tell(self, advance: bool, bare: bool | None) -> None:
         """Tell the kernel what is not as with the last call."""
-        k = self._kernels
         self._moments[:, k.ADVANCE] = advance
         if bare is not self._kept or bare is None:
             self._moments[:, k.REUSE] = False
@@ -484,7 +483,7 @@ def _names(plan: Plan, warm: bool) -> tuple[str, ...]:
     return (*plain, *sigmas, *(name for name, wanted in last if wanted))
 
 
-def _rows_of(name: str, k) -> range:
+def _rows_of(name: str) -> range:
     """Rows of the kernel's tile that a quantity is."""
     suffix = "_SIGMA" if name.endswith("_sigma") else ""
     quantity = name.removesuffix("_sigma")
@@ -495,10 +494,10 @@ def _rows_of(name: str, k) -> range:
     return range(row, row + _COMPONENTS[quantity])
 
 
-def _parts(plan: Plan, names: Collection[str], k):
+def _parts(plan: Plan, names: Collection[str], parts: type[Parts]) -> Parts:
     """The plan as the kernel takes it."""
     chosen = {
-        **{name: True for name in names if name in k.Parts._fields},
+        **{name: True for name in names if name in parts._fields},
         "sigma": plan.sigma,
         "angle": plan.estimator == "field-angle" and not set(names).isdisjoint(LATERAL),
         "anomaly": plan.consistency,
@@ -511,7 +510,7 @@ def _parts(plan: Plan, names: Collection[str], k):
         "skipping": plan.skip,
         "looking": plan.skip and plan.ambient,
     }
-    return k.Parts(**{name: bool(wanted) for name, wanted in chosen.items()})
+    return parts(**{name: bool(wanted) for name, wanted in chosen.items()})
 
 
 def _plain(array: np.ndarray) -> np.ndarray:
