@@ -4,7 +4,9 @@ Everything decodes the same counts, in turn, in one process; times are medians o
 fastest round stands beside them: on a machine that others use it is the better measure of the code.
 `copy` moves as many bytes as the decoder reads and writes but for its calibration, in one thread.
 Decoders have one thread too, but for `shared`, which has what a decoder takes if not told
-otherwise. Peers have float64, a calibration for each unit, and neither flags nor lags.
+otherwise. Peers have float64, a calibration for each unit, and neither flags nor lags. How fast the
+processor itself is, beside which `ns_per_unit_calibrated` is to be read, is told by the bare
+arithmetic: `bare_ratio` is what a decoder takes beyond it.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 import topology
-from benchmarks.peers_decode import Paper, array_of, counts_of, exact, numpy_decode
+from benchmarks.peers_decode import Bare, Paper, array_of, counts_of, exact, numpy_decode
 from benchmarks.skip import cycles_of
 from benchmarks.timing import times
 from skin.decode import layout, sharing
@@ -57,6 +59,8 @@ def run(quick: bool) -> dict:
         "literal_ratio": reference["literal_ratio"],
         "calibrated": calibrated,
         "ns_per_unit_calibrated": calibrated["sine"]["ns_per_unit"],
+        "bare_ratio": calibrated["sine"]["ns_per_unit"]
+        / calibrated["sine, bare arithmetic"]["ns_per_unit"],
         "full": full,
         "ns_per_unit_full": full["ns_per_unit"],
     }
@@ -161,9 +165,11 @@ def _calibrated(quick: bool) -> dict:
     skin = array_of(CALIBRATED, alike=False)
     counts = counts_of(skin)
     units = np.random.default_rng(3).permutation(CALIBRATED)[:SAMPLE]
-    runs, errors = {}, {}
-    for estimator in ESTIMATORS:
-        truth = exact(skin, counts, units, estimator)[:4]
+    bare = Bare(skin)
+    runs = {"sine, bare arithmetic": lambda: bare(counts)}
+    truths = {name: exact(skin, counts, units, name)[:4] for name in ESTIMATORS}
+    errors = {"sine, bare arithmetic": _errors(bare(counts)[:, units], truths["sine"])}
+    for estimator, truth in truths.items():
         for name, options in (("", {"consistency": False}), (", consistency", {}),
                               (", every 8th temperature", {"consistency": False,
                                                            "temperature_every": 8})):  # fmt: skip
