@@ -114,9 +114,12 @@ class NaiveSlip:
         known = (
             [0.0] * 3 + [1.0 / kernels.SWELLING_MM] * int(self.yields) + [1.0 / kernels.SHARED_GAIN]
         )
+        further = (self.way * self.along).sum(axis=0) / (self.settings.gain_error**2 * self.sure)
+        if held.sum() >= kernels.ENOUGH_TO_SHARE:
+            columns.append(further * (load / load[held].mean() - 1.0) * self.along)
+            known.append(1.0 / kernels.GROUND)
         if self.yields:
-            new = 1.0 / (self.settings.gain_error**2 * self.sure)
-            columns.append((self.way * self.along).sum(axis=0) * self.away * new * self.along)
+            columns.append(further * self.away * self.along)
             known.append(1.0 / kernels.GROUND)
         white = np.array([(self.root * column).ravel() for column in columns]).T
         self.free = np.vstack([white, np.diag(known)])

@@ -65,8 +65,9 @@ SETTINGS = 9
 COLUMNS = 7
 """Motions of a body: along the two axes of the contact, about its normal, a swelling; and where the
 skin is curved, along the normal and about the two axes."""
-FREE = COLUMNS + 2
-"""What may look like slip and is none: those, a gain that all units share, soft ground."""
+FREE = COLUMNS + 3
+"""What may look like slip and is none: those, a gain that all units share, soft ground under a flat
+face and under a round one."""
 LANES = 8
 # Rows of `work`: the carried columns of `judged` first, then:
 HELD_NOW = CARRIED  # 1 where the unit sticks and is anchored to this body
@@ -98,10 +99,11 @@ FAR_MM = 2.0
 """One-sigma of where the anchors place the body along the normal and in its tilt."""
 SHARED_GAIN, GROUND = 0.007, 0.05
 """One-sigma of a gain error that all units share, and of how much further soft ground lets a unit
-at the rim go before it has shown that it does."""
-ENOUGH, ENOUGH_TO_TURN, ENOUGH_TO_YIELD = 3, 2, 20
-"""Units that can contradict each other; that stick, to tell a turn; to tell swelling and soft
-ground from slip."""
+go that bears twice the mean load, or lies at the rim, before it has shown that it does: a flat face
+that sticks shares out shear as it does load (Mindlin), a round one leaves more to the rim."""
+ENOUGH, ENOUGH_TO_TURN, ENOUGH_TO_SHARE, ENOUGH_TO_YIELD = 3, 2, 15, 20
+"""Units that can contradict each other; that stick, to tell a turn; to tell from slip soft ground
+under a flat face; to tell from slip swelling, and soft ground under a round one."""
 HUBER = 2.0
 CLIPPED_WEIGHT = 0.1
 UNSETTLED = 3.0
@@ -428,13 +430,17 @@ def _follow(length, columns, lowpass, lower, settings, x, work):
 
 
 @register_jitable
-def _compare(length, columns, yields, out_of_plane, settings, work, prior):
+def _compare(length, columns, stuck, out_of_plane, settings, work, prior):
     """Take out of the lags all that is no slip; returns how much that is.
 
     Gram and Schmidt make the motions of the body, a shared gain and soft ground orthonormal, in
     sigmas of the lags; what is known of each beforehand counts as one more reading.
     """
-    free = columns + 1 + yields
+    shared, yields = columns <= 4 and stuck >= ENOUGH_TO_SHARE, stuck >= ENOUGH_TO_YIELD
+    free = columns + 1 + shared + yields
+    mean = 0.0
+    for j in range(length):
+        mean += work[HELD_NOW, j] * work[NORMAL, j] / max(stuck, 1)
     root, along_x, along_y = work[ROOT], work[ALONG_X], work[ALONG_Y]
     own, left = work[OWN], work[LEFT]
     for j in range(length):
@@ -450,8 +456,10 @@ def _compare(length, columns, yields, out_of_plane, settings, work, prior):
                 if a > columns:
                     far = along_x[j] * (work[MOVED_X, j] - work[KNOWN_X, j])
                     far += along_y[j] * (work[MOVED_Y, j] - work[KNOWN_Y, j])
+                    by_load = shared and a == columns + 1
+                    far *= work[NORMAL, j] / mean - 1.0 if by_load else work[AWAY, j]
                     # What has been learned is not to be feared any more.
-                    far *= work[AWAY, j] / (settings[GAIN_ERROR] ** 2 * work[SURE, j])
+                    far /= settings[GAIN_ERROR] ** 2 * work[SURE, j]
                 xa[j], ya[j] = far * along_x[j], far * along_y[j]
         elif a > 3:
             prior[a, a] = 1.0 / out_of_plane
@@ -764,7 +772,7 @@ def _judge_contact(
     elif known >= ENOUGH:
         judging = count
         free = _compare(
-            length, columns, stuck >= ENOUGH_TO_YIELD, out_of_plane, settings, work, prior,
+            length, columns, stuck, out_of_plane, settings, work, prior,
         )  # fmt: skip
         pull, square, way, pace = 0.0, 0.0, 0.0, 0.0
         for j in range(count):
