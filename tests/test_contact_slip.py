@@ -203,6 +203,24 @@ def test_a_unit_that_goes_a_little_less_far_is_no_slip_until_it_slips():
         assert (watch.units == UnitSlip.SLIPPING).nonzero()[0].tolist() == [5]
 
 
+def test_a_flat_face_on_soft_ground_is_no_slip_where_it_shares_shear_as_load():
+    position, rotation = centred(3, 6)
+    away = (position[:2] ** 2).sum(axis=0)
+    load = 2.0 + 0.6 * (away / away.mean() - 1.0)
+    gives = 1.0 + 0.18 * (load / load.mean() - 1.0)
+    false = 0
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        watch = Watch(position, rotation)
+        worst = SlipState.NONE
+        for t in range(200):
+            drag = rigid(position, (np.clip((t - 30) / 150, 0.0, 1.0), 0.0), 0.0) * gives
+            worst = max(worst, watch.step(*readings(load, drag, rng), 0.03)["slip"])
+        false += worst > SlipState.STICK
+    # most of them, if it were not known how such ground yields
+    assert false <= 3
+
+
 def sliding(watch, position, load, *, friction=0.4, cycles=200, seed=3, order=None, push=1.0):
     """Drag a body at 4 mm/s until all slips; the records and unit states of each cycle."""
     rng = np.random.default_rng(seed)
