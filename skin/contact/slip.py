@@ -20,8 +20,8 @@ class SlipSettings:
     unit lags behind it, in sigmas, says whether it slips. Lags that are each within the noise are
     added up along the patterns that slip makes. Three units are the fewest that can contradict each
     other; below that, and as long as a friction is known, the share of the friction cone that is in
-    use speaks. With three to five units slip is seen later, and in one of a hundred trials of
-    `benchmarks.slip` not before the contact slides as a whole.
+    use speaks. With three to five units slip is seen later, and of a hundred trials of
+    `benchmarks.slip` in one not before the contact slides as a whole, in another before it slips.
 
     Attributes
     ----------
