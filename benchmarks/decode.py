@@ -4,9 +4,9 @@ Everything decodes the same counts, in turn, in one process; times are medians o
 fastest round stands beside them: on a machine that others use it is the better measure of the code.
 `copy` moves as many bytes as the decoder reads and writes but for its calibration, in one thread.
 Decoders have one thread too, but for `shared`, which has what a decoder takes if not told
-otherwise. Peers have float64, a calibration for each unit, and neither flags nor lags. How fast the
-processor itself is, beside which `ns_per_unit_calibrated` is to be read, is told by the bare
-arithmetic: `bare_ratio` is what a decoder takes beyond it.
+otherwise. `numpy` and `paper` have float64, a calibration for each unit, and neither flags nor
+lags. How fast the processor itself is, beside which `ns_per_unit_calibrated` is to be read, is told
+by the bare arithmetic in float32: `bare_ratio` is how many times as long a decoder takes.
 """
 
 from __future__ import annotations

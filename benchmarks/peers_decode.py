@@ -205,7 +205,7 @@ class Paper:
 
 
 LANES = 16
-"""Units in a block of `Bare`: a vector of float32."""
+"""Units in a block of `Bare`, which takes whole blocks: a vector of float32."""
 EXPONENTIAL = 8
 """Degree of its series for the growth of the field."""
 (
@@ -226,7 +226,8 @@ def _bare(counts, c, series, out):
         at = block * BARE_ROWS * LANES
         for lane in range(LANES):
             i, k = block * LANES + lane, at + lane
-            u = np.sqrt(np.sqrt(c[k] * real(counts[0, i]) + c[k + GEL_OFFSET * LANES]))
+            current = c[k + GEL_SCALE * LANES] * real(counts[0, i]) + c[k + GEL_OFFSET * LANES]
+            u = np.sqrt(np.sqrt(current))
             t = (c[k + WARM_4 * LANES] * u + c[k + WARM_3 * LANES]) * u + c[k + WARM_2 * LANES]
             t = (t * u + c[k + WARM_1 * LANES]) * u + c[k + WARM_0 * LANES]
             depth = c[k + DEPTH_SCALE * LANES] * real(counts[1, i]) + c[k + DEPTH_OFFSET * LANES]

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 import bus
-import skin
 
 ROOT = Path(bus.__file__).parent.parent
 CALLER = """
@@ -47,24 +46,26 @@ def test_a_changed_file_is_compiled_anew(tmp_path, monkeypatch):
     assert said == [["6.0", "0"], ["6.0", "1"], ["10.0", "0"]]
 
 
+def imports(file):
+    """Files of ours that a file imports from."""
+    found = set()
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.ImportFrom):
+            inside = ROOT.joinpath(*node.module.split("."))
+            files = [inside.with_suffix(".py"), *(inside / f"{n.name}.py" for n in node.names)]
+            found |= {file for file in files if file.exists()}
+    return found
+
+
 @pytest.mark.parametrize("name", ["decode/kernels.py", "contact/step_kernel.py"])
-def test_a_stamp_is_of_every_file_of_its_room_that_the_kernel_imports(name):
-    file = Path(skin.__file__).parent / name
-    tree = ast.parse(file.read_text())
-    room = f"skin.{file.parent.name}"
-    imported = {
-        module
-        for node in ast.walk(tree)
-        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(room)
-        for module in (
-            [alias.name for alias in node.names] if node.module == room
-            else [node.module.rsplit(".", 1)[1]]
-        )
-    }  # fmt: skip
+def test_a_stamp_is_of_every_file_that_a_kernel_stands_on(name):
+    file = ROOT / "skin" / name
+    reached, new = set(), imports(file)
+    while new:
+        reached |= new
+        new = set().union(*map(imports, new)) - reached
     (call,) = (
-        node for node in ast.walk(tree)
+        node for node in ast.walk(ast.parse(file.read_text()))
         if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "stamp"
     )  # fmt: skip
-    stamped = {argument.id for argument in call.args}
-    assert imported
-    assert imported <= stamped
+    assert {argument.id for argument in call.args} == {file.stem for file in reached}

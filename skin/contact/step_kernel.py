@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from numba import njit
 
+from bus import jit
 from bus.jit import stamp
 from skin.contact import cluster_kernels, feature_kernels, records, slip_kernels
 from skin.contact.cluster_kernels import find_contacts
@@ -98,5 +99,5 @@ def _step(sources: int) -> Callable[..., int]:
     return step_python
 
 
-step_python = _step(stamp(cluster_kernels, feature_kernels, slip_kernels, records))
+step_python = _step(stamp(cluster_kernels, feature_kernels, slip_kernels, records, jit))
 step = njit(cache=True, nogil=True, error_model="numpy")(step_python)

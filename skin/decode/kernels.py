@@ -118,9 +118,9 @@ def decode_python(parts: Parts) -> Callable:
     ) = parts  # fmt: skip
     warm = with_temperature or with_film or with_chip
     lateral = with_force or with_tangential or with_theta or with_displacement
-    sources = _SOURCES
     upright = with_angle or with_anomaly or with_field
     looked = lateral or with_field
+    sources = _SOURCES
 
     def decode(
         counts, incoming, background, coefficients, limits, rows, state, seen, every,
