@@ -3,8 +3,8 @@
 Bodies press, slide and turn on flat and curved skins at 250 Hz, by a physics of which the detector
 knows nothing (`benchmarks.slip_scenes`, `benchmarks.slip_seen`): 300 slips, 300 holds and 300 grips
 that come and go by 10 to 30 %, friction 0.3 to 0.9, the fastest face at 0.5 to 10 mm/s, 45 % of
-them turning, six or more units in contact; and a third of that with three to five. The detector was
-tuned on trials of `TUNED`; those reported here are of `REPORTED`.
+them turning, six or more units in contact; and a third of that with three to five. Trials of seeds
+1 to 11 were looked at while the detector was made; those reported are of another, `REPORTED`.
 
 Truth: a face slips while the body moves over it (by more than 1 nm in a cycle). `share` is the
 share of the load on faces that have slipped since the motion began, or since they were touched.
@@ -51,8 +51,8 @@ from skin.contact.stream import ContactStream
 from skin.decode.decoder import Decoder
 from skin.sim.unit import UnitSimulator
 
-TUNED, REPORTED = 1, 2
-"""Seeds."""
+REPORTED = 12
+"""Seed."""
 TRIALS, FEW_TRIALS, CHAIN_TRIALS = 300, 100, 30
 """Of each kind."""
 WORKERS = 2
@@ -86,7 +86,7 @@ def run(quick: bool) -> dict:
     many = [(REPORTED, kind, i, False, i < CHAIN_TRIALS // part)
             for kind in KINDS for i in range(TRIALS // part)]  # fmt: skip
     few = [(REPORTED, kind, i, True, False) for kind in KINDS for i in range(FEW_TRIALS // part)]
-    _judge((TUNED, "hold", 0, False, True))  # compiles what the workers inherit
+    _judge((REPORTED, "hold", 0, False, True))  # compiles what the workers inherit
     with ProcessPoolExecutor(WORKERS, get_context("fork")) as pool:
         found = list(pool.map(_judge, many + few, chunksize=4))
     many_found, few_found = found[: len(many)], found[len(many) :]
