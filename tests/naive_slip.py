@@ -87,9 +87,13 @@ class NaiveSlip:
             return 1.0 - np.exp(-2.0 * np.pi * hz * self.dt_s)
 
         heavy = held * load
-        ahead = np.sqrt(heavy @ ((moved - self.slow) ** 2).sum(axis=0) / heavy.sum())
-        share = max(lowpass(self.settings.lowpass_hz), 1.0 - kernels.STRETCH_MM / ahead)
-        share = min(share, lowpass(kernels.FAST_HZ))
+        ahead = heavy @ ((moved - self.slow) ** 2).sum(axis=0) / heavy.sum()
+        columns = 4 if held.sum() >= kernels.ENOUGH_TO_TURN else 2
+        ahead -= columns / held.sum() * (heavy @ noise) / heavy.sum()
+        ahead = np.sqrt(max(ahead, 1e-12))
+        slow, fast = lowpass(self.settings.lowpass_hz), lowpass(kernels.FAST_HZ)
+        share = min(max(slow, 1.0 - kernels.STRETCH_MM / ahead), fast)
+        self.haste = (share - slow) / (fast - slow)
         self.moved = moved
         self.slow = (1.0 - share) * self.slow + share * moved
         keep = np.exp(-self.dt_s / kernels.PAST_S)
@@ -140,33 +144,45 @@ class NaiveSlip:
         if pull <= 0.0:
             return 1.0, 0.0
         softness = (here**2).sum() / pull
-        worth, little = np.zeros(kernels.PATTERNS), 0.0
-        lacks = [np.maximum(self.far - m * softness * load, 0.0) for m in kernels.FRICTIONS]
-        shares = [load[lack > 0.0].sum() / load.sum() for lack in lacks]
-        for k, lack in enumerate(lacks):
-            pattern = self._without(-lack * self.along)
+        wrong = 1.0 + kernels.SHARED_GAIN**2 * ((self.root * self.way) ** 2).sum()
+
+        def slips(friction):
+            """Which units slip, their share of the load, and what that explains."""
+            lack = np.maximum(self.far - friction * softness * load, 0.0)
+            pattern, worth = self._without(-lack * self.along), 0.0
             whole = ((self.root * lack) ** 2).sum()
             along, square = pattern @ self.rest, pattern @ pattern
             if along > 0.0 and square > kernels.LEFT_OVER * whole:
                 left = self.rest - along / square * pattern
-                worth[k] = self.rest @ self.rest - left @ left
-            if 1.0 - shares[k] > self.settings.incipient_ratio:
-                little, worth[k] = max(little, worth[k]), 0.0
-        most = worth.max()
-        wrong = 1.0 + kernels.SHARED_GAIN**2 * ((self.root * self.way) ** 2).sum()
-        sigmas = np.sqrt(max(most - little, 0.0) / wrong)
-        best = max(
-            (k for k in range(worth.size) if worth[k] > 0.0 and worth[k] >= most - kernels.ALIKE),
-            default=0,
-        )
-        least = self.settings.slip_sigmas
-        if self.moves:
-            incipient = 1.0 - shares[best] > self.settings.gross_ratio
-            least *= kernels.MOVING if incipient else kernels.MOVING_GROSS
+                worth = self.rest @ self.rest - left @ left
+            return lack > 0.0, load[lack > 0.0].sum() / load.sum(), worth
+
+        def matters(pattern):
+            return 1.0 - pattern[1] <= self.settings.incipient_ratio
+
+        patterns = [slips(friction) for friction in kernels.FRICTIONS]
+        little = max((p[2] for p in patterns if not matters(p)), default=0.0)
+        most = max((p[2] for p in patterns if matters(p)), default=0.0)
+        likely = [p[2] > 0.0 and p[2] >= most - kernels.ALIKE and matters(p) for p in patterns]
+        best = max(np.flatnonzero(likely), default=0)
+        chosen = patterns[best]
+        least = self.settings.slip_sigmas * np.sqrt(wrong)
+        if self.moves and 1.0 - chosen[1] > self.settings.gross_ratio:
+            least *= kernels.MOVING + self.haste * (1.0 - kernels.MOVING)
+        elif self.moves:
+            least *= kernels.MOVING_GROSS
+        if most - little > least**2:
+            for part in np.arange(1, kernels.FINER) / kernels.FINER:
+                finer = slips(kernels.FRICTIONS[best] * kernels.STEP**part)
+                if not matters(finer):
+                    little = max(little, finer[2])
+                elif finer[2] >= most - kernels.ALIKE:
+                    most, chosen = max(most, finer[2]), finer
+        sigmas = np.sqrt(max(most - little, 0.0))
         if sigmas <= least:
-            return 1.0, sigmas
-        self.clipped = (lacks[best] > 0.0).astype(float)
-        return 1.0 - shares[best], sigmas
+            return 1.0, sigmas / np.sqrt(wrong)
+        self.clipped = chosen[0].astype(float)
+        return 1.0 - chosen[1], sigmas / np.sqrt(wrong)
 
     def _units(self, noise):
         """Stick or slip; in the scenes of these tests no unit comes to rest again."""

@@ -135,6 +135,17 @@ def test_a_body_that_comes_nearer_and_tilts_on_a_curved_skin_is_no_slip(seed):
         assert watch.step(force, moved, 0.03)["slip"] <= SlipState.STICK, t
 
 
+def test_noise_of_few_units_is_not_taken_for_a_fast_body():
+    position, rotation = centred(2, 2)
+    rng, watch, noise_mm = np.random.default_rng(0), Watch(position, rotation), 0.06
+    share = 1.0 - np.exp(-2.0 * np.pi * SlipSettings().lowpass_hz * DT_S)
+    variances = []
+    for _ in range(200):
+        watch.step(*readings(np.ones(4), np.zeros((2, 4)), rng, noise_mm), noise_mm)
+        variances.append(watch.judged[:, kernels.LAG_VARIANCE].mean() / noise_mm**2)
+    assert np.mean(variances[50:]) == pytest.approx(share / (2.0 - share), rel=0.2)
+
+
 def test_a_unit_of_six_that_slips_on_a_curved_skin_is_not_taken_for_a_tilt():
     position, rotation = curved(2, 3)
     slips, took = 60, []
@@ -389,10 +400,11 @@ def test_the_kernel_is_the_slow_algebra(seed):
     n = position.shape[1]
     load = dome(position) * rng.uniform(0.5, 1.5, n)
     angle, heading = rng.uniform(-0.02, 0.02), rng.uniform(-np.pi, np.pi)
+    speed = np.exp(rng.uniform(*np.log([0.004, 0.04])))
     watch = Watch(position, rotation)
     slow = NaiveSlip(position[:2] * np.array([[1.0], [-1.0]]), SlipSettings(), DT_S)
     for t in range(110):
-        way = 0.016 * max(0, t - 30)
+        way = speed * max(0, t - 30)
         drag = rigid(position, (way * np.cos(heading), way * np.sin(heading)), angle * way)
         force, moved = readings(load, held(drag, load, 0.4), rng)
         record = watch.step(force, moved, 0.03)

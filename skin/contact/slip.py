@@ -29,7 +29,8 @@ class SlipSettings:
         Lags are low-passed: less noise, later alarm. They follow faster where the body is fast.
     slip_sigmas : float
         Lag, against its displacement, at which a unit, or a pattern of units, slips; for a pattern,
-        while the body moves, seven tenths are enough, eight where slip would be gross at once.
+        while the body moves slowly, six tenths are enough, three quarters where slip would be gross
+        at once.
     gain_error : float
         One-sigma of the units' gains, each for itself, before they are learned from the way: a
         share of the displacement.
@@ -51,12 +52,12 @@ class SlipSettings:
     """
 
     lowpass_hz: float = 5.0
-    slip_sigmas: float = 5.0
-    gain_error: float = 0.01
-    floor_mm: float = 0.004
+    slip_sigmas: float = 6.0
+    gain_error: float = 0.012
+    floor_mm: float = 0.006
     incipient_ratio: float = 0.97
     gross_ratio: float = 0.3
-    confirm_cycles: int = 2
+    confirm_cycles: int = 1
     safety: float = 1.2
     friction: float = nan
 

@@ -116,19 +116,22 @@ LEAK_S = 1.0
 LEARN_S, DOUBT = 10.0, 0.5
 """How long what a unit gives is remembered; of one that goes less far than the body, the one-sigma
 of the share of it that is soft ground: it may be slip, and is not taken off."""
-FAST_HZ, STRETCH_MM = 15.0, 0.05
+FAST_HZ, STRETCH_MM = 15.0, 0.06
 """Up to where, and on how long a way, lags are low-passed when the body is fast."""
 STICK_SIGMAS, RESTICK_S = 2.0, 0.25
 """A unit that slips sticks again when its lag is below so many sigmas, or has not grown for so
 long."""
-MOVES, MOVING, MOVING_GROSS = 3.0, 0.7, 0.8
+MOVES, MOVING, MOVING_GROSS = 3.0, 0.63, 0.75
 """Sigmas that units come on their way in `PAST_S` while the body moves; the share of `slip_sigmas`
-at which a pattern of incipient slip, and of gross slip, counts then: a slip begins while something
-moves, and it begins somewhere."""
+at which a pattern of incipient slip counts then if the body is slow, and one of gross slip however
+fast it is: a slip begins while something moves, and it begins somewhere. Where the body is fast
+lags grow fast, and are low-passed less, so that there are more looks at noise: all sigmas."""
 PAST_S = 0.2
-PATTERNS = 14
-FRICTIONS = 0.1 * 1.2 ** np.arange(PATTERNS)
-"""Coefficients of friction whose patterns of slip are looked for."""
+PATTERNS, STEP, FINER = 14, 1.2, 6
+FRICTIONS = 0.1 * STEP ** np.arange(PATTERNS)
+"""Coefficients of friction whose patterns of slip are looked for, the ratio of neighbours, and in
+how many parts the step above the best is looked at before slip is believed: between two of the
+grid, a unit that bears next to nothing may slip alone."""
 LEFT_OVER = 1e-3
 """Share of a pattern below which nothing of it is left."""
 LEAST_OWN, FAR_BEHIND = 0.3, 0.5
@@ -348,9 +351,9 @@ def _solve(normal, columns, x):
 
 
 @register_jitable
-def _pace(length, columns, paces, x, work):
+def _pace(length, columns, stuck, paces, x, work):
     """How far lags follow in this cycle: so fast that they are a mean over a short way."""
-    way, load = 0.0, 0.0
+    way, load, noise = 0.0, 0.0, 0.0
     for j in range(length):
         ahead_x, ahead_y = -work[SLOW_X, j], -work[SLOW_Y, j]
         for a in range(columns):
@@ -359,8 +362,11 @@ def _pace(length, columns, paces, x, work):
         heavy = work[HELD_NOW, j] * work[NORMAL, j]
         load += heavy
         way += heavy * (ahead_x * ahead_x + ahead_y * ahead_y)
+        noise += heavy * work[NOISE, j]
     slow, fast, _ = paces
-    way = np.sqrt(way / load) if load > 0.0 else 0.0
+    # A fit of so many motions to so many units is wrong by this share of a unit's noise.
+    way -= noise * columns / max(stuck, 1)
+    way = np.sqrt(way / load) if way > 0.0 else 0.0
     return min(max(slow, 1.0 - STRETCH_MM / max(way, STRETCH_MM)), fast)
 
 
@@ -506,37 +512,46 @@ def _compare(length, columns, stuck, out_of_plane, settings, work, prior):
 
 
 @register_jitable
-def _add_up(length, free, softness, load, least, moves, settings, work, likely, shares):
+def _explain(friction, length, free, softness, load, work):
+    """What the pattern of slip at one coefficient of friction explains of the lags.
+
+    Returns twice the logarithm of the likelihood ratio, and the share of the load that slips.
+    """
+    asked, root, left, lacks = work[ASKED], work[ROOT], work[LEFT], work[LACKS]
+    reach = friction * softness
+    lagged, square, slipped = 0.0, 0.0, 0.0
+    for j in range(length):
+        lack = max(asked[j] - reach * work[NORMAL, j], 0.0)
+        slipped += work[NORMAL, j] if lack > 0.0 else 0.0
+        lack *= root[j]
+        lagged += lack * left[j]
+        square += lack * lack
+        lacks[j] = lack
+    if lagged <= 0.0:
+        return 0.0, slipped / load
+    whole = square
+    for a in range(free):
+        takes, common = work[TAKES + a], 0.0
+        for j in range(length):
+            common += lacks[j] * takes[j]
+        square -= common * common
+    return lagged * lagged / square if square > LEFT_OVER * whole else 0.0, slipped / load
+
+
+@register_jitable
+def _add_up(length, free, softness, load, sigmas, settings, work, likely, shares):
     """Slip as the whole contact shows it; returns the share of the load that sticks, and sigmas.
+
+    `sigmas` are how many a pattern of incipient slip must have, and one of gross slip.
 
     Where friction is m, a unit can be dragged no further than m load / stiffness; what the body's
     motion asks for beyond that, it lags. For each m of a grid, how much of the pattern is in the
     lags is a linear regression. The pattern that explains most is tested against noise, and against
     those in which too little of the load slips to be of interest.
     """
-    asked, root, left, lacks = work[ASKED], work[ROOT], work[LEFT], work[LACKS]
     most, little = 0.0, 0.0
     for k in range(PATTERNS):
-        reach = FRICTIONS[k] * softness
-        lagged, square, slipped = 0.0, 0.0, 0.0
-        for j in range(length):
-            lack = max(asked[j] - reach * work[NORMAL, j], 0.0)
-            slipped += work[NORMAL, j] if lack > 0.0 else 0.0
-            lack *= root[j]
-            lagged += lack * left[j]
-            square += lack * lack
-            lacks[j] = lack
-        likely[k], shares[k] = 0.0, slipped / load
-        if lagged <= 0.0:
-            continue
-        whole = square
-        for a in range(free):
-            takes, common = work[TAKES + a], 0.0
-            for j in range(length):
-                common += lacks[j] * takes[j]
-            square -= common * common
-        if square > LEFT_OVER * whole:
-            likely[k] = lagged * lagged / square
+        likely[k], shares[k] = _explain(FRICTIONS[k], length, free, softness, load, work)
         if 1.0 - shares[k] > settings[INCIPIENT_RATIO]:
             little = max(little, likely[k])
             likely[k] = 0.0
@@ -546,14 +561,23 @@ def _add_up(length, free, softness, load, least, moves, settings, work, likely, 
     for k in range(PATTERNS):
         if likely[k] > 0.0 and likely[k] >= most - ALIKE:
             best = k
-    sigmas = np.sqrt(max(most - little, 0.0))
-    if moves:
-        least *= MOVING if 1.0 - shares[best] > settings[GROSS_RATIO] else MOVING_GROSS
-    sure = sigmas > least
-    reach = FRICTIONS[best] * softness if sure else np.inf
+    friction, share = FRICTIONS[best], shares[best]
+    least = sigmas[0] if 1.0 - share > settings[GROSS_RATIO] else sigmas[1]
+    if most - little > least * least:
+        for part in range(1, FINER):
+            finer = FRICTIONS[best] * STEP ** (part / FINER)
+            explains, less = _explain(finer, length, free, softness, load, work)
+            if 1.0 - less > settings[INCIPIENT_RATIO]:
+                little = max(little, explains)
+            elif explains >= most - ALIKE:
+                most = max(most, explains)
+                friction, share = finer, less
+    found = np.sqrt(max(most - little, 0.0))
+    sure = found > least
+    reach = friction * softness if sure else np.inf
     for j in range(length):
-        work[CLIPPED, j] = 1.0 if asked[j] > reach * work[NORMAL, j] else 0.0
-    return 1.0 - shares[best] if sure else 1.0, sigmas
+        work[CLIPPED, j] = 1.0 if work[ASKED, j] > reach * work[NORMAL, j] else 0.0
+    return 1.0 - share if sure else 1.0, found
 
 
 @register_jitable
@@ -764,7 +788,7 @@ def _judge_contact(
     out_of_plane = FAR_MM
     if stuck:
         out_of_plane = _fit(length, stuck, columns, settings, work, normal, before, x, known_x)
-    lowpass = _pace(length, columns, paces, x, work)
+    lowpass = _pace(length, columns, stuck, paces, x, work)
     _follow(length, columns, lowpass, paces[2], settings, x, work)
     judging, sticks, pattern = 0, 1.0, 0.0
     if record["slip"] == GROSS:
@@ -783,13 +807,17 @@ def _judge_contact(
             way += (work[ROOT, j] * x_mm) ** 2 + (work[ROOT, j] * y_mm) ** 2
             x_mm, y_mm = work[SLOW_X, j] - work[PAST_X, j], work[SLOW_Y, j] - work[PAST_Y, j]
             pace += (work[ROOT, j] * x_mm) ** 2 + (work[ROOT, j] * y_mm) ** 2
-        moves = pace > MOVES**2 * count
         least = settings[SLIP_SIGMAS]
         if pull > 0.0:
             # A model that all units share is never quite right.
             wrong = np.sqrt(1.0 + SHARED_GAIN**2 * way)
+            incipient, gross = 1.0, 1.0
+            if pace > MOVES**2 * count:
+                haste = (lowpass - paces[0]) / max(paces[1] - paces[0], 1e-9)
+                incipient, gross = MOVING + haste * (1.0 - MOVING), MOVING_GROSS
             sticks, pattern = _add_up(
-                length, free, square / pull, record["load"], wrong * least, moves, settings, work,
+                length, free, square / pull, record["load"],
+                (incipient * wrong * least, gross * wrong * least), settings, work,
                 patterns[0], patterns[1],
             )  # fmt: skip
             pattern /= wrong
