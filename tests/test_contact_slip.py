@@ -214,6 +214,23 @@ def test_a_unit_that_goes_a_little_less_far_is_no_slip_until_it_slips():
         assert (watch.units == UnitSlip.SLIPPING).nonzero()[0].tolist() == [5]
 
 
+def test_a_unit_that_an_edge_has_gone_past_is_no_slip_while_its_film_recovers():
+    position, rotation = centred(3, 4)
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        watch = Watch(position, rotation)
+        for t in range(200):
+            load, drag = dome(position), rigid(position, (0.01 * np.clip(t - 30, 0, 60), 0.0), 0.0)
+            if t > 70:
+                recovers = 0.12 * np.exp(-0.01 * (t - 70))
+                load[5] *= recovers
+                drag[:, 5] *= recovers
+            force, moved = readings(load, drag, rng)
+            record = watch.step(force, moved, np.array([[0.03], [0.03], [0.005]]))
+            assert record["slip"] <= SlipState.STICK, (seed, t)
+            assert (watch.units != UnitSlip.SLIPPING).all(), (seed, t)
+
+
 def test_a_flat_face_on_soft_ground_is_no_slip_where_it_shares_shear_as_load():
     position, rotation = centred(3, 6)
     away = (position[:2] ** 2).sum(axis=0)

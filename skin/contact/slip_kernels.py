@@ -113,6 +113,9 @@ ALL_ALIKE = 30.0
 about the body all alike, and must not drag it along."""
 LEAK_S = 1.0
 """Time constant with which the anchor of a unit that sticks follows: slower creep is no slip."""
+REMEMBERS = 0.2
+"""Of how deep it was pressed, over what is left of it in all units, at most what a film remembers
+when nothing presses it any more."""
 LEARN_S, DOUBT = 10.0, 0.5
 """How long what a unit gives is remembered; of one that goes less far than the body, the one-sigma
 of the share of it that is soft ground: it may be slip, and is not taken off."""
@@ -215,10 +218,20 @@ def _take(
     first = record["begin"]
     count = record["end"] - first
     body, parent = np.float64(record["id"]), np.float64(record["parent"])
-    stuck, known = 0, 0
+    stuck, known, deep, was_deep = 0, 0, 0.0, 0.0
+    for j in range(count):
+        i = members[first + j]
+        if slip[i] != NO_CONTACT:
+            deep += displacement[2, i]
+            was_deep += judged[i, WAS_DEEP]
+    remembers = REMEMBERS * deep / max(was_deep, 1e-9)
     for j in range(count):
         i = members[first + j]
         unit = judged[i]
+        # An edge has gone past it: its film recovers, and is no judge of the body any more.
+        at_most = displacement[2, i] + BOUND_SIGMAS * displacement_sigma[2, i]
+        if at_most < remembers * unit[WAS_DEEP]:
+            slip[i] = NO_CONTACT
         new = slip[i] == NO_CONTACT
         if unit[BODY] == parent:
             unit[BODY] = body
