@@ -21,7 +21,7 @@ class SlipSettings:
     added up along the patterns that slip makes. Three units are the fewest that can contradict each
     other; below that, and as long as a friction is known, the share of the friction cone that is in
     use speaks. With three to five units slip is seen later, and of a hundred trials of
-    `benchmarks.slip` in one not before the contact slides as a whole, in another before it slips.
+    `benchmarks.slip` in two or three not before the contact slides as a whole.
 
     Attributes
     ----------
