@@ -4,7 +4,7 @@ Bodies press, slide and turn on flat and curved skins at 250 Hz, by a physics of
 knows nothing (`benchmarks.slip_scenes`, `benchmarks.slip_seen`): 300 slips, 300 holds and 300 grips
 that come and go by 10 to 30 %, friction 0.3 to 0.9, the fastest face at 0.5 to 10 mm/s, 45 % of
 them turning, six or more units in contact; and a third of that with three to five. Trials of seeds
-1 to 14 and 18 to 70 were looked at while the detector was made; those reported are of another,
+1 to 15 and 18 to 86 were looked at while the detector was made; those reported are of another,
 `REPORTED`.
 
 Truth: a face slips while the body moves over it (by more than 1 nm in a cycle). `share` is the
@@ -52,7 +52,7 @@ from skin.contact.stream import ContactStream
 from skin.decode.decoder import Decoder
 from skin.sim.unit import UnitSimulator
 
-REPORTED = 15
+REPORTED = 16
 """Seed."""
 TRIALS, FEW_TRIALS, CHAIN_TRIALS = 300, 100, 30
 """Of each kind."""
