@@ -281,6 +281,17 @@ def test_incipient_slip_is_seen_before_gross_slip_and_light_units_slip_first():
     assert records["friction"][gross] == pytest.approx(0.4, rel=0.1)
 
 
+def test_a_state_that_must_be_confirmed_rises_so_many_cycles_later():
+    position, rotation = centred(5, 5)
+    first = []
+    for cycles in (1, 4):
+        watch = Watch(position, rotation, confirm_cycles=cycles)
+        records, _ = sliding(watch, position, dome(position))
+        first.append(np.argmax(records["slip"] >= SlipState.INCIPIENT))
+    assert first[1] >= first[0] + 3 > 3
+    assert records["slip"][-1] == SlipState.GROSS
+
+
 def test_permutation_of_units_changes_no_number():
     position, rotation = centred(4, 5)
     load = dome(position)
