@@ -7,7 +7,7 @@ import numpy as np
 from benchmarks.accuracy_skin import Made, with_rate
 from skin import Decoder
 from skin.decode.crosstalk import ACCURATE_UT, LIVE_UT, CrossTalk
-from skin.sim.surroundings import Surroundings
+from skin.physics.surroundings import Surroundings
 from topology.pose import from_rpy
 
 EVERYWHERE_M = 1.0

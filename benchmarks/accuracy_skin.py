@@ -16,12 +16,12 @@ import msgspec
 import numpy as np
 
 import topology
-from skin.calibrate.bench import Bench
 from skin.calibrate.unit import calibrate, record
-from skin.sim.fabrication import Fabrication
-from skin.sim.halbach import HalbachField
-from skin.sim.material import Elastic
-from skin.sim.surroundings import Surroundings
+from skin.physics.elastic import Elastic
+from skin.physics.fabrication import Fabrication
+from skin.physics.halbach import HalbachField
+from skin.physics.surroundings import Surroundings
+from skin.sim.bench import Bench
 from skin.sim.unit import UnitSimulator
 from topology import Topology
 

@@ -25,12 +25,12 @@ import numpy as np
 
 import topology
 from benchmarks.peers_contact import NumpyContacts, nb_touch
-from bus.aligned import zeros
+from bus.compiled.aligned import zeros
 from bus.cycle import ClosedBy, RawCycle
 from skin.contact.stream import Contact, ContactStream
+from skin.physics.elastic import Elastic
+from skin.physics.halbach import FELT_M, HalbachField
 from skin.reader import CycleReader
-from skin.sim.halbach import FELT_M, HalbachField
-from skin.sim.material import Elastic
 from skin.sim.truth import Truth
 from skin.sim.unit import UnitSimulator
 from skin.state import Reading

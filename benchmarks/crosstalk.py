@@ -18,10 +18,10 @@ from pathlib import Path
 
 import numpy as np
 
-from skin.calibrate.stencil import Stencil
 from skin.decode.crosstalk import ACCURATE_UT, LIVE_UT, CrossTalk
 from skin.decode.decoder import ESTIMATORS, Decoder
-from skin.sim.halbach import HalbachField
+from skin.physics.halbach import HalbachField
+from skin.physics.stencil import Stencil
 from skin.sim.unit import UnitSimulator
 from topology import Topology, load
 

@@ -23,8 +23,8 @@ from benchmarks.skip import cycles_of
 from benchmarks.timing import times
 from skin.decode import layout, sharing
 from skin.decode.decoder import ESTIMATORS, Decoder
-from skin.sim.halbach import HalbachField
-from skin.sim.material import Elastic
+from skin.physics.elastic import Elastic
+from skin.physics.halbach import HalbachField
 from skin.sim.truth import Truth
 from skin.sim.unit import UnitSimulator
 from skin.state import Reading

@@ -14,8 +14,8 @@ import numpy as np
 
 import topology
 from skin import Decoder
-from skin.sim.halbach import HalbachField
-from skin.sim.material import Elastic
+from skin.physics.elastic import Elastic
+from skin.physics.halbach import HalbachField
 from skin.sim.unit import UnitSimulator
 
 PICTURE = Path(__file__).parent / "pictures" / "fig3.png"

@@ -19,14 +19,14 @@ import numpy as np
 
 from benchmarks.accuracy_skin import square, with_parameters
 from skin import Decoder
-from skin.calibrate.bench import Bench
 from skin.calibrate.unit import Recordings, calibrate, record
-from skin.sim.fabrication import Fabrication
-from skin.sim.halbach import HalbachField
+from skin.physics.fabrication import Fabrication
+from skin.physics.halbach import HalbachField
+from skin.physics.surroundings import Surroundings
+from skin.sim.bench import Bench
 from skin.sim.play import ScriptedScene
 from skin.sim.script import NonIdeal, SceneFile
 from skin.sim.script_load import load_scene
-from skin.sim.surroundings import Surroundings
 from skin.sim.unit import UnitSimulator
 from topology import Topology
 

@@ -20,7 +20,7 @@ import numpy as np
 from benchmarks.accuracy_array import EVERYWHERE_M, ROOM_C
 from benchmarks.accuracy_skin import Made, made
 from skin import Decoder
-from skin.calibrate.stencil import Stencil
+from skin.physics.stencil import Stencil
 
 PICTURE = Path(__file__).parent / "pictures" / "pareto.png"
 SIDE, TILES = 6, 5

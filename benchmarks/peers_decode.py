@@ -13,8 +13,8 @@ import numpy as np
 from numba import njit
 
 import topology
-from bus.aligned import zeros
-from bus.jit import apart
+from bus.compiled.aligned import zeros
+from bus.compiled.jit import apart
 from topology import Topology
 
 ROWS = ("temperature", "fx", "fy", "fz", "tangential", "theta", "x", "y", "h")

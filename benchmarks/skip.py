@@ -19,11 +19,11 @@ import numpy as np
 
 from benchmarks.contact import plate
 from benchmarks.timing import times
-from bus.aligned import zeros
+from bus.compiled.aligned import zeros
 from skin.decode.crosstalk import CrossTalk
 from skin.decode.decoder import Decoder
-from skin.sim.halbach import HalbachField
-from skin.sim.material import Elastic
+from skin.physics.elastic import Elastic
+from skin.physics.halbach import HalbachField
 from skin.sim.truth import Truth
 from skin.sim.unit import UnitSimulator
 from skin.state import UNIT_WANTS, Reading, Status

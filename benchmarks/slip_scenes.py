@@ -16,11 +16,11 @@ from pathlib import Path
 
 import numpy as np
 
+from skin.physics.elastic import Elastic
+from skin.physics.halbach import HalbachField
 from skin.sim.body import Body, Pose, reach, turned
 from skin.sim.foundation import Foundation
 from skin.sim.friction import Friction
-from skin.sim.halbach import HalbachField
-from skin.sim.material import Elastic
 from skin.sim.mechanics import Mechanics
 from skin.sim.viscoelastic import Prony
 from topology import Topology, load

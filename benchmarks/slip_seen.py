@@ -2,7 +2,7 @@
 
 Displacements go through the noise of the field and of the frequency, an error of each unit's gain
 and direction, and a residue of the neighbours' stray fields that comes from magnet theory
-(`skin.sim.halbach`); forces follow from them by elastic laws that are not quite the unit's own.
+(`skin.physics.halbach`); forces follow from them by elastic laws that are not quite the unit's own.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.slip_scenes import Trial, skin_of
-from skin.sim.material import Elastic
+from skin.physics.elastic import Elastic
 from topology import Topology
 
 __all__ = ["RESIDUE", "Seen", "see"]

@@ -41,7 +41,7 @@ from dataclasses import fields
 
 import numpy as np
 
-from bus.aligned import zeros
+from bus.compiled.aligned import zeros
 from bus.cycle import ClosedBy, FrameCounters, RawCycle
 from bus.frame import FRAME_DTYPE
 from topology import CHANNELS, Topology
@@ -85,7 +85,7 @@ class Assembler:
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         from bus import kernels
-        from bus.jit import direct
+        from bus.compiled.jit import direct
         from bus.table import FrameTable
 
         if stale_cycles < 1:

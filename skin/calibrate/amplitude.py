@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from skin.calibrate.fit import Fit, check_levels, check_samples, gauss_newton, least_squares
 from skin.errors import ScanError
+from skin.physics.least_squares import Fit, check_levels, check_samples, gauss_newton, least_squares
 from topology import THETA_KNOTS
 
 __all__ = [

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from skin.calibrate.fit import Fit, check_levels, check_samples, least_squares
 from skin.errors import ScanError
+from skin.physics.least_squares import Fit, check_levels, check_samples, least_squares
 
 __all__ = [
     "ANGLE_NAMES",

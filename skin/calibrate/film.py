@@ -20,8 +20,8 @@ from skin.calibrate.field_angle import (
     angle_slope,
     field_angle,
 )
-from skin.calibrate.fit import Fit, check_levels, check_samples, gauss_newton, least_squares
 from skin.errors import ScanError
+from skin.physics.least_squares import Fit, check_levels, check_samples, gauss_newton, least_squares
 
 __all__ = ["FilmFit", "fit_film"]
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from skin.calibrate.fit import Fit, gauss_newton, least_squares
 from skin.errors import ScanError
+from skin.physics.least_squares import Fit, gauss_newton, least_squares
 
 __all__ = ["fit_hinge"]
 

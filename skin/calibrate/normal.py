@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from skin.calibrate.fit import Fit, check_levels, check_samples, least_squares
 from skin.calibrate.hinge import fit_hinge
 from skin.errors import ScanError
+from skin.physics.least_squares import Fit, check_levels, check_samples, least_squares
 
 __all__ = ["fit_frequency", "fit_normal"]
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from skin.calibrate.fit import Fit, check_levels, check_samples
 from skin.calibrate.hinge import fit_hinge
 from skin.errors import ScanError
+from skin.physics.least_squares import Fit, check_levels, check_samples
 
 __all__ = ["fit_shear"]
 

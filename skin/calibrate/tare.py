@@ -25,10 +25,10 @@ from typing import Any
 import numpy as np
 
 from bus.status import INVALID, Status
-from skin.calibrate.fit import Fit
 from skin.calibrate.write import write_calibration
-from skin.decode.rest import film_at_rest_ut, inverse_map
 from skin.errors import CountsError, OptionError, ScanError, SkinError
+from skin.physics.least_squares import Fit
+from skin.physics.rest import film_at_rest_ut, inverse_map
 from topology import CHANNELS, Topology
 from topology.model import TABLES
 

@@ -17,14 +17,15 @@ from pathlib import Path
 import numpy as np
 
 from skin.calibrate.amplitude import fit_amplitude, fit_bare_chip, fit_drift, map_field
-from skin.calibrate.bench import Bench, Scan, strokes
 from skin.calibrate.film import FilmFit, fit_film
-from skin.calibrate.fit import Fit
 from skin.calibrate.gel import fit_gel
 from skin.calibrate.normal import fit_frequency, fit_normal
 from skin.calibrate.shear import fit_shear
 from skin.calibrate.write import parameter_values, write_calibration
 from skin.errors import ScanError
+from skin.physics.least_squares import Fit
+from skin.physics.scan import Scan, strokes
+from skin.sim.bench import Bench
 from topology import CHANNELS, Topology
 
 __all__ = ["Calibration", "Recordings", "calibrate", "calibrate_unit", "record"]

@@ -12,8 +12,8 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from skin.calibrate.fit import Fit
 from skin.errors import CalibrationError, OptionError
+from skin.physics.least_squares import Fit
 from topology import UnitModel
 
 __all__ = ["parameter_values", "write_calibration"]

@@ -74,7 +74,7 @@ def tare(
     calibration_files(loaded, chosen(loaded, leave_out), output)  # refused before, not after
     rest_ut = None
     if crosstalk:
-        from skin.calibrate.stencil import Stencil
+        from skin.physics.stencil import Stencil
 
         rest_ut = Stencil.of(loaded).rest_ut
     simulated = _simulated(loaded) if simulate else None

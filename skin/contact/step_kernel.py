@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 from numba import njit
 
-from bus import jit
-from bus.jit import stamp
+from bus.compiled import jit
+from bus.compiled.jit import stamp
 from skin.contact import cluster_kernels, feature_kernels, records, slip_kernels
 from skin.contact.cluster_kernels import find_contacts
 from skin.contact.feature_kernels import describe

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bus.bound import Bound
+from bus.compiled.bound import Bound
 from skin.contact.cluster_kernels import BRIDGE, OPEN
 from skin.contact.clusters import KEEP_SIGMA, START_SIGMA
 from skin.contact.detect import Shocks

@@ -48,9 +48,9 @@ from pathlib import Path
 import numpy as np
 
 from bus.status import Status
-from skin.decode.rest import film_at_rest_ut, inverse_map
 from skin.errors import CalibrationError, OptionError
-from skin.sim.halbach import CHIP_AXES
+from skin.physics.halbach import CHIP_AXES
+from skin.physics.rest import film_at_rest_ut, inverse_map
 from skin.state import Reading
 from topology import CHANNELS, Topology
 from topology.neighbours import compressed_rows, pairs_within
@@ -259,7 +259,7 @@ class Ambient:
 
     def _accept(self, reading: Reading) -> None:
         """Keep the arrays of a reading, which a decoder writes again and again."""
-        from bus.bound import Bound
+        from bus.compiled.bound import Bound
 
         self._seen = (
             reading.field_ut, reading.displacement_mm, reading.temperature, reading.status

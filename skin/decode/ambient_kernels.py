@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from bus.jit import apart
+from bus.compiled.jit import apart
 
 __all__ = ["compose", "update", "update_python"]
 

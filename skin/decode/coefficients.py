@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bus.aligned import zeros
+from bus.compiled.aligned import zeros
 from bus.status import Status
 from skin.decode import layout as k
 from skin.decode.functions import OCTAVES_MAX

@@ -38,14 +38,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-from bus.aligned import zeros
-from bus.bound import Bound
-from skin.calibrate.stencil import Stencil
-from skin.calibrate.stray import powers
+from bus.compiled.aligned import zeros
+from bus.compiled.bound import Bound
 from skin.decode import crosstalk_kernels as kernels
 from skin.decode.crosstalk_cells import find_lattices
 from skin.decode.crosstalk_plan import Lattice, Scattered
 from skin.errors import SkinError
+from skin.physics.stencil import Stencil
+from skin.physics.stray import powers
 from topology import Topology
 
 __all__ = ["ACCURATE_UT", "LIVE_UT", "CrossTalk", "contraction_of"]

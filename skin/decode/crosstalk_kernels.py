@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from bus.jit import apart
+from bus.compiled.jit import apart
 
 __all__ = ["films", "films_python", "lattice", "lattice_python", "scattered", "scattered_python",
            "unknown", "unknown_python"]  # fmt: skip

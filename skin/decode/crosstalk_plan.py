@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bus.aligned import LINE, zeros
-from skin.calibrate.stencil import Stencil
-from skin.calibrate.stray import powers
+from bus.compiled.aligned import LINE, zeros
 from skin.decode import crosstalk_kernels as k
 from skin.decode.crosstalk_cells import Cells
+from skin.physics.stencil import Stencil
+from skin.physics.stray import powers
 
 __all__ = ["Lattice", "Scattered", "Table", "worth_it"]
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bus.aligned import zeros
+from bus.compiled.aligned import zeros
 from skin.decode import layout as k
 from skin.decode import sharing
 from skin.decode.plan import ESTIMATORS, LATERAL, Plan
@@ -17,9 +17,9 @@ from skin.state import Reading
 from topology import CHANNELS, Topology
 
 if TYPE_CHECKING:
-    from bus.bound import Bound
-    from skin.calibrate.stencil import Stencil
+    from bus.compiled.bound import Bound
     from skin.decode.kernels import Parts
+    from skin.physics.stencil import Stencil
 
 __all__ = ["ESTIMATORS", "Decoder"]
 
@@ -333,7 +333,7 @@ class Decoder:
 
     def _bind_pass(self, bare: bool) -> Bound | sharing.Shared:
         """The kernel on the arrays of one cycle, `bare` without a background."""
-        from bus.bound import Bound
+        from bus.compiled.bound import Bound
 
         background = None if bare else self._background
         calls = [

@@ -18,8 +18,9 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from bus import jit, status
-from bus.jit import ahead, apart, stamp
+from bus import status
+from bus.compiled import jit
+from bus.compiled.jit import ahead, apart, stamp
 from skin.decode import functions, laws, layout
 from skin.decode.functions import FLAGS, INLINED, atan2, exp2
 from skin.decode.laws import EXTRAPOLATION, FIELD_MIN, component

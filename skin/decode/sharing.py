@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import numpy as np
 
-    from bus.bound import Bound
+    from bus.compiled.bound import Bound
 
 __all__ = ["ENOUGH", "Shared", "processors", "together"]
 
@@ -51,7 +51,7 @@ class Shared:
         self._calls = calls
 
     def put(self, position: int, argument: np.ndarray) -> None:
-        """Exchange an array of all of them, see `bus.bound.Bound`."""
+        """Exchange an array of all of them, see `bus.compiled.bound.Bound`."""
         for call in self._calls:
             call.put(position, argument)
 

@@ -51,7 +51,7 @@ class Springs:
 
     @classmethod
     def of(cls, topology: Topology) -> Springs:
-        """The elastic laws of `skin.sim.material.Elastic`, seen from the force."""
+        """The elastic laws of `skin.physics.elastic.Elastic`, seen from the force."""
         p = topology.parameters
         per_mm = p["frequency_slope_hz_per_mm"]
         soft, stiff = (p[f"normal_{part}_n_per_hz"] * per_mm for part in ("soft", "stiff"))

@@ -19,7 +19,7 @@ from bus.frame import ECHO, FrameBatch
 from bus.memory import MemoryTransport
 from bus.transport import Transport
 from skin.errors import SkinError
-from skin.sim.halbach import FELT_M, HalbachField
+from skin.physics.halbach import FELT_M, HalbachField
 from skin.sim.heartbeat import Heartbeats
 from skin.sim.scene import PressSlideLift, Scene
 from skin.sim.settings import BoardSettings

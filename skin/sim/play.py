@@ -14,16 +14,16 @@ from functools import partial
 import numpy as np
 
 from skin.errors import SceneError, SkinError
-from skin.sim.fabrication import Fabrication
+from skin.physics.fabrication import Fabrication
+from skin.physics.halbach import FELT_M, HalbachField
+from skin.physics.surroundings import EARTH_UT, Surroundings
 from skin.sim.field import Field, SineField
 from skin.sim.foundation import Foundation
 from skin.sim.friction import Friction
-from skin.sim.halbach import FELT_M, HalbachField
 from skin.sim.mechanics import Mechanics
 from skin.sim.motion import Motion, Track, shape_of
 from skin.sim.script import HalfSpace, LoadTable, NonIdeal, SceneFile
 from skin.sim.stray import StrayField
-from skin.sim.surroundings import EARTH_UT, Surroundings
 from skin.sim.thermal import STEADY_SHARES, ThermalChain
 from skin.sim.tools import MovingTool
 from skin.sim.truth import Truth, add_up, wrench_map

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from skin.errors import SkinError
-from skin.sim.material import Elastic
+from skin.physics.elastic import Elastic
 from skin.sim.sphere import reach
 from skin.sim.stroke import strokes
 from skin.sim.truth import Truth, wrench_map

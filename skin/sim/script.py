@@ -37,10 +37,10 @@ import msgspec
 from msgspec import Meta
 
 from bus.faults.script import FaultScript
+from skin.physics.surroundings import Tool
 from skin.sim.counter import Counter
 from skin.sim.divider import Divider
 from skin.sim.hall import HallConverter
-from skin.sim.surroundings import Tool
 
 __all__ = [
     "BodyTable",

@@ -11,7 +11,7 @@ import numpy as np
 
 from bus.faults.script import FaultScript, problems
 from skin.errors import SceneError, SkinError
-from skin.sim.material import Elastic
+from skin.physics.elastic import Elastic
 from skin.sim.mechanics import Mechanics
 from skin.sim.motion import Motion, frame_of, shape_of
 from skin.sim.play import DEEPEST_MM, loaded_units

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from skin.physics.halbach import CHIP_AXES
+from skin.physics.surroundings import Surroundings
 from skin.sim.field import Field
-from skin.sim.halbach import CHIP_AXES
-from skin.sim.surroundings import Surroundings
 from topology import Topology
 
 __all__ = ["StrayField"]

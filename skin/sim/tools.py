@@ -8,11 +8,11 @@ from functools import partial
 import numpy as np
 
 from skin.errors import SceneError
+from skin.physics.film_table import load_film_table
+from skin.physics.surroundings import Tool
 from skin.sim.body import Body, reach
-from skin.sim.film_table import load_film_table
 from skin.sim.motion import Track, frame_of
 from skin.sim.script import SceneFile
-from skin.sim.surroundings import Tool
 from topology import Topology
 
 __all__ = ["MovingTool"]

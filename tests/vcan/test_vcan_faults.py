@@ -1,6 +1,6 @@
 """The fault matrix over real CAN sockets."""
 
-import fault_matrix
+from tests.bus import fault_matrix
 
 
 def test_socketcan_changes_nothing_in_the_matrix():

@@ -7,10 +7,10 @@ import subprocess
 import time
 
 import pytest
-from logfixtures import CANDUMP_FRAMES, CANDUMP_WAYS, check_candump
 
 from bus.frame import FD_FDF
 from bus.logs import read_all, write
+from tests.fixtures.logs import CANDUMP_FRAMES, CANDUMP_WAYS, check_candump
 
 CLASSIC, FD = struct.Struct("=IB3x8s"), struct.Struct("=IBB2x64s")
 

@@ -2,9 +2,9 @@
 
 import can
 import pytest
-from transport_contract import CHECKS, numbered, numbers, receive
 
 from bus.pythoncan import PythonCanTransport
+from tests.bus.transport_contract import CHECKS, numbered, numbers, receive
 from topology import Bus
 
 BUS = Bus(name="main", interface="socketcan", channel="vcan0", data_bitrate=5_000_000)

@@ -20,8 +20,6 @@ import tty
 import can
 import numpy as np
 import pytest
-from busfixtures import frame, join, make_topology
-from transport_contract import CHECKS, PATIENCE_S, numbered, numbers, receive
 
 from bus import FRAME_DTYPE, BusOpenError, FrameBatch
 from bus.frame import CAN_ERR, ECHO, FD_BRS, FD_FDF
@@ -30,6 +28,8 @@ from bus.open import open_transport
 from bus.socketcan import SocketCanTransport, filters
 from bus.state import BusState
 from bus.wait import Waiter
+from tests.bus.transport_contract import CHECKS, PATIENCE_S, numbered, numbers, receive
+from tests.fixtures.bus import frame, join, make_topology
 from topology import Bus
 
 N_SLCAN = 17

@@ -1,0 +1,1 @@
+"""How kernels are compiled: the only place that touches private parts of numba."""

@@ -1,0 +1,1 @@
+"""What decoder and simulator both know: films, fields, stencils, elastic laws."""

@@ -1,0 +1,228 @@
+"""The film's field from magnet theory alone, and the table of it: ``python -m skin.physics.film``.
+
+The only file that needs magpylib (``pip install 'f3t-skin[sim]'``). Every strip of every sector is
+a uniformly polarised prism, whose field magpylib knows in closed form; the simulator interpolates
+the table that this file makes of it.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from skin.errors import SkinError
+from skin.physics.film_table import TABLE_PATH, Axis, Film, FilmTable
+
+__all__ = ["build_table", "calibrated", "film_field_ut"]
+
+AMPLITUDE_UT = 11073.0
+"""M0 at H = 2 mm, which fixes the remanence; model.md, section 3 [derived]."""
+
+REFERENCE_MM = 2.0
+
+RHO = Axis(0.0, 0.15, 52)
+Z = Axis(0.55, 0.15, 49)
+NEAR_ORDERS = (*range(11), 16, 32)
+"""What errors of sectors cause, and the pattern of the 16 sectors themselves."""
+
+INVERSE_R = Axis(0.01, 0.0042, 30)
+THETA = Axis(0.0, np.pi / 90.0, 91)
+FAR_ORDERS = (0, 1, 2, 3, 16)
+
+NEAR_AZIMUTHS, FAR_AZIMUTHS = 96, 48
+"""Around the circle: the highest order's first alias is twice as high, and far weaker."""
+
+CHUNK = 200_000
+"""Triangles times points at once: some ten megabytes in magpylib."""
+
+
+def film_field_ut(
+    film: Film,
+    points_mm: np.ndarray,
+    *,
+    sector_angle_rad: np.ndarray | float = 0.0,
+    sector_strength: np.ndarray | float = 1.0,
+) -> np.ndarray:
+    """Field of a whole film.
+
+    Parameters
+    ----------
+    film : Film
+    points_mm : ndarray, shape (3, p)
+        Film frame, outside the film.
+    sector_angle_rad : ndarray, shape (sectors,)
+        How far each sector is turned about the film's middle from its place.
+    sector_strength : ndarray, shape (sectors,)
+        Factor of each sector's remanence.
+
+    Returns
+    -------
+    ndarray, shape (3, p)
+        Microtesla, film frame.
+    """
+    place = 2.0 * np.pi / film.sectors * np.arange(film.sectors)
+    field = np.zeros(points_mm.shape)
+    for angle, strength in np.broadcast(place + sector_angle_rad, sector_strength):
+        c, s = np.cos(angle), np.sin(angle)
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        field += strength * (turn @ sector_field_ut(film, turn.T @ points_mm))
+    return field
+
+
+def sector_field_ut(
+    film: Film, points_mm: np.ndarray, progress: Callable[[int], None] | None = None
+) -> np.ndarray:
+    """Field of the sector that points along x, µT, shape (3, p); see `film_field_ut`."""
+    core = _magpylib().core
+    vertices, polarisation = _sector(film)
+    field = np.empty(points_mm.shape)
+    at_once = max(1, CHUNK // len(vertices))
+    for start in range(0, points_mm.shape[1], at_once):
+        points = points_mm[:, start : start + at_once].T
+        each = core.triangle_Bfield(
+            np.repeat(points, len(vertices), axis=0),
+            np.tile(vertices, (len(points), 1, 1)),
+            np.tile(polarisation, (len(points), 1)),
+        )
+        field[:, start : start + at_once] = each.reshape(len(points), -1, 3).sum(axis=1).T
+        if progress is not None:
+            progress(len(points))
+    return 1e6 * field
+
+
+def _magpylib():
+    try:
+        import magpylib
+    except ImportError as error:
+        raise SkinError(
+            "magpylib: must be installed to compute the film's field from its magnets "
+            "(pip install 'f3t-skin[sim]'); the shipped table needs nothing"
+        ) from error
+    return magpylib
+
+
+def _sector(film: Film) -> tuple[np.ndarray, np.ndarray]:
+    """Faces of a sector's strips, outward: vertices (f, 3, 3) in mm and polarisation (f, 3) in T.
+
+    Triangles with the apex in the film's middle; their height makes them as large as the slices.
+    """
+    slope = np.tan(np.pi / film.sectors)
+    height = film.radius_mm * np.sqrt(np.pi / (film.sectors * slope))
+    edges = np.linspace(0.0, height, film.strips + 1)
+    vertices, polarisation = [], []
+    for inner, outer in pairwise(edges):
+        outline = [(inner, -inner), (outer, -outer), (outer, outer), (inner, inner)]
+        outline = [(x, y * slope) for x, y in outline]
+        faces = _prism(outline, 0.5 * film.thickness_mm)
+        phase = np.pi * (inner + outer) / film.wavelength_mm
+        vertices += faces
+        polarisation += len(faces) * [(-np.sin(phase), 0.0, np.cos(phase))]
+    vertices = np.array(vertices)
+    # the innermost strip is a triangle: two of its faces have no area
+    sides = vertices[:, 1:] - vertices[:, :1]
+    whole = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) > 0.0
+    return vertices[whole], film.remanence_t * np.array(polarisation)[whole]
+
+
+def _prism(outline: list[tuple[float, float]], half: float) -> list[list[tuple[float, ...]]]:
+    """Outward triangles of a prism over a convex quadrilateral, counter-clockwise from above."""
+    low, high = [(*p, -half) for p in outline], [(*p, half) for p in outline]
+    faces = [[high[0], high[1], high[2]], [high[0], high[2], high[3]],
+             [low[0], low[2], low[1]], [low[0], low[3], low[2]]]  # fmt: skip
+    for i, j in ((0, 1), (1, 2), (2, 3), (3, 0)):
+        faces += [[low[i], low[j], high[j]], [low[i], high[j], high[i]]]
+    return faces
+
+
+def calibrated(film: Film) -> Film:
+    """The film with the remanence that makes its lateral field crest at `AMPLITUDE_UT`."""
+    lateral = np.linspace(2.0, 3.0, 201)
+    height = np.full_like(lateral, film.chip_mm - REFERENCE_MM)
+    points = np.stack([lateral, np.zeros_like(lateral), height])
+    crest = film_field_ut(replace(film, remanence_t=1.0), points)[0].max()
+    return replace(film, remanence_t=AMPLITUDE_UT / crest)
+
+
+def build_table(film: Film, progress: Callable[[float], None] | None = None) -> FilmTable:
+    """Tabulate the field of a film.
+
+    Parameters
+    ----------
+    film : Film
+    progress : callable, optional
+        Called with the share that is done.
+    """
+    near_grid = np.meshgrid(RHO.nodes, Z.nodes, _half_circle(NEAR_AZIMUTHS), indexing="ij")
+    far_grid = np.meshgrid(INVERSE_R.nodes, THETA.nodes, _half_circle(FAR_AZIMUTHS), indexing="ij")
+    total, done = near_grid[0].size + far_grid[0].size, 0
+
+    def count(points: int) -> None:
+        nonlocal done
+        done += points
+        if progress is not None:
+            progress(done / total)
+
+    def fields(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+        points = np.stack([x, y, z]).reshape(3, -1)
+        return sector_field_ut(film, points, count).reshape(3, *x.shape)
+
+    rho, z, phi = near_grid
+    c, s = np.cos(phi), np.sin(phi)
+    bx, by, bz = fields(rho * c, rho * s, z)
+    near = _harmonics(film, (bx * c + by * s, bz, by * c - bx * s), NEAR_ORDERS)
+
+    inverse_r, theta, phi = far_grid
+    r, ct, st, c, s = 1.0 / inverse_r, np.cos(theta), np.sin(theta), np.cos(phi), np.sin(phi)
+    bx, by, bz = r**3 * fields(r * st * c, r * st * s, r * ct)
+    outward = bx * c + by * s
+    far = _harmonics(
+        film, (outward * st + bz * ct, outward * ct - bz * st, by * c - bx * s), FAR_ORDERS
+    )
+    return FilmTable(
+        film=film, amplitude_ut=AMPLITUDE_UT, source=f"magpylib {_magpylib().__version__}",
+        rho=RHO, z=Z, near_orders=np.array(NEAR_ORDERS), near=near,
+        inverse_r=INVERSE_R, theta=THETA, far_orders=np.array(FAR_ORDERS), far=far,
+    )  # fmt: skip
+
+
+def _half_circle(azimuths: int) -> np.ndarray:
+    return 2.0 * np.pi / azimuths * np.arange(azimuths // 2 + 1)
+
+
+def _harmonics(
+    film: Film, components: tuple[np.ndarray, ...], orders: tuple[int, ...]
+) -> np.ndarray:
+    """Fourier series in the azimuth, shape (a, b, 3, orders), of all sectors in phase.
+
+    A sector is its own mirror image, so that half a circle, the last axis of each component, is
+    the whole: the first two components are even in the azimuth, the third is odd.
+    """
+    first, second, third = components
+    even = [np.concatenate([f, f[..., -2:0:-1]], axis=-1) for f in (first, second)]
+    odd = np.concatenate([third, -third[..., -2:0:-1]], axis=-1)
+    scale = np.where(np.array(orders) == 0, 1.0, 2.0) * film.sectors / odd.shape[-1]
+    cosines = [np.fft.rfft(f, axis=-1).real[..., orders] for f in even]
+    sines = -np.fft.rfft(odd, axis=-1).imag[..., orders]
+    return np.ascontiguousarray(scale * np.stack([*cosines, sines], axis=-2), np.float32)
+
+
+def main(path: Path = TABLE_PATH) -> None:
+    """Compute the table that ships with the package and write it."""
+
+    def progress(share: float) -> None:
+        sys.stdout.write(f"\r{path.name}: {100.0 * share:5.1f} %")
+        sys.stdout.flush()
+
+    table = build_table(calibrated(Film()), progress)
+    table.save(path)
+    sys.stdout.write(f"\r{path}: {path.stat().st_size / 1024:.0f} KiB, remanence "
+                     f"{table.film.remanence_t:.4f} T\n")  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,165 @@
+"""The magnetic film and its tabulated field: all that the simulator needs to know of magnets."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import asdict, dataclass, fields
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+
+__all__ = ["TABLE_PATH", "Axis", "Film", "FilmTable", "load_film_table"]
+
+TABLE_PATH = Path(str(files("skin.physics"))) / "data" / "film.npz"
+"""The table that ships with the package."""
+
+
+@dataclass(frozen=True)
+class Film:
+    """A circular Halbach film and where its Hall chip sits; model.md, "The film".
+
+    The film frame has its origin in the middle of the film and z towards the chip. Each of the
+    equal sectors is a triangle with the area of its slice of the circle, cut into strips across
+    its axis; at a distance s along the axis its polarisation is
+    ``remanence (cos(2 pi s / wavelength) z - sin(2 pi s / wavelength) axis)``, which is strong on
+    the side of the chip.
+    """
+
+    radius_mm: float = 6.0
+    thickness_mm: float = 0.5
+    sectors: int = 16
+    wavelength_mm: float = 10.6
+    strips: int = 24
+    gap_mm: float = 4.2
+    """From the film's near face to the Hall element, unpressed [derived]."""
+    cover_mm: float = 1.0
+    """From the sensing face to the film's outer face: the gel [assumed]."""
+    remanence_t: float = 1.0
+
+    @property
+    def chip_mm(self) -> float:
+        """Distance of the Hall element from the middle of the unpressed film."""
+        return self.gap_mm + 0.5 * self.thickness_mm
+
+    @property
+    def middle_mm(self) -> float:
+        """Depth of the middle of the unpressed film under the sensing face."""
+        return self.cover_mm + 0.5 * self.thickness_mm
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Equally spaced nodes."""
+
+    first: float
+    step: float
+    count: int
+
+    @property
+    def last(self) -> float:
+        return self.first + (self.count - 1) * self.step
+
+    @property
+    def nodes(self) -> np.ndarray:
+        return self.first + self.step * np.arange(self.count)
+
+
+@dataclass(frozen=True, eq=False)
+class FilmTable:
+    """Field of a film as Fourier series in the angle, tabulated over the two other coordinates.
+
+    With ``c[m] = mean over sectors of strength exp(-i m angle)`` (1 for m = 0, 16, 32 and else 0
+    in a perfect film) the first two components at azimuth phi are
+    ``sum over m of table[..., 0:2, m] Re(c[m] exp(i m phi))`` and the third, along phi,
+    ``sum over m of table[..., 2, m] Im(c[m] exp(i m phi))``: errors of single sectors change only
+    c. Exact but for the interpolation and the orders m left out.
+
+    Attributes
+    ----------
+    film : Film
+    amplitude_ut : float
+        Crest of the lateral field at a depth of 2 mm: M0(H = 2 mm).
+    rho, z : Axis
+        Nodes of the near table, mm, film frame: the chip's own film.
+    near_orders, far_orders : ndarray, int64
+        Orders m of the two tables, ascending.
+    near : ndarray, shape (rho.count, z.count, 3, near_orders.size), float32
+        B_rho, B_z, B_phi, µT.
+    inverse_r, theta : Axis
+        Nodes of the far table, 1/mm and radian, polar angle from the film's z: other units' chips.
+    far : ndarray, shape (inverse_r.count, theta.count, 3, far_orders.size), float32
+        r³ B_r, r³ B_theta, r³ B_phi, µT mm³: regular up to infinity, where a dipole is left.
+    source : str
+        What computed the table.
+    """
+
+    film: Film
+    amplitude_ut: float
+    rho: Axis
+    z: Axis
+    near_orders: np.ndarray
+    near: np.ndarray
+    inverse_r: Axis
+    theta: Axis
+    far_orders: np.ndarray
+    far: np.ndarray
+    source: str
+
+    @property
+    def nearest_mm(self) -> float:
+        """Distance from the middle of the film, along z, from which on the near table is within
+        1e-3 of what it tabulates: up to its second node its cubics are one-sided."""
+        return self.z.first + self.z.step
+
+    @property
+    def far_mm(self) -> float:
+        """Distance from the middle of the film from which on the far table holds, on all sides."""
+        return 1.0 / self.inverse_r.last
+
+    def save(self, path: Path) -> None:
+        """Write to `path`: beside it first, then renamed over it."""
+        axes = {f"axis_{name}": _axis_row(getattr(self, name)) for name in AXES}
+        film = {f"film_{name}": value for name, value in asdict(self.film).items()}
+        path.parent.mkdir(parents=True, exist_ok=True)
+        beside = path.with_name(path.name + ".part")
+        try:
+            with beside.open("wb") as out:
+                np.savez_compressed(
+                    out, amplitude_ut=self.amplitude_ut, source=self.source,
+                    **{name: getattr(self, name) for name in ARRAYS}, **axes, **film,
+                )  # fmt: skip
+            os.replace(beside, path)
+        finally:
+            beside.unlink(missing_ok=True)
+
+    @classmethod
+    def read(cls, path: Path) -> FilmTable:
+        """Read what `save` wrote."""
+        with np.load(path, allow_pickle=False) as stored:
+            film = {f.name: stored[f"film_{f.name}"].item() for f in fields(Film)}
+            axes = {name: _axis(stored[f"axis_{name}"]) for name in AXES}
+            arrays = {name: stored[name] for name in ARRAYS}
+            amplitude_ut, source = stored["amplitude_ut"].item(), stored["source"].item()
+        for array in arrays.values():
+            array.setflags(write=False)
+        return cls(film=Film(**film), amplitude_ut=amplitude_ut, source=source, **axes, **arrays)
+
+
+AXES = ("rho", "z", "inverse_r", "theta")
+ARRAYS = ("near_orders", "near", "far_orders", "far")
+
+
+def _axis_row(axis: Axis) -> np.ndarray:
+    return np.array([axis.first, axis.step, axis.count])
+
+
+def _axis(row: np.ndarray) -> Axis:
+    return Axis(float(row[0]), float(row[1]), int(row[2]))
+
+
+@cache
+def load_film_table() -> FilmTable:
+    """The table that ships with the package, read once."""
+    return FilmTable.read(TABLE_PATH)

@@ -1,0 +1,372 @@
+"""The field that a moving neighbour adds at a chip, as a polynomial of where the neighbour is.
+
+A film looks the same from every side, so what it adds at a chip depends on the distance of the
+chip from the film's axis and its height along it alone: one fit serves all pairs that share these,
+on flat, curved and irregular skins, once it is turned to where the chip really is.
+
+Units of different frames move against each other, so what one adds at the other is no constant of
+the skin: such pairs are left out, and counted (`Stencil.moving_pairs`). For frames that stand
+still, build the stencil of the topology in that pose with ``rigid=True``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from skin.errors import ScanError, SkinError
+from skin.physics.least_squares import Fit
+from skin.physics.stray import (
+    APART_M,
+    DEGREES,
+    Pairs,
+    field_at_rest,
+    left_out,
+    monomials,
+    powers,
+    scan_poses,
+    scan_stray,
+)
+from topology import Topology
+from topology.neighbours import compressed_rows, pairs_within
+
+__all__ = ["Stencil"]
+
+SAME_SKIN_M = 2e-4
+"""Units that are this much nearer or farther than in a saved stencil are other units."""
+FORMAT = 1
+"""Of the file that a stencil is saved to."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stencil:
+    """What the neighbours of every unit add at its chip, in compressed rows of m pairs.
+
+    Pairs of one kind differ in nothing but the strength of the film: on a flat lattice all pairs
+    of one offset are of a kind, on a curved skin nearly every pair is its own.
+
+    Attributes
+    ----------
+    start : ndarray, shape (n + 1,), int32
+    neighbour : ndarray, shape (m,), int32
+        Neighbours of unit i are ``neighbour[start[i]:start[i + 1]]``.
+    kind : ndarray, shape (m,), int32
+    apart_m : ndarray, shape (m,)
+        Distance of the centres of each pair.
+    coefficients : ndarray, shape (k, 3, terms), float64
+        Of each kind, for a film of strength 1: µT per mm and its powers (`powers`), axes of the
+        chip of the unit, from (dx, dy, H) of the neighbour in the neighbour's frame.
+    sigma_ut : ndarray, shape (k, 3)
+        One-sigma of what each kind predicts for a film of strength 1, the mean over the range of
+        the scan: what the polynomial misses, and the noise of the scan.
+    strength : ndarray, shape (n,)
+        Of each unit's film: `field_amplitude_ut`, 0 of sensors of another kind; 1 where the pairs
+        were measured themselves.
+    rest_ut : ndarray, shape (3, n)
+        What all neighbours within `HORIZON_M`, however far beyond the reach, add while they are at
+        rest: constant, and large along z.
+    degree : int
+    reach_m : float
+        Neighbours nearer than this are in.
+    depth_max_mm, displacement_max_mm : float
+        Range of the scan.
+    left_out_ut : float
+        What farther neighbours add to any axis of the worst unit, if all of them, each as strong
+        as the strongest, moved at once to where on a flat skin they add most.
+    left_out_rms_ut : ndarray, shape (n,)
+        What they add to one axis of each unit if they move at random through the range of the
+        scan: root of the mean square, over the axes too. A skin pressed all over is about that.
+    residual_rms_ut, residual_max_ut : float
+        Of the fits, of one neighbour at the nearest distance.
+    moving_pairs : int
+        Pairs within the reach that are left out because their frames move against each other.
+    """
+
+    start: np.ndarray
+    neighbour: np.ndarray
+    kind: np.ndarray
+    apart_m: np.ndarray
+    coefficients: np.ndarray
+    sigma_ut: np.ndarray
+    strength: np.ndarray
+    rest_ut: np.ndarray
+    degree: int
+    reach_m: float
+    depth_max_mm: float
+    displacement_max_mm: float
+    left_out_ut: float
+    left_out_rms_ut: np.ndarray
+    residual_rms_ut: float
+    residual_max_ut: float
+    moving_pairs: int
+
+    @property
+    def n(self) -> int:
+        """Number of units."""
+        return len(self.start) - 1
+
+    @property
+    def unit(self) -> np.ndarray:
+        """Unit of each pair, shape (m,)."""
+        return np.repeat(np.arange(self.n), np.diff(self.start))
+
+    @property
+    def gram(self) -> np.ndarray:
+        """Means of the products of all terms over the range of the scan, shape (terms, terms).
+
+        ``c @ gram @ c`` is the mean square of a polynomial with coefficients c.
+        """
+        return _gram(self.depth_max_mm, self.displacement_max_mm, self.degree)
+
+    @property
+    def mean(self) -> np.ndarray:
+        """Means of all terms over the range of the scan, shape (terms,)."""
+        moved, share = scan_poses(self.depth_max_mm, self.displacement_max_mm)
+        return monomials(moved.T, self.degree) @ share
+
+    def __call__(self, displacement_mm: np.ndarray) -> np.ndarray:
+        """Predict the change of the field at every chip since all units were at rest.
+
+        Every term of every pair in float64; `skin.decode.crosstalk` is the fast way.
+
+        Parameters
+        ----------
+        displacement_mm : ndarray, shape (..., 3, n)
+            dx, dy, H of every unit, its own frame: `Reading.displacement_mm`.
+
+        Returns
+        -------
+        ndarray, shape (..., 3, n)
+            Microtesla, axes of the chips.
+        """
+        given = np.asarray(displacement_mm, float)
+        terms = (monomials(given, self.degree) * self.strength)[..., self.neighbour]
+        each = np.einsum("map,...pm->...am", self.coefficients[self.kind], terms)
+        out = np.zeros(given.shape)
+        np.add.at(np.moveaxis(out, -1, 0), self.unit, np.moveaxis(each, -1, 0))
+        return out
+
+    def save(self, path: str | Path) -> None:
+        """Write all of it to a file, as numpy's .npz: written beside, then renamed."""
+        path = Path(path)
+        beside = path.with_name(path.name + ".part")
+        values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        with beside.open("wb") as file:
+            np.savez_compressed(file, format=FORMAT, **values)
+        os.replace(beside, path)
+
+    @classmethod
+    def load(cls, path: str | Path, topology: Topology) -> Stencil:
+        """Read a file that `save` wrote.
+
+        Parameters
+        ----------
+        path : str or Path
+        topology : Topology
+            Of the same units.
+
+        Raises
+        ------
+        SkinError
+            No such file, another kind of file, or a stencil of another skin.
+        """
+        try:
+            with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+                if int(file["format"]) != FORMAT:
+                    raise SkinError(f"{path}: format: must be {FORMAT}; got {int(file['format'])}")
+                values = {
+                    field.name: file[field.name][()] for field in dataclasses.fields(cls)
+                }  # fmt: skip
+        except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
+            raise SkinError(f"{path}: must be a stencil that was saved; got {error}") from None
+        found = cls(**values)
+        if found.n != topology.n:
+            raise SkinError(
+                f"{path}: must be the stencil of {topology.n} units, as {topology.name}; "
+                f"got {found.n}"
+            )
+        off = np.abs(_apart(topology, found.unit, found.neighbour) - found.apart_m)
+        if off.max(initial=0.0) > SAME_SKIN_M:
+            worst = int(np.argmax(off))
+            i, j = (topology.unit_names[k[worst]] for k in (found.unit, found.neighbour))
+            raise SkinError(
+                f"{path}: must be the stencil of {topology.name}, {i} and {j} being "
+                f"{1e3 * (found.apart_m[worst]):.4g} mm apart in it; got a skin that differs by "
+                f"{1e3 * off[worst]:.2g} mm"
+            )
+        return found
+
+    @classmethod
+    def measured(
+        cls,
+        topology: Topology,
+        unit: Sequence[int],
+        neighbour: Sequence[int],
+        fits: Sequence[tuple[Fit, Fit, Fit]],
+        *,
+        depth_max_mm: float = 2.0,
+        displacement_max_mm: float = 2.5,
+    ) -> Stencil:
+        """From fits of pairs of the very skin: one unit moves, the chips around it are read.
+
+        Pairs that were not measured count as left out; what rests is taken from magnet theory.
+
+        Parameters
+        ----------
+        topology : Topology
+        unit, neighbour : sequence of int, length m
+            Whose chip was read, and whose film was moved.
+        fits : sequence of tuple of Fit, length m
+            Of `fit_stray`, of one degree.
+        depth_max_mm, displacement_max_mm : float
+            Range of the scans.
+
+        Raises
+        ------
+        ScanError
+            No pair at all.
+        """
+        if not len(fits):
+            raise ScanError("fits: must be one or more; got none")
+        place = np.lexsort((neighbour, unit))
+        i, j = np.asarray(unit)[place], np.asarray(neighbour, np.int32)[place]
+        start = np.concatenate([[0], np.cumsum(np.bincount(i, minlength=topology.n))])
+        fits = [fits[p] for p in place]
+        values = np.array([[axis.values for axis in fit] for fit in fits])
+        degree = next(d for d in DEGREES if len(powers(d)) == values.shape[2])
+        gram = _gram(depth_max_mm, displacement_max_mm, degree)
+        known = np.array([[np.sum(axis.covariance * gram) for axis in fit] for fit in fits])
+        missed = np.array([[_missed(axis) for axis in fit] for fit in fits])
+        apart = _apart(topology, i, j)
+        parted = _parted(_with_films(topology))
+        bound, rms = left_out(parted, i, j, depth_max_mm, displacement_max_mm)
+        residual = [axis.residual_rms for axis in fits[int(np.argmin(apart))]]
+        worst = [axis.residual_max for axis in fits[int(np.argmin(apart))]]
+        return cls(
+            start.astype(np.int32), j, np.arange(len(fits), dtype=np.int32), apart,
+            values, np.sqrt(known + missed), np.ones(topology.n), field_at_rest(parted), degree,
+            float(apart.max()), depth_max_mm, displacement_max_mm, bound, rms, max(residual),
+            max(worst), 0,
+        )  # fmt: skip
+
+    @classmethod
+    def of(
+        cls,
+        topology: Topology,
+        *,
+        degree: int = 4,
+        reach_m: float = 0.039,
+        depth_max_mm: float = 2.0,
+        displacement_max_mm: float = 2.5,
+        sigma_ut: float = 0.0,
+        seed: int = 0,
+        rigid: bool = False,
+    ) -> Stencil:
+        """Scan one neighbour for every kind of pair of a skin, from magnet theory, and fit.
+
+        Parameters
+        ----------
+        topology : Topology
+        degree : int
+            1 to 4.
+        reach_m : float
+            Between unit centres.
+        depth_max_mm, displacement_max_mm : float
+            Range of the scans.
+        sigma_ut : float
+            One-sigma noise of the scans, after averaging; 0: exact ones.
+        seed : int
+            Of the noise.
+        rigid : bool
+            Whether the frames stay where the file puts them: then their units' pairs are in too.
+
+        Raises
+        ------
+        ScanError
+            A degree that is not there.
+        SkinError
+            Units so near that a film is moved into a neighbour's chip.
+        """
+        if degree not in DEGREES:
+            raise ScanError(f"degree: must be 1, 2, 3 or 4; got {degree}")
+        topology = _with_films(topology)
+        parted = topology if rigid else _parted(topology)
+        start, neighbour = _rows(parted, reach_m)
+        moving = 0 if rigid else (_rows(topology, reach_m)[1].size - neighbour.size) // 2
+        unit = np.repeat(np.arange(topology.n), np.diff(start))
+        pairs = Pairs.of(topology, unit, neighbour)
+        moved, share = scan_poses(depth_max_mm, displacement_max_mm)
+        stray = scan_stray(topology, pairs.seen, moved)
+        if sigma_ut:
+            noise = np.random.default_rng(seed).standard_normal(stray.shape)
+            stray = stray + sigma_ut * noise
+        terms = monomials(moved.T, degree)
+        q, r = np.linalg.qr(terms.T)
+        values = np.einsum("kta,tp->kap", stray, np.linalg.solve(r, q.T).T)
+        residual = stray - np.einsum("kap,pt->kta", values, terms)
+        rms = np.sqrt(np.einsum("t,kta->ka", share, residual**2))
+        # this share of the noise is fitted, the rest stays in the residual
+        fitted = np.sum(share * np.sum(q**2, axis=1))
+        missed = np.maximum(rms**2 - (1.0 - fitted) * sigma_ut**2, 0.0)
+        sigma = np.sqrt(missed + fitted * sigma_ut**2)
+        strength = topology.parameters["field_amplitude_ut"]
+        bound, beyond = left_out(parted, unit, neighbour, depth_max_mm, displacement_max_mm)
+        nearest = int(np.argmin(pairs.seen[0])) if len(stray) else None
+        worst = (0.0, 0.0) if nearest is None else (
+            float(strength.max() * rms[nearest].max()),
+            float(strength.max() * np.abs(residual[nearest]).max()),
+        )  # fmt: skip
+        return cls(
+            start, neighbour, pairs.kind, _apart(topology, unit, neighbour),
+            pairs.turned(values, degree), pairs.spread(sigma), strength.copy(),
+            field_at_rest(parted), degree, reach_m, depth_max_mm, displacement_max_mm, bound,
+            beyond, *worst, moving,
+        )  # fmt: skip
+
+
+def _gram(depth_max_mm: float, displacement_max_mm: float, degree: int) -> np.ndarray:
+    """See `Stencil.gram`."""
+    moved, share = scan_poses(depth_max_mm, displacement_max_mm)
+    terms = monomials(moved.T, degree)
+    return terms * share @ terms.T
+
+
+def _missed(fit: Fit) -> float:
+    """Mean square of what the polynomial misses: of the residual, what noise cannot explain."""
+    by_chance = 3.0 * np.sqrt(2.0 / max(fit.samples - len(fit.values), 1))
+    return fit.residual_rms**2 * (1.0 - 1.0 / fit.chi2) if fit.chi2 > 1.0 + by_chance else 0.0
+
+
+def _with_films(topology: Topology) -> Topology:
+    """The same skin, in which sensors of another kind have no film."""
+    strength = np.where(topology.counts_only, 0.0, topology.parameters["field_amplitude_ut"])
+    parameters = {**topology.parameters, "field_amplitude_ut": strength}
+    return dataclasses.replace(topology, parameters=parameters)
+
+
+def _parted(topology: Topology) -> Topology:
+    """The same skin with its frames too far apart to feel each other."""
+    if not topology.patch_frames:
+        return topology
+    _, frame = np.unique(np.array(topology.patch_frames)[topology.patch], return_inverse=True)
+    position = topology.position.copy()
+    position[0] += APART_M * frame
+    return dataclasses.replace(topology, position=position)
+
+
+def _apart(topology: Topology, unit: np.ndarray, neighbour: np.ndarray) -> np.ndarray:
+    """Distances of the centres of pairs, metre."""
+    return np.linalg.norm(topology.position[:, unit] - topology.position[:, neighbour], axis=0)
+
+
+def _rows(topology: Topology, reach_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Neighbours nearer than `reach_m`, compressed rows."""
+    pairs = [np.stack([i, j]) for i, j, _ in pairs_within(topology.position, reach_m)]
+    i, j = np.concatenate([np.empty((2, 0), np.int64), *pairs], axis=1)
+    return compressed_rows(topology.n, i, j)

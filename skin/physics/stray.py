@@ -1,0 +1,302 @@
+"""What one film adds at a neighbour's chip as it moves: scans of magnet theory, and fits of scans.
+
+The field of a pair is a polynomial without a constant in dx, dy and H of the neighbour: the change
+since the neighbour was at rest.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from skin.errors import ScanError
+from skin.physics.halbach import CHIP_AXES, HalbachField
+from skin.physics.least_squares import Fit, check_levels, check_samples, least_squares
+from topology import Topology
+from topology.neighbours import pairs_within
+
+__all__ = [
+    "APART_M", "DEGREES", "HORIZON_M", "Pairs", "field_at_rest", "fit_stray", "left_out",
+    "monomials", "powers", "scan_poses", "scan_stray",
+]  # fmt: skip
+
+SAME_MM = 1e-3
+"""Pairs whose chips sit within this of each other, as their films see them, share a fit."""
+APART_M = 10.0
+"""Between the pairs of the bench, and between frames: none feels another."""
+HORIZON_M = 0.1
+"""What is left out is summed to this distance; beyond it a film adds less than 0.1 µT."""
+DEGREES = (1, 2, 3, 4)
+
+
+def powers(degree: int) -> np.ndarray:
+    """Exponents of (dx, dy, H) of every term but the constant, shape (terms, 3).
+
+    By degree: three linear ones, then six quadratic, ten cubic, fifteen quartic ones.
+    """
+    every = [p for p in product(range(degree + 1), repeat=3) if 1 <= sum(p) <= degree]
+    return np.array(sorted(every, key=lambda p: (sum(p), [-e for e in p])))
+
+
+def monomials(displacement_mm: np.ndarray, degree: int) -> np.ndarray:
+    """Every term of `powers`.
+
+    Parameters
+    ----------
+    displacement_mm : ndarray, shape (..., 3, m)
+        Of a film: tangential dx, dy, and depth H.
+    degree : int
+
+    Returns
+    -------
+    ndarray, shape (..., terms, m)
+    """
+    given = np.asarray(displacement_mm, float)
+    x, y, h = ([given[..., axis, :] ** e for e in range(degree + 1)] for axis in range(3))
+    return np.stack([x[i] * y[j] * h[k] for i, j, k in powers(degree)], axis=-2)
+
+
+def fit_stray(
+    stray_ut: np.ndarray,
+    displacement_mm: np.ndarray,
+    *,
+    degree: int = 3,
+    sigma_ut: float = 1.0,
+) -> tuple[Fit, Fit, Fit]:
+    """Fit the three axes of a neighbour's stray field to a scan of the neighbour.
+
+    Parameters
+    ----------
+    stray_ut : ndarray, shape (t, 3)
+        Change of the field at the chip since the neighbour was at rest.
+    displacement_mm : ndarray, shape (t, 3)
+        Of the neighbour: dx, dy, H.
+    degree : int
+        1 to 4.
+    sigma_ut : float
+
+    Returns
+    -------
+    tuple of Fit
+        Coefficients of `powers` along x, y and z.
+
+    Raises
+    ------
+    ScanError
+        Too few samples or levels of a displacement, or a value that is not finite.
+    """
+    if degree not in DEGREES:
+        raise ScanError(f"degree: must be 1, 2, 3 or 4; got {degree}")
+    terms = powers(degree)
+    check_samples(len(terms), stray_ut=stray_ut, displacement_mm=displacement_mm)
+    moved = np.asarray(displacement_mm, float)
+    for axis, name in enumerate(("dx", "dy", "H")):
+        check_levels(f"displacement_mm ({name})", moved[:, axis], degree + 1, 0.05)
+    matrix = monomials(moved.T, degree).T
+    names = tuple("".join(f"{name}^{e} " for name, e in zip(("dx", "dy", "H"), term, strict=True)
+                          if e).strip() for term in terms)  # fmt: skip
+    stray = np.asarray(stray_ut, float)
+    return tuple(least_squares(matrix, stray[:, axis], sigma_ut, names) for axis in range(3))
+
+
+def scan_poses(depth_max_mm: float, displacement_max_mm: float) -> tuple[np.ndarray, np.ndarray]:
+    """Poses of a scan: rings of equal area at several depths, their ends and the middle included.
+
+    Returns
+    -------
+    moved : ndarray, shape (t, 3)
+        dx, dy, H; at rest first.
+    share : ndarray, shape (t,)
+        Of each pose in means over all displacements in the range, equally likely by area and
+        depth: the trapezoid rule.
+    """
+    around = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
+    area = np.linspace(0.0, 1.0, 6)[1:]
+    reach = displacement_max_mm * np.sqrt(area)
+    x = np.concatenate([[0.0], *[r * np.cos(around + r) for r in reach]])
+    y = np.concatenate([[0.0], *[r * np.sin(around + r) for r in reach]])
+    ring = np.where(area < 1.0, 1.0, 0.5) / around.size
+    depth = np.linspace(0.0, depth_max_mm, 6)
+    moved = np.stack([np.tile(x, 6), np.tile(y, 6), np.repeat(depth, x.size)], axis=1)
+    ends = np.where((depth > 0.0) & (depth < depth_max_mm), 1.0, 0.5)
+    share = np.outer(ends, np.concatenate([[0.5], np.repeat(ring, around.size)])).ravel()
+    return moved, share / share.sum()
+
+
+def scan_stray(topology: Topology, kinds: np.ndarray, moved: np.ndarray) -> np.ndarray:
+    """Field of a film of amplitude 1 µT at a chip at azimuth 0, film frame: change since rest.
+
+    Parameters
+    ----------
+    kinds : ndarray, shape (3, k)
+        Distance from the axis and height of the chip over the film, mm, and reference depth.
+    moved : ndarray, shape (t, 3)
+
+    Returns
+    -------
+    ndarray, shape (k, t, 3)
+    """
+    count = kinds.shape[1]
+    if count == 0:
+        return np.zeros((0, len(moved), 3))
+    # films first, then the units with the chips that look at them, whose own films stand still
+    position = np.zeros((3, 2 * count))
+    position[1] = np.tile(APART_M * np.arange(count), 2)
+    film = HalbachField(topology, reach_m=0.0).film
+    position[0, count:] = 1e-3 * kinds[0]
+    position[2, count:] = 1e-3 * (kinds[1] - film.chip_mm)
+    nominal = {
+        name: np.repeat(value[..., :1], 2 * count, axis=-1)
+        for name, value in topology.parameters.items()
+    }
+    nominal["field_amplitude_ut"] = np.ones(2 * count)
+    nominal["field_reference_mm"] = np.tile(kinds[2], 2)
+    bench = dataclasses.replace(
+        topology,
+        unit_names=tuple(f"{part} {k}" for part in ("film", "chip") for k in range(count)),
+        position=position,
+        rotation=np.repeat(np.eye(3)[:, :, None], 2 * count, axis=2),
+        parameters=nominal,
+    )  # fmt: skip
+    at = np.vstack([np.zeros((1, 3)), moved])
+    displacement = np.zeros((len(at), 2, 2 * count))
+    displacement[:, :, :count] = at[:, :2, None]
+    depth = np.zeros((len(at), 2 * count))
+    depth[:, :count] = at[:, 2:]
+    warm = np.repeat(nominal["film_reference_c"][None], len(at), axis=0)
+    both = HalbachField(bench, reach_m=0.5 * APART_M)(displacement, depth, warm)
+    own = HalbachField(bench, reach_m=0.0)(displacement, depth, warm)
+    seen = CHIP_AXES[:, None] * (both - own)[:, :, count:]
+    return (seen[1:] - seen[0]).transpose(2, 0, 1)
+
+
+def field_at_rest(topology: Topology) -> np.ndarray:
+    """What resting neighbours add at every chip, shape (3, n)."""
+    still = np.zeros((2, topology.n)), np.zeros(topology.n)
+    warm = topology.parameters["film_reference_c"]
+    both, own = (HalbachField(topology, reach_m=reach) for reach in (HORIZON_M, 0.0))
+    return both(*still, warm) - own(*still, warm)
+
+
+def left_out(
+    topology: Topology,
+    unit: np.ndarray,
+    neighbour: np.ndarray,
+    depth_max_mm: float,
+    displacement_max_mm: float,
+) -> tuple[float, np.ndarray]:
+    """`Stencil.left_out_ut` and `Stencil.left_out_rms_ut`.
+
+    Parameters
+    ----------
+    topology : Topology
+    unit, neighbour : ndarray, shape (m,)
+        Pairs that are in.
+    depth_max_mm, displacement_max_mm : float
+    """
+    n, strength = topology.n, topology.parameters["field_amplitude_ut"]
+    pairs = [np.stack([i, j]) for i, j, _ in pairs_within(topology.position, HORIZON_M)]
+    i, j = np.concatenate([np.empty((2, 0), np.int64), *pairs], axis=1)
+    at, by = np.concatenate([i, j]), np.concatenate([j, i])
+    missing = ~np.isin(at * n + by, np.asarray(unit, np.int64) * n + neighbour)
+    at, by = at[missing], by[missing]
+    if not at.size:
+        return 0.0, np.zeros(n)
+    between = topology.position[:, at] - topology.position[:, by]
+    d = np.linalg.norm(between, axis=0)
+    x, y, _ = np.einsum("abp,ap->bp", topology.rotation[:, :, at], between)
+    x, y = np.stack([x, y]) / np.maximum(np.hypot(x, y), 1e-12)
+
+    moved, share = scan_poses(depth_max_mm, displacement_max_mm)
+    film = HalbachField(topology, reach_m=0.0).film
+    distance = np.geomspace(max(float(d.min()), 0.008), HORIZON_M, 24)
+    reference = float(topology.parameters["field_reference_mm"].min())
+    seen = np.stack([1e3 * distance, np.full(24, film.chip_mm), np.full(24, reference)])
+    stray = scan_stray(topology, seen, moved)
+    middle = np.einsum("t,kta->ka", share, stray)
+    spread = np.einsum("t,kta->k", share, (stray - middle[:, np.newaxis]) ** 2)
+
+    def told(values: np.ndarray, power: int) -> np.ndarray:
+        """At the distance of each pair; what falls with a power is told times that power."""
+        return np.interp(d, distance, values * distance**power) / d**power
+
+    def added(values: np.ndarray) -> np.ndarray:
+        return np.bincount(at, values, minlength=n)
+
+    # along the line between the two, across it, along z
+    along, across, up = (told(row, 4) for row in np.abs(stray).max(axis=1).T)
+    bound = max(
+        float(added(farthest).max()) * float(strength.max())
+        for farthest in (np.abs(x) * along + np.abs(y) * across,
+                         np.abs(y) * along + np.abs(x) * across, up)
+    )  # fmt: skip
+    along, _, up = (strength[by] * told(row, 4) for row in middle.T)
+    square = sum(added(pull) ** 2 for pull in (x * along, y * along, up))
+    square += added(strength[by] ** 2 * told(spread, 8))
+    return bound, np.sqrt(square / 3.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """Kinds of pairs of a skin.
+
+    A film looks the same from every side, so that kinds which differ in azimuth alone share a scan
+    (`seen`), with the chip at azimuth 0 of the film.
+    """
+
+    kind: np.ndarray  # (m,) of each pair
+    scan: np.ndarray  # (k,) scan of each kind
+    azimuth: np.ndarray  # (k,) of the chip around the film, film frame
+    to_chip: np.ndarray  # (3, 3, k) from the scan's axes to those of the chip
+    seen: np.ndarray  # (3, s) scans: distance from the axis and height over the film, mm; reference
+
+    @classmethod
+    def of(cls, topology: Topology, unit: np.ndarray, neighbour: np.ndarray) -> Pairs:
+        film = HalbachField(topology, reach_m=0.0).film
+        inward = topology.rotation[:, 2]
+        place = 1e3 * topology.position + film.middle_mm * inward
+        between = place[:, unit] + film.chip_mm * inward[:, unit] - place[:, neighbour]
+        of_film = topology.rotation[:, :, neighbour]
+        between = np.einsum("abm,am->bm", of_film, between)
+        turn = np.einsum("bam,bcm->acm", topology.rotation[:, :, unit], of_film)
+        reference = topology.parameters["field_reference_mm"][neighbour]
+        alike = np.vstack([between / SAME_MM, turn.reshape(9, -1) / 1e-5, reference / 1e-6])
+        _, first, kind = np.unique(
+            np.rint(alike).astype(np.int64), axis=1, return_index=True, return_inverse=True
+        )
+        between, turn, reference = between[:, first], turn[:, :, first], reference[first]
+        away, azimuth = np.hypot(between[0], between[1]), np.arctan2(between[1], between[0])
+        key = np.rint(np.stack([away / SAME_MM, between[2] / SAME_MM, reference / 1e-6]))
+        seen, scan = np.unique(key.astype(np.int64), axis=1, return_inverse=True)
+        # film at azimuth 0 -> its displacement turned there; field turned back, then to the chip
+        to_chip = np.einsum("a,abk,bck->ack", CHIP_AXES, turn, _about_z(azimuth))
+        return cls(
+            kind.ravel().astype(np.int32), scan.ravel(), azimuth, to_chip,
+            seen * np.array([[SAME_MM], [SAME_MM], [1e-6]]),
+        )  # fmt: skip
+
+    def turned(self, values: np.ndarray, degree: int) -> np.ndarray:
+        """Coefficients of every kind, (k, 3, terms), from those of the scans, (s, 3, terms)."""
+        turn = _turned_terms(self.azimuth, degree)
+        return np.einsum("adk,kdp,pqk->kaq", self.to_chip, values[self.scan], turn, optimize=True)
+
+    def spread(self, sigma: np.ndarray) -> np.ndarray:
+        """One-sigma of every kind, shape (k, 3), from that of the scans, (s, 3)."""
+        return np.sqrt(np.einsum("adk,kd->ka", self.to_chip**2, sigma[self.scan] ** 2))
+
+
+def _about_z(angle: np.ndarray) -> np.ndarray:
+    """Rotations about z, shape (3, 3, m)."""
+    c, s, zero, one = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
+    return np.array([[c, -s, zero], [s, c, zero], [zero, zero, one]])
+
+
+def _turned_terms(azimuth: np.ndarray, degree: int) -> np.ndarray:
+    """Terms of a displacement turned by -azimuth, from its own terms, shape (terms, terms, m)."""
+    samples = np.random.default_rng(0).uniform(-1.0, 1.0, (3, 4 * len(powers(degree))))
+    turned = np.einsum("abm,bt->mat", _about_z(-azimuth), samples)
+    q, r = np.linalg.qr(monomials(samples, degree).T)
+    return np.einsum("mpt,tq->pqm", monomials(turned, degree), np.linalg.solve(r, q.T).T)

@@ -1,0 +1,134 @@
+"""A simulated bench: it moves the faces of units as commanded and records what comes back.
+
+The field is that of `HalbachField`, from magnet theory: no equation of a decoder is in it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skin.errors import ScanError
+from skin.physics.elastic import Elastic
+from skin.physics.fabrication import Fabrication
+from skin.physics.halbach import HalbachField
+from skin.physics.scan import Scan
+from skin.sim.counter import Counter
+from skin.sim.divider import Divider
+from skin.sim.hall import HallConverter
+from skin.sim.unit import UnitSimulator
+from topology import CHANNELS, Topology
+
+__all__ = ["Bench"]
+
+FREQUENCY, BX = CHANNELS.index("frequency"), CHANNELS.index("bx")
+
+
+class Bench:
+    """Moves all units of a topology alike, and reads them.
+
+    Parameters
+    ----------
+    topology : Topology
+        Its `parameters` are the true ones: noise, chips, capacitors, elasticity.
+    fabrication : Fabrication, optional
+        Errors of the films; none if not given.
+    seed : int
+        Of the noise.
+    noise : bool
+        False: exact readings.
+    quantised : bool
+        Whether readings are rounded as on the wire.
+    force_noise_n : float
+        One-sigma of the reference cell.
+    reach_m : float
+        As of `HalbachField`; 0: every unit alone on the bench.
+    counter, divider, converter
+        As of `UnitSimulator`; exact where not given. Poses are held for longer than any gate.
+    """
+
+    def __init__(
+        self,
+        topology: Topology,
+        *,
+        fabrication: Fabrication | None = None,
+        seed: int = 0,
+        noise: bool = True,
+        quantised: bool = False,
+        force_noise_n: float = 0.005,
+        reach_m: float = 0.0,
+        counter: Counter | None = None,
+        divider: Divider | None = None,
+        converter: HallConverter | None = None,
+    ) -> None:
+        self.topology = topology
+        field = HalbachField(topology, fabrication=fabrication, reach_m=reach_m)
+        self._unit = UnitSimulator(
+            topology, seed=seed, noise=noise, field=field,
+            counter=counter, divider=divider, converter=converter,
+        )  # fmt: skip
+        self._quantised = quantised
+        self._elastic = Elastic(topology)
+        self._force_noise = force_noise_n if noise else 0.0
+        self._random = np.random.default_rng((seed, 1))
+
+    def scan(
+        self,
+        depth_mm: np.ndarray,
+        displacement_mm: np.ndarray,
+        direction_rad: np.ndarray | float = 0.0,
+        *,
+        gel_temperature: np.ndarray | float = 25.0,
+        film_temperature: np.ndarray | float | None = None,
+        chip_temperature: np.ndarray | float | None = None,
+        readings: int = 1,
+    ) -> Scan:
+        """Go through poses and read each of them.
+
+        Parameters
+        ----------
+        depth_mm, displacement_mm, direction_rad : ndarray, shape (t,), or float
+            The same for all units.
+        gel_temperature, film_temperature, chip_temperature : ndarray, shape (t,), or float
+            Degree Celsius; film and chip are as warm as the gel where not given.
+        readings : int
+            Readings of a pose, of which frequency, field and force are the mean: their noise falls
+            with the root of it.
+
+        Raises
+        ------
+        ScanError
+            No reading, or arrays of different lengths.
+        """
+        if readings < 1:
+            raise ScanError(f"readings: must be 1 or more; got {readings}")
+        film = gel_temperature if film_temperature is None else film_temperature
+        chip = gel_temperature if chip_temperature is None else chip_temperature
+        try:
+            poses = np.broadcast_arrays(
+                np.atleast_1d(depth_mm), displacement_mm, direction_rad, gel_temperature, film, chip
+            )
+        except ValueError:
+            raise ScanError("poses: must be arrays of one length; got several lengths") from None
+        poses = [np.repeat(np.array(p, float)[:, np.newaxis], self.topology.n, 1) for p in poses]
+        depth, displacement, direction, gel, film, chip = poses
+        along = np.stack([np.cos(direction), np.sin(direction)], axis=1)
+        vector = displacement[:, np.newaxis] * along
+        exact = self._unit.quantities(depth, vector, gel, film, chip)
+        total = np.zeros_like(exact)
+        for _ in range(readings):
+            values = self._unit.measure(self._unit.disturb(exact.copy()))
+            counts = self._unit.quantise(values)
+            total += self._rounded(counts) if self._quantised else values
+        mean = total / readings
+        force = np.stack(
+            [self._elastic.tangential(displacement, depth), self._elastic.normal(depth)], axis=1
+        )
+        noise = self._random.standard_normal(force.shape)
+        force += self._force_noise / np.sqrt(readings) * noise
+        return Scan(
+            depth, displacement, direction, gel, film, chip, mean[:, FREQUENCY],
+            mean[:, BX : BX + 3], force, counts,
+        )  # fmt: skip
+
+    def _rounded(self, counts: np.ndarray) -> np.ndarray:
+        return counts * self.topology.scale + self.topology.offset

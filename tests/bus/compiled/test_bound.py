@@ -1,0 +1,150 @@
+"""Kernels that are called with arguments that stay the same, and the arrays made for them."""
+
+import copy
+import gc
+import pickle
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from numba import njit
+
+from bus.compiled import aligned
+from bus.compiled.bound import Bound
+
+
+class Chosen(NamedTuple):
+    """Parts of a kernel that are compiled, or None."""
+
+    double: bool | None = None
+    negate: bool | None = None
+
+
+def weigh_python(weight, rows, chosen, offset, more, out):
+    total = 0.0
+    for j in range(out.shape[1]):
+        out[0, j] = weight[j] * rows[0, 1, j] + offset
+        if chosen.double is not None:
+            out[0, j] *= 2.0
+        if chosen.negate is not None:
+            out[0, j] = -out[0, j]
+        if more is not None:
+            out[0, j] += more[j]
+        total += out[0, j]
+    return total, out.shape[1] > 2
+
+
+weigh = njit(weigh_python, error_model="numpy", nogil=True)
+
+
+DOUBLE = Chosen(double=True)
+
+
+def arguments(chosen=DOUBLE, more=None, dtype=np.float32):
+    rng = np.random.default_rng(1)
+    out = np.zeros((1, 5), dtype)
+    rows = rng.random((2, 3, 5)).astype(dtype)
+    return rng.random(5).astype(dtype), rows, chosen, 7, more, out
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("more", [None, np.arange(5.0)])
+@pytest.mark.parametrize("chosen", [Chosen(), DOUBLE, Chosen(True, True)])
+@pytest.mark.parametrize("kernel", [weigh, weigh_python])
+def test_a_bound_kernel_does_what_the_kernel_does(kernel, chosen, more, dtype):
+    theirs = arguments(chosen, more, dtype)
+    ours = arguments(chosen, more, dtype)
+    assert Bound(kernel, *ours)() == pytest.approx(weigh(*theirs), rel=1e-6)
+    assert np.allclose(ours[-1], theirs[-1], rtol=1e-6)
+
+
+def test_what_is_written_into_the_arrays_is_seen():
+    given = arguments()
+    call = Bound(weigh, *given)
+    call()
+    first = given[-1].copy()
+    given[0][:] += 1.0
+    call()
+    assert not np.array_equal(given[-1], first)
+    assert np.array_equal(
+        given[-1], 2.0 * (given[0] * given[1][0, 1] + np.float32(7.0))[np.newaxis]
+    )
+
+
+@pytest.mark.parametrize("kernel", [weigh, weigh_python])
+def test_an_argument_is_exchanged(kernel):
+    given = arguments()
+    call = Bound(kernel, *given)
+    call()
+    other, before = np.zeros((1, 5), np.float32), given[-1].copy()
+    call.put(5, other)
+    call.put(0, given[0] + np.float32(1.0))
+    call()
+    assert np.array_equal(given[-1], before)
+    assert np.allclose(other, before + 2.0 * given[1][0, 1])
+
+
+def test_arrays_that_are_no_longer_held_elsewhere_are_kept():
+    call = Bound(weigh, *arguments())
+    expected = weigh(*arguments())
+    rubbish = [np.full((1, 5), np.nan, np.float32) for _ in range(100)]
+    assert call() == expected
+    del rubbish
+
+
+def test_an_array_that_is_not_contiguous_keeps_its_strides():
+    weight = np.arange(10.0)[::2]
+    out = np.zeros((1, 5))
+    Bound(weigh, weight, np.ones((1, 2, 5)), Chosen(), 0, None, out)()
+    assert np.array_equal(out[0], weight)
+
+
+def test_an_exception_comes_through():
+    @njit
+    def refuse(values):
+        if values[0] > 0.0:
+            raise ValueError("too much")
+        return 1
+
+    values = np.zeros(1)
+    call = Bound(refuse, values)
+    assert call() == 1
+    values[0] = 1.0
+    with pytest.raises(ValueError, match="too much"):
+        call()
+
+
+def test_what_cannot_be_written_down_is_refused():
+    @njit
+    def scale(values, factor):
+        return values[0] * factor
+
+    with pytest.raises(TypeError, match="a bound kernel takes no float64"):
+        Bound(scale, np.zeros(1), 0.5)
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])
+def test_it_cannot_be_copied(copied):
+    call = Bound(weigh, *arguments())
+    with pytest.raises(TypeError, match="addresses"):
+        copied(call)
+
+
+@pytest.mark.parametrize("shape", [0, 1, 33, (3, 5), (2, 0, 4), (6, 70_000)])
+@pytest.mark.parametrize("dtype", [np.int16, np.float32, np.float64, bool])
+def test_aligned_zeros_begin_a_line(shape, dtype):
+    array, plain = aligned.zeros(shape, dtype), np.zeros(shape, dtype)
+    assert array.size == 0 or array.ctypes.data % aligned.LINE == 0
+    assert array.dtype == plain.dtype
+    assert array.flags.c_contiguous
+    assert array.flags.writeable
+    assert np.array_equal(array, plain)
+
+
+def test_a_kernel_that_is_no_longer_held_elsewhere_is_kept():
+    def made(factor):
+        return Bound(njit(lambda values: values[0] * factor), np.full(1, 2.0))
+
+    calls = [made(factor) for factor in range(20)]
+    gc.collect()
+    assert [call() for call in calls] == [2.0 * factor for factor in range(20)]

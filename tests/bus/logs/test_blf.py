@@ -1,0 +1,441 @@
+"""BLF logs: every kind of object, any damage, and python-can as the other reader and writer."""
+
+import gzip
+import itertools
+import struct
+import zlib
+from datetime import UTC, datetime
+
+import can
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bus import FRAME_DTYPE, LogError
+from bus.frame import CAN_EFF, CAN_ERR, CAN_RTR, ECHO
+from bus.logs import blf, blf_kernels, blf_writer, open_writer, read, read_all, write
+from tests.fixtures.logs import (
+    CHANNELS,
+    blf_container,
+    blf_file,
+    blf_object,
+    can_message,
+    frames,
+    from_messages,
+    records,
+    rows,
+    write_by_pythoncan,
+)
+
+START_NS = int(datetime(2024, 2, 29, 12, 30, 15, 250_000, UTC).timestamp() * 1000) * 1_000_000
+DATA = bytes(range(1, 65))
+INFLATERS = sorted({blf.inflating, zlib}, key=lambda module: module.__name__)
+
+
+def of_bytes(content, folder, **options):
+    """Read a file, and how it ended."""
+    path = folder / "some.blf"
+    path.write_bytes(content)
+    log = read(path, strict=False, **options)
+    found = [batch.frames.copy() for batch in log]
+    return np.concatenate(found) if found else np.zeros(0, FRAME_DTYPE), log
+
+
+def fd_message(*, length=12, flags=0, bits=7, data=DATA, code=9):
+    head = struct.pack("<HBBLLBBB5x", 2, flags, code, 0x1234 | CAN_EFF, 0, 0, bits, length)
+    return blf_object(100, head + data[:length])
+
+
+def fd_message_64(*, length=12, there=None, bits=0x7000, sent=0, more=0, tail=b"", code=9):
+    head = struct.pack(
+        "<BBBBLLLLLLLHBBL", 2, code, length, 0, 0x123, 0, bits, 0, 0, 0, 0, 0, sent, more, 0
+    )
+    return blf_object(101, head + DATA[: length if there is None else there] + tail)
+
+
+def error_ext(*, flags=0, ecc=0, position=0, length=0, can_id=0x24, data=DATA[:8]):
+    contents = struct.pack(
+        "<HHLBBBxLLH2x8s", 3, 0, flags, ecc, position, len(data), length, can_id, 0, data
+    )
+    return blf_object(73, contents)
+
+
+def fd_error_64(*, flags=0, ecc=0):
+    contents = struct.pack("<BBBBHHHBxLLLLLLLHH", 3, 0, 0, ecc, flags, 0, 0, 0, *[0] * 9)
+    return blf_object(104, contents)
+
+
+def error(details=b"", kind=0x80):
+    return CAN_ERR | kind, 8, 0, 0, details.ljust(8, b"\0")
+
+
+KINDS = {
+    "classic": (can_message(), (0x123, 3, 0, 0, b"\1\2\3")),
+    "classic, second type": (can_message(kind=86), (0x123, 3, 0, 0, b"\1\2\3")),
+    "extended": (can_message(0x123 | CAN_EFF), (0x123 | CAN_EFF, 3, 0, 0, b"\1\2\3")),
+    "extended by its number": (can_message(0x800), (0x800 | CAN_EFF, 3, 0, 0, b"\1\2\3")),
+    "sent": (can_message(flags=1), (0x123, 3, 0, ECHO, b"\1\2\3")),
+    "remote": (can_message(flags=0x80, data=bytes(5)), (0x123 | CAN_RTR, 5, 0, 0, b"")),
+    "length code above 8": (
+        blf_object(1, struct.pack("<HBBL8s", 1, 0, 15, 0x123, DATA)),
+        (0x123, 8, 0, 0, DATA[:8]),
+    ),
+    "fd": (fd_message(), (0x1234 | CAN_EFF, 12, 7, 0, DATA[:12])),
+    "fd without switch": (fd_message(bits=1, length=64), (0x1234 | CAN_EFF, 64, 4, 0, DATA)),
+    "fd sent": (fd_message(flags=1), (0x1234 | CAN_EFF, 12, 7, ECHO, DATA[:12])),
+    "classic in fd": (fd_message(bits=0, length=8), (0x1234 | CAN_EFF, 8, 0, 0, DATA[:8])),
+    "remote in fd": (
+        fd_message(bits=0, flags=0x80, length=0, code=4),
+        (0x1234 | CAN_EFF | CAN_RTR, 4, 0, 0, b""),
+    ),
+    "fd 64": (fd_message_64(), (0x123, 12, 7, 0, DATA[:12])),
+    "fd 64 without switch": (fd_message_64(bits=0x1000, length=64), (0x123, 64, 4, 0, DATA)),
+    "fd 64 sent": (fd_message_64(sent=1), (0x123, 12, 7, ECHO, DATA[:12])),
+    "fd 64 with more behind": (
+        fd_message_64(more=32 + 40 + 12, tail=b"x" * 12),
+        (0x123, 12, 7, 0, DATA[:12]),
+    ),
+    "fd 64 with less than told": (fd_message_64(there=5), (0x123, 12, 7, 0, DATA[:5] + bytes(7))),
+    "fd 64 with less than told before more": (
+        fd_message_64(more=32 + 40 + 5, there=5, tail=b"x" * 9),
+        (0x123, 12, 7, 0, DATA[:5] + bytes(7)),
+    ),
+    "fd 64 with nonsense for more": (fd_message_64(more=3), (0x123, 12, 7, 0, bytes(12))),
+    "classic in fd 64": (fd_message_64(bits=0, length=8), (0x123, 8, 0, 0, DATA[:8])),
+    "remote in fd 64": (
+        fd_message_64(bits=0x10, length=0, code=4),
+        (0x123 | CAN_RTR, 4, 0, 0, b""),
+    ),
+    "error": (blf_object(2, struct.pack("<HHL", 3, 0, 0)), error()),
+    "error by SocketCAN": (error_ext(), error(DATA[:8], 0x24)),
+    "error by SocketCAN without class": (error_ext(can_id=0, data=b"\7"), error(b"\7")),
+    "error with nothing known": (error_ext(length=9), error()),
+    "bit error sent": (error_ext(flags=1, ecc=0x0A), error(b"\0\0\x81\x0a", 0x88)),
+    "form error received": (error_ext(flags=5, ecc=0x78), error(b"\0\0\x02\x18", 0x88)),
+    "stuff error received": (error_ext(flags=1, ecc=0xA2), error(b"\0\0\x04\x02", 0x88)),
+    "other error received": (error_ext(flags=1, ecc=0xE0), error(b"\0\0\x00\x00", 0x88)),
+    "fd error": (fd_error_64(ecc=0x0A), error()),
+    "fd error with code": (fd_error_64(flags=1, ecc=0x0A), error(b"\0\0\x81\x0a", 0x88)),
+    "overload": (blf_object(3, struct.pack("<HHL", 3, 0, 0)), error(b"\0\0\x20", 0x08)),
+}
+OTHERS = [
+    blf_object(4, bytes(16)),
+    blf_object(31, bytes(8)),
+    blf_object(96, b"a marker" * 9),
+    blf_object(300, b"?"),
+    blf_object(115, b""),
+]
+EXAMPLE = [part for part, _ in KINDS.values()] + OTHERS
+
+
+def padded(objects):
+    """Put objects one after the other as Vector's tools pad them."""
+    return b"".join(part + bytes(len(part) % 4) for part in objects)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_each_kind_of_object_is_read(kind, tmp_path):
+    part, wanted = KINDS[kind]
+    found, log = of_bytes(blf_file(blf_container(part)), tmp_path)
+    assert log.damage is None
+    assert [row[1:5] + row[6:] for row in rows(found)] == [wanted]
+    channel = 1 if kind.startswith(("classic", "extended", "sent", "remote", "length")) else 2
+    channel = 2 if "fd" in kind else channel
+    channel = 3 if "error" in kind or kind == "overload" else channel
+    assert log.channels == {f"can{channel - 1}": 0}
+    assert log.skipped == {}
+
+
+@pytest.mark.parametrize("pad", range(8))
+@pytest.mark.parametrize("inside", [True, False])
+def test_any_padding_and_what_is_no_frame_is_passed_over(pad, inside, tmp_path):
+    body = b"".join(part + bytes(pad) for part in EXAMPLE)
+    body = body[: len(body) - pad]
+    found, log = of_bytes(blf_file(blf_container(body) if inside else body), tmp_path)
+    assert log.damage is None
+    assert len(found) == len(KINDS)
+    kinds = (4, 31, 96, 115, 255)
+    assert log.skipped == {f"object of type {kind}": 1 for kind in kinds}
+
+
+@pytest.mark.parametrize("packed", [True, False])
+@given(sizes=st.lists(st.integers(1, 999), max_size=9), loose=st.booleans())
+def test_how_objects_are_spread_over_containers_does_not_show(
+    packed, sizes, loose, tmp_path_factory
+):
+    body = padded(EXAMPLE)
+    bounds = [0, *np.minimum(np.cumsum(sizes), len(body)).astype(int), len(body)]
+    parts = [blf_container(body[a:b], packed=packed) for a, b in itertools.pairwise(bounds)]
+    if loose:
+        parts.append(can_message(0x7))
+    found, log = of_bytes(blf_file(*parts), tmp_path_factory.getbasetemp())
+    assert log.damage is None
+    expected, _ = of_bytes(blf_file(body), tmp_path_factory.getbasetemp())
+    assert rows(found)[: len(KINDS)] == rows(expected)
+    assert len(found) == len(KINDS) + loose
+
+
+def test_loose_objects_and_containers_are_read_in_order(tmp_path):
+    one, two = ([can_message(i + k) for i in range(40)] for k in (0, 40))
+    body = [*one[:20], blf_container(padded(one[20:])), *two[:5], blf_container(padded(two[5:]))]
+    found, log = of_bytes(blf_file(*body), tmp_path, batch=7)
+    assert log.damage is None
+    assert found["id"].tolist() == list(range(80))
+
+
+def test_an_object_longer_than_what_is_held_is_passed_over(tmp_path):
+    long = blf_object(99, bytes(300_000))
+    for body in (long, blf_container(long[:70_000]) + blf_container(long[70_000:])):
+        found, log = of_bytes(blf_file(can_message(1), body, can_message(2)), tmp_path)
+        assert log.damage is None
+        assert found["id"].tolist() == [1, 2]
+        assert log.skipped == {"object of type 99": 1}
+
+
+@pytest.mark.parametrize(
+    ("fields", "since_ns"),
+    [
+        ({"resolution": 2, "stamp": 123_456_789}, 123_456_789),
+        ({"resolution": 1, "stamp": 123_456}, 1_234_560_000),
+        ({"resolution": 2, "stamp": 5, "version": 2}, 5),
+        ({"resolution": 0, "stamp": 7}, 7),
+    ],
+)
+def test_stamps_count_from_the_date_in_the_head(fields, since_ns, tmp_path):
+    part = can_message(**fields)
+    assert of_bytes(blf_file(part), tmp_path)[0]["stamp_ns"].tolist() == [START_NS + since_ns]
+    for none in ((0,) * 8, (2024, 13, 0, 1, 0, 0, 0, 0), (9999, 12, 0, 31, 0, 0, 0, 0)):
+        found, _ = of_bytes(blf_file(part, date=none), tmp_path)
+        assert found["stamp_ns"].tolist() == [since_ns]
+
+
+def test_a_header_of_a_version_to_come_is_passed_over(tmp_path):
+    found, log = of_bytes(blf_file(can_message(1, version=3), can_message(2)), tmp_path)
+    assert found["id"].tolist() == [2]
+    assert log.skipped == {"object of type 1": 1}
+
+
+def test_channels_asked_for_are_read_and_others_left_out(tmp_path):
+    body = padded(can_message(i, channel=i % 3 + 1) for i in range(30))
+    found, log = of_bytes(blf_file(blf_container(body)), tmp_path, buses={"can2": 5})
+    assert found["id"].tolist() == list(range(2, 30, 3))
+    assert set(found["bus"]) == {5}
+    assert log.skipped == {"frame of can0": 10, "frame of can1": 10}
+    assert log.channels == {"can0": -1, "can1": -1, "can2": 5}
+
+
+def test_more_channels_than_a_frame_can_tell_apart_are_refused(tmp_path):
+    body = padded(can_message(i, channel=i) for i in range(1, 300))
+    found, log = of_bytes(blf_file(body), tmp_path)
+    assert (found["bus"] == np.arange(256)).all()
+    assert "must be one of at most 256 channels; got 'can256'" in str(log.damage)
+
+
+def example_file(packed):
+    """Make a small file with everything in it, and the place where each object begins."""
+    half = len(EXAMPLE) // 2
+    inside = padded(EXAMPLE[:half])
+    parts = [blf_container(inside[:700], packed=packed), blf_container(inside[700:], packed=packed)]
+    return blf_file(*parts, padded(EXAMPLE[half:]), objects=len(EXAMPLE))
+
+
+@pytest.mark.parametrize("packed", [True, False])
+def test_a_file_cut_anywhere_is_read_as_far_as_it_goes(packed, tmp_path):
+    content = example_file(packed)
+    whole, log = of_bytes(content, tmp_path)
+    assert log.damage is None
+    last = 0
+    for size in range(len(content)):
+        found, log = of_bytes(content[:size], tmp_path)
+        assert (found == whole[: len(found)]).all()
+        assert last <= len(found) <= len(whole)
+        assert log.damage is not None
+        last = len(found)
+        if size >= 144:
+            assert f"of {len(EXAMPLE)} objects, up to the last " in str(log.damage)
+    assert last >= len(whole) - 1
+
+
+@pytest.mark.parametrize("inflating", INFLATERS, ids=lambda module: module.__name__)
+def test_a_damaged_container_gives_none_of_its_frames(inflating, tmp_path, monkeypatch):
+    monkeypatch.setattr(blf, "inflating", inflating)
+    bodies = [padded(can_message(100 * k + i) for i in range(90)) for k in range(3)]
+    parts = [blf_container(body) for body in bodies]
+    places = np.cumsum([144] + [len(part) for part in parts])
+    content = bytearray(blf_file(*parts))
+    for place in range(places[1] + 34, places[2] - 3, 3):
+        content[place] ^= 0x10
+        found, log = of_bytes(content, tmp_path)
+        assert found["id"].tolist() == list(range(90))
+        assert f"byte {places[1]}: " in str(log.damage)
+        assert "(read: 90 objects, up to the last " in str(log.damage)
+        content[place] ^= 0x10
+
+
+@given(data=st.data())
+def test_any_damage_ends_a_log_and_no_more(data, tmp_path_factory):
+    content = bytearray(example_file(data.draw(st.booleans())))
+    for _ in range(data.draw(st.integers(1, 5))):
+        place = data.draw(st.integers(0, len(content) - 1))
+        content[place] = data.draw(st.sampled_from([0, 1, 2, 10, 0x7F, 0x80, 0xFF]))
+    log = of_bytes(bytes(content), tmp_path_factory.getbasetemp())[1]
+    assert log.damage is None or isinstance(log.damage, LogError)
+
+
+@given(noise=st.binary(max_size=400), start=st.sampled_from([b"", b"LOGG", "head", "object"]))
+def test_noise_is_no_log(noise, start, tmp_path_factory):
+    start = {"head": blf_file(), "object": blf_file(b"LOBJ")}.get(start, start)
+    found, log = of_bytes(start + noise, tmp_path_factory.getbasetemp())
+    assert len(found) == 0 or len(noise) > 40
+    assert log.damage is not None or noise.count(b"\0") == len(noise) <= 3 or not found.size
+
+
+@pytest.mark.parametrize("lies", [{"size": 0}, {"size": 15}, {"size": 0xFFFFFFFF}, {"head": 31},
+                                  {"head": 60000}, {"stamp": 2**63}, {"stamp": 2**63 - 1},
+                                  {"resolution": 1, "stamp": 2**60}])  # fmt: skip
+def test_an_object_that_lies_ends_a_log(lies, tmp_path):
+    for wrap in (bytes, blf_container):
+        body = wrap(can_message(1) + can_message(2, **lies) + can_message(3))
+        found, log = of_bytes(blf_file(body), tmp_path)
+        assert found["id"].tolist() == [1]
+        assert ("byte 48 of contents: " if wrap is blf_container else "byte 192: ") in str(
+            log.damage
+        )
+
+
+@pytest.mark.parametrize("kind", sorted({1, 2, 3, 73, 86, 100, 101, 104}))
+def test_an_object_shorter_than_its_type_ends_a_log(kind, tmp_path):
+    found, log = of_bytes(blf_file(blf_object(kind, b"")), tmp_path)
+    assert len(found) == 0
+    assert "must be an object as long as its type demands" in str(log.damage)
+
+
+def test_contents_without_bound_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(blf, "_LARGEST_CONTAINER", 5000)
+    marker = blf_object(96, bytes(3000))
+    for body, wrong in (
+        (blf_container(marker * 2), "must be contents of at most 5000 bytes, with their end"),
+        (blf_container(marker * 2, packed=False), "must be a container of 32 to 5000 bytes"),
+        (blf_container(marker, size=0xFFFFFFFF), "must be a container of 32 to 5000 bytes"),
+        (blf_container(marker, size=31), "must be a container of 32 to 5000 bytes; got 31"),
+    ):
+        found, log = of_bytes(blf_file(can_message(), body), tmp_path)
+        assert len(found) == 1
+        assert wrong in str(log.damage)
+
+
+def test_plain_python_reads_and_writes_as_machine_code_does(tmp_path, monkeypatch):
+    content = example_file(True)
+    compiled, _ = of_bytes(content, tmp_path)
+    write(tmp_path / "compiled.blf", compiled)
+    kernels = {
+        name: kernel for name, kernel in vars(blf_kernels).items() if hasattr(kernel, "py_func")
+    }
+    assert len(kernels) >= 15
+    for name, kernel in kernels.items():
+        monkeypatch.setattr(blf_kernels, name, kernel.py_func)
+    plain, log = of_bytes(content, tmp_path)
+    assert log.damage is None
+    assert (plain == compiled).all()
+    write(tmp_path / "plain.blf", plain)
+    assert (tmp_path / "plain.blf").read_bytes() == (tmp_path / "compiled.blf").read_bytes()
+
+
+@given(found=frames())
+def test_what_is_written_is_read_again(found, tmp_path_factory):
+    path = tmp_path_factory.getbasetemp() / "own.blf"
+    write(path, found)
+    assert rows(read_all(path, buses=CHANNELS)) == rows(found)
+
+
+@given(found=frames())
+def test_pythoncan_reads_what_is_written(found, tmp_path_factory):
+    path = tmp_path_factory.getbasetemp() / "for-pythoncan.blf"
+    write(path, found)
+    with can.BLFReader(path) as reader:
+        read_by_other = from_messages(reader)
+        assert reader.object_count == found.size
+        assert reader.file_size == path.stat().st_size
+        if found.size:
+            assert reader.start_timestamp == int(found["stamp_ns"][0]) // 10**6 / 1000
+            assert reader.stop_timestamp == int(found["stamp_ns"][-1]) // 10**6 / 1000
+    assert rows(read_by_other) == rows(found)
+
+
+@given(found=frames())
+def test_what_pythoncan_writes_is_read(found, tmp_path_factory):
+    path = tmp_path_factory.getbasetemp() / "by-pythoncan.blf"
+    found["stamp_ns"] += 10**18  # before 1990 it writes no date
+    write_by_pythoncan(path, found)
+    read_again = read_all(path, buses=CHANNELS)
+    # Its stamps pass through floats on the way.
+    assert (np.abs(read_again["stamp_ns"] - found["stamp_ns"]) < 1500).all()
+    read_again["stamp_ns"] = found["stamp_ns"]
+    assert rows(read_again) == rows(found)
+
+
+def many(count):
+    """Make records, one a millisecond."""
+    return records(*((10**6 * i, i % 2048, 8, 0, 0, 0, DATA[:8]) for i in range(count)))
+
+
+def test_containers_are_as_large_as_usual_and_the_totals_right(tmp_path, monkeypatch):
+    monkeypatch.setattr(blf_writer, "CONTAINER_BYTES", 1000)
+    found, path = many(100), tmp_path / "some.blf"
+    write(path, found, level=9)
+    with can.BLFReader(path) as reader:
+        assert reader.object_count == 100
+        assert reader.uncompressed_size == 144 + 5 * 32 + 4800
+        assert rows(from_messages(reader)) == rows(found)
+    assert (read_all(path) == found).all()
+
+
+def test_a_frame_earlier_than_the_beginning_is_counted(tmp_path):
+    path = tmp_path / "some.blf"
+    found = many(20)
+    with open_writer(path) as writer:
+        writer.write(found[5:][::-1])
+        assert writer.early == 0
+        writer.write(found[:5])
+        assert writer.early == 5
+        assert writer.count == 20
+    assert read_all(path)["stamp_ns"][-5:].tolist() == [5 * 10**6] * 5
+
+
+def test_a_file_that_was_never_closed_can_be_read(tmp_path):
+    path, found = tmp_path / "some.blf", many(20)
+    with open_writer(path) as writer:
+        for k in (0, 10):
+            writer.write(found[k : k + 10])
+            writer.flush()
+            content = path.read_bytes()
+            (tmp_path / "copy.blf").write_bytes(content)
+            assert (read_all(tmp_path / "copy.blf") == found[: k + 10]).all()
+
+
+def test_an_empty_log_is_a_log(tmp_path):
+    path = tmp_path / "some.blf"
+    write(path, many(0))
+    assert path.stat().st_size == 144
+    assert read_all(path).size == 0
+    with can.BLFReader(path) as reader:
+        assert list(reader) == []
+
+
+def test_compressed_once_more_it_is_read_too(tmp_path):
+    path = tmp_path / "some.blf.gz"
+    content = blf_file(*(blf_container(padded([can_message(i)] * 50)) for i in range(99)))
+    packed = gzip.compress(content)
+    path.write_bytes(packed)
+    assert read_all(path)["id"].tolist() == [i for i in range(99) for _ in range(50)]
+    path.write_bytes(packed[: len(packed) // 2])
+    log = read(path, strict=False)
+    assert 0 < sum(len(batch) for batch in log) < 99 * 50
+    assert "end-of-stream marker" in str(log.damage)
+
+
+@pytest.mark.parametrize("level", [0, 10])
+def test_a_level_that_does_not_compress_is_refused(level, tmp_path):
+    with pytest.raises(ValueError, match="level: must be 1 to 9"):
+        open_writer(tmp_path / "some.blf", level=level)

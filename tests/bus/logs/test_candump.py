@@ -1,0 +1,380 @@
+"""candump logs: what candump and python-can write is read, and what is written they read."""
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import can
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import tests.naive.logs as naive_logs
+from bus import FRAME_DTYPE, FrameBatch, LogError
+from bus.frame import CAN_ERR, CAN_RTR
+from bus.logs import buses_of, candump, candump_kernels, open_writer, read, read_all, write
+from tests.fixtures.logs import (
+    BAD_LINES,
+    CANDUMP_WAYS,
+    CHANNELS,
+    check_candump,
+    frames,
+    from_messages,
+    records,
+    rows,
+    write_by_pythoncan,
+)
+from topology import load
+
+GOLDEN = Path(__file__).parents[2] / "golden" / "logs"
+EXAMPLE = b"""\
+(1436509052.249713) vcan0 123#1122334455667788
+(1436509052.249714) can0 12345678#R
+(1436509052.249715) can0 123#R8_9 T
+(1436509052.249716) can0 124##5112233 R
+(1436509052.249717)  vcan0 20000080#0000000000000000
+(1436509052.249717)\tcan0\t7ff#DEadbeef00000000_f\x20
+\t
+(0.5) slcan0 001#\r
+\r
+(9223372035.999999999) can0 12345678##f\x20
+"""
+SHOWN = b"""\
+ (1436509052.249718)  vcan0  123   [3]  11 22 33
+ (1436509052.249718)  vcan0  12345678  [08]  11 22 33 44 55 66 77 88
+ (1436509052.249718)  vcan0  RX - -  123   [0]\x20
+ (1436509052.249718)  vcan0  TX B E  12345678  [12]  11 22 33 44 55 66 77 88 99 AA BB CC
+ (1436509052.249718)  vcan0  TX - -       123   [3]  11 22 33
+ (1436509052.249718)  vcan0  RX B -  123  [00]\x20
+ (1436509052.249718)  vcan0  123   [2]  remote request
+ (1436509052.249718)  vcan0  123   {C}  11 22 33 44 55 66 77 88
+ (1436509052.249718)  vcan0  123   [2]  31 27                      '1''
+ (1436509052.249718)  vcan0  20000080   [8]  00 00 00 00 00 00 00 00   ERRORFRAME
+"""
+
+
+def of_bytes(text, tmp_path, **options):
+    """Read a log, and how it ended."""
+    path = tmp_path / "some.log"
+    path.write_bytes(text)
+    log = read(path, strict=False, **options)
+    found = [batch.frames.copy() for batch in log]
+    return np.concatenate(found) if found else np.zeros(0, FRAME_DTYPE), log
+
+
+def named(found, log):
+    """Rows with the interface's name in place of the bus."""
+    names = [name.encode() for name in log.channels]
+    return [(*row[:5], names[row[5]], row[6]) for row in rows(found)]
+
+
+@given(found=frames(), directed=st.booleans(), packed=st.booleans())
+def test_what_is_written_is_read_again(found, directed, packed, tmp_path_factory):
+    path = tmp_path_factory.getbasetemp() / ("own.log" + ".gz" * packed)
+    assert write(path, found, directed=directed) == found.size
+    if not directed:
+        found["origin"] = 0
+    assert rows(read_all(path, buses=CHANNELS)) == rows(found)
+
+
+@given(found=frames())
+def test_pythoncan_reads_what_is_written(found, tmp_path_factory):
+    path = tmp_path_factory.getbasetemp() / "for-pythoncan.log"
+    write(path, found, directed=True)
+    with can.LogReader(path) as reader:
+        read_by_other = from_messages(reader)
+    # It tells nothing about error frames of another class, and no data of a bus error.
+    errors = found["id"] & CAN_ERR > 0
+    assert (read_by_other["id"] & CAN_ERR > 0)[errors & (found["id"] & 0x80 > 0)].all()
+    assert rows(read_by_other[~errors]) == rows(found[~errors])
+
+
+@given(found=frames(errors=False))
+def test_what_pythoncan_writes_is_read(found, tmp_path_factory):
+    path = tmp_path_factory.getbasetemp() / "by-pythoncan.log"
+    write_by_pythoncan(path, found)
+    found["length"][found["id"] & CAN_RTR > 0] = 0  # it leaves the length out
+    assert rows(read_all(path, buses=CHANNELS)) == rows(found)
+
+
+def test_error_frames_of_pythoncan_are_read(tmp_path):
+    path = tmp_path / "by-pythoncan.log"
+    with can.Logger(path) as writer:
+        writer(can.Message(timestamp=1.5, is_error_frame=True, channel=1))
+    assert rows(read_all(path)) == [(1_500_000_000, CAN_ERR | 0x80, 0, 0, 0, 0, b"")]
+
+
+@pytest.mark.parametrize("way", CANDUMP_WAYS)
+def test_each_way_of_candump_is_read_as_what_was_sent(way):
+    check_candump(read_all(GOLDEN / f"kinds-{way}.log"), way)
+
+
+@pytest.mark.parametrize("name", ["kinds-L", "kinds-L-x", "strip-vcan", "palm-vcan"])
+def test_what_candump_wrote_is_written_again_byte_by_byte(name, tmp_path):
+    copy, found = tmp_path / "copy.log", read(GOLDEN / f"{name}.log")
+    assert write(copy, found, channels=["vcan0"], directed=name.endswith("x")) == found.count > 0
+    assert found.channels == {"vcan0": 0}
+    assert copy.read_bytes() == found.path.read_bytes()
+
+
+def test_an_example_of_each_kind_is_read(tmp_path):
+    found, log = of_bytes(EXAMPLE, tmp_path)
+    assert log.damage is None
+    expected, bad = naive_logs.candump(EXAMPLE)
+    assert bad is None
+    assert named(found, log) == expected
+    assert log.channels == {"vcan0": 0, "can0": 1, "slcan0": 2}
+    assert log.count == len(expected) == 8
+
+
+def test_what_candump_shows_to_people_is_read(tmp_path):
+    found, log = of_bytes(SHOWN, tmp_path)
+    assert log.damage is None
+    s, eight, twelve = (
+        1436509052249718000,
+        bytes.fromhex("1122334455667788"),
+        bytes.fromhex("99aabbcc"),
+    )
+    assert rows(found) == [
+        (s, 0x123, 3, 0, 0, 0, b"\x11\x22\x33"),
+        (s, 0x92345678, 8, 4, 0, 0, eight),
+        (s, 0x123, 0, 0, 0, 0, b""),
+        (s, 0x92345678, 12, 7, 1, 0, eight + twelve),
+        (s, 0x123, 3, 0, 1, 0, b"\x11\x22\x33"),
+        (s, 0x123, 0, 5, 0, 0, b""),
+        (s, 0x40000123, 2, 0, 0, 0, b""),
+        (s, 0x123, 8, 0, 0, 0, eight),
+        (s, 0x123, 2, 0, 0, 0, b"1'"),
+        (s, 0x20000080, 8, 0, 0, 0, bytes(8)),
+    ]
+
+
+@given(data=st.data())
+def test_a_damaged_log_is_read_as_far_as_it_is_good(data, tmp_path_factory):
+    text = bytearray(EXAMPLE)
+    for _ in range(data.draw(st.integers(1, 4))):
+        place = data.draw(st.integers(0, len(text) - 1))
+        byte = data.draw(st.sampled_from(b"0189AFafRrTt#_() .[]{}\r\n\t\0\xff"))
+        if data.draw(st.booleans()):
+            text[place] = byte
+        else:
+            text.insert(place, byte)
+    del text[data.draw(st.integers(0, len(text))) :]
+    expected, bad = naive_logs.candump(bytes(text))
+    found, log = of_bytes(text, tmp_path_factory.getbasetemp())
+    names = list(log.channels)
+    assert [(*row[:5], names[row[5]], row[6]) for row in rows(found)] == [
+        (*row[:5], row[5].decode("utf-8", "backslashreplace"), row[6]) for row in expected
+    ]
+    line = None if log.damage is None else int(str(log.damage).split(":")[1])
+    assert line == bad
+
+
+@given(chunk=st.integers(100, 300), batch=st.integers(1, 9))
+def test_neither_chunks_nor_batches_show(chunk, batch, tmp_path_factory):
+    folder = tmp_path_factory.getbasetemp()
+    whole = rows(of_bytes(EXAMPLE + SHOWN, folder)[0])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(candump, "CHUNK_BYTES", chunk)
+        found, log = of_bytes(EXAMPLE + SHOWN, folder, batch=batch)
+        sizes = [len(part) for part in log]
+    assert log.damage is None
+    assert rows(found) == whole
+    assert set(sizes[:-1]) <= {batch}
+    assert sum(sizes) == len(whole)
+
+
+def test_plain_python_reads_and_writes_as_machine_code_does(tmp_path, monkeypatch):
+    compiled, _ = of_bytes(EXAMPLE + SHOWN, tmp_path)
+    written = tmp_path / "compiled.log"
+    write(written, compiled, directed=True)
+    damages = [str(of_bytes(bad, tmp_path)[1].damage) for bad in BAD_LINES]
+    kernels = {
+        name: kernel for name, kernel in vars(candump_kernels).items() if hasattr(kernel, "py_func")
+    }
+    assert len(kernels) >= 14
+    for name, kernel in kernels.items():
+        monkeypatch.setattr(candump_kernels, name, kernel.py_func)
+    plain, log = of_bytes(EXAMPLE + SHOWN, tmp_path)
+    assert log.damage is None
+    assert (plain == compiled).all()
+    write(tmp_path / "plain.log", plain, directed=True)
+    assert (tmp_path / "plain.log").read_bytes() == written.read_bytes()
+    assert [str(of_bytes(bad, tmp_path)[1].damage) for bad in BAD_LINES] == damages
+
+
+def test_a_line_longer_than_a_chunk_is_refused(tmp_path):
+    line = b"(1.0) can0 123#" + b" " * (1 << 20)
+    found, log = of_bytes(b"(1.0) can0 123#11\n" + line, tmp_path)
+    assert len(found) == 1
+    assert "some.log:2: must be a whole line" in str(log.damage)
+
+
+def test_a_last_line_without_its_end_is_not_taken(tmp_path):
+    text = b"(1.0) can0 123#1122\n(1.1) can0 123#1122"
+    found, log = of_bytes(text, tmp_path)
+    assert [row[0] for row in rows(found)] == [10**9]
+    assert ":2: must be a whole line" in str(log.damage)
+    assert of_bytes(text[:20] + b" \t", tmp_path)[1].damage is None
+    assert of_bytes(b"", tmp_path)[1].damage is None
+
+
+def test_channels_asked_for_are_read_and_others_left_out(tmp_path):
+    text = b"".join(b"(%d.0) can%d 123#\n" % (i, i % 3) for i in range(30))
+    found, log = of_bytes(text, tmp_path, buses={"can2": 0, "can1": 7})
+    assert [(row[0] // 10**9, row[5]) for row in rows(found)] == [
+        (i, {1: 7, 2: 0}[i % 3]) for i in range(30) if i % 3
+    ]
+    assert log.channels == {"can0": -1, "can1": 7, "can2": 0}
+    assert log.skipped == {"frame of can0": 10}
+    assert log.count == 20
+    _, log = of_bytes(text, tmp_path, buses={"vcan0": 0})
+    assert "must hold frames of 'vcan0'; got 'can0', 'can1', 'can2' alone" in str(log.damage)
+    assert of_bytes(b"", tmp_path, buses={"vcan0": 0})[1].damage is None
+
+
+def test_more_channels_than_a_frame_can_tell_apart_are_refused(tmp_path):
+    text = b"".join(b"(%d.0) can%d 123#\n" % (i, i) for i in range(300))
+    found, log = of_bytes(text, tmp_path)
+    assert (found["bus"] == np.arange(256)).all()
+    assert ":257: column 9: must be one of at most 256 channels" in str(log.damage)
+    found, log = of_bytes(text, tmp_path, buses={"can299": 3})
+    assert (found["bus"] == [3]).all()
+    assert log.damage is None
+
+
+def test_buses_of_a_topology_are_found_by_their_channels():
+    assert buses_of(load("hand")) == {"hand-palm": 0, "hand-fingers": 1}
+
+
+def test_a_log_is_read_from_its_beginning_each_time(tmp_path):
+    path = tmp_path / "some.log"
+    path.write_bytes(b"(1.0) can0 123#11\nbad\n")
+    log = read(path, strict=False)
+    for _ in range(2):
+        assert [len(batch) for batch in log] == [1]
+        assert log.count == 1
+        assert log.damage is not None
+    with pytest.raises(LogError, match=":2: column 1"):
+        read_all(path)
+
+
+def test_damaged_compression_ends_a_log(tmp_path):
+    path = tmp_path / "some.log.gz"
+    found = records(*((1000 * i, i % 2048, 1, 0, 0, 0, bytes([i % 251])) for i in range(30_000)))
+    write(path, found)
+    whole = path.read_bytes()
+    for damaged in (whole[: len(whole) // 2], whole[:-4], whole[: len(whole) // 2] + b"x" * 99):
+        path.write_bytes(damaged)
+        log = read(path, strict=False)
+        read_rows = [row for batch in log for row in rows(batch.frames)]
+        assert read_rows == rows(found[: len(read_rows)])
+        assert len(read_rows) > 10_000
+        assert "must be readable to its end" in str(log.damage)
+    path.write_bytes(b"(1.0) can0 123#11\n")
+    assert "must be readable to its end" in str(_damage(path))
+
+
+def _damage(path):
+    log = read(path, strict=False)
+    assert sum(len(batch) for batch in log) == 0
+    return log.damage
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"length": 9}, "frame 1: must be at most 8 data bytes, or 64 in a CAN FD frame; got 9"),
+        ({"flags": 4, "length": 65}, "frame 1: must be at most 8 data bytes, or 64"),
+        ({"flags": 4, "id": CAN_RTR}, "frame 1: must be a data frame where it is a CAN FD one"),
+        ({"bus": 2}, "frame 1: must be of a bus with a name, below 2; got 2"),
+        ({"stamp_ns": -1}, "frame 1: must be of a time since 1970; got -1"),
+    ],
+)
+def test_what_is_no_frame_is_not_written(change, text, tmp_path):
+    found = np.zeros(2, FRAME_DTYPE)
+    for name, value in change.items():
+        found[name][1] = value
+    with pytest.raises(LogError, match=text):
+        write(tmp_path / "some.log", found, channels=["a", "b"])
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["", "can 0", "c" * 64, "can\n"])
+def test_a_channel_that_cannot_be_read_again_is_refused(name, tmp_path):
+    with pytest.raises(ValueError, match=r"channels\[1\]: must be a name of 1 to 63 bytes"):
+        open_writer(tmp_path / "some.log", channels=["can0", name])
+
+
+def test_a_log_can_be_followed_while_it_grows(tmp_path):
+    path = tmp_path / "some.log"
+    batch = FrameBatch(4)
+    with open_writer(path) as writer:
+        for i in range(3):
+            batch.clear()
+            batch.append(i, b"\1", stamp_ns=i)
+            writer.write(batch)
+            writer.flush()
+            assert path.read_bytes().count(b"\n") == writer.count == i + 1
+    writer.close()
+
+
+def test_a_failed_write_leaves_the_old_log(tmp_path):
+    path = tmp_path / "some.log"
+    write(path, np.zeros(3, FRAME_DTYPE))
+    old = path.read_bytes()
+
+    def parts():
+        yield np.zeros(2, FRAME_DTYPE)
+        raise RuntimeError("stop")
+
+    with pytest.raises(RuntimeError):
+        write(path, parts())
+    assert path.read_bytes() == old
+    assert [file.name for file in tmp_path.iterdir()] == ["some.log"]
+
+
+def can_utils(name, *arguments, text):
+    """Run a program of can-utils on a text."""
+    program = shutil.which(name)
+    if program is None:
+        pytest.skip(f"no {name} here: sudo apt-get install can-utils")
+    return subprocess.run([program, *arguments], input=text, capture_output=True, check=True).stdout
+
+
+def test_log2long_of_a_written_log_shows_the_same_frames(tmp_path):
+    wanted = [
+        (10**18 + 1000 * i, can_id, len(data), flags, 0, 0, data)
+        for i, (can_id, flags, data) in enumerate(
+            [
+                (0x7FF, 0, bytes(8)),
+                (0x9FFFFFFF, 0, b"\x12"),
+                (0, 4, bytes(range(64))),
+                (0x123, 4, b""),
+            ]
+        )
+    ]
+    path = tmp_path / "some.log"
+    write(path, records(*wanted))
+    shown = can_utils("log2long", text=path.read_bytes())
+    found, log = of_bytes(shown, tmp_path)
+    assert log.damage is None
+    assert rows(found) == wanted
+
+
+def test_asc_goes_to_candump_and_back_through_can_utils(tmp_path):
+    data = b"\x11\x22\x33\x44"
+    wanted = [
+        (10**9 * (10 + i), i << 4 | (i > 9) * 0x8FFF0000, 4, 0, 0, 0, data) for i in range(20)
+    ]
+    path, asc = tmp_path / "some.log", tmp_path / "some.asc"
+    write(path, records(*wanted))
+    asc.write_bytes(can_utils("log2asc", "can0", text=path.read_bytes()))
+    found = rows(read_all(asc))
+    assert [row[1:] for row in found] == [row[1:] for row in wanted]
+    assert np.diff([row[0] for row in found]).tolist() == [10**9] * 19
+    back = can_utils("asc2log", text=asc.read_bytes())
+    found, log = of_bytes(back, tmp_path)
+    assert log.damage is None
+    assert [row[1:] for row in rows(found)] == [row[1:] for row in wanted]

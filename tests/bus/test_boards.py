@@ -1,0 +1,202 @@
+"""What the doctor makes of heartbeats: each trouble provoked, alone, in words that are kept."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bus import Assembler
+from bus.boards import MOST_SERIALS
+from bus.diagnose import diagnose
+from bus.discover import Survey
+from bus.frame import CAN_EFF, CAN_RTR, ECHO, FD_FDF
+from bus.heartbeat import FIRST_ID, LAST_ID, LAYOUT, STATES, beating_nodes
+from tests.fixtures.bus import PERIOD_NS, data_frames, frame, join, make_topology, sync
+from tests.topology.test_messages import check_golden
+from topology import LAYOUTS, WireLayout
+
+START_NS = 1_700_000_000_000_000_000
+SECOND_NS = 1_000_000_000
+OWN = WireLayout(name="own", size=8, signals=LAYOUTS["f3t-classic"].signals)
+
+
+def data_of(skin, seconds, *, without=()):
+    """SYNC and data of a healthy bus, but for some (bus, identifier)."""
+    parts = []
+    for number in range(round(seconds * 1e9 / PERIOD_NS)):
+        stamp_ns = START_NS + number * PERIOD_NS
+        parts += [sync(number, bus=b, stamp_ns=stamp_ns) for b in range(len(skin.buses))]
+        parts.append(data_frames(skin, number, number & 0xFF, stamp_ns=stamp_ns + 1000))
+    whole = join(*parts)
+    keys = zip(whole["bus"].tolist(), whole["id"].tolist(), strict=True)
+    return whole[[key not in without for key in keys]]
+
+
+def beats(node, *, bus=0, serial=None, state="running", seconds=4, late_ns=0):
+    """The heartbeats of a node, once a second."""
+    serial = bus << 8 | node if serial is None else serial
+    return join(
+        *(
+            frame(
+                FIRST_ID + node,
+                LAYOUT.pack(STATES.index(state), second, 1, serial, 0, 0),
+                bus=bus,
+                stamp_ns=START_NS + second * SECOND_NS + late_ns,
+            )
+            for second in range(seconds)
+        )
+    )
+
+
+def all_beats(skin, *, but=()):
+    """The heartbeats of every board of a skin, but for some (bus, node)."""
+    return join(
+        *(
+            beats(node, bus=b)
+            for b in range(len(skin.buses))
+            for node in beating_nodes(skin, b)
+            if (b, node) not in but
+        )
+    )
+
+
+def found_in(skin, *parts):
+    records = join(*parts)
+    survey = Survey(skin)
+    for batch in np.array_split(records[np.argsort(records["stamp_ns"], kind="stable")], 7):
+        survey.feed(batch)
+    survey.finish()
+    return diagnose(survey)
+
+
+def a_case(name):
+    """Skin and frames of a case."""
+    skin = make_topology("f3t-fd64", 20, buses=2)  # two boards on each bus
+    match name:
+        case "missing-heartbeat, never":
+            return skin, data_of(skin, 4), all_beats(skin, but=[(0, 2)])
+        case "missing-heartbeat, stopped":
+            return skin, data_of(skin, 4), all_beats(skin, but=[(0, 2)]), beats(2, seconds=1)
+        case "missing-heartbeat, of all":
+            return skin, data_of(skin, 4), all_beats(skin, but=[(0, 1), (0, 2)])
+        case "missing-heartbeat, another node":
+            strange = beats(77, serial=2)
+            return skin, data_of(skin, 4), all_beats(skin, but=[(0, 2)]), strange
+        case "missing-unit of a board that lives":
+            return skin, data_of(skin, 4, without=[(1, 0x101)]), all_beats(skin)
+        case "missing-unit of a dead board":
+            without = [(1, 0x101)]
+            return skin, data_of(skin, 4, without=without), all_beats(skin, but=[(1, 2)])
+        case "silent-bus of boards that live":
+            without = [(1, 0x100), (1, 0x101)]
+            return skin, data_of(skin, 4, without=without), all_beats(skin)
+        case "silent-branch of boards that live":
+            skin = make_topology("f3t-fd64", 20)
+            ids = [(0, 0x102), (0, 0x103)]
+            return skin, data_of(skin, 4, without=ids), all_beats(skin)
+        case "unknown-board":
+            return skin, data_of(skin, 4), all_beats(skin), beats(0xDF, serial=9)
+        case "duplicate-serial":
+            return skin, data_of(skin, 4), all_beats(skin, but=[(1, 1)]), beats(1, bus=1, serial=2)
+        case "duplicate-serial, of many":
+            skin = make_topology("f3t-fd64", 40)
+            return skin, data_of(skin, 4), *(beats(node, serial=0) for node in range(1, 9))
+        case "duplicate-node":
+            return skin, data_of(skin, 4), all_beats(skin), beats(2, serial=50, late_ns=300)
+        case "board-fault":
+            faulty = beats(2, bus=1, state="fault")
+            return skin, data_of(skin, 4), all_beats(skin, but=[(1, 2)]), faulty
+    raise KeyError(name)
+
+
+CASES = {
+    "missing-heartbeat, never": ["missing-heartbeat"],
+    "missing-heartbeat, stopped": ["missing-heartbeat"],
+    "missing-heartbeat, of all": ["missing-heartbeat"],
+    "missing-heartbeat, another node": ["missing-heartbeat", "unknown-board"],
+    "missing-unit of a board that lives": ["missing-unit"],
+    "missing-unit of a dead board": ["missing-unit"],
+    "silent-bus of boards that live": ["silent-bus"],
+    "silent-branch of boards that live": ["silent-branch"],
+    "unknown-board": ["unknown-board"],
+    "duplicate-serial": ["duplicate-serial"],
+    "duplicate-serial, of many": ["duplicate-serial"],
+    "duplicate-node": ["duplicate-node"],
+    "board-fault": ["board-fault"],
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_every_trouble_of_a_board_is_found_and_nothing_else(name):
+    assert [finding.code for finding in found_in(*a_case(name))] == CASES[name]
+
+
+def test_the_words_of_findings_about_boards():
+    lines = []
+    for name in CASES:
+        lines += [f"[{name}]", *map(str, found_in(*a_case(name))), ""]
+    check_golden("doctor-boards", "\n".join(lines))
+
+
+@pytest.mark.parametrize("layout", ["f3t-classic", "f3t-fd64", "icub-skin"])
+def test_of_boards_that_all_beat_nothing_is_found(layout):
+    skin = make_topology(layout, 24)
+    assert found_in(skin, data_of(skin, 4), all_beats(skin)) == []
+
+
+def test_buses_that_are_read_in_turns_do_not_make_time_run_faster():
+    skin = make_topology("f3t-fd64", 40, buses=4)
+    records = join(data_of(skin, 3.5), all_beats(skin))
+    records = records[np.argsort(records["stamp_ns"], kind="stable")]
+    survey = Survey(skin)
+    for batch in np.array_split(records, 70):
+        survey.feed(batch[np.argsort(batch["bus"], kind="stable")])
+    survey.finish()
+    np.testing.assert_allclose(survey.listened_s, 3.5, atol=0.02)
+    assert "missing-heartbeat" not in {finding.code for finding in diagnose(survey)}
+
+
+def test_nothing_is_missed_before_its_time():
+    skin = make_topology("f3t-fd16", 2)
+    assert found_in(skin, data_of(skin, 2.4)) == []
+    assert {f.code for f in found_in(skin, data_of(skin, 2.6))} == {"missing-heartbeat"}
+
+
+def test_of_foreign_firmware_heartbeats_are_only_expected_once_they_came():
+    skin = make_topology(OWN, 2)
+    assert found_in(skin, data_of(skin, 4)) == []
+    (finding,) = found_in(skin, data_of(skin, 4), beats(1, seconds=1), beats(2))
+    assert finding.subject == "node 1 (0x701) on bus 'bus0'"
+
+
+def test_what_is_no_heartbeat_says_nothing_of_boards():
+    skin = make_topology("f3t-fd16", 2, first_id=0x701)  # its data have these identifiers
+    beat = beats(1, seconds=1)
+    strange = [beat.copy() for _ in range(5)]
+    strange[0]["length"] = 1  # as CANopen's are
+    strange[1]["id"] |= CAN_EFF
+    strange[2]["id"] |= CAN_RTR
+    strange[3]["flags"] = FD_FDF
+    strange[4]["origin"] = ECHO
+    survey = Survey(make_topology("f3t-fd16", 2))
+    survey.feed(join(*strange))
+    assert survey.boards.heard == {}
+    taken = Survey(skin)
+    taken.feed(join(beat, frame(FIRST_ID, bytes(8)), frame(LAST_ID + 1, bytes(8))))
+    assert taken.boards.heard == {}
+
+
+def test_a_node_of_any_number_of_serials_stays_small():
+    survey = Survey(make_topology("f3t-fd16", 2))
+    for serial in range(500):
+        survey.feed(beats(1, serial=serial, seconds=1))
+    board = survey.boards.heard[0, 1]
+    assert (board.heartbeats, len(board.serials)) == (500, MOST_SERIALS)
+
+
+@given(st.integers(0x6F0, 0x7FF))
+def test_heartbeats_are_counted_up_to_the_last_node(can_id):
+    assembler = Assembler(make_topology("f3t-fd16", 2))
+    list(assembler.feed(frame(can_id, bytes(8))))
+    assert assembler.counters.heartbeat == (FIRST_ID <= can_id <= LAST_ID)
+    assert assembler.counters.configuration == (can_id == LAST_ID + 1)

@@ -1,0 +1,329 @@
+"""Packing and unpacking against cantools, python-can and arithmetic bit by bit."""
+
+import cantools.database.can as dbc
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import bus
+from bus import FrameBatch, LayoutError, Packer, kernels
+from bus.table import FrameTable
+from tests.fixtures.bus import counts_of, data_frames, make_topology
+from tests.naive.bus import bits_of, crc16, read
+from topology import CHANNELS, LAYOUTS, Signal, WireLayout
+
+FD_SIZES = [*range(1, 9), 12, 16, 20, 24, 32, 48, 64]
+
+
+@st.composite
+def layouts(draw, parts=1):
+    """Draw layouts whose signals lie anywhere, in either byte order, without overlap."""
+    size = draw(st.sampled_from(FD_SIZES))
+    units = draw(st.integers(1, 3))
+    free = {(part, byte, bit) for part in range(parts) for byte in range(size) for bit in range(8)}
+    wanted = [(name, slot) for name in (*CHANNELS, "unit_status") for slot in range(units)]
+    wanted += [("sequence", 0), ("status", 0)]
+    signals = []
+    for name, slot in draw(st.permutations(wanted)):
+        signed = name in CHANNELS and draw(st.booleans())
+        length = draw(st.integers(1, 16))
+        signal = Signal(
+            name=name,
+            start=draw(st.integers(0, 8 * size - 1)),
+            length=length,
+            signed=signed,
+            order=draw(st.sampled_from(["little", "big"])),
+            slot=slot,
+            part=draw(st.integers(0, parts - 1)),
+        )
+        places = {(signal.part, byte, bit) for byte, bit in bits_of(signal)}
+        if places <= free:
+            free -= places
+            signals.append(signal)
+    return WireLayout(name="any", size=size, fd=size > 8, units=units, parts=parts,
+                      signals=tuple(signals))  # fmt: skip
+
+
+def as_dbc(layout, part=0):
+    """Write the layout down as a message of cantools."""
+    return dbc.Message(
+        frame_id=0x100,
+        name="frame",
+        length=layout.size,
+        is_fd=layout.fd,
+        strict=True,
+        signals=[
+            dbc.Signal(f"{s.name}_{s.slot}", s.start, s.length, f"{s.order}_endian", s.signed)
+            for s in layout.signals
+            if s.part == part
+        ],
+    )
+
+
+def unpack(small, records):
+    """Unpack without assembling: counts and fault codes."""
+    table = FrameTable(small)
+    counts = np.zeros((len(CHANNELS), small.n), np.int16)
+    codes = np.zeros(small.n, np.uint8)
+    data, flat = kernels.as_bytes(records), counts.reshape(-1)
+    for f in range(len(small.frames)):
+        kernels.unpack_frame(data, f, f, table.frames, table.signals, table.units, flat, codes)
+    return counts, codes
+
+
+def limits(signal):
+    """Return the smallest and the largest integer of a signal."""
+    if signal.signed:
+        return -(1 << signal.length - 1), (1 << signal.length - 1) - 1
+    return 0, (1 << signal.length) - 1
+
+
+def bias(signal):
+    """Return what is taken off an integer so that it fits in int16."""
+    return 32768 if signal.length == 16 and not signal.signed else 0
+
+
+@given(layouts(), st.data())
+def test_frames_are_those_of_cantools(layout, data):
+    small = make_topology(layout, units=layout.units)
+    message = as_dbc(layout)
+    values = {
+        f"{s.name}_{s.slot}": data.draw(st.integers(*limits(s)), f"{s.name}_{s.slot}")
+        for s in layout.signals
+        if s.name != "status"
+    }
+    counts = np.zeros((len(CHANNELS), small.n), np.int16)
+    codes = np.zeros(small.n, np.uint8)
+    for s in layout.signals:
+        if s.name in CHANNELS:
+            counts[CHANNELS.index(s.name), s.slot] = values[f"{s.name}_{s.slot}"] - bias(s)
+        elif s.name == "unit_status":
+            values[f"{s.name}_{s.slot}"] &= 0xFF
+            codes[s.slot] = values[f"{s.name}_{s.slot}"]
+        elif s.name == "status":
+            values["status_0"] = 0
+    batch = FrameBatch(2)
+    Packer(small)(counts, batch, sequence=values.get("sequence_0", 0), fault_code=codes)
+    packed = batch.frames[0]
+    expected = message.encode(values, scaling=False, padding=False) if values else b""
+    assert packed["data"][: layout.size].tobytes() == expected.ljust(layout.size, b"\0")
+
+    back, back_codes = unpack(small, batch.frames)
+    decoded = message.decode(packed["data"][: layout.size].tobytes(), scaling=False)
+    for s in layout.signals:
+        if s.name in CHANNELS:
+            count = decoded[f"{s.name}_{s.slot}"] - bias(s)
+            assert back[CHANNELS.index(s.name), s.slot] == count
+        elif s.name == "unit_status":
+            assert back_codes[s.slot] == decoded[f"{s.name}_{s.slot}"]
+
+
+@given(layouts(), st.binary(min_size=64, max_size=64))
+def test_any_payload_reads_as_its_bits_say(layout, payload):
+    small = make_topology(layout, units=layout.units)
+    batch = FrameBatch(1)
+    batch.append(0x100, payload)
+    counts, _ = unpack(small, batch.frames)
+    for s in layout.signals:
+        if s.name in CHANNELS:
+            assert counts[CHANNELS.index(s.name), s.slot] == read(s, payload) - bias(s)
+
+
+@given(layouts(parts=3), st.data())
+def test_unpacking_undoes_packing(layout, data):
+    small = make_topology(layout, units=2 * layout.units)
+    counts = np.zeros((len(CHANNELS), small.n), np.int16)
+    for s in layout.signals:
+        if s.name in CHANNELS:
+            for unit in (s.slot, layout.units + s.slot):
+                value = data.draw(st.integers(*limits(s)))
+                counts[CHANNELS.index(s.name), unit] = value - bias(s)
+    batch = FrameBatch(8)
+    assert Packer(small)(counts, batch, sequence=3) == len(small.frames)
+    np.testing.assert_array_equal(unpack(small, batch.frames)[0], counts)
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_a_count_beyond_its_bits_is_written_as_the_nearest_that_fits(name):
+    layout = LAYOUTS[name]
+    small = make_topology(layout, units=layout.units)
+    for rail, side in ((-32768, 0), (32767, 1)):
+        counts = np.full((len(CHANNELS), small.n), rail, np.int16)
+        codes = np.full(small.n, 255, np.uint8)
+        batch = FrameBatch(2)
+        Packer(small)(counts, batch, sequence=0, fault_code=codes)
+        back, back_codes = unpack(small, batch.frames)
+        for s in layout.signals:
+            if s.name in CHANNELS:
+                count = back[CHANNELS.index(s.name), s.slot]
+                assert count == limits(s)[side] - bias(s) == s.rails[side]
+            elif s.name == "unit_status":
+                assert back_codes[s.slot] == min(255, limits(s)[1])
+
+
+@given(st.binary(max_size=80))
+def test_crc_is_that_of_the_bitwise_division(data):
+    assert bus.crc16(data) == crc16(data)
+
+
+def test_crc_has_the_published_check_value():
+    assert bus.crc16(b"123456789") == crc16(b"123456789") == 0x29B1
+
+
+@given(st.binary(max_size=20), st.binary(max_size=20))
+def test_crc_can_be_carried_on(first, second):
+    assert bus.crc16(second, bus.crc16(first)) == bus.crc16(first + second)
+
+
+@pytest.mark.parametrize("name", ["f3t-fd16", "f3t-fd64"])
+@pytest.mark.parametrize("first_id", [0x1A5, 0x9234_5678])
+def test_packed_frames_carry_the_crc_of_id_and_bytes(name, first_id):
+    small = make_topology(name, units=7, first_id=first_id)
+    for record in data_frames(small, 5, 77):
+        payload = record["data"][: record["length"]].tobytes()
+        can_id = int(record["id"]) & 0xFFFF
+        covered = bytes([can_id & 0xFF, can_id >> 8]) + payload[:2] + payload[4:]
+        assert int.from_bytes(payload[2:4], "little") == crc16(covered)
+
+
+@given(st.integers(1, 60), st.sampled_from(["little", "big"]), st.binary(min_size=64, max_size=64))
+def test_crc_may_stand_anywhere_in_the_frame(byte, order, payload):
+    start = 8 * byte + (7 if order == "big" else 0)
+    crc = Signal(name="crc", start=start, length=16, order=order)
+    layout = WireLayout(name="any", size=62, fd=True, signals=(crc,))
+    table = FrameTable(make_topology(layout, units=1))
+    batch = FrameBatch(1)
+    batch.append(0x100, payload)
+    expected = crc16(b"\x00\x01" + payload[:byte] + payload[byte + 2 : 62])
+    assert kernels.frame_crc(kernels.as_bytes(batch.frames), 0, table.frames, 0) == expected
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_python_can_takes_packed_frames(name):
+    can = pytest.importorskip("can")
+    for record in data_frames(make_topology(name, units=6), 1, 9):
+        message = can.Message(
+            arbitration_id=int(record["id"]),
+            is_extended_id=False,
+            is_fd=bool(record["flags"] & 4),
+            bitrate_switch=bool(record["flags"] & 1),
+            data=record["data"][: record["length"]].tobytes(),
+            check=True,
+        )
+        assert message.dlc == LAYOUTS[name].size
+
+
+def test_frames_come_in_the_order_of_bus_and_id():
+    small = make_topology("f3t-fd64", units=23, buses=2)
+    frames = data_frames(small, 1, 2, stamp_ns=123)
+    np.testing.assert_array_equal(frames["bus"], small.frames.bus)
+    np.testing.assert_array_equal(frames["id"], small.frames.can_id)
+    assert set(frames["stamp_ns"]) == {123}
+    by_bus = [data_frames(small, 1, 2, stamp_ns=123, bus=b) for b in range(2)]
+    np.testing.assert_array_equal(np.concatenate(by_bus), frames)
+
+
+def test_a_batch_without_room_takes_nothing():
+    small = make_topology(units=4)
+    batch = FrameBatch(6)
+    pack = Packer(small)
+    assert pack(counts_of(small, 0), batch, sequence=0) == 4
+    with pytest.raises(IndexError, match="must have room for 4 frames; got 2"):
+        pack(counts_of(small, 0), batch, sequence=1)
+    assert batch.count == 4
+
+
+@pytest.mark.parametrize(
+    ("counts", "codes", "message"),
+    [
+        (
+            np.zeros((6, 3), np.int16),
+            None,
+            r"counts: must be int16 of shape \(6, 4\); got int16 of",
+        ),
+        (
+            np.zeros((6, 4), np.int32),
+            None,
+            r"counts: must be int16 of shape \(6, 4\); got int32 of",
+        ),
+        (
+            np.zeros((6, 4), np.int16),
+            np.zeros(4, int),
+            r"fault_code: must be uint8 of shape \(4,\)",
+        ),
+    ],
+)
+def test_arrays_of_another_shape_are_refused(counts, codes, message):
+    with pytest.raises(ValueError, match=message):
+        Packer(make_topology(units=4))(counts, FrameBatch(9), sequence=0, fault_code=codes)
+
+
+@pytest.mark.parametrize(
+    ("signal", "message"),
+    [
+        (
+            Signal(name="gel", start=57, length=8),
+            "layout 'own': signal 'gel' (slot 0): must lie within the 8 bytes of its frame; "
+            "got 8 bits from bit 57, little endian",
+        ),
+        (
+            Signal(name="bx", start=62, length=8, order="big"),
+            "layout 'own': signal 'bx' (slot 0): must lie within the 8 bytes of its frame; "
+            "got 8 bits from bit 62, big endian",
+        ),
+        (
+            Signal(name="bx", start=0, length=12, slot=1),
+            "layout 'own': signal 'bx' (slot 1): must be in one of 1 slots; got slot 1",
+        ),
+        (
+            Signal(name="crc", start=4, length=16),
+            "layout 'own': signal 'crc' (slot 0): must be 16 bits that fill two bytes; "
+            "got 16 bits from bit 4",
+        ),
+    ],
+)
+def test_a_layout_that_cannot_be_read_is_refused(signal, message):
+    small = make_topology(WireLayout(name="own", size=8, signals=(signal,)), units=1)
+    with pytest.raises(LayoutError) as error:
+        Packer(small)
+    assert str(error.value) == message
+
+
+@given(layouts(parts=2), st.binary(min_size=128, max_size=128), st.integers(0, 255))
+def test_kernels_and_their_python_agree(layout, payload, sequence):
+    small = make_topology(layout, units=layout.units)
+    table = FrameTable(small)
+    batch = FrameBatch(2)
+    batch.append(0x100, payload[:64])
+    batch.append(0x101, payload[64:])
+    outcome = []
+    for unpack_frame, pack in (
+        (kernels.unpack_frame, kernels.pack),
+        (kernels._unpack_frame, kernels._pack),
+    ):
+        counts = np.zeros((len(CHANNELS), small.n), np.int16)
+        codes = np.zeros(small.n, np.uint8)
+        again = np.zeros_like(batch.records)
+        data, flat = kernels.as_bytes(batch.records), counts.reshape(-1)
+        for f in range(2):
+            unpack_frame(data, f, f, table.frames, table.signals, table.units, flat, codes)
+        pack(
+            0, 2, sequence, -1, counts, codes, table.frames, table.signals,
+            kernels.as_words(again), kernels.as_bytes(again),
+        )  # fmt: skip
+        outcome.append((counts, codes, again))
+    for compiled, interpreted in zip(*outcome, strict=True):
+        np.testing.assert_array_equal(compiled, interpreted)
+
+
+@given(st.binary(min_size=64, max_size=64))
+def test_crc_kernels_and_their_python_agree(payload):
+    table = FrameTable(make_topology("f3t-fd64", units=5))
+    batch = FrameBatch(1)
+    batch.append(0x100, payload)
+    data = kernels.as_bytes(batch.frames)
+    assert kernels._frame_crc(data, 0, table.frames, 0) == kernels.frame_crc(
+        data, 0, table.frames, 0
+    )
+    assert kernels._crc16(1, data, 0, 3, 40) == kernels.crc16(1, data, 0, 3, 40)

@@ -1,0 +1,335 @@
+"""A message of somebody's own DBC as wire layout, against cantools on the same file and bytes."""
+
+import cantools
+import numpy as np
+import pytest
+from cantools.database.can import Database, Message, Signal
+from cantools.database.can.formats.dbc import DbcSpecifics
+from cantools.database.conversion import BaseConversion
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bus import Assembler, FrameBatch
+from bus.dbc import dbc_text, write_dbc
+from bus.frame import FD_FDF
+from tests.fixtures.dbc import Unpacker, by_cantools
+from tests.fixtures.topology import write_topology
+from topology import CHANNELS, TopologyError, load
+from topology import dbc as reading
+from topology.dbc import read_dbc
+from topology.report import Report
+
+ROW = 'kind = "grid"\nrows = 1\ncolumns = 2\npitch_m = 0.02\nfirst_id = 0x100\n'
+UNITS_OF_CHANNELS = ("bx", "by", "bz", "frequency", "gel", "hall_temperature")
+
+COMMENT = "two\nBO_ 1 Taxel: 8 X\n SG_ S0 : 3"
+VENDOR = """VERSION "1.0"
+BS_:
+BU_: Node
+BO_ 512 Pair: 16 Node
+ SG_ Count : 0|8@1+ (1,0) [0|255] "" Host
+ SG_ T1 : 8|12@1+ (0.05,1.5) [0|0] "uA" Host
+ SG_ F1 : 20|12@1+ (2,0) [0|0] "Hz" Host
+ SG_ X_0 : 39|16@0- (2,0) [0|0] "uT" Host
+ SG_ Y_0 : 55|16@0+ (2,-65536) [0|0] "uT" Host
+ SG_ T2 : 64|12@1+ (0.1,0) [0|0] "uA" Host
+ SG_ F2 : 76|12@1+ (2,0) [0|0] "Hz" Host
+ SG_ X_1 : 95|16@0- (4,0) [0|0] "uT" Host
+ SG_ Y_1 : 111|16@0+ (2,-65536) [0|0] "uT" Host
+"""
+PAIR = """[[layouts]]
+name = "pair"
+dbc = "vendor.dbc"
+message = "Pair"
+units = 2
+
+[layouts.signals]
+gel = "T{slot+1}"
+frequency = ["F1", "F2"]
+bx = "X_{slot}"
+by = "Y_{slot}"
+sequence = "Count"
+"""
+
+
+def load_with(folder, text, layouts, *, layout="pair", bus="data_bitrate = 5_000_000", **options):
+    """Write a DBC file and a topology that names it; load that."""
+    (folder / "vendor.dbc").write_bytes(text if isinstance(text, bytes) else text.encode())
+    patch = ROW + f'layout = "{layout}"\n' + options.pop("patch", "")
+    return load(write_topology(folder, bus=bus, patch=patch, more=layouts, **options))
+
+
+def frame(topology, payload, *, index=0, stamp_ns=0):
+    batch = FrameBatch(1)
+    layout = topology.layouts[0]
+    batch.append(
+        int(topology.frames.can_id[index]), payload, flags=4 if layout.fd else 0, stamp_ns=stamp_ns
+    )
+    return batch.frames
+
+
+# -- the same file to cantools --------------------------------------------------------------------
+
+numbers = st.one_of(
+    st.sampled_from([0.5, -0.25, 1e-7, 100.0, 0.007, -3.0]),
+    st.floats(-1e6, 1e6).filter(lambda v: v == 0 or abs(v) > 1e-9),
+)
+
+
+@st.composite
+def signals(draw, name, size):
+    order = draw(st.sampled_from(["little_endian", "big_endian"]))
+    length = draw(st.integers(1, min(16, 8 * size)))
+    first = draw(st.integers(0, 8 * size - length))
+    # In sawtooth numbering bit 7 of byte 0 is the first one of the frame.
+    start = first if order == "little_endian" else 8 * (first // 8) + 7 - first % 8
+    scale = draw(numbers.filter(lambda v: v != 0))
+    return Signal(
+        name, start, length, order, draw(st.booleans()),
+        conversion=BaseConversion.factory(scale=scale, offset=draw(numbers)),
+        unit=draw(st.sampled_from([None, "uT", "°C", "SG_ x"])),
+    )  # fmt: skip
+
+
+def bits_of(signal):
+    """Bits of the frame that a signal of cantools has, bit 8 b + i being bit i of byte b."""
+    if signal.byte_order == "little_endian":
+        return range(signal.start, signal.start + signal.length)
+    first = 8 * (signal.start // 8) + 7 - signal.start % 8
+    return [8 * (k // 8) + 7 - k % 8 for k in range(first, first + signal.length)]
+
+
+@st.composite
+def files(draw):
+    """Draw the text of a DBC file with a message "Taxel" of one to six signals, and others."""
+    size = draw(st.sampled_from([2, 5, 8, 12, 64]))
+    own, taken = [], set()
+    for signal in [draw(signals(f"S{k}", size)) for k in range(draw(st.integers(1, 6)))]:
+        places = set(bits_of(signal))
+        if not places & taken:
+            taken |= places
+            own.append(signal)
+    specifics = DbcSpecifics()
+    messages = [
+        Message(0x100, "Taxel", size, own, is_fd=size > 8, strict=False,
+                comment=draw(st.sampled_from([None, "plain", COMMENT]))),
+        Message(0x18FF00, "Taxel_2", 8, [draw(signals("S0", 8))], strict=False,
+                is_extended_frame=True),
+    ]  # fmt: skip
+    database = Database(draw(st.permutations(messages)), dbc_specifics=specifics, strict=False)
+    return database.as_dbc_string()
+
+
+@given(text=files())
+def test_signals_are_read_as_cantools_reads_them(text, tmp_path_factory):
+    path = tmp_path_factory.mktemp("dbc") / "any.dbc"
+    path.write_bytes(text.encode("cp1252"))
+    report = Report()
+    found = read_dbc(path, "any.dbc", report)
+    assert report.issues == []
+    theirs = cantools.database.load_string(text, "dbc", strict=False)
+    assert set(found) == {message.name for message in theirs.messages}
+    for message in theirs.messages:
+        ours = found[message.name]
+        assert ours.size == message.length
+        assert ours.fd == message.is_fd
+        assert ours.can_id == message.frame_id | message.is_extended_frame << 31
+        assert set(ours.signals) == {signal.name for signal in message.signals}
+        for signal in message.signals:
+            one = ours.signals[signal.name]
+            assert (one.start, one.length, one.signed) == (
+                signal.start, signal.length, signal.is_signed
+            )  # fmt: skip
+            assert f"{one.order}_endian" == signal.byte_order
+            assert (one.scale, one.offset) == (signal.scale, signal.offset)
+            assert (one.is_float, one.multiplexed) == (False, False)
+
+
+@given(text=files(), payload=st.binary(min_size=64, max_size=64))
+def test_frames_of_any_dbc_message_mean_what_cantools_says(text, payload, tmp_path_factory):
+    (message,) = [
+        m for m in cantools.database.load_string(text, "dbc", strict=False).messages
+        if m.name == "Taxel"
+    ]  # fmt: skip
+    chosen = dict(zip(UNITS_OF_CHANNELS, [s.name for s in message.signals], strict=False))
+    pairs = ", ".join(f'{channel} = "{name}"' for channel, name in chosen.items())
+    layout = (
+        '[[layouts]]\nname = "own"\ndbc = "vendor.dbc"\nmessage = "Taxel"\ncounts_only = true\n'
+        f"signals = {{ {pairs} }}\n"
+    )
+    topology = load_with(
+        tmp_path_factory.mktemp("any"), text.encode("cp1252"), layout, layout="own"
+    )
+    payload = payload[: message.length]
+    decoded = message.decode(payload)
+    values, _ = Unpacker(topology)(frame(topology, payload)[0])
+    assert len(values) == len(chosen)
+    for channel, name in chosen.items():
+        expected = decoded[name]
+        signal = message.get_signal_by_name(name)
+        # A count is rounded once when its scale and its offset are applied, twice for 16 bits
+        # unsigned: by what is rounded away of scale * 65536 and of the offset.
+        most = abs(signal.scale) * 65536 + abs(signal.offset)
+        assert values[f"patch/r0c0 {channel}"] == pytest.approx(expected, rel=0, abs=1e-14 * most)
+
+
+# -- layouts of several units ---------------------------------------------------------------------
+
+
+def test_several_units_of_a_frame_are_named_by_pattern_or_list(tmp_path):
+    topology = load_with(tmp_path, VENDOR, PAIR)
+    assert [layout.name for layout in topology.layouts] == ["pair"]
+    layout = topology.layouts[0]
+    assert (layout.size, layout.fd, layout.units, layout.parts) == (16, True, 2, 1)
+    gel, bx, by = (CHANNELS.index(name) for name in ("gel", "bx", "by"))
+    np.testing.assert_allclose(topology.scale[gel], [0.05, 0.1])
+    np.testing.assert_allclose(topology.scale[bx], [2.0, 4.0])
+    np.testing.assert_allclose(topology.offset[by], [0.0, 0.0])
+    message = cantools.database.load_string(VENDOR, "dbc").get_message_by_name("Pair")
+    payload = bytes(range(7, 7 + 16))
+    decoded = message.decode(payload)
+    values, _ = Unpacker(topology)(frame(topology, payload)[0])
+    for slot in range(2):
+        for channel, name in (("gel", f"T{slot + 1}"), ("frequency", f"F{slot + 1}"),
+                              ("bx", f"X_{slot}"), ("by", f"Y_{slot}")):  # fmt: skip
+            assert values[f"patch/r0c{slot} {channel}"] == pytest.approx(decoded[name], rel=1e-12)
+
+
+@pytest.mark.parametrize(("key", "is_taken"), [('sequence = "own"', True), ("", False)])
+def test_foreign_frames_that_answer_sync_may_count_for_themselves(key, is_taken, tmp_path):
+    layout = PAIR.replace("units = 2", f"units = 2\n{key}")
+    bus = "data_bitrate = 5_000_000\nsync_id = 0x80"
+    topology = load_with(tmp_path, VENDOR, layout, bus=bus)
+    assembler, batch = Assembler(topology), FrameBatch(40)
+    for number in range(20):
+        batch.append(0x80, bytes([number]))
+        batch.append(0x100, bytes([100 + number]) + bytes(15), flags=FD_FDF)
+    valid = [cycle.valid.all() for cycle in assembler.feed(batch.frames)]
+    if is_taken:
+        assert len(valid) == 20
+        assert all(valid)
+        assert (assembler.counters.data, assembler.counters.lost) == (20, 0)
+    else:
+        assert not any(valid)
+        assert (assembler.counters.data, assembler.counters.late) == (0, 20)
+
+
+def test_foreign_frames_are_assembled_by_their_own_sequence(tmp_path):
+    topology = load_with(
+        tmp_path, VENDOR, PAIR, bus="data_bitrate = 5_000_000\ncycle_rate_hz = 100"
+    )
+    period_ns = 10_000_000
+    frames = np.concatenate([
+        frame(topology, bytes([count, *range(15)]), stamp_ns=period_ns * (k + 1))
+        for k, count in enumerate([5, 6, 9, 10])
+    ])  # fmt: skip
+    assembler = Assembler(topology)
+    cycles = [cycle.valid.copy() for cycle in assembler.feed(frames)]
+    assert all(valid.all() for valid in cycles)
+    assert assembler.counters.lost == 2
+
+
+def test_a_layout_says_itself_whether_its_short_frames_are_fd_ones(tmp_path):
+    short = VENDOR.replace("Pair: 16", "Pair: 8")
+    layout = (
+        '[[layouts]]\nname = "pair"\ndbc = "vendor.dbc"\nmessage = "Pair"\ncounts_only = true\n'
+        'signals = { gel = "T1" }\n'
+    )
+    attribute = (
+        'BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","StandardCAN_FD";\n'
+        'BA_DEF_DEF_ "VFrameFormat" "{}";\n{}'
+    )
+    told = 'BA_ "VFrameFormat" BO_ 512 1;\n'
+    for own, text, expected in (
+        ("", short, False),
+        ("fd = true", short, True),
+        ("", short + attribute.format("StandardCAN", told), True),
+        ("fd = false", short + attribute.format("StandardCAN", told), False),
+        ("", short + attribute.format("StandardCAN_FD", ""), True),
+        ("", short + attribute.format("StandardCAN", ""), False),
+    ):
+        topology = load_with(tmp_path, text, layout + own)
+        assert topology.layouts[0].fd == expected
+
+
+@pytest.mark.parametrize("name", ["f3t-classic", "f3t-fd64", "xela-uskin"])
+def test_a_dbc_that_we_wrote_gives_the_layout_it_was_written_of(name, tmp_path):
+    bus = "data_bitrate = 5_000_000"
+    own = load(write_topology(tmp_path, bus=bus, patch=ROW + f'layout = "{name}"\n'))
+    wire = own.layouts[0]
+    # Empty slots are not in the file: take the first board of a full one.
+    full = load(write_topology(
+        tmp_path, bus=bus,
+        patch=ROW.replace("columns = 2", f"columns = {wire.units}") + f'layout = "{name}"\n',
+    ))  # fmt: skip
+    (found,) = write_dbc(full, tmp_path)
+    message = by_cantools(full).messages[0].name
+    names = {
+        s.name: (f"patch_r0c{{slot}}_{s.name}" if s.name in (*CHANNELS, "unit_status")
+                 else f"{message}_{s.name}")
+        for s in wire.signals
+    }  # fmt: skip
+    pairs = ", ".join(f'{field} = "{signal}"' for field, signal in names.items())
+    layout = (
+        f'[[layouts]]\nname = "back"\ndbc = "{found.path.name}"\nmessage = "{message}"\n'
+        f"units = {wire.units}\ncounts_only = {str(wire.counts_only).lower()}\n"
+        f"signals = {{ {pairs} }}\n"
+    )
+    patch = ROW + 'layout = "back"\n'
+    (back,) = load(write_topology(tmp_path, bus=bus, patch=patch, more=layout)).layouts
+    assert (back.size, back.fd, back.units) == (wire.size, wire.fd, wire.units)
+    assert set(back.signals) == set(wire.signals)
+
+
+# -- files of all kinds ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        VENDOR.replace("\n", "\r\n").encode(),
+        b"\xef\xbb\xbf" + VENDOR.encode(),
+        VENDOR.encode() + b'CM_ "\xb5T and \xe6\x97\xa5";\n',
+        VENDOR.replace(" SG_ ", "\tSG_  ").replace(" : ", ":").encode(),
+        VENDOR.encode() + b'VAL_ 512 Count 0 "a \\" quote" 1 "b" ;\n',
+    ],
+    ids=["crlf", "bom", "latin", "spaces", "escaped"],
+)
+def test_texts_of_all_kinds_are_read(text, tmp_path):
+    assert load_with(tmp_path, text, PAIR).layouts == load_with(tmp_path, VENDOR, PAIR).layouts
+
+
+def test_signals_of_no_message_are_passed_over(tmp_path):
+    spare = (
+        "BO_ 3221225472 VECTOR__INDEPENDENT_SIG_MSG: 0 Vector__XXX\n"
+        + 2 * ' SG_ Spare : 0|8@1+ (1,0) [0|0] "" Vector__XXX\n'
+    )
+    assert load_with(tmp_path, VENDOR + spare, PAIR).n == 2
+
+
+def test_what_cannot_be_read_at_all_says_why(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder.dbc").mkdir()
+    with pytest.raises(TopologyError) as error:
+        load_with(tmp_path, VENDOR, PAIR.replace("vendor.dbc", "folder.dbc"))
+    assert str(error.value).endswith("folder.dbc: must be a readable file; got: Is a directory")
+    monkeypatch.setattr(reading, "LARGEST_MB", 1)
+    with pytest.raises(TopologyError) as error:
+        load_with(tmp_path, VENDOR + " " * 1_100_000, PAIR)
+    assert str(error.value).endswith("vendor.dbc: must be at most 1 MB; got 1 MB")
+
+
+@given(damage=st.data())
+def test_a_damaged_file_is_refused_with_its_line_or_read(damage, tmp_path_factory):
+    text = dbc_text(load("fingertip"))
+    text = text[text.index("BU_:") :][:1500]
+    at = damage.draw(st.integers(0, len(text) - 1))
+    junk = damage.draw(st.sampled_from(['"', "\n", "SG_", "BO_ ", ":", "", "9" * 400, "\x00"]))
+    broken = text[:at] + junk + text[at + damage.draw(st.integers(0, 5)) :]
+    path = tmp_path_factory.mktemp("damage") / "any.dbc"
+    path.write_text(broken)
+    report = Report()
+    found = read_dbc(path, "any.dbc", report)
+    assert (found is None) == bool(report.issues)
+    lines = broken.count("\n") + 1
+    assert all(1 <= issue.line <= lines and issue.file == "any.dbc" for issue in report.issues)

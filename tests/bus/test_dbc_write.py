@@ -1,0 +1,364 @@
+"""DBC files that we write, as cantools and canmatrix read them."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bus import Packer, configure
+from bus.dbc import dbc_text, write_dbc
+from bus.frame import FrameBatch
+from bus.heartbeat import FIRST_ID
+from bus.logs import read_all
+from skin.cli import main
+from skin.sim.heartbeat import Heartbeats
+from tests.fixtures.bus import make_topology, with_data_ids
+from tests.fixtures.dbc import Unpacker, by_canmatrix, by_cantools
+from tests.fixtures.topology import write_topology
+from topology import CHANNELS, builtin, load
+
+LOGS = Path(__file__).parents[1] / "golden" / "logs"
+ROW = 'kind = "grid"\nrows = 1\npitch_m = 0.02\n'
+
+
+def topology_of(folder, layout, columns, *, bus="data_bitrate = 5_000_000", more="", patch=""):
+    text = f'{ROW}columns = {columns}\nlayout = "{layout}"\nfirst_id = 0x100\n{patch}'
+    return load(write_topology(folder, bus=bus, patch=text, more=more))
+
+
+def signal_names(topology):
+    """Our name of each unit's channel in the DBC, where no name is too long."""
+    return {
+        f"{unit} {channel}": f"{unit.replace('/', '_')}_{channel}"
+        for unit in topology.unit_names
+        for channel in CHANNELS
+    }
+
+
+def check_frame(record, message, unpack, names):
+    """One frame decoded by cantools, and by us."""
+    payload = record["data"][: record["length"]].tobytes()
+    decoded = message.decode(payload, decode_choices=False)
+    values, codes = unpack(record)
+    assert len(values) > 0
+    for key, value in values.items():
+        assert decoded[names[key]] == pytest.approx(value, rel=1e-12, abs=1e-12)
+    return decoded, codes
+
+
+# -- the same values ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["strip", "palm"])
+def test_a_candump_log_decodes_to_the_same_values_in_cantools_and_canmatrix(name):
+    topology = load(name)
+    frames = read_all(LOGS / f"{name}-vcan.log")
+    database, matrix = by_cantools(topology), by_canmatrix(topology)
+    unpack, names = Unpacker(topology), signal_names(topology)
+    data = frames[np.isin(frames["id"], topology.frames.can_id)]
+    assert len(data) > 100
+    for record in data[:: len(data) // 60]:
+        message = database.get_message_by_frame_id(int(record["id"]))
+        decoded, codes = check_frame(record, message, unpack, names)
+        assert not any(codes.values())
+        frame = matrix.frame_by_id(canmatrix_id(record))
+        values = frame.decode(record["data"][: record["length"]].tobytes())
+        assert set(values) == set(decoded)
+        for signal, value in decoded.items():
+            assert float(values[signal].phys_value) == pytest.approx(value, rel=1e-12, abs=1e-12)
+
+
+def canmatrix_id(record):
+    import canmatrix
+
+    return canmatrix.ArbitrationId(int(record["id"]) & 0x1FFFFFFF, bool(record["id"] >> 31))
+
+
+@pytest.mark.parametrize("layout", ["f3t-classic", "f3t-fd16", "f3t-fd64", "xela-uskin"])
+@given(seed=st.integers(0, 2**32 - 1))
+def test_any_counts_mean_the_same_to_cantools(layout, seed, tmp_path_factory):
+    topology = topology_of(tmp_path_factory.mktemp("any"), layout, 7)
+    rng = np.random.default_rng(seed)
+    counts = rng.integers(-32768, 32768, (len(CHANNELS), topology.n)).astype(np.int16)
+    codes = rng.integers(0, 3, topology.n).astype(np.uint8)
+    batch = FrameBatch(16)
+    sequence = int(rng.integers(256))
+    Packer(topology)(counts, batch, sequence=sequence, fault_code=codes)
+    database, unpack, names = by_cantools(topology), Unpacker(topology), signal_names(topology)
+    for record in batch.frames:
+        message = database.get_message_by_frame_id(int(record["id"]))
+        decoded, found = check_frame(record, message, unpack, names)
+        for unit, code in found.items():
+            name = f"{unit.replace('/', '_')}_unit_status"
+            assert decoded.get(name, 0) == code
+        echoed = decoded.get(f"{message.name}_sequence")
+        assert echoed in (None, sequence, sequence & 15)
+
+
+def test_pages_of_one_identifier_are_multiplexed(tmp_path):
+    topology = topology_of(tmp_path, "icub-skin", 20, bus="")
+    counts = np.zeros((len(CHANNELS), topology.n), np.int16)
+    counts[CHANNELS.index("frequency")] = np.arange(100, 100 + topology.n)
+    codes = np.zeros(topology.n, np.uint8)
+    codes[[3, 11]] = 1
+    batch = FrameBatch(8)
+    Packer(topology)(counts, batch, sequence=0, fault_code=codes)
+    database, matrix = by_cantools(topology), by_canmatrix(topology)
+    seen = {}
+    for record in batch.frames:
+        message = database.get_message_by_frame_id(int(record["id"]))
+        assert message.is_multiplexed()
+        decoded, _ = check_frame(record, message, Unpacker(topology), signal_names(topology))
+        values = matrix.frame_by_id(canmatrix_id(record)).decode(record["data"].tobytes()[:8])
+        assert {name: float(v.phys_value) for name, v in values.items()} == decoded
+        seen |= decoded
+    pressed = {unit: seen[f"{unit.replace('/', '_')}_frequency"] for unit in topology.unit_names}
+    assert list(pressed.values()) == list(range(100, 120))
+    faults = [unit for unit in topology.unit_names if seen[f"{unit.replace('/', '_')}_unit_status"]]
+    assert faults == ["patch/r0c3", "patch/r0c11"]
+
+
+def test_scales_of_a_model_and_a_units_calibration_are_those_of_the_unit(tmp_path):
+    more = (
+        '[[models]]\nname = "mine"\nscales = { gel = { scale = 0.5, offset = -3.25 } }\n'
+        '[[units]]\nunit = "patch/r0c1"\nmodel = "mine"\n'
+    )
+    topology = topology_of(tmp_path, "f3t-classic", 2, more=more)
+    gel = [by_cantools(topology).get_message_by_name(f"patch_r0c{k}").signals[0] for k in (0, 1)]
+    assert [(s.name, s.scale, s.offset) for s in gel] == [
+        ("patch_r0c0_gel", 0.055, 0),
+        ("patch_r0c1_gel", 0.5, -3.25),
+    ]
+
+
+def test_heartbeats_and_sync_decode_to_what_boards_say():
+    topology = load("palm")
+    database = by_cantools(topology)
+    batch = FrameBatch(32)
+    for cycle in range(250):
+        Heartbeats(topology).append(cycle + 750, batch, bus=0)
+    assert len(batch.frames) == 13
+    for record in batch.frames:
+        message = database.get_message_by_frame_id(int(record["id"]))
+        node = int(record["id"]) - FIRST_ID
+        assert message.senders == [f"board_{node}"]
+        decoded = message.decode(record["data"][:8].tobytes())
+        prefix = f"heartbeat_{node}_"
+        assert decoded == {
+            f"{prefix}state": "running",
+            f"{prefix}uptime_s": 3,
+            f"{prefix}firmware_id": 1,
+            f"{prefix}serial_number": node,
+            f"{prefix}transmit_errors": 0,
+            f"{prefix}receive_errors": 0,
+        }
+    assert database.get_message_by_name("SYNC").decode(b"\x2a") == {"SYNC_counter": 42}
+    assert database.get_message_by_name("SYNC").frame_id == 0x80
+
+
+def test_configuration_decodes_to_what_the_host_tells_boards():
+    for database in (by_cantools(load("palm")), by_cantools(load("strip"))):
+        message = database.get_message_by_frame_id(0x7E0)
+        assert (message.name, message.senders, message.is_fd) == ("configuration", ["host"], False)
+        assert (message.send_type, message.cycle_time or 0) == ("Triggered", 0)
+        assert message.signals[0].receivers == [
+            f"board_{k + 1}" for k in range(len(boards_of(database)))
+        ]
+        for frame, said in (
+            (configure.pack(configure.Command.RATE, node=3, value=500), ("rate", 3, 500, 0)),
+            (configure.pack(configure.Command.TARE), ("tare", "all", 0, 0)),
+        ):
+            decoded = message.decode(frame["data"][0, :8].tobytes())
+            assert tuple(decoded.values()) == said
+            assert list(decoded) == [f"configuration_{name}" for name, _ in configure.FIELDS]
+
+
+def boards_of(database):
+    return [node for node in database.nodes if node.name.startswith("board_")]
+
+
+def test_only_boards_that_take_configuration_are_told_of_it(tmp_path):
+    def has_it(topology):
+        return "configuration" in {message.name for message in by_cantools(topology).messages}
+
+    assert has_it(topology_of(tmp_path, "f3t-classic", 2))
+    assert not has_it(topology_of(tmp_path, "xela-uskin", 2))
+    assert not has_it(with_data_ids(make_topology("f3t-classic", 2), [0x100, 0x7E0]))
+
+
+# -- attributes -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", builtin)
+def test_every_ready_made_topology_is_read_by_both_tools(name):
+    topology = load(name)
+    for index, bus in enumerate(topology.buses):
+        database, matrix = by_cantools(topology, index), by_canmatrix(topology, index)
+        assert len(database.messages) == len(matrix.frames) > 0
+        ids = {m.frame_id for m in database.messages if m.name.find("heartbeat") < 0}
+        assert {0x80, 0x7E0} < ids
+        assert ids - {0x80, 0x7E0} == set(
+            topology.frames.can_id[topology.frames.bus == index].tolist()
+        )
+        assert database.dbc.attributes["BusType"].value == ("CAN FD" if bus.fd else "CAN")
+        assert database.dbc.attributes["Baudrate"].value == bus.bitrate
+        if bus.fd:
+            assert database.dbc.attributes["BaudrateCANFD"].value == bus.data_bitrate
+        frames = {frame.name: frame for frame in matrix.frames}
+        for message in database.messages:
+            frame = frames[message.name]
+            assert message.is_fd == frame.is_fd == (message.length > 8)
+            assert frame.attribute("CANFD_BRS") == str(int(message.is_fd))
+            assert [s.name for s in message.signals] == [s.name for s in sorted_signals(frame)]
+
+
+def sorted_signals(frame):
+    return sorted(frame.signals, key=lambda s: s.get_startbit(bit_numbering=1))
+
+
+@pytest.mark.parametrize(
+    ("bus", "sync_ms", "data_ms"),
+    [
+        ("sync_id = 0x080\ncycle_rate_hz = 100", 10, 0),
+        ("cycle_rate_hz = 40", None, 25),
+        ("cycle_rate_hz = 1000", None, 1),
+        ("cycle_rate_hz = 1250", None, 0),
+        ("sync_id = 0x080\ncycle_rate_hz = 1250", 0, 0),
+    ],
+)
+def test_cycle_times_are_whole_milliseconds_or_none(bus, sync_ms, data_ms, tmp_path):
+    topology = topology_of(tmp_path, "f3t-classic", 1, bus=bus)
+    messages = {m.name: m for m in by_cantools(topology).messages}
+    assert messages["heartbeat_1"].cycle_time == 1000
+    assert (messages["patch_r0c0"].cycle_time or 0) == data_ms
+    assert messages["patch_r0c0"].send_type == ("Cyclic" if data_ms else "Triggered")
+    assert ("SYNC" in messages) == (sync_ms is not None)
+    if sync_ms is not None:
+        assert (messages["SYNC"].cycle_time or 0) == sync_ms
+
+
+@pytest.mark.parametrize("layout", ["f3t-classic", "f3t-fd16"])
+def test_29_bit_identifiers_are_extended_ones(layout, tmp_path):
+    topology = topology_of(tmp_path, layout, 1, patch="extended = true")
+    message = by_cantools(topology).get_message_by_name("patch_r0c0")
+    assert (message.frame_id, message.is_extended_frame) == (0x100, True)
+    assert message.is_fd == (layout == "f3t-fd16")
+    (frame,) = [f for f in by_canmatrix(topology).frames if f.name == "patch_r0c0"]
+    assert (frame.arbitration_id.id, frame.arbitration_id.extended) == (0x100, True)
+
+
+def test_statuses_have_words_and_comments_name_the_units(tmp_path):
+    message = by_cantools(topology_of(tmp_path, "f3t-classic", 1)).get_message_by_name("patch_r0c0")
+    assert message.comment == "Unit patch/r0c0"
+    status = message.get_signal_by_name("patch_r0c0_unit_status")
+    assert {int(value): str(word) for value, word in status.choices.items()} == {
+        0: "ok",
+        1: "fault",
+    }
+    foreign = by_cantools(topology_of(tmp_path, "xela-uskin", 1)).get_message_by_name("patch_r0c0")
+    assert foreign.comment == "Unit patch/r0c0; counts of another sensor (xela-uskin), not F3T"
+    assert {signal.unit for signal in foreign.signals} == {None}
+
+
+def test_sensors_of_another_kind_have_no_heartbeat(tmp_path):
+    assert [m.name for m in by_cantools(topology_of(tmp_path, "xela-uskin", 2)).messages] == [
+        "patch_r0c0",
+        "patch_r0c1",
+    ]
+
+
+def test_a_bus_without_units_is_a_file_without_messages(tmp_path):
+    bus = '[[buses]]\nname = "spare"\nchannel = "other"\n'
+    topology = topology_of(tmp_path, "f3t-classic", 1, more=bus, bus='channel = "one"')
+    assert by_cantools(topology, 1).messages == []
+    assert by_canmatrix(topology, 1).frames == []
+
+
+# -- names ----------------------------------------------------------------------------------------
+
+names = st.from_regex(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}", fullmatch=True)
+
+
+@given(
+    units=st.lists(names, min_size=1, max_size=6, unique=True),
+    patch=names,
+    layout=st.sampled_from(["f3t-classic", "f3t-fd64"]),
+)
+def test_names_are_short_identifiers_and_each_one_once(units, patch, layout, tmp_path_factory):
+    listed = "".join(
+        f'[[patches.units]]\nname = "{unit}"\nxyz_m = [{0.02 * k}, 0, 0]\nnormal = [0, 0, 1]\n'
+        for k, unit in enumerate(units)
+    )
+    file = tmp_path_factory.mktemp("names") / "names.toml"
+    file.write_text(
+        'format = 1\nname = "n"\n[[buses]]\nname = "b"\ndata_bitrate = 5_000_000\n'
+        "sync_id = 0x080\n"
+        f'[[patches]]\nname = "{patch}"\nbus = "b"\nkind = "list"\nlayout = "{layout}"\n'
+        f"first_id = 0x100\n{listed}"
+    )
+    database = by_cantools(load(file))
+    signals = [signal.name for message in database.messages for signal in message.signals]
+    messages = [message.name for message in database.messages]
+    for found in (signals, messages):
+        assert len({name.lower() for name in found}) == len(found)
+        assert all(re.fullmatch(r"[A-Za-z_]\w{0,31}", name, re.ASCII) for name in found)
+    assert sum(name.endswith("_frequency") for name in signals) == len(units)
+
+
+# -- files ----------------------------------------------------------------------------------------
+
+
+def test_files_are_plain_ascii_one_a_bus_and_replace_older_ones(tmp_path):
+    topology = load("hand")
+    stale = tmp_path / "out" / "hand-palm.dbc"
+    stale.parent.mkdir()
+    stale.write_text("old")
+    written = write_dbc(topology, tmp_path / "out")
+    assert [f.path.name for f in written] == ["hand-palm.dbc", "hand-fingers.dbc"]
+    assert sorted(p.name for p in stale.parent.iterdir()) == ["hand-fingers.dbc", "hand-palm.dbc"]
+    for index, found in enumerate(written):
+        text = found.path.read_bytes()
+        assert text.isascii()
+        assert text.decode() == dbc_text(topology, index)
+        assert found.messages == text.count(b"\nBO_ ")
+        assert found.signals == text.count(b"\n SG_ ")
+
+
+def test_a_write_that_fails_leaves_the_older_file(tmp_path, monkeypatch):
+    topology = load("fingertip")
+    (found,) = write_dbc(topology, tmp_path)
+    before = found.path.read_bytes()
+
+    def full(*args, **options):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(OSError, match="No space"):
+        write_dbc(load("fingertip"), tmp_path)
+    assert found.path.read_bytes() == before
+
+
+def test_the_command_writes_says_what_and_ends_with_json(tmp_path, capsys):
+    assert main(["dbc", "palm", "--output", str(tmp_path), "--json"]) == 0
+    *table, last = capsys.readouterr().out.splitlines()
+    report = json.loads(last)
+    assert report == {
+        "topology": "palm",
+        "files": [
+            {"path": str(tmp_path / "palm-main.dbc"), "bus": "main", "messages": 28, "signals": 570}
+        ],
+    }
+    assert table[0].split() == ["bus", "messages", "signals", "file"]
+    assert table[1].split() == ["main", "28", "570", str(tmp_path / "palm-main.dbc")]
+
+
+def test_the_command_refuses_what_is_no_topology_and_no_folder(tmp_path, capsys):
+    assert main(["dbc", "plam"]) == 2
+    assert "nearest: 'palm'" in capsys.readouterr().err
+    (tmp_path / "file").write_text("")
+    assert main(["dbc", "palm", "--output", str(tmp_path / "file")]) == 2
+    assert "file" in capsys.readouterr().err

@@ -1,0 +1,440 @@
+"""The doctor's findings: each provoked, alone, and in words that are kept."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from msgspec.structs import replace as replace_bus
+
+import topology
+from bus import BusClosedError, FrameBatch, MemoryTransport
+from bus.diagnose import TOLD, diagnose, swapped_buses
+from bus.discover import Survey, listen
+from bus.faults import FaultScript, FaultyTransport, Injector
+from bus.faults import script as kinds
+from bus.faults.payload import frames_of
+from bus.frame import CAN_EFF, CAN_ERR, ECHO, FD_FDF, FRAME_DTYPE
+from bus.transport import Transport
+from skin.sim.node import Nodes
+from tests.fixtures.bus import data_frames, frame, join, make_topology, sync, with_data_ids
+from tests.topology.test_messages import check_golden
+
+PERIOD_NS = 10_000_000
+START_NS = 1_700_000_000_000_000_000
+HEARTBEATS = frame(0x701, bytes(8), stamp_ns=START_NS)
+
+
+def traffic(skin, cycles=100, *, syncs=True, own=False, period_ns=PERIOD_NS):
+    """A healthy bus: SYNC, if there is one, and data of every cycle."""
+    parts = []
+    for number in range(cycles):
+        stamp_ns = START_NS + number * period_ns
+        for b, bus in enumerate(skin.buses):
+            if bus.sync_id is not None and syncs:
+                parts.append(sync(number, bus=b, stamp_ns=stamp_ns))
+                parts[-1]["origin"] = ECHO * own
+        parts.append(data_frames(skin, number, number & 0xFF, stamp_ns=stamp_ns + 1000))
+    return join(*parts)
+
+
+def hurt(skin, records, *faults):
+    """Frames past some faults, bus by bus."""
+    script, out = FaultScript(faults=faults), []
+    for b in range(len(skin.buses)):
+        out.append(Injector(script, 1, skin, index=b)(records[records["bus"] == b]))
+    whole = join(*out)
+    return whole[np.argsort(whole["stamp_ns"], kind="stable")]
+
+
+def survey_of(skin, records, **options):
+    survey = Survey(skin, **options)
+    survey.feed(records)
+    survey.finish()
+    return survey
+
+
+def on_boards(units=20, **options):
+    """Boards of five units on CAN FD."""
+    return make_topology("f3t-fd64", units, **options)
+
+
+def a_case(name):
+    """Skin and frames of a case."""
+    fd16, boards = make_topology("f3t-fd16", 6), on_boards()
+    two = on_boards(buses=2)
+    free = make_topology("f3t-fd16", 3, sync_id=None)
+    last = [int(i) for i in boards.frames.can_id[2:]]
+    match name:
+        case "missing-unit":
+            return fd16, hurt(fd16, traffic(fd16), kinds.Kill(units=("patch/2",)))
+        case "missing-unit, later":
+            return fd16, hurt(fd16, traffic(fd16), kinds.Kill(units=("patch/2",), from_s=0.6))
+        case "silent-branch":
+            return boards, hurt(boards, traffic(boards), kinds.Kill(ids=last))
+        case "silent-branch, later":
+            return boards, hurt(boards, traffic(boards), kinds.Kill(ids=last, from_s=0.5))
+        case "silent-branch, a patch":
+            hand = topology.load("hand")
+            records = traffic(hand, 60, period_ns=4_000_000)
+            return hand, hurt(hand, records, kinds.Kill(units=("index",)))
+        case "silent-branch, a stretch":
+            middle = kinds.Kill(units=("patch/1", "patch/2", "patch/3"))
+            return fd16, hurt(fd16, traffic(fd16), middle)
+        case "silent-bus":
+            return two, join(_without_data(two, traffic(two), 1), _on(HEARTBEATS, 1))
+        case "no-traffic":
+            return fd16, np.zeros(0, FRAME_DTYPE)
+        case "no-traffic, another interface":
+            return _changed(fd16, interface="socketcan"), np.zeros(0, FRAME_DTYPE)
+        case "wrong-bitrate":
+            return fd16, np.repeat(frame(CAN_ERR | 0x88, bytes(8), stamp_ns=START_NS), 70)
+        case "bus-errors":
+            return fd16, hurt(fd16, traffic(fd16), kinds.Error(what="passive", every=50))
+        case "unknown-id":
+            strange = join(*(frame(0x400, b"abc", stamp_ns=START_NS + i) for i in range(7)))
+            strange = join(strange, frame(CAN_EFF | 0x1FFF, b"", stamp_ns=START_NS))
+            return fd16, join(traffic(fd16), strange)
+        case "unknown-id, a wrong address":
+            records = traffic(fd16)
+            records["id"][records["id"] == 0x103] = 0x123
+            return fd16, records
+        case "swapped-buses":
+            hand = topology.load("hand")
+            records = traffic(hand, 40, period_ns=4_000_000)
+            records["bus"] = 1 - records["bus"]
+            return hand, records
+        case "swapped-buses, three":
+            three = with_data_ids(make_topology("f3t-fd16", 6, buses=3), [1, 2, 3, 4, 5, 6])
+            records = traffic(three)
+            records["bus"] = (records["bus"] + 1) % 3
+            return three, records
+        case "unknown-id, a unit on the wrong bus":
+            pair = with_data_ids(make_topology("f3t-fd16", 6, buses=2), [1, 2, 3, 4, 5, 6])
+            records = traffic(pair)
+            records["bus"][records["id"] == 2] = 1
+            return pair, records
+        case "unknown-id, a babbling node":
+            return fd16, hurt(fd16, traffic(fd16), kinds.Babble(id=0x10, ids=(0x100,)))
+        case "wrong-length":
+            cut = kinds.Truncate(length=8, ids=(0x101,))
+            return fd16, hurt(fd16, traffic(fd16), cut)
+        case "wrong-length, some":
+            cut = kinds.Truncate(length=8, ids=(0x101,), every=4, to_s=0.9)
+            return fd16, hurt(fd16, traffic(fd16), cut)
+        case "fd-mismatch":
+            records = traffic(fd16)
+            records["flags"] &= ~np.uint8(FD_FDF)
+            records["length"] = np.minimum(records["length"], 8)
+            return fd16, records
+        case "fd-mismatch, one":
+            classic = make_topology("f3t-classic", 3)
+            records = traffic(classic)
+            records["flags"][records["id"] == 0x101] = FD_FDF
+            return classic, records
+        case "wrong-rate":
+            return fd16, hurt(fd16, traffic(fd16), kinds.Drop(every=2, ids=(0x104,)))
+        case "wrong-rate, without SYNC":
+            records = traffic(free, 400, period_ns=PERIOD_NS // 4)
+            keep = (records["id"] != 0x101) | (np.arange(records.size) // 3 % 2 == 0)
+            slow = records[keep]
+            mine = slow["id"] == 0x101
+            slow[mine] = _renumbered(free, slow[mine])
+            return _changed(free, cycle_rate_hz=400.0), slow
+        case "wrong-rate, SYNC":
+            return fd16, traffic(fd16, period_ns=PERIOD_NS * 2)
+        case "no-sync":
+            return fd16, traffic(fd16, syncs=False)
+        case "duplicate-id":
+            return fd16, hurt(fd16, traffic(fd16), kinds.Duplicate(ids=(0x102,)))
+        case "duplicate-id, counting for themselves":
+            records = traffic(free)
+            return free, hurt(free, records, kinds.Duplicate(ids=(0x102,), offset=90))
+        case "frozen":
+            skin = make_topology("f3t-fd16", 4, frozen_cycles=20)
+            return skin, hurt(skin, traffic(skin), kinds.Freeze(ids=(0x101,), from_s=0.2))
+        case "unit-fault":
+            parts = []
+            for n in range(50):
+                stamp_ns = START_NS + n * PERIOD_NS
+                codes = np.array([0, 0, 0, 9 if n > 10 else 0, 0, 0], np.uint8)
+                parts += [sync(n, stamp_ns=stamp_ns),
+                          data_frames(fd16, n, n, stamp_ns=stamp_ns, fault_code=codes)]  # fmt: skip
+            return fd16, join(*parts)
+        case "intermittent":
+            gap = kinds.Kill(ids=(0x103,), from_s=0.2, to_s=0.7)
+            return fd16, hurt(fd16, traffic(fd16), gap)
+        case "sequence-gaps":
+            return fd16, hurt(fd16, traffic(fd16), kinds.Drop(probability=0.05, to_s=0.9))
+        case "sequence-gaps, one unit":
+            few = kinds.Drop(probability=0.1, to_s=0.9, ids=(0x100,))
+            return fd16, hurt(fd16, traffic(fd16), few)
+        case "crc":
+            few = kinds.Corrupt(probability=0.1, to_s=0.9, ids=(0x105,))
+            return fd16, hurt(fd16, traffic(fd16), few)
+        case "late":
+            late = kinds.Delay(delay_s=0.012, every=9, to_s=0.9)
+            return fd16, hurt(fd16, traffic(fd16), late)
+        case "controller-overflow":
+            return fd16, hurt(fd16, traffic(fd16), kinds.Error(what="overflow", at_s=0.3))
+        case "flood":
+            strange = (frame(0x300 + i, b"", stamp_ns=START_NS) for i in range(500))
+            return fd16, join(traffic(fd16), *strange)
+    raise KeyError(name)
+
+
+def _on(records, bus):
+    moved = records.copy()
+    moved["bus"] = bus
+    return moved
+
+
+def _without_data(skin, records, bus):
+    sync_id = skin.buses[bus].sync_id
+    return records[(records["bus"] != bus) | (records["id"] == sync_id)]
+
+
+def _changed(skin, **changes):
+    return replace(skin, buses=tuple(replace_bus(bus, **changes) for bus in skin.buses))
+
+
+def _renumbered(skin, records):
+    """The same frames with sequence numbers that count on without a gap."""
+    (expected,) = frames_of(skin, 0)[int(records["id"][0])]
+    out = records.copy()
+    for n, data in enumerate(out["data"]):
+        data[0] = n & 0xFF
+        expected.seal(data)
+    return out
+
+
+CASES = {
+    "missing-unit": {"missing-unit"},
+    "missing-unit, later": {"missing-unit"},
+    "silent-branch": {"silent-branch"},
+    "silent-branch, later": {"silent-branch"},
+    "silent-branch, a patch": {"silent-branch"},
+    "silent-branch, a stretch": {"silent-branch"},
+    "silent-bus": {"silent-bus"},
+    "no-traffic": {"no-traffic"},
+    "no-traffic, another interface": {"no-traffic"},
+    "wrong-bitrate": {"wrong-bitrate"},
+    "bus-errors": {"bus-errors"},
+    "unknown-id": {"unknown-id"},
+    "unknown-id, a wrong address": {"unknown-id", "missing-unit"},
+    "swapped-buses": {"swapped-buses"},
+    "swapped-buses, three": {"swapped-buses"},
+    "unknown-id, a unit on the wrong bus": {"unknown-id", "missing-unit"},
+    "unknown-id, a babbling node": {"unknown-id"},
+    "wrong-length": {"wrong-length"},
+    "wrong-length, some": {"wrong-length"},
+    "fd-mismatch": {"fd-mismatch"},
+    "fd-mismatch, one": {"fd-mismatch"},
+    "wrong-rate": {"wrong-rate"},
+    "wrong-rate, without SYNC": {"wrong-rate"},
+    "wrong-rate, SYNC": {"wrong-rate"},
+    "no-sync": {"no-sync"},
+    "duplicate-id": {"duplicate-id"},
+    "duplicate-id, counting for themselves": {"duplicate-id"},
+    "frozen": {"frozen"},
+    "unit-fault": {"unit-fault"},
+    "intermittent": {"intermittent"},
+    "sequence-gaps": {"sequence-gaps"},
+    "sequence-gaps, one unit": {"sequence-gaps"},
+    "crc": {"crc"},
+    "late": {"late"},
+    "controller-overflow": {"controller-overflow"},
+    "flood": {"unknown-id"},
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_every_trouble_is_found_and_nothing_else(name):
+    assert {finding.code for finding in diagnose(survey_of(*a_case(name)))} == CASES[name]
+
+
+def test_the_words_of_all_findings():
+    lines = []
+    for name in CASES:
+        lines += [f"[{name}]", *map(str, diagnose(survey_of(*a_case(name)))), ""]
+    check_golden("doctor", "\n".join(lines))
+
+
+@pytest.mark.parametrize("layout", ["f3t-classic", "f3t-fd16", "f3t-fd64", "icub-skin"])
+@pytest.mark.parametrize("sync_id", [0x80, None])
+def test_of_a_healthy_bus_nothing_is_found(layout, sync_id):
+    skin = make_topology(layout, 24, sync_id=sync_id)
+    assert diagnose(survey_of(skin, traffic(skin))) == []
+
+
+def test_the_own_sync_and_disabled_units_are_no_finding():
+    skin = make_topology("f3t-fd16", 4, enabled=[True, False, True, True])
+    records = hurt(skin, traffic(skin, own=True), kinds.Kill(units=("patch/1",)))
+    assert diagnose(survey_of(skin, records, sends_sync=True)) == []
+
+
+def test_a_second_sender_of_sync_is_found():
+    skin = make_topology("f3t-fd16", 4)
+    (finding,) = diagnose(survey_of(skin, traffic(skin), sends_sync=True))
+    assert finding.code == "second-sync"
+    assert finding.count == 100
+
+
+@pytest.mark.parametrize("wrong", [(), (0,), (0, 1), (0, 1, 2), (0, 2), (1, 2, 3)])
+def test_only_buses_that_hear_each_other_are_swapped(wrong):
+    """Four buses, of which some hear the next one's units, each besides a unit of its own gone."""
+    skin = with_data_ids(make_topology("f3t-fd16", 12, buses=4), list(range(1, 13)))
+    records = traffic(skin, 30)
+    heard_on = {b: b for b in range(4)} | dict(zip(wrong, (*wrong[1:], *wrong[:1]), strict=True))
+    records["bus"] = np.array([heard_on[b] for b in range(4)])[records["bus"]]
+    records = records[(records["id"] % 3 != 0) | (records["id"] == 0x80)]
+    survey = survey_of(skin, records)
+    instead = {heard_on[b]: b for b in range(4) if heard_on[b] != b}
+    assert swapped_buses(survey) == instead
+    codes = [finding.code for finding in diagnose(survey)]
+    assert codes.count("swapped-buses") == (len(wrong) > 1)
+    assert codes.count("missing-unit") == 4 - len(instead)
+
+
+def test_two_buses_that_hear_a_third_are_not_swapped():
+    skin = with_data_ids(make_topology("f3t-fd16", 6, buses=3), [1, 2, 3, 4, 5, 6])
+    records = traffic(skin, 30)
+    third = records[records["bus"] == 2]
+    survey = survey_of(skin, join(_on(third, 0), _on(third, 1)))
+    assert swapped_buses(survey) == {}
+
+
+def test_counts_are_exact():
+    skin, records = a_case("sequence-gaps, one unit")
+    (finding,) = diagnose(survey_of(skin, records))
+    assert finding.count == traffic(skin).size - records.size
+    skin, records = a_case("wrong-bitrate")
+    assert diagnose(survey_of(skin, records))[0].count == 70
+
+
+def test_findings_are_counted_not_repeated():
+    skin, records = a_case("flood")
+    found = diagnose(survey_of(skin, records))
+    assert len(found) == TOLD
+    assert sum(finding.count for finding in found) == 500
+
+
+def test_a_survey_stays_small_whatever_comes():
+    skin = make_topology("f3t-fd16", 2)
+    survey = Survey(skin)
+    records = np.zeros(20_000, FRAME_DTYPE)
+    records["id"] = CAN_EFF | np.arange(20_000)
+    errors = np.zeros(5000, FRAME_DTYPE)
+    errors["id"] = CAN_ERR | np.arange(5000)
+    survey.feed(join(records, errors))
+    assert len(survey.heard) + survey.more_kinds == 20_000
+    assert len(survey.heard) == 4096 >= len(survey.errors[0]) - 1
+    assert sum(finding.count for finding in diagnose(survey) if finding.code == "unknown-id") == (
+        20_000
+    )
+
+
+@settings(max_examples=30)
+@given(st.data())
+def test_no_frames_of_any_content_raise(data):
+    skin = make_topology(data.draw(st.sampled_from(["f3t-classic", "f3t-fd16"])), 3, buses=2)
+    raw = data.draw(st.binary(min_size=0, max_size=80 * 6))
+    records = np.frombuffer(raw[: len(raw) // 80 * 80], FRAME_DTYPE).copy()
+    ids = st.sampled_from([0x80, 0x100, 0x101, 0x701, CAN_ERR | 4])
+    for record in records:
+        if data.draw(st.booleans()):
+            record["id"], record["bus"] = data.draw(ids), data.draw(st.integers(0, 2))
+    survey = survey_of(skin, join(records, traffic(skin, 3), records))
+    for finding in diagnose(survey):
+        assert str(finding)
+
+
+# -- live ------------------------------------------------------------------------------------------
+
+
+NO_FAULTS = FaultScript()
+
+
+def open_skin(script=NO_FAULTS, name="strip"):
+    """The host's ends of simulated units, past faults, and the nodes."""
+    skin = topology.load(name)
+    nodes = Nodes(skin, seed=2)
+    pairs = [MemoryTransport.pair(i) for i in range(len(skin.buses))]
+    nodes.attach([far for _, far in pairs])
+    return skin, nodes, [FaultyTransport(near, script, 1, skin) for near, _ in pairs]
+
+
+@pytest.mark.parametrize("name", ["strip", "hand"])
+def test_live_units_that_work_give_no_finding(name):
+    skin, nodes, ends = open_skin(name=name)
+    survey = Survey(skin)
+    listen(survey, ends, 0.4)
+    nodes.close()
+    assert survey.cycles > 20
+    assert [f for f in diagnose(survey, ends) if f.severity == "error"] == []
+
+
+def test_a_live_unit_that_is_cut_off_is_found():
+    skin, nodes, ends = open_skin(FaultScript(faults=(kinds.Kill(units=("strip/r0c4",)),)))
+    survey = Survey(skin)
+    listen(survey, ends, 0.3)
+    nodes.close()
+    assert "missing-unit" in {finding.code for finding in diagnose(survey, ends)}
+
+
+def test_a_live_listener_does_not_send_sync_unless_told():
+    skin, nodes, ends = open_skin()
+    survey = Survey(skin)
+    listen(survey, ends, 0.1, sync="bus")
+    nodes.close()
+    assert ends[0].counters.sent == nodes.served.cycles == 0
+    assert [finding.code for finding in diagnose(survey, ends)] == ["no-traffic"]
+
+
+def test_losses_of_this_host_are_found():
+    skin = make_topology("f3t-fd16", 4)
+    near, far = MemoryTransport.pair(capacity=100)
+    with near, far:
+        near.send(traffic(skin))
+        batch = FrameBatch(500)
+        far.receive(batch)
+        survey = survey_of(skin, batch.frames)
+        found = {finding.code: finding for finding in diagnose(survey, [far])}
+        assert found["host-overflow"].count == 400 == far.counters.ring_overflows
+
+
+def test_a_bus_that_is_off_and_a_small_buffer_are_found():
+    skin = make_topology("f3t-fd16", 4)
+    script = FaultScript(faults=(kinds.Error(what="bus-off", at_s=0.985),))
+    near, far = MemoryTransport.pair()
+    with near, FaultyTransport(far, script, 1, skin) as host:
+        records = traffic(skin)
+        near.send(records[records["id"] != 0x103])
+        batch = FrameBatch(1024)
+        host.receive(batch)
+        host.state = type(host.state).BUS_OFF
+        host.queue_frames = 7
+        found = {f.code: str(f) for f in diagnose(survey_of(skin, batch.frames), [host])}
+    assert "bus-off" in found["bus-state"]
+    assert "holds 7 frames; a cycle has 5" in found["small-buffer"]
+
+
+class _Unplugged(Transport):
+    """An interface that goes away."""
+
+    def receive(self, batch, timeout_s=0.0):
+        raise BusClosedError("can0: unplugged")
+
+    def send(self, records):
+        return records.size
+
+    def close(self):
+        pass
+
+
+def test_an_interface_that_goes_away_is_a_finding():
+    skin = make_topology("f3t-fd16", 4)
+    survey = Survey(skin)
+    listen(survey, [_Unplugged()], 5.0)
+    assert "can0: unplugged" in str(diagnose(survey)[0])

@@ -1,0 +1,612 @@
+"""The batch transport over loopback datagrams, which any kernel has; real CAN is in tests/vcan."""
+
+import contextlib
+import errno
+import os
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from bus import BusClosedError, BusOpenError, FrameBatch, MemoryTransport
+from bus.frame import CAN_EFF, CAN_ERR, CAN_RTR, ECHO, FD_BRS, FD_ESI, FD_FDF, FRAME_DTYPE
+from bus.linux import SO_RCVBUFFORCE, has_batches
+from bus.open import open_transport
+from bus.state import BusState, read_error_frame
+from bus.transport import CHANGES_KEPT
+from bus.wait import Waiter
+from tests.bus.transport_contract import CHECKS, PATIENCE_S, numbered, numbers, receive
+from tests.fixtures.bus import frame, join, make_topology, with_data_ids
+from topology import Bus
+
+if not has_batches():
+    pytest.skip("needs a 64-bit Linux", allow_module_level=True)
+
+from bus import mmsg, socketcan
+from bus.datagram import DatagramTransport, enlarge_queue
+from bus.link import can_links, read_link
+from tests.fixtures.datagram import datagram_pair, sockets
+
+
+@pytest.fixture
+def pair():
+    near, far = datagram_pair()
+    with near, far:
+        yield near, far
+
+
+@pytest.fixture
+def raw():
+    """A plain socket and the transport that hears it."""
+    plain, far = sockets()
+    with plain, DatagramTransport(far, "far", 3) as transport:
+        yield plain, transport
+
+
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+def test_transport_keeps_the_contract(pair, check):
+    check(*pair)
+
+
+datagrams = st.one_of(
+    st.binary(min_size=16, max_size=16), st.binary(min_size=72, max_size=72), st.binary(max_size=99)
+)
+
+
+@given(sent=st.lists(datagrams, min_size=1, max_size=8))
+@example(sent=[b"\xff" * 16, b"\xff" * 72, b"", b"\xff" * 99])
+def test_a_frame_of_any_content_is_received_within_its_bounds(sent):
+    plain, far = sockets()
+    with plain, DatagramTransport(far, "far", 200) as transport:
+        for one in sent:
+            plain.send(one)
+        frames = receive(transport, len(sent), capacity=16)
+        assert len(frames) == len(sent)
+        for record, one in zip(frames, sent, strict=True):
+            is_fd = len(one) >= 72
+            assert record["length"] <= (64 if is_fd else 8)
+            assert bool(record["flags"] & FD_FDF) == is_fd
+            assert (record["bus"], record["origin"]) == (200, 0)
+            if len(one) >= 16:
+                assert record["id"] == int.from_bytes(one[:4], "little")
+                payload = one[8:72]
+                assert record["data"][: record["length"]].tobytes() == payload[: record["length"]]
+        errors = sum(bool(record["id"] & CAN_ERR) for record in frames)
+        assert transport.counters.error_frames == errors
+
+
+headers = st.integers(0, 2**32 - 1)
+
+
+@given(
+    rows=st.lists(
+        st.tuples(
+            headers, headers, st.sampled_from([16, 72, 0, 99]), st.sampled_from([0, 4, 0x804]),
+            st.integers(0, 2**61), st.integers(0, 2**32 - 1), st.booleans(),
+        ),
+        min_size=1, max_size=5,
+    ),
+    index=st.integers(0, 255),
+)  # fmt: skip
+def test_settling_is_the_same_compiled_and_in_python(rows, index):
+    results = []
+    for settle in (mmsg.settle, mmsg._settle):
+        into = mmsg.Buffers()
+        words = np.zeros((len(rows) + 1, mmsg.WORDS), np.int64)
+        for i, (identifier, rest, size, flags, stamp, drops, has_drops) in enumerate(rows):
+            words[i + 1, 1] = np.array([identifier, rest], np.uint32).view(np.int64)[0]
+            into.headers[i, 5:8] = 56 if has_drops else 32, flags, size
+            into.control[i, :4] = 32, 1 | 35 << 32, *divmod(stamp, 10**9)
+            into.control[i, 4:7] = 20, 1 | 40 << 32, drops
+        settle(len(rows), 1, index, words, into.headers, into.control, into.report)
+        results.append((words.view(FRAME_DTYPE).ravel()[1:], into.report))
+    (compiled, report), (plain, same_report) = results
+    assert compiled.tobytes() == plain.tobytes()
+    assert report.tolist() == same_report.tolist()
+    for record, (identifier, _, size, flags, stamp, _, _) in zip(plain, rows, strict=True):
+        assert (record["id"], record["stamp_ns"]) == (identifier, stamp)
+        assert record["origin"] == (ECHO if flags & 0x800 else 0)
+        assert bool(record["flags"] & FD_FDF) == (size == 72)
+        assert record["bus"] == index
+    known = [drops for *_, drops, has_drops in rows if has_drops]
+    assert report[mmsg.DROPS] == (known[-1] if known else 0)
+    assert report[mmsg.ERRORS] == sum(bool(row[0] & CAN_ERR) for row in rows)
+
+
+@given(
+    data=st.binary(min_size=64, max_size=64),
+    length=st.integers(0, 64),
+    flags=st.integers(0, 7),
+    origin=st.integers(0, 255),
+    identifier=headers,
+)
+def test_staging_is_the_same_compiled_and_in_python(data, length, flags, origin, identifier):
+    record = np.zeros(1, FRAME_DTYPE)
+    record["id"], record["length"], record["flags"] = identifier, length, flags
+    record["origin"] = record["bus"] = origin
+    record["data"] = np.frombuffer(data, np.uint8)
+    staged = []
+    for stage in (mmsg.stage, mmsg._stage):
+        out = mmsg.Buffers()
+        stage(1, 0, mmsg.as_words(record), out.staged, out.headers, out.vectors)
+        assert out.vectors[0, 0] == out.staged.ctypes.data
+        staged.append(out.staged[0].tobytes()[: out.vectors[0, 1]])
+    assert staged[0] == staged[1]
+    is_fd = bool(flags & FD_FDF)
+    kept = data[:length].ljust(64, b"\0")
+    head = struct.pack("=IBBH", identifier, length, flags if is_fd else 0, 0)
+    assert staged[0] == (head + kept)[: 72 if is_fd else 16]
+
+
+def test_what_is_sent_is_left_as_it_was_and_may_be_of_any_layout(pair):
+    near, far = pair
+    records = numbered(8)
+    records["origin"], records["bus"] = ECHO, 7
+    records["data"][:, 4:] = 0xEE
+    before = records.copy()
+    records.flags.writeable = False
+    assert near.send(records) == 8
+    assert near.send(records[::-2]) == 4
+    heard = receive(far, 12)
+    assert records.tobytes() == before.tobytes()
+    assert numbers(heard) == [*range(8), 7, 5, 3, 1]
+    assert set(heard["bus"]) == {3}
+    assert not heard["data"][:, 4:8].any()
+
+
+def test_many_batches_in_one_call_keep_their_order(pair):
+    near, far = pair
+    count = 2 * mmsg.BATCH + 7
+    assert near.send(numbered(count)) == count
+    batch = FrameBatch(count + 1)
+    assert far.receive(batch, 1.0) == count
+    assert numbers(batch.frames) == list(range(count))
+    assert (np.diff(batch.frames["stamp_ns"]) >= 0).all()
+
+
+def test_another_batch_takes_the_place_of_the_first(pair):
+    near, far = pair
+    for first in (0, 10, 20):
+        near.send(numbered(3, first))
+        assert numbers(receive(far, 3, capacity=4)) == [first, first + 1, first + 2]
+
+
+@pytest.mark.parametrize("unread", [20_000])
+def test_delivered_and_dropped_are_all_that_was_sent(unread):
+    near, far = datagram_pair(queue_bytes=32_768)
+    with near, far:
+        sent = near.send(numbered(unread))
+        assert sent == unread
+        assert far.counters.queue_drops > 0, "counted before anything was read"
+        batch = FrameBatch(unread)
+        while far.receive(batch):
+            pass
+        assert batch.count + far.counters.queue_drops == sent
+        near.send(numbered(5, unread))
+        assert far.receive(batch, 1.0) == 5
+        assert batch.count + far.counters.queue_drops == sent + 5
+        near.send(numbered(unread))
+        far.close()
+        assert batch.count + far.counters.queue_drops < sent + 5 + unread
+        kept = sent + 5 + unread - batch.count - far.counters.queue_drops
+        assert 0 < kept <= far.queue_frames, "what waited when the end was closed"
+
+
+def test_the_drop_counter_reaches_the_user_with_the_frames_themselves():
+    near, far = datagram_pair(queue_bytes=32_768)
+    with near, far:
+        near.send(numbered(5000))
+        batch = FrameBatch(6000)
+        far.receive(batch)
+        near.send(numbered(1))
+        far.receive(batch, 1.0)
+        assert far._counters.queue_drops == 5001 - batch.count
+
+
+def test_drops_are_counted_on_past_32_bits_and_never_back(pair):
+    _, far = pair
+    for total in (5, 3, 2**31, 2**32 - 2, 1, 2**32 - 1):
+        far._count_drops(total)
+    assert far._counters.queue_drops == 2**32 + 1
+
+
+def test_a_hundred_thousand_frames_from_another_thread_are_accounted_for():
+    near, far = datagram_pair()
+    total, sent = 100_000, 0
+    seen = np.zeros(total, bool)
+
+    def produce():
+        nonlocal sent
+        for first in range(0, total, 500):
+            sent += near.send(records[first : first + 500])
+
+    records = np.zeros(total, FRAME_DTYPE)
+    records["id"], records["length"] = 0x123, 4
+    records["data"][:, :4] = np.arange(total, dtype="<u4")[:, np.newaxis].view(np.uint8)
+    batch = FrameBatch(4096)
+    with near, far:
+        thread = threading.Thread(target=produce)
+        thread.start()
+        last = -1
+        while far.receive(batch, 0.5) or thread.is_alive():
+            came = batch.frames["data"][:, :4].copy().view("<u4").ravel().astype(int)
+            assert (np.diff(came, prepend=last) > 0).all(), "in order, none twice"
+            last = came[-1] if came.size else last
+            seen[came] = True
+            batch.clear()
+        thread.join()
+        assert seen.sum() + far.counters.queue_drops == sent == near.counters.sent == total
+        assert far.counters.received == seen.sum()
+
+
+def test_the_receive_buffer_is_as_large_as_the_kernel_allows():
+    near, far = datagram_pair(queue_bytes=1 << 20)
+    with near, far:
+        assert near.queue_frames in range(200, (2 << 20) // 768 + 1)
+
+
+def test_a_user_without_privileges_gets_what_the_system_allows_all():
+    class Unprivileged(socket.socket):
+        def setsockopt(self, level, option, value):
+            if option == SO_RCVBUFFORCE:
+                raise PermissionError(errno.EPERM, os.strerror(errno.EPERM))
+            super().setsockopt(level, option, value)
+
+    with Unprivileged(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        allowed = int(Path("/proc/sys/net/core/rmem_max").read_text())
+        assert enlarge_queue(sock, 1 << 30) == 2 * allowed
+
+
+@pytest.mark.parametrize("idle", ["alone", "in a thread"])
+def test_close_ends_a_waiting_receive(pair, idle):
+    far = pair[1]
+    ended = []
+
+    def wait():
+        with pytest.raises(BusClosedError, match="far: closed at this end"):
+            far.receive(FrameBatch(1), 60.0)
+        ended.append(True)
+
+    thread = threading.Thread(target=wait)
+    if idle == "in a thread":
+        thread.start()
+        time.sleep(0.05)
+        far.close()
+    else:
+        far.close()
+        thread.start()
+    thread.join(PATIENCE_S)
+    assert ended == [True]
+    assert far.fileno() == -1
+
+
+def test_closing_in_many_threads_at_once_is_fine(pair):
+    _, far = pair
+    threads = [threading.Thread(target=far.close) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    with pytest.raises(BusClosedError):
+        far.send(numbered(0))
+
+
+def test_a_signal_interrupts_a_waiting_receive(pair):
+    class Interrupted(Exception):
+        pass
+
+    def interrupt(*_):
+        raise Interrupted
+
+    previous = signal.signal(signal.SIGALRM, interrupt)
+    signal.setitimer(signal.ITIMER_REAL, 0.05)
+    try:
+        with pytest.raises(Interrupted):
+            pair[1].receive(FrameBatch(1), 60.0)
+    finally:
+        signal.signal(signal.SIGALRM, previous)
+
+
+def test_the_handler_of_a_signal_may_close_what_its_thread_waits_for(pair):
+    previous = signal.signal(signal.SIGALRM, lambda *_: pair[1].close())
+    signal.setitimer(signal.ITIMER_REAL, 0.05)
+    try:
+        with pytest.raises(BusClosedError):
+            pair[1].receive(FrameBatch(1), 60.0)
+    finally:
+        signal.signal(signal.SIGALRM, previous)
+
+
+@pytest.fixture
+def answers(monkeypatch):
+    """What the interface answers to `send` in turn: frames it takes, or an errno; then ENOBUFS."""
+    real, answers = mmsg.send, []
+
+    def send(fd, first, count, words, staged, headers, vectors, report):
+        answer = answers.pop(0) if answers else -errno.ENOBUFS
+        if answer > 0:
+            return real(fd, first, min(count, answer), words, staged, headers, vectors, report)
+        report[mmsg.ERRNO] = -answer
+        return 0
+
+    monkeypatch.setattr(mmsg, "send", send)
+    return answers
+
+
+def test_a_full_transmit_queue_is_waited_for(pair, answers):
+    near, far = pair
+    near._patience_s = 60.0
+    busy = -errno.ENOBUFS
+    answers.extend([2, busy, busy, 1, -errno.EINTR, busy, 3])
+    assert near.send(numbered(6)) == 6
+    assert numbers(receive(far, 6)) == list(range(6))
+    assert (near.counters.send_waits, near.counters.send_failures) == (3, 0)
+
+
+def test_a_stuck_transmitter_is_waited_for_once_until_it_goes_again(pair, answers):
+    near, _ = pair
+    answers.extend([1])
+    assert near.send(numbered(3)) == 1
+    waits = near.counters.send_waits
+    assert waits > 0
+    for _ in range(3):
+        assert near.send(numbered(2)) == 0
+    assert near.counters.send_waits == waits
+    assert near.counters.send_failures == 2 + 6
+    near._patience_s = 60.0
+    answers.extend([1, -errno.ENOBUFS, 1])
+    assert near.send(numbered(2)) == 2
+    assert near.counters.send_waits == waits + 1
+
+
+def test_a_frame_that_cannot_be_sent_does_not_hold_up_the_others(pair, answers):
+    near, far = pair
+    answers.extend([1, -errno.EINVAL, 2])
+    assert near.send(numbered(4)) == 3
+    assert numbers(receive(far, 3)) == [0, 2, 3]
+    assert near.counters.send_failures == 1
+
+
+def error_frame(classes, data=b"", stamp_ns=0):
+    return frame(CAN_ERR | classes, data, stamp_ns=stamp_ns)
+
+
+ERRORS = {
+    "warning": (0x204, "000400000000 0064", BusState.WARNING),
+    "passive": (0x204, "002400000000 0064", BusState.PASSIVE),
+    "both": (0x4, "000c", BusState.WARNING),
+    "active": (0x204, "0040000000000000", BusState.ACTIVE),
+    "bus-off": (0x40, "", BusState.BUS_OFF),
+    "restarted": (0x100, "", BusState.ACTIVE),
+    "overflow": (0x4, "0001", None),
+    "no acknowledgement": (0xA8, "0000000019000000", None),
+    "nothing": (0x0, "", None),
+    "short": (0x204, "00", None),
+}
+
+
+@pytest.mark.parametrize("name", ERRORS)
+def test_an_error_frame_tells_the_state(name):
+    classes, data, state = ERRORS[name]
+    error = read_error_frame(error_frame(classes, bytes.fromhex(data))[0])
+    assert error.state == state
+    assert error.is_overflow == (name == "overflow")
+    assert error.words
+
+
+@given(identifier=st.integers(0, CAN_ERR - 1), data=st.binary(max_size=64), extra=st.booleans())
+def test_an_error_frame_of_any_content_has_words(identifier, data, extra):
+    record = frame(CAN_ERR | identifier | (CAN_EFF if extra else 0), data, flags=FD_FDF)[0]
+    assert read_error_frame(record).words
+
+
+def test_every_change_of_state_reaches_the_user_once(pair):
+    near, far = pair
+    warning, passive = b"\0\x08\0\0\0\0\x64\0", b"\0\x20\0\0\0\0\x82\0"
+    near.send(
+        join(
+            error_frame(0x204, warning),
+            error_frame(0x204, warning),
+            numbered(2),
+            error_frame(0x204, passive),
+            error_frame(0x40),
+            error_frame(0x100),
+            error_frame(0x40),
+            numbered(1, 2),
+            error_frame(0x40),
+        )
+    )
+    frames = receive(far, 10)
+    assert [change.state for change in far.changes] == [
+        "error-warning", "error-passive", "bus-off", "error-active", "bus-off", "error-active",
+        "bus-off",
+    ]  # fmt: skip
+    assert far.state is BusState.BUS_OFF
+    assert far.changes[0].previous is BusState.ACTIVE
+    assert far.changes[0].stamp_ns == frames["stamp_ns"][0]
+    assert far.changes[5].stamp_ns == frames["stamp_ns"][8]
+    assert "100 transmit and 0 receive errors" in str(far.changes[0])
+    assert far.changes[5].reason == "frames arrive again"
+    assert (far.counters.state_changes, far.counters.error_frames) == (7, 7)
+    near.send(numbered(1))
+    receive(far, 1)
+    assert far.state is BusState.ACTIVE
+
+
+def test_a_bus_that_flaps_is_counted_and_remembered_in_bounds(pair):
+    near, far = pair
+    flap = join(error_frame(0x40), error_frame(0x100))
+    for _ in range(50):
+        near.send(join(*[flap] * 10))
+        receive(far, 20)
+    assert far.counters.state_changes == 1000
+    assert len(far.changes) == CHANGES_KEPT
+    assert far.changes[-1].state is BusState.ACTIVE
+
+
+def test_a_controller_that_overflows_is_counted(pair):
+    near, far = pair
+    near.send(join(error_frame(0x4, b"\0\1"), numbered(1), error_frame(0x204, b"\0\x11")))
+    receive(far, 3)
+    assert far.counters.controller_overflows == 2
+    assert far.state is BusState.PASSIVE
+
+
+def test_remote_and_mixed_frames_in_one_batch(pair):
+    near, far = pair
+    sent = join(
+        frame(CAN_RTR | 0x123, bytes(8)),
+        frame(0x124, bytes(range(64)), flags=FD_FDF | FD_BRS),
+        frame(0x125, b"classic"),
+        frame(0x126, bytes(range(24)), flags=FD_FDF | FD_ESI),
+    )
+    near.send(sent)
+    heard = receive(far, 4)
+    assert heard["id"].tolist() == sent["id"].tolist()
+    assert heard["flags"].tolist() == [0, FD_FDF | FD_BRS, 0, FD_FDF | FD_ESI]
+    assert far.counters.error_frames == 0
+
+
+@pytest.fixture(params=["datagram", "memory", "mixed"])
+def two_buses(request):
+    """Two buses by their far ends, and the near ends as a skin has them."""
+    make = {
+        "datagram": [datagram_pair, datagram_pair],
+        "memory": [MemoryTransport.pair, MemoryTransport.pair],
+        "mixed": [MemoryTransport.pair, datagram_pair],
+    }
+    pairs = [kind() for kind in make[request.param]]
+    with contextlib.ExitStack() as stack:
+        for pair in pairs:
+            for end in pair:
+                stack.enter_context(end)
+        yield [far for far, _ in pairs], [near for _, near in pairs]
+
+
+@pytest.mark.parametrize("way", ["event", "drain"])
+def test_a_waiter_takes_the_frames_of_all_buses(two_buses, way):
+    far, near = two_buses
+    waiter, batch = Waiter(near, way), FrameBatch(64)
+    for first in (0, 10, 20):
+        for end in far:
+            end.send(numbered(5, first))
+        while batch.count < 10:
+            assert waiter.receive(batch, 20_000_000)
+        assert sorted(numbers(batch.frames)) == sorted([*range(first, first + 5)] * 2)
+        batch.clear()
+    assert waiter.receive(batch, 1_000_000) == 0
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_an_event_wakes_the_waiter_whatever_bus_it_comes_on(two_buses, which):
+    far, near = two_buses
+    batch = FrameBatch(64)
+    sender = threading.Timer(0.05, far[which].send, [numbered(1)])
+    started = time.monotonic()
+    sender.start()
+    assert Waiter(near, "event").receive(batch, 60_000_000_000) == 1
+    assert time.monotonic() - started < 30
+    sender.join()
+
+
+def test_a_drain_sleeps_through_the_frames_of_a_cycle(two_buses):
+    far, near = two_buses
+    waiter, batch = Waiter(near, "drain"), FrameBatch(64)
+    far[0].send(numbered(3))
+    started = time.monotonic()
+    assert waiter.receive(batch, 50_000_000) == 3
+    assert time.monotonic() - started >= 0.05
+
+
+def test_a_full_batch_starves_no_bus(two_buses):
+    far, near = two_buses
+    waiter, seen = Waiter(near, "drain"), set()
+    for _ in range(4):
+        for end in far:
+            end.send(numbered(4))
+        batch = FrameBatch(2)
+        waiter.receive(batch, 0)
+        seen |= {id(near[i]) for i in range(2) if near[i].counters.received}
+    assert len(seen) == 2
+
+
+def test_a_waiter_says_what_it_knows():
+    with pytest.raises(ValueError, match="wait: must be 'event' or 'drain'; got 'poll'"):
+        Waiter([], "poll")
+
+
+def test_links_are_read_from_the_kernel():
+    lo = read_link("lo")
+    assert (lo.name, lo.is_can, lo.controller, lo.bitrate) == ("lo", False, None, None)
+    assert lo.index == socket.if_nametoindex("lo")
+    assert read_link("no-such-link") is None
+    assert read_link("") is None
+    assert read_link("a name of more than fifteen") is None
+    assert all(link.is_can for link in can_links())
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"queue_byte": 1}, "must be one of queue_bytes, patience_s; got 'queue_byte'; nearest: q"),
+        ({"patience_s": "1"}, "patience_s: must be a number of seconds; got '1'"),
+        ({"queue_bytes": 1.5}, "queue_bytes: must be a number of bytes; got 1.5"),
+        ({"queue_bytes": -1}, "queue_bytes: must be a number of bytes; got -1"),
+    ],
+)
+def test_options_are_checked(options, said):
+    bus = Bus(name="main", interface="socketcan", channel="can0", options=options)
+    with pytest.raises(BusOpenError, match="bus 'main': options: ") as caught:
+        open_transport(bus)
+    assert said in str(caught.value)
+
+
+def test_a_kernel_without_can_is_named(monkeypatch):
+    def no_can(*_):
+        raise OSError(errno.EAFNOSUPPORT, os.strerror(errno.EAFNOSUPPORT))
+
+    monkeypatch.setattr(socketcan.socket, "socket", no_can)
+    with pytest.raises(BusOpenError) as caught:
+        open_transport(Bus(name="main", interface="socketcan", channel="can0"))
+    assert str(caught.value) == (
+        "bus 'main': socketcan can0: this kernel has no CAN; remedy: sudo modprobe can-raw (on the "
+        "host, if this is a container), or another interface in the topology, such as 'memory'"
+    )
+
+
+def test_filters_let_data_sync_heartbeats_and_configuration_through():
+    small = with_data_ids(make_topology(units=4), [0x101, 0x102, 0x103, CAN_EFF | 0x1ABCDE])
+    passed = {0x101, 0x102, 0x103, CAN_EFF | 0x1ABCDE, 0x080, *range(0x700, 0x800)}
+    pairs = socketcan.filters(small, 0)
+    others = {0x100, 0x6FF, 0x1ABCDE, CAN_EFF | 0x101, CAN_EFF | 0x7E0, CAN_RTR | 0x101}
+    for identifier in passed | others:
+        hits = any((identifier & mask) == (wanted & mask) for wanted, mask in pairs.tolist())
+        assert hits == (identifier in passed), hex(identifier)
+
+
+def test_filters_that_do_not_fit_are_left_out():
+    most = make_topology(units=510)
+    assert len(socketcan.filters(most, 0)) == socketcan.FILTERS_MAX
+    assert socketcan.filters(make_topology(units=511), 0) is None
+    with pytest.raises(BusOpenError, match=r"filters: must be of shape \(k, 2\), k at most 512"):
+        open_transport(
+            Bus(name="main", interface="socketcan", channel="can0"), filters=np.zeros((513, 2))
+        )
+
+
+def test_the_compiled_calls_are_loaded_from_the_cache_in_another_process():
+    code = (
+        "from bus import mmsg; "
+        "print([sum(f.stats.cache_misses.values()) for f in (mmsg.receive, mmsg.send, mmsg.wait)])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[0, 0, 0]"

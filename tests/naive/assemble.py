@@ -1,0 +1,85 @@
+"""Slow, obvious reference: classic frames, one unit each, on one bus whose SYNC they echo."""
+
+from tests.naive.bus import read
+from topology import CHANNELS, LAYOUTS
+
+LAYOUT = LAYOUTS["f3t-classic"]
+RANGE = 16
+
+
+def assemble(records, units, first_id=0x100, sync_id=0x80, stale_cycles=5):
+    """Return the cycles, as dicts, and the totals of a stream of SYNCs and data frames."""
+    totals = dict.fromkeys(("data", "sync", "late", "repeated", "lost"), 0)
+    known = {u: {"counts": [0] * len(CHANNELS), "cycle": None} for u in range(units)}
+    missed = dict.fromkeys(range(units), 0)
+    dropped = dict.fromkeys(range(units), 0)
+    number, came, waits, is_open = None, {}, set(), False
+    cycles = []
+
+    def close(why):
+        nonlocal is_open
+        is_open = False
+        for u in range(units):
+            if u in came:
+                known[u] = {"counts": came[u], "cycle": number}
+                missed[u] = 0
+            else:
+                missed[u] += 1
+        cycles.append(
+            {
+                "number": number,
+                "closed_by": why,
+                "counts": [list(known[u]["counts"]) for u in range(units)],
+                "age": [
+                    -1 if known[u]["cycle"] is None else number - known[u]["cycle"]
+                    for u in range(units)
+                ],
+            }
+        )
+
+    for record in records:
+        data = record["data"][: record["length"]].tolist()
+        if record["id"] == sync_id:
+            totals["sync"] += 1
+            step = 0 if number is None else (data[0] - number) % 256
+            if number is not None and step == 0:
+                continue
+            if is_open:
+                close("sync")
+            if step > stale_cycles:
+                for u in range(units):
+                    known[u]["restarted"] = True
+                    dropped[u] = 0
+            number = data[0] if number is None else number + step
+            came, is_open = {}, True
+            waits = {u for u in range(units) if missed[u] < stale_cycles}
+            continue
+        u = int(record["id"]) - first_id
+        values = {s.name: read(s, data) for s in LAYOUT.signals}
+        last = None if known[u].get("restarted") else known[u]["cycle"]
+        if u in came:
+            last = number
+        behind = None if number is None else (number - values["sequence"]) % RANGE
+        if behind is None:
+            totals["late"] += 1
+            dropped[u] += 1
+        elif last == number - behind:
+            totals["repeated"] += 1
+        elif behind or not is_open:
+            totals["late"] += 1
+            dropped[u] += 1
+            if behind == 0:
+                missed[u] = 0
+        else:
+            if last is not None and number - last - 1 < RANGE // 2:
+                totals["lost"] += max(0, number - last - 1 - dropped[u])
+            dropped[u] = 0
+            totals["data"] += 1
+            came[u] = [values.get(name, 0) for name in CHANNELS]
+            if u in waits:
+                waits.remove(u)
+                if not waits:
+                    close("complete")
+    if is_open:
+        close("end")
+    return cycles, totals

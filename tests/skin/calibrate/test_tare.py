@@ -1,0 +1,452 @@
+"""Tare: zeros of untouched units, saved beside everything else that a calibration knows."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import tomllib
+
+import numpy as np
+import pytest
+
+import topology
+from bus.status import Status
+from skin.calibrate.tare import tare
+from skin.cli import main
+from skin.decode.ambient import Ambient
+from skin.decode.decoder import Decoder
+from skin.errors import CountsError, OptionError, ScanError, SkinError
+from skin.physics.fabrication import Fabrication
+from skin.physics.halbach import CHIP_AXES, HalbachField
+from skin.physics.stencil import Stencil
+from skin.physics.surroundings import Surroundings
+from skin.sim.unit import UnitSimulator
+from tests.fixtures.decode import calibrated, with_parameters
+
+CYCLES = 500
+GEL, FREQUENCY, BX, BY, BZ, CHIP = range(6)
+TARED = ("frequency_rest_hz", "hall_offset_x_ut", "hall_offset_y_ut")
+FILE = """format = 1
+name = "pair"
+
+[[buses]]
+name = "main"
+data_bitrate = 5_000_000
+
+[[models]]
+name = "coarse"
+theta_correction_rad = [0.1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+
+[[patches]]
+name = "left"
+kind = "grid"
+rows = 1
+columns = 3
+pitch_m = 0.012
+bus = "main"
+model = "coarse"
+layout = "f3t-fd16"
+first_id = 0x100
+{calibration}
+[[patches]]
+name = "right"
+kind = "grid"
+rows = 1
+columns = 2
+pitch_m = 0.012
+pose = {{ xyz_m = [0.1, 0.0, 0.0] }}
+bus = "main"
+model = "f3t-paper"
+layout = "f3t-fd16"
+first_id = 0x200
+"""
+BEFORE = """# by hand
+format = 1
+patch = "left"
+date = "2026-01-01"
+bench = "bench 3"
+
+[units.r0c0]
+field_wavenumber_rad_per_mm = 0.62  # ± 0.0012
+frequency_rest_hz = 4480.0  # ± 1.5
+frozen_cycles = 80
+theta_correction_rad = [0.01, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0.02]  # ± 0.003 at most
+
+[units.r0c2]
+theta_correction_rad = []
+field_sigma_ut = 30.0
+"""
+
+
+def simulated(skin, cycles=CYCLES, *, field=None, temperature=24.0, seed=1, noise=True):
+    """Counts of untouched units whose true parameters are those of `skin`."""
+    units = UnitSimulator(skin, field=field, seed=seed, noise=noise)
+    still = np.zeros((cycles, skin.n)), np.zeros((cycles, 2, skin.n))
+    warm = np.full((cycles, skin.n), temperature)
+    return units.quantise(units.disturb(units.quantities(*still, warm)))
+
+
+def pair(folder, calibration=None):
+    """A skin of two patches, of which the left one may have a calibration file."""
+    named = ""
+    if calibration is not None:
+        (folder / "left.toml").write_text(calibration)
+        named = 'calibration = "left.toml"\n'
+    (folder / "pair.toml").write_text(FILE.format(calibration=named))
+    return topology.load(folder / "pair.toml")
+
+
+def test_zeros_are_those_of_the_units():
+    nominal = topology.load("palm")
+    rng = np.random.default_rng(2)
+    true = with_parameters(
+        nominal, frequency_rest_hz=4500.0 + rng.uniform(-100.0, 100.0, 64),
+        hall_offset_x_ut=rng.uniform(-200.0, 200.0, 64),
+        hall_offset_y_ut=rng.uniform(-200.0, 200.0, 64), hall_drift_x_ut_per_k=2.0,
+    )  # fmt: skip
+    known = with_parameters(nominal, hall_drift_x_ut_per_k=2.0)
+    found = tare(known, simulated(true, temperature=45.0))
+    off = [
+        (found.frequency_hz - true.parameters["frequency_rest_hz"]) / found.frequency_sigma_hz,
+        (found.offset_ut[0] - true.parameters["hall_offset_x_ut"]) / found.offset_sigma_ut[0],
+        (found.offset_ut[1] - true.parameters["hall_offset_y_ut"]) / found.offset_sigma_ut[1],
+    ]
+    assert found.frequency_sigma_hz == pytest.approx(6.0 / np.sqrt(CYCLES), rel=0.2)
+    assert found.offset_sigma_ut == pytest.approx(105.0 / np.sqrt(CYCLES), rel=0.2)
+    for sigmas in off:
+        assert np.sqrt(np.mean(sigmas**2)) == pytest.approx(1.0, abs=0.3)
+    assert found.taken.all()
+    assert set(found.cycles) == {CYCLES}
+
+
+def test_tared_skin_reads_nothing(tmp_path):
+    skin = pair(tmp_path, BEFORE)
+    rng = np.random.default_rng(3)
+    true = with_parameters(
+        skin, frequency_rest_hz=skin.parameters["frequency_rest_hz"] + rng.uniform(-50, 50, 5),
+        hall_offset_x_ut=rng.uniform(-200.0, 200.0, 5),
+    )  # fmt: skip
+    (tmp_path / "pair.toml").write_text(
+        FILE.format(calibration='calibration = "left.toml"\n') + 'calibration = "right.toml"\n'
+    )
+    (tmp_path / "right.toml").write_text('format = 1\npatch = "right"\n')
+    skin = topology.load(tmp_path / "pair.toml")
+    tare(skin, simulated(true)).write()
+    tared = topology.load(tmp_path / "pair.toml")
+    still = simulated(true, 400, seed=9)
+    for loaded, least, most in ((skin, 0.02, 1.0), (tared, 0.0, 0.005)):
+        mean = Decoder(loaded, estimator="sine", dtype="float64")(still).force.mean(axis=0)
+        assert least < np.abs(mean[0]).max() < most
+        assert least < np.abs(mean[2]).max() < most
+
+
+def test_every_other_value_is_kept(tmp_path):
+    skin = pair(tmp_path, BEFORE)
+    found = tare(skin, simulated(skin), leave_out=["left/r0c2", "right/r0c0", "right/r0c1"])
+    assert found.write(date="2026-02-02") == {"left": tmp_path / "left.toml"}
+    text = (tmp_path / "left.toml").read_text()
+    table, before = tomllib.loads(text), tomllib.loads(BEFORE)
+    assert table["date"] == "2026-02-02"
+    assert table["bench"] == "bench 3; tared in place, resting neighbours included"
+    assert list(table["units"]) == ["r0c0", "r0c2", "r0c1"]
+    first = table["units"]["r0c0"]
+    assert {k: first[k] for k in before["units"]["r0c0"] if k not in TARED} == {
+        k: v for k, v in before["units"]["r0c0"].items() if k not in TARED
+    }
+    assert "field_wavenumber_rad_per_mm = 0.62  # ± 0.0012\n" in text
+    assert "frozen_cycles = 80\n" in text
+    assert "0.02]  # ± 0.003 at most\n" in text
+    assert table["units"]["r0c2"] == {"theta_correction_rad": [0.0] * 16, "field_sigma_ut": 30.0}
+    assert set(table["units"]["r0c1"]) == {*TARED, "frequency_sigma_hz", "field_sigma_ut"}
+    loaded = topology.load(tmp_path / "pair.toml")
+    changed = {
+        name
+        for name, values in loaded.parameters.items()
+        if not np.array_equal(values, skin.parameters[name])
+    }
+    assert changed == {*TARED, "frequency_sigma_hz", "field_sigma_ut"}
+    assert loaded.parameters["frequency_rest_hz"][0] == found.frequency_hz[0]
+
+
+def test_second_tare_of_the_same_counts_changes_nothing(tmp_path):
+    skin = pair(tmp_path, BEFORE)
+    counts, left_out = simulated(skin), ["right/r0c0", "right/r0c1"]
+    tare(skin, counts, leave_out=left_out).write(date="2026-02-02")
+    once = (tmp_path / "left.toml").read_text()
+    tare(topology.load(tmp_path / "pair.toml"), counts, leave_out=left_out).write(date="2026-02-02")
+    assert (tmp_path / "left.toml").read_text() == once
+
+
+def test_larger_sigma_of_the_field_is_kept(tmp_path):
+    skin = pair(tmp_path, BEFORE)
+    tare(skin, simulated(skin)).write(tmp_path / "out")
+    table = tomllib.loads((tmp_path / "out" / "left.toml").read_text())
+    assert table["units"]["r0c2"]["field_sigma_ut"] == 30.0
+    assert table["units"]["r0c0"]["field_sigma_ut"] < 10.0
+    assert sorted(file.name for file in (tmp_path / "out").iterdir()) == ["left.toml", "right.toml"]
+    assert (tmp_path / "left.toml").read_text() == BEFORE
+
+
+def test_patch_without_a_file_must_be_given_one(tmp_path):
+    skin = pair(tmp_path, BEFORE)
+    with pytest.raises(SkinError) as raised:
+        tare(skin, simulated(skin)).write()
+    assert str(raised.value) == (
+        f"{tmp_path / 'pair.toml'}: patch 'right': must name a calibration file to be written "
+        '(calibration = "right.toml"), or another be given; got neither'
+    )
+    assert (tmp_path / "left.toml").read_text() == BEFORE
+
+
+def pressed(counts):
+    counts[:, FREQUENCY, 1] -= 4 * 200
+
+
+def pressed_meanwhile(counts):
+    counts[250:, FREQUENCY, 1] -= 4 * 20
+
+
+def sheared(counts):
+    counts[:, BY, 1] += 1200
+
+
+def turned(counts):
+    counts[:, BX, 1] += np.linspace(0.0, 100.0, CYCLES).astype(np.int16)
+
+
+def noisy(counts):
+    counts[::2, FREQUENCY, 1] += 4 * 20
+    counts[1::2, FREQUENCY, 1] -= 4 * 20
+
+
+def stuck(counts):
+    counts[:, BX, 1] = counts[0, BX, 1]
+
+
+def warming(counts):
+    counts[:, GEL, 1] += np.linspace(0.0, 200.0, CYCLES).astype(np.int16)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (pressed, "frequency: must be within 135 Hz of 4500 Hz where nothing presses or pulls; "
+                  "got 4300"),
+        (pressed_meanwhile, "frequency: must hold still; moved by -19.2 Hz from half"),
+        (sheared, "by: must be within 2000 µT of 0 µT where nothing shears; got 2395 µT"),
+        (turned, "bx: must hold still; moved by 1"),
+        (noisy, "frequency: must have noise of 6 Hz, twice that at most; got 2"),
+        (stuck, "bx: must have noise of 105 µT; got readings all alike"),
+        (warming, "temperature: must be steady; changed by "),
+    ],
+)  # fmt: skip
+def test_unit_that_is_not_at_rest_is_refused_by_name(change, message):
+    skin = topology.load("fingertip")
+    counts = simulated(skin)
+    change(counts)
+    with pytest.raises(ScanError) as raised:
+        tare(skin, counts)
+    (line,) = str(raised.value).splitlines()
+    assert line.startswith(f"{skin.unit_names[1]}: {message}")
+    left = tare(skin, counts, leave_out=[skin.unit_names[1]])
+    assert np.flatnonzero(~left.taken).tolist() == [1]
+
+
+def test_invalid_units_are_all_named():
+    skin = topology.load("fingertip")
+    status = np.zeros((CYCLES, skin.n), np.uint16)
+    status[:, 3] = Status.FAULT
+    status[50:, 5] = Status.LATE
+    status[:300, 7] = Status.LATE
+    with pytest.raises(ScanError) as raised:
+        tare(skin, simulated(skin), status)
+    assert str(raised.value).splitlines() == [
+        "tip/r1c0: must have 100 good readings or more; got 0 (FAULT)",
+        "tip/r1c2: must have 100 good readings or more; got 50 (LATE)",
+    ]
+
+
+def test_late_readings_do_not_count():
+    skin = topology.load("fingertip")
+    counts, status = simulated(skin), np.zeros((CYCLES, skin.n), np.uint16)
+    counts[::3, :, 2] = 30000
+    status[::3, 2] = Status.LATE
+    found = tare(skin, counts, status)
+    assert found.cycles[2] == CYCLES - len(range(0, CYCLES, 3))
+    assert found.frequency_hz[2] == pytest.approx(4500.0, abs=2.0)
+
+
+def test_unit_that_was_tared_before_is_held_to_it():
+    """Its rest is known: what is 60 Hz off is pressed."""
+    skin = with_parameters(topology.load("fingertip"), frequency_sigma_hz=0.3)
+    counts = simulated(skin)
+    counts[:, FREQUENCY, 4] -= 4 * 80
+    with pytest.raises(ScanError, match=r"tip/r1c1: frequency: must be within 60 Hz of 4500 Hz"):
+        tare(skin, counts)
+
+
+def test_neighbours_are_in_the_offsets_or_left_out():
+    """Of a decoder that takes them off itself they must not be in the offsets as well."""
+    skin = calibrated(topology.load("palm"), seed=4)
+    counts = simulated(skin, field=HalbachField(skin, reach_m=0.1))
+    stencil = Stencil.of(skin, degree=1)
+    own = np.stack([skin.parameters[f"hall_offset_{axis}_ut"] for axis in "xy"])
+    left_out = tare(skin, counts, rest_ut=stencil.rest_ut)
+    assert np.abs(left_out.offset_ut - own).max() < 45.0  # the map of each unit is in between
+    assert left_out.neighbours == "left out"
+    included = tare(skin, counts)
+    assert np.allclose(included.offset_ut - left_out.offset_ut, stencil.rest_ut[:2])
+    assert np.abs(included.offset_ut - own).max() > 150.0
+    assert included.axial_ut - left_out.axial_ut == pytest.approx(stencil.rest_ut[2])
+
+
+def test_neighbours_of_a_curved_skin_are_no_shear():
+    """A fingertip's films add up to 1.2 mT to the side of each other's chips."""
+    skin = with_parameters(topology.load("fingertip"), hall_offset_x_ut=150.0)
+    counts = simulated(skin, field=HalbachField(skin, reach_m=0.1))
+    rest_ut = Stencil.of(skin, degree=1).rest_ut
+    assert np.abs(rest_ut[:2]).max() > 900.0
+    found = tare(skin, counts, rest_ut=rest_ut)
+    assert np.abs(found.offset_ut - [[150.0], [0.0]]).max() < 30.0
+    counts[:, BX, 0] += 600
+    with pytest.raises(ScanError, match=r"tip/r0c0: bx: must be within 1000 µT of -?\d+.* µT"):
+        tare(skin, counts, rest_ut=rest_ut)
+
+
+def test_film_beside_its_chip_is_in_the_offsets_only_if_not_known():
+    """No offset undoes it where the unit is pressed, and it must not be taken off twice."""
+    nominal = topology.load("fingertip")
+    made = Fabrication.perfect(nominal.n, 16)
+    made.centre_mm[:] = [[0.1], [-0.05]]
+    counts = simulated(nominal, field=HalbachField(nominal, fabrication=made, reach_m=0.0))
+    known = with_parameters(nominal, film_x_mm=0.1, film_y_mm=-0.05)
+    blind, seeing = tare(nominal, counts), tare(known, counts)
+    assert np.abs(seeing.offset_ut).max() < 25.0
+    assert np.hypot(*blind.offset_ut).min() > 160.0
+    for skin, found in ((nominal, blind), (known, seeing)):
+        offsets = {f"hall_offset_{axis}_ut": found.offset_ut[i] for i, axis in enumerate("xy")}
+        tared = with_parameters(skin, frequency_rest_hz=found.frequency_hz, **offsets)
+        decoder = Decoder(tared, estimator="sine", dtype="float64", consistency=False)
+        mean = decoder(counts).displacement_mm.mean(axis=0)
+        assert np.abs(mean).max() < 0.006
+
+
+def test_field_of_the_tare_is_not_subtracted_again(tmp_path):
+    """The Earth's at that attitude is in the offsets; ambient is what has changed since."""
+    skin = topology.load("palm")
+    rng = np.random.default_rng(8)
+    surroundings = Surroundings(attitude=np.linalg.qr(rng.standard_normal((3, 3)))[0])
+    then = surroundings.in_skin()
+    field = HalbachField(skin, reach_m=0.0, surroundings=surroundings)
+    found = tare(skin, simulated(skin, field=field))
+    seen = (CHIP_AXES[:, None] * np.einsum("abn,a->bn", skin.rotation, then))[:2]
+    assert found.offset_ut.mean(axis=1) == pytest.approx(seen.mean(axis=1), abs=3.0)
+    tared = dataclasses.replace(
+        skin,
+        parameters=skin.parameters
+        | {"hall_offset_x_ut": found.offset_ut[0], "hall_offset_y_ut": found.offset_ut[1]},
+    )
+    ambient, p = Ambient(tared, dtype="float64"), tared.parameters
+    rest = np.stack([p["hall_offset_x_ut"], p["hall_offset_y_ut"], 0.0 * p["hall_offset_x_ut"]])
+    reading = Decoder(tared, estimator="sine", dtype="float64")(simulated(skin, 1)[0])
+    units = UnitSimulator(skin, field=field, seed=5)
+
+    def run(cycles):
+        means = np.zeros(3)
+        for _ in range(cycles):
+            values = units.disturb(units.quantities(np.zeros(64), np.zeros((2, 64)),
+                                                    np.full(64, 24.0)))  # fmt: skip
+            reading.field_ut = values[BX : BZ + 1] - rest - ambient.background[1:]
+            reading.displacement_mm[2] = (4500.0 - values[FREQUENCY]) / 900.0
+            reading.temperature[:] = 24.0
+            reading.status[:] = 0
+            ambient.update(reading)
+            means += ambient.field_ut[:, 0] / cycles
+        return means
+
+    run(700)
+    assert run(300) == pytest.approx([0.0, 0.0, 0.0], abs=4.0)
+    surroundings.attitude = np.eye(3)
+    run(100)
+    assert run(300) == pytest.approx(surroundings.in_skin() - then, abs=4.0)
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "message"),
+    [
+        ({"counts": np.zeros((5, 6, 12))}, CountsError, "counts: must be an array of int16"),
+        ({"counts": np.zeros((6, 12), np.int16)}, CountsError, "shape (t, 6, 12); got"),
+        ({"status": np.zeros((4, 12), np.uint16)}, CountsError, "shape (500, 12); got"),
+        ({"leave_out": ["tip/r0c9"]}, OptionError, "nearest: 'tip/r0c"),
+        (
+            {"leave_out": [f"tip/r{r}c{c}" for r in range(4) for c in range(3)]},
+            OptionError,
+            "must leave a unit",
+        ),
+    ],
+)
+def test_wrong_use_is_refused(given, error, message):
+    skin = topology.load("fingertip")
+    with pytest.raises(error) as raised:
+        tare(skin, **{"counts": simulated(skin), **given})
+    assert message in str(raised.value)
+
+
+# -- the command -----------------------------------------------------------------------------------
+
+
+def test_command_tares_a_simulated_skin(tmp_path, capsys):
+    out = tmp_path / "strip.toml"
+    arguments = ["tare", "strip", "--simulate", "--seconds", "1", "-o", str(out), "--json"]
+    assert main(arguments) == 0
+    printed = capsys.readouterr().out
+    report = json.loads(printed.splitlines()[-1])
+    assert report["tared"] == 10
+    assert report["cycles"] == 250
+    assert report["files"] == {"strip": str(out)}
+    assert "strip/r0c0" in printed
+    values = tomllib.loads(out.read_text())["units"]
+    for name, change in report["changes"].items():
+        rest = values[name.removeprefix("strip/")]["frequency_rest_hz"]
+        assert rest == change["frequency_hz"] == pytest.approx(4500.0, abs=2.0)
+        assert change["axial_ut"] == pytest.approx(4176.0, rel=0.03)
+
+
+def test_command_leaves_neighbours_out_for_a_decoder_that_takes_them_off(tmp_path, capsys):
+    arguments = ["tare", "fingertip", "--simulate", "--seconds", "1", "-o", str(tmp_path), "--json"]
+    largest = {}
+    for flag, told in (("--no-crosstalk", "neighbours included"), ("", "neighbours left out")):
+        assert main([*arguments, *([flag] if flag else [])]) == 0
+        report = json.loads(capsys.readouterr().out.splitlines()[-1])
+        assert report["files"] == {"tip": str(tmp_path / "tip.toml")}
+        assert told in (tmp_path / "tip.toml").read_text()
+        offsets = [[c["offset_x_ut"], c["offset_y_ut"]] for c in report["changes"].values()]
+        largest[told] = np.abs(offsets).max()
+    assert largest["neighbours left out"] < 40.0
+    assert largest["neighbours included"] > 500.0
+
+
+def test_command_refuses_and_writes_nothing(tmp_path, capsys):
+    out = tmp_path / "strip.toml"
+    arguments = ["tare", "strip", "--simulate", "--seconds", "0.1", "-o", str(out), "--json"]
+    assert main(arguments) == 1
+    printed = capsys.readouterr()
+    assert "strip/r0c0: must have 100 good readings or more; got " in printed.err
+    assert len(json.loads(printed.out.splitlines()[-1])["refused"]) == 10
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["strip", "--seconds", "0"], "--seconds: must be above 0"),
+        (["strip", "--simulate"], "patch 'strip': must name a calibration file"),
+        (["strpi"], "nearest: 'strip'"),
+        (["strip", "--simulate", "-o", "x.toml", "--leave-out", "strip/r0c99"], "nearest"),
+    ],
+)
+def test_command_refuses_wrong_use(arguments, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["tare", *arguments]) == 2
+    assert message in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())

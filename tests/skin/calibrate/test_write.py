@@ -1,0 +1,193 @@
+"""Calibration files: what was fitted is what is loaded, and a skin decodes better with it."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import pytest
+
+import topology
+from skin.calibrate.amplitude import (
+    fit_amplitude,
+    fit_direction,
+    fit_theta,
+    map_field,
+)
+from skin.calibrate.normal import fit_frequency
+from skin.calibrate.write import write_calibration
+from skin.decode.decoder import Decoder
+from skin.errors import CalibrationError, OptionError
+from skin.physics.fabrication import Fabrication
+from skin.physics.least_squares import Fit
+from skin.physics.scan import strokes
+from skin.sim.bench import Bench
+from tests.fixtures.decode import row_of, with_parameters
+from tests.fixtures.topology import write_topology
+from topology import THETA_KNOTS
+
+UNITS = 4
+AROUND = np.linspace(-np.pi, np.pi, 32, endpoint=False)
+
+
+def told(**values):
+    """A fit of given values."""
+    size = len(values)
+    return Fit(tuple(values), np.array(list(values.values())), 0.01 * np.eye(size), 0, 0, 1.0, 9)
+
+
+def patch_of(folder, calibration):
+    """A topology file of a row of units that names a calibration."""
+    patch = (
+        f'kind = "grid"\nrows = 1\ncolumns = {UNITS}\npitch_m = 0.012\nlayout = "f3t-fd16"\n'
+        f'first_id = 0x100\ncalibration = "{calibration}"'
+    )
+    return write_topology(folder, bus="data_bitrate = 5_000_000\ncycle_rate_hz = 1.0", patch=patch)
+
+
+def test_what_was_written_is_what_is_loaded(tmp_path):
+    theta = {f"theta_correction_rad[{k}]": 0.01 * np.sin(k) for k in range(THETA_KNOTS)}
+    given = {"frequency_rest_hz": 4512.123456789012, "shear_gain_per_mm": -1e-17}
+    write_calibration(
+        tmp_path / "row.toml", "patch", {"r0c2": [told(**given), told(**theta)], "r0c0": []},
+        date="2026-03-01", bench='a "cell", 25 °C \x7f \\ \n',
+    )  # fmt: skip
+    p = topology.load(patch_of(tmp_path, "row.toml")).parameters
+    for name, value in given.items():
+        assert p[name][2] == value
+    assert (p["theta_correction_rad"][:, 2] == list(theta.values())).all()
+    nominal = row_of(1).parameters
+    for name, value in p.items():
+        assert (value[..., [0, 1, 3]] == nominal[name]).all(), name
+
+
+def test_a_later_fit_stands_above_an_earlier_one(tmp_path):
+    fits = [told(frequency_rest_hz=4000.0), told(frequency_rest_hz=4100.0)]
+    write_calibration(tmp_path / "row.toml", "patch", {"r0c1": fits})
+    p = topology.load(patch_of(tmp_path, "row.toml")).parameters
+    assert p["frequency_rest_hz"].tolist() == [4500.0, 4100.0, 4500.0, 4500.0]
+
+
+def test_a_crest_before_the_end_of_the_range_ends_the_range(tmp_path):
+    units = {f"r0c{i}": [told(field_wavenumber_rad_per_mm=k)] for i, k in enumerate((0.62, 0.64))}
+    write_calibration(tmp_path / "row.toml", "patch", units)
+    p = topology.load(patch_of(tmp_path, "row.toml")).parameters
+    assert p["tangential_max_mm"].tolist() == [2.5, 2.454, 2.5, 2.5]
+
+
+def test_the_sigma_of_a_value_stands_beside_it(tmp_path):
+    write_calibration(tmp_path / "row.toml", "patch", {"r0c1": [told(frequency_rest_hz=4000.0)]})
+    assert "\nfrequency_rest_hz = 4000.0  # ± 0.1\n" in (tmp_path / "row.toml").read_text()
+
+
+REFUSED = {
+    "not finite": (
+        told(hall_gain_per_k=np.nan),
+        CalibrationError,
+        "patch/r0c1: hall_gain_per_k: must be finite; got nan",
+    ),
+    "not in the model": (
+        told(frequency_rest_h=1.0),
+        OptionError,
+        "(nearest: 'frequency_rest_hz')",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_cannot_be_written_leaves_the_old_file_as_it_was(case, tmp_path):
+    fit, error, message = REFUSED[case]
+    file = tmp_path / "row.toml"
+    file.write_text("old")
+    with pytest.raises(error) as caught:
+        write_calibration(file, "patch", {"r0c0": [told(frequency_rest_hz=1.0)], "r0c1": [fit]})
+    assert str(caught.value).endswith(message)
+    assert file.read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["row.toml"]
+
+
+def test_a_write_that_fails_midway_leaves_nothing_behind(tmp_path, monkeypatch):
+    file = tmp_path / "row.toml"
+    file.write_text("old")
+
+    def full(*_):
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr("os.replace", full)
+    with pytest.raises(OSError, match="no space"):
+        write_calibration(file, "patch", {})
+    assert file.read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["row.toml"]
+
+
+# -- a skin that was on the bench ------------------------------------------------------------------
+
+
+@functools.cache
+def made():
+    """Units that differ from the nominal one, and their films."""
+    rng = np.random.default_rng(5)
+    skin = row_of(UNITS)
+    skin = with_parameters(
+        skin,
+        frequency_rest_hz=4500.0 * (1.0 + 0.02 * rng.uniform(-1.0, 1.0, UNITS)),
+        field_amplitude_ut=11073.0 * (1.0 + 0.05 * rng.uniform(-1.0, 1.0, UNITS)),
+        hall_offset_x_ut=rng.uniform(-150.0, 150.0, UNITS),
+        hall_offset_y_ut=rng.uniform(-150.0, 150.0, UNITS),
+    )
+    return skin, Fabrication.draw(UNITS, seed=3)
+
+
+def fitted(readings=4):
+    """Fits of all units from noisy, quantised scans, as a bench would go about it."""
+    skin, films = made()
+    bench = Bench(skin, fabrication=films, seed=1, quantised=True)
+    press = bench.scan(np.repeat(np.linspace(0.0, 2.0, 9), 4), 0.0)
+    ring = bench.scan(*strokes([0.5, 1.25, 2.0], [1.0, 2.0], AROUND), readings=readings)
+    reaches = np.linspace(0.25, 2.25, 9)
+    slide = bench.scan(*strokes(np.linspace(0.0, 2.0, 5), reaches, AROUND[::4]), readings=readings)
+    sigma = 105.0 / np.sqrt(readings)
+    units = {}
+    for i in range(UNITS):
+        frequency = fit_frequency(press.frequency_hz[:, i], press.depth_mm[:, i])
+        angle = slide.direction_rad[:, i]
+        raw = slide.field_ut[..., i]
+        rough = fit_amplitude(
+            raw[:, 0] * np.cos(angle) + raw[:, 1] * np.sin(angle), slide.depth_mm[:, i],
+            slide.displacement_mm[:, i], sigma_ut=sigma,
+        )  # fmt: skip
+        strength = np.exp(rough["field_growth_per_mm"] * ring.depth_mm[:, i])
+        strength *= np.sin(rough["field_wavenumber_rad_per_mm"] * ring.displacement_mm[:, i])
+        direction = fit_direction(
+            ring.field_ut[..., i], ring.direction_rad[:, i], strength, sigma_ut=sigma
+        )
+        mapped = map_field(raw, direction)
+        amplitude = fit_amplitude(
+            mapped[:, 0] * np.cos(angle) + mapped[:, 1] * np.sin(angle), slide.depth_mm[:, i],
+            slide.displacement_mm[:, i], sigma_ut=sigma,
+        )  # fmt: skip
+        theta = fit_theta(
+            map_field(ring.field_ut[..., i], direction), ring.direction_rad[:, i], sigma_ut=sigma
+        )
+        units[f"r0c{i}"] = [frequency, direction, amplitude, theta]
+    return units
+
+
+def test_a_skin_that_was_on_the_bench_decodes_better(tmp_path):
+    write_calibration(tmp_path / "row.toml", "patch", fitted())
+    calibrated = topology.load(patch_of(tmp_path, "row.toml"))
+    skin, films = made()
+    rng = np.random.default_rng(7)
+    poses = rng.uniform(0.3, 2.0, 400), rng.uniform(0.0, 2.0, 400), rng.uniform(-3.1, 3.1, 400)
+    truth = Bench(skin, fabrication=films, seed=9).scan(*poses)
+    reach, angle = truth.displacement_mm, truth.direction_rad
+    wanted = np.stack([reach * np.cos(angle), reach * np.sin(angle), truth.depth_mm], axis=1)
+    error = {}
+    for name, known in (("nominal", row_of(UNITS)), ("calibrated", calibrated)):
+        reading = Decoder(known, dtype="float64")(truth.counts)
+        assert reading.valid.all()
+        off = reading.displacement_mm - wanted
+        error[name] = np.sqrt(np.mean(off[:, :2] ** 2)), np.sqrt(np.mean(off[:, 2] ** 2))
+    assert error["calibrated"][0] < 0.65 * error["nominal"][0]
+    assert error["calibrated"][0] < 0.08
+    assert error["calibrated"][1] < 0.008 < 0.2 * error["nominal"][1]

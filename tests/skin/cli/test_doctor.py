@@ -1,0 +1,129 @@
+"""`skin doctor`: what it prints, and how it ends."""
+
+import json
+
+import can
+import pytest
+
+import topology
+from bus import MemoryTransport
+from bus.faults import script as kinds
+from skin.cli import main
+from skin.sim.node import Nodes
+from tests.bus.test_discover import hurt, traffic
+
+PALM = topology.load("palm")
+
+
+def recorded(path, records):
+    """Write a candump log of a skin with one bus."""
+    with can.CanutilsLogWriter(path) as writer:
+        for record in records:
+            flags = int(record["flags"])
+            writer.on_message_received(
+                can.Message(
+                    timestamp=int(record["stamp_ns"]) * 1e-9,
+                    arbitration_id=int(record["id"]),
+                    is_extended_id=False,
+                    is_fd=bool(flags & 4),
+                    bitrate_switch=bool(flags & 1),
+                    data=record["data"][: record["length"]].tobytes(),
+                    channel="can7",
+                )
+            )
+    return str(path)
+
+
+@pytest.fixture
+def healthy(tmp_path):
+    return recorded(tmp_path / "healthy.log", traffic(PALM, 60, period_ns=4_000_000))
+
+
+@pytest.fixture
+def sick(tmp_path):
+    records = traffic(PALM, 60, period_ns=4_000_000)
+    behind = kinds.Kill(ids=tuple(range(0x108, 0x10D)), from_s=0.1)
+    return recorded(tmp_path / "sick.log", hurt(PALM, records, behind))
+
+
+@pytest.fixture
+def units():
+    """Simulated units on the palm's own bus."""
+    nodes = Nodes(PALM, seed=3)
+    ends = [MemoryTransport(bus.channel, i) for i, bus in enumerate(PALM.buses)]
+    nodes.attach(ends)
+    yield ends
+    nodes.close()
+    for end in ends:
+        end.close()
+
+
+def test_a_healthy_log_is_well(healthy, capsys):
+    assert main(["doctor", "palm", "--log", healthy, "--json"]) == 0
+    *table, last = capsys.readouterr().out.splitlines()
+    assert table[0] == "palm: 64 of 64 units heard in 60 cycles"
+    assert table[-1] == "all is well"
+    report = json.loads(last)
+    assert report["healthy"]
+    assert report["findings"] == []
+    assert report["counters"]["data"] == 60 * 13
+
+
+def test_findings_come_with_their_likely_cause(sick, capsys):
+    assert main(["doctor", "palm", "--log", sick, "--json"]) == 1
+    *table, last = capsys.readouterr().out.splitlines()
+    (finding,) = json.loads(last)["findings"]
+    assert finding["code"] == "silent-branch"
+    assert finding["count"] == 24
+    assert f"    likely cause: {finding['likely_cause']}" in table
+    assert table[-1] == "findings: 1 error, 0 warnings"
+
+
+def test_live_units_are_heard(units, capsys):
+    main(["doctor", "palm", "--seconds", "0.3", "--json"])
+    printed = capsys.readouterr()
+    report = json.loads(printed.out.splitlines()[-1])
+    assert report["units_heard"] == 64
+    assert [f for f in report["findings"] if f["severity"] == "error"] == []
+    assert "listening for 0.3 s" in printed.err
+
+
+def test_nobody_there_is_a_finding(capsys):
+    assert main(["doctor", "palm", "--seconds", "0.1"]) == 1
+    assert "reaches this process only" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["plam"], "nearest: 'palm'"),
+        (["palm", "--seconds", "0"], "--seconds: must be above 0"),
+        (["palm", "--log", "none.log"], "none.log: must be an existing file"),
+        (["hand", "--channel", "can0"], "one of its own for each bus"),
+    ],
+)
+def test_bad_input_is_refused(arguments, message, capsys):
+    assert main(["doctor", *arguments]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_a_log_of_two_buses_goes_by_its_channels(tmp_path, capsys):
+    log = recorded(tmp_path / "one.log", traffic(PALM, 3))
+    assert main(["doctor", "hand", "--log", log]) == 2
+    assert "'hand-palm', 'hand-fingers'; got 'can7' alone" in capsys.readouterr().err
+
+
+def test_a_package_from_elsewhere_is_found(healthy, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(topology, "__file__", str(tmp_path / "topology" / "__init__.py"))
+    assert main(["doctor", "palm", "--log", healthy, "--json"]) == 1
+    (finding,) = json.loads(capsys.readouterr().out.splitlines()[-1])["findings"]
+    assert finding["code"] == "mixed-installation"
+    assert str(tmp_path) in finding["text"]
+
+
+def test_a_cache_that_cannot_be_written_is_found(healthy, monkeypatch, capsys):
+    monkeypatch.setattr("os.access", lambda *_: False)
+    assert main(["doctor", "palm", "--log", healthy, "--json"]) == 1
+    (finding,) = json.loads(capsys.readouterr().out.splitlines()[-1])["findings"]
+    assert finding["code"] == "no-cache"
+    assert finding["severity"] == "warning"

@@ -1,0 +1,79 @@
+"""Contacts where a person sees them: the live table, the demo, decoded logs."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import skin
+from skin.cli import main
+from skin.contact.records import SlipState
+from skin.view.terminal import LiveTable
+
+LOGS = Path(__file__).parents[2] / "golden" / "logs"
+
+
+@pytest.fixture
+def touched():
+    """A palm under a load: the skin, its state, a table."""
+    with skin.open("palm", simulate=True, pace=False, seed=3) as palm:
+        state = next(s for s in palm if s.contacts and s.contacts[0].load > 8.0)
+        yield palm, state, LiveTable(palm.topology)
+
+
+def test_table_names_what_touches(touched):
+    _, state, table = touched
+    record = state.contacts[0].record
+    record["slip"], record["margin"] = SlipState.STICK, 0.62
+    (line,) = (line for line in table.lines(state) if "contact 1" in line)
+    assert f"{record['load']:6.2f}  N" in line
+    assert f"{state.contacts[0].units.size} units" in line
+    assert "stick" in line
+    assert "margin 62 %" in line
+    record["slip"], record["margin"] = SlipState.NONE, np.nan
+    (line,) = (line for line in table.lines(state) if "contact 1" in line)
+    assert "margin" not in line
+    assert "none" not in line
+
+
+def test_table_is_as_long_whatever_touches(touched):
+    palm, state, table = touched
+    lengths = {len(table.lines(state))}
+    contact = state.contacts[0]
+    for contacts in ([], [contact, contact], [contact] * 7):
+        state.contacts = contacts
+        lines = table.lines(state)
+        lengths.add(len(lines))
+        assert sum("contact 1" in line for line in lines) == min(len(contacts), 3)
+    assert len(lengths) == 1
+    assert palm.topology.n == 64
+
+
+def test_demo_counts_contacts(tmp_path, capsys):
+    picture = str(tmp_path / "demo.png")
+    assert main(["demo", "--seconds", "6", "--fast", "--json", "--picture", picture]) == 0
+    report = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert report["contacts"] >= 1
+    assert 0 <= report["contacts_slipped"] <= report["contacts"]
+
+
+def test_decoded_log_says_what_touches_each_unit(tmp_path, capsys):
+    log, output = LOGS / "palm-vcan.log", tmp_path / "palm.npz"
+    assert main(["decode", str(log), "--topology", "palm", "--output", str(output)]) == 0
+    capsys.readouterr()
+    with np.load(output) as found:
+        contact, force, wrench = found["contact"], found["force_n"], found["wrench"]
+    assert contact.shape == force[:, 2].shape
+    assert (force[:, 2][contact > 0] > 0.02).all()
+    held = (force[:, 2] * (contact > 0)).sum(axis=1)
+    np.testing.assert_allclose(held, -wrench[:, 2], atol=1e-9)
+    table = tmp_path / "palm.csv"
+    assert main(["decode", str(log), "--topology", "palm", "--output", str(table)]) == 0
+    rows = table.read_text().splitlines()
+    assert rows[0].split(",")[-1] == "contact"
+    told = [int(row.rsplit(",", 1)[1]) for row in itertools.islice(rows, 1, None)]
+    assert told == contact.ravel().tolist()

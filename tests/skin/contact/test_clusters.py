@@ -1,0 +1,122 @@
+"""Gate and clusters: against scipy, and the laws that they keep on any graph."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import tests.naive.contact as naive
+from skin.contact.cluster_kernels import TOUCHING, UNIT_ROWS, join, join_python
+from skin.contact.clusters import (
+    contact_clusters,
+    neighbour_graph,
+    packed_graph,
+    start_sigma_for,
+)
+from skin.errors import SkinError
+
+SIGMA = 0.02
+
+
+@st.composite
+def scenes(draw):
+    """A graph (grid, hexagons, irregular) and loads around the gate, some silent."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32)))
+    kind = draw(st.sampled_from(["grid", "hex", "irregular", "lone"]))
+    if kind == "lone":
+        position, reach = np.zeros((3, 1)), 0.01
+    elif kind == "irregular":
+        position, reach = 0.08 * rng.random((3, 40)), 0.02
+    else:
+        position, reach = naive.grid(5, 8), 0.0125
+        if kind == "hex":
+            position[0] += 0.5 * (np.arange(40) // 8 % 2) * 0.012
+            reach = 0.0145
+    n = position.shape[1]
+    load = SIGMA * rng.uniform(-2.0, 9.0, n)
+    load[rng.random(n) < 0.1] = np.nan
+    valid = rng.random(n) > 0.1
+    touching = rng.random(n) < 0.3
+    return load, neighbour_graph(position, reach), valid, touching
+
+
+@given(scenes())
+def test_clusters_are_the_connected_components(scene):
+    load, graph, valid, touching = scene
+    label = contact_clusters(load, SIGMA, *graph, valid=valid, touching=touching)
+    expected = naive.clusters(load, SIGMA, *graph, valid, touching, 5.0, 3.0)
+    assert naive.sets_of(label) == expected
+
+
+@given(scenes(), st.integers(0, 2**32))
+def test_permutation_changes_nothing_but_labels(scene, seed):
+    load, (start, index), valid, touching = scene
+    n = load.size
+    order = np.random.default_rng(seed).permutation(n)
+    permuted = naive.rows_of(start, index)[order][:, order].sorted_indices()
+    label = contact_clusters(load, SIGMA, start, index, valid=valid, touching=touching)
+    moved = contact_clusters(
+        load[order],
+        SIGMA,
+        permuted.indptr,
+        permuted.indices,
+        valid=valid[order],
+        touching=touching[order],
+    )
+    back = np.empty(n, int)
+    back[order] = moved
+    assert naive.sets_of(back) == naive.sets_of(label)
+
+
+@given(scenes())
+def test_machine_code_and_python_join_alike(scene):
+    load, graph, valid, touching = scene
+    n = load.size
+    results = []
+    for kernel in (join, join_python):
+        units = np.zeros((len(UNIT_ROWS), n + 1), np.int32)
+        units[TOUCHING, :n] = touching
+        told = load[np.newaxis], np.full((1, n), SIGMA)
+        parts = kernel(*told, *told, valid, packed_graph(n, *graph), 5.0, 3.0, units)
+        results.append((parts, units))
+    assert results[0][0] == results[1][0]
+    np.testing.assert_array_equal(results[0][1], results[1][1])
+
+
+def test_shear_makes_no_contact_and_a_starting_unit_needs_five_sigma():
+    graph = neighbour_graph(naive.grid(1, 3), 0.012)
+    assert contact_clusters(SIGMA * np.array([4.9, 0, 0]), SIGMA, *graph).tolist() == [-1] * 3
+    assert contact_clusters(SIGMA * np.array([4.9, 5.1, 2.9]), SIGMA, *graph).tolist() == [0, 0, -1]
+    held = np.array([True, False, False])
+    label = contact_clusters(SIGMA * np.array([3.1, 0, 0]), SIGMA, *graph, touching=held)
+    assert label.tolist() == [0, -1, -1]
+
+
+def test_a_unit_that_falls_silent_does_not_cut_its_contact_in_two():
+    graph = neighbour_graph(naive.grid(1, 3), 0.012)
+    load = SIGMA * np.array([9.0, np.nan, 9.0])
+    was_touching = np.ones(3, bool)
+    assert contact_clusters(load, SIGMA, *graph, touching=was_touching).tolist() == [0, -1, 0]
+    assert contact_clusters(load, SIGMA, *graph).tolist() == [0, -1, 1]
+
+
+def test_noise_starts_contacts_at_the_rate_that_was_asked_for():
+    n, rate, cycles = 64, 250.0, 1000
+    false_per_hour = 3600.0 * rate / 20.0
+    gate = start_sigma_for(false_per_hour, n, rate)
+    noise = np.random.default_rng(1).standard_normal((cycles, n))
+    count = np.count_nonzero(noise > gate)
+    assert count == pytest.approx(cycles / 20.0, abs=4.0 * np.sqrt(cycles / 20.0))
+
+
+@pytest.mark.parametrize(
+    ("start", "index", "words"),
+    [
+        ([0, 1], [1], "neighbour_start: must be 3 numbers"),
+        ([0, 1, 2], [1], "neighbour_index: must be 2 numbers"),
+        ([0, 1, 2], [1, 2], "neighbour_index: must be units 0 to 1; got 1 to 2"),
+    ],
+)
+def test_a_wrong_graph_is_refused(start, index, words):
+    with pytest.raises(SkinError, match=words):
+        contact_clusters(np.ones(2), SIGMA, start, index)

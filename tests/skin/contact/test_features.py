@@ -1,0 +1,293 @@
+"""What a contact is: against slow sums, and the laws of wrenches and centres."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
+
+import tests.naive.contact as naive
+from skin.contact import features
+from skin.contact.clusters import neighbour_graph
+from skin.contact.feature_kernels import describe_python
+from skin.contact.features import contact_features, wrench_in_frame
+from skin.contact.records import Flag
+from skin.errors import SkinError
+
+AREA = 1.1e-4
+seeds = st.integers(0, 2**32)
+
+
+def scene(seed, n=30, clusters=3):
+    """Units anywhere, turned anyhow, each in one of the clusters or in none."""
+    rng = np.random.default_rng(seed)
+    force = rng.normal(0.0, 1.0, (3, n))
+    force[2] = rng.uniform(0.1, 5.0, n)
+    sigma = rng.uniform(0.005, 0.03, (3, n))
+    position = 0.1 * rng.random((3, n)) + 3.0
+    rotation = np.moveaxis(Rotation.random(n, rng=rng).as_matrix(), 0, 2)
+    label = rng.integers(-1, clusters, n)
+    label[:clusters] = np.arange(clusters)
+    return label, force, sigma, position, rotation
+
+
+@given(seeds)
+def test_wrench_centre_and_covariances_are_the_slow_sums(seed):
+    label, force, sigma, position, rotation = scene(seed)
+    contacts, _ = contact_features(label, force, sigma, position, rotation, AREA)
+    for k, contact in enumerate(contacts):
+        units = np.flatnonzero(label == k)
+        wrench, covariance = naive.wrench(units, force, sigma, position, rotation, np.zeros(3))
+        np.testing.assert_allclose(contact["wrench"], wrench, atol=1e-10)
+        np.testing.assert_allclose(contact["wrench_covariance"], covariance, atol=1e-12)
+        centre, spread = naive.centre(units, force[2], sigma[2], position)
+        np.testing.assert_allclose(contact["centroid"], centre, atol=1e-12)
+        np.testing.assert_allclose(contact["centroid_covariance"], spread, atol=1e-15)
+        wrench, covariance = naive.wrench(units, force, sigma, position, rotation, centre)
+        np.testing.assert_allclose(contact["moment"], wrench[3:], atol=1e-12)
+        np.testing.assert_allclose(contact["moment_covariance"], covariance[3:, 3:], atol=1e-15)
+        assert contact["area"] == pytest.approx(AREA * units.size)
+        assert contact["peak_unit"] == units[np.argmax(force[2, units])]
+        assert contact["mean_pressure"] == pytest.approx(force[2, units].mean() / AREA)
+
+
+@given(seeds)
+def test_wrenches_of_clusters_add_up_to_the_total(seed):
+    label, force, sigma, position, rotation = scene(seed)
+    contacts, total = contact_features(label, force, sigma, position, rotation, AREA)
+    for name in ("wrench", "wrench_covariance", "load", "area"):
+        np.testing.assert_allclose(contacts[name].sum(0), total[name], rtol=1e-9, atol=1e-12)
+    centre = contacts["load"] @ contacts["centroid"] / total["load"]
+    np.testing.assert_allclose(total["centroid"], centre, atol=1e-12)
+
+
+@given(seeds)
+def test_wrench_is_covariant_under_rigid_motion(seed):
+    label, force, sigma, position, rotation = scene(seed)
+    rng = np.random.default_rng(seed)
+    turn, shift = Rotation.random(rng=rng).as_matrix(), rng.normal(0.0, 0.5, 3)
+    here, _ = contact_features(label, force, sigma, position, rotation, AREA)
+    there, _ = contact_features(
+        label,
+        force,
+        sigma,
+        turn @ position + shift[:, np.newaxis],
+        np.einsum("ij,jkn->ikn", turn, rotation),
+        AREA,
+    )
+    back, origin = turn.T, -turn.T @ shift
+    for a, b in zip(here, there, strict=True):
+        moved, covariance = wrench_in_frame(
+            a["wrench"], back, origin, covariance=a["wrench_covariance"]
+        )
+        np.testing.assert_allclose(b["wrench"], moved, atol=1e-9)
+        np.testing.assert_allclose(b["wrench_covariance"], covariance, atol=1e-9)
+        np.testing.assert_allclose(b["centroid"], turn @ a["centroid"] + shift, atol=1e-11)
+        # along a normal that is fitted, and turns by rounding where the units hardly tell it
+        assert b["torsion"] == pytest.approx(a["torsion"], rel=1e-7, abs=1e-8)
+        assert b["shear"] == pytest.approx(a["shear"], rel=1e-7, abs=1e-8)
+
+
+@given(seeds, st.floats(0.5, 20.0))
+def test_centre_lies_in_the_hull_and_is_indifferent_to_the_scale_of_force(seed, scale):
+    label, force, _, position, rotation = scene(seed, clusters=1)
+    contacts, _ = contact_features(label, force, 0.001, position, rotation, AREA)
+    scaled, _ = contact_features(label, scale * force, 0.001, position, rotation, AREA)
+    np.testing.assert_allclose(scaled["centroid"], contacts["centroid"], atol=1e-12)
+    hull = ConvexHull(position[:, label == 0].T)
+    outside = hull.equations[:, :3] @ contacts["centroid"][0] + hull.equations[:, 3]
+    assert outside.max() <= 1e-9
+
+
+@given(seeds)
+def test_permutation_of_units_changes_no_number(seed):
+    label, force, sigma, position, rotation = scene(seed)
+    order = np.random.default_rng(seed).permutation(label.size)
+    a, _ = contact_features(label, force, sigma, position, rotation, AREA)
+    b, _ = contact_features(
+        label[order], force[:, order], sigma[:, order], position[:, order], rotation[:, :, order],
+        AREA,
+    )  # fmt: skip
+    for name in ("wrench", "moment", "centroid", "normal", "arm", "torsion_sigma", "extent"):
+        np.testing.assert_allclose(a[name], b[name], atol=1e-9)
+
+
+def test_centre_covariance_covers():
+    rng = np.random.default_rng(4)
+    position = naive.grid(4, 5)
+    n = position.shape[1]
+    true = rng.uniform(0.5, 2.0, n)
+    centre = position @ true / true.sum()
+    hits = []
+    for _ in range(400):
+        force = np.zeros((3, n))
+        force[2] = true + 0.05 * rng.standard_normal(n)
+        contacts, _ = contact_features(
+            np.zeros(n, int), force, 0.05, position, naive.facing_down(n), AREA
+        )
+        error = (contacts["centroid"][0] - centre)[:2]
+        spread = contacts["centroid_covariance"][0][:2, :2]
+        hits.append(error @ np.linalg.solve(spread, error))
+    # Two degrees of freedom: half of all errors lie within 1.386.
+    assert np.mean(np.array(hits) < 2.0 * np.log(2.0)) == pytest.approx(0.5, abs=0.1)
+    assert np.mean(hits) == pytest.approx(2.0, rel=0.2)
+
+
+def test_a_load_below_five_sigma_has_no_centre():
+    position, n = naive.grid(2, 2), 4
+    force = np.zeros((3, n))
+    force[2] = 0.04
+    for sigma, weak in ((0.0155, False), (0.0165, True)):
+        contacts, total = contact_features(
+            np.zeros(n, int), force, sigma, position, naive.facing_down(n), AREA
+        )
+        for record in (contacts[0], total):
+            assert bool(record["flags"] & Flag.WEAK) == weak
+            assert np.isnan(record["centroid"]).all() == weak
+            assert np.isnan(record["torsion"]) == weak
+            assert record["load"] == pytest.approx(0.16)
+
+
+def test_normal_follows_what_touches_and_falls_back_on_the_units():
+    position = naive.grid(4, 5)
+    n = position.shape[1]
+    force = np.zeros((3, n))
+    force[2] = 1.0
+    slope = np.array([0.02, -0.05])
+    displacement = np.zeros((3, n))
+    displacement[2] = 1.0 + 1e3 * slope @ position[:2]
+    contacts, _ = contact_features(
+        np.zeros(n, int), force, 0.01, position, naive.facing_down(n), AREA,
+        displacement_mm=displacement,
+    )  # fmt: skip
+    normal = np.array([*slope, 1.0])
+    np.testing.assert_allclose(contacts["normal"][0], normal / np.linalg.norm(normal), atol=1e-9)
+    axes = contacts["axes"][0]
+    np.testing.assert_allclose(axes.T @ axes, np.eye(3), atol=1e-12)
+    assert np.linalg.det(axes) == pytest.approx(1.0)
+    assert abs(axes[0, 0]) > 0.99
+    pitch = 0.012
+    np.testing.assert_allclose(contacts["extent"][0], pitch * np.sqrt([2.0, 1.25]), rtol=2e-3)
+    row = np.where(np.arange(n) < 5, 0, -1)
+    contacts, _ = contact_features(
+        row, force, 0.01, position, naive.facing_down(n), AREA, displacement_mm=displacement
+    )
+    np.testing.assert_allclose(contacts["normal"][0], [0.0, 0.0, 1.0])
+    assert contacts["flags"][0] & Flag.NORMAL_ASSUMED
+
+
+def test_torsion_is_the_moment_about_the_outward_normal():
+    position = naive.grid(5, 5)
+    rotation = naive.facing_down(25)
+    about = position - position.mean(1, keepdims=True)
+    spin = np.array([-about[1], about[0], 0.0 * about[0]])
+    force = np.einsum("jin,jn->in", rotation, spin)
+    force[2] = 1.0
+    contacts, _ = contact_features(np.zeros(25, int), force, 0.01, position, rotation, AREA)
+    assert contacts["torsion"][0] == pytest.approx((about**2).sum())
+    assert contacts["shear"][0] == pytest.approx(0.0, abs=1e-12)
+    radius = np.hypot(about[0], about[1])
+    assert contacts["arm"][0] == pytest.approx(radius.mean())
+    lever = 0.01 * np.sqrt((about**2).sum())
+    assert contacts["torsion_sigma"][0] == pytest.approx(lever)
+
+
+def test_temperature_gradient_and_hot_spot_of_a_warm_slope():
+    position, rotation = naive.cylinder(4, 4)
+    n = position.shape[1]
+    force = np.zeros((3, n))
+    force[2] = np.linspace(1.0, 2.0, n)
+    slope = np.array([300.0, -200.0, 0.0])
+    temperature = 20.0 + slope @ position
+    temperature[3] = np.nan
+    contacts, _ = contact_features(
+        np.zeros(n, int), force, 0.01, position, rotation, AREA, temperature=temperature
+    )
+    contact = contacts[0]
+    assert contact["hot_unit"] == np.nanargmax(temperature)
+    assert contact["temperature"] == pytest.approx(np.nanmean(temperature))
+    across = slope - contact["normal"] * (slope @ contact["normal"])
+    np.testing.assert_allclose(contact["temperature_gradient"], across, atol=0.1 * 360.0)
+    flat = naive.grid(4, 4)
+    contacts, _ = contact_features(
+        np.zeros(n, int), force, 0.01, flat, naive.facing_down(n), AREA,
+        temperature=20.0 + slope @ flat,
+    )  # fmt: skip
+    np.testing.assert_allclose(contacts["temperature_gradient"][0], slope, atol=1e-6)
+    row = np.where(np.arange(n) < 4, 0, -1)
+    contacts, _ = contact_features(
+        row, force, 0.01, flat, naive.facing_down(n), AREA, temperature=temperature
+    )
+    assert np.isnan(contacts["temperature_gradient"][0]).all()
+
+
+@given(seeds)
+def test_silent_units_change_coverage_and_no_other_number(seed):
+    rng = np.random.default_rng(seed)
+    position, n = naive.grid(5, 6), 30
+    graph = neighbour_graph(position, 0.0175)
+    force = rng.normal(0.0, 0.2, (3, n))
+    force[2] = rng.uniform(0.5, 2.0, n)
+    silent = rng.random(n) < 0.3
+    silent[0] = False
+    label = np.where(silent, -1, 0)
+    broken = np.where(silent, rng.choice([np.nan, 1e6, -1e6]), force)
+    given_graph = {"neighbour_start": graph[0], "neighbour_index": graph[1], "silent": silent}
+    a, _ = contact_features(label, force, 0.01, position, naive.facing_down(n), AREA, **given_graph)
+    b, _ = contact_features(
+        label, broken, 0.01, position, naive.facing_down(n), AREA, **given_graph
+    )
+    assert a.tobytes() == b.tobytes()
+    beside = naive.rows_of(*graph)[np.flatnonzero(label == 0)].sum(0) > 0
+    missing = np.count_nonzero(silent & np.asarray(beside).ravel())
+    used = np.count_nonzero(label == 0)
+    assert a["coverage"][0] == pytest.approx(used / (used + missing))
+
+
+def test_a_skin_far_from_the_origin_loses_no_digits():
+    label, force, sigma, position, rotation = scene(7)
+    far = np.array([1e4, -2e4, 5e3])
+    a, _ = contact_features(label, force, sigma, position, rotation, AREA)
+    b, _ = contact_features(label, force, sigma, position + far[:, np.newaxis], rotation, AREA)
+    np.testing.assert_allclose(b["moment"], a["moment"], atol=1e-9)
+    np.testing.assert_allclose(b["torsion_sigma"], a["torsion_sigma"], rtol=1e-6)
+
+
+def test_float32_readings_are_summed_in_float64():
+    n = 1024
+    rng = np.random.default_rng(3)
+    force = rng.uniform(0.0, 8.0, (3, n)).astype(np.float32)
+    position, rotation = naive.grid(32, 32), naive.facing_down(n)
+    contacts, _ = contact_features(np.zeros(n, int), force, 0.01, position, rotation, AREA)
+    exact = np.array([1.0, -1.0, -1.0]) * force.astype(float).sum(1)
+    np.testing.assert_allclose(contacts["wrench"][0, :3], exact, rtol=1e-14)
+
+
+def test_an_area_that_is_none_is_refused():
+    with pytest.raises(SkinError, match="area: must be positive"):
+        contact_features(
+            np.zeros(1, int), np.ones((3, 1)), 0.1, np.zeros((3, 1)), naive.facing_down(1), 0.0
+        )
+
+
+@given(seeds)
+def test_machine_code_and_python_describe_alike(seed):
+    _, force, sigma, position, rotation = scene(seed, n=12)
+    rng = np.random.default_rng(seed)
+    label, n = np.arange(12) % 3 - (np.arange(12) % 12 == 7), 12
+    graph = neighbour_graph(position, 0.05)
+    options = {
+        "displacement_mm": rng.uniform(0.0, 2.0, (3, n)),
+        "temperature": rng.uniform(20.0, 60.0, n),
+        "silent": rng.random(n) < 0.2,
+        "neighbour_start": graph[0],
+        "neighbour_index": graph[1],
+    }
+    compiled = contact_features(label, force, sigma, position, rotation, AREA, **options)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(features, "describe", describe_python)
+        python = contact_features(label, force, sigma, position, rotation, AREA, **options)
+    for a, b in zip(compiled, python, strict=True):
+        for name in a.dtype.names:
+            np.testing.assert_allclose(a[name], b[name], rtol=1e-7, atol=1e-9, err_msg=name)

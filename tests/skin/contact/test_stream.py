@@ -1,0 +1,588 @@
+"""The stream of contacts: what it tells is what the parts compute, and only what is wanted."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+import tests.naive.contact as naive
+from skin.contact import detect, step_kernel
+from skin.contact import stream as module
+from skin.contact.cluster_kernels import find_contacts_python
+from skin.contact.clusters import neighbour_graph
+from skin.contact.detect import shock_python
+from skin.contact.feature_kernels import describe_python
+from skin.contact.features import contact_features
+from skin.contact.records import Event, Flag, SlipState, UnitSlip
+from skin.contact.slip import SlipSettings
+from skin.contact.slip_kernels import judge_python
+from skin.contact.step_kernel import step_python
+from skin.contact.stream import CONTACT_WANTS, ContactStream
+from skin.errors import OptionError, SkinError
+
+ROWS, COLUMNS, PITCH, AREA = 8, 10, 0.012, 1.1e-4
+N = ROWS * COLUMNS
+CYCLE_NS = 4_000_000
+seeds = st.integers(0, 2**32)
+
+
+def plate(**options):
+    """Stream of a flat plate that faces +z; the contacts are wanted if nothing else is said."""
+    position = naive.grid(ROWS, COLUMNS, PITCH)
+    graph = neighbour_graph(position, 1.01 * PITCH)
+    options = {"dtype": "float64"} | options
+    return ContactStream(position, naive.facing_down(N), AREA, *graph, **options)
+
+
+def press(*bumps, shear=0.2):
+    """Forces under round bodies: row, column, peak load, radius in pitches each."""
+    row, column = np.divmod(np.arange(N), COLUMNS)
+    load = np.zeros(N)
+    for y, x, peak, radius in bumps:
+        load += peak * np.clip(1 - ((row - y) ** 2 + (column - x) ** 2) / radius**2, 0.0, None)
+    return np.array([shear * load, -0.5 * shear * load, load])
+
+
+def cycle(stream, force, number, **given):
+    """One cycle of noiseless displacements that follow the force."""
+    displacement = 0.3 * force if "displacement_mm" not in given else given.pop("displacement_mm")
+    return stream.update(
+        force, 0.01, displacement, 0.01, np.full(N, 25.0), stamp_ns=number * CYCLE_NS, **given
+    )
+
+
+ONE, TWO = (2.0, 2.0, 4.0, 2.2), (5.0, 7.0, 2.0, 2.2)
+BOTH = press(ONE, TWO)
+
+
+@given(seeds)
+@settings(max_examples=25)
+def test_contacts_are_those_of_the_plain_arrays(seed):
+    rng = np.random.default_rng(seed)
+    force = press(*(rng.uniform(*span) for span in [((0, 0, 1, 1.5), (7, 9, 5, 3))] * 3))
+    force += rng.normal(0.0, 0.003, (3, N))
+    valid = rng.random(N) < 0.9
+    warmth, sigma = rng.uniform(20.0, 30.0, N), rng.uniform(0.005, 0.02, (3, N))
+    stream = plate()
+    contacts = stream.update(force, sigma, 0.3 * force, None, warmth, valid, stamp_ns=1)
+    start, index = neighbour_graph(naive.grid(ROWS, COLUMNS, PITCH), 1.01 * PITCH)
+    expected, total = contact_features(
+        stream.tracker.label, force, sigma, naive.grid(ROWS, COLUMNS, PITCH),
+        naive.facing_down(N), AREA, displacement_mm=0.3 * force, temperature=warmth,
+        silent=~valid, neighbour_start=start, neighbour_index=index,
+    )  # fmt: skip
+    assert len(contacts) == expected.size
+    for contact, one in zip([*contacts, stream.total], [*expected, total], strict=True):
+        for name in ("load", "wrench", "wrench_covariance", "wrench_sigma", "centroid", "coverage",
+                     "normal", "area", "peak_unit", "torsion", "temperature", "flags"):  # fmt: skip
+            assert getattr(contact, name) == pytest.approx(one[name], rel=1e-12, nan_ok=True), name
+        variance = np.diag(contact.wrench_covariance)
+        assert contact.wrench_sigma**2 == pytest.approx(variance, abs=1e-15)
+
+
+@pytest.mark.parametrize("capacity", [1, 16])
+def test_wrenches_of_contacts_and_of_what_has_no_identity_add_up_to_the_total(capacity):
+    stream, everything = plate(capacity=capacity), plate()
+    for each in (stream, everything):
+        cycle(each, BOTH, 1)
+    assert len(stream.contacts) == min(capacity, 2)
+    assert stream.tracker.untracked == 2 - len(stream.contacts)
+    assert stream.total.wrench == pytest.approx(sum(c.wrench for c in everything.contacts))
+    assert stream.total.load == pytest.approx(BOTH[2].sum())
+
+
+def test_the_total_alone_is_the_same_total():
+    valid = np.ones(N, bool)
+    valid[[22, 57, 58]] = False
+    alone, whole = plate(want={"wrench"}), plate(want=CONTACT_WANTS)
+    for each in (alone, whole):
+        for number in (1, 2):
+            cycle(each, BOTH, number, valid=valid)
+    for name in ("load", "wrench", "wrench_covariance", "centroid", "centroid_covariance", "moment",
+                 "area", "coverage", "peak_unit", "temperature", "normal"):  # fmt: skip
+        assert getattr(alone.total, name) == pytest.approx(getattr(whole.total, name)), name
+    assert whole.total.coverage < 1.0
+
+
+@pytest.mark.parametrize(
+    ("want", "spared"),
+    [
+        ((), {"describe", "judge", "shock"}),
+        ({"wrench"}, {"judge", "shock"}),
+        ({"contacts"}, {"judge", "shock"}),
+        ({"slip"}, {"shock"}),
+        ({"shocks"}, {"judge"}),
+    ],
+)
+def test_what_is_not_wanted_is_not_computed(monkeypatch, want, spared):
+    called = set()
+    monkeypatch.setattr(module, "step", step_python)
+    for home, name, what in (
+        (step_kernel, "describe", "describe"),
+        (step_kernel, "judge", "judge"),
+        (module.Shocks, "update", "shock"),
+    ):
+        kernel = getattr(home, name)
+
+        def note(*args, kernel=kernel, what=what):
+            called.add(what)
+            return kernel(*args)
+
+        monkeypatch.setattr(home, name, note)
+    stream = plate(want=want)
+    for number in range(1, 4):
+        assert len(cycle(stream, BOTH, number)) == 2
+    assert called == {"describe", "judge", "shock"} - spared
+    called.clear()
+    for number in range(4, 60):
+        assert cycle(stream, np.zeros((3, N)), number) == []
+    assert called == set()
+
+
+def test_without_contact_there_is_no_force_and_no_centre():
+    stream = plate(want=CONTACT_WANTS)
+    untouched = stream.total.record.copy()
+    cycle(stream, BOTH, 1)
+    assert (stream.unit_slip > 0).any()
+    cycle(stream, np.zeros((3, N)), 2)
+    assert stream.contacts == []
+    assert (stream.total.wrench == 0.0).all()
+    assert np.isnan(stream.total.centroid).all()
+    assert stream.total.flags == Flag.WEAK
+    for name in untouched.dtype.names:
+        np.testing.assert_array_equal(stream.total.record[name], untouched[name], name)
+    assert (stream.unit_slip == UnitSlip.NO_CONTACT).all()
+    assert not stream.touching.any()
+
+
+@given(seeds)
+@settings(max_examples=20)
+def test_permutation_of_units_changes_no_contact(seed):
+    order = np.random.default_rng(seed).permutation(N)
+    position, rotation = naive.grid(ROWS, COLUMNS, PITCH), naive.facing_down(N)
+    shuffled = ContactStream(
+        position[:, order], rotation[:, :, order], AREA,
+        *neighbour_graph(position[:, order], 1.01 * PITCH), dtype="float64", want={"slip"},
+    )  # fmt: skip
+    stream = plate(want={"slip"})
+    for number in range(1, 5):
+        force = press(ONE, TWO, shear=0.1 * number)
+        cycle(stream, force, number)
+        cycle(shuffled, force[:, order], number)
+    one, other = (sorted(s.contacts, key=lambda c: c.load) for s in (stream, shuffled))
+    for a, b in zip(one, other, strict=True):
+        assert set(order[b.units].tolist()) == set(a.units.tolist())
+        for name in ("wrench", "centroid", "moment", "stick_ratio"):
+            assert getattr(b, name) == pytest.approx(getattr(a, name), abs=1e-9), name
+
+
+def test_invalid_units_change_coverage_and_no_number_of_the_rest():
+    force, valid = BOTH.copy(), np.ones(N, bool)
+    valid[::7] = False
+    lying = force.copy()
+    lying[:, ::7] = 99.0
+    gone = force.copy()
+    gone[:, ::7] = np.nan
+    told = []
+    for values, trusted in ((lying, valid), (gone, None)):
+        stream = plate(want={"slip"})
+        cycle(stream, values, 1, valid=trusted)
+        told.append([c.record.tobytes() for c in stream.contacts])
+        assert stream.coverage == pytest.approx(valid.mean())
+        assert stream.contacts[0].coverage < 1.0
+    assert told[0] == told[1]
+
+
+@pytest.mark.parametrize("row", [0, 1, 2])
+def test_a_number_that_is_none_makes_its_unit_silent_and_spoils_no_other(row):
+    clean, broken = plate(want={"slip"}), plate(want={"slip"})
+    unit = 2 * COLUMNS + 2
+    valid = np.ones(N, bool)
+    valid[unit] = False
+    spoiled = BOTH.copy()
+    spoiled[row, unit] = np.nan
+    for number in range(1, 4):
+        cycle(clean, BOTH, number, valid=valid)
+        cycle(broken, spoiled, number)
+    for one, other in zip(clean.contacts, broken.contacts, strict=True):
+        assert unit not in other.units
+        assert one.wrench == pytest.approx(other.wrench)
+        assert one.coverage == other.coverage < 1.0 or one.coverage == other.coverage == 1.0
+    assert broken.coverage == pytest.approx(1.0 - 1.0 / N)
+
+
+@pytest.mark.parametrize("row", [0, 1, 2])
+def test_a_displacement_that_is_none_for_a_cycle_does_not_blind_slip(row):
+    stream, unit = plate(want={"slip"}), 2 * COLUMNS + 2
+    for number in range(1, 12):
+        moved = 0.3 * BOTH
+        if number == 5:
+            moved[row, unit] = np.nan
+        moved[row, 0] = np.nan  # nobody asks for that of a unit without load
+        contact = cycle(stream, BOTH, number, displacement_mm=moved)[0]
+        assert (unit in contact.units) == (number != 5)
+        assert np.isfinite(contact.motion).all()
+        assert contact.slip == (SlipState.NONE if number == 1 else SlipState.STICK)
+        assert stream.coverage == (1.0 if number != 5 else pytest.approx(1 - 1 / N))
+
+
+@given(seeds)
+@settings(max_examples=25)
+def test_whatever_is_told_totals_are_of_what_can_be_trusted(seed):
+    rng = np.random.default_rng(seed)
+    stream = plate(want=CONTACT_WANTS, capacity=3)
+    for number in range(1, 8):
+        force = rng.normal(0.0, 2.0, (3, N)) * rng.choice([0.0, 1.0, 1e6], N)
+        moved = rng.normal(0.0, 1.0, (3, N))
+        for values in (force, moved):
+            values[rng.integers(0, 3, 5), rng.integers(0, N, 5)] = rng.choice([np.nan, np.inf])
+        sigma = rng.uniform(0.0, 0.1, (3, N))
+        valid = rng.random(N) < 0.9
+        stream.update(force, sigma, moved, 0.01, None, valid, stamp_ns=number * CYCLE_NS)
+        used = stream.touching
+        assert np.isfinite(force[:, used]).all()
+        assert valid[used].all()
+        assert np.isfinite(stream.total.wrench).all()
+        assert stream.total.load == pytest.approx(force[2, used].sum())
+        assert sum(c.units.size for c in stream.contacts) <= used.sum()
+
+
+def test_patches_that_move_against_each_other_carry_their_forces_along():
+    finger = np.arange(N) >= N // 2
+    position, rotation = naive.grid(ROWS, COLUMNS, PITCH), naive.facing_down(N)
+    force_units = press((1.5, 2.0, 4.0, 2.2), (6.0, 7.0, 2.0, 2.2))
+    stream = plate(want={"slip"})
+    cycle(stream, force_units, 1)
+    rest = [c.wrench.copy() for c in stream.contacts]
+    for number in range(2, 30):
+        turn = Rotation.from_rotvec([0.0, 0.02 * number, 0.0]).as_matrix()
+        shift = np.array([0.0, 0.0, 0.001 * number])
+        moved, turned = position.copy(), rotation.copy()
+        moved[:, finger] = turn @ position[:, finger] + shift[:, None]
+        turned[:, :, finger] = np.einsum("ij,jkn->ikn", turn, rotation[:, :, finger])
+        stream.move(moved, turned)
+        palm, tip = cycle(stream, force_units, number)
+        assert palm.wrench == pytest.approx(rest[0], abs=1e-12)
+        force, moment = turn @ rest[1][:3], turn @ rest[1][3:]
+        assert tip.wrench[:3] == pytest.approx(force, abs=1e-12)
+        assert tip.wrench[3:] == pytest.approx(moment + np.cross(shift, force), abs=1e-12)
+        assert tip.normal == pytest.approx(turn @ [0, 0, 1], abs=0.2)
+        assert {palm.id, tip.id} == {1, 2}
+        # What is told of slip is told in the units' own frames: no unit has been dragged.
+        assert (palm.slip, tip.slip) == (SlipState.STICK, SlipState.STICK)
+    with pytest.raises(SkinError, match="position, rotation: must have shapes"):
+        stream.move(moved[:, 1:], turned)
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("given", [np.float32, np.float64])
+def test_arrays_that_are_written_anew_in_place_are_read_anew(dtype, given):
+    stream = plate(dtype=dtype)
+    force, valid = BOTH.astype(given), np.ones(N, bool)
+    for number in range(1, 6):
+        force[:] = number * BOTH
+        stream.update(force, 0.01, valid=valid, stamp_ns=number)
+        assert stream.total.load == pytest.approx(number * BOTH[2].sum(), rel=1e-6)
+    valid[force[2] < 3.0] = False
+    stream.update(force, 0.01, valid=valid, stamp_ns=9)
+    assert stream.total.load == pytest.approx(force[2, force[2] >= 3.0].sum(), rel=1e-6)
+
+
+def moving_scene(number, rng):
+    """What a cycle brings of two contacts that come and go: all six arguments, float64."""
+    force = press(ONE, TWO) if number % 7 else press(ONE)
+    force[:, force[2] > 0] *= 1.0 + 0.1 * np.sin(0.3 * number)
+    force += rng.normal(0.0, 0.003, (3, N))
+    sigma = rng.uniform(0.005, 0.02, (3, N))
+    warmth = rng.uniform(20.0, 30.0, N)
+    return force, sigma, 0.3 * force, 0.2 * sigma, warmth, rng.random(N) < 0.95
+
+
+def told_by(stream):
+    """All that a cycle has told, as bytes."""
+    return (stream.records.tobytes(), stream.tracker.label.tobytes(), stream.unit_slip.tobytes(),
+            stream.paths.tobytes(), [c.id for c in stream.contacts])  # fmt: skip
+
+
+def in_place(given, numbers):
+    for array, values in zip(given, numbers, strict=True):
+        array[...] = values
+    return given
+
+
+def strided(array):
+    wide = np.zeros((*array.shape[:-1], 2 * array.shape[-1]), array.dtype)
+    wide[..., ::2] = array
+    return wide[..., ::2]
+
+
+def unaligned(array):
+    memory = np.zeros(array.nbytes + 1, np.uint8)
+    shifted = memory[1:].view(array.dtype).reshape(array.shape)
+    shifted[...] = array
+    return shifted
+
+
+def frozen(array):
+    array.flags.writeable = False
+    return array
+
+
+HANDED_OVER = {
+    "fresh": np.copy,
+    "strided": strided,
+    "unaligned": unaligned,
+    "frozen": lambda array: frozen(array.copy()),
+    "fortran": np.asfortranarray,
+    "wider": lambda array: array.astype(np.float64 if array.dtype.kind == "f" else np.int64),
+    "swapped": lambda array: array.astype(array.dtype.newbyteorder()),
+    "listed": lambda array: array.tolist(),
+    "derived": lambda array: array.view(np.matrix) if array.ndim == 2 else array.copy(),
+}
+
+
+@pytest.mark.parametrize("how", HANDED_OVER)
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_it_does_not_matter_how_readings_are_handed_over(dtype, how):
+    rng = np.random.default_rng(8)
+    same, other = (plate(want=CONTACT_WANTS, dtype=dtype) for _ in range(2))
+    kept = [np.zeros((3, N), dtype) for _ in range(4)] + [np.zeros(N, dtype), np.zeros(N, bool)]
+    for number in range(1, 25):
+        given = in_place(kept, moving_scene(number, rng))
+        same.update(*given, stamp_ns=number * CYCLE_NS)
+        turned = [HANDED_OVER[how](a.copy()) for a in given]
+        # Now and then as the other does, and one by one.
+        mixed = [a if (number + k) % 4 == 0 else b
+                 for k, (a, b) in enumerate(zip(given, turned, strict=True))]  # fmt: skip
+        other.update(*mixed, stamp_ns=number * CYCLE_NS)
+        assert told_by(other) == told_by(same)
+
+
+def test_a_list_that_is_changed_and_a_number_that_is_another_are_read_anew():
+    stream = plate()
+    force = BOTH.tolist()
+    stream.update(force, 0.01, stamp_ns=1)
+    force[2] = (2.0 * BOTH[2]).tolist()
+    stream.update(force, 0.01, stamp_ns=2)
+    assert stream.total.load == pytest.approx(2.0 * BOTH[2].sum())
+    sigma = stream.total.load_sigma
+    stream.update(force, 0.02, stamp_ns=3)
+    assert stream.total.load_sigma == pytest.approx(2.0 * sigma)
+
+
+def test_a_cycle_that_is_refused_is_forgotten():
+    stream = plate(want={"slip"})
+    force, moved = BOTH.copy(), 0.3 * BOTH
+    stream.update(force, 0.01, moved, 0.01, stamp_ns=1)
+    told = stream.total.load_sigma
+    with pytest.raises(SkinError, match="temperature: must have shape"):
+        stream.update(force, 0.02, moved, 0.01, np.zeros(3), stamp_ns=2)
+    stream.update(force, 0.01, moved, 0.01, stamp_ns=2)
+    assert stream.total.load_sigma == told
+
+
+def test_what_is_not_given_any_more_is_not_known_any_more():
+    stream, valid = plate(), np.arange(N) > 3 * COLUMNS
+    cycle(stream, BOTH, 1, valid=valid)
+    assert stream.coverage < 1.0
+    assert np.isfinite(stream.total.temperature)
+    stream.update(BOTH, 0.01, stamp_ns=2 * CYCLE_NS)
+    assert stream.coverage == 1.0
+    assert np.isnan(stream.total.temperature)
+
+
+def test_readings_of_the_last_cycle_live_as_long_as_they_are_read():
+    stream = plate()
+    for number in range(1, 20):
+        stream.update(BOTH.copy(), np.full((3, N), 0.01), stamp_ns=2 * number)
+        reused = [np.full((3, N), 99.0) for _ in range(4)]
+        stream.again(2 * number + 1)
+        assert stream.total.load == BOTH[2].sum()
+        del reused
+
+
+def test_before_anything_is_brought_nothing_touches():
+    assert plate(want=CONTACT_WANTS).again(1) == []
+
+
+def test_the_list_of_contacts_is_the_callers():
+    stream = plate()
+    cycle(stream, BOTH, 1).reverse()
+    assert [c.id for c in cycle(stream, BOTH, 2)] == [1, 2]
+    cycle(stream, BOTH, 3).clear()
+    assert [c.id for c in cycle(stream, BOTH, 4)] == [1, 2]
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])
+def test_a_copy_would_share_its_memory(copied):
+    with pytest.raises(TypeError, match="ContactStream cannot be copied or pickled"):
+        copied(plate())
+
+
+def test_readings_that_nobody_may_write_to_and_strided_ones_are_taken():
+    wide = np.zeros((6, N))
+    wide[::2] = BOTH
+    frozen = BOTH.copy()
+    frozen.flags.writeable = False
+    for number, force in enumerate((BOTH, wide[::2], frozen)):
+        stream = plate()
+        stream.update(force, 0.01, stamp_ns=number)
+        assert stream.total.load == pytest.approx(BOTH[2].sum())
+
+
+def test_age_path_and_travel_of_a_contact_that_wanders():
+    stream = plate()
+    columns = np.linspace(1.0, 8.0, 100)
+    for number, x in enumerate(columns):
+        cycle(stream, press((4.0, x, 4.0, 2.5)), number)
+    (contact,) = stream.contacts
+    assert contact.id == 1
+    assert contact.age_s == pytest.approx(99 * 0.004)
+    assert contact.travel == pytest.approx(7.0 * PITCH, rel=0.1)
+    assert contact.path[0] == pytest.approx([PITCH, 4 * PITCH, 0], abs=3e-3)
+    assert contact.path[-1] == pytest.approx([8 * PITCH, 4 * PITCH, 0], abs=3e-3)
+    assert (np.diff(contact.path[:, 0]) > 0.0).all()
+
+
+def test_a_new_contact_knows_nothing_of_the_one_whose_record_it_takes():
+    stream = plate(capacity=1, want={"slip"}, memory_s=0.01)
+    for number in range(1, 9):
+        cycle(stream, press(ONE, shear=0.3), number)
+    (old,) = stream.contacts
+    assert old.friction_lower > 0.2
+    assert old.stick_ratio == 1.0
+    old.record["friction"] = 0.5
+    for number in range(9, 20):
+        cycle(stream, np.zeros((3, N)), number)
+    cycle(stream, press(TWO, shear=0.0), 20)
+    (new,) = stream.contacts
+    assert new.event & Event.BORN
+    assert new.id == 2
+    assert np.isnan([new.friction, new.margin, new.grip_force]).all()
+    assert new.friction_lower == 0.0
+    assert np.isnan(new.onset_s)
+    assert new.travel == 0.0
+
+
+def test_slip_that_is_not_wanted_is_not_a_number():
+    stream = plate(want={"contacts"})
+    (contact, _) = cycle(stream, BOTH, 1)
+    assert contact.slip == SlipState.NONE
+    assert np.isnan([contact.stick_ratio, contact.margin, contact.friction]).all()
+
+
+@given(seeds)
+@settings(max_examples=20)
+def test_the_margin_of_one_unit_is_that_of_its_shear(seed):
+    rng = np.random.default_rng(seed)
+    turn = Rotation.from_rotvec(rng.normal(0.0, 0.3, (N, 3))).as_matrix()
+    rotation = np.einsum("nij,jkn->ikn", turn, naive.facing_down(N))
+    position = naive.grid(ROWS, COLUMNS, PITCH)
+    stream = ContactStream(
+        position, rotation, AREA, *neighbour_graph(position, 1.01 * PITCH), want={"slip"},
+        slip=SlipSettings(friction=0.4),
+    )  # fmt: skip
+    unit, force = rng.integers(N), np.zeros((3, N))
+    for number in range(1, 6):
+        force[:, unit] = *rng.uniform(-0.25, 0.25, 2), rng.uniform(1.0, 3.0)  # within the cone
+        (contact,) = cycle(stream, force, number)
+        assert contact.record["arm"] == 0.0
+        shear, load = np.hypot(*force[:2, unit]), force[2, unit]
+        assert contact.margin == pytest.approx(1.0 - shear / (0.4 * load), abs=1e-5)
+
+
+def test_shocks_of_a_contact():
+    stream = plate(want={"shocks"})
+    rng = np.random.default_rng(0)
+    for number in range(1, 120):
+        force = press(ONE if number < 60 else (2.0, 2.0, 4.4, 2.2))
+        loaded = force[2] > 0
+        force[:, loaded] += rng.normal(0.0, 0.01, (3, loaded.sum()))
+        (contact,) = cycle(stream, force, number)
+        assert contact.impact == (number in (60, 61))
+        assert contact.vibration <= (number >= 60)
+    (contact, _) = cycle(plate(), BOTH, 1)
+    with pytest.raises(SkinError, match="want: must have 'shocks'"):
+        _ = contact.impact
+
+
+def test_wrench_of_a_contact_in_the_frame_of_a_hand():
+    (contact, _) = cycle(plate(), BOTH, 1)
+    turn = Rotation.from_rotvec([0.3, -0.2, 0.9]).as_matrix()
+    wrench, covariance = contact.wrench_in(turn, contact.centroid)
+    assert wrench[3:] == pytest.approx(turn.T @ contact.moment, abs=1e-12)
+    assert covariance[3:, 3:] == pytest.approx(turn.T @ contact.moment_covariance @ turn, abs=1e-15)
+
+
+def test_machine_code_and_python_tell_alike(monkeypatch):
+    def told():
+        stream = plate(want=CONTACT_WANTS, capacity=2)
+        numbers = []
+        # Uneven loads: axes of round contacts could be any.
+        uneven = np.random.default_rng(6).uniform(0.8, 1.2, N)
+        scenes = (BOTH, press(ONE), press(ONE, TWO, (7.0, 1.0, 3.0, 1.5)), np.zeros((3, N)))
+        for number in range(1, 12):
+            valid = np.ones(N, bool)
+            valid[number::9] = False
+            cycle(stream, uneven * scenes[number // 3], number, valid=valid)
+            for contact in [*stream.contacts, stream.total]:
+                record = contact.record
+                numbers += [np.ravel(record[name]).astype(float) for name in record.dtype.names]
+        return np.concatenate(numbers)
+
+    machine = told()
+    monkeypatch.setattr(module, "step", step_python)
+    monkeypatch.setattr(step_kernel, "find_contacts", find_contacts_python)
+    monkeypatch.setattr(step_kernel, "describe", describe_python)
+    monkeypatch.setattr(step_kernel, "judge", judge_python)
+    monkeypatch.setattr(detect, "shock", shock_python)
+    with np.errstate(invalid="ignore"):
+        np.testing.assert_allclose(told(), machine, rtol=1e-6, atol=1e-9)
+
+
+def test_stream_says_what_it_sees():
+    stream = plate(want={"slip"})
+    for number in range(1, 4):
+        cycle(stream, BOTH, number)
+    assert repr(stream.contacts[0]) == (
+        f"<Contact 1: {stream.contacts[0].units.size} units, {stream.contacts[0].load:.2f} N at "
+        f"(24.0, 24.0, 0.0) mm, stick>"
+    )
+
+
+@pytest.mark.parametrize(
+    ("error", "message", "call"),
+    [
+        (OptionError, "want: must be one of 'wrench', 'centroid', 'contacts', 'slip', 'shocks'; "
+         r"got 'slips' \(nearest: 'slip'\)", lambda: plate(want={"slips"})),
+        (OptionError, "dtype: must be one of 'float32', 'float64'; got 'int8'",
+         lambda: plate(dtype="int8")),
+        (SkinError, "capacity: must be at least 1; got 0", lambda: plate(capacity=0)),
+        (SkinError, r"force: must have shape \(3, 80\); got \(3, 79\)",
+         lambda: plate().update(np.zeros((3, 79)), 0.01, stamp_ns=0)),
+        (SkinError, r"temperature: must have shape \(80,\); got \(3,\)",
+         lambda: plate().update(BOTH, 0.01, temperature=np.zeros(3), stamp_ns=0)),
+        (SkinError, r"force: must have shape \(3, 80\); got \(1, 3, 80\)",
+         lambda: plate().update(BOTH[np.newaxis], 0.01, stamp_ns=0)),
+        (SkinError, "force: must be real numbers; got complex128",
+         lambda: plate().update(BOTH + 0j, 0.01, stamp_ns=0)),
+        (SkinError, "force_sigma: must be real numbers; got object",
+         lambda: plate().update(BOTH, None, stamp_ns=0)),
+        (SkinError, "displacement_mm, displacement_sigma_mm: must be given where slip is wanted",
+         lambda: plate(want={"slip"}).update(BOTH, 0.01, stamp_ns=0)),
+    ],
+)  # fmt: skip
+def test_what_makes_no_sense_is_refused(error, message, call):
+    with pytest.raises(error, match=message):
+        call()
+
+
+def test_time_that_does_not_go_on_is_refused():
+    stream = plate()
+    cycle(stream, BOTH, 3)
+    with pytest.raises(SkinError, match="stamp_ns: must be after the last one, 12000000; got 12"):
+        cycle(stream, BOTH, 3)

@@ -1,0 +1,276 @@
+"""The ambient field, told from units that nothing touches."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import topology
+from bus.status import Status
+from skin.decode import ambient_kernels
+from skin.decode.ambient import Ambient
+from skin.errors import CalibrationError, OptionError
+from tests.fixtures.ambient import World, apart, without_bz
+from tests.fixtures.decode import calibrated, with_parameters
+
+EARTH = np.array([[20.0], [30.0], [-44.0]])
+TURN = 1.0  # rad/s
+
+
+def settled(skin, *, seed=0, noise=True, seconds=8.0, **options):
+    """A world at rest, and an `Ambient` that has got to know it."""
+    ambient, world = Ambient(skin, **options), World(skin, seed=seed, noise=noise)
+    world.run(ambient, seconds)
+    return ambient, world
+
+
+@pytest.mark.parametrize("name", ["palm", "fingertip", "strip"])
+def test_uniform_field_is_found_on_skins_of_any_shape(name):
+    skin = calibrated(topology.load(name), seed=3)
+    ambient, world = settled(skin, noise=False, dtype="float64")
+    world.ambient_ut[:] = EARTH
+    world.run(ambient, 4.0)
+    assert np.abs(ambient.field_ut - EARTH).max() < 0.1
+    left = world.cycle(ambient.background).field_ut
+    left[2] -= ambient.rest_ut
+    assert np.abs(left).max() < 0.5  # beside the chip's gain, of which the loop knows nothing
+    assert np.abs(ambient.zero[1:]).max() < 0.5
+
+
+def test_film_beside_its_chip_is_no_ambient_field():
+    """What it adds at rest is the unit's own: 165 µT for 0.1 mm, all of them to one side."""
+    skin = with_parameters(topology.load("palm"), film_x_mm=0.08, film_y_mm=-0.06)
+    ambient, world = Ambient(skin), World(skin)
+    world.stray_ut[:2] = np.array([[0.8], [-0.6]]) * 11073.0 * np.exp(-1.44) * np.sin(0.02 * np.pi)
+    world.run(ambient, 8.0)
+    assert np.abs(ambient.field_ut).max() < 15.0
+    assert ambient.followed.all()
+
+
+def test_background_reads_as_the_counts_do():
+    """Through the map, the axes and the rotation of each unit."""
+    skin = calibrated(topology.load("fingertip"), seed=5)
+    ambient, world = settled(skin, noise=False, dtype="float64")
+    before = world.cycle(np.zeros((4, skin.n))).field_ut.copy()
+    taken = ambient.background.copy()
+    world.ambient_ut[:] = EARTH
+    world.run(ambient, 4.0)
+    after = world.cycle(ambient.background - taken).field_ut
+    assert np.abs(after - before).max() < 0.5
+    assert np.abs(ambient.background[1:]).max() > 30.0
+
+
+def test_field_of_the_earth_is_tracked_while_the_robot_turns():
+    ambient, world = settled(topology.load("palm"))
+    misses = []
+    for cycle in range(2000):
+        angle = TURN * cycle / 250.0
+        world.ambient_ut[:, 0] = 50.0 * np.array([np.cos(angle), 0.6 * np.sin(angle),
+                                                  0.8 * np.sin(angle)])  # fmt: skip
+        ambient.update(world.cycle(ambient.background))
+        misses.append(ambient.field_ut[:, 0] - world.ambient_ut[:, 0])
+    rms = np.sqrt(np.mean(np.square(misses[250:]), axis=0))
+    assert rms.max() < 5.0  # of 50 µT
+    assert rms.max() < 1.25 * np.sqrt(ambient.covariance_ut2[0, 0, 0])
+
+
+def test_covariance_holds_for_a_field_that_wanders_as_assumed():
+    ambient, world = settled(topology.load("palm"))
+    rng = np.random.default_rng(4)
+    step = np.sqrt(ambient_kernels.WALK_UT2 / 250.0)
+    misses = []
+    for _ in range(6000):
+        world.ambient_ut += step * rng.standard_normal((3, 1))
+        ambient.update(world.cycle(ambient.background))
+        misses.append(ambient.field_ut[:, 0] - world.ambient_ut[:, 0])
+    spread = np.mean(np.square(misses[500:]), axis=0) / np.diag(ambient.covariance_ut2[..., 0])
+    assert np.all((0.7 < spread) & (spread < 1.4))
+
+
+def test_fields_that_are_seen_now_and_then_are_enough():
+    """A decoder that skips shows none of blocks without load, but where noise says otherwise."""
+    skin = apart(16, 250.0)
+    ambient, world = Ambient(skin), World(skin)
+    for cycle in range(8000):
+        if cycle == 6000:
+            world.ambient_ut[:] = EARTH
+        reading = world.cycle(ambient.background)
+        if cycle % 4:
+            reading.field_ut[:] = np.nan
+            reading.status[:] = Status.IDLE
+        ambient.update(reading)
+        if cycle == 1000:
+            assert np.isnan(ambient.rest_ut).all()  # a second of fields is not enough
+    assert np.abs(ambient.rest_ut - 4329.0).max() < 15.0
+    assert np.abs(ambient.field_ut - EARTH).max() < 25.0
+    assert ambient.followed.mean() > 0.8
+
+
+@pytest.mark.parametrize("lie_ut", [300.0, 2000.0, 20000.0])
+def test_units_that_lie_do_not_count(lie_ut):
+    """Two of eight units far from each other have their own field; plain means would give in."""
+    skin = apart(8, 250.0)
+    ambient, world = settled(skin)
+    world.stray_ut[:, [2, 5]] = lie_ut
+    world.ambient_ut[:] = EARTH
+    world.run(ambient, 20.0)
+    found = []
+    for _ in range(500):
+        ambient.update(world.cycle(ambient.background))
+        found.append(ambient.field_ut[:, 0])
+    bias = np.abs(np.mean(found, axis=0) - EARTH[:, 0])
+    assert bias.max() < 8.0  # the plain mean is a quarter of the lie off
+
+
+def test_glitch_moves_the_field_by_little():
+    ambient, world = settled(topology.load("palm"), noise=False)
+    world.stray_ut[:, 7] = 60000.0
+    world.run(ambient, 1.0 / 250.0)
+    assert np.abs(ambient.field_ut).max() < 1.0
+
+
+def test_too_few_unloaded_units_hold_the_field_and_say_so():
+    skin = apart(8, 250.0)
+    ambient, world = settled(skin)
+    world.ambient_ut[:] = EARTH
+    world.run(ambient, 3.0)
+    world.drop_hz[:5] = 200.0
+    world.run(ambient, 0.2)
+    held, sigma = ambient.field_ut, [np.sqrt(ambient.residue_ut2[0])]
+    assert ambient.voters.tolist() == [3]
+    world.ambient_ut[:] = -EARTH
+    for _ in range(4):
+        world.run(ambient, 1.0)
+        sigma.append(np.sqrt(ambient.residue_ut2[0]))
+    assert np.array_equal(ambient.field_ut, held)
+    assert np.all(np.diff(sigma) > 0.0)
+    assert sigma[0] < 15.0
+    assert 25.0 < sigma[1] < sigma[-1] <= 50.0
+    world.drop_hz[:] = 0.0
+    world.run(ambient, 3.0)
+    assert np.abs(ambient.field_ut + EARTH).max() < 25.0
+    assert np.sqrt(ambient.residue_ut2[0]) < 10.0
+
+
+def test_loaded_units_and_those_near_have_no_vote():
+    skin = topology.load("palm")
+    ambient, world = settled(skin, guard_m=0.013)
+    middle = skin.unit_index("palm/r3c3")
+    world.drop_hz[middle] = 300.0
+    near = np.linalg.norm(skin.position - skin.position[:, [middle]], axis=0) < 0.013
+    world.stray_ut[0, near] = 400.0
+    world.run(ambient, 2.0)
+    assert ambient.voters.tolist() == [64 - 5]
+    assert np.abs(ambient.field_ut).max() < 12.0
+    assert not ambient.followed[near].any()
+
+
+def test_units_near_a_press_vote_where_cross_talk_is_taken_off():
+    skin = topology.load("palm")
+    ambient, world = settled(skin, crosstalk=True)
+    pressed = np.random.default_rng(6).random(64) < 0.3
+    world.drop_hz[pressed] = 500.0
+    world.ambient_ut[:] = EARTH
+    world.run(ambient, 2.0)
+    assert ambient.voters.tolist() == [np.sum(~pressed)]
+    assert np.abs(ambient.field_ut - EARTH).max() < 15.0
+    assert not ambient.followed.any()
+    held = Ambient(skin)
+    world.run(held, 1.0)
+    assert held.voters[0] < 4
+
+
+@pytest.mark.parametrize("flag", [Status.FROZEN, Status.LATE, Status.SATURATED, Status.DISABLED])
+def test_flagged_units_have_no_vote(flag):
+    ambient, world = settled(apart(8, 250.0))
+    world.status[:3] = flag
+    world.stray_ut[:, :3] = 1000.0
+    world.run(ambient, 1.0)
+    assert ambient.voters.tolist() == [5]
+    assert np.abs(ambient.field_ut).max() < 25.0
+    assert not ambient.followed[:3].any()
+
+
+def test_parts_that_move_apart_have_a_field_each():
+    skin = topology.load("hand")
+    body = np.array([skin.patch_frames[patch] for patch in skin.patch])
+    ambient = Ambient(skin)
+    world = World(skin, body=np.array([ambient.bodies.index(name) for name in body]))
+    world.run(ambient, 8.0)
+    rng = np.random.default_rng(1)
+    world.ambient_ut[:] = 30.0 * rng.standard_normal(world.ambient_ut.shape)
+    world.run(ambient, 3.0)
+    assert ambient.field_ut.shape == (3, 6)
+    miss = ambient.field_ut - world.ambient_ut
+    assert np.sqrt(np.mean(miss**2)) < 8.0
+
+
+def test_flat_skin_without_bz_knows_nothing_of_the_field_across_it():
+    skin = without_bz(topology.load("palm"))
+    ambient, world = settled(skin)
+    world.ambient_ut[:] = EARTH
+    world.run(ambient, 3.0)
+    assert np.abs(ambient.field_ut[:2] - EARTH[:2]).max() < 16.0
+    assert abs(ambient.field_ut[2, 0]) < 1e-6
+    sigma = np.sqrt(np.diag(ambient.covariance_ut2[..., 0]))
+    assert sigma[2] == pytest.approx(50.0)
+    assert sigma[:2].max() < 6.0
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_kernel_does_as_its_python(dtype):
+    skin = calibrated(topology.load("fingertip"), seed=2)
+    ambient, world = settled(skin, seconds=1.0, dtype=dtype)
+    world.ambient_ut[:] = EARTH
+    world.drop_hz[2] = 100.0
+    plain = [array.copy() for array in ambient._state]
+    background, residue = ambient.background.copy(), ambient.residue_ut2.copy()
+    for _ in range(20):
+        reading = world.cycle(ambient.background)
+        ambient_kernels.update.py_func(
+            reading.field_ut, reading.displacement_mm, reading.temperature, reading.status, 0xFFFF,
+            False, np.array([0.004, 0.004, 1.0]), *ambient._constants, *plain, background, residue,
+        )  # fmt: skip
+        ambient.update(reading)
+        assert np.allclose(background, ambient.background, rtol=1e-6, atol=1e-6)
+        assert np.allclose(residue, ambient.residue_ut2, rtol=1e-6)
+    for ours, theirs in zip(plain, ambient._state, strict=True):
+        assert np.allclose(ours, theirs, rtol=1e-9, atol=1e-9, equal_nan=True)
+
+
+def test_saved_state_goes_on(tmp_path):
+    skin = apart(8, 250.0)
+    ambient, world = settled(skin)
+    world.ambient_ut[:] = EARTH
+    world.run(ambient, 2.0)
+    ambient.save(tmp_path / "state.npz")
+    other = Ambient(skin)
+    other.restore(tmp_path / "state.npz")
+    for name in ("background", "residue_ut2", "field_ut", "covariance_ut2", "zero", "rest_ut"):
+        assert np.array_equal(getattr(other, name), getattr(ambient, name)), name
+    assert [file.name for file in tmp_path.iterdir()] == ["state.npz"]
+
+
+@pytest.mark.parametrize(
+    ("change", "what"),
+    [
+        (lambda skin: with_parameters(skin, hall_offset_x_ut=3.0), "calibration"),
+        (lambda skin: with_parameters(skin, frequency_rest_hz=4490.0), "calibration"),
+        (lambda skin: dataclasses.replace(skin, unit_names=tuple("abcdefgh")), "units"),
+    ],
+)
+def test_state_of_another_calibration_is_refused(change, what, tmp_path):
+    skin = apart(8, 250.0)
+    Ambient(skin).save(tmp_path / "state.npz")
+    other = Ambient(change(skin))
+    with pytest.raises(CalibrationError, match=f"must be saved with the {what} of 'row' as now"):
+        other.restore(tmp_path / "state.npz")
+    assert not other.background.any()
+
+
+@pytest.mark.parametrize("guard_m", [-0.01, np.nan, np.inf])
+def test_impossible_guard_is_refused(guard_m):
+    with pytest.raises(OptionError, match="guard_m: must be 0 or above"):
+        Ambient(apart(8, 250.0), guard_m=guard_m)

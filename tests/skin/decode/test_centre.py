@@ -1,0 +1,75 @@
+"""Films beside their chips' axes: what is decoded is how far the face has moved, not the film."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from skin.decode.decoder import Decoder
+from skin.physics.scan import strokes
+from skin.sim.bench import Bench
+from tests.fixtures.decode import calibrated, row_of, sensible_counts, with_parameters
+from tests.naive.decode import naive_decode
+
+UNITS = 21
+ESTIMATORS = ("sine", "field-angle")
+
+
+def off_centre(skin, seed=2, most_mm=0.15):
+    rng = np.random.default_rng(seed)
+    place = rng.uniform(-most_mm, most_mm, (2, skin.n))
+    return with_parameters(skin, film_x_mm=place[0], film_y_mm=place[1])
+
+
+def everything(skin, estimator):
+    return Decoder(skin, estimator=estimator, dtype="float64", consistency=False)
+
+
+@pytest.mark.usefixtures("interpreted")
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_an_off_centre_film_is_decoded_as_the_model_says(estimator):
+    skin = off_centre(calibrated(row_of(UNITS), seed=1, turn_rad=0.05))
+    counts = sensible_counts(skin, 30, most=0.9)
+    found = everything(skin, estimator)(counts)
+    naive = naive_decode(skin, counts, estimator=estimator)
+    for name in ("force", "displacement_mm", "tangential"):
+        np.testing.assert_allclose(getattr(found, name), naive[name], rtol=1e-6, atol=1e-8)
+    turned = np.angle(np.exp(1j * (found.theta - naive["theta"])))
+    assert np.abs(turned).max() < 1e-6
+    np.testing.assert_array_equal(found.status, naive["status"])
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_a_film_without_displacement_reads_none(estimator):
+    """The field of a displaced film, on a unit that knows that its film sits there: no shear."""
+    plain = row_of(4)
+    place = np.array([[0.1, -0.08, 0.0, 0.12], [0.0, 0.05, -0.1, 0.09]])
+    scan = Bench(plain, noise=False).scan(
+        np.full(4, 1.0), np.hypot(*place), np.arctan2(place[1], place[0])
+    )
+    skin = with_parameters(plain, film_x_mm=place[0], film_y_mm=place[1])
+    read = everything(skin, estimator)(scan.counts)
+    own = read.displacement_mm[np.arange(4), :2, np.arange(4)]
+    assert np.abs(own).max() < 0.004
+    assert np.abs(read.force[np.arange(4), :2, np.arange(4)]).max() < 0.002
+
+
+def test_the_sigma_holds_its_share_of_errors_of_off_centre_films():
+    plain = row_of(UNITS)
+    depth, reach, around = strokes([0.4, 1.0, 1.6], [0.3, 1.0, 1.7, 2.4], np.linspace(-3, 3, 90))
+    face = reach * np.stack([np.cos(around), np.sin(around)])
+    place = np.array([0.09, -0.07])
+    film = face + place[:, np.newaxis]
+    scan = Bench(plain, seed=3).scan(depth, np.hypot(*film), np.arctan2(film[1], film[0]))
+    skin = with_parameters(plain, film_x_mm=place[0], film_y_mm=place[1])
+    read = everything(skin, "field-angle")(scan.counts)
+    off = np.abs(read.displacement_mm[:, :2] - face.T[:, :, np.newaxis])
+    held = (off <= read.displacement_sigma_mm[:, :2]).mean()
+    assert 0.66 < held < 0.71
+
+
+def test_films_in_the_middle_cost_nothing():
+    plain = row_of(UNITS)
+    assert not Decoder(plain).plan.film_centre
+    assert Decoder(off_centre(plain)).plan.film_centre
+    assert not Decoder(off_centre(plain), {"temperature"}).plan.film_centre

@@ -1,0 +1,490 @@
+"""Predicted stray fields: against the stencil and magnet theory, on lattices and off them."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from msgspec import structs
+
+import topology
+from skin.calibrate.field_angle import fit_field_angle
+from skin.decode import crosstalk_kernels as kernels
+from skin.decode.crosstalk import ACCURATE_UT, LIVE_UT, CrossTalk, contraction_of
+from skin.decode.crosstalk_cells import find_lattices
+from skin.decode.decoder import Decoder
+from skin.errors import SkinError
+from skin.physics.halbach import HalbachField
+from skin.physics.scan import strokes
+from skin.physics.stencil import Stencil
+from skin.sim.unit import UnitSimulator
+from tests.skin.physics.test_stencil import change_ut, displaced, neighbours_ut, palm
+
+SKINS = ("palm", "hand", "fingertip", "strip")
+
+
+@functools.cache
+def stencil_of(name):
+    return Stencil.of(topology.load(name))
+
+
+@functools.cache
+def crosstalk_of(name, tolerance_ut=LIVE_UT, lattices=True, dtype="float64", idle_mm=0.0):
+    return CrossTalk(
+        topology.load(name), stencil_of(name), dtype=dtype, tolerance_ut=tolerance_ut,
+        lattices=lattices, idle_mm=idle_mm,
+    )  # fmt: skip
+
+
+def predict(crosstalk, moved, usable=None, base=None):
+    real = crosstalk.strength.dtype
+    usable = np.ones(moved.shape[-1], bool) if usable is None else usable
+    if moved.ndim == 3:
+        return np.array([predict(crosstalk, one, usable, base) for one in moved])
+    out = np.full(moved.shape, np.nan, real)
+    assert crosstalk.predict(np.ascontiguousarray(moved, real), usable, out, base) is out
+    return out
+
+
+def part_of(skin, keep):
+    """The same skin with some units, in any order, and not at all with the others."""
+    return dataclasses.replace(
+        skin, position=skin.position[:, keep], rotation=skin.rotation[:, :, keep],
+        patch=skin.patch[keep], unit_names=tuple(skin.unit_names[k] for k in keep),
+        parameters={name: value[..., keep] for name, value in skin.parameters.items()},
+    )  # fmt: skip
+
+
+@functools.cache
+def plane(rows, columns, pitch_mm=12.0, slant=0.0):
+    """A flat lattice; `slant` 0.5: hexagonal."""
+    row, column = np.divmod(np.arange(rows * columns), columns)
+    across = np.sqrt(1.0 - slant**2)
+    place = 1e-3 * pitch_mm * np.stack([column + slant * (row % 2), across * row, 0.0 * row])
+    skin = part_of(topology.load("palm"), np.zeros(rows * columns, int))
+    return dataclasses.replace(skin, position=place)
+
+
+# -- against the stencil ---------------------------------------------------------------------------
+@pytest.mark.parametrize("lattices", [True, False])
+@pytest.mark.parametrize("name", SKINS)
+def test_all_terms_predict_what_the_stencil_does_on_a_lattice_or_off_it(name, lattices):
+    skin, stencil = topology.load(name), stencil_of(name)
+    moved = displaced(skin.n, cycles=1)[0]
+    expected = stencil(moved)
+    for dtype, share in (("float64", 1e-12), ("float32", 2e-6)):
+        found = predict(crosstalk_of(name, 0.0, lattices, dtype), moved)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=share * np.abs(expected).max())
+
+
+def test_pairs_share_coefficients_where_units_stand_on_a_lattice():
+    assert crosstalk_of("palm").on_lattice == stencil_of("palm").kind.size
+    assert crosstalk_of("hand").on_lattice == stencil_of("palm").kind.size
+    assert crosstalk_of("fingertip").on_lattice == 0
+    assert crosstalk_of("palm", lattices=False).on_lattice == 0
+    assert len(find_lattices(topology.load("palm"))) == 1
+
+
+@pytest.mark.parametrize("slant", [0.0, 0.5])
+def test_lattices_may_be_slanted_have_holes_and_any_numbering(slant):
+    whole = plane(9, 7, slant=slant)
+    keep = np.random.default_rng(0).permutation(np.setdiff1d(np.arange(63), [0, 24, 25, 26, 40]))
+    skin = part_of(whole, keep)
+    stencil = Stencil.of(skin, degree=2)
+    crosstalk = CrossTalk(skin, stencil, dtype="float64", tolerance_ut=0.0)
+    assert crosstalk.on_lattice == stencil.kind.size
+    moved = displaced(skin.n, cycles=1)[0]
+    np.testing.assert_allclose(predict(crosstalk, moved), stencil(moved), atol=1e-9)
+
+
+def test_a_film_at_the_end_of_a_row_is_no_neighbour_of_the_next_row():
+    skin, stencil = topology.load("palm"), stencil_of("palm")
+    crosstalk = crosstalk_of("palm", 0.0)
+    for unit in range(skin.n):
+        alone = np.zeros((3, skin.n))
+        alone[:, unit] = 1.0, -0.5, 1.5
+        found = predict(crosstalk, alone)
+        felt = stencil.unit[stencil.neighbour == unit]
+        others = np.setdiff1d(np.arange(skin.n), felt)
+        assert (found[:, others] == 0.0).all()
+        np.testing.assert_allclose(found, stencil(alone), atol=1e-9)
+
+
+def test_pairs_that_were_measured_one_by_one_have_coefficients_of_their_own():
+    skin, shared = topology.load("palm"), Stencil.of(topology.load("palm"), degree=2)
+    rng = np.random.default_rng(0)
+    each = shared.coefficients[shared.kind]
+    own = dataclasses.replace(
+        shared, kind=np.arange(each.shape[0], dtype=np.int32),
+        coefficients=each * (1.0 + 0.05 * rng.standard_normal(each.shape)),
+        sigma_ut=shared.sigma_ut[shared.kind],
+    )  # fmt: skip
+    crosstalk = CrossTalk(skin, own, dtype="float64", tolerance_ut=0.0)
+    assert crosstalk.on_lattice == 0
+    moved = displaced(skin.n, cycles=1)[0]
+    np.testing.assert_allclose(predict(crosstalk, moved), own(moved), atol=1e-9)
+
+
+# -- against magnet theory -------------------------------------------------------------------------
+@pytest.mark.parametrize("lattices", [True, False])
+@pytest.mark.parametrize("name", ["palm", "hand", "fingertip"])
+def test_what_is_missed_is_what_the_residue_says(name, lattices):
+    skin = topology.load(name)
+    moved = displaced(skin.n, cycles=40, seed=3)
+    frame = np.array([skin.patch_frames[p] for p in skin.patch])
+    true = np.zeros(moved.shape)
+    for one in np.unique(frame):
+        here = np.flatnonzero(frame == one)
+        true[..., here] = change_ut(part_of(skin, here), moved[..., here])
+    for tolerance_ut in (0.0, ACCURATE_UT, LIVE_UT):
+        crosstalk = crosstalk_of(name, tolerance_ut, lattices)
+        off = predict(crosstalk, moved) - true
+        missed = np.sqrt(np.mean(off**2, axis=(0, 1)))
+        assert np.median(missed / crosstalk.residue_ut) == pytest.approx(1.0, abs=0.25)
+        assert (missed < 2.0 * crosstalk.residue_ut).all()
+    assert (crosstalk.residue_ut > crosstalk_of(name, 0.0, lattices).residue_ut).any()
+
+
+@pytest.mark.parametrize("tolerance_ut", [2.0, ACCURATE_UT, LIVE_UT])
+def test_terms_that_are_saved_cost_the_tolerance_and_no_more(tolerance_ut):
+    moved = displaced(64, cycles=40, seed=5)
+    every = predict(crosstalk_of("palm", 0.0), moved)
+    for lattices in (True, False):
+        saved = predict(crosstalk_of("palm", tolerance_ut, lattices), moved)
+        missed = np.sqrt(np.mean((saved - every) ** 2, axis=(0, 1)))
+        assert 0.5 * tolerance_ut < missed.max() < 1.3 * tolerance_ut
+
+
+# -- laws ------------------------------------------------------------------------------------------
+@settings(max_examples=8)
+@given(st.randoms(use_true_random=False))
+def test_numbering_the_units_otherwise_changes_nothing(random):
+    skin = topology.load("fingertip")
+    order = np.array(random.sample(range(skin.n), skin.n))
+    moved = displaced(skin.n, cycles=1)[0]
+    found = predict(CrossTalk(part_of(skin, order), dtype="float64", degree=2), moved[:, order])
+    expected = predict(CrossTalk(skin, dtype="float64", degree=2), moved)
+    np.testing.assert_allclose(found, expected[:, order], atol=1e-9)
+
+
+def test_a_mirrored_skin_feels_mirrored_fields():
+    skin = plane(6, 5)
+    mirror = np.array([[-1.0], [1.0], [1.0]])
+    mirrored = dataclasses.replace(skin, position=mirror * skin.position)
+    moved = displaced(skin.n, cycles=1)[0]
+    one = predict(CrossTalk(skin, dtype="float64", tolerance_ut=0.0), moved)
+    other = predict(CrossTalk(mirrored, dtype="float64", tolerance_ut=0.0), mirror * moved)
+    np.testing.assert_allclose(other, mirror * one, atol=0.1)
+
+
+def test_what_is_not_moved_adds_nothing_and_the_rest_of_the_background_stays():
+    skin = topology.load("hand")
+    crosstalk = crosstalk_of("hand")
+    nothing = np.zeros((3, skin.n))
+    assert (predict(crosstalk, nothing) == 0.0).all()
+    base = np.random.default_rng(0).normal(0.0, 50.0, (3, skin.n))
+    assert (predict(crosstalk, nothing, base=base) == base).all()
+    moved = displaced(skin.n, cycles=1)[0]
+    found = predict(crosstalk, moved, base=base)
+    np.testing.assert_allclose(found, base + predict(crosstalk, moved), atol=1e-9)
+
+
+@pytest.mark.parametrize("skin", [plane(1, 1), plane(3, 3, 60.0), plane(6, 1)])
+def test_units_alone_far_apart_or_in_one_row_are_skins_too(skin):
+    crosstalk = CrossTalk(skin, dtype="float64", tolerance_ut=0.0)
+    moved = displaced(skin.n, cycles=1)[0]
+    np.testing.assert_allclose(predict(crosstalk, moved), crosstalk.stencil(moved), atol=1e-9)
+    assert crosstalk.on_lattice == 0
+    assert (crosstalk.contraction > 0.0) == (crosstalk.stencil.kind.size > 0)
+
+
+def test_a_stronger_film_is_felt_more():
+    crosstalk = CrossTalk(topology.load("palm"), stencil_of("palm"), dtype="float64")
+    alone = np.zeros((3, 64))
+    alone[:, 27] = 1.0, 0.5, 1.0
+    one = predict(crosstalk, alone)
+    crosstalk.strength[27] *= 0.95
+    np.testing.assert_allclose(predict(crosstalk, alone), 0.95 * one, atol=1e-9)
+
+
+@settings(max_examples=10)
+@given(st.integers(0, 1000))
+def test_blocks_that_are_skipped_leave_nothing_behind(seed):
+    # four blocks of cells, of which some are pressed, others in the next cycle
+    skin = plane(40, 20)
+    crosstalk = large_crosstalk()
+    rng = np.random.default_rng(seed)
+    row = np.arange(skin.n) // 20
+    for _ in range(5):
+        first, last = np.sort(rng.integers(0, 45, 2))
+        pressed = (row >= first) & (row < last)
+        moved = np.where(pressed, displaced(skin.n, cycles=1, seed=seed)[0], 0.0)
+        found = predict(crosstalk, moved)
+        np.testing.assert_allclose(found, crosstalk.stencil(moved), atol=1e-9)
+
+
+@functools.cache
+def large_crosstalk():
+    skin = plane(40, 20)
+    stencil = Stencil.of(skin, degree=2, reach_m=0.025)
+    return CrossTalk(skin, stencil, dtype="float64", tolerance_ut=0.0, idle_mm=0.0)
+
+
+# -- units that are not known, idle, or beyond the range -------------------------------------------
+@pytest.mark.parametrize("lattices", [True, False])
+@pytest.mark.parametrize("gone", ["status", "NaN", "infinity"])
+def test_a_unit_that_is_not_known_adds_nothing_and_widens_what_its_neighbours_know(gone, lattices):
+    crosstalk = crosstalk_of("palm", LIVE_UT, lattices)
+    moved = displaced(64, cycles=1)[0]
+    silent = moved.copy()
+    silent[:, 27] = 0.0
+    usable = np.ones(64, bool)
+    broken = moved.copy()
+    if gone == "status":
+        usable[27] = False
+    else:
+        broken[2, 27] = np.nan if gone == "NaN" else np.inf
+    expected = predict(crosstalk, silent)
+    before = crosstalk.residue_ut2.copy()
+    np.testing.assert_allclose(before, crosstalk.residue_ut**2)
+    np.testing.assert_array_equal(predict(crosstalk, broken, usable), expected)
+    added = crosstalk.residue_ut2 - before
+    felt = np.zeros(64, bool)
+    felt[crosstalk.stencil.unit[crosstalk.stencil.neighbour == 27]] = True
+    assert (added[felt] > 0.0).all()
+    assert (added[~felt] == 0.0).all()
+    # as much as the unit would have added, had it moved at random
+    alone = np.zeros((400, 3, 64))
+    alone[:, :, 27] = displaced(1, cycles=400)[..., 0]
+    added_true = np.mean(np.square(change_ut(palm(12.0), alone)), axis=(0, 1))
+    np.testing.assert_allclose(added[felt], added_true[felt], rtol=0.2)
+    predict(crosstalk, moved)
+    np.testing.assert_array_equal(crosstalk.residue_ut2, before)
+
+
+def test_sensors_of_another_kind_have_no_film():
+    palm = topology.load("palm")
+    layout = np.zeros(len(palm.frames), np.int32)
+    layout[palm.frames.units[:, 0] >= 32] = 1
+    skin = dataclasses.replace(
+        palm, frames=dataclasses.replace(palm.frames, layout=layout),
+        layouts=(palm.layouts[0], structs.replace(palm.layouts[0], counts_only=True)),
+    )  # fmt: skip
+    foreign = skin.counts_only
+    assert 0 < foreign.sum() < 64
+    crosstalk = CrossTalk(skin, dtype="float64", tolerance_ut=0.0)
+    moved = displaced(64, cycles=1)[0]
+    own = np.where(foreign, 0.0, moved)
+    np.testing.assert_allclose(predict(crosstalk, moved), stencil_of("palm")(own), atol=1e-9)
+    alone = Stencil.of(part_of(palm, np.flatnonzero(~foreign)))
+    np.testing.assert_allclose(crosstalk.stencil.rest_ut[:, ~foreign], alone.rest_ut, atol=1e-9)
+    known = crosstalk.residue_ut2.copy()
+    predict(crosstalk, moved, ~foreign)
+    np.testing.assert_array_equal(crosstalk.residue_ut2, known)
+
+
+def test_a_unit_that_was_not_looked_at_counts_as_not_displaced():
+    crosstalk = crosstalk_of("palm")
+    moved = displaced(64, cycles=1)[0]
+    straight = moved.copy()
+    straight[:2, 27] = 0.0
+    moved[:2, 27] = np.nan
+    np.testing.assert_array_equal(predict(crosstalk, moved), predict(crosstalk, straight))
+    np.testing.assert_allclose(crosstalk.residue_ut2, crosstalk.residue_ut**2)
+
+
+def test_films_that_count_as_at_rest_add_less_than_the_bound():
+    idle_mm = 0.05
+    gated = crosstalk_of("palm", 0.0, idle_mm=idle_mm)
+    every = crosstalk_of("palm", 0.0, idle_mm=0.0)
+    rng = np.random.default_rng(0)
+    for angle in rng.uniform(-np.pi, np.pi, 20):
+        still = np.zeros((3, 64))
+        still[0], still[1] = 2.99 * idle_mm * np.cos(angle), 2.99 * idle_mm * np.sin(angle)
+        still[2] = 0.99 * idle_mm * rng.choice([-1.0, 1.0], 64)
+        assert (predict(gated, still) == 0.0).all()
+        assert np.abs(predict(every, still)).max() < 1.05 * gated.idle_ut
+    assert gated.idle_ut < 10.0 * np.sqrt(np.mean(predict(every, still) ** 2))
+    still[2, 27] = 1.01 * idle_mm
+    assert (predict(gated, still) != 0.0).any()
+
+
+def test_a_film_beyond_the_range_stands_where_the_polynomials_end_and_is_not_known():
+    crosstalk = crosstalk_of("palm")
+    felt = crosstalk.stencil.unit[crosstalk.stencil.neighbour == 27]
+    inside, deeper, aside = np.zeros((3, 3, 64))
+    inside[:, 27], deeper[:, 27], aside[:, 27] = (3.0, -3.0, 2.5), (3.0, -3.0, 40.0), (8, -9.0, 2.5)
+    expected = predict(crosstalk, inside)
+    np.testing.assert_allclose(crosstalk.residue_ut2, crosstalk.residue_ut**2)
+    for beyond in (deeper, aside):
+        np.testing.assert_array_equal(predict(crosstalk, beyond), expected)
+        assert (crosstalk.residue_ut2[felt] > crosstalk.residue_ut[felt] ** 2).all()
+
+
+# -- sweeps ----------------------------------------------------------------------------------------
+@functools.cache
+def inverse():
+    """The field-angle inversion of a perfect unit, fitted to exact strokes."""
+    depth, reach, _ = strokes(np.linspace(0.0, 2.2, 12), np.linspace(0.0, 3.0, 16))
+    alone = plane(1, 1)
+    moved = np.stack([reach, 0.0 * reach, depth], axis=1)[:, :, np.newaxis]
+    field = own_ut(alone, moved)[..., 0]
+    return fit_field_angle(field, depth, reach, sigma_ut=1.0)
+
+
+def own_ut(skin, moved):
+    warm = np.broadcast_to(skin.parameters["film_reference_c"], moved[:, 2].shape)
+    return HalbachField(skin, reach_m=0.0)(moved[:, :2], moved[:, 2], warm)
+
+
+def decoded(field, depth):
+    """Displacement (t, 3, n) from fields, by the field's angle."""
+    lateral = np.hypot(field[:, 0], field[:, 1])
+    reach = inverse()(np.arctan2(lateral, field[:, 2]), depth)
+    share = reach / np.maximum(lateral, 1e-9)
+    return np.stack([field[:, 0] * share, field[:, 1] * share, depth], axis=1)
+
+
+def swept(skin, crosstalk, moved, sweeps):
+    """Error of the tangential displacement, µm rms, after each sweep; cold start first."""
+    true = own_ut(skin, moved) + neighbours_ut(skin, moved)
+    found = decoded(true - crosstalk.stencil.rest_ut, moved[:, 2])
+    errors = []
+    for sweep in range(sweeps + 1):
+        off = (found - moved)[:, :2]
+        errors.append(1e3 * np.sqrt(np.mean(np.sum(off**2, axis=1))))
+        if sweep < sweeps:
+            stray = predict(crosstalk, found)
+            found = decoded(true - crosstalk.stencil.rest_ut - stray, moved[:, 2])
+    return errors
+
+
+@pytest.mark.parametrize(
+    ("pitch_mm", "raw", "one", "two"),
+    [(12.0, 100.0, 15.0, 4.0), (13.5, 60.0, 9.0, 3.5), (15.0, 35.0, 8.0, 3.5)],
+)
+def test_one_sweep_leaves_15_um_and_two_leave_4_where_all_neighbours_press(pitch_mm, raw, one, two):
+    skin = plane(6, 6, pitch_mm)
+    moved = displaced(skin.n, cycles=20, seed=7)
+    stencil = Stencil.of(skin)
+    live = swept(skin, CrossTalk(skin, stencil, dtype="float64"), moved, 1)
+    assert live[0] > raw
+    assert live[1] < one
+    accurate = CrossTalk(skin, stencil, dtype="float64", tolerance_ut=ACCURATE_UT)
+    errors = swept(skin, accurate, moved, 2)
+    assert errors[1] < one
+    assert errors[2] < two
+
+
+def test_a_sweep_takes_away_what_the_contraction_says():
+    skin = plane(6, 6)
+    crosstalk = CrossTalk(skin, dtype="float64", tolerance_ut=0.0, idle_mm=0.0)
+    for depth in (0.0, 2.0):
+        moved = displaced(skin.n, cycles=10) * [[0.02], [0.02], [0.0]]
+        moved[:, 2] = depth
+        raw, *left = swept(skin, crosstalk, moved, 2)
+        errors = np.array([raw, *left]) - left[-1]
+        assert errors[1] < 1.2 * crosstalk.contraction * errors[0]
+
+
+def test_the_nearer_the_units_the_less_a_sweep_takes_away():
+    contractions = [
+        contraction_of(skin, Stencil.of(skin, degree=2))
+        for skin in (plane(6, 6, pitch) for pitch in (15.0, 13.5, 12.0, 10.0))
+    ]
+    assert contractions == sorted(contractions)
+    assert contractions[0] < 0.1 < contractions[2] < 0.25
+    assert contraction_of(plane(1, 1), Stencil.of(plane(1, 1))) == 0.0
+    # the spectral radius is that of the whole matrix
+    skin = plane(3, 4)
+    stencil = Stencil.of(skin, degree=1)
+    whole = np.zeros((2, skin.n, 2, skin.n))
+    whole[:, stencil.unit, :, stencil.neighbour] = (
+        stencil.coefficients[stencil.kind, :2, :2] * stencil.strength[0]
+    )
+    p = skin.parameters
+    rest = p["field_amplitude_ut"] * np.exp(-p["field_growth_per_mm"] * p["field_reference_mm"])
+    whole /= (p["field_wavenumber_rad_per_mm"] * rest)[0]
+    radius = np.abs(np.linalg.eigvals(whole.reshape(2 * skin.n, -1))).max()
+    assert contraction_of(skin, stencil) == pytest.approx(radius, rel=0.02)
+
+
+def test_units_too_near_for_their_films_are_refused():
+    skin = plane(4, 4, 12.0)
+    weak = dict(skin.parameters)
+    weak["field_wavenumber_rad_per_mm"] = 0.1 * weak["field_wavenumber_rad_per_mm"]
+    with pytest.raises(
+        SkinError, match=r"palm: cross-talk: must grow less with every sweep; got 1"
+    ):
+        CrossTalk(dataclasses.replace(skin, parameters=weak), degree=2)
+    with pytest.raises(SkinError, match="stencil: must be of 16 units, as palm; got 64"):
+        CrossTalk(skin, stencil_of("palm"))
+
+
+# -- heat ------------------------------------------------------------------------------------------
+
+
+def test_warm_films_are_weaker_as_are_those_at_rest():
+    skin, crosstalk = topology.load("palm"), crosstalk_of("palm", 0.0)
+    moved = displaced(skin.n, cycles=1)[0]
+    above = np.random.default_rng(2).uniform(-10.0, 55.0, skin.n)
+    gain = skin.parameters["film_drift_per_k"] * above
+    out, usable = np.empty((5, skin.n)), np.ones(skin.n, bool)
+    base = np.arange(5.0 * skin.n).reshape(5, skin.n)
+    crosstalk.predict(moved, usable, out, base, above)
+    weaker = CrossTalk(skin, dataclasses.replace(
+        stencil_of("palm"), strength=stencil_of("palm").strength * (1.0 + gain)
+    ), dtype="float64", tolerance_ut=0.0, idle_mm=0.0)  # fmt: skip
+    rest = stencil_of("palm").rest_ut * gain
+    np.testing.assert_allclose(out[1:4], base[1:4] + rest + predict(weaker, moved), atol=1e-6)
+    assert np.abs(out[1:4] - base[1:4] - predict(crosstalk, moved)).max() > 20.0
+    np.testing.assert_array_equal(out[0], base[0])
+    np.testing.assert_allclose(out[4], base[4] + crosstalk.residue_ut2)
+
+
+@pytest.mark.parametrize("film_c", [25.0, 75.0])
+def test_a_hot_array_is_decoded_as_well_as_a_cold_one(film_c):
+    """Weaker films of the neighbours, at rest and displaced, and the chips' gain on their field."""
+    skin = topology.load("palm")
+    assert skin.parameters["hall_gain_per_k"].all()
+    units = UnitSimulator(skin, seed=1, field=HalbachField(skin, reach_m=1.0))
+    decoder = Decoder(skin, {"displacement", "temperature"}, dtype="float64", sweeps=2)
+    rng, off = np.random.default_rng(3), []
+    for _ in range(8):
+        pressed = rng.random(skin.n) < 0.6
+        depth, reach = 2.0 * rng.random(skin.n), 2.5 * np.sqrt(rng.random(skin.n))
+        way = rng.uniform(-np.pi, np.pi, skin.n)
+        moved = reach * pressed * np.stack([np.cos(way), np.sin(way)])
+        values = units.quantities(depth * pressed, moved, np.full(skin.n, film_c))
+        decoder.reset()
+        for _ in range(3):
+            reading = decoder(units.quantise(values))
+        off.append((reading.displacement_mm[:2] - moved)[:, pressed])
+    assert 1e3 * np.sqrt(np.mean(np.sum(np.concatenate(off, axis=1) ** 2, axis=0))) < 4.0
+
+
+# -- the kernels as Python -------------------------------------------------------------------------
+@pytest.mark.parametrize("name", ["palm", "fingertip"])
+def test_python_and_machine_code_agree(name, monkeypatch):
+    crosstalk = crosstalk_of(name, 20.0)
+    moved = displaced(topology.load(name).n, cycles=1)[0]
+    usable = np.arange(moved.shape[1]) != 5
+    compiled, base = predict(crosstalk, moved, usable), np.ones_like(moved)
+    residue = crosstalk.residue_ut2.copy()
+    predict(crosstalk, moved)
+    for kernel in ("films", "unknown", "lattice", "scattered"):
+        monkeypatch.setattr(kernels, kernel, getattr(kernels, f"{kernel}_python"))
+    np.testing.assert_allclose(predict(crosstalk, moved, usable), compiled, atol=1e-9)
+    np.testing.assert_allclose(crosstalk.residue_ut2, residue)
+    np.testing.assert_allclose(predict(crosstalk, moved, usable, base), 1.0 + compiled, atol=1e-9)
+
+
+def test_warming_up_leaves_no_trace():
+    crosstalk = CrossTalk(topology.load("fingertip"), stencil_of("fingertip"))
+    crosstalk.warmup()
+    np.testing.assert_allclose(crosstalk.residue_ut2, crosstalk.residue_ut**2, rtol=1e-6)
+    assert (predict(crosstalk, np.zeros((3, 12))) == 0.0).all()

@@ -1,0 +1,419 @@
+"""The decoder's manners: flags, memory of temperatures, views, and what it refuses."""
+
+from __future__ import annotations
+
+import dataclasses
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from bus.status import Status
+from skin.decode import laws, layout
+from skin.decode.decoder import Decoder
+from skin.errors import CalibrationError, CountsError, OptionError, SkinError
+from tests.fixtures.decode import calibrated, row_of, sensible_counts, sine, with_parameters
+
+REST = {"gel": 1430, "frequency": 18000, "bx": 0, "by": 0, "hall_temperature": 0}
+ROWS = {"gel": 0, "frequency": 1, "bx": 2, "by": 3, "hall_temperature": 5}
+
+
+def counts_of(n=1, **changed):
+    """One cycle of n units at rest, but for `changed`."""
+    raw = np.zeros((6, n), np.int16)
+    for name, value in {**REST, **changed}.items():
+        raw[ROWS[name]] = value
+    return raw
+
+
+def gel_of(temperature):
+    return round(10.0 * 12.0 ** ((temperature - 20.0) / 60.0) / 0.007)
+
+
+def frequency_of(depth_mm):
+    return round(4 * (4500.0 - 900.0 * depth_mm))
+
+
+@pytest.mark.parametrize(
+    ("changed", "flags"),
+    [
+        ({}, Status.OK),
+        ({"bx": 32767}, Status.SATURATED),
+        ({"bx": -32768}, Status.SATURATED),
+        ({"by": 32767}, Status.SATURATED),
+        ({"hall_temperature": 127}, Status.SATURATED),
+        ({"gel": 32767}, Status.SATURATED | Status.EXTRAPOLATED),
+        ({"frequency": 32767}, Status.SATURATED | Status.OUT_OF_RANGE | Status.EXTRAPOLATED),
+        # the field at the crest at rest, M0 = 2624 µT, sigma 105 µT
+        ({"bx": 1200}, Status.OK),
+        ({"bx": 1270}, Status.SATURATED),
+        ({"bx": 1400}, Status.SATURATED),
+        # a stopped timer, a timer with nothing left of its capacitor
+        ({"frequency": 0}, Status.OUT_OF_RANGE | Status.EXTRAPOLATED),
+        ({"frequency": -5}, Status.OUT_OF_RANGE | Status.EXTRAPOLATED),
+        ({"frequency": 21601}, Status.OUT_OF_RANGE | Status.EXTRAPOLATED),
+        # a broken gel
+        ({"gel": 0}, Status.OUT_OF_RANGE | Status.EXTRAPOLATED),
+        ({"gel": -100}, Status.OUT_OF_RANGE | Status.EXTRAPOLATED),
+        ({"gel": gel_of(-25.5)}, Status.OUT_OF_RANGE | Status.EXTRAPOLATED),
+        # a chip that reads -25.5 °C, and one at its rail
+        ({"hall_temperature": -101}, Status.OUT_OF_RANGE),
+        ({"hall_temperature": -100}, Status.OK),
+        ({"hall_temperature": -128}, Status.SATURATED | Status.OUT_OF_RANGE),
+        # beyond what was calibrated
+        ({"gel": gel_of(14.9)}, Status.EXTRAPOLATED),
+        ({"gel": gel_of(15.1)}, Status.OK),
+        ({"gel": gel_of(94.9)}, Status.OK),
+        ({"gel": gel_of(95.1)}, Status.EXTRAPOLATED),
+        ({"frequency": frequency_of(2.0)}, Status.OK),
+        ({"frequency": frequency_of(2.0) - 1}, Status.EXTRAPOLATED),
+        ({"frequency": frequency_of(3.18)}, Status.EXTRAPOLATED),
+        ({"frequency": 18000 + 4 * 35}, Status.OK),
+        ({"frequency": 18000 + 4 * 37}, Status.EXTRAPOLATED),
+    ],
+)
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_each_flag_has_its_count(changed, flags, dtype):
+    reading = sine(row_of(1), dtype=dtype)(counts_of(**changed))
+    assert Status(int(reading.status[0])) == flags
+    assert bool(reading.valid[0]) == (flags & Status.OUT_OF_RANGE == 0)
+
+
+@pytest.mark.usefixtures("interpreted")
+def test_rails_are_those_of_the_wire():
+    """Eleven bits on the classic wire: 1023 counts are its rail."""
+    skin = row_of(1, "f3t-classic")
+    raw = counts_of(gel=180, frequency=frequency_of(2.0) // 2, bx=0, by=0)
+    decoder = sine(skin)
+    for bx, flags in ((40, 0), (-1024, Status.SATURATED), (1023, Status.SATURATED)):
+        raw[2] = bx
+        assert decoder(raw).status[0] == flags
+    raw[2], raw[0] = 0, 4095
+    assert decoder(raw).status[0] & Status.SATURATED
+
+
+def test_displacement_beyond_its_calibration_is_extrapolated():
+    skin = with_parameters(row_of(2), tangential_max_mm=[1.0, 2.4])
+    reading = sine(skin)(counts_of(2, frequency=frequency_of(2.0), bx=4000))
+    assert 1.0 < reading.displacement_mm[0, 0] < 2.4
+    assert reading.status.tolist() == [Status.EXTRAPOLATED, Status.OK]
+
+
+def test_growth_that_leaves_the_exponential_is_refused():
+    with pytest.raises(CalibrationError, match="row/r0c0: field_growth_per_mm: must be a growth "):
+        Decoder(with_parameters(row_of(1), field_growth_per_mm=20.0))
+
+
+def test_flags_of_the_bus_come_first():
+    raw = counts_of(4)
+    raw[0, 1] = 0
+    status = np.array([Status.NEVER, Status.NEVER, Status.LATE, 0], np.uint16)
+    reading = sine(row_of(4))(raw, status)
+    assert reading.status.tolist() == [Status.NEVER, Status.NEVER, Status.LATE, 0]
+    assert reading.valid.tolist() == [False, False, False, True]
+    for values in (reading.temperature, reading.force, reading.tangential, reading.theta):
+        assert np.isnan(values[..., :2]).all()
+        assert np.isfinite(values[..., 2:]).all()
+    assert np.isnan(reading.displacement_mm[:, :2]).all()
+
+
+def test_disabled_units_say_so_without_a_bus():
+    skin = dataclasses.replace(row_of(3), enabled=np.array([True, False, True]))
+    reading = sine(skin)(counts_of(3))
+    assert reading.status.tolist() == [0, Status.DISABLED, 0]
+
+
+# -- memory --------------------------------------------------------------------------------------
+
+
+def crest_of(reading, field_ut, wavenumber=np.pi / 5.0):
+    """M0 that the decoder used, from the displacement that it found in a field along x."""
+    return field_ut / np.sin(wavenumber * reading.displacement_mm[..., 0, 0])
+
+
+def warm_step(cycles, before, after):
+    """Cycles at one temperature after a single cycle at another, in a field along x."""
+    cold = counts_of(gel=gel_of(before), bx=600)
+    warm = counts_of(gel=gel_of(after), bx=600)
+    return np.stack([cold, *[warm] * cycles])
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("lag_s", [0.0, 7.0])
+def test_film_follows_the_gel_with_its_lag(dtype, lag_s):
+    skin = with_parameters(row_of(1, rate_hz=10.0), film_lag_s=lag_s, film_drift_per_k=-0.002)
+    raw = warm_step(300, 25.0, 75.0)
+    crest = crest_of(sine(skin, dtype=dtype)(raw), 1200.0)
+    film = 25.0 + (crest / crest[0] - 1.0) / -0.002
+    time_s = np.arange(301) / 10.0
+    expected = 75.0 - 50.0 * np.exp(-time_s / lag_s) if lag_s else np.where(time_s > 0, 75.0, 25.0)
+    np.testing.assert_allclose(film, expected, atol=0.1)
+
+
+def test_chip_follows_the_gel_where_the_wire_does_not_carry_it():
+    """Its gain grows, so an unchanged count means a smaller field."""
+    skin = with_parameters(
+        row_of(1, "f3t-classic", 10.0),
+        hall_lag_s=20.0, hall_gain_per_k=0.002, film_drift_per_k=0.0, hall_reference_c=20.0,
+    )  # fmt: skip
+    step_ua = 0.055
+    raw = warm_step(300, 20.0, 70.0)
+    raw[:, 0] = np.round(raw[:, 0] * 0.007 / step_ua)
+    raw[:, 1], raw[:, 2] = 9000, 15
+    crest = crest_of(sine(skin, dtype="float64")(raw), 15 * 64.0)
+    chip = (crest / crest[0] - 1.0) / 0.002
+    np.testing.assert_allclose(chip, 50.0 - 50.0 * np.exp(-np.arange(301) / 200.0), atol=0.5)
+
+
+def test_a_slow_chip_does_not_stand_still_in_float32():
+    """At 1 kHz a chip takes 5e-6 of the way in a cycle: less than float32 can add to 60 °C."""
+    skin = with_parameters(
+        row_of(1, "f3t-classic", 1000.0), hall_gain_per_k=0.002, film_drift_per_k=0.0
+    )
+    raw = np.repeat(warm_step(1, 60.0, 60.3), [1, 100_000], axis=0)
+    raw[:, 0] = np.round(raw[:, 0] * 0.007 / 0.055)
+    raw[:, 1], raw[:, 2] = 9000, 15
+    single = sine(skin, dtype="float32")(raw).displacement_mm[-1, 0, 0]
+    double = sine(skin, dtype="float64")(raw).displacement_mm[-1, 0, 0]
+    assert abs(single - double) < 2e-6
+
+
+@pytest.mark.parametrize("flag", [Status.LATE, Status.FAULT, Status.STALE, Status.TORN])
+def test_an_invalid_unit_leaves_no_trace_in_the_memory(flag):
+    skin = row_of(1, rate_hz=10.0)
+    raw = warm_step(30, 25.0, 75.0)
+    status = np.zeros((31, 1), np.uint16)
+    lies = np.insert(raw, 10, counts_of(gel=gel_of(90.0), bx=600), axis=0)
+    known = np.insert(status, 10, flag, axis=0)
+    honest = sine(skin)(raw, status)
+    marked = sine(skin)(lies, known)
+    kept = np.arange(32) != 10
+    np.testing.assert_array_equal(marked.force[kept], honest.force)
+
+
+def test_reset_forgets_and_warmup_does_not():
+    skin = row_of(1, rate_hz=10.0)
+    raw = warm_step(30, 25.0, 75.0)
+    decoder = sine(skin)
+    first = decoder(raw).force
+    decoder.warmup()
+    later = decoder(raw[-1]).force.copy()
+    assert later[0, 0] != first[0, 0, 0]
+    decoder.reset()
+    np.testing.assert_array_equal(decoder(raw).force, first)
+
+
+def test_an_overheated_gel_is_not_the_magnet_that_lost_its_field():
+    """Junk temperatures do not reach the film: the unit is out of range, and others are sane."""
+    decoder = sine(row_of(2, rate_hz=10.0))
+    raw = counts_of(2, bx=600)
+    before = decoder(raw).force.copy()
+    broken = raw.copy()
+    broken[0, 0] = 3
+    for _ in range(50):
+        reading = decoder(broken)
+    assert reading.valid.tolist() == [False, True]
+    np.testing.assert_array_equal(decoder(raw).force, before)
+
+
+# -- views and arrays ----------------------------------------------------------------------------
+
+
+def test_a_cycle_allocates_nothing_new_and_a_batch_does():
+    decoder = Decoder(row_of(5))
+    raw = counts_of(5)
+    one, two = decoder(raw), decoder(raw)
+    assert one is two
+    batch, again = decoder(raw[np.newaxis]), decoder(raw[np.newaxis])
+    assert not np.shares_memory(batch.force, again.force)
+    assert batch.force.shape == (1, 3, 5)
+    assert batch.status.shape == batch.valid.shape == batch.temperature.shape == (1, 5)
+
+
+def test_any_memory_layout_will_do():
+    skin = calibrated(row_of(20))
+    raw = sensible_counts(skin, 3, 1)
+    expected = Decoder(skin)(raw).force
+    frozen = raw.copy()
+    frozen.flags.writeable = False
+    spread = np.zeros((3, 6, 40), np.int16)[..., ::2]
+    spread[:] = raw
+    for other in (frozen, spread, np.asfortranarray(raw)):
+        np.testing.assert_array_equal(Decoder(skin)(other).force, expected)
+    status = np.zeros((20, 3), np.uint16).T
+    np.testing.assert_array_equal(Decoder(skin)(raw, status).force, expected)
+    one = Decoder(skin)
+    for t in range(3):
+        np.testing.assert_array_equal(one(frozen[t]).force, expected[t])
+
+
+def test_arrays_that_are_filled_again_are_read_again():
+    """A live bus writes each cycle into the same arrays; others may come in between."""
+    skin = calibrated(row_of(20))
+    raw = sensible_counts(skin, 6, 1)
+    expected = Decoder(skin)(raw).force
+    decoder, counts, status = Decoder(skin), np.zeros((6, 20), np.int16), np.zeros(20, np.uint16)
+    for t in range(6):
+        counts[:] = raw[t]
+        given = (raw[t], None) if t == 2 else (counts, None if t > 3 else status)
+        np.testing.assert_array_equal(decoder(*given).force, expected[t])
+    status[3] = Status.NEVER
+    assert np.isnan(decoder(counts, status).temperature[3])
+    assert np.isfinite(decoder(counts).temperature[3])
+
+
+def test_no_cycles_make_an_empty_batch():
+    assert Decoder(row_of(3))(np.zeros((0, 6, 3), np.int16)).force.shape == (0, 3, 3)
+
+
+# -- refusals ------------------------------------------------------------------------------------
+
+EXPECTED = "row: raw: must be an array of int16, shape (6, 3) or shape (t, 6, 3); got "
+
+
+@pytest.mark.parametrize(
+    ("raw", "got"),
+    [
+        (np.zeros((6, 4), np.int16), "int16, shape (6, 4)"),
+        (np.zeros((3, 6), np.int16), "int16, shape (3, 6)"),
+        (np.zeros((6, 3)), "float64, shape (6, 3)"),
+        (np.zeros((1, 1, 6, 3), np.int16), "int16, shape (1, 1, 6, 3)"),
+        ([[0] * 3] * 6, "list"),
+        (None, "NoneType"),
+    ],
+)
+def test_counts_of_another_shape_are_refused(raw, got):
+    with pytest.raises(CountsError) as error:
+        Decoder(row_of(3))(raw)
+    assert str(error.value) == EXPECTED + got
+
+
+@pytest.mark.parametrize("status", [np.zeros(3, int), np.zeros(4, np.uint16), [0, 0, 0]])
+def test_status_of_another_shape_is_refused(status):
+    message = r"row: status: must be an array of uint16, shape \(3,\); got "
+    with pytest.raises(CountsError, match=message):
+        Decoder(row_of(3))(counts_of(3), status)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"want": {"forse"}}, "want: must be one of .*; got 'forse' .nearest: 'force'."),
+        ({"want": "wrench"}, "want: must be of the units, .*; got 'wrench', which is of the array"),
+        (
+            {"estimator": "sinus"},
+            "estimator: must be one of 'sine', 'field-angle'; got 'sinus' .nearest: 'sine'.",
+        ),
+        ({"temperature_every": 0}, "temperature_every: must be 1 or more; got 0"),
+        ({"workers": 0}, "workers: must be 1 or more; got 0"),
+        ({"dtype": "float16"}, "dtype: must be one of 'float32', 'float64'; got 'float16'"),
+        ({"dtype": "single!"}, "dtype: must be one of 'float32', 'float64'; got 'single!'"),
+    ],
+)
+def test_an_unknown_option_is_refused(options, message):
+    with pytest.raises(OptionError, match=message):
+        Decoder(row_of(3), **options)
+
+
+@pytest.mark.usefixtures("interpreted")
+def test_a_wire_without_a_wanted_channel_is_refused():
+    wired = row_of(3).wired.copy()
+    wired[0, 1] = False
+    skin = dataclasses.replace(row_of(3), wired=wired)
+    with pytest.raises(OptionError) as error:
+        sine(skin)
+    assert str(error.value) == (
+        "row/r0c1: must have 'gel' on the wire to decode 'temperature'; got a layout without it"
+    )
+    plain = sine(row_of(3), {"force"}, dtype="float64")(counts_of(3, gel=gel_of(25.0), bx=600))
+    blind = sine(skin, {"force"}, dtype="float64")(counts_of(3, gel=[gel_of(25.0), 0, 5000]))
+    assert blind.status.tolist() == [0, 0, 0]
+    force = sine(skin, {"force"}, dtype="float64")(counts_of(3, gel=0, bx=600)).force
+    np.testing.assert_allclose(force[:, 1], plain.force[:, 1], rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"frequency_rest_hz": np.nan}, "row/r0c0: frequency_rest_hz: must be finite; got nan"),
+        (
+            {"temperature_max_c": [95.0, 10.0]},
+            "row/r0c1: temperature_max_c: must be above temperature_min_c; got 10",
+        ),
+        (
+            {"film_drift_per_k": [-0.001, -0.05]},
+            "row/r0c1: film_drift_per_k: must be a drift that leaves a gain of 0.1 or more; "
+            "got -0.05",
+        ),
+    ],
+)
+def test_a_calibration_that_cannot_be_is_refused(parameters, message):
+    with pytest.raises(CalibrationError) as error:
+        Decoder(with_parameters(row_of(2), **parameters))
+    assert str(error.value) == message
+
+
+def test_a_correction_is_not_a_rotation():
+    table = np.zeros((16, 2))
+    table[3, 1] = 1.5
+    with pytest.raises(CalibrationError, match="row/r0c1: theta_correction_rad: must be within 1 "):
+        Decoder(with_parameters(row_of(2), theta_correction_rad=table))
+
+
+def test_every_refusal_is_a_skin_error():
+    assert issubclass(OptionError, SkinError)
+    assert issubclass(CountsError, SkinError)
+    assert issubclass(CalibrationError, SkinError)
+
+
+def test_public_names_load_late():
+    code = (
+        "import sys, skin; assert 'numba' not in sys.modules; "
+        "assert {'Decoder', 'open'} <= set(dir(skin)); skin.Status, skin.errors.SkinError; "
+        "assert 'numba' not in sys.modules; skin.Decoder; "
+        "assert 'numba' not in sys.modules\n"
+        "try: skin.Decodr\n"
+        "except AttributeError as error: print(error)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "module 'skin' has no attribute 'Decodr'"
+
+
+def test_flags_are_those_of_a_unit_alone_at_every_end_of_every_range():
+    skin = calibrated(row_of(150, layout="f3t-fd16"), seed=4)
+    enabled = np.arange(skin.n) != 140
+    skin = dataclasses.replace(skin, enabled=enabled)
+    decoder = sine(skin, {"temperature"})
+    limits = decoder._calibration[1]
+    tidy = sensible_counts(skin, 1)[0]
+    tidy[layout.BX :] = 0
+    lanes, seen = layout.LANES, set()
+    for unit in (0, 5, 127, 128, 139, 140):
+        at = unit // lanes * layout.LIMIT_ROWS * lanes + unit % lanes
+        rows = limits[at : at + layout.LIMIT_ROWS * lanes : lanes].astype(int)
+        ends = {channel: [layout.LIMIT_RAIL + 2 * channel] for channel in range(layout.CHANNELS)}
+        for i, channel in enumerate((layout.GEL, layout.FREQUENCY, layout.CHIP)):
+            ends[channel].append(layout.LIMIT_POSSIBLE + 2 * i)
+        ends[layout.GEL].append(layout.LIMIT_CALIBRATED)
+        ends[layout.FREQUENCY].append(layout.LIMIT_CALIBRATED + 2)
+        for channel, starts in ends.items():
+            for row in starts:
+                low, high = rows[row], rows[row] + (rows[row + 1] & 0xFFFF)
+                for count in (low - 1, low, high, high + 1):
+                    raw = tidy.copy()
+                    raw[channel, unit] = np.array(count).astype(np.int16)
+                    flags = laws.judge(0, *raw[:, unit], limits, at)
+                    shown = int(decoder(raw).status[unit])
+                    assert shown == flags, (unit, channel, count)
+                    others = np.delete(decoder.reading.status, [unit, 140])
+                    assert not others.any()
+                    seen.add(flags)
+    assert {0, int(Status.DISABLED), int(Status.SATURATED), int(Status.EXTRAPOLATED)} <= seen
+
+
+def test_a_message_does_not_list_all_units_of_a_skin():
+    names = [f"u{i}" for i in range(64)]
+    expected = "unit: must be one of 64 names from 'u0' to 'u63'; got 'u7x' (nearest: 'u7')"
+    assert str(OptionError.unknown("unit", "u7x", names)) == expected
+    assert "'u0', 'u1', 'u2'; got" in str(OptionError.unknown("unit", "x", names[:3]))

@@ -1,0 +1,385 @@
+"""Laws of the decoder: symmetries, monotony, independence, and the truth where nothing is noisy."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from benchmarks.peers_decode import array_of, counts_of
+from bus.status import Status
+from skin.decode import kernels
+from skin.decode.decoder import ESTIMATORS, Decoder
+from skin.sim.unit import UnitSimulator
+from skin.state import UNIT_WANTS
+from tests.fixtures.decode import (
+    any_counts,
+    calibrated,
+    row_of,
+    sensible_counts,
+    sine,
+    with_parameters,
+)
+from tests.naive.decode import naive_decode
+from topology import THETA_KNOTS
+
+FIELDS = ("temperature", "force", "tangential", "theta", "displacement_mm", "status", "valid")
+DTYPES = ("float32", "float64")
+seeds = st.integers(0, 2**32 - 1)
+dtypes = st.sampled_from(DTYPES)
+
+
+def subset(skin, units):
+    """The skin of some of the units, in that order; their wires stay those of the whole skin."""
+    size = len(units)
+    return dataclasses.replace(
+        row_of(size),
+        parameters={name: values[..., units] for name, values in skin.parameters.items()},
+    )
+
+
+def values_of(reading):
+    return [getattr(reading, name) for name in FIELDS]
+
+
+def assert_same_bits(one, other):
+    for name, a, b in zip(FIELDS, values_of(one), values_of(other), strict=True):
+        assert a.dtype == b.dtype
+        assert a.tobytes() == b.tobytes(), name
+
+
+def nominal_counts(gel=1430, frequency=12000, bx=0, by=0, chip=0, n=1, layout="f3t-fd16"):
+    """One cycle of equal units, chip and gel warm, pressed 1.67 mm."""
+    raw = np.zeros((6, n), np.int16)
+    for row, value in zip((0, 1, 2, 3, 5), (gel, frequency, bx, by, chip), strict=True):
+        raw[row] = value
+    return raw
+
+
+# -- truth ---------------------------------------------------------------------------------------
+
+
+@given(seeds, dtypes, st.sampled_from(["f3t-fd16", "f3t-classic"]))
+def test_decoding_undoes_the_simulated_unit_within_quantisation(seed, dtype, layout):
+    skin = calibrated(row_of(20, layout), seed % 7, turn_rad=0.1)
+    skin = with_parameters(skin, field_growth_per_mm2=0.0)  # as the simulated unit has it
+    p = skin.parameters
+    rng = np.random.default_rng(seed)
+    depth = rng.uniform(0.0, 2.0, skin.n)
+    direction = rng.uniform(-np.pi, np.pi, skin.n)
+    reach = rng.uniform(0.0, 0.9, skin.n) * 0.5 * np.pi / p["field_wavenumber_rad_per_mm"]
+    lateral = reach * np.stack([np.cos(direction), np.sin(direction)])
+    temperature = rng.uniform(20.0, 90.0, skin.n)
+    chip = np.clip(temperature, None, 85.0) if skin.wired[5].all() else temperature
+    simulated = UnitSimulator(skin, noise=False)
+    counts = simulated.quantise(
+        simulated.quantities(depth, lateral, temperature, hall_temperature=chip)
+    )
+    got = Decoder(skin, estimator="sine", dtype=dtype)(counts)
+
+    rounding = 1.0 if dtype == "float64" else 1.001
+    digits = 1e-9 if dtype == "float64" else 5e-5
+    half = 0.5 * skin.scale * rounding
+    current = p["gel_current_20c_ua"] * p["gel_current_ratio"] ** ((temperature - 20.0) / 60.0)
+    warmer = 61.0 / np.log(p["gel_current_ratio"]) * half[0] / current
+    deeper = half[1] / p["frequency_slope_hz_per_mm"]
+    assert np.all(np.abs(got.temperature - temperature) <= warmer + digits)
+    assert np.all(np.abs(got.displacement_mm[2] - depth) <= deeper + digits)
+
+    crest = p["field_amplitude_ut"] * np.exp(
+        p["field_growth_per_mm"] * (depth - p["field_reference_mm"])
+    )
+    x = np.sin(p["field_wavenumber_rad_per_mm"] * reach)
+    chip_warmer = np.where(skin.wired[5], half[5], warmer)
+    drift_ut = np.hypot(p["hall_drift_x_ut_per_k"], p["hall_drift_y_ut_per_k"])
+    off = 1.15 * (np.hypot(half[2], half[3]) + drift_ut * chip_warmer) / (0.9 * crest)
+    moved = off + 1.1 * x * (
+        p["field_growth_per_mm"] * deeper
+        + np.abs(p["film_drift_per_k"]) * warmer
+        + np.abs(p["hall_gain_per_k"]) * chip_warmer
+    )
+    slope = np.sqrt(1.0 - np.minimum(x + moved, 0.9999) ** 2) * p["field_wavenumber_rad_per_mm"]
+    further = moved / slope
+    assert np.all(np.abs(np.hypot(*got.displacement_mm[:2]) - reach) <= further + digits)
+    sideways = reach * 1.2 * off / np.maximum(x, 1e-9)
+    wrong = np.hypot(*(got.displacement_mm[:2] - lateral))
+    assert np.all(wrong <= further + sideways + digits)
+    stiffest = p["normal_stiff_n_per_hz"] * half[1]
+    normal = np.where(
+        depth * p["frequency_slope_hz_per_mm"] < p["normal_break_hz"],
+        depth * p["frequency_slope_hz_per_mm"] * p["normal_soft_n_per_hz"],
+        p["normal_break_hz"] * p["normal_soft_n_per_hz"]
+        + (depth * p["frequency_slope_hz_per_mm"] - p["normal_break_hz"])
+        * p["normal_stiff_n_per_hz"],
+    )
+    assert np.all(np.abs(got.force[2] - normal) <= stiffest + digits)
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+@pytest.mark.parametrize("layout", ["f3t-fd16", "f3t-fd64", "f3t-classic"])
+def test_every_cycle_is_that_of_the_naive_decoder(layout, estimator):
+    skin = calibrated(row_of(37, layout), seed=3, turn_rad=0.3)
+    raw = np.concatenate([sensible_counts(skin, 6, 4), sensible_counts(skin, 6, 5, most=0.3)])
+    lost = np.random.default_rng(6).random((12, 37)) < 0.1
+    status = np.where(lost, Status.LATE, 0).astype(np.uint16)
+    expected = naive_decode(skin, raw, status, estimator, consistency=True)
+    got = Decoder(skin, estimator=estimator, dtype="float64")(raw, status)
+    for name in ("status", "valid"):
+        np.testing.assert_array_equal(getattr(got, name), expected[name], err_msg=name)
+    for name in ("temperature", "force", "tangential", "displacement_mm"):
+        np.testing.assert_allclose(getattr(got, name), expected[name], rtol=0, atol=1e-8)
+    turn = np.abs(got.theta - expected["theta"])
+    assert np.minimum(turn, 2.0 * np.pi - turn).max() < 1e-8
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_flags_are_those_of_the_naive_decoder_over_all_integers(estimator):
+    for layout in ("f3t-fd16", "f3t-classic"):
+        skin = calibrated(row_of(64, layout), seed=7, turn_rad=0.3)
+        raw = any_counts(skin, 60, 8)
+        raw[:, 5] = np.clip(raw[:, 5], -128, 127)
+        expected = naive_decode(skin, raw, estimator=estimator, consistency=True)
+        got = Decoder(skin, estimator=estimator, dtype="float64")(raw)
+        # The exponentials are bounded where the count is impossible, and there only.
+        sure = got.status & Status.OUT_OF_RANGE == 0
+        possible = expected["status"] & Status.OUT_OF_RANGE == 0
+        np.testing.assert_array_equal(sure, possible)
+        np.testing.assert_array_equal(got.valid, expected["valid"])
+        np.testing.assert_array_equal(got.status[sure], expected["status"][sure])
+        assert sure.sum() > 50
+
+
+# -- compiled and not, single and double ---------------------------------------------------------
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("turn_rad", [0.0, 0.3])
+def test_compiled_kernel_is_the_python_one(dtype, turn_rad, monkeypatch):
+    skin = calibrated(row_of(21), seed=9, turn_rad=turn_rad)
+    raw = np.concatenate([sensible_counts(skin, 2, 10), any_counts(skin, 1, 11)])
+    status = np.zeros((3, 21), np.uint16)
+    status[1, :4] = [Status.NEVER, Status.LATE, Status.DISABLED, Status.FAULT]
+    fast = Decoder(skin, dtype=dtype)(raw, status)
+    monkeypatch.setattr(kernels, "decode", kernels.decode_python)
+    slow = Decoder(skin, dtype=dtype)(raw, status)
+    np.testing.assert_array_equal(fast.status, slow.status)
+    np.testing.assert_array_equal(fast.valid, slow.valid)
+    sensible = slice(0, 2)
+    # Only the compiled kernel fuses products into sums; near the crest that shows.
+    loose = {"rtol": 0.0, "atol": 3e-3} if dtype == "float32" else {"rtol": 0.0, "atol": 1e-8}
+    for name in FIELDS[:5]:
+        a, b = getattr(fast, name)[sensible], getattr(slow, name)[sensible]
+        np.testing.assert_allclose(a, b, err_msg=name, **loose)
+
+
+@given(seeds)
+def test_float32_agrees_with_float64(seed):
+    skin = calibrated(row_of(33), seed % 5, turn_rad=0.2)
+    raw = sensible_counts(skin, 2, seed, most=0.88)
+    single, double = Decoder(skin, dtype="float32")(raw), Decoder(skin, dtype="float64")(raw)
+    assert np.abs(single.temperature - double.temperature).max() < 1e-4
+    # Any calibration may come: the stiff part of its shear law makes more newtons of a millimetre.
+    assert np.abs(single.force - double.force).max() < 4e-5
+    assert np.abs(single.displacement_mm - double.displacement_mm).max() < 2e-5
+    np.testing.assert_array_equal(single.status, double.status)
+
+
+# -- symmetries ----------------------------------------------------------------------------------
+
+
+@given(seeds, dtypes, st.sampled_from([(-1, -1), (-1, 1), (1, -1)]))
+def test_reflected_fields_give_reflected_forces_to_the_bit(seed, dtype, signs):
+    skin = row_of(40)
+    raw = sensible_counts(skin, 1, seed)[0]
+    decoder = sine(skin, dtype=dtype)
+    before = decoder(raw)
+    force, place = before.force.copy(), before.displacement_mm.copy()
+    reflected = raw.copy()
+    reflected[2:4] *= np.array(signs, np.int16)[:, np.newaxis]
+    decoder.reset()
+    after = decoder(reflected)
+    signs = np.array([*signs, 1], dtype)[:, np.newaxis]
+    np.testing.assert_array_equal(after.force, signs * force)
+    np.testing.assert_array_equal(after.displacement_mm, signs * place)
+
+
+@given(seeds, dtypes)
+def test_a_quarter_turn_of_the_field_turns_the_force(seed, dtype):
+    skin = row_of(40)
+    raw = sensible_counts(skin, 1, seed, most=0.9)
+    turned = raw.copy()
+    turned[:, 2], turned[:, 3] = -raw[:, 3], raw[:, 2]
+    decoder = sine(skin, dtype=dtype)
+    before = decoder(raw)
+    decoder.reset()
+    after = decoder(turned)
+    limit = 2e-5 if dtype == "float32" else 1e-11
+    assert np.abs(after.force[:, 0] + before.force[:, 1]).max() <= limit
+    assert np.abs(after.force[:, 1] - before.force[:, 0]).max() <= limit
+
+
+@given(seeds, dtypes, st.integers(1, 150))
+def test_order_and_number_of_units_do_not_change_a_bit(seed, dtype, size):
+    whole = calibrated(row_of(150), seed=1, turn_rad=0.2)
+    raw = sensible_counts(whole, 3, seed % 3)
+    order = np.random.default_rng(seed).permutation(150)[:size]
+    every = Decoder(whole, dtype=dtype)(raw)
+    some = Decoder(subset(whole, order), dtype=dtype)(np.ascontiguousarray(raw[..., order]))
+    for name, a, b in zip(FIELDS, values_of(every), values_of(some), strict=True):
+        assert np.ascontiguousarray(a[..., order]).tobytes() == b.tobytes(), name
+
+
+def test_units_that_are_fetched_ahead_change_no_bit_either():
+    many = array_of(kernels.FAR + 77, alike=True)
+    raw = counts_of(many)
+    last = slice(many.n - 300, None)
+    few = array_of(300, alike=True)
+    want = {"temperature", "force"}
+    every = sine(many, want)(raw)
+    some = sine(few, want)(np.ascontiguousarray(raw[:, last]))
+    for name in ("temperature", "force", "status", "valid"):
+        a, b = getattr(every, name)[..., last], getattr(some, name)
+        assert np.ascontiguousarray(a).tobytes() == b.tobytes(), name
+
+
+@given(seeds, dtypes)
+def test_units_do_not_see_each_other(seed, dtype):
+    skin = calibrated(row_of(35), seed=2)
+    raw = sensible_counts(skin, 2, seed)
+    other = raw.copy()
+    lone = seed % 35
+    other[:, :, lone] = any_counts(skin, 2, seed)[:, :, lone]
+    decoder = Decoder(skin, dtype=dtype)
+    before = decoder(raw)
+    decoder.reset()
+    after = decoder(other)
+    rest = np.arange(35) != lone
+    for a, b in zip(values_of(before), values_of(after), strict=True):
+        np.testing.assert_array_equal(a[..., rest], b[..., rest])
+
+
+@given(seeds, dtypes)
+def test_a_batch_is_its_cycles_one_by_one(seed, dtype):
+    skin = calibrated(row_of(19), seed=4, turn_rad=0.2)
+    raw = sensible_counts(skin, 5, seed)
+    status = np.random.default_rng(seed).choice([0, 1, 2, 64], (5, 19)).astype(np.uint16)
+    batch = Decoder(skin, dtype=dtype)(raw, status)
+    single = Decoder(skin, dtype=dtype)
+    for t in range(5):
+        reading = single(raw[t], status[t])
+        for name, a, b in zip(FIELDS, values_of(batch), values_of(reading), strict=True):
+            assert a[t].tobytes() == b.tobytes(), name
+
+
+def test_units_that_are_alike_decode_as_units_that_differ():
+    """A shared block of coefficients is only a saving."""
+    raw = sensible_counts(row_of(50), 2, 1)
+    alike = Decoder(row_of(50))(raw)
+    last = row_of(50).parameters["frequency_rest_hz"] + np.eye(50)[49]
+    differing = Decoder(with_parameters(row_of(50), frequency_rest_hz=last))(raw)
+    for a, b in zip(values_of(alike), values_of(differing), strict=True):
+        np.testing.assert_array_equal(a[..., :49], b[..., :49])
+
+
+# -- monotony ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_tangential_force_grows_with_the_field(dtype):
+    skin = row_of(1)
+    raw = np.repeat(nominal_counts()[np.newaxis], 8000, axis=0)
+    raw[:, 2, 0] = np.arange(8000)
+    got = sine(skin, dtype=dtype)(raw)
+    assert np.all(np.diff(got.tangential[:, 0]) >= 0.0)
+    assert got.displacement_mm[-1, 0, 0] == pytest.approx(2.5, abs=1e-6)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_normal_force_falls_with_the_frequency_without_a_step(dtype):
+    skin = row_of(1)
+    raw = np.repeat(nominal_counts()[np.newaxis], 21600, axis=0)
+    raw[:, 1, 0] = np.arange(21600)
+    normal = sine(skin, dtype=dtype)(raw).force[:, 2, 0]
+    steps = np.diff(normal.astype(float))
+    assert np.all(steps < 0.0)
+    assert np.abs(steps).max() <= 0.25 / 200.0 * 1.01
+    assert normal[18000] == pytest.approx(0.0, abs=1e-6)
+    assert normal[18040] == pytest.approx(-10.0 / 600.0, abs=1e-6)  # a pull is not clipped
+    assert normal[4 * (4500 - 540)] == pytest.approx(0.9, abs=1e-5)
+    assert normal[4 * (4500 - 1800)] == pytest.approx(7.2, abs=1e-5)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_temperature_grows_with_the_gel_current(dtype):
+    skin = row_of(1)
+    gel = np.arange(250, 32767)
+    raw = np.repeat(nominal_counts()[np.newaxis], gel.size, axis=0)
+    raw[:, 0, 0] = gel
+    steps = np.diff(sine(skin, dtype=dtype)(raw).temperature[:, 0])
+    assert np.all(steps >= (0.0 if dtype == "float64" else -2e-5))
+
+
+# -- edges ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_no_field_is_no_shear(dtype):
+    got = sine(row_of(3), dtype=dtype)(nominal_counts(n=3))
+    assert not got.force[:2].any()
+    assert not got.displacement_mm[:2].any()
+    assert not got.tangential.any()
+    assert not got.theta.any()
+
+
+@given(seeds, dtypes, st.sampled_from(["f3t-fd16", "f3t-classic"]))
+def test_no_integer_makes_a_nan(seed, dtype, layout):
+    skin = calibrated(row_of(48, layout), seed % 5, turn_rad=0.5)
+    got = Decoder(skin, dtype=dtype)(any_counts(skin, 20, seed))
+    for name in FIELDS[:5]:
+        assert np.isfinite(getattr(got, name)).all(), name
+    assert np.all(np.abs(got.theta) <= np.pi + 1e-6)
+
+
+def test_direction_is_corrected_by_its_table():
+    """A table that is the same everywhere turns; a single knot acts between its neighbours only."""
+    n, arcsine = 64, functools.partial(Decoder, estimator="sine", dtype="float64")
+    direction = np.linspace(-np.pi, np.pi, n, endpoint=False) + 0.01
+    raw = nominal_counts(n=n)
+    raw[2], raw[3] = np.round(2000 * np.cos(direction)), np.round(2000 * np.sin(direction))
+    plain = arcsine(row_of(n))(raw)
+    even = with_parameters(row_of(n), theta_correction_rad=0.25)
+    turned = arcsine(even)(raw)
+    shift = (turned.theta - plain.theta + np.pi) % (2.0 * np.pi) - np.pi
+    np.testing.assert_allclose(shift, 0.25, atol=1e-12)
+    np.testing.assert_allclose(turned.tangential, plain.tangential, atol=1e-12)
+    np.testing.assert_allclose(np.hypot(*turned.force[:2]), turned.tangential, atol=1e-12)
+
+    for knot in (0, 5):
+        table = np.zeros((THETA_KNOTS, n))
+        table[knot] = 0.2
+        one = arcsine(with_parameters(row_of(n), theta_correction_rad=table))(raw)
+        shift = (one.theta - plain.theta + np.pi) % (2.0 * np.pi) - np.pi
+        away = (plain.theta - (-np.pi + knot * np.pi / 8.0) + np.pi) % (2.0 * np.pi) - np.pi
+        hat = 0.2 * np.maximum(1.0 - np.abs(away) / (np.pi / 8.0), 0.0)
+        np.testing.assert_allclose(shift, hat, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "dtype"),
+    [*(({name}, "float32") for name in UNIT_WANTS), (set(), "float32"), ({"force"}, "float64")],
+)
+def test_what_is_wanted_does_not_change_it(wanted, dtype):
+    skin = calibrated(row_of(18), seed=5, turn_rad=0.1)
+    raw = sensible_counts(skin, 2, 6, most=0.8)
+    everything, some = Decoder(skin, dtype=dtype)(raw), Decoder(skin, wanted, dtype=dtype)(raw)
+    names = dict(zip(UNIT_WANTS, FIELDS[:5], strict=False)) | {"field": "field_ut"}
+    for want, name in names.items():
+        if want in wanted:
+            np.testing.assert_array_equal(getattr(some, name), getattr(everything, name))
+        else:
+            assert getattr(some, name) is None
+    np.testing.assert_array_equal(some.valid, everything.valid)

@@ -1,0 +1,272 @@
+"""What a scene needs, and no more: the plan, temperatures held, blocks skipped, backgrounds."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bus.status import Status
+from skin.decode.decoder import Decoder
+from skin.decode.plan import Plan
+from skin.errors import CountsError, OptionError
+from tests.fixtures.decode import calibrated, row_of, sensible_counts, with_parameters
+from tests.skin.decode.test_field_angle import counts_at
+
+seeds = st.integers(0, 2**32 - 1)
+FIELDS = ("temperature", "force", "tangential", "theta", "displacement_mm", "field_ut",
+          "force_sigma", "displacement_sigma_mm", "tangential_sigma", "theta_sigma")  # fmt: skip
+TANGENTIAL = (("tangential", None), ("theta", None), ("force", slice(0, 2)), ("field_ut", None),
+              ("displacement_mm", slice(0, 2)), ("force_sigma", slice(0, 2)),
+              ("tangential_sigma", None), ("theta_sigma", None))  # fmt: skip
+
+
+def scene(n, seed, cycles=24, quiet=0.6):
+    """Presses that come and go over stretches of units, with a held count now and then."""
+    rng = np.random.default_rng(seed)
+    skin = row_of(n, rate_hz=100.0)
+    time = np.arange(cycles)[:, np.newaxis]
+    middle = rng.uniform(0, n) + rng.uniform(-1.0, 1.0) * time
+    wide = rng.uniform(2.0, 30.0)
+    depth = 1.5 * np.maximum(1.0 - np.abs(np.arange(n) - middle) / wide, 0.0)
+    depth = np.where(time % 9 < quiet * 9, 0.0, depth)
+    raw = counts_at(skin, depth, 1.2 * depth, np.full(depth.shape, rng.uniform(-3.0, 3.0)))
+    raw[:, 0] += rng.integers(-20, 20, (cycles, n)).astype(np.int16)
+    for t in range(1, cycles):
+        if rng.random() < 0.3:
+            raw[t] = raw[t - 1]
+    status = np.where(rng.random((cycles, n)) < 0.02, Status.LATE, 0).astype(np.uint16)
+    status[: cycles // 3, :3] = Status.NEVER
+    return skin, raw, status
+
+
+# -- the plan --------------------------------------------------------------------------------------
+
+
+def test_a_plan_is_no_longer_than_the_scene():
+    nominal = Plan.of(row_of(3))
+    assert nominal.quantities == (
+        "temperature", "force", "tangential", "theta", "displacement", "field",
+    )  # fmt: skip
+    assert nominal.sigma
+    assert nominal.film_compensation  # the check of the field needs M0
+    assert not nominal.theta_table
+    short = Plan.of(row_of(3), {"force"}, consistency=False)
+    assert not short.film_compensation  # the angle does not
+    assert not short.chip_compensation  # no offset drifts, and the gain cancels
+    assert Plan.of(row_of(3), {"force"}, estimator="sine", consistency=False).film_compensation
+    drifting = with_parameters(row_of(3), hall_drift_z_ut_per_k=1.0)
+    assert Plan.of(drifting, {"force"}, consistency=False).chip_compensation
+    heat = Plan.of(row_of(3), {"temperature"})
+    assert not any((heat.film_compensation, heat.chip_compensation, heat.consistency))
+    assert Plan.of(row_of(3, "f3t-classic")).chip_lags
+    assert Plan.of(calibrated(row_of(3), turn_rad=0.1)).theta_table
+
+
+def test_a_plan_can_be_read():
+    text = str(Plan.of(row_of(3), {"force", "sigma"}, skip=True))
+    told = dict(re.split(" {2,}", line) for line in text.splitlines())
+    assert told["quantities"] == "force"
+    assert told["sigma"] == "yes"
+    assert told["estimator"] == "field-angle"
+    assert told["temperature every"] == "1"
+    assert dataclasses.asdict(Plan.of(row_of(3)))["dtype"] == "float32"
+
+
+def test_skipping_holds_temperatures_for_a_twentieth_of_a_second():
+    for rate, every in ((10.0, 1), (100.0, 5), (1000.0, 50)):
+        assert Plan.of(row_of(3, rate_hz=rate), skip=True).temperature_every == every
+        assert Plan.of(row_of(3, rate_hz=rate)).temperature_every == 1
+
+
+@pytest.mark.parametrize("sweeps", [3, -1])
+def test_other_numbers_of_sweeps_are_refused(sweeps):
+    with pytest.raises(OptionError, match=f"sweeps: must be 0, 1 or 2; got {sweeps}"):
+        Plan.of(row_of(3), sweeps=sweeps)
+
+
+# -- skipping --------------------------------------------------------------------------------------
+
+
+@settings(max_examples=20)
+@given(seeds, st.sampled_from([5, 64, 128, 150, 300]), st.sampled_from(["sine", "field-angle"]))
+def test_skipping_changes_no_bit_of_what_it_shows(seed, n, estimator):
+    """Cycle by cycle against the full pass; what is idle is NaN where it was not looked at."""
+    skin, raw, status = scene(n, seed)
+    skipping = Decoder(skin, None, estimator, skip=True)
+    full = Decoder(skin, None, estimator, temperature_every=skipping.plan.temperature_every)
+    idle = 0
+    for counts, flags in zip(raw, status, strict=True):
+        some, every = skipping(counts, flags), full(counts, flags)
+        resting = some.status & Status.IDLE != 0
+        idle += resting.sum()
+        seen = ~resting & (flags & Status.NEVER == 0)
+        for name in FIELDS:
+            a, b = getattr(some, name), getattr(every, name)
+            assert a[..., seen].tobytes() == b[..., seen].tobytes(), name
+        np.testing.assert_array_equal(some.status[seen], every.status[seen])
+        np.testing.assert_array_equal(some.valid, every.valid | (resting & some.valid))
+        np.testing.assert_array_equal(some.temperature, every.temperature)
+        np.testing.assert_array_equal(some.force[2], every.force[2])
+        np.testing.assert_array_equal(some.displacement_sigma_mm[2], every.displacement_sigma_mm[2])
+        for name, rows in TANGENTIAL:
+            values = getattr(some, name)
+            assert np.isnan((values if rows is None else values[rows])[..., resting]).all()
+        limit = 2.9 * 6.01 / 900.0 + 1e-3
+        assert np.all(every.displacement_mm[2][resting] <= limit)
+    assert idle > 0
+
+
+def test_a_batch_skips_as_its_cycles_do():
+    skin, raw, status = scene(150, 7)
+    batch = Decoder(skin, skip=True)(raw, status)
+    single = Decoder(skin, skip=True)
+    for t in range(len(raw)):
+        one = single(raw[t], status[t])
+        for name in (*FIELDS, "status"):
+            np.testing.assert_array_equal(getattr(one, name), getattr(batch, name)[t], name)
+
+
+def test_a_batch_in_between_is_not_mistaken_for_the_last_cycle():
+    skin, raw, status = scene(150, 8)
+    decoder = Decoder(skin, skip=True, temperature_every=1000)
+    first = decoder(raw[5], status[5]).force.copy()
+    decoder(raw[8:10], status[8:10])
+    np.testing.assert_array_equal(decoder(raw[9], status[9]).status, decoder.__call__(
+        raw[9].copy(), status[9].copy()).status)  # fmt: skip
+    np.testing.assert_array_equal(decoder(raw[5], status[5]).force[2], first[2])
+
+
+def test_idle_is_not_untouched_and_not_invalid():
+    skin = row_of(16, rate_hz=100.0)
+    raw = counts_at(skin, np.zeros(16), 0.0, 0.0)
+    reading = Decoder(skin, skip=True)(raw)
+    assert reading.status.tolist() == [Status.IDLE] * 16
+    assert reading.valid.all()
+    assert np.isnan(reading.force[:2]).all()
+    assert np.isfinite(reading.force[2]).all()
+    pressed = counts_at(skin, np.where(np.arange(16) == 3, 0.1, 0.0), 0.0, 0.0)
+    assert not Decoder(skin, skip=True)(pressed).status.any()
+
+
+# -- temperatures held -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_held_temperatures_are_those_of_the_cycles_when_they_were_due(dtype):
+    skin = calibrated(row_of(40, rate_hz=50.0), seed=1)
+    raw = sensible_counts(skin, 13, 2)
+    held = Decoder(skin, dtype=dtype, temperature_every=4)(raw).temperature
+    each = Decoder(skin, dtype=dtype)(raw).temperature
+    for t in range(13):
+        np.testing.assert_array_equal(held[t], each[t - t % 4])
+
+
+def test_a_held_temperature_is_late_by_no_more_than_it_changed():
+    """A film that warms by 1 K/s, held for 50 ms, and a chip that reads in steps of 0.5 °C."""
+    skin = row_of(1, rate_hz=100.0)
+    seconds = np.arange(600) / 100.0
+    raw = counts_at(
+        skin, np.full((600, 1), 1.5), np.full((600, 1), 1.0), 0.4, (25.0 + seconds)[:, np.newaxis]
+    )
+    for name, limit in (("sine", 5e-4), ("field-angle", 2e-5)):
+        held, each = (
+            Decoder(skin, None, name, temperature_every=every, dtype="float64")(raw)
+            for every in (5, 1)
+        )
+        assert np.abs(held.temperature - each.temperature).max() <= 0.05 + 0.02
+        assert np.abs(held.displacement_mm - each.displacement_mm).max() <= limit
+
+
+def test_a_unit_that_is_heard_late_has_a_temperature_at_once():
+    skin = row_of(20, rate_hz=100.0)
+    raw = counts_at(skin, np.full(20, 1.0), 0.5, 0.2)
+    decoder = Decoder(skin, temperature_every=50)
+    status = np.zeros(20, np.uint16)
+    status[7] = Status.NEVER
+    assert np.isnan(decoder(raw, status).temperature[7])
+    reading = decoder(raw, np.zeros(20, np.uint16))
+    assert reading.temperature[7] == pytest.approx(25.0, abs=0.1)
+    assert reading.force[0, 7] == pytest.approx(reading.force[0, 8], abs=1e-4)
+
+
+# -- the same cycle once more ----------------------------------------------------------------------
+
+
+@pytest.mark.usefixtures("interpreted")
+@pytest.mark.parametrize("every", [1, 4])
+@pytest.mark.parametrize("layout", ["f3t-fd16", "f3t-classic"])
+def test_decoding_a_cycle_again_changes_nothing_that_follows(every, layout):
+    skin = calibrated(row_of(30, layout, 10.0), seed=4)
+    raw = sensible_counts(skin, 9, 5)
+    status = np.random.default_rng(6).choice([0, 0, 0, 2, 1], (9, 30)).astype(np.uint16)
+    once, twice = (Decoder(skin, temperature_every=every) for _ in range(2))
+    other = np.full((4, 30), 100.0, np.float32)
+    for counts, flags in zip(raw, status, strict=True):
+        first = once(counts, flags)
+        twice(counts, flags)
+        twice(counts, flags, other, advance=False)
+        again = twice(counts, flags, advance=False)
+        for name in FIELDS:
+            a, b = getattr(first, name), getattr(again, name)
+            np.testing.assert_allclose(a, b, rtol=1e-6, atol=1e-6, err_msg=name)
+
+
+# -- background ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("estimator", ["sine", "field-angle"])
+def test_a_background_is_taken_off_the_counts(dtype, estimator, request):
+    """Counts that are higher by whole steps, and a background that the chip reads as that."""
+    if estimator == "sine":
+        request.getfixturevalue("interpreted")
+    skin = calibrated(row_of(50), seed=5)
+    raw = sensible_counts(skin, 3, 6, most=0.8)
+    steps = np.random.default_rng(7).integers(-60, 60, (4, 50))
+    moved = raw.copy()
+    moved[:, 1] -= steps[0].astype(np.int16)
+    moved[:, 2:5] += steps[1:].astype(np.int16)
+    warmer = skin.scale[5] * raw[:, 5] + skin.offset[5] - skin.parameters["hall_reference_c"]
+    background = np.tile(steps * skin.scale[1:5], (3, 1, 1))
+    background[:, 1:] /= (1.0 + skin.parameters["hall_gain_per_k"] * warmer)[:, np.newaxis]
+    background = background.astype(dtype)
+    plain = Decoder(skin, None, estimator, dtype=dtype)(raw)
+    taken = Decoder(skin, None, estimator, dtype=dtype)(moved, None, background)
+    limit = 2e-5 if dtype == "float32" else 1e-9
+    for name in ("force", "displacement_mm", "tangential"):
+        assert np.abs(getattr(plain, name) - getattr(taken, name)).max() <= limit, name
+    assert np.abs(plain.field_ut - taken.field_ut).max() <= (1e-2 if dtype == "float32" else 1e-8)
+    live = Decoder(skin, None, estimator, dtype=dtype)
+    for t in range(3):
+        one = live(moved[t], None, background[t])
+        np.testing.assert_array_equal(one.force, taken.force[t])
+
+
+def test_another_shape_of_background_is_refused():
+    raw = np.zeros((6, 3), np.int16)
+    for background in (np.zeros((3, 3), np.float32), np.zeros((4, 3)), [0]):
+        with pytest.raises(CountsError, match="row: background: must be an array of float32"):
+            Decoder(row_of(3))(raw, None, background)
+
+
+def test_the_field_is_that_of_the_film_in_the_units_frame():
+    skin = calibrated(row_of(40), seed=6)
+    p = skin.parameters
+    raw = sensible_counts(skin, 1, 7)[0]
+    got = Decoder(skin, dtype="float64")(raw).field_ut
+    value = skin.scale * raw + skin.offset
+    above = value[5] - p["hall_reference_c"]
+    x, y, z = (
+        (value[2 + i] - p[f"hall_offset_{a}_ut"] - p[f"hall_drift_{a}_ut_per_k"] * above)
+        / (1.0 + p["hall_gain_per_k"] * above)
+        for i, a in enumerate("xyz")
+    )
+    expected = [p["field_xx"] * x + p["field_xy"] * y, p["field_yx"] * x + p["field_yy"] * y, z]
+    np.testing.assert_allclose(got, expected, rtol=0, atol=1e-8)
+    blind = dataclasses.replace(skin, wired=skin.wired & (np.arange(6) != 4)[:, np.newaxis])
+    assert np.isnan(Decoder(blind)(raw).field_ut[2]).all()

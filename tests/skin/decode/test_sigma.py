@@ -1,0 +1,200 @@
+"""One sigma of every output: coverage, what it is made of, and that it is honest where laws end."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from skin.decode.decoder import Decoder
+from tests.fixtures.decode import calibrated, row_of, sensible_counts, with_parameters
+from tests.naive.decode import naive_decode
+from tests.skin.decode.test_field_angle import counts_at
+
+NAMES = ("temperature", "fx", "fy", "fz", "x", "y", "h", "tangential", "theta")
+UNITS, CYCLES = 500, 16
+
+
+def rows_of(reading, sigma=False):
+    """Quantities or their sigmas by the names above, shape (t, n)."""
+    end = "_sigma" if sigma else ""
+    force = getattr(reading, f"force{end}")
+    place = reading.displacement_sigma_mm if sigma else reading.displacement_mm
+    whole = (getattr(reading, f"{name}{end}") for name in ("temperature", "tangential", "theta"))
+    temperature, tangential, theta = whole
+    rows = (temperature, *force.swapaxes(0, 1), *place.swapaxes(0, 1), tangential, theta)
+    return dict(zip(NAMES, rows, strict=True))
+
+
+def coverage(estimator, depth, reach):
+    """Share of truths within one sigma, of noisy readings of nominal units in all directions."""
+    skin = row_of(UNITS)
+    rng = np.random.default_rng(5)
+    direction = rng.uniform(-np.pi, np.pi, (CYCLES, UNITS))
+    temperature = 25.0
+    raw = counts_at(skin, np.full(direction.shape, depth), reach, direction, temperature, noise=rng)
+    got = Decoder(skin, None, estimator, dtype="float64")(raw)
+    shear = 0.5 * reach + 2.375 * max(reach - 2.0, 0.0)
+    normal = 1.5 * depth + 3.0 * max(depth - 0.6, 0.0)
+    truth = (
+        temperature, shear * np.cos(direction), shear * np.sin(direction), normal,
+        reach * np.cos(direction), reach * np.sin(direction), depth, shear, direction,
+    )  # fmt: skip
+    value, sigma = rows_of(got), rows_of(got, sigma=True)
+    found = {}
+    for name, exact in zip(NAMES, truth, strict=True):
+        off = value[name] - exact
+        off = (off + np.pi) % (2.0 * np.pi) - np.pi if name == "theta" else off
+        found[name] = np.mean(np.abs(off) <= sigma[name])
+    return found
+
+
+@pytest.mark.parametrize(
+    ("depth", "reach"),
+    [(0.2, 0.0), (0.2, 0.5), (0.2, 1.5), (0.2, 2.5), (1.0, 0.1), (1.0, 1.2), (1.0, 2.3),
+     (1.9, 0.3), (1.9, 1.8), (1.9, 2.2), (1.9, 2.8)],
+)  # fmt: skip
+def test_two_of_three_truths_lie_within_one_sigma(depth, reach):
+    """8000 readings: 1.5 % is three sigma of the share itself."""
+    found = coverage("field-angle", depth, reach)
+    if reach < 0.2:  # no direction yet, and a length that cannot be negative: documented
+        del found["theta"], found["tangential"]
+    for name, share in found.items():
+        assert 0.66 <= share <= 0.705, (name, share)
+
+
+@pytest.mark.parametrize(("depth", "reach"), [(0.2, 0.0), (0.2, 1.2), (1.0, 0.5), (1.9, 1.5)])
+def test_the_arcsine_is_as_honest_below_its_crest(depth, reach):
+    found = coverage("sine", depth, reach)
+    if reach < 0.2:
+        del found["theta"], found["tangential"]
+    for name, share in found.items():
+        assert 0.655 <= share <= 0.705, (name, share)
+
+
+def test_at_hinges_and_at_the_crest_the_share_is_what_is_documented():
+    """The sigma is half of an interval, so a kink within it costs little; the crest costs more."""
+    for depth, reach in ((0.2, 1.95), (1.0, 2.0), (0.6, 1.0)):
+        for name, share in coverage("field-angle", depth, reach).items():
+            assert 0.66 <= share <= 0.85, (name, share)
+    for depth, reach in ((0.2, 2.1), (1.0, 2.3), (1.9, 2.45)):
+        for name, share in coverage("sine", depth, reach).items():
+            assert 0.4 <= share <= 0.85, (name, share)
+
+
+@pytest.mark.parametrize("estimator", ["sine", "field-angle"])
+def test_sigma_is_what_the_noise_of_each_channel_does_to_the_naive_decoder(estimator):
+    """Slopes by differences of the naive decoder, in units that all differ."""
+    skin = calibrated(row_of(200), seed=3)
+    p = skin.parameters
+    raw = sensible_counts(skin, 1, 8, most=0.8)
+    got = Decoder(skin, None, estimator, dtype="float64")(raw)
+    steps = {
+        0: p["gel_noise_relative"] * (skin.scale[0] * raw[0, 0] + skin.offset[0]),
+        1: p["frequency_noise_hz"], 2: p["field_noise_ut"], 3: p["field_noise_ut"],
+        4: p["field_noise_ut"] if estimator == "field-angle" else 0.0,
+    }  # fmt: skip
+    total = {name: 0.0 for name in NAMES}
+    kinks = np.zeros((1, 200), bool)
+    for channel, noise in steps.items():
+        sigma = np.hypot(noise, skin.scale[channel] * 12.0**-0.5) * (np.asarray(noise) > 0.0)
+        both = []
+        for way in (-0.05, 0.05):
+            moved = skin.offset.copy()
+            moved[channel] += way * sigma
+            told = naive_decode(with_offset(skin, moved), raw, None, estimator)
+            both.append(naive_rows(told))
+        for name in NAMES:
+            total[name] = total[name] + ((both[1][name] - both[0][name]) / 0.1) ** 2
+    sigma = rows_of(got, sigma=True)
+    value = rows_of(got)
+    r = np.hypot(value["x"], value["y"])
+    kinks |= np.abs(r - p["shear_break_mm"]) < 5.0 * sigma["x"] + 5.0 * sigma["y"]
+    kinks |= np.abs(value["h"] - p["normal_break_hz"] / p["frequency_slope_hz_per_mm"]) < 0.05
+    kinks |= np.abs(np.abs(value["theta"]) - np.pi) < 0.2
+    plain = ~kinks & (got.status == 0)
+    assert plain.sum() > 60
+    for name in NAMES:
+        ratio = (sigma[name] / np.sqrt(total[name]))[plain]
+        # maps that stretch unequally and residues of compensation are in the sigma alone
+        assert np.all(np.abs(ratio - 1.0) < 0.1), (name, ratio.min(), ratio.max())
+
+
+def with_offset(skin, offset):
+    return dataclasses.replace(skin, offset=offset)
+
+
+def naive_rows(told):
+    force, place = told["force"], told["displacement_mm"]
+    rows = (told["temperature"], *force.swapaxes(0, 1), *place.swapaxes(0, 1),
+            told["tangential"], told["theta"])  # fmt: skip
+    return dict(zip(NAMES, rows, strict=True))
+
+
+def test_calibration_sigmas_add_to_their_own_outputs():
+    """And to those that follow from them, as the square root of a sum of squares."""
+    skin = row_of(40)
+    raw = counts_at(skin, 1.5, np.linspace(0.3, 1.8, 40), np.linspace(-3, 3, 40))
+    plain = rows_of(Decoder(skin, None, "field-angle", dtype="float64")(raw[np.newaxis]), True)
+    expected = {
+        "temperature_sigma_c": {"temperature": 0.3},
+        "frequency_sigma_hz": {"h": 9.0 / 900.0, "fz": 9.0 / 200.0},
+        "normal_sigma_relative": {"fz": 0.02 * (1.5 * 1.5 + 3.0 * 0.9)},
+        "shear_sigma_relative": {"tangential": 0.02 * 0.5 * np.linspace(0.3, 1.8, 40)},
+        "field_angle_sigma_mm": {"x": 0.01, "y": 0.01},
+    }
+    size = {"temperature_sigma_c": 0.3, "frequency_sigma_hz": 9.0, "field_angle_sigma_mm": 0.01}
+    for name, added in expected.items():
+        other = with_parameters(skin, **{name: size.get(name, 0.02)})
+        found = rows_of(Decoder(other, None, "field-angle", dtype="float64")(raw[np.newaxis]), True)
+        for row in NAMES:
+            more = np.sqrt(np.maximum(found[row] ** 2 - plain[row] ** 2, 0.0))
+            if row in added:
+                np.testing.assert_allclose(more[0], added[row], rtol=0.02, err_msg=(name, row))
+            elif name in ("temperature_sigma_c", "normal_sigma_relative"):
+                assert np.all(more <= 1e-4), (name, row)
+
+
+def test_field_sigma_widens_the_field_and_the_residue_of_a_background_does_the_same():
+    skin = row_of(30)
+    raw = counts_at(skin, 1.0, np.linspace(0.0, 2.2, 30), 0.7)
+    wider = Decoder(with_parameters(skin, field_sigma_ut=200.0), None, "field-angle")(raw)
+    background = np.zeros((5, 30), np.float32)
+    background[4] = 200.0**2
+    told = Decoder(skin, None, "field-angle")(raw, None, background)
+    for name in ("displacement_sigma_mm", "force_sigma", "theta_sigma", "tangential_sigma"):
+        np.testing.assert_allclose(getattr(told, name), getattr(wider, name), rtol=1e-4)
+    plain = Decoder(skin, None, "field-angle")(raw)
+    assert np.all(told.displacement_sigma_mm[:2] > 1.5 * plain.displacement_sigma_mm[:2])
+
+
+@pytest.mark.parametrize("estimator", ["sine", "field-angle"])
+def test_sigma_grows_beyond_the_calibrated_depth(estimator):
+    """A fifth of what lies beyond it."""
+    skin = row_of(60)
+    depth = np.linspace(1.9, 3.2, 60)
+    got = Decoder(skin, None, estimator, dtype="float64")(counts_at(skin, depth, 0.5, 0.3))
+    beyond = 0.2 * np.maximum(depth - 2.0, 0.0)
+    np.testing.assert_allclose(
+        got.displacement_sigma_mm[2], 6.02 / 900.0 + beyond, rtol=0.02, atol=1e-4
+    )
+    np.testing.assert_allclose(got.force_sigma[2], 4.5 * got.displacement_sigma_mm[2], rtol=1e-3)
+
+
+def test_a_direction_of_which_nothing_is_known_is_uniform():
+    raw = counts_at(row_of(2), 0.2, np.zeros(2), 0.0)
+    raw[2:4] = 0
+    got = Decoder(row_of(2), None, "field-angle")(raw)
+    np.testing.assert_allclose(got.theta_sigma, np.pi / np.sqrt(3.0), rtol=1e-6)
+
+
+def test_sigma_does_not_change_what_it_is_of():
+    skin = calibrated(row_of(50), seed=2)
+    raw = sensible_counts(skin, 2, 3)
+    for estimator in ("sine", "field-angle"):
+        with_it = Decoder(skin, None, estimator)(raw)
+        without = Decoder(skin, {"force", "displacement"}, estimator)(raw)
+        np.testing.assert_array_equal(with_it.status, without.status)
+        np.testing.assert_allclose(with_it.force, without.force, rtol=1e-6, atol=1e-6)
+        assert without.force_sigma is None

@@ -1,0 +1,117 @@
+"""Rows that a skipping decoder leaves as they are: never those of another cycle."""
+
+from __future__ import annotations
+
+import itertools
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import skin
+from benchmarks import skip as benchmark
+from benchmarks import timing
+from bus.status import Status
+from skin.decode.decoder import Decoder
+from tests.fixtures.decode import row_of
+from tests.skin.decode.test_field_angle import counts_at
+from tests.skin.decode.test_plan import FIELDS, scene
+
+
+@settings(max_examples=30)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([64, 128, 300]), st.booleans())
+def test_backgrounds_and_units_that_come_and_go_are_of_their_own_cycle(seed, n, twice):
+    """Backgrounds are told now and then, units are heard of and not, cycles decoded once more."""
+    rng = np.random.default_rng(seed)
+    skin, raw, status = scene(n, seed)
+    for unit in rng.integers(0, n, 3):
+        status[:, unit] = np.where(rng.random(len(raw)) < 0.5, Status.NEVER, 0)
+    skipping = Decoder(skin, skip=True)
+    full = Decoder(skin, temperature_every=skipping.plan.temperature_every)
+    told = rng.normal(0.0, [[10.0], [200.0], [200.0], [200.0]], (4, n)).astype(np.float32)
+    rested = 0
+    for counts, flags in zip(raw, status, strict=True):
+        background = told if rng.random() < 0.6 else None
+        some, every = skipping(counts, flags, background), full(counts, flags, background)
+        if twice and rng.random() < 0.5:
+            some = skipping(counts, flags, told, advance=False)
+            every = full(counts, flags, told, advance=False)
+        idle = some.status & Status.IDLE != 0
+        rested += idle.any()
+        for name in FIELDS:
+            shown, wanted = getattr(some, name), getattr(every, name)
+            assert np.array_equal(shown[..., ~idle], wanted[..., ~idle], equal_nan=True), name
+            left_out = np.isnan(shown) | (shown == wanted)
+            assert left_out[..., idle].all(), name
+        np.testing.assert_array_equal(some.temperature, every.temperature)
+        np.testing.assert_array_equal(some.temperature_sigma, every.temperature_sigma)
+        np.testing.assert_array_equal(some.force[2], every.force[2])
+        np.testing.assert_array_equal(some.status[~idle], every.status[~idle])
+    assert rested > 0
+
+
+@pytest.mark.parametrize("between", ["batch", "reset"])
+def test_rows_of_another_use_are_not_kept(between):
+    """What lies in the arrays of a cycle is trusted only after a cycle like this one."""
+    skin, raw, _ = scene(128, 3)
+    skipping, full = Decoder(skin, skip=True), Decoder(skin, temperature_every=5)
+    for counts in raw[:4]:
+        skipping(counts), full(counts)
+    for decoder in (skipping, full):
+        if between == "batch":
+            decoder(raw[4:6])
+        else:
+            decoder.reset()
+    some, every = skipping(raw[6]), full(raw[6])
+    idle = some.status & Status.IDLE != 0
+    np.testing.assert_array_equal(some.temperature, every.temperature)
+    np.testing.assert_array_equal(some.temperature_sigma, every.temperature_sigma)
+    np.testing.assert_array_equal(some.force[2], every.force[2])
+    assert idle.any()
+    assert np.isnan(some.force[0][idle]).all()
+
+
+@pytest.mark.usefixtures("interpreted")
+def test_only_temperatures_are_never_idle():
+    skin = row_of(64, rate_hz=100.0)
+    raw = counts_at(skin, np.zeros(64), 0.0, 0.0)
+    for want, idle in (({"temperature"}, False), ({"force"}, True)):
+        status = Decoder(skin, want, skip=True)(raw).status
+        assert (status & Status.IDLE != 0).tolist() == [idle] * 64
+
+
+def test_a_live_skin_that_skips_tells_the_same_contacts():
+    """Its ambient field is looked at less often: forces differ by a part of their noise."""
+    shown = []
+    for skip in (False, True):
+        with skin.open("palm", simulate=True, pace=False, skip=skip) as palm:
+            states = itertools.islice(palm, 300)
+            shown.append([
+                (s.wrench.copy(), s.label.copy(), s.units.status.copy()) for s in states
+            ])  # fmt: skip
+    idle = False
+    for (wrench, label, _), (skipped, same, status) in zip(*shown, strict=True):
+        np.testing.assert_array_equal(label, same)
+        np.testing.assert_allclose(skipped[:3], wrench[:3], atol=0.05)
+        idle |= bool((status & Status.IDLE).any())
+    assert idle
+    assert shown[0][-1][0][2] < -1.0  # something is pressed in the end
+
+
+def test_the_benchmark_compares_what_it_times(monkeypatch):
+    monkeypatch.setattr(benchmark, "SIZES", (64,))
+    monkeypatch.setattr(benchmark, "SHARES", (0.0, 1.0))
+    monkeypatch.setattr(benchmark, "SINGLE", ("temperature",))
+    monkeypatch.setattr(timing, "ROUNDS", 2)
+    figures = json.loads(json.dumps(benchmark.run(quick=True)))
+    shares = figures["sizes"]["64"]["shares"]
+    assert shares["0"]["idle"] > 0.8
+    assert shares["100"]["idle"] == 0.0
+    assert shares["100"]["off_n"] == 0.0
+    assert 0.0 < shares["0"]["off_n"] < 0.05  # within what a unit at rest reads by noise
+    assert "of full" in benchmark.table(figures)
+    monkeypatch.setattr(benchmark, "_differ", lambda told, left_out: 3)
+    with pytest.raises(AssertionError, match="3 values"):
+        benchmark.run(quick=True)

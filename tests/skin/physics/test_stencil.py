@@ -1,0 +1,315 @@
+"""Neighbours' stray fields as polynomials: against magnet theory, on skins of every shape."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import topology
+from skin.errors import ScanError, SkinError
+from skin.physics.halbach import HalbachField
+from skin.physics.stencil import Stencil
+from skin.physics.stray import fit_stray, monomials, powers, scan_poses
+from topology.pose import from_rpy
+
+
+@functools.cache
+def palm(pitch_mm):
+    skin = topology.load("palm")
+    return dataclasses.replace(skin, position=skin.position * (pitch_mm / 12.0))
+
+
+def displaced(n, cycles=20, seed=1):
+    """Films moved at random: displacement and depth together, shape (cycles, 3, n)."""
+    rng = np.random.default_rng(seed)
+    reach, angle = 2.5 * np.sqrt(rng.random((cycles, n))), rng.uniform(-np.pi, np.pi, (cycles, n))
+    depth = 2.0 * rng.random((cycles, n))
+    return np.stack([reach * np.cos(angle), reach * np.sin(angle), depth], axis=1)
+
+
+def neighbours_ut(skin, moved, reach_m=0.1):
+    """Field of the neighbours alone, from magnet theory."""
+    warm = np.broadcast_to(skin.parameters["film_reference_c"], moved[:, 2].shape)
+    both, own = HalbachField(skin, reach_m=reach_m), HalbachField(skin, reach_m=0.0)
+    given = moved[:, :2], moved[:, 2], warm
+    return both(*given) - own(*given)
+
+
+def change_ut(skin, moved, reach_m=0.1):
+    return neighbours_ut(skin, moved, reach_m) - neighbours_ut(skin, 0.0 * moved[:1], reach_m)
+
+
+def rms(field):
+    return np.sqrt(np.mean(np.square(field[:, :2])))
+
+
+@pytest.mark.parametrize(
+    ("pitch_mm", "limits"),
+    [
+        (12.0, (0.33, 0.11, 0.04, 0.016)),
+        (13.5, (0.30, 0.08, 0.03, 0.021)),
+        (15.0, (0.28, 0.07, 0.035, 0.033)),
+    ],
+)
+def test_every_degree_leaves_less_of_the_cross_talk(pitch_mm, limits):
+    skin = palm(pitch_mm)
+    moved = displaced(skin.n)
+    true = change_ut(skin, moved)
+    for degree, limit in enumerate(limits, start=1):
+        left = Stencil.of(skin, degree=degree)(moved) - true
+        assert rms(left) < limit * rms(true)
+
+
+@pytest.mark.parametrize("name", ["fingertip", "hand"])
+def test_curved_skins_are_predicted_as_flat_ones_are(name):
+    skin = topology.load(name)
+    moved = displaced(skin.n, cycles=8)
+    true = change_ut(skin, moved, reach_m=0.03)
+    left = Stencil.of(skin, degree=3, reach_m=0.03, rigid=True)(moved) - true
+    assert rms(left) < 0.06 * rms(true)
+
+
+def test_a_single_pair_is_predicted_within_the_residual_that_the_fit_states():
+    skin = palm(12.0)
+    stencil = Stencil.of(skin, degree=2, reach_m=0.013)
+    moved = np.zeros((60, 3, skin.n))
+    moved[:, :, 27] = displaced(1, cycles=60)[..., 0]
+    left = (stencil(moved) - change_ut(skin, moved, reach_m=0.013))[..., 28]
+    assert np.abs(left).max() < 1.2 * stencil.residual_max_ut
+    assert 0.2 * stencil.residual_rms_ut < np.sqrt(np.mean(left**2))
+
+
+def test_what_rests_adds_what_the_stencil_says():
+    skin = topology.load("hand")
+    stencil = Stencil.of(skin, rigid=True)
+    at_rest = neighbours_ut(skin, np.zeros((1, 3, skin.n)))[0]
+    np.testing.assert_allclose(stencil.rest_ut, at_rest, atol=1e-9)
+    assert (stencil(np.zeros((3, skin.n))) == 0.0).all()
+
+
+def test_units_of_frames_that_move_against_each_other_are_no_pairs():
+    skin = topology.load("hand")
+    stencil, rigid = Stencil.of(skin, reach_m=0.03), Stencil.of(skin, reach_m=0.03, rigid=True)
+    frame = np.array([skin.patch_frames[p] for p in skin.patch])
+    assert (frame[stencil.unit] == frame[stencil.neighbour]).all()
+    apart = frame[rigid.unit] != frame[rigid.neighbour]
+    assert stencil.moving_pairs == np.sum(apart) // 2 > 0
+    assert rigid.moving_pairs == 0
+    # the palm feels itself alone, wherever the fingers are
+    palm_only = Stencil.of(topology.load("palm"), reach_m=0.03)
+    np.testing.assert_allclose(stencil.rest_ut[:, :64], palm_only.rest_ut, atol=1e-6)
+
+
+def test_what_is_left_out_stays_below_the_bound():
+    skin = palm(12.0)
+    moved = displaced(skin.n)
+    bounds, spreads = [], []
+    for reach_m in (0.013, 0.018, 0.03):
+        beyond = change_ut(skin, moved) - change_ut(skin, moved, reach_m)
+        stencil = Stencil.of(skin, degree=1, reach_m=reach_m)
+        assert np.abs(beyond).max() < stencil.left_out_ut
+        spread = np.sqrt(np.mean(beyond**2, axis=(0, 1)))
+        np.testing.assert_allclose(stencil.left_out_rms_ut, spread, rtol=0.6, atol=0.1)
+        assert np.mean(stencil.left_out_rms_ut / spread) == pytest.approx(1.0, abs=0.15)
+        bounds.append(stencil.left_out_ut)
+        spreads.append(stencil.left_out_rms_ut.max())
+    assert bounds == sorted(bounds, reverse=True)
+    assert spreads == sorted(spreads, reverse=True)
+    assert Stencil.of(skin, degree=1, reach_m=0.1).left_out_ut == 0.0
+
+
+@settings(max_examples=6)
+@given(st.tuples(*3 * [st.floats(-3.0, 3.0)]), st.integers(1, 4))
+def test_turning_the_skin_as_a_whole_changes_nothing(rpy, degree):
+    skin = topology.load("fingertip")
+    turn = from_rpy(*rpy)
+    turned = dataclasses.replace(
+        skin, position=turn @ skin.position + 0.5,
+        rotation=np.einsum("ab,bcn->acn", turn, skin.rotation),
+    )  # fmt: skip
+    moved = displaced(skin.n, cycles=3)
+    one, other = (Stencil.of(s, degree=degree)(moved) for s in (skin, turned))
+    np.testing.assert_allclose(other, one, atol=2e-3 * np.abs(one).max())
+
+
+def test_an_irregular_skin_pairs_each_unit_with_its_own_neighbours():
+    skin = palm(12.0)
+    keep = np.array([0, 1, 9, 27, 28, 63])
+    rng = np.random.default_rng(0)
+    some = dataclasses.replace(
+        skin,
+        position=skin.position[:, keep] + 3e-4 * rng.uniform(-1.0, 1.0, (3, keep.size)),
+        rotation=skin.rotation[:, :, keep],
+        unit_names=tuple(skin.unit_names[k] for k in keep),
+        patch=skin.patch[keep],
+        parameters={name: value[..., keep] for name, value in skin.parameters.items()},
+    )
+    stencil = Stencil.of(some, degree=3, reach_m=0.03)
+    rows = [
+        stencil.neighbour[stencil.start[i] : stencil.start[i + 1]].tolist()
+        for i in range(keep.size)
+    ]
+    assert rows == [[1, 2], [0, 2], [0, 1], [4], [3], []]
+    moved = displaced(keep.size)
+    left = stencil(moved) - change_ut(some, moved, reach_m=0.03)
+    assert rms(left) < 0.06 * rms(change_ut(some, moved, reach_m=0.03))
+    assert (stencil(moved)[..., 5] == 0.0).all()
+
+
+def test_a_neighbour_counts_by_its_own_strength():
+    skin = palm(12.0)
+    stronger = skin.parameters["field_amplitude_ut"].copy()
+    stronger[27] *= 1.5
+    other = dataclasses.replace(
+        skin, parameters={**skin.parameters, "field_amplitude_ut": stronger}
+    )
+    one, two = Stencil.of(skin, degree=2), Stencil.of(other, degree=2)
+    assert (one.coefficients == two.coefficients).all()
+    moved = displaced(skin.n, cycles=1)[0]
+    alone = np.zeros_like(moved)
+    alone[:, 27] = moved[:, 27]
+    np.testing.assert_allclose(two(moved) - one(moved), 0.5 * one(alone), atol=1e-9)
+
+
+def test_a_noisy_scan_lies_off_as_far_as_its_covariance_says():
+    # exactly cubic, so that the noise is all that is off
+    rng = np.random.default_rng(0)
+    moved = displaced(200, cycles=1)[0].T
+    truth = rng.uniform(-20.0, 20.0, (len(powers(3)), 3))
+    exact = monomials(moved.T, 3).T @ truth
+    off = []
+    for seed in range(8):
+        noise = np.random.default_rng(seed).standard_normal(exact.shape)
+        fits = fit_stray(exact + 5.0 * noise, moved, degree=3, sigma_ut=5.0)
+        off += [(fit.values - truth[:, axis]) / fit.sigma for axis, fit in enumerate(fits)]
+    assert 0.6 < np.mean(np.abs(off) < 1.0) < 0.8
+    assert np.mean(np.abs(off) < 3.0) > 0.98
+
+
+def test_noise_of_the_scan_shows_in_the_sigma_of_the_stencil():
+    skin = palm(12.0)
+    exact, noisy = (Stencil.of(skin, degree=3, sigma_ut=s) for s in (0.0, 1e-2))
+    off = noisy.coefficients - exact.coefficients
+    off = np.sqrt(np.einsum("kap,pq,kaq->ka", off, exact.gram, off))
+    added = np.sqrt(noisy.sigma_ut**2 - exact.sigma_ut**2)
+    assert np.mean(off / added) == pytest.approx(1.0, abs=0.25)
+    assert (off < 3.0 * added).all()
+
+
+def test_a_measured_stencil_predicts_as_the_one_from_theory_that_it_was_measured_on():
+    skin = topology.load("fingertip")
+    true = Stencil.of(skin, degree=2, reach_m=0.013)
+    moved, _ = scan_poses(2.0, 2.5)
+    rng = np.random.default_rng(0)
+    fits = []
+    for unit, neighbour in zip(true.unit, true.neighbour, strict=True):
+        poses = np.zeros((len(moved), 3, skin.n))
+        poses[:, :, neighbour] = moved
+        stray = true(poses)[:, :, unit]
+        fits.append(fit_stray(stray + rng.normal(0.0, 5.0, stray.shape), moved, degree=2,
+                              sigma_ut=5.0))  # fmt: skip
+    order = rng.permutation(len(fits))
+    stencil = Stencil.measured(
+        skin, true.unit[order], true.neighbour[order], [fits[k] for k in order]
+    )
+    assert (stencil.neighbour == true.neighbour).all()
+    at_random = displaced(skin.n, cycles=100)
+    off = stencil(at_random) - true(at_random)
+    variance = np.mean(stencil.sigma_ut**2) * stencil.kind.size / skin.n
+    assert np.sqrt(np.mean(off**2)) == pytest.approx(np.sqrt(variance), rel=0.2)
+    assert stencil.left_out_ut == pytest.approx(true.left_out_ut, rel=0.2)
+
+
+def test_a_stencil_that_was_saved_is_the_same_when_it_is_loaded(tmp_path):
+    skin = topology.load("fingertip")
+    stencil = Stencil.of(skin, degree=2)
+    stencil.save(tmp_path / "tip.npz")
+    again = Stencil.load(tmp_path / "tip.npz", skin)
+    for field in dataclasses.fields(stencil):
+        one, two = getattr(stencil, field.name), getattr(again, field.name)
+        np.testing.assert_array_equal(one, two)
+        assert np.asarray(one).dtype == np.asarray(two).dtype
+    assert [p.name for p in tmp_path.iterdir()] == ["tip.npz"]
+
+
+def test_a_file_that_is_no_stencil_of_the_skin_is_refused(tmp_path):
+    skin, other = topology.load("fingertip"), palm(12.0)
+    path = tmp_path / "tip.npz"
+    Stencil.of(skin, degree=1).save(path)
+    with pytest.raises(SkinError, match="must be the stencil of 64 units, as palm; got 12"):
+        Stencil.load(path, other)
+    moved = dataclasses.replace(skin, position=1.1 * skin.position)
+    with pytest.raises(SkinError, match=r"mm apart in it; got a skin that differs by 3\.\d mm"):
+        Stencil.load(path, moved)
+    with pytest.raises(SkinError, match=r"none\.npz: must be a stencil that was saved; got"):
+        Stencil.load(tmp_path / "none.npz", skin)
+    path.write_bytes(path.read_bytes()[:200])
+    with pytest.raises(SkinError, match=r"tip\.npz: must be a stencil that was saved; got"):
+        Stencil.load(path, skin)
+    np.savez(path, format=1)
+    with pytest.raises(SkinError, match=r"tip\.npz: must be a stencil that was saved; got"):
+        Stencil.load(path, skin)
+    np.savez(path, format=2)
+    with pytest.raises(SkinError, match=r"tip\.npz: format: must be 1; got 2"):
+        Stencil.load(path, skin)
+
+
+def test_means_over_the_scan_are_those_of_all_displacements_in_the_range():
+    stencil = Stencil.of(topology.load("fingertip"), degree=3)
+    terms = monomials(displaced(200_000, cycles=1)[0], 3)
+    sigma = terms.std(axis=1)
+    np.testing.assert_allclose(stencil.mean, terms.mean(axis=1), atol=0.03 * sigma.max())
+    np.testing.assert_allclose(
+        stencil.gram, terms @ terms.T / terms.shape[1], atol=0.15 * np.outer(sigma, sigma).max()
+    )
+    np.testing.assert_allclose(np.diag(stencil.gram)[:3], [25 / 16, 25 / 16, 4 / 3], rtol=0.03)
+
+
+@given(st.integers(1, 4))
+def test_terms_come_by_degree(degree):
+    terms = powers(degree)
+    assert len(terms) == {1: 3, 2: 9, 3: 19, 4: 34}[degree]
+    assert (np.diff(terms.sum(axis=1)) >= 0).all()
+    assert terms[:3].tolist() == [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
+
+
+MOVED = displaced(60, cycles=1)[0].T
+FLAT = MOVED * [1.0, 1.0, 0.0] + [0.0, 0.0, 2.0]
+REFUSED = {
+    "one depth": (
+        (MOVED, FLAT),
+        {"degree": 2},
+        "displacement_mm (H): must have 3 levels or more, 0.05 apart, to tell its effect; got 1 "
+        "between 2 and 2",
+    ),
+    "one line": (
+        (MOVED, MOVED[:, [0, 0, 2]]),
+        {"degree": 2},
+        "scan: must tell dx^1, dy^1, dx^2, dx^1 dy^1, dx^1 H^1, dy^2, dy^1 H^1 apart; got samples "
+        "in which they have one and the same effect",
+    ),
+    "too few": (
+        (MOVED[:5], MOVED[:5]),
+        {"degree": 2},
+        "stray_ut: must be 9 samples or more; got 5",
+    ),
+    "not a number": (
+        (np.full_like(MOVED, np.nan), MOVED),
+        {"degree": 2},
+        "stray_ut[0]: must be finite; got [nan nan nan] (and 59 more such samples)",
+    ),
+    "degree": ((MOVED, MOVED), {"degree": 5}, "degree: must be 1, 2, 3 or 4; got 5"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_a_scan_that_cannot_tell_is_refused_by_what_it_lacks(case):
+    given_, how, message = REFUSED[case]
+    with pytest.raises(ScanError) as caught:
+        fit_stray(*given_, **how)
+    assert str(caught.value) == message

@@ -1,0 +1,276 @@
+"""Bodies against faces: depths, normals and the way a moving body takes the faces along."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from skin.errors import OptionError
+from skin.sim import body as room
+from skin.sim.body import FACES, Body, carried, moved, reach, rolled, turned
+from skin.sim.sphere import reach as sphere_reach
+from tests.naive.mechanics import inside, jaws, square
+from topology import load
+
+ANGLES = st.floats(-np.pi, np.pi)
+SEEDS = st.integers(0, 2**32 - 1)
+
+BODIES = {
+    "sphere": Body.sphere(0.03),
+    "cylinder": Body.cylinder(0.02, 0.05),
+    "block": Body.block(0.05, 0.04, 0.03),
+    "plate": Body.plate(0.06, 0.05, 0.02),
+    "edge": Body.edge(0.05, 1.2, 0.04),
+}
+UP = np.eye(3), np.zeros(3)
+ONE = np.zeros((3, 1)), np.diag([1.0, -1.0, -1.0])[..., np.newaxis]
+"""A unit in the origin whose skin faces +z."""
+
+
+def rotation_of(rng: np.random.Generator) -> np.ndarray:
+    q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    return q * np.sign(np.linalg.det(q))
+
+
+@pytest.mark.parametrize("name", BODIES)
+@settings(max_examples=30)
+@given(seed=SEEDS)
+def test_the_axis_leaves_the_body_where_the_body_ends(name: str, seed: int) -> None:
+    """Just before the depth the axis is in the body, just behind it is not, nor farther on."""
+    rng = np.random.default_rng(seed)
+    body, turn = BODIES[name], rotation_of(rng)
+    n = 40
+    position = rng.uniform(-0.03, 0.03, (3, n))
+    rotation = np.stack([rotation_of(rng) for _ in range(n)], axis=-1)
+    pose = turn, rng.uniform(-0.01, 0.01, 3)
+    depth_mm, normal = reach(body, pose, position, rotation)
+
+    def is_in(depth: np.ndarray) -> np.ndarray:
+        points = turn.T @ (position + depth * rotation[:, 2] - pose[1][:, np.newaxis])
+        return inside(body.curvature, body.planes, points)
+
+    starts_in, touched = is_in(np.zeros(n)), depth_mm > 0.0
+    assert np.all(starts_in == touched)
+    depth = 1e-3 * np.where(np.isfinite(depth_mm), depth_mm, 0.0)
+    away = np.isfinite(depth_mm) & ~touched
+    for met in (touched, away):
+        assert np.all(is_in(depth - 1e-7)[met])
+        assert not np.any(is_in(depth + 1e-7)[met])
+    for further in np.linspace(0.001, 0.1, 20):
+        assert not np.any(is_in(depth + further)[touched | away])
+    met = touched | away
+    np.testing.assert_allclose(np.linalg.norm(normal[:, met], axis=0), 1.0, rtol=1e-12)
+    assert np.all(np.isnan(normal[:, ~met]))
+    # convex: all of the body is behind the plane through the point where the axis leaves it
+    points = position + depth * rotation[:, 2]
+    for point, out in zip(points[:, met].T, normal[:, met].T, strict=True):
+        others = points[:, touched].T - point
+        assert np.all(others @ out <= 1e-9)
+
+
+@given(seed=SEEDS)
+def test_a_sphere_reaches_as_deep_as_the_formula_of_the_sphere(seed: int) -> None:
+    rng, hand = np.random.default_rng(seed), load("hand")
+    near, radius = rng.integers(hand.n), rng.uniform(0.005, 0.1)
+    centre = hand.position[:, near] - hand.rotation[:, 2, near] * (radius - rng.uniform(0, 0.004))
+    centre = centre + rng.normal(0.0, 0.002, 3)
+    touched, depth = sphere_reach(centre, radius, hand.position, hand.rotation[:, 2])
+    pose = rotation_of(rng), centre
+    depth_mm, normal = reach(Body.sphere(radius), pose, hand.position, hand.rotation)
+    np.testing.assert_allclose(np.maximum(depth_mm, 0.0), 1e3 * depth, atol=1e-9)
+    points = hand.position + depth * hand.rotation[:, 2]
+    radial = (points - centre[:, np.newaxis]) / radius
+    np.testing.assert_allclose(normal[:, touched], radial[:, touched], atol=1e-9)
+
+
+@given(depth=st.floats(0.1, 3.0), aside=st.floats(-8.0, 8.0), angle=st.floats(0.5, 2.5))
+def test_an_edge_reaches_less_deep_beside_its_ridge(
+    depth: float, aside: float, angle: float
+) -> None:
+    pose = np.eye(3), np.array([0.0, 1e-3 * aside, -1e-3 * depth])
+    depth_mm, _ = reach(Body.edge(0.1, angle), pose, *ONE)
+    expected = depth - abs(aside) / np.tan(angle / 2.0)
+    assert depth_mm[0] == pytest.approx(expected, abs=1e-9)
+
+
+@given(depth=st.floats(0.1, 3.0), aside=st.floats(0.0, 19.0), angle=ANGLES)
+def test_a_cylinder_reaches_as_deep_along_its_axis_and_less_across(
+    depth: float, aside: float, angle: float
+) -> None:
+    """Wherever the unit is along the axis; across, the depth of a circle."""
+    body, along = Body.cylinder(0.02, 0.2), np.array([np.cos(angle), np.sin(angle), 0.0])
+    across = np.array([-along[1], along[0], 0.0])
+    for way in (-0.09, 0.0, 0.05):
+        centre = way * along + 1e-3 * aside * across + np.array([0.0, 0.0, 0.02 - 1e-3 * depth])
+        pose = turned((np.eye(3), centre), np.array([0.0, 0.0, 1.0]), angle)
+        depth_mm, _ = reach(body, pose, *ONE)
+        assert depth_mm[0] == pytest.approx(depth - (20.0 - np.sqrt(400.0 - aside**2)), abs=1e-9)
+
+
+@given(depth=st.floats(-2.0, 3.0), tilt=st.floats(-0.3, 0.3))
+def test_a_disc_feels_a_plane_as_its_middle_does(depth: float, tilt: float) -> None:
+    """The mean of a plane over a disc is its value in the middle, as long as all of it touches."""
+    pose = turned((np.eye(3), np.array([0.0, 0.0, -1e-3 * depth])), np.array([1.0, 2.0, 0.0]), tilt)
+    body, radius = Body.plate(0.1, 0.1), np.array([0.006])
+    point, _ = reach(body, pose, *ONE)
+    disc, _ = reach(body, pose, *ONE, radius_m=radius, face="disc")
+    if depth > 6.0 * np.tan(abs(tilt)) + 1e-6:
+        assert disc[0] == pytest.approx(point[0], abs=1e-9)
+    assert disc[0] >= point[0] - 1e-9
+
+
+def test_a_disc_feels_the_mean_of_a_bowl() -> None:
+    """Over a disc of radius a the mean of r²/2R is a²/4R."""
+    pose = np.eye(3), np.array([0.0, 0.0, 0.997])
+    disc, _ = reach(Body.sphere(1.0), pose, *ONE, radius_m=np.array([0.006]), face="disc")
+    assert disc[0] == pytest.approx(3.0 - 36.0 / 4000.0, abs=1e-5)
+
+
+def test_only_a_disc_feels_an_edge_beside_its_middle() -> None:
+    pose = np.eye(3), np.array([0.0, 0.004, -0.001])
+    body, radius = Body.edge(0.1), np.array([0.006])
+    point, _ = reach(body, pose, *ONE)
+    disc, _ = reach(body, pose, *ONE, radius_m=radius, face="disc")
+    assert point[0] < 0.0 < disc[0] < 1.0
+
+
+def test_weights_of_a_face_add_up_to_one() -> None:
+    for face in FACES.values():
+        assert face[2].sum() == pytest.approx(1.0, abs=1e-15)
+        np.testing.assert_allclose(face[:2] @ face[2], 0.0, atol=1e-15)
+
+
+@settings(max_examples=20)
+@given(seed=SEEDS, name=st.sampled_from(sorted(BODIES)), face=st.sampled_from(sorted(FACES)))
+def test_where_the_skin_lies_in_space_does_not_matter(seed: int, name: str, face: str) -> None:
+    """Turn body and skin together: depths and shifts stay, normals turn along."""
+    rng, skin = np.random.default_rng(seed), load("fingertip")
+    turn, shift = rotation_of(rng), rng.normal(size=3)
+    near = rng.integers(skin.n)
+    pose = rotation_of(rng), skin.position[:, near] - 0.012 * skin.rotation[:, 2, near]
+    after = turned(moved(pose, rng.normal(0, 1e-3, 3)), rng.normal(size=3), 0.1)
+
+    def both(move: np.ndarray, by: np.ndarray) -> tuple[np.ndarray, ...]:
+        first, last = ((move @ r, move @ p + by) for r, p in (pose, after))
+        position = move @ skin.position + by[:, np.newaxis]
+        rotation = np.ascontiguousarray(np.einsum("ij,jkn->ikn", move, skin.rotation))
+        radius = skin.parameters["radius_m"]
+        depth, out = reach(BODIES[name], last, position, rotation, radius_m=radius, face=face)
+        return depth, out, carried(first, last, position, rotation, depth)
+
+    here, there = both(np.eye(3), np.zeros(3)), both(turn, shift)
+    np.testing.assert_allclose(there[0], here[0], atol=1e-8)
+    np.testing.assert_allclose(there[1], turn @ here[1], atol=1e-6)
+    np.testing.assert_allclose(there[2], here[2], atol=1e-8)
+
+
+# -- motion ----------------------------------------------------------------------------------------
+
+
+@given(seed=SEEDS)
+def test_a_sliding_body_carries_every_face_alike(seed: int) -> None:
+    rng, skin = np.random.default_rng(seed), square(4)
+    shift = rng.normal(0.0, 1e-3, 3)
+    first = rotation_of(rng), rng.normal(0.0, 0.01, 3)
+    depth = np.where(rng.random(skin.n) < 0.5, 1.0, -1.0)
+    way = carried(first, moved(first, shift), skin.position, skin.rotation, depth)
+    expected = 1e3 * skin.rotation[:, :2, 0].T @ shift
+    np.testing.assert_allclose(way, np.outer(expected, depth > 0.0), atol=1e-10)
+
+
+@given(angle=st.floats(-0.3, 0.3), x=st.floats(-0.05, 0.05), y=st.floats(-0.05, 0.05))
+def test_a_body_that_turns_on_the_spot_carries_faces_around_it(
+    angle: float, x: float, y: float
+) -> None:
+    """Torsion: a point comes to where it is on a circle about the axis."""
+    skin, depth = square(4), np.full(16, 1.0)
+    pose = np.eye(3), np.array([x, y, 0.02])
+    after = turned(pose, np.array([0.0, 0.0, 1.0]), angle)
+    way = np.einsum("ijn,jn->in", skin.rotation[:, :2], carried(
+        pose, after, skin.position, skin.rotation, depth
+    ))  # fmt: skip
+    arm = (skin.position[0] - x) + 1j * (skin.position[1] - y)
+    np.testing.assert_allclose(
+        1e-3 * (way[0] + 1j * way[1]), arm * (1.0 - np.exp(-1j * angle)), atol=1e-12
+    )
+
+
+@given(heading=ANGLES, way=st.floats(1e-6, 1e-4), radius=st.floats(0.01, 0.1))
+def test_a_rolling_body_does_not_slide_where_it_touches(
+    heading: float, way: float, radius: float
+) -> None:
+    """At its lowest point it moves by the square of its way over its radius at most."""
+    shift = way * np.array([np.cos(heading), np.sin(heading), 0.0])
+    pose = np.eye(3), np.array([0.0, 0.0, radius]) - shift
+    after = rolled(pose, shift, radius, np.array([0.0, 0.0, 1.0]))
+    np.testing.assert_allclose(after[1], pose[1] + shift, atol=1e-15)
+    slid = carried(pose, after, *ONE, np.array([1e-9]))
+    assert np.hypot(*slid[:, 0]) <= 1e3 * way**2 / radius
+    sliding = carried(pose, moved(pose, shift), *ONE, np.array([1e-9]))
+    assert np.hypot(*sliding[:, 0]) == pytest.approx(1e3 * way, rel=1e-6)
+
+
+def test_a_body_that_does_not_roll_stays() -> None:
+    pose = np.eye(3), np.ones(3)
+    assert rolled(pose, np.zeros(3), 0.1, np.array([0.0, 0.0, 1.0])) is pose
+
+
+def test_fingers_see_the_block_between_them_each_from_its_own_side() -> None:
+    """A pose for each patch: two jaws that close by 2 mm each press a block 1 mm less than that."""
+    skin = jaws(0.03)
+    block = Body.block(0.1, 0.1, 0.028)
+    close = np.array([[0.0, 0.0], [0.0, 0.0], [-0.002, 0.002]])
+    pose = np.repeat(np.eye(3)[..., np.newaxis], 2, axis=2), close
+    depth_mm, _ = reach(block, pose, skin.position, skin.rotation, part=skin.patch)
+    np.testing.assert_allclose(depth_mm, 1.0, atol=1e-9)
+    way = carried(
+        (pose[0], np.zeros((3, 2))), pose, skin.position, skin.rotation, depth_mm, part=skin.patch
+    )
+    np.testing.assert_allclose(way, 0.0, atol=1e-12)
+    again = moved(pose, np.array([0.001, 0.0, 0.0]))
+    way = carried(pose, again, skin.position, skin.rotation, depth_mm, part=skin.patch)
+    in_skin = np.einsum("ijn,jn->in", skin.rotation[:, :2], way)
+    np.testing.assert_allclose(in_skin, np.array([[1.0], [0.0], [0.0]]) * np.ones(18), atol=1e-12)
+
+
+# -- the rest --------------------------------------------------------------------------------------
+
+
+def test_compiled_and_plain_python_agree(monkeypatch: pytest.MonkeyPatch) -> None:
+    skin = load("fingertip")
+    pose = turned((np.eye(3), skin.position[:, 0] + [0.001, 0.0, 0.009]), np.ones(3), 0.3)
+    after = moved(pose, np.array([1e-3, 2e-3, 0.0]))
+
+    def everything() -> list[np.ndarray]:
+        found = []
+        for body in BODIES.values():
+            depth, normal = reach(
+                body, pose, skin.position, skin.rotation,
+                radius_m=skin.parameters["radius_m"], face="disc",
+            )  # fmt: skip
+            found += [depth, normal, carried(pose, after, skin.position, skin.rotation, depth)]
+        return found
+
+    compiled = everything()
+    monkeypatch.setattr(room, "_reach", room._reach_python)
+    monkeypatch.setattr(room, "_carry", room._carry_python)
+    with np.errstate(divide="ignore"):
+        for a, b in zip(compiled, everything(), strict=True):
+            np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12)
+
+
+def test_what_cannot_be_a_body_is_refused() -> None:
+    with pytest.raises(OptionError, match=r"^radius_m: must be more than 0; got -1$"):
+        Body.sphere(-1.0)
+    with pytest.raises(OptionError, match=r"^length_m: must be more than 0; got 0$"):
+        Body.cylinder(1.0, 0.0)
+    with pytest.raises(OptionError, match=r"^z_m: must be more than 0; got nan$"):
+        Body.block(1.0, 1.0, float("nan"))
+    with pytest.raises(OptionError, match=r"^angle_rad: must be less than pi; got 4$"):
+        Body.edge(1.0, 4.0)
+    with pytest.raises(
+        OptionError, match=r"^face: must be one of .*; got 'disk' \(nearest: 'disc'"
+    ):
+        reach(Body.sphere(1.0), UP, *ONE, face="disk")

@@ -1,0 +1,532 @@
+"""Simulated boards: what stands in their frames, and how they answer, on one bus and on several."""
+
+from __future__ import annotations
+
+import struct
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bus.assemble import Assembler
+from bus.configure import Command, pack
+from bus.errors import BusClosedError
+from bus.frame import CAN_ERR, ECHO, FD_BRS, FD_FDF, FRAME_DTYPE, FrameBatch
+from bus.memory import MemoryTransport
+from skin.errors import SkinError
+from skin.physics.halbach import FELT_M, HalbachField
+from skin.sim.node import RECENT, Nodes, Served
+from skin.sim.scene import PressSlideLift
+from skin.sim.settings import BoardSettings
+from skin.sim.truth import Truth
+from skin.sim.unit import UnitSimulator
+from tests.fixtures.datagram import datagram_pair
+from topology import CHANNELS, Topology, load
+
+SYNC = 0x080
+PALM, STRIP, HAND = load("palm"), load("strip"), load("hand")
+
+
+def sync(counter: int, **fields: int) -> np.ndarray:
+    record = np.zeros(1, FRAME_DTYPE)
+    record["id"], record["length"] = SYNC, 1
+    record["data"][0, 0] = counter & 0xFF
+    for name, value in fields.items():
+        record[name] = value
+    return record
+
+
+def free_running(topology: Topology) -> Topology:
+    """The same skin without SYNC."""
+    buses = tuple(msgspec.structs.replace(bus, sync_id=None) for bus in topology.buses)
+    return replace(topology, buses=buses)
+
+
+def field(data: np.ndarray, start: int, length: int, signed: bool = False) -> int:
+    """A little-endian bit field."""
+    value = int.from_bytes(data.tobytes(), "little") >> start & (1 << length) - 1
+    return value - (1 << length) if signed and value >> (length - 1) else value
+
+
+def crc(data: bytes) -> int:
+    """CRC-16/CCITT-FALSE, bit by bit."""
+    value = 0xFFFF
+    for byte in data:
+        for bit in range(7, -1, -1):
+            value = (value << 1) ^ (0x1021 if (value >> 15 ^ byte >> bit) & 1 else 0)
+            value &= 0xFFFF
+    return value
+
+
+def data_frames(frames: np.ndarray) -> np.ndarray:
+    return frames[frames["id"] < 0x700]
+
+
+def still_serving() -> list[str]:
+    return [t.name for t in threading.enumerate() if t.name.startswith("units on ")]
+
+
+def heartbeats(frames: np.ndarray) -> np.ndarray:
+    return frames[frames["id"] >= 0x700]
+
+
+# -- what stands in the frames ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("topology", [PALM, STRIP], ids=["fd64", "classic"])
+def test_frames_parse_back_to_the_counts(topology: Topology) -> None:
+    films = HalbachField(topology, reach_m=FELT_M)
+    nodes, again = Nodes(topology, seed=3), UnitSimulator(topology, seed=3, field=films)
+    scene, out = PressSlideLift(topology), FrameBatch(64)
+    for cycle in range(0, 200, 20):
+        out.clear()
+        nodes.respond(sync(cycle), out)
+        expected = again.counts(scene.at(cycle / topology.cycle_rate_hz))
+        frames = data_frames(out.frames)
+        seen = np.zeros(topology.n, bool)
+        for f, record in enumerate(frames):
+            layout = topology.layouts[topology.frames.layout[f]]
+            payload = record["data"][: record["length"]]
+            for signal in layout.signals:
+                got = field(payload, signal.start, signal.length, signal.signed)
+                unit = topology.frames.units[f, signal.slot]
+                if signal.name in CHANNELS and unit >= 0:
+                    assert got == expected[CHANNELS.index(signal.name), unit]
+                    seen[unit] = True
+                elif signal.name == "sequence":
+                    assert got == cycle % (1 << signal.length)
+                elif signal.name != "crc":
+                    assert got == 0
+        assert seen.all()
+
+
+def test_frames_carry_their_crc_and_the_shape_of_their_bus() -> None:
+    out = FrameBatch(64)
+    Nodes(PALM).respond(sync(0), out)
+    frames = data_frames(out.frames)
+    assert frames.size == 13
+    for record in frames:
+        payload = record["data"].tobytes()
+        covered = struct.pack("<H", record["id"]) + payload[:2] + payload[4:64]
+        assert field(record["data"], 16, 16) == crc(covered)
+        assert record["length"] == 64
+        assert record["flags"] == FD_FDF | FD_BRS
+    out.clear()
+    Nodes(STRIP).respond(sync(0), out)
+    assert np.all(data_frames(out.frames)["length"] == 8)
+    assert np.all(data_frames(out.frames)["flags"] == 0)
+
+
+def test_answers_come_by_priority_and_bear_the_stamp_of_their_sync() -> None:
+    out = FrameBatch(64)
+    Nodes(PALM).respond(sync(7, stamp_ns=123_456_789), out)
+    ids = data_frames(out.frames)["id"]
+    np.testing.assert_array_equal(ids, PALM.frames.can_id)
+    assert np.all(np.diff(ids.astype(int)) > 0)
+    assert np.all(out.frames["stamp_ns"] == 123_456_789)
+
+
+def test_every_board_says_once_a_second_how_it_is() -> None:
+    nodes, out = Nodes(HAND), FrameBatch(64)
+    heard: dict[int, list[int]] = {}
+    for cycle in range(500):
+        for bus in range(2):
+            out.clear()
+            nodes.respond(sync(cycle), out, bus)
+            for record in heartbeats(out.frames):
+                state, uptime_s, firmware, serial, sent, received = struct.unpack(
+                    "<BHBHBB", record["data"][: record["length"]].tobytes()
+                )
+                assert (state, firmware, sent, received) == (1, 1, 0, 0)
+                assert uptime_s == cycle // 250
+                assert record["flags"] == 0
+                heard.setdefault(serial, []).append(cycle)
+                assert serial == bus << 8 | record["id"] - 0x700
+    boards = [int(np.sum(HAND.frames.bus == bus)) for bus in range(2)]
+    assert sorted(heard) == [bus << 8 | k for bus in range(2) for k in range(1, boards[bus] + 1)]
+    assert all(second - first == 250 for first, second in heard.values())
+    assert len({first for first, _ in heard.values()}) == max(boards)
+
+
+# -- SYNC ------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=10)
+@given(start=st.integers(0, 255), steps=st.lists(st.integers(1, 200), min_size=1, max_size=10))
+def test_the_counter_is_counted_on_without_wrapping(start: int, steps: list[int]) -> None:
+    nodes, out = Nodes(STRIP), FrameBatch(4096)
+    nodes.respond(sync(start), out)
+    number = start
+    assert nodes.truth.time_s == 0.0
+    for step in steps:
+        number += step
+        out.clear()
+        nodes.respond(sync(number), out)
+        assert nodes.truth_at(number).time_s == pytest.approx((number - start) / 250.0)
+        assert nodes.truth.time_s == nodes.truth_at(number).time_s
+
+
+def test_all_buses_of_a_skin_sample_the_same_instant() -> None:
+    """A bus that is a few cycles behind gets what was sampled then, bit for bit."""
+    nodes, straight = Nodes(HAND, seed=1), Nodes(HAND, seed=1)
+    out = {bus: FrameBatch(4096) for bus in range(2)}
+    expected = {bus: FrameBatch(4096) for bus in range(2)}
+    for cycle in range(300, 340):
+        for bus in range(2):
+            straight.respond(sync(cycle), expected[bus], bus)
+    for first in range(300, 340, 10):
+        for bus in (1, 0):
+            for cycle in range(first, first + 10):
+                nodes.respond(sync(cycle), out[bus], bus)
+    for bus in range(2):
+        assert out[bus].count > 40
+        np.testing.assert_array_equal(out[bus].frames, expected[bus].frames)
+
+
+def test_a_sync_that_one_bus_lost_does_not_move_the_scene() -> None:
+    nodes, out = Nodes(HAND), FrameBatch(4096)
+    for cycle in (0, 1, 3):
+        nodes.respond(sync(cycle), out, 0)
+    out.clear()
+    assert nodes.respond(sync(2), out, 1) > 0
+    assert nodes.truth.time_s == 3 / 250.0
+    assert field(data_frames(out.frames)[0]["data"], 0, 8) == 2
+    nodes.respond(sync(4), out, 1)
+    assert nodes.truth.time_s == 4 / 250.0
+
+
+def test_a_host_that_starts_anew_is_answered_at_once() -> None:
+    nodes, out = Nodes(PALM), FrameBatch(4096)
+    for cycle in range(RECENT + 60):
+        out.clear()
+        nodes.respond(sync(cycle), out)
+    before = nodes.truth.time_s
+    out.clear()
+    assert nodes.respond(sync(0), out) >= 13
+    assert nodes.truth.time_s > before
+
+
+def test_only_a_sync_is_answered() -> None:
+    nodes, out = Nodes(PALM), FrameBatch(64)
+    for other in (
+        sync(0, id=0x100), sync(0, length=0), sync(0, origin=ECHO), sync(0, id=SYNC | CAN_ERR),
+    ):  # fmt: skip
+        assert nodes.respond(other, out) == 0
+    assert out.count == 0
+    assert nodes.served.cycles == 0
+
+
+# -- truth -----------------------------------------------------------------------------------------
+
+
+def test_remembered_truth_is_that_of_its_cycle() -> None:
+    nodes, out, scene = Nodes(PALM, history=100), FrameBatch(64), PressSlideLift(PALM)
+    forces = []
+    for cycle in range(500):
+        out.clear()
+        nodes.respond(sync(cycle), out)
+        forces.append(scene.at(cycle / 250.0).force.copy())
+    for cycle in (400, 450, 499):
+        np.testing.assert_array_equal(nodes.truth_at(cycle).force, forces[cycle])
+    whole = Truth.stack(truth for _, truth in nodes.history)
+    assert whole.force.shape == (100, 3, 64)
+    np.testing.assert_array_equal(whole.force, forces[400:])
+    np.testing.assert_allclose(whole.time_s, np.arange(400, 500) / 250.0)
+    with pytest.raises(SkinError, match=r"^cycle: must be one .*\(400 to 499\); got 399$"):
+        nodes.truth_at(399)
+
+
+def test_there_is_no_truth_before_the_first_cycle() -> None:
+    with pytest.raises(SkinError, match="must be asked for after the first cycle"):
+        _ = Nodes(PALM).truth
+    with pytest.raises(SkinError, match=r"\(none\); got 0"):
+        Nodes(PALM).truth_at(0)
+
+
+@pytest.mark.parametrize("noise", [True, False])
+def test_the_seed_determines_every_byte(noise: bool) -> None:
+    batches = []
+    for seed in (4, 4, 5):
+        nodes, out = Nodes(PALM, seed=seed, noise=noise), FrameBatch(4096)
+        for cycle in range(20):
+            nodes.respond(sync(cycle), out)
+        batches.append(out.frames.copy())
+    assert batches[0].tobytes() == batches[1].tobytes()
+    assert (batches[0].tobytes() == batches[2].tobytes()) == (not noise)
+
+
+# -- configuration ---------------------------------------------------------------------------------
+
+
+def cycles_of(nodes: Nodes, first: int, last: int) -> list[np.ndarray]:
+    """Counts of SYNCs `first` to `last` - 1 as a host sees them."""
+    assembler, out, seen = Assembler(nodes.topology), FrameBatch(256), []
+    for number in range(first, last):
+        out.clear()
+        nodes.respond(sync(number), out)
+        for frames in (sync(number), out.frames):
+            seen += [cycle.counts.copy() for cycle in assembler.feed(frames)]
+    return seen
+
+
+def test_tare_makes_rest_of_what_is_and_leaves_bz() -> None:
+    """Units whose rest has drifted by 50 Hz and 400 µT, under a host that does not know it."""
+    drifted = {
+        name: PALM.parameters[name] + by
+        for name, by in [
+            ("frequency_rest_hz", 50.0), ("hall_offset_x_ut", 400.0), ("hall_offset_z_ut", 300.0)
+        ]
+    }  # fmt: skip
+    units = UnitSimulator(
+        replace(PALM, parameters={**PALM.parameters, **drifted}), seed=1, noise=False
+    )
+    nodes, still = Nodes(PALM, units=units), FrameBatch(4)
+    nodes.scene = type("Rest", (), {"at": lambda self, t: Truth.at_rest(64, 25.0)})()
+    before = cycles_of(nodes, 0, 20)[-1]
+    assert nodes.respond(pack(Command.TARE, node=2), still) == 0
+    after = cycles_of(nodes, 20, 22)[-1]
+    physical = after * PALM.scale + PALM.offset
+    told = PALM.frames.units[1][PALM.frames.units[1] >= 0]
+    rest = PALM.parameters["frequency_rest_hz"]
+    assert np.all(np.abs(physical[1, told] - rest[told]) <= PALM.scale[1, told])
+    assert np.all(np.abs(physical[2:4, told]) <= PALM.scale[2:4, told])
+    others = np.delete(np.arange(64), told)
+    np.testing.assert_array_equal(after[:, others], before[:, others])
+    np.testing.assert_array_equal(after[[0, 4, 5]], before[[0, 4, 5]])
+    assert (nodes.served.configured, nodes.served.refused) == (1, 0)
+
+
+def test_a_tare_moves_no_count_off_its_rail() -> None:
+    units = UnitSimulator(PALM, noise=False)
+    settings = BoardSettings(PALM, units.lowest, units.highest)
+    at_rest = units.counts(Truth.at_rest(64, 25.0))
+    assert settings.obey(pack(Command.TARE)[0], 0, 0, at_rest[np.newaxis] + np.int16(100))
+    tared = settings.counts(at_rest)
+    np.testing.assert_array_equal(at_rest[1:5] - tared[1:5], [[100] * 64] * 3 + [[0] * 64])
+    for rail in (units.lowest, units.highest):
+        np.testing.assert_array_equal(settings.counts(rail.astype(np.int16)), rail)
+
+
+@pytest.mark.parametrize("divider", [1, 2, 5])
+def test_a_rate_answers_every_so_manyth_sync(divider: int) -> None:
+    nodes, out = Nodes(PALM), FrameBatch(64)
+    nodes.respond(pack(Command.RATE, node=3, value=divider), out)
+    for cycle in range(20):
+        out.clear()
+        nodes.respond(sync(cycle), out)
+        ids = data_frames(out.frames)["id"].tolist()
+        assert (PALM.frames.can_id[2] in ids) == (cycle % divider == 0)
+        assert len(ids) == 12 + (cycle % divider == 0)
+        assert ids == sorted(ids)
+
+
+def test_free_boards_count_on_over_a_change_of_rate() -> None:
+    nodes, out = Nodes(free_running(STRIP)), FrameBatch(64)
+    numbers: list[int] = []
+    for cycle in range(60):
+        if cycle in (10, 33):
+            nodes.respond(pack(Command.RATE, value=3 if cycle == 10 else 1), out)
+        out.clear()
+        nodes.tick(cycle, out)
+        numbers += [field(r["data"], 59, 4) for r in data_frames(out.frames)[:1]]
+    assert len(numbers) == 10 + 7 + 27
+    assert np.all(np.diff(numbers) % 16 == 1)
+
+
+def test_what_boards_do_not_know_is_ignored_and_counted() -> None:
+    nodes, plain, out, expected = Nodes(PALM), Nodes(PALM), FrameBatch(64), FrameBatch(64)
+    unknown, elsewhere, later = pack(Command.TARE), pack(Command.RATE, 99, 2), pack(Command.TARE)
+    unknown["data"][0, 0], later["data"][0, 6] = 77, 1
+    for record in (unknown, elsewhere, later):
+        assert nodes.respond(record, out) == 0
+    assert (nodes.served.configured, nodes.served.refused) == (0, 3)
+    nodes.respond(sync(0), out)
+    plain.respond(sync(0), expected)
+    assert out.frames.tobytes() == expected.frames.tobytes()
+
+
+# -- transports ------------------------------------------------------------------------------------
+
+
+def test_attached_units_answer_before_the_sync_returns() -> None:
+    near, far = MemoryTransport.pair()
+    nodes, batch = Nodes(PALM), FrameBatch(4096)
+    nodes.attach([far])
+    for cycle in range(20):
+        batch.clear()
+        near.send(sync(cycle))
+        assert near.receive(batch) >= 13
+        assert nodes.truth.time_s == cycle / 250.0
+    assert nodes.served.frames == near.counters.received
+    near.close()
+
+
+def test_attached_units_without_sync_send_at_their_own_pace() -> None:
+    near, far = MemoryTransport.pair()
+    nodes, batch = Nodes(free_running(STRIP)), FrameBatch(8192)
+    nodes.attach([far])
+    try:
+        while len(data_frames(batch.frames)) < 50:
+            assert near.receive(batch, timeout_s=5.0) > 0
+    finally:
+        nodes.close()
+    frames = data_frames(batch.frames)
+    first = frames[frames["id"] == frames["id"][0]]
+    sequence = [field(record["data"], 59, 4) for record in first]
+    assert sequence[0] == 0
+    assert len(sequence) >= 5
+    assert nodes.served.skipped > 0 or np.all(np.diff(sequence) % 16 == 1)
+
+
+def test_serving_answers_every_sync_of_every_bus() -> None:
+    pairs = [MemoryTransport.pair(index=i) for i in range(2)]
+    nodes, stop, served = Nodes(HAND), threading.Event(), []
+    worker = threading.Thread(
+        target=lambda: served.append(nodes.serve([far for _, far in pairs], stop=stop))
+    )
+    worker.start()
+    try:
+        for cycle in range(30):
+            for bus, (near, _) in enumerate(pairs):
+                near.send(sync(cycle))
+                expected = int(np.sum(HAND.frames.bus == bus))
+                batch = FrameBatch(256)
+                while len(data_frames(batch.frames)) < expected:
+                    assert near.receive(batch, timeout_s=5.0) > 0
+                assert {field(r["data"], 0, 8) for r in data_frames(batch.frames)} == {cycle}
+    finally:
+        stop.set()
+        worker.join()
+    assert served[0].cycles == 30
+    assert served[0].frames == sum(near.counters.received for near, _ in pairs)
+    assert served[0].send_failures == 0
+
+
+def four_buses(folder: Path) -> Topology:
+    """Eight units on each of four buses, at 1 kHz."""
+    lines = ["format = 1", 'name = "four"']
+    for i in range(4):
+        lines += [
+            "[[buses]]", f'name = "bus{i}"', f'channel = "b{i}"', "data_bitrate = 5_000_000",
+            "cycle_rate_hz = 1000", "sync_id = 0x080",
+            "[[patches]]", f'name = "tile{i}"', 'kind = "grid"', "rows = 1", "columns = 8",
+            "pitch_m = 0.012", f'bus = "bus{i}"', 'layout = "f3t-fd64"', "first_id = 0x100",
+            f"pose = {{ xyz_m = [0.0, {0.012 * i}, 0.0] }}",
+        ]  # fmt: skip
+    path = folder / "four.toml"
+    path.write_text("\n".join(lines))
+    return load(path)
+
+
+def test_four_buses_that_can_be_polled_are_served_by_one_thread(tmp_path: Path) -> None:
+    """300 cycles as fast as the host asks: every SYNC is answered, and nothing runs ahead."""
+    topology = four_buses(tmp_path)
+    pairs = [datagram_pair() for _ in topology.buses]
+    nodes, stop, batch, served = Nodes(topology, seed=1), threading.Event(), FrameBatch(64), []
+    worker = threading.Thread(
+        target=lambda: served.append(nodes.serve([far for _, far in pairs], stop=stop))
+    )
+    worker.start()
+    try:
+        for cycle in range(300):
+            for near, _ in pairs:
+                near.send(sync(cycle))
+            for near, _ in pairs:
+                batch.clear()
+                while len(data_frames(batch.frames)) < 2:
+                    assert near.receive(batch, timeout_s=5.0) > 0
+                assert {int(n) for n in data_frames(batch.frames)["data"][:, 0]} == {cycle & 0xFF}
+        assert still_serving() == ["units on several buses"]
+    finally:
+        stop.set()
+        worker.join()
+        for end in sum(pairs, ()):
+            end.close()
+    assert served[0].cycles == 300
+    assert served[0].frames >= 4 * 2 * 300
+    assert (served[0].send_failures, served[0].skipped) == (0, 0)
+
+
+def test_a_bus_of_several_that_goes_away_ends_the_serving(tmp_path: Path) -> None:
+    pairs = [datagram_pair() for _ in range(4)]
+    pairs[2][1].close()
+    with pytest.raises(BusClosedError):
+        Nodes(four_buses(tmp_path)).serve([far for _, far in pairs])
+    assert not still_serving()
+    for end in sum(pairs, ()):
+        end.close()
+
+
+@pytest.mark.parametrize("behind", [1, RECENT + 1, 100, 200])
+def test_a_bus_that_lags_answers_its_own_cycles_and_does_not_run_ahead(behind: int) -> None:
+    nodes, out = Nodes(HAND, seed=1), FrameBatch(64)
+    for cycle in range(3):
+        for bus in (0, 1):
+            nodes.respond(sync(cycle), out, bus)
+            out.clear()
+    for cycle in range(3, 3 + behind):
+        nodes.respond(sync(cycle), out, 0)
+        out.clear()
+    assert nodes.served.cycles == 3 + behind
+    for cycle in range(3, 3 + behind):
+        assert nodes.respond(sync(cycle), out, 1) > 0
+        assert {field(r["data"], 0, 8) for r in data_frames(out.frames)} == {cycle & 0xFF}
+        out.clear()
+    assert nodes.served.cycles == 3 + behind
+
+
+def test_a_bus_that_was_silent_while_others_went_around_is_with_them_again() -> None:
+    nodes, out = Nodes(HAND, seed=1), FrameBatch(64)
+    for cycle in range(1000):
+        if not 3 <= cycle < 900:
+            nodes.respond(sync(cycle), out, 1)
+        nodes.respond(sync(cycle), out, 0)
+        out.clear()
+    assert nodes.served.cycles == 1000
+
+
+def test_serving_ends_when_it_is_told_and_tells_how_it_goes() -> None:
+    near, far = MemoryTransport.pair()
+    stop, told = threading.Event(), []
+
+    def watch(served: Served) -> None:
+        told.append(served.frames)
+        stop.set()
+
+    served = Nodes(free_running(STRIP)).serve([far], stop=stop, watch=watch)
+    assert 0 < told[0] <= served.frames
+    assert served.seconds >= 1.0
+    batch = FrameBatch(16384)
+    assert near.receive(batch) == served.frames
+    assert data_frames(batch.frames).size == 10 * served.cycles
+    assert not still_serving()
+
+
+def test_serving_ends_on_time() -> None:
+    _, far = MemoryTransport.pair()
+    started = time.monotonic()
+    served = Nodes(PALM).serve([far], seconds=0.1)
+    assert time.monotonic() - started >= served.seconds >= 0.1
+    assert served == Served(seconds=served.seconds)
+    assert not still_serving()
+
+
+def test_a_bus_that_goes_away_ends_the_serving() -> None:
+    _, far = MemoryTransport.pair()
+    far.close()
+    with pytest.raises(BusClosedError):
+        Nodes(PALM).serve([far])
+    assert not still_serving()
+
+
+def test_one_transport_for_each_bus_is_asked_for() -> None:
+    _, far = MemoryTransport.pair()
+    for use in (Nodes(HAND).attach, Nodes(HAND).serve):
+        with pytest.raises(SkinError, match=r"^transports: must be one for each of 2 .*; got 1$"):
+            use([far])

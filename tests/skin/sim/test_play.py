@@ -1,0 +1,562 @@
+"""Laws of played scenes, the time lines of the paper's experiments, and the files of truth."""
+
+from __future__ import annotations
+
+import json
+import threading
+from contextlib import ExitStack
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from msgspec.structs import replace
+
+import skin as skin_package
+from bus.faults import FaultScript
+from bus.faults.script import Drop
+from bus.frame import FrameBatch
+from bus.memory import MemoryTransport
+from bus.open import open_transport
+from skin import Decoder
+from skin.cli import main
+from skin.errors import SceneError, SkinError
+from skin.physics.film_table import load_film_table
+from skin.physics.halbach import CHIP_AXES
+from skin.sim.fast import play
+from skin.sim.motion import Track, frame_of
+from skin.sim.node import Nodes
+from skin.sim.play import DEEPEST_MM, ScriptedScene, loaded_units
+from skin.sim.record import Recorder, read_truth
+from skin.sim.script import (
+    BodyTable,
+    Electronics,
+    HalfSpace,
+    Key,
+    LoadKey,
+    LoadTable,
+    NonIdeal,
+    RoomKey,
+    SceneFile,
+    Sphere,
+    ToolKey,
+    ToolTable,
+)
+from skin.sim.script_load import load_scene, scenes
+from skin.sim.truth import Truth
+from topology import Topology, load
+
+IDEAL = NonIdeal.only()
+
+PRESS = (Key(t_s=0.0, press_n=0.5), Key(t_s=0.15, press_n=3.0))
+"""A press within a few cycles."""
+
+
+@cache
+def skin(name: str = "palm") -> Topology:
+    return load(name)
+
+
+def scene_of(name: str, non_ideal: NonIdeal = IDEAL, on: str = "palm") -> ScriptedScene:
+    return ScriptedScene(skin(on), load_scene(name, skin(on)), non_ideal=non_ideal)
+
+
+@cache
+def played(name: str) -> tuple[Truth, np.ndarray]:
+    """100 instants of a ready-made scene, up to its end or to 30 s, and what the bodies bear."""
+    scene = scene_of(name)
+    truths, wrenches = [], []
+    for time_s in np.linspace(0.0, min(scene.seconds, 30.0), 100):
+        truths.append(scene.at(float(time_s)).copy())
+        wrenches.append(scene.body_wrench())
+    return Truth.stack(truths), np.array(wrenches)
+
+
+def in_skin(force: np.ndarray) -> np.ndarray:
+    """Sum of the units' forces in the skin frame, shape (t, 3)."""
+    return np.einsum("ijn,tjn->ti", skin().rotation, force)
+
+
+# -- ready-made scenes -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", scenes)
+def test_every_ready_made_scene_plays_and_something_happens(name: str) -> None:
+    truth, _ = played(name)
+    assert truth.contact.any() or name == "fig4a"  # whose first load comes at 50 s
+    changes = [np.ptp(truth.force), np.ptp(truth.temperature)]
+    assert max(changes) > 0.5
+    for part in ("force", "depth_mm", "displacement_mm", "temperature", "wrench"):
+        assert np.isfinite(getattr(truth, part)).all()
+    assert truth.depth_mm.min() >= 0.0
+    assert truth.depth_mm.max() <= DEEPEST_MM
+
+
+@pytest.mark.parametrize("name", scenes)
+def test_units_together_bear_what_the_bodies_weigh(name: str) -> None:
+    """In the skin frame; weights that are glued to units are no bodies."""
+    truth, wrenches = played(name)
+    if load_scene(name, skin()).loads:
+        assert not wrenches.size
+        return
+    assert in_skin(truth.force) == pytest.approx(wrenches.sum(axis=1)[:, :3], abs=1e-9)
+    assert truth.wrench == pytest.approx(wrenches.sum(axis=1), abs=1e-9)
+
+
+@pytest.mark.parametrize("name", [name for name in scenes if name != "fig4a"])
+def test_no_unit_is_dragged_harder_than_friction_holds_it(name: str) -> None:
+    truth, _ = played(name)
+    most = max(body.friction for body in load_scene(name, skin()).bodies)
+    tangential = np.hypot(truth.force[:, 0], truth.force[:, 1])
+    assert (tangential <= most * truth.force[:, 2] * (1.0 + 1e-9) + 1e-9).all()
+
+
+@pytest.mark.parametrize("name", ["pull8", "fig4b", "fig4c", "fig6", "grasp"])
+def test_the_skin_bears_the_press_and_the_drag_that_the_scene_orders(name: str) -> None:
+    """On a flat skin; the drag follows within the step that moves the body."""
+    scene, at_s = scene_of(name), np.linspace(0.0, 3.0, 301)
+    motion = scene.bodies[0].motion
+    for time_s in at_s:
+        scene.at(float(time_s))
+        force = scene.body_wrench()[0, :3]
+        assert -force[2] == pytest.approx(motion.press_n(time_s), abs=1e-6)
+        if time_s > 0.1:
+            assert force[:2] == pytest.approx(motion.drag_n(time_s), abs=0.08)
+
+
+def test_a_body_that_is_dragged_too_hard_slides_with_the_force_of_friction() -> None:
+    body = BodyTable(
+        name="ball",
+        shape=Sphere(radius_m=0.1),
+        friction=0.2,
+        keys=(Key(t_s=0.0, press_n=5.0, drag_n=(0.0, 0.0)), Key(t_s=1.0, drag_n=(4.0, 0.0))),
+    )
+    scene = ScriptedScene(skin(), SceneFile(format=1, seconds=1.0, bodies=(body,)))
+    for time_s in np.linspace(0.0, 0.8, 81):
+        truth = scene.at(float(time_s))
+    assert truth.wrench[0] == pytest.approx(0.2 * 5.0, rel=0.02)
+    assert scene.bodies[0].pose[1][0] > 0.001
+
+
+def test_a_unit_under_two_bodies_bears_the_harder_one_alone() -> None:
+    scene = scene_of("merge")
+    truth = scene.at(0.0)
+    met = 0
+    for time_s in np.linspace(0.02, 4.0, 200):
+        truth = scene.at(float(time_s))
+        first, second = (body.force[2] for body in scene.bodies)
+        assert not (first * second).any()
+        met += int(
+            (scene.bodies[0].mechanics.truth.load * scene.bodies[1].mechanics.truth.load).any()
+        )
+        assert (truth.force[2] >= np.maximum(first, second)).all()
+    assert met > 10
+
+
+def test_rolling_does_not_drag_as_sliding_does() -> None:
+    """The same way of the same cylinder: what rolls takes no face along but by its slope."""
+    rolling = load_scene("roll", skin())
+    keys = tuple(replace(key, rpy_deg=None) for key in rolling.bodies[0].keys)
+    sliding = replace(rolling, bodies=(replace(rolling.bodies[0], keys=keys),))
+    most = []
+    for script in (rolling, sliding):
+        scene = ScriptedScene(skin(), script, non_ideal=IDEAL)
+        drags = [abs(scene.at(float(t)).wrench[1]) for t in np.linspace(0.0, 4.0, 200)]
+        most.append(max(drags))
+    assert most[0] < 0.2 * most[1]
+
+
+def test_a_half_space_lets_neighbours_of_a_pressed_unit_share_less() -> None:
+    """The same sphere at the same depth: units that sink together bear less."""
+    script = load_scene("press", skin())
+    loads = []
+    for foundation in (script.foundation, HalfSpace()):
+        scene = ScriptedScene(skin(), replace(script, foundation=foundation), non_ideal=IDEAL)
+        loads.append(float(scene.at(2.0).force[2].sum()))
+    assert 0.0 < loads[1] < 0.95 * loads[0]
+
+
+def test_time_does_not_run_backwards() -> None:
+    scene = scene_of("press")
+    scene.at(1.0)
+    with pytest.raises(SkinError, match=r"time_s: must not be before 1, the last one; got 0\.5"):
+        scene.at(0.5)
+
+
+def test_a_body_that_goes_too_deep_between_its_keys_is_named_with_the_time() -> None:
+    keys = (
+        Key(t_s=0.0, xyz_m=(0.0, 0.0, 0.003), rpy_deg=(0.0, 0.0, 0.0)),
+        Key(t_s=1.0, xyz_m=(0.0, 0.0, -0.02)),
+    )
+    body = BodyTable(name="ball", shape=Sphere(radius_m=0.1), keys=keys)
+    scene = ScriptedScene(skin(), SceneFile(format=1, seconds=1.0, bodies=(body,)))
+    words = r"^bodies\[0\] 'ball' keys\[1\] \(at 0\.\d+ s\): must press no unit deeper than 3\.5 mm"
+    with pytest.raises(SceneError, match=words):
+        scene.at(1.0)
+
+
+def test_what_goes_wrong_between_keys_is_told_with_file_and_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A turn about the middle takes the corner of a block through the skin and out again."""
+    path = tmp_path / "turn.toml"
+    path.write_text(
+        'format = 1\nseconds = 2.0\n\n[[bodies]]\nname = "block"\n'
+        'shape = { kind = "block", x_m = 0.03, y_m = 0.03, z_m = 0.03 }\nkeys = [\n'
+        "    { t_s = 0.0, xyz_m = [0.0, 0.0, 0.001], rpy_deg = [0.0, 0.0, 0.0] },\n"
+        "    { t_s = 1.0, rpy_deg = [0.0, 90.0, 0.0] },\n]\n"
+    )
+    assert main(["sim", "palm", "--scene", str(path), "--fast"]) == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    start = f"{path}:9: bodies[0] 'block' keys[1] (at 0."
+    assert said.startswith(start)
+    assert "must press no unit deeper than 3.5 mm; got " in said
+
+
+# -- frames, tracks, weights -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["palm", "hand", "fingertip", "strip"])
+def test_a_frame_looks_out_of_the_skin_from_its_outermost_face(name: str) -> None:
+    topology = skin(name)
+    for on in (*topology.patch_names, topology.unit_names[-1]):
+        rotation, origin = frame_of(topology, on)
+        assert rotation @ rotation.T == pytest.approx(np.eye(3), abs=1e-12)
+        assert np.linalg.det(rotation) == pytest.approx(1.0)
+        units = loaded_units((on,), topology)
+        heights = rotation[:, 2] @ (topology.position[:, units] - origin[:, np.newaxis])
+        assert heights.max() == pytest.approx(0.0, abs=1e-12)
+
+
+@given(
+    times=st.lists(st.floats(0.0, 100.0), min_size=2, max_size=6, unique=True),
+    data=st.data(),
+    ease=st.sampled_from(["smooth", "linear", "hold"]),
+)
+def test_a_track_goes_through_its_keys_and_stays_between_them(
+    times: list[float], data: st.DataObject, ease: str
+) -> None:
+    times = sorted(times)
+    values = data.draw(st.lists(st.floats(-50, 200), min_size=len(times), max_size=len(times)))
+    rows = [RoomKey(t_s=t, temperature_c=v, ease=ease) for t, v in zip(times, values, strict=True)]
+    track = Track("temperature_c", rows, (), 24.0)
+    for t, value in zip(times, values, strict=True):
+        assert float(track(t)) == value
+    at = data.draw(st.floats(-1.0, 101.0))
+    assert min(values) - 1e-9 <= float(track(at)) <= max(values) + 1e-9
+
+
+@settings(max_examples=25)
+@given(x=st.floats(-1.0, 1.0), y=st.floats(-1.0, 1.0), z=st.floats(0.0, 7.0))
+def test_a_weight_is_borne_by_its_unit_alone(x: float, y: float, z: float) -> None:
+    load_table = LoadTable(units=("palm/r3c3",), keys=(LoadKey(t_s=0.0, force_n=(x, y, z)),))
+    scene = ScriptedScene(skin(), SceneFile(format=1, seconds=1.0, loads=(load_table,)))
+    truth = scene.at(0.5)
+    unit = skin().unit_index("palm/r3c3")
+    assert truth.force[:, unit] == pytest.approx([x, y, z])
+    assert np.abs(truth.force).sum() == pytest.approx(abs(x) + abs(y) + z)
+    direction = truth.displacement_mm[:, unit]
+    assert direction @ np.array([-y, x]) == pytest.approx(0.0, abs=1e-9)
+
+
+# -- non-idealities --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", NonIdeal.__struct_fields__)
+def test_each_non_ideality_alone_changes_the_counts(name: str) -> None:
+    counts = []
+    for non_ideal in (IDEAL, NonIdeal.only(name)):
+        scene = scene_of("tool" if name == "tools" else "slide", non_ideal)
+        counts.append(np.stack([scene.units.counts(scene.at(t)) for t in np.arange(0.5, 4.0, 0.1)]))
+    assert (counts[0] != counts[1]).any()
+
+
+def test_forces_do_not_depend_on_what_the_elastomer_or_the_magnets_do() -> None:
+    plain, full = scene_of("slide"), scene_of("slide", NonIdeal.everything())
+    for time_s in np.linspace(0.0, 4.0, 50):
+        assert (plain.at(float(time_s)).force == full.at(float(time_s)).force).all()
+
+
+def test_seeds_repeat_and_differ() -> None:
+    script = load_scene("press", skin())
+    seen = []
+    for seed in (1, 1, 2):
+        scene = ScriptedScene(skin(), replace(script, seed=seed))
+        seen.append(scene.units.counts(scene.at(0.5)))
+    assert (seen[0] == seen[1]).all()
+    assert (seen[0] != seen[2]).any()
+
+
+def test_the_electronics_are_those_of_the_file() -> None:
+    """A coarse part of each kind, in whole steps of its own; without it, none."""
+    parts = Electronics(gate_s=0.02, clock_hz=1e5, adc_bits=8, hall_lsb_ut=500.0)
+    script = replace(load_scene("press", skin()), electronics=parts)
+    steps = {
+        "counter": (1, lambda value: 1e5 * np.floor(value * 0.02 + 1e-9) / value),
+        "divider": (0, lambda value: 256.0 * value / (value + 3.3 / 95_000.0 * 1e6)),
+        "hall_converter": (4, lambda value: value / 500.0),
+    }
+    for name, (channel, in_steps) in steps.items():
+        off = []
+        for wanted in (IDEAL, NonIdeal.only(name)):
+            scene = ScriptedScene(skin(), script, non_ideal=wanted)
+            value = [scene.units.values(scene.at(t))[channel] for t in np.arange(0.0, 2.0, 0.1)]
+            step = in_steps(np.array(value[1:]))
+            off.append(np.abs(step - np.rint(step)).max())
+        assert off[1] < 1e-6
+        assert off[0] > 0.1
+
+
+def test_a_tool_is_felt_by_the_units_near_it_and_by_no_other() -> None:
+    """Iron draws the lines of the films into itself: |B| changes most where it is nearest."""
+    felt = []
+    for wanted in (NonIdeal.only("magnet"), NonIdeal.only("magnet", "tools")):
+        scene = scene_of("tool", wanted)
+        away, near = (scene.units.values(scene.at(t))[2:5].copy() for t in (0.0, 3.75))
+        felt.append(np.sqrt((near**2).sum(axis=0)) - np.sqrt((away**2).sum(axis=0)))
+    by_tool = np.abs(felt[1] - felt[0])
+    away_m = np.hypot(skin().position[0] - 0.030, skin().position[1])
+    assert by_tool[away_m < 0.012].min() > 20.0
+    assert by_tool[away_m > 0.045].max() < 1.0
+
+
+def test_what_a_magnetised_tool_adds_is_a_dipole() -> None:
+    """Without films' answer or the Earth: the closed form at every chip, as the tool passes."""
+    key = ToolKey(t_s=0.0, xyz_m=(0.0, 0.01, 0.02))
+    tool = ToolTable(name="tip", keys=(key,), permeability=1.0, remanent_am2=(0.0, 0.02, 0.05))
+    script = SceneFile(format=1, seconds=1.0, tools=(tool,))
+    read = []
+    for wanted in (NonIdeal.only("magnet"), NonIdeal.only("magnet", "tools")):
+        scene = ScriptedScene(skin(), script, non_ideal=wanted)
+        read.append(scene.units.values(scene.at(0.0))[2:5])
+    rotation, origin = frame_of(skin(), None)
+    film = load_film_table().film
+    chip = skin().position + 1e-3 * (film.middle_mm + film.chip_mm) * skin().rotation[:, 2]
+    offset = chip - (origin + rotation @ np.array([0.0, 0.01, 0.025]))[:, np.newaxis]
+    away = np.linalg.norm(offset, axis=0)
+    moment = rotation @ np.array([0.0, 0.02, 0.05])
+    along = offset / away
+    field = 0.1 * (3.0 * along * (moment @ along) - moment[:, np.newaxis]) / away**3
+    in_chip = CHIP_AXES[:, np.newaxis] * np.einsum("ijn,in->jn", skin().rotation, field)
+    assert read[1] - read[0] == pytest.approx(in_chip, rel=1e-3, abs=1e-9)  # chips at 24 °C
+
+
+def test_a_tool_that_enters_a_unit_between_its_keys_is_refused() -> None:
+    keys = tuple(ToolKey(t_s=t, xyz_m=(x, 0.006, -0.001)) for t, x in ((0.0, -0.1), (1.0, 0.1)))
+    script = SceneFile(format=1, seconds=1.0, tools=(ToolTable(name="tip", keys=keys),))
+    scene = ScriptedScene(skin(), script)
+    words = (
+        r"^tools\[0\] 'tip' keys\[1\] \(at 0\.\d+ s\): must be outside of all units .*; got .* into"
+    )
+    with pytest.raises(SceneError, match=words):
+        scene.at(1.0)
+
+
+# -- the paper's experiments -----------------------------------------------------------------------
+
+
+def test_fig4a_follows_the_time_line_of_the_paper() -> None:
+    """100 g from 50 s on, the same along x from 100 s, along y from 150 s; 20 to 80 °C."""
+    scene = scene_of("fig4a")
+    seen = {t: scene.at(float(t)).copy() for t in (0, 49, 51, 99, 101, 149, 151, 200)}
+    weight = 0.1 * 9.81
+    expected = {
+        0: (0, 0, 0), 49: (0, 0, 0), 51: (0, 0, 1), 99: (0, 0, 1),
+        101: (1, 0, 1), 149: (1, 0, 1), 151: (1, 1, 1), 200: (1, 1, 1),
+    }  # fmt: skip
+    for time_s, loads in expected.items():
+        truth = seen[time_s]
+        assert truth.force == pytest.approx(
+            np.outer(np.multiply(loads, weight), np.ones(skin().n)), abs=1e-9
+        )
+    # the gel follows the room, which warms by 0.3 K a second, with a lag of a minute or less
+    for time_s, truth in seen.items():
+        room = 20.0 + 0.3 * time_s
+        assert (room - 0.3 * 60.0 - 1e-9 <= truth.temperature).all()
+        assert (truth.temperature <= room + 1e-9).all()
+    assert float(seen[200].temperature.mean()) > 70.0
+
+
+def test_fig4a_is_decoded_within_the_noise_where_nothing_else_is_wrong() -> None:
+    scene = scene_of("fig4a", NonIdeal.only("noise"))
+    decoder = Decoder(skin())
+    errors = []
+    for time_s in np.arange(0.0, 200.0, 1.0):
+        truth = scene.at(float(time_s))
+        reading = decoder(scene.units.counts(truth))
+        errors.append(reading.force - truth.force)
+    errors = np.abs(np.array(errors)[60:])
+    assert errors[:, 2].mean() < 0.03
+
+
+def test_fig5_shakes_once_a_second_and_fig6_hands_over_by_pulling() -> None:
+    shaking = scene_of("fig5").bodies[0].motion
+    drags = np.array([shaking.drag_n(t)[0] for t in np.arange(230.0, 240.0, 0.01)])
+    rising = np.flatnonzero((drags[:-1] < drags.mean()) & (drags[1:] >= drags.mean()))
+    assert np.diff(rising) == pytest.approx(100, abs=1)
+    temperatures = [shaking.temperature_c(float(t)) for t in range(901)]
+    assert max(temperatures) < 90.0
+    cup = scene_of("fig6").bodies[0].motion
+    assert cup.press_n(130.0) == pytest.approx(7.7)
+    assert cup.press_n(138.0) == pytest.approx(12.5)
+    assert cup.drag_n(130.0)[1] < 0.0 < cup.drag_n(138.0)[1]
+
+
+# -- truth files, frames, the command --------------------------------------------------------------
+
+
+def test_a_truth_file_is_what_the_scene_said(tmp_path: Path) -> None:
+    path = tmp_path / "truth.npz"
+    with Recorder(scene_of("merge"), path) as scene:
+        said = Truth.stack([scene.at(0.04 * k).copy() for k in range(100)])
+    truth, more = read_truth(path)
+    for name in ("time_s", "contact", "wrench", "centroid"):
+        assert np.array_equal(getattr(truth, name), getattr(said, name), equal_nan=True)
+    for name in ("depth_mm", "displacement_mm", "force", "temperature", "hall_temperature"):
+        assert getattr(truth, name).dtype == np.float32
+        assert getattr(truth, name) == pytest.approx(getattr(said, name), rel=1e-6, abs=1e-9)
+    assert list(more["body_names"]) == ["left", "right"]
+    assert tuple(more["unit_names"]) == skin().unit_names
+    assert more["body_wrench"].sum(axis=1) == pytest.approx(said.wrench, abs=1e-9)
+    assert more["body_position"][-1, 0, 0] == pytest.approx(-0.004, abs=1e-6)
+    assert (str(more["topology"]), str(more["scene"])) == ("palm", "merge")
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_truth_file_keeps_what_came_before_an_error(tmp_path: Path) -> None:
+    path = tmp_path / "truth.npz"
+    recorder = Recorder(scene_of("press"), path)
+    with pytest.raises(SkinError):
+        with recorder as scene:
+            [scene.at(time_s) for time_s in (0.0, 1.0, 0.5)]
+    assert read_truth(path)[0].time_s.tolist() == [0.0, 1.0]
+    with Recorder(scene_of("press"), tmp_path / "none.npz"):
+        pass
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_is_no_truth_file_is_refused(tmp_path: Path) -> None:
+    other = tmp_path / "other.npz"
+    np.savez(other, x=np.zeros(3))
+    text = tmp_path / "text.npz"
+    text.write_text("no zip")
+    later = tmp_path / "later.npz"
+    np.savez(later, format=np.int64(2))
+    for path, words in (
+        (other, "must be a truth file"),
+        (text, "must be a truth file"),
+        (tmp_path / "absent.npz", "must be a truth file"),
+        (later, "format: must be 1; got 2"),
+    ):
+        with pytest.raises(SkinError, match=words):
+            read_truth(path)
+    with pytest.raises(SkinError, match="must be a place to write to"):
+        Recorder(scene_of("press"), tmp_path / "nowhere" / "truth.npz")
+
+
+def test_faults_of_a_scene_are_done_to_its_frames() -> None:
+    scene = scene_of("press")
+    whole, _ = play(Nodes(skin(), scene, units=scene.units), 1.0)
+    scene = scene_of("press")
+    script = FaultScript(faults=(Drop(probability=0.5),))
+    rest, injected = play(Nodes(skin(), scene, units=scene.units), 1.0, script)
+    lost = injected[0]["drop"]
+    assert rest.frames == whole.frames - lost
+    assert 0.4 < lost / whole.frames < 0.6
+
+
+@pytest.mark.parametrize("name", ["slide", "tool"])
+def test_many_instants_at_once_are_the_same_as_one_after_the_other(name: str) -> None:
+    """Counts with every non-ideality, and the truths, of cycles that `play` samples together."""
+    script = replace(load_scene(name, skin()), seed=3)
+    one, many = (
+        Nodes(skin(), ScriptedScene(skin(), script, non_ideal=NonIdeal.everything()), history=None)
+        for _ in range(2)
+    )
+    batch, cycle, singly = FrameBatch(64), 0, []
+    while cycle < 50:
+        cycle += many.foresee(cycle, 50 - cycle)
+        for late in range(len(singly), cycle):
+            for nodes in (one, many):
+                batch.clear()
+                nodes.tick(late, batch)
+                singly.append(batch.frames.copy()) if nodes is one else None
+            assert (batch.frames == singly[-1]).all()
+    assert many.served.cycles == one.served.cycles == 50
+    for (_, a), (_, b) in zip(one.history, many.history, strict=True):
+        assert (a.force == b.force).all()
+        assert (a.depth_mm == b.depth_mm).all()
+
+
+@pytest.mark.parametrize("interface", ["memory", "virtual"])
+def test_a_played_scene_is_felt_through_a_bus(
+    interface: str, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    """Frames on the bus and the truth file tell the same, cycle by cycle."""
+    topology = skin().on(interface=interface, channel=f"scene-{request.node.name}")
+    script = load_scene("fig4b", topology)
+    script = replace(script, bodies=(replace(script.bodies[0], keys=PRESS),))
+    path = tmp_path / "truth.npz"
+    felt = []
+    played_scene = ScriptedScene(topology, script, non_ideal=IDEAL)
+    with ExitStack() as opened:
+        recorder = opened.enter_context(Recorder(played_scene, path))
+        nodes = Nodes(topology, recorder)
+        assert nodes.units is played_scene.units
+        if interface == "memory":
+            near, far = MemoryTransport.pair()
+            nodes.attach([far])
+        else:
+            far, near = (
+                opened.enter_context(open_transport(topology.buses[0], 0)) for _ in range(2)
+            )
+            stop = threading.Event()
+            worker = threading.Thread(target=nodes.serve, args=([far],), kwargs={"stop": stop})
+            worker.start()
+            opened.callback(worker.join)
+            opened.callback(stop.set)
+        with skin_package.open(topology, transports=[near], pace=False, deadline_s=5.0) as host:
+            for state, _ in zip(host, range(50), strict=False):
+                felt.append((state.cycle, state.units.force[2].sum()))
+    truth, _ = read_truth(path)
+    cycles, loads = np.array(felt).T
+    said = truth.force[(cycles - cycles[0]).astype(int), 2].sum(axis=1)
+    assert said.max() > 2.0
+    assert loads == pytest.approx(said, abs=0.05)
+
+
+def test_the_command_plays_a_scene_and_writes_its_truth(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "truth.npz"
+    assert main(
+        ["sim", "palm", "--scene", "slide", "--seconds", "2", "--truth", str(path), "--json"]
+    ) == 0  # fmt: skip
+    report = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert (report["scene"], report["cycles"], report["truth"]) == ("slide", 500, str(path))
+    assert report["frames"] >= 500 * len(skin().frames)
+    assert report["real_time_factor"] > 0.0
+    assert read_truth(path)[0].force.shape == (500, 3, 64)
+
+
+def test_the_command_does_the_faults_that_a_scene_file_holds(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "lossy.toml"
+    file.write_text(
+        'format = 1\nseconds = 1.0\n[[room]]\nt_s = 0.0\n[[faults]]\nkind = "drop"\nevery = 10\n'
+    )
+    assert main(["sim", "palm", "--scene", str(file)]) == 0
+    table = capsys.readouterr().out
+    assert "drop 325" in table
+    assert "lossy" in table
+
+
+@pytest.mark.parametrize("option", [["--fast"], ["--truth", "x.npz"]])
+def test_truth_and_speed_are_of_a_scene(
+    option: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["sim", "palm", *option]) == 2
+    assert capsys.readouterr().err == f"{option[0]}: must be given with --scene; got none\n"

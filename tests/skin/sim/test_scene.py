@@ -1,0 +1,277 @@
+"""Laws of the simulated contact: what holds for any sphere, any skin and any friction."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial import ConvexHull
+
+from skin.errors import SkinError
+from skin.physics.elastic import Elastic
+from skin.sim.scene import PressSlideLift, Thermal
+from skin.sim.sphere import reach
+from skin.sim.truth import Truth
+from topology import Topology, load
+
+SKINS = ("palm", "fingertip", "strip", "hand")
+
+
+@cache
+def skin(name: str) -> Topology:
+    return load(name)
+
+
+@cache
+def history(name: str, friction: float = 0.15) -> tuple[Truth, ...]:
+    """One stroke on every patch and one more, at 50 Hz."""
+    topology = skin(name)
+    scene = PressSlideLift(topology, friction=friction)
+    seconds = 7.0 * (len(topology.patch_names) + 1)
+    return tuple(scene.at(k / 50.0).copy() for k in range(int(50 * seconds)))
+
+
+def stacked(truths: tuple[Truth, ...], name: str) -> np.ndarray:
+    return np.stack([getattr(truth, name) for truth in truths])
+
+
+# -- the sphere ------------------------------------------------------------------------------------
+
+
+@given(
+    radius=st.floats(5.0, 100.0),
+    depth=st.floats(0.01, 3.0),
+    aside=st.floats(0.0, 20.0),
+    angle=st.floats(-np.pi, np.pi),
+)
+def test_sphere_reaches_as_deep_as_its_cap(
+    radius: float, depth: float, aside: float, angle: float
+) -> None:
+    """On a plane the cap is radius - sqrt(radius² - aside²) less deep, `aside` from the middle."""
+    position = np.array([[aside * np.cos(angle)], [aside * np.sin(angle)], [0.0]])
+    into = np.array([[0.0], [0.0], [-1.0]])
+    touched, found = reach(np.array([0.0, 0.0, radius - depth]), radius, position, into)
+    cap = depth - (radius - np.sqrt(radius**2 - aside**2)) if aside < radius else -1.0
+    assert found[0] == pytest.approx(max(cap, 0.0), abs=1e-9)
+    assert touched[0] == (found[0] > 0.0)
+
+
+def test_a_unit_that_faces_away_is_not_reached_through_its_back() -> None:
+    position = np.array([[0.0], [0.0], [-20.0]])
+    into = np.array([[0.0], [0.0], [1.0]])
+    touched, depth = reach(np.array([0.0, 0.0, 9.0]), 10.0, position, into)
+    assert not touched[0]
+    assert depth[0] == 0.0
+
+
+# -- contact ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", SKINS)
+def test_each_unit_carries_what_its_depth_costs(name: str) -> None:
+    """Winkler: the load is the unit's own law at its own depth, and nothing without contact."""
+    truths = history(name)
+    depth, contact = stacked(truths, "depth_mm"), stacked(truths, "contact")
+    fz = stacked(truths, "force")[:, 2]
+    soft, stiff = 1.5 * np.minimum(depth, 0.6), 4.5 * np.maximum(depth - 0.6, 0.0)
+    np.testing.assert_allclose(fz, soft + stiff, atol=1e-9)
+    assert np.all((depth > 0.0) == contact)
+
+
+@pytest.mark.parametrize("name", SKINS)
+def test_wrench_is_the_sum_of_its_parts(name: str) -> None:
+    topology = skin(name)
+    for truth in history(name)[::25]:
+        force, moment = np.zeros(3), np.zeros(3)
+        for i in range(topology.n):
+            f = topology.rotation[:, :, i] @ truth.force[:, i]
+            force += f
+            moment += np.cross(topology.position[:, i], f)
+        np.testing.assert_allclose(truth.wrench, [*force, *moment], atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["palm", "strip"])
+def test_on_a_plane_the_unit_loads_add_up_to_the_load_of_the_sphere(name: str) -> None:
+    outward = -skin(name).rotation[:, 2, 0]
+    for truth in history(name):
+        assert -outward @ truth.wrench[:3] == pytest.approx(truth.force[2].sum(), abs=1e-9)
+
+
+@pytest.mark.parametrize("name", SKINS)
+def test_centroid_is_within_the_hull_of_the_units(name: str) -> None:
+    topology = skin(name)
+    for truth in history(name)[::25]:
+        loaded = truth.force[2] > 0.0
+        assert np.isnan(truth.centroid).all() == (not loaded.any())
+        if not loaded.any():
+            continue
+        points = topology.position[:, loaded]
+        low, high = points.min(axis=1), points.max(axis=1)
+        assert np.all(truth.centroid >= low - 1e-12)
+        assert np.all(truth.centroid <= high + 1e-12)
+        flat = points[:2].T
+        if np.linalg.matrix_rank(flat - flat[0], tol=1e-6) == 2:
+            hull = ConvexHull(flat).equations
+            assert np.all(hull[:, :2] @ truth.centroid[:2] + hull[:, 2] <= 1e-9)
+
+
+def test_a_symmetric_press_gives_symmetric_loads() -> None:
+    topology = skin("palm")
+    scene = PressSlideLift(topology)
+    first = scene.strokes[0]
+    truth = scene.at(2.0)
+    x, y = topology.position[:2] - first.start[:2, np.newaxis]
+    place = {(round(1e6 * a), round(1e6 * b)): i for i, (a, b) in enumerate(zip(x, y, strict=True))}
+    pressed = 0
+    for (a, b), i in place.items():
+        for other in ((-a, b), (a, -b), (b, a)):
+            if other in place:
+                assert truth.force[2, i] == pytest.approx(truth.force[2, place[other]], abs=1e-6)
+        pressed += truth.force[2, i] > 0.0
+    assert pressed == 9
+    np.testing.assert_allclose(truth.centroid, first.start, atol=1e-9)
+    np.testing.assert_allclose(truth.force[:2], 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", SKINS)
+def test_nothing_is_left_after_the_lift(name: str) -> None:
+    scene = PressSlideLift(skin(name))
+    for number in range(len(skin(name).patch_names)):
+        assert scene.at(7.0 * number + 3.0).contact.any()
+        truth = scene.at(7.0 * number + 6.0)
+        assert not truth.contact.any()
+        for array in (truth.depth_mm, truth.displacement_mm, truth.force, truth.wrench):
+            assert np.all(array == 0.0)
+
+
+@pytest.mark.parametrize("name", SKINS)
+def test_the_default_stays_within_what_a_unit_can_measure(name: str) -> None:
+    """No unit beyond 6 N and 2 mm, several loaded at once, every patch in its turn."""
+    truths, topology = history(name), skin(name)
+    force = stacked(truths, "force")
+    lateral = np.hypot(*stacked(truths, "displacement_mm").transpose(1, 0, 2))
+    assert 3.0 < force[:, 2].max() < 6.0
+    assert force[:, 2].sum(axis=1).max() < 20.0
+    assert 1.0 < lateral.max() < 2.0
+    assert (force[:, 2] > 0.0).sum(axis=1).max() >= 3
+    visited = topology.patch[stacked(truths, "contact").any(axis=0)]
+    assert set(visited) == set(range(len(topology.patch_names)))
+
+
+# -- friction --------------------------------------------------------------------------------------
+
+
+@settings(max_examples=8)
+@given(friction=st.floats(0.02, 0.6), name=st.sampled_from(("palm", "fingertip")))
+def test_coulomb_bound_is_never_exceeded_and_friction_only_dissipates(
+    friction: float, name: str
+) -> None:
+    """|Ft| <= µ Fz; and what a face gives way is along the force that it still bears."""
+    topology = skin(name)
+    scene = PressSlideLift(topology, friction=friction)
+    elastic = Elastic(topology)
+    before, centre = None, None
+    slipped = 0
+    for k in range(150):
+        time_s = 1.0 + 0.03 * k
+        number, phase = divmod(time_s, 7.0)
+        now = scene.at(time_s).copy()
+        lateral = np.hypot(now.force[0], now.force[1])
+        assert np.all(lateral <= friction * now.force[2] + 1e-9)
+        length = np.hypot(*now.displacement_mm)
+        np.testing.assert_allclose(
+            lateral, elastic.tangential(length, now.depth_mm), rtol=1e-9, atol=1e-12
+        )
+        here = scene.strokes[int(number)].centre(phase)
+        if before is not None:
+            moved = 1e3 * np.einsum("ijn,i->jn", topology.rotation[:, :2], here - centre)
+            gave_way = before.displacement_mm + moved - now.displacement_mm
+            still = before.contact & now.contact
+            power = (now.force[:2] * gave_way).sum(axis=0)[still]
+            assert np.all(power >= -1e-6)
+            slipped += int((np.hypot(*gave_way)[still] > 1e-6).sum())
+        before, centre = now, here
+    assert slipped > 0
+
+
+def test_held_faces_move_with_the_sphere() -> None:
+    """With friction enough, the faces that were pressed move just as the sphere does."""
+    topology = skin("palm")
+    scene = PressSlideLift(topology, friction=5.0)
+    start = scene.at(2.1).copy()
+    now = scene.at(2.4).copy()
+    stroke = scene.strokes[0]
+    moved = 1e3 * (stroke.centre(2.4) - stroke.centre(2.1))
+    expected = np.einsum("ijn,i->jn", topology.rotation[:, :2], moved)
+    middle = np.argmax(start.force[2])
+    got = (now.displacement_mm - start.displacement_mm)[:, middle]
+    assert np.linalg.norm(got) > 0.1
+    np.testing.assert_allclose(got, expected[:, middle], atol=1e-9)
+
+
+# -- temperature -----------------------------------------------------------------------------------
+
+
+def test_layers_follow_the_contact_one_after_the_other() -> None:
+    """Gel 63 % of the way after 4 s of contact; film behind it, chip far behind."""
+    topology = skin("palm")
+    scene = PressSlideLift(topology, thermal=Thermal(ambient=20.0, object=80.0, gel_lag_s=1.0))
+    middle = None
+    for k in range(500):
+        truth = scene.at(k / 100.0)
+        if middle is None and truth.contact.any():
+            middle, began = int(np.argmax(truth.contact)), truth.time_s
+        if middle is not None and truth.time_s - began >= 1.0:
+            break
+    share = (truth.temperature[middle] - 20.0) / 60.0
+    assert share == pytest.approx(1.0 - np.exp(-1.0), abs=0.01)
+    film, chip = truth.film_temperature[middle], truth.hall_temperature[middle]
+    assert 20.0 < chip < film < truth.temperature[middle]
+    untouched = ~stacked(history("palm"), "contact").any(axis=0)
+    assert np.all(truth.temperature[untouched] == 20.0)
+
+
+def test_a_layer_without_lag_follows_at_once() -> None:
+    scene = PressSlideLift(skin("palm"), thermal=Thermal(gel_lag_s=0.0))
+    truth = scene.at(2.0)
+    assert np.all(truth.temperature == np.where(truth.contact, 38.0, 24.0))
+
+
+# -- time ------------------------------------------------------------------------------------------
+
+
+def test_the_same_times_give_the_same_truth() -> None:
+    first, second = PressSlideLift(skin("hand")), PressSlideLift(skin("hand"))
+    for k in range(300):
+        a, b = first.at(k / 50.0), second.at(k / 50.0)
+        np.testing.assert_array_equal(a.force, b.force)
+        np.testing.assert_array_equal(a.temperature, b.temperature)
+
+
+def test_asking_rarely_or_often_is_nearly_the_same() -> None:
+    often, rarely = PressSlideLift(skin("palm")), PressSlideLift(skin("palm"))
+    for k in range(1, 1201):
+        a = often.at(k / 300.0)
+    b = rarely.at(4.0)
+    np.testing.assert_allclose(a.force[2], b.force[2], atol=1e-9)
+    np.testing.assert_allclose(a.force[:2], b.force[:2], atol=0.02)
+    np.testing.assert_allclose(a.temperature, b.temperature, atol=0.05)
+
+
+def test_the_sphere_moves_without_jumps_during_a_stroke() -> None:
+    for name in SKINS:
+        for stroke in PressSlideLift(skin(name)).strokes[:7]:
+            at = np.stack([stroke.centre(t) for t in np.arange(0.0, 7.0, 0.002)])
+            speed = np.linalg.norm(np.diff(at, axis=0), axis=1) / 0.002
+            assert speed.max() < 0.2
+            assert np.abs(np.diff(speed)).max() < 0.01
+
+
+def test_time_does_not_run_backwards() -> None:
+    scene = PressSlideLift(skin("palm"))
+    scene.at(1.0)
+    with pytest.raises(SkinError, match=r"^time_s: must not be before 1, the last one; got 0\.5$"):
+        scene.at(0.5)

@@ -1,0 +1,82 @@
+"""Every broken scene file, and the messages that a user reads.
+
+`UPDATE_GOLDEN=1 pytest tests/test_sim_scene_messages.py` writes the messages anew, for a look at
+the difference before it is committed.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+import pytest
+
+from skin.cli import main
+from skin.errors import SceneError
+from skin.sim.script_load import load_scene, scenes
+from topology import Topology, load
+
+FOLDER = Path(__file__).parents[2] / "golden" / "scenes"
+BROKEN = sorted(path.stem for path in FOLDER.glob("*.toml"))
+
+
+@pytest.fixture(scope="module")
+def palm() -> Topology:
+    return load("palm")
+
+
+def messages(file: str, topology: Topology) -> str:
+    with pytest.raises(SceneError) as raised:
+        load_scene(file, topology)
+    return f"{raised.value}\n"
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_broken_scene_gives_its_problems_with_their_lines(
+    name: str, palm: Topology, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(FOLDER)
+    text = messages(f"{name}.toml", palm)
+    golden = FOLDER / f"{name}.txt"
+    if os.environ.get("UPDATE_GOLDEN"):
+        golden.write_text(text, "utf-8")
+    assert text == golden.read_text("utf-8")
+
+
+def test_every_message_names_file_line_and_what_must_be() -> None:
+    assert len(BROKEN) >= 12
+    for name in BROKEN:
+        lines = (FOLDER / f"{name}.txt").read_text("utf-8").splitlines()
+        assert lines
+        for line in lines:
+            assert re.fullmatch(rf"{name}\.toml:\d+: .*must .+; got:? .+", line), line
+
+
+def test_lines_are_those_of_the_keys(palm: Topology, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(FOLDER)
+    text = (FOLDER / "friction.toml").read_text("utf-8").splitlines()
+    found = [
+        int(m[1])
+        for m in re.finditer(r"^friction\.toml:(\d+)", messages("friction.toml", palm), re.M)
+    ]
+    assert [text[line - 1].strip().split(" = ")[0] for line in found] == [
+        "friction",
+        "friction_share",
+        "{ t_s",
+    ]
+    assert "-0.1" in text[found[-1] - 1]
+
+
+def test_no_such_scene_names_those_there_are(palm: Topology) -> None:
+    text = messages("slid", palm)
+    assert "got no such file; nearest: 'slide'" in text
+    assert all(name in text for name in scenes)
+
+
+def test_a_scene_that_this_skin_cannot_have_is_refused_by_the_command(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(FOLDER)
+    assert main(["sim", "palm", "--scene", "inside.toml"]) == 2
+    assert capsys.readouterr().err.startswith("inside.toml:10: bodies[0] 'ball' keys[1] xyz_m: ")

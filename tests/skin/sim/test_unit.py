@@ -1,0 +1,317 @@
+"""Simulated units against the paper's figures and against formulae written out a second time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import constants
+
+from skin.errors import CalibrationError
+from skin.physics.elastic import Elastic
+from skin.sim.capacitor import Capacitor, Timer
+from skin.sim.field import SineField, lever, lever_python
+from skin.sim.truth import Truth
+from skin.sim.unit import UnitSimulator
+from topology import CHANNELS, MODELS, THETA_KNOTS, Topology, load
+
+PALM, STRIP = load("palm"), load("strip")
+GEL, FREQUENCY, BX, BY, BZ, HALL_TEMPERATURE = range(len(CHANNELS))
+
+
+def with_parameters(topology: Topology, **values: object) -> Topology:
+    """The topology with some parameters changed, for all units or for each."""
+    changed = {
+        name: np.broadcast_to(np.asarray(value, float), topology.parameters[name].shape)
+        for name, value in values.items()
+    }
+    return replace(topology, parameters={**topology.parameters, **changed})
+
+
+def random_truth(n: int, seed: int) -> Truth:
+    """Units pressed up to 3 mm, sheared up to 2.5 mm along each axis, 15 to 90 °C."""
+    random = np.random.default_rng(seed)
+    truth = Truth.at_rest(n, 25.0)
+    truth.depth_mm[:] = random.uniform(0.0, 3.0, n)
+    truth.displacement_mm[:] = random.uniform(-2.5, 2.5, (2, n))
+    truth.temperature[:] = random.uniform(15.0, 90.0, n)
+    truth.film_temperature[:] = random.uniform(15.0, 90.0, n)
+    truth.hall_temperature[:] = random.uniform(15.0, 85.0, n)
+    return truth
+
+
+# -- capacitor and timer ---------------------------------------------------------------------------
+
+
+def test_capacitance_is_that_of_four_plate_pairs() -> None:
+    d, smaller = 1e-3, [np.pi / 4 * (1e-3 * x) ** 2 for x in (4.5, 6.0, 7.5)]
+    c12, c23, c34 = (constants.epsilon_0 * s / d for s in smaller)
+    c14 = constants.epsilon_0 * smaller[0] / (2 * d)
+    found = Capacitor(permittivity=1.0).picofarad()
+    assert found == pytest.approx(1e12 * (c12 + c14 + c23 + c34), rel=1e-9)
+    assert found == pytest.approx(0.853, abs=5e-4)
+
+
+def test_frequency_falls_900_hz_per_mm_from_4500() -> None:
+    timer = Timer(PALM, Capacitor())
+    depth = np.linspace(0.0, 4.9, 50)[:, np.newaxis]
+    np.testing.assert_allclose(timer.frequency(depth), np.tile(4500 - 900 * depth, 64), rtol=1e-12)
+
+
+@pytest.mark.parametrize("permittivity", [3.0, 150.0, 400.0])
+def test_frequency_does_not_tell_the_permittivity(permittivity: float) -> None:
+    depth = np.linspace(0.0, 3.0, 7)[:, np.newaxis]
+    found = Timer(PALM, Capacitor(permittivity=permittivity)).frequency(depth)
+    np.testing.assert_allclose(found, Timer(PALM, Capacitor()).frequency(depth), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("parasitic", "rest_hz", "bend_hz"),
+    [(0.1, 4771.0, 11.0), (0.5, 5862.0, 45.0), (1.0, 7235.0, 71.0), (3.0, 12759.0, 119.0)],
+)
+def test_parasitic_capacitance_bends_the_line(
+    parasitic: float, rest_hz: float, bend_hz: float
+) -> None:
+    """Least-squares slope and residual over 2 mm of a 5 mm layer, computed elsewhere."""
+    one = Capacitor(permittivity=100.0)
+    topology = with_parameters(
+        PALM, frequency_rest_hz=rest_hz, frequency_slope_hz_per_mm=rest_hz / 5.0
+    )
+    timer = Timer(topology, replace(one, parasitic_pf=parasitic * one.picofarad()))
+    depth = np.linspace(0.0, 2.0, 401)
+    f = timer.frequency(depth[:, np.newaxis])[:, 0]
+    assert f[0] == pytest.approx(rest_hz, rel=1e-12)
+    line = np.polyfit(depth, f, 1)
+    assert line[0] == pytest.approx(-900.0, abs=0.2)
+    assert np.abs(f - np.polyval(line, depth)).max() == pytest.approx(bend_hz, abs=0.7)
+
+
+def test_frequency_stays_positive_when_the_discs_meet() -> None:
+    frequency = Timer(PALM, Capacitor()).frequency(np.full(64, 50.0))
+    assert np.all(frequency > 0.0)
+    assert np.all(frequency < 10.0)
+
+
+# -- material --------------------------------------------------------------------------------------
+
+
+def test_normal_law_meets_the_figures_of_the_paper() -> None:
+    normal = Elastic(PALM).normal
+    for depth, force in [(0.0, 0.0), (0.6, 0.9), (2.0, 7.2), (2.24, 8.28), (3.178, 12.5)]:
+        np.testing.assert_allclose(normal(np.full(64, depth)), force, atol=2e-3)
+
+
+def test_tangential_law_meets_the_figures_of_the_paper() -> None:
+    tangential = Elastic(PALM).tangential
+    for displacement, force in [(0.0, 0.0), (1.0, 0.5), (2.0, 1.0), (2.348, 2.0), (2.5, 2.4375)]:
+        found = tangential(np.full(64, displacement), np.full(64, 2.0))
+        np.testing.assert_allclose(found, force, atol=1e-3)
+
+
+@given(
+    force=st.floats(0.0, 15.0),
+    tangential=st.floats(0.0, 4.0),
+    gain=st.floats(-0.1, 0.3),
+)
+def test_inverse_laws_are_exact(force: float, tangential: float, gain: float) -> None:
+    elastic = Elastic(with_parameters(PALM, shear_gain_per_mm=gain))
+    depth = elastic.depth(np.full(64, force))
+    np.testing.assert_allclose(elastic.normal(depth), force, rtol=1e-12, atol=1e-15)
+    displacement = elastic.displacement(np.full(64, tangential), depth)
+    np.testing.assert_allclose(
+        elastic.tangential(displacement, depth), tangential, rtol=1e-12, atol=1e-15
+    )
+
+
+@given(a=st.floats(0.0, 3.5), b=st.floats(0.0, 3.5))
+def test_laws_are_monotone(a: float, b: float) -> None:
+    low, high = np.full(64, min(a, b)), np.full(64, max(a, b))
+    elastic, timer = Elastic(PALM), Timer(PALM, Capacitor())
+    assert np.all(elastic.normal(low) <= elastic.normal(high))
+    assert np.all(elastic.tangential(low, low) <= elastic.tangential(high, low))
+    assert np.all(timer.frequency(low) >= timer.frequency(high))
+
+
+# -- field -----------------------------------------------------------------------------------------
+
+
+def test_field_meets_the_figures_of_the_paper() -> None:
+    """10531 µT at 2 mm, 1 N; 377 µT/N beyond, up to 2.5 mm; at 2 mm depth and 25 °C."""
+    field, elastic = SineField(PALM), Elastic(PALM)
+    depth, warm = np.full(64, 2.0), np.full(64, 25.0)
+
+    def at(displacement: float) -> tuple[float, float]:
+        moved = np.zeros((2, 64))
+        moved[0] = displacement
+        force = elastic.tangential(np.full(64, displacement), depth)
+        return float(field(moved, depth, warm)[0, 0]), float(force[0])
+
+    (b2, f2), (b25, f25) = at(2.0), at(2.5)
+    assert b2 == pytest.approx(10531.0, abs=1.0)
+    assert f2 == pytest.approx(1.0, abs=1e-3)
+    assert (b25 - b2) / (f25 - f2) == pytest.approx(377.0, abs=1.0)
+
+
+@given(angle=st.floats(-np.pi, np.pi), displacement=st.floats(0.0, 2.5), depth=st.floats(0.0, 3.0))
+def test_field_lies_along_the_displacement(angle: float, displacement: float, depth: float) -> None:
+    moved = np.tile(displacement * np.array([[np.cos(angle)], [np.sin(angle)]]), 64)
+    bx, by, bz = SineField(PALM)(moved, np.full(64, depth), np.full(64, 25.0))[:, 0]
+    m0 = 11073.0 * np.exp(0.72 * (depth - 2.0))
+    assert np.hypot(bx, by) == pytest.approx(m0 * np.sin(np.pi / 5 * displacement), abs=1e-7)
+    assert bx * np.sin(angle) == pytest.approx(by * np.cos(angle), abs=1e-7)
+    psi = np.arctan2(np.hypot(bx, by), bz)
+    table = np.reshape(MODELS["f3t-paper"].field_angle_mm, (4, 4))
+    found = psi ** np.arange(1, 8, 2) @ table @ depth ** np.arange(4)
+    assert found == pytest.approx(displacement, abs=1e-12)
+
+
+def test_without_a_table_of_angles_bz_is_a_cosine() -> None:
+    bare = replace(PALM, parameters=PALM.parameters | {"field_angle_mm": np.zeros((16, 64))})
+    moved = np.zeros((2, 64))
+    moved[1] = np.linspace(0.0, 2.5, 64)
+    bz = SineField(bare)(moved, np.full(64, 2.0), np.full(64, 25.0))[2]
+    np.testing.assert_allclose(bz, 1.65 * 11073.0 * np.cos(np.pi / 5 * moved[1]), atol=1e-7)
+
+
+def test_the_angle_of_the_field_is_the_same_compiled_or_not() -> None:
+    moved, depth = np.linspace(0.0, 3.4, 64)[None], np.linspace(-1.0, 4.0, 64)[None]
+    told = PALM.parameters["field_angle_mm"], np.full(64, 3.3)
+    np.testing.assert_allclose(
+        lever(moved, depth, *told), lever_python(moved, depth, *told), rtol=1e-12
+    )
+
+
+def test_warm_film_is_weaker() -> None:
+    field, depth = SineField(PALM), np.zeros(64)
+    at_25, at_65 = (field.amplitude(depth, np.full(64, t)) for t in (25.0, 65.0))
+    np.testing.assert_allclose(at_65 / at_25, 1.0 - 0.0011 * 40.0, rtol=1e-12)
+
+
+# -- the whole unit --------------------------------------------------------------------------------
+
+
+def test_gel_current_rises_twelvefold_whatever_the_force() -> None:
+    unit = UnitSimulator(PALM, noise=False)
+    truth = random_truth(64, seed=1)
+    cold, warm = (
+        unit.quantities(truth.depth_mm, truth.displacement_mm, np.full(64, t))[GEL]
+        for t in (20.0, 80.0)
+    )
+    np.testing.assert_allclose(cold, 10.0, rtol=1e-12)
+    np.testing.assert_allclose(warm, 120.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize("topology", [PALM, STRIP], ids=["fd64", "classic"])
+@given(seed=st.integers(0, 1000))
+def test_quantisation_is_within_half_a_count(topology: Topology, seed: int) -> None:
+    unit = UnitSimulator(topology, noise=False)
+    truth = random_truth(topology.n, seed)
+    counts = unit.counts(truth)
+    exact = unit.quantities(
+        truth.depth_mm, truth.displacement_mm, truth.temperature,
+        truth.film_temperature, truth.hall_temperature,
+    )  # fmt: skip
+    off = np.abs(topology.scale * counts + topology.offset - exact)
+    assert np.all((off <= 0.5000001 * topology.scale)[topology.wired])
+    assert np.all(counts[~topology.wired] == 0)
+
+
+def test_counts_stay_at_the_rails_of_the_wire() -> None:
+    for topology, widest in [(PALM, (32767, 32767)), (STRIP, (4095, 16383))]:
+        unit = UnitSimulator(topology, noise=False)
+        values = np.full((len(CHANNELS), topology.n), 1e9)
+        high, low = unit.quantise(values), unit.quantise(-values)
+        assert tuple(high[[GEL, FREQUENCY], 0]) == widest
+        assert low[GEL, 0] == (-32768 if topology is PALM else 0)
+        assert high[BX, 0] == (32767 if topology is PALM else 1023)
+        assert low[BX, 0] == (-32768 if topology is PALM else -1024)
+
+
+def test_noise_is_as_large_as_the_model_says() -> None:
+    unit = UnitSimulator(PALM, seed=7)
+    exact = unit.quantities(np.full(64, 2.0), np.zeros((2, 64)), np.full(64, 30.0))
+    noise = unit.disturb(np.tile(exact, (500, 1, 1))) - exact
+    samples = 500 * 64
+    for channel, sigma in [
+        (GEL, 0.002 * exact[GEL, 0]), (FREQUENCY, 6.0), (BX, 105.0), (BY, 105.0), (BZ, 105.0),
+    ]:  # fmt: skip
+        assert noise[:, channel].std() == pytest.approx(sigma, rel=5.0 / np.sqrt(2 * samples))
+        assert abs(noise[:, channel].mean()) < 5.0 * sigma / np.sqrt(samples)
+    assert np.all(noise[:, HALL_TEMPERATURE] == 0.0)
+
+
+def test_the_seed_determines_the_noise() -> None:
+    truth = random_truth(64, seed=3)
+    first, again, other = (UnitSimulator(PALM, seed=s).counts(truth) for s in (5, 5, 6))
+    np.testing.assert_array_equal(first, again)
+    assert np.any(first != other)
+
+
+def test_many_samples_at_once_are_the_samples_one_by_one() -> None:
+    unit = UnitSimulator(with_parameters(PALM, theta_correction_rad=0.02), noise=False)
+    truths = [random_truth(64, seed) for seed in range(5)]
+    together = unit.quantities(
+        np.stack([t.depth_mm for t in truths]),
+        np.stack([t.displacement_mm for t in truths]),
+        np.stack([t.temperature for t in truths]),
+        np.stack([t.film_temperature for t in truths]),
+        np.stack([t.hall_temperature for t in truths]),
+    )
+    np.testing.assert_array_equal(unit.quantise(together), [unit.counts(t) for t in truths])
+
+
+# -- assembly and Hall chip ------------------------------------------------------------------------
+
+
+@given(seed=st.integers(0, 1000))
+def test_calibration_undoes_what_assembly_did(seed: int) -> None:
+    """Offsets and gain off, through the map, turned by the table: the field of the film again."""
+    random = np.random.default_rng(seed)
+    knots = -np.pi + np.arange(THETA_KNOTS) * 2 * np.pi / THETA_KNOTS
+    p = {
+        "field_xx": random.uniform(0.9, 1.1, 64),
+        "field_xy": random.uniform(-0.1, 0.1, 64),
+        "field_yx": random.uniform(-0.1, 0.1, 64),
+        "field_yy": random.uniform(0.9, 1.1, 64),
+        "theta_correction_rad": random.uniform(-0.1, 0.1, (THETA_KNOTS, 64)),
+        **{f"hall_offset_{axis}_ut": random.uniform(-200, 200, 64) for axis in "xyz"},
+        **{f"hall_drift_{axis}_ut_per_k": random.uniform(-5, 5, 64) for axis in "xyz"},
+    }
+    topology = with_parameters(PALM, **p)
+    truth = random_truth(64, seed)
+    at = (truth.depth_mm, truth.displacement_mm, truth.temperature)
+    reported = UnitSimulator(topology).quantities(
+        *at, truth.film_temperature, truth.hall_temperature
+    )
+    film = SineField(topology)(truth.displacement_mm, truth.depth_mm, truth.film_temperature)
+    for i in range(64):
+        warmer = truth.hall_temperature[i] - 25.0
+        b = [
+            (reported[row, i] - p[f"hall_offset_{axis}_ut"][i]
+             - p[f"hall_drift_{axis}_ut_per_k"][i] * warmer) / (1.0 + 0.0005 * warmer)
+            for row, axis in zip((BX, BY, BZ), "xyz", strict=True)
+        ]  # fmt: skip
+        x = p["field_xx"][i] * b[0] + p["field_xy"][i] * b[1]
+        y = p["field_yx"][i] * b[0] + p["field_yy"][i] * b[1]
+        theta = np.arctan2(y, x)
+        theta += np.interp(theta, knots, p["theta_correction_rad"][:, i], period=2 * np.pi)
+        found = [np.hypot(x, y) * np.cos(theta), np.hypot(x, y) * np.sin(theta), b[2]]
+        np.testing.assert_allclose(found, film[:, i], rtol=1e-9, atol=1e-6)
+
+
+def test_a_map_without_inverse_is_refused_by_name() -> None:
+    xx = np.ones(64)
+    xx[9] = 0.0
+    with pytest.raises(CalibrationError, match=rf"^{PALM.unit_names[9]}: field_xx.*inverse"):
+        UnitSimulator(with_parameters(PALM, field_xx=xx))
+
+
+def test_a_correction_that_turns_back_is_refused_by_name() -> None:
+    correction = np.zeros((THETA_KNOTS, 64))
+    correction[4, 3] = 1.0
+    with pytest.raises(CalibrationError, match=r"theta_correction_rad\[4\]: must be") as caught:
+        UnitSimulator(with_parameters(PALM, theta_correction_rad=correction))
+    assert str(caught.value).startswith(PALM.unit_names[3])

@@ -1,0 +1,115 @@
+"""`skin check` and the summary behind it."""
+
+import json
+
+import pytest
+
+from skin.cli import main
+from tests.fixtures.topology import write_topology
+from topology import builtin, load
+from topology.schema import json_schema
+from topology.summary import summary
+
+FULL = """
+kind = "grid"
+rows = 9
+columns = 10
+pitch_m = 0.012
+layout = "f3t-fd64"
+first_id = 0x100
+"""
+
+
+def last_json(capsys):
+    return json.loads(capsys.readouterr().out.splitlines()[-1])
+
+
+@pytest.mark.parametrize("name", builtin)
+def test_ready_made_topologies_pass_without_a_note(name, capsys):
+    assert main(["check", name]) == 0
+    shown = capsys.readouterr()
+    assert shown.err == ""
+    assert shown.out.startswith(f"{name}: ")
+    assert "note:" not in shown.out
+
+
+def test_the_palm_in_figures(capsys):
+    assert main(["check", "palm", "--json"]) == 0
+    found = last_json(capsys)
+    assert (found["units"], found["frames"], found["disabled"], found["ok"]) == (64, 13, 0, True)
+    (bus,) = found["buses"]
+    assert bus["ids"] == [0x100, 0x10C]
+    # 13 frames of 169.6 us and a SYNC of 65 us; 13 heartbeats of 135 us a second.
+    assert bus["cycle_ms"] == pytest.approx(13 * 0.1696 + 0.065)
+    assert bus["load"] == pytest.approx(250 * (13 * 169.6e-6 + 65e-6) + 13 * 135e-6)
+    (patch,) = found["patches"]
+    assert patch["nearest_mm"] == pytest.approx(12)
+    assert patch["layouts"] == ["f3t-fd64"]
+
+
+def test_a_bus_that_cannot_keep_up_is_shown_whole_with_status_1(tmp_path, capsys):
+    file = write_topology(tmp_path, bus="data_bitrate = 5_000_000\ncycle_rate_hz = 300", patch=FULL)
+    assert main(["check", str(file), "--json"]) == 1
+    shown = capsys.readouterr()
+    assert "bus 'main' cannot carry 300 Hz" in shown.out
+    assert "90 units, 18 frames" in shown.out
+    found = json.loads(shown.out.splitlines()[-1])
+    bus = found["buses"][0]
+    assert not found["ok"]
+    assert bus["load"] > bus["max_load"]
+    rate = bus["highest_rate_hz"]
+    text = file.read_text().replace("= 300", f"= {rate - 0.01}")
+    file.write_text(text)
+    assert main(["check", str(file)]) == 0
+
+
+def test_a_wrong_file_has_status_2_and_all_its_problems_on_standard_error(tmp_path, capsys):
+    file = write_topology(tmp_path, patch=FULL.replace("rows", "rwos") + "colour = 1")
+    assert main(["check", str(file), "--json"]) == 2
+    shown = capsys.readouterr()
+    assert shown.out == ""
+    lines = shown.err.splitlines()
+    assert len(lines) == 3
+    assert all(line.startswith(f"{file}:") for line in lines)
+    assert "nearest: 'rows'" in shown.err
+
+
+def test_an_unknown_name_has_status_2_and_the_nearest_one(capsys):
+    assert main(["check", "plam"]) == 2
+    assert "nearest: 'palm'" in capsys.readouterr().err
+
+
+def test_nothing_to_check_is_wrong_use(capsys):
+    assert main(["check"]) == 2
+    assert "palm" in capsys.readouterr().err
+
+
+def test_the_schema_for_editors_is_printed_as_json(capsys):
+    assert main(["check", "--schema"]) == 0
+    assert json.loads(capsys.readouterr().out) == json.loads(json.dumps(json_schema()))
+
+
+def test_what_may_be_meant_is_noted(tmp_path):
+    more = '[[buses]]\nname = "idle"\ndata_bitrate = 5_000_000\n'
+    more += '[[units]]\nunit = "patch/r0c0"\nenabled = false\n'
+    dense = FULL.replace("0.012", "0.0115")
+    found = summary(load(write_topology(tmp_path, patch=dense, more=more)))
+    assert found.disabled == found.patches[0].disabled == 1
+    assert found.warnings == (
+        f"faces overlap between {9 * 9 + 8 * 10} pairs of units, by their radius_m",
+        "bus 'idle' carries no unit",
+    )
+    idle = found.buses[1]
+    assert (idle.units, idle.ids, idle.load, idle.highest_rate_hz, idle.ok) == (
+        0, None, 0.0, None, True,
+    )  # fmt: skip
+
+
+def test_faces_bent_apart_do_not_overlap(tmp_path):
+    """Around 20 mm radius, faces 11.8 mm apart meet in no point: their planes meet 6.1 mm away."""
+    bent = FULL.replace('"grid"', '"cylinder"\nradius_m = 0.020').replace(
+        "columns = 10", "columns = 4"
+    )
+    found = summary(load(write_topology(tmp_path, patch=bent)))
+    assert found.patches[0].nearest_mm < 12
+    assert found.warnings == ()
