@@ -14,7 +14,7 @@ from numba import njit
 
 import topology
 from bus.compiled.aligned import zeros
-from bus.compiled.jit import apart
+from bus.compiled.intrinsics import assume_noalias
 from topology import Topology
 
 ROWS = ("temperature", "fx", "fy", "fz", "tangential", "theta", "x", "y", "h")
@@ -219,7 +219,7 @@ EXPONENTIAL = 8
 
 @njit(error_model="numpy", fastmath={"contract"}, nogil=True)
 def _bare(counts, c, series, out):
-    apart()
+    assume_noalias()
     real = c.dtype.type
     zero, half, one = real(0.0), real(0.5), real(1.0)
     for block in range(counts.shape[1] // LANES):

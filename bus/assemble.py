@@ -85,7 +85,7 @@ class Assembler:
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         from bus import kernels
-        from bus.compiled.jit import direct
+        from bus.compiled.bound import direct
         from bus.table import FrameTable
 
         if stale_cycles < 1:

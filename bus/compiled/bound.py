@@ -3,26 +3,50 @@
 Numba looks at every argument of a call anew: some 60 ns for each array, which for a kernel with
 twenty of them is as long as its work on a hundred units. Here they are looked at once and written
 down as the words that the compiled function takes, addresses among them; a call then has one
-argument. It stands on the insides of numba: how a function takes its arguments, and where it lies.
+argument.
+
+It stands on private parts of numba: how a function takes its arguments, and where it lies. Where a
+version lacks them, a bound kernel calls the kernel as anybody would.
 """
 
 from __future__ import annotations
 
 import functools
+import struct
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 from llvmlite import ir
 from numba import njit, typeof, types
-from numba.core import cgutils
 from numba.extending import intrinsic
 
-__all__ = ["Bound"]
+try:
+    from numba.core import cgutils
+except ImportError:  # a numba of another version
+    cgutils = None
+
+__all__ = ["Bound", "direct"]
 
 WORD = ir.IntType(64)
 DATA = 4
 """Which of an array's words is the address of its data."""
 _callers: dict[object, Callable] = {}
+
+
+def direct(kernel: Any) -> Callable[..., Any]:
+    """A kernel without its dispatcher, which looks at the type of every array at each call.
+
+    Parameters
+    ----------
+    kernel : callable
+        Compiled for one signature, for which the caller answers from now on; anything else is
+        handed back as it is.
+    """
+    if not hasattr(kernel, "overloads"):
+        return kernel
+    (found,) = kernel.overloads.values()
+    return getattr(found, "entry_point", kernel)
 
 
 class Bound(functools.partial):
@@ -33,10 +57,10 @@ class Bound(functools.partial):
     Parameters
     ----------
     kernel : callable
-        Made by `numba.njit`; anything else is called as it is (NUMBA_DISABLE_JIT).
+        As of `bus.compiled.jit.compiled`; anything else is called as it is.
     *arguments
-        Arrays, whole numbers, truth values, None, and tuples of these. What a kernel is to be told
-        anew with every call stands in an array.
+        Arrays, numbers, truth values, None, and tuples of these, named ones too. What a kernel is
+        to be told anew with every call stands in an array.
 
     Attributes
     ----------
@@ -44,38 +68,71 @@ class Bound(functools.partial):
         Kept, as a call reads and writes them by address.
     """
 
-    def __new__(cls, kernel: Callable, *arguments: object) -> Bound:
+    arguments: list[Any]
+    _words: np.ndarray | None
+    _places: list[int]
+
+    def __new__(cls, kernel: Any, *arguments: Any) -> Bound:
         kept = list(arguments)
-        if not hasattr(kernel, "overloads"):
+        if not hasattr(kernel, "overloads") or cgutils is None:
             self = super().__new__(cls, lambda: kernel(*kept))
             self.arguments, self._words = kept, None
             return self
         kinds = tuple(typeof(argument) for argument in arguments)
         kernel.compile(kinds)
-        compiled = kernel.overloads[kinds]
-        words = [compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)]
+        found = kernel.overloads[kinds]
+        words = [found.library.get_pointer_to_function(found.fndesc.llvm_func_name)]
         places = []
         for kind, argument in zip(kinds, arguments, strict=True):
             places.append(len(words))
             words += _words(kind, argument)
         kept_words = np.array(words, np.int64)
-        self = super().__new__(cls, _caller(compiled.signature), kept_words.ctypes.data)
+        self = super().__new__(cls, _caller(found.signature), kept_words.ctypes.data)
         self.arguments, self._words, self._places = kept, kept_words, places
+        self._kinds = kinds
         self._kernel = kernel  # or its code would go with it
         return self
 
-    def put(self, position: int, argument: np.ndarray) -> None:
+    def put(self, where: int | tuple[int | str, ...], array: np.ndarray) -> None:
         """Exchange an array for another of the same type, shape and strides, for which the caller
-        answers."""
-        self.arguments[position] = argument
+        answers.
+
+        Parameters
+        ----------
+        where : int or tuple
+            Which argument; within named tuples the names that lead to it: ``(1, "counts")``.
+        array : ndarray
+        """
+        path = where if isinstance(where, tuple) else (where,)
+        position = int(path[0])
         if self._words is not None:
-            self._words[self._places[position] + DATA] = argument.__array_interface__["data"][0]
+            place = self._places[position] + self._offset(position, path[1:])
+            self._words[place + DATA] = array.__array_interface__["data"][0]
+        self.arguments[position] = _replaced(self.arguments[position], path[1:], array)
+
+    def _offset(self, position: int, path: tuple[int | str, ...]) -> int:
+        """Words before the array that a path leads to, from those of its argument on."""
+        kind, value, offset = self._kinds[position], self.arguments[position], 0
+        for step in path:
+            index = step if isinstance(step, int) else value._fields.index(step)
+            parts = list(zip(kind, value, strict=True))
+            offset += sum(len(_words(*part)) for part in parts[:index])
+            kind, value = parts[index]
+        return offset
 
     def __reduce__(self) -> str:
         raise TypeError("a bound kernel knows the addresses of its arrays: it cannot be copied")
 
 
-def _words(kind: types.Type, value: object) -> list[int]:
+def _replaced(value: Any, path: tuple[int | str, ...], array: np.ndarray) -> Any:
+    """A tuple with one array exchanged, at any depth."""
+    if not path:
+        return array
+    name = path[0] if isinstance(path[0], str) else value._fields[path[0]]
+    return value._replace(**{name: _replaced(getattr(value, name), path[1:], array)})
+
+
+def _words(kind: types.Type, value: Any) -> list[int]:
     """A value as the words that `_value` reads."""
     if isinstance(kind, types.Array):
         # neither a reference count nor an owner: both are the arguments' that are kept
@@ -86,6 +143,8 @@ def _words(kind: types.Type, value: object) -> list[int]:
         return []
     if isinstance(kind, types.Integer | types.Boolean):
         return [int(value)]
+    if kind == types.float64:
+        return [struct.unpack("<q", struct.pack("<d", value))[0]]
     raise TypeError(f"a bound kernel takes no {kind}")
 
 
@@ -109,6 +168,8 @@ def _value(context, builder, kind: types.Type, words: Iterator[ir.Value]) -> ir.
         return context.get_dummy_value()
     if isinstance(kind, types.Boolean):
         return builder.icmp_unsigned("!=", next(words), WORD(0))
+    if kind == types.float64:
+        return builder.bitcast(next(words), ir.DoubleType())
     return next(words)
 
 
@@ -142,6 +203,6 @@ def _caller(signature) -> Callable:
     def call(place):
         return call_address(place)
 
-    (compiled,) = call.overloads.values()
-    _callers[key] = compiled.entry_point
-    return compiled.entry_point
+    (found,) = call.overloads.values()
+    _callers[key] = found.entry_point
+    return found.entry_point

@@ -1,85 +1,92 @@
-"""What stands on the insides of numba: calls without its dispatcher, hints for its compiler, and a
-stamp for its cache."""
+"""Kernels: plain functions, and the one way to compile them.
+
+A kernel is a plain function that writes into its arguments, and one line that compiles it::
+
+    def scale_python(model, data): ...
+
+    scale = compiled(scale_python)
+
+Functions that kernels call carry `jitable`. Both may stand in any file: the cache of compiled code
+sees all that a kernel is made of, see `bus.compiled.cache`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from hashlib import blake2b
-from pathlib import Path
-from types import ModuleType
+from collections.abc import Callable, Iterable
+from typing import Any
 
-from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic, lower_builtin, type_callable
+from numba import njit
+from numba.extending import register_jitable
 
-__all__ = ["ahead", "apart", "direct", "stamp"]
+from bus.compiled.cache import cache_on_disk
+
+__all__ = ["compiled", "jitable"]
 
 
-def direct(kernel: Callable) -> Callable:
-    """A kernel without its dispatcher, which looks at the type of every array at each call.
+def compiled(
+    function: Callable[..., Any],
+    signatures: Iterable[object] = (),
+    *,
+    fastmath: Iterable[str] = (),
+    cache: bool = True,
+    **options: object,
+) -> Callable[..., Any]:
+    """Compile a kernel: divisions as numpy's, without the interpreter's lock, kept on disk.
 
     Parameters
     ----------
-    kernel : callable
-        Made by `numba.njit` with one signature, for which the caller answers from now on; anything
-        else is handed back as it is (NUMBA_DISABLE_JIT).
+    function : callable
+        The kernel; it and what it calls may be closures over constants.
+    signatures : iterable, optional
+        Types for which it is compiled at once, and no others; as they are called if not given.
+    fastmath : iterable of str
+        Of "contract" and "reassoc". Others would delete tests for NaN, which says "no data" here.
+    cache : bool
+        Whether its machine code is kept on disk.
+    **options
+        Further ones of `numba.njit`.
+
+    Returns
+    -------
+    callable
+        The compiled kernel; `function` itself where NUMBA_DISABLE_JIT is set.
+
+    Raises
+    ------
+    ValueError
+        Fast-math that would change what NaN and infinity mean.
     """
+    flags = set(fastmath)
+    if not flags <= {"contract", "reassoc"}:
+        raise ValueError(f"fastmath: must be of 'contract', 'reassoc'; got {sorted(flags)}")
+    kernel = njit(error_model="numpy", nogil=True, fastmath=flags or False, **options)(function)
     if not hasattr(kernel, "overloads"):
         return kernel
-    (compiled,) = kernel.overloads.values()
-    return compiled.entry_point
+    if cache:
+        cache_on_disk(kernel)
+    compiled_at_once = list(signatures)
+    for signature in compiled_at_once:
+        kernel.compile(signature)
+    if compiled_at_once:
+        kernel.disable_compile()
+    return kernel
 
 
-def apart() -> None:
-    """Tell the compiler that no two arrays of the calling kernel overlap; in Python, nothing.
+def jitable(
+    function: Callable[..., Any] | None = None, /, *, inline: bool = False, **options: object
+) -> Callable[..., Any]:
+    """Mark a function that kernels call; from Python it stays as it is.
 
-    It would ask at run time, for every pair of them, and beyond a few pairs give up vectors. A
-    kernel with so many arrays is also better off with the widest vectors that there are, which the
-    compiler avoids on most processors for the sake of code that needs them now and then.
+    Parameters
+    ----------
+    function : callable
+    inline : bool
+        Whether its code is put into that of every caller, so that loops around it become vectors.
+    **options
+        Of `numba.extending.register_jitable`. What is not given is as in the calling kernel.
     """
-
-
-@type_callable(apart)
-def _apart_type(context):
-    return lambda: types.none
-
-
-@lower_builtin(apart)
-def _apart_code(context, builder, signature, arguments):
-    for argument in builder.function.args:
-        if argument.type.is_pointer:
-            argument.add_attribute("noalias")
-    # llvmlite's own `add` knows but the attributes that have no value.
-    set.add(builder.function.attributes, '"prefer-vector-width"="512"')
-    return context.get_dummy_value()
-
-
-@intrinsic
-def ahead(typing, array, index):
-    """Begin to fetch the cache line of an element of a 1-D array, which may lie beyond its end."""
-
-    def code(context, builder, signature, arguments):
-        view = context.make_array(signature.args[0])(context, builder, arguments[0])
-        byte, word = ir.IntType(8).as_pointer(), ir.IntType(32)
-        kind = ir.FunctionType(ir.VoidType(), [byte, word, word, word])
-        name = "llvm.prefetch.p0i8"
-        fetch = builder.module.globals.get(name) or ir.Function(builder.module, kind, name)
-        place = builder.bitcast(builder.gep(view.data, [arguments[1]]), byte)
-        to_read, nearest, data = word(0), word(3), word(1)
-        builder.call(fetch, [place, to_read, nearest, data])
-        return context.get_dummy_value()
-
-    return types.none(array, types.intp), code
-
-
-def stamp(*modules: ModuleType) -> int:
-    """A number that changes with the files of modules.
-
-    Numba compiles a cached kernel anew when its own file changes, and sees no other file. It does
-    see the values that a kernel takes from the function around it: a kernel that calls what stands
-    in other files names their stamp there.
-    """
-    found = blake2b(digest_size=6)
-    for module in modules:
-        found.update(Path(module.__file__).read_bytes())
-    return int.from_bytes(found.digest(), "big")
+    if function is None:
+        return lambda wrapped: jitable(wrapped, inline=inline, **options)
+    if inline:
+        options = {"forceinline": True, **options}
+    return register_jitable(**options)(function)

@@ -2,13 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
-from numba import njit
-
-from bus.compiled import jit
-from bus.compiled.jit import stamp
-from skin.contact import cluster_kernels, feature_kernels, records, slip_kernels
+from bus.compiled.jit import compiled
 from skin.contact.cluster_kernels import find_contacts
 from skin.contact.feature_kernels import describe
 from skin.contact.slip_kernels import judge
@@ -31,73 +25,66 @@ SAME, EARLY = -1, -2
 """What a step returns where contacts neither came nor went, and where no time has passed."""
 
 
-def _step(sources: int) -> Callable[..., int]:
-    """Make the function; `sources` is the stamp of the parts."""
+def step_python(
+    moment, force, force_sigma, displacement, displacement_sigma, temperature, valid, graph,
+    gate, settings, geometry, origin, units, slots, shared, contacts, counters, path, totals,
+    matrix, spare, judged, work, present,
+):  # fmt: skip
+    """Take the next cycle.
 
-    def step_python(
-        moment, force, force_sigma, displacement, displacement_sigma, temperature, valid, graph,
-        gate, settings, geometry, origin, units, slots, shared, contacts, counters, path, totals,
-        matrix, spare, judged, work, present,
-    ):  # fmt: skip
-        """Take the next cycle.
+    Parameters
+    ----------
+    moment : ndarray, shape (MOMENT,), int64
+    force, force_sigma, displacement, displacement_sigma : ndarray, shape (3, n)
+    temperature : ndarray, shape (n,)
+    valid : ndarray, shape (n,), bool
+    graph, gate, units, slots, shared, counters : ndarray
+        As of `find_contacts`.
+    settings, judged, work : ndarray
+        As of `judge`.
+    geometry, origin, path, totals, matrix, spare : ndarray
+        As of `describe`.
+    contacts : ndarray, shape (r + 1,), CONTACT
+        Written, the total last.
+    present : ndarray, shape (capacity,), int32
+        Which contacts there were.
 
-        Parameters
-        ----------
-        moment : ndarray, shape (MOMENT,), int64
-        force, force_sigma, displacement, displacement_sigma : ndarray, shape (3, n)
-        temperature : ndarray, shape (n,)
-        valid : ndarray, shape (n,), bool
-        graph, gate, units, slots, shared, counters : ndarray
-            As of `find_contacts`.
-        settings, judged, work : ndarray
-            As of `judge`.
-        geometry, origin, path, totals, matrix, spare : ndarray
-            As of `describe`.
-        contacts : ndarray, shape (r + 1,), CONTACT
-            Written, the total last.
-        present : ndarray, shape (capacity,), int32
-            Which contacts there were.
-
-        Returns
-        -------
-        int
-            Number of contacts; SAME where they are those of the last call; EARLY where the time
-            stamp is not after that, and nothing was done.
-        """
-        assert sources  # naming it makes it part of what numba's cache goes by
-        dt_s, now_ns, do = 0.0, moment[NOW_NS], moment[DO]
-        if moment[BEGUN]:
-            if now_ns <= moment[LAST_NS]:
-                return EARLY
-            dt_s = 1e-9 * (now_ns - moment[LAST_NS])
-        moment[BEGUN], moment[LAST_NS] = 1, now_ns
-        # Slip remembers: a displacement that is no number would never leave it.
-        moved = displacement if do & JUDGE else force
-        moved_sigma = displacement_sigma if do & JUDGE else force_sigma
-        count = find_contacts(
-            force, force_sigma, moved, moved_sigma, valid, graph, gate, now_ns, units, slots,
-            shared, contacts[:-1], counters,
+    Returns
+    -------
+    int
+        Number of contacts; SAME where they are those of the last call; EARLY where the time
+        stamp is not after that, and nothing was done.
+    """
+    dt_s, now_ns, do = 0.0, moment[NOW_NS], moment[DO]
+    if moment[BEGUN]:
+        if now_ns <= moment[LAST_NS]:
+            return EARLY
+        dt_s = 1e-9 * (now_ns - moment[LAST_NS])
+    moment[BEGUN], moment[LAST_NS] = 1, now_ns
+    # Slip remembers: a displacement that is no number would never leave it.
+    moved = displacement if do & JUDGE else force
+    moved_sigma = displacement_sigma if do & JUDGE else force_sigma
+    count = find_contacts(
+        force, force_sigma, moved, moved_sigma, valid, graph, gate, now_ns, units, slots,
+        shared, contacts[:-1], counters,
+    )  # fmt: skip
+    if count > 0 and do & DESCRIBE:
+        describe(
+            count if do & EACH else 0, counters[4], moment[HAVE], force, force_sigma,
+            displacement, temperature, geometry, origin, graph, units, slots, contacts, path,
+            totals, matrix, spare,
         )  # fmt: skip
-        if count > 0 and do & DESCRIBE:
-            describe(
-                count if do & EACH else 0, counters[4], moment[HAVE], force, force_sigma,
-                displacement, temperature, geometry, origin, graph, units, slots, contacts, path,
-                totals, matrix, spare,
+        if do & JUDGE:
+            judge(
+                count, dt_s, now_ns, settings, force, force_sigma, displacement,
+                displacement_sigma, geometry, origin, units, slots, contacts, judged, work,
             )  # fmt: skip
-            if do & JUDGE:
-                judge(
-                    count, dt_s, now_ns, settings, force, force_sigma, displacement,
-                    displacement_sigma, geometry, origin, units, slots, contacts, judged, work,
-                )  # fmt: skip
-        same = count == moment[SHOWN]
-        for k in range(count):
-            same &= present[k] == slots[0, k]
-            present[k] = slots[0, k]
-        moment[SHOWN] = count
-        return SAME if same else count
-
-    return step_python
+    same = count == moment[SHOWN]
+    for k in range(count):
+        same &= present[k] == slots[0, k]
+        present[k] = slots[0, k]
+    moment[SHOWN] = count
+    return SAME if same else count
 
 
-step_python = _step(stamp(cluster_kernels, feature_kernels, slip_kernels, records, jit))
-step = njit(cache=True, nogil=True, error_model="numpy")(step_python)
+step = compiled(step_python)

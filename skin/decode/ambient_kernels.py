@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from bus.compiled.jit import apart
+from bus.compiled.intrinsics import assume_noalias
 
 __all__ = ["compose", "update", "update_python"]
 
@@ -400,7 +400,7 @@ def update_python(
     residue : ndarray, shape (n,)
         Written: variance of an axis by the ambient field, µT².
     """
-    apart()
+    assume_noalias()
     dt_s, calm_dt_s, slow_s = times[0], times[1], times[2]
     _average(field, displacement, temperature, status, refused, dt_s, slow_s, about, memory, tile)
     _mark(near_too, about, memory, around_start, around, marks)

@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from bus.compiled.jit import apart
+from bus.compiled.intrinsics import assume_noalias
 
 __all__ = ["films", "films_python", "lattice", "lattice_python", "scattered", "scattered_python",
            "unknown", "unknown_python"]  # fmt: skip
@@ -89,7 +89,7 @@ def films_python(
     moved, changed : bool
         Whether any film counts; whether `known` is another of any.
     """
-    apart()
+    assume_noalias()
     nothing, one = out.dtype.type(0.0), out.dtype.type(1.0)
     at = 1 if out.shape[0] == ROWS else 0
     reach, highest, deepest = most[0], most[1], most[2]
@@ -206,7 +206,7 @@ def lattice_python(
     out : ndarray, shape (3, n) or (5, n)
         Added to; see `films_python`.
     """
-    apart()
+    assume_noalias()
     nothing = out.dtype.type(0.0)
     axes = 1 if out.shape[0] == ROWS else 0
     blocks = active.shape[1]

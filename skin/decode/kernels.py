@@ -15,14 +15,12 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
-from bus import status
-from bus.compiled import jit
-from bus.compiled.jit import ahead, apart, stamp
-from skin.decode import functions, laws, layout
-from skin.decode.functions import FLAGS, INLINED, atan2, exp2
+from bus.compiled.intrinsics import assume_noalias, prefetch
+from bus.compiled.jit import compiled
+from skin.decode import laws
+from skin.decode.functions import INLINED, atan2, exp2
 from skin.decode.laws import EXTRAPOLATION, FIELD_MIN, component
 
 from skin.decode.layout import (  # isort: skip
@@ -46,8 +44,6 @@ LOOK_CYCLES = 4
 NOT_NEGATIVE = 2**62 - 1
 """Mask that changes nothing, but shows the compiler that an index does not count from the end: it
 would turn every load into a gather to be able to do so."""
-
-_SOURCES = stamp(functions, laws, layout, status, jit)
 
 
 class Parts(NamedTuple):
@@ -103,7 +99,7 @@ class Parts(NamedTuple):
 def _fetch(row, start):
     """Begin to fetch what stands in a row for `LANES` units."""
     for j in range(0, LANES, 64 // row.itemsize):
-        ahead(row, start + j)
+        prefetch(row, start + j)
 
 
 def decode_python(parts: Parts) -> Callable:
@@ -121,7 +117,6 @@ def decode_python(parts: Parts) -> Callable:
     lateral = with_force or with_tangential or with_theta or with_displacement
     upright = with_angle or with_anomaly or with_field
     looked = lateral or with_field
-    sources = _SOURCES
 
     def decode(
         counts, incoming, background, coefficients, limits, rows, state, seen, every,
@@ -163,8 +158,7 @@ def decode_python(parts: Parts) -> Callable:
         status : ndarray, shape (t, n), uint16
         valid : ndarray, shape (t, n), bool
         """
-        assert sources  # naming it makes it part of what numba's cache goes by
-        apart()
+        assume_noalias()
         real = coefficients.dtype.type
         zero = real(0.0)
         one = real(1.0)
@@ -546,4 +540,4 @@ def decode_python(parts: Parts) -> Callable:
 @functools.cache
 def decode(parts: Parts) -> Callable:
     """The kernel for `parts`, compiled."""
-    return njit(decode_python(parts), nogil=True, cache=True, **FLAGS)
+    return compiled(decode_python(parts), fastmath={"contract"})

@@ -114,13 +114,48 @@ def test_an_exception_comes_through():
         call()
 
 
+def test_numbers_are_taken_as_they_are():
+    @njit
+    def scale(values, factor, count, is_negative):
+        return values[0] * factor + count if not is_negative else -values[0]
+
+    assert Bound(scale, np.full(1, 3.0), -0.5, 7, False)() == 5.5
+    assert Bound(scale, np.full(1, 3.0), -0.5, 7, True)() == -3.0
+
+
 def test_what_cannot_be_written_down_is_refused():
     @njit
     def scale(values, factor):
-        return values[0] * factor
+        return (values[0] * factor).real
 
-    with pytest.raises(TypeError, match="a bound kernel takes no float64"):
-        Bound(scale, np.zeros(1), 0.5)
+    with pytest.raises(TypeError, match="a bound kernel takes no complex128"):
+        Bound(scale, np.zeros(1), 0.5j)
+
+
+class Data(NamedTuple):
+    """Arrays by name."""
+
+    rows: np.ndarray
+    inner: Chosen
+    out: np.ndarray
+
+
+@pytest.mark.parametrize("compile_it", [njit, lambda function: function])
+def test_an_array_within_a_named_tuple_is_exchanged(compile_it):
+    @compile_it
+    def double(model, data):
+        data.out[:] = model.out * data.rows
+
+    model, data = (Data(np.ones((2, 3)), Chosen(True), np.full(3, x)) for x in (2.0, 0.0))
+    call = Bound(double, model, Data(np.full(3, 5.0), Chosen(), data.out))
+    call()
+    assert data.out.tolist() == [10.0] * 3
+    other = np.zeros(3)
+    call.put((1, "rows"), np.full(3, 7.0))
+    call.put((1, "out"), other)
+    call()
+    assert data.out.tolist() == [10.0] * 3
+    assert other.tolist() == [14.0] * 3
 
 
 @pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])

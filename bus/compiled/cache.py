@@ -1,0 +1,181 @@
+"""The cache of compiled kernels on disk: compiled anew when anything changes that they are made of.
+
+Numba's own cache looks at the kernel's file and at nothing else. Here the key of the cache holds a
+stamp of all that the kernel stands on: the files of all functions that it calls, at any depth, and
+the values of all constants that these name, wherever they were imported from.
+
+Stands on private parts of numba (`FunctionCache`); where a version lacks them, kernels are compiled
+anew in every process.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache
+from hashlib import blake2b
+from pathlib import Path
+from types import CodeType, FunctionType, ModuleType
+from typing import Any
+
+import numpy as np
+
+try:
+    from numba.core.caching import FunctionCache
+except ImportError:  # a numba of another version
+    FunctionCache = None
+
+__all__ = ["cache_on_disk", "stamp", "watch"]
+
+OUTSIDE = frozenset({"builtins", "llvmlite", "math", "numba", "numpy"})
+"""Packages whose versions numba's cache, or ours, does not look at."""
+
+_watchers: list[Callable[[str], None]] = []
+
+
+@contextmanager
+def watch(told: Callable[[str], None]) -> Iterator[None]:
+    """Be told the name of every kernel that the cache lacks, before it is compiled.
+
+    Parameters
+    ----------
+    told : callable
+        Takes the name of the kernel. To compile takes from a tenth of a second to several.
+    """
+    _watchers.append(told)
+    try:
+        yield
+    finally:
+        _watchers.remove(told)
+
+
+def cache_on_disk(kernel: Any) -> None:
+    """Keep what a dispatcher compiles from now on on disk, and look there first."""
+    if FunctionCache is not None and hasattr(FunctionCache, "_index_key"):
+        kernel._cache = _stamped_cache()(kernel.py_func)
+
+
+@cache
+def _stamped_cache() -> type:
+    class StampedCache(FunctionCache):
+        """Numba's cache, with `stamp` in its key."""
+
+        _stamp: str | None = None
+
+        def _index_key(self, sig, codegen):
+            if self._stamp is None:
+                self._stamp = stamp(self._py_func)
+            return sig, codegen.magic_tuple(), self._stamp
+
+        def load_overload(self, sig, target_context):
+            found = super().load_overload(sig, target_context)
+            if found is None:
+                for told in _watchers:
+                    told(self._py_func.__qualname__)
+            return found
+
+    return StampedCache
+
+
+def stamp(function: Callable[..., Any]) -> str:
+    """A digest of all that a kernel is made of.
+
+    Parameters
+    ----------
+    function : callable
+        Not compiled.
+
+    Returns
+    -------
+    str
+        Changes with the file of any function that it calls, at any depth, and with the value of any
+        constant that one of them names. Modules of `OUTSIDE` are not looked into.
+    """
+    walk = _Walk()
+    walk.value(function)
+    return walk.digest.hexdigest()
+
+
+class _Walk:
+    """Visits what a function stands on, and adds it to a digest."""
+
+    def __init__(self) -> None:
+        self.digest = blake2b(digest_size=16)
+        self._seen: set[object] = set()
+
+    def value(self, value: Any, names: tuple[str, ...] = ()) -> None:
+        """Add a value; `names` are attributes that may be read of it, if it is a module."""
+        value = getattr(value, "py_func", value)  # a kernel
+        value = getattr(value, "_defn", value)  # an intrinsic
+        if isinstance(value, FunctionType):
+            self._function(value)
+        elif isinstance(value, ModuleType):
+            if _top(value.__name__) not in OUTSIDE:
+                for name in names:
+                    if hasattr(value, name):
+                        self._named(name, getattr(value, name), names)
+        elif isinstance(value, np.ndarray):
+            self._add(value.dtype.descr, value.shape, value.tobytes())
+        elif isinstance(value, np.dtype):
+            self._add(value.descr, value.itemsize)
+        elif isinstance(value, enum.EnumType):
+            self._add([(member.name, member.value) for member in value])
+        elif isinstance(value, type):
+            self._add(value.__qualname__, getattr(value, "_fields", ()))
+        elif isinstance(value, tuple | list):
+            self._add(type(value).__name__, len(value))
+            for part in value:
+                self.value(part)
+        elif isinstance(value, set | frozenset):
+            self._add(sorted(map(repr, value)))
+        elif isinstance(value, bool | int | float | str | bytes | np.generic | None):
+            self._add(repr(value))
+        else:
+            self._add(type(value).__qualname__)
+
+    def _named(self, name: str, value: Any, names: tuple[str, ...]) -> None:
+        self._add(name)
+        self.value(value, names)
+
+    def _function(self, function: FunctionType) -> None:
+        if _top(function.__module__ or "") in OUTSIDE:
+            return
+        cells = [cell.cell_contents for cell in function.__closure__ or ()]
+        key = (function.__code__, tuple(map(id, cells)))
+        if key in self._seen:
+            return
+        self._seen.add(key)
+        self._add(_file_digest(function.__code__.co_filename))
+        self._add(function.__code__.co_code)
+        names = tuple(_names(function.__code__))
+        for name in names:
+            if name in function.__globals__:
+                self._named(name, function.__globals__[name], names)
+        for cell in cells:
+            self.value(cell, names)
+
+    def _add(self, *parts: object) -> None:
+        for part in parts:
+            self.digest.update(part if isinstance(part, bytes) else repr(part).encode())
+            self.digest.update(b"\0")
+
+
+def _top(module: str) -> str:
+    return module.partition(".")[0]
+
+
+def _names(code: CodeType) -> Iterator[str]:
+    """Names that a function reads of its module, or as attributes, functions within it included."""
+    yield from code.co_names
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _names(constant)
+
+
+@cache
+def _file_digest(path: str) -> bytes:
+    try:
+        return blake2b(Path(path).read_bytes(), digest_size=16).digest()
+    except OSError:  # typed in, or generated
+        return path.encode()
