@@ -89,4 +89,4 @@ def jitable(
         return lambda wrapped: jitable(wrapped, inline=inline, **options)
     if inline:
         options = {"forceinline": True, **options}
-    return register_jitable(**options)(function)
+    return register_jitable(**options)(function) if options else register_jitable(function)
