@@ -5,7 +5,7 @@ from __future__ import annotations
 from bus.compiled.jit import compiled
 from skin.contact.cluster_kernels import find_contacts
 from skin.contact.feature_kernels import describe
-from skin.contact.slip_kernels import judge
+from skin.contact.slip.adapter import judge_today
 
 __all__ = [
     "BEGUN", "DESCRIBE", "DO", "EACH", "EARLY", "HAVE", "JUDGE", "LAST_NS", "MOMENT", "NOW_NS",
@@ -28,7 +28,7 @@ SAME, EARLY = -1, -2
 def step_python(
     moment, force, force_sigma, displacement, displacement_sigma, temperature, valid, graph,
     gate, settings, geometry, origin, units, slots, shared, contacts, counters, path, totals,
-    matrix, spare, judged, work, present,
+    matrix, spare, slip, pose, present,
 ):  # fmt: skip
     """Take the next cycle.
 
@@ -40,7 +40,7 @@ def step_python(
     valid : ndarray, shape (n,), bool
     graph, gate, units, slots, shared, counters : ndarray
         As of `find_contacts`.
-    settings, judged, work : ndarray
+    settings, slip, pose : NamedTuple, NamedTuple, ndarray
         As of `judge`.
     geometry, origin, path, totals, matrix, spare : ndarray
         As of `describe`.
@@ -75,9 +75,9 @@ def step_python(
             totals, matrix, spare,
         )  # fmt: skip
         if do & JUDGE:
-            judge(
+            judge_today(
                 count, dt_s, now_ns, settings, force, force_sigma, displacement,
-                displacement_sigma, geometry, origin, units, slots, contacts, judged, work,
+                displacement_sigma, pose, origin, units, slots, contacts, slip,
             )  # fmt: skip
     same = count == moment[SHOWN]
     for k in range(count):

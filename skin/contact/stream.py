@@ -15,7 +15,8 @@ from skin.contact.feature_kernels import DEPTH, SUMS, WARMTH, WAYPOINTS
 from skin.contact.features import Geometry, wrench_in_frame
 from skin.contact.records import CONTACT, Event, Flag, SlipState
 from skin.contact.slip import SlipSettings
-from skin.contact.slip_kernels import JUDGED, WORK_ROWS, work_length
+from skin.contact.slip.adapter import POSE
+from skin.contact.slip.data import SlipData
 from skin.contact.step_kernel import (
     DESCRIBE,
     DO,
@@ -290,11 +291,11 @@ class ContactStream:
         self._everything = np.ones(n, bool)
         self._taken = list(own)
         self._kept = (
-            tracker.graph, tracker.gate, (slip or SlipSettings()).packed(), geometry.packed,
+            tracker.graph, tracker.gate, (slip or SlipSettings()).model(), geometry.packed,
             geometry.origin, tracker.units, tracker.slots, tracker.shared, self.records,
             tracker.counters, self.paths, np.zeros((capacity + 2, SUMS)), np.zeros((6, 6)),
-            np.zeros((3, 3, 3)), np.zeros((n, JUDGED)),
-            np.zeros((WORK_ROWS, work_length(n))), np.zeros(capacity, np.int32),
+            np.zeros((3, 3, 3)), SlipData.zeros(n), geometry.packed.view(POSE)[:, 0],
+            np.zeros(capacity, np.int32),
         )  # fmt: skip
         self._moment = np.zeros(MOMENT, np.int64)
         self._moment[DO] = self._do
