@@ -12,7 +12,7 @@ from skin.contact.slip.parameters import PARAMETERS, SlipModel
 __all__ = ["friction_margin", "learn_friction"]
 
 
-@jitable
+@jitable(inline=True)
 def learn_friction(record, reading, units, history: UnitHistory, now_ns, dt_s):
     """What slipping units carry, and what stuck ones bear at least: equations 17 to 19."""
     forget = 1.0 - dt_s / PARAMETERS.friction_memory_s
@@ -52,7 +52,7 @@ def learn_friction(record, reading, units, history: UnitHistory, now_ns, dt_s):
             record["friction_lower"] = max(record["friction_lower"], bound)
 
 
-@jitable
+@jitable(inline=True)
 def friction_margin(record, model: SlipModel):
     """Friction so far, what is left of its cone, and the grip that holds: equations 18 and 20.
 

@@ -34,7 +34,7 @@ class _Rates(NamedTuple):
     recent: float  # the recent motion
 
 
-@jitable
+@jitable(inline=True)
 def _rates(dt_s, model: SlipModel):
     radians = -2.0 * np.pi * dt_s
     slow = 1.0 - np.exp(radians * model.lowpass_hz)
@@ -42,7 +42,7 @@ def _rates(dt_s, model: SlipModel):
     return _Rates(slow, fast, 1.0 - np.exp(-dt_s / PARAMETERS.recent_s))
 
 
-@jitable
+@jitable(inline=True)
 def _judge_lags(record, dt_s, rates, geometry, model: SlipModel, reading, units, slip: SlipData):
     """Judge units by their lags behind the body's motion.
 
@@ -83,7 +83,7 @@ def _judge_lags(record, dt_s, rates, geometry, model: SlipModel, reading, units,
     return judging, sticks, pattern
 
 
-@jitable
+@jitable(inline=True)
 def _judge_contact(record, dt_s, now_ns, rates, model, data):
     """Judge one contact and its units."""
     reading, units, slip = data.reading, data.units, data.slip

@@ -33,7 +33,7 @@ class _Test(NamedTuple):
     gross: float  # and one of gross slip
 
 
-@jitable
+@jitable(inline=True)
 def project_nuisances(
     length, motions, stuck, out_of_plane, model: SlipModel, unit: UnitFilter, row: UnitRows, prior
 ):
@@ -78,7 +78,7 @@ def project_nuisances(
     return nuisances
 
 
-@jitable
+@jitable(inline=True)
 def _gain_columns(a, length, row: UnitRows):
     """A gain error that all units share."""
     for j in range(length):
@@ -86,7 +86,7 @@ def _gain_columns(a, length, row: UnitRows):
         row.design[1, a, j] = row.imposed[j] * row.direction[1, j]
 
 
-@jitable
+@jitable(inline=True)
 def _ground_columns(a, length, by_load, mean, gain_variance, unit: UnitFilter, row: UnitRows):
     """Soft ground, that yields by the load or by the distance from the centre."""
     along_x, along_y = row.direction[0], row.direction[1]
@@ -100,7 +100,7 @@ def _ground_columns(a, length, by_load, mean, gain_variance, unit: UnitFilter, r
         row.design[1, a, j] = far * along_y[j]
 
 
-@jitable
+@jitable(inline=True)
 def _orthogonalise(a, length, row: UnitRows, prior):
     """Weigh column a and make it orthogonal to those before; returns its scale, 0 if dependent."""
     root, xa, ya = row.root_weight, row.design[0, a], row.design[1, a]
@@ -129,7 +129,7 @@ def _orthogonalise(a, length, row: UnitRows, prior):
     return 1.0 / np.sqrt(square) if square > RANK * before else 0.0
 
 
-@jitable
+@jitable(inline=True)
 def _take_out(a, length, scale, unit: UnitFilter, row: UnitRows):
     """Normalise column a and take what it explains out of the lags."""
     xa, ya, nuisance = row.design[0, a], row.design[1, a], row.nuisance[a]
@@ -146,7 +146,7 @@ def _take_out(a, length, scale, unit: UnitFilter, row: UnitRows):
         redundancy[j] -= nuisance[j] * nuisance[j]
 
 
-@jitable
+@jitable(inline=True)
 def detect_pattern(
     record, members, force, length, nuisances, haste, model: SlipModel, scratch: SlipScratch
 ):
@@ -187,7 +187,7 @@ def detect_pattern(
     return sticks, found / model_error
 
 
-@jitable
+@jitable(inline=True)
 def _test_patterns(
     length, nuisances, test, model: SlipModel, unit: UnitFilter, row: UnitRows, grid: PatternScratch
 ):
@@ -225,20 +225,21 @@ def _test_patterns(
     return 1.0 - share if sure else 1.0, found
 
 
-@jitable
+@jitable(inline=True)
 def _explain(friction, length, nuisances, test, row: UnitRows):
     """What the pattern of slip at one coefficient of friction explains of the lags (equation 15).
 
     Returns twice the logarithm of the likelihood ratio, and the share of the load that slips.
     """
     imposed, root, predicted = row.imposed, row.root_weight, row.predicted_lag
+    load, residual = row.load, row.residual
     limit = friction * test.softness
     lagged, square, slipped = 0.0, 0.0, 0.0
     for j in range(length):
-        lag = max(imposed[j] - limit * row.load[j], 0.0)
-        slipped += row.load[j] if lag > 0.0 else 0.0
+        lag = max(imposed[j] - limit * load[j], 0.0)
+        slipped += load[j] if lag > 0.0 else 0.0
         lag *= root[j]
-        lagged += lag * row.residual[j]
+        lagged += lag * residual[j]
         square += lag * lag
         predicted[j] = lag
     if lagged <= 0.0:

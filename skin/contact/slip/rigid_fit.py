@@ -16,7 +16,7 @@ FROZEN = 1e9
 """Factor on the prior of a motion that is not to be found."""
 
 
-@jitable
+@jitable(inline=True)
 def contact_frame(record, members, force, geometry, fit: BodyFit):
     """Axes, centre and mean normal of the contact; returns whether it is flat."""
     axes, mean = record["axes"], fit.mean_normal
@@ -34,7 +34,7 @@ def contact_frame(record, members, force, geometry, fit: BodyFit):
     return np.sqrt(square) > (1.0 - PARAMETERS.flat) * record["load"]
 
 
-@jitable
+@jitable(inline=True)
 def design_motions(pose, fit: BodyFit, size, motions, row: UnitRows, j):
     """What each motion of the body does to one unit: derivations.md, equation 1."""
     scale = 1.0 / size
@@ -57,7 +57,7 @@ def design_motions(pose, fit: BodyFit, size, motions, row: UnitRows, j):
             design[c, 6, j] = rx * axes[1, 0] + ry * axes[1, 1] + rz * axes[1, 2]
 
 
-@jitable
+@jitable(inline=True)
 def fit_motion(length, stuck, motions, model: SlipModel, unit: UnitFilter, row: UnitRows, fit: BodyFit):
     """Weighted least squares of the body's motion: derivations.md, equations 2 to 4.
 
@@ -88,7 +88,7 @@ def fit_motion(length, stuck, motions, model: SlipModel, unit: UnitFilter, row: 
     return np.sqrt(variance)
 
 
-@jitable
+@jitable(inline=True)
 def _weigh(length, floor, unit: UnitFilter, row: UnitRows):
     """Weights of the units in the fit (equation 2); returns the greatest load that sticks."""
     for j in range(length):
@@ -103,7 +103,7 @@ def _weigh(length, floor, unit: UnitFilter, row: UnitRows):
     return peak
 
 
-@jitable
+@jitable(inline=True)
 def _normal_equations(length, motions, peak, unit: UnitFilter, row: UnitRows, equations):
     """Normal equations of the displacements since anchoring, without learned gains."""
     design, weight = row.design, row.weight
@@ -124,7 +124,7 @@ def _normal_equations(length, motions, peak, unit: UnitFilter, row: UnitRows, eq
             equations[a, b] = total / peak
 
 
-@jitable
+@jitable(inline=True)
 def _place(length, motions, peak, unit: UnitFilter, row: UnitRows, fit: BodyFit):
     """Where the anchors place the body out of the plane (equation 4).
 
@@ -142,7 +142,7 @@ def _place(length, motions, peak, unit: UnitFilter, row: UnitRows, fit: BodyFit)
     _solve(placement, motions - PLANE, fit.placement)
 
 
-@jitable
+@jitable(inline=True)
 def _dot(a, b, c, length):
     total = 0.0
     for j in range(length):
@@ -150,7 +150,7 @@ def _dot(a, b, c, length):
     return total
 
 
-@jitable
+@jitable(inline=True)
 def _solve(equations, motions, x):
     """Cholesky's solution of ``equations[:, :motions] x = equations[:, MOTIONS]``, of which the
     lower triangle is given; motions that cannot be told are 0."""

@@ -12,7 +12,7 @@ from skin.contact.slip.parameters import PARAMETERS, SlipModel
 __all__ = ["begin_contact", "count_slipping", "decide_contact", "decide_units", "slides_still"]
 
 
-@jitable
+@jitable(inline=True)
 def begin_contact(record):
     """A contact that is new knows nothing; one that is back has kept its friction."""
     record["slip"] = SlipState.NONE
@@ -24,7 +24,7 @@ def begin_contact(record):
         record["friction_lower"] = 0.0
 
 
-@jitable
+@jitable(inline=True)
 def decide_units(record, units, dt_s, model: SlipModel, slip: SlipData):
     """Stick or slip of each unit of a contact."""
     state, first, row = units.slip, record["begin"], slip.scratch.row
@@ -41,7 +41,7 @@ def decide_units(record, units, dt_s, model: SlipModel, slip: SlipData):
         row.held[j] = 1.0 if state[i] != UnitSlip.SLIPPING else 0.0
 
 
-@jitable
+@jitable(inline=True)
 def _begin_slip(history: UnitHistory, i):
     for c in range(2):
         history.mean_lag[c, i] = 0.0
@@ -50,7 +50,7 @@ def _begin_slip(history: UnitHistory, i):
     history.sliding_s[i] = PARAMETERS.sliding_s
 
 
-@jitable
+@jitable(inline=True)
 def _comes_to_rest(history: UnitHistory, i, unit: UnitFilter, noise, j, dt_s):
     """A unit that slips; returns whether it holds again: its lag is gone, or grows no more."""
     mean, total = history.mean_lag, history.lag_sum
@@ -79,7 +79,7 @@ def _comes_to_rest(history: UnitHistory, i, unit: UnitFilter, noise, j, dt_s):
     return True
 
 
-@jitable
+@jitable(inline=True)
 def count_slipping(record, units, row: UnitRows):
     """How many units slip and the load on them; those that are new stick from now on."""
     slipping, load_slipping, first = 0, 0.0, record["begin"]
@@ -93,7 +93,7 @@ def count_slipping(record, units, row: UnitRows):
     return slipping, load_slipping
 
 
-@jitable
+@jitable(inline=True)
 def slides_still(record, ratio, now_ns, dt_s):
     """Whether gross slip goes on; nobody sees faces slide that all stand at their limit."""
     settle_s = PARAMETERS.settle_s
@@ -105,7 +105,7 @@ def slides_still(record, ratio, now_ns, dt_s):
     return PARAMETERS.gripped * sliding < ratio < PARAMETERS.pushed * sliding
 
 
-@jitable
+@jitable(inline=True)
 def decide_contact(record, model: SlipModel, now_ns, judging, ratio):
     """State of the contact from its stick ratio, or from the friction cone where units are few:
     derivations.md, equation 21. `ratio` is the friction in use, `judging` how many units judge."""
@@ -125,7 +125,7 @@ def decide_contact(record, model: SlipModel, now_ns, judging, ratio):
     record["slip"] = state
 
 
-@jitable
+@jitable(inline=True)
 def _state(record, model: SlipModel, judging):
     """State of the contact by this cycle alone, but for hysteresis."""
     before, stick, used = record["slip"], record["stick_ratio"], 1.0 - record["margin"]

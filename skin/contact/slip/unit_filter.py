@@ -13,7 +13,7 @@ from skin.contact.slip.rigid_fit import design_motions
 __all__ = ["correct", "gather", "lowpass_share", "predict", "scatter"]
 
 
-@jitable
+@jitable(inline=True)
 def gather(record, reading, units, geometry, size, motions, slip: SlipData):
     """Gather the units of a contact into rows, and start those that are new.
 
@@ -58,7 +58,7 @@ def gather(record, reading, units, geometry, size, motions, slip: SlipData):
     return _pad(count, scratch), stuck, known
 
 
-@jitable
+@jitable(inline=True)
 def _remembered_share(first, count, displacement, units, kept: UnitFilter):
     """Share of its depth at anchoring that a unit's film may remember without load."""
     deep, was_deep = 0.0, 0.0
@@ -70,7 +70,7 @@ def _remembered_share(first, count, displacement, units, kept: UnitFilter):
     return PARAMETERS.remembered_depth * deep / max(was_deep, 1e-9)
 
 
-@jitable
+@jitable(inline=True)
 def _pad(count, scratch: SlipScratch):
     """Pad all rows with units that weigh nothing; returns the length in whole vectors."""
     length = (count + LANES - 1) // LANES * LANES
@@ -84,14 +84,14 @@ def _pad(count, scratch: SlipScratch):
     return length
 
 
-@jitable
+@jitable(inline=True)
 def scatter(first, count, members, unit: UnitFilter, kept: UnitFilter):
     """Keep what the rows hold of each unit."""
     for j in range(count):
         _copy(unit, j, kept, members[first + j])
 
 
-@jitable
+@jitable(inline=True)
 def _copy(source: UnitFilter, i, target: UnitFilter, j):
     """Copy one unit."""
     for c in range(2):
@@ -111,7 +111,7 @@ def _copy(source: UnitFilter, i, target: UnitFilter, j):
     target.clipped[j] = source.clipped[i]
 
 
-@jitable
+@jitable(inline=True)
 def lowpass_share(length, motions, stuck, rates, unit: UnitFilter, row: UnitRows, motion):
     """Share by which lags follow in this cycle: derivations.md, equation 5."""
     square, load, noise = 0.0, 0.0, 0.0
@@ -132,7 +132,7 @@ def lowpass_share(length, motions, stuck, rates, unit: UnitFilter, row: UnitRows
     return min(max(rates.slow, 1.0 - span / max(ahead, span)), rates.fast)
 
 
-@jitable
+@jitable(inline=True)
 def predict(length, motions, share, recent, model: SlipModel, unit: UnitFilter, row: UnitRows, motion):
     """Where the body asks each unit to be, and how far it lags: derivations.md, equations 6 to 9.
 
@@ -174,7 +174,7 @@ def predict(length, motions, share, recent, model: SlipModel, unit: UnitFilter, 
     _score(length, share, model, unit, row)
 
 
-@jitable
+@jitable(inline=True)
 def _score(length, share, model: SlipModel, unit: UnitFilter, row: UnitRows):
     """Variance and score of the lags, and the imposed displacement: equations 7 to 9."""
     floor = model.floor_mm**2
@@ -206,7 +206,7 @@ def _score(length, share, model: SlipModel, unit: UnitFilter, row: UnitRows):
         row.root_weight[j] = np.sqrt(row.held[j] * row.weight[j])
 
 
-@jitable
+@jitable(inline=True)
 def correct(length, dt_s, model: SlipModel, unit: UnitFilter, row: UnitRows):
     """Anchors and gain errors of the units that stick: derivations.md, equations 10 and 11.
 
