@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
 from skin.contact.slip.data import PLANE, PatternScratch, SlipScratch, UnitFilter, UnitRows
 from skin.contact.slip.parameters import PARAMETERS, SlipModel
@@ -42,6 +43,7 @@ def project_nuisances(
     Gram and Schmidt make the nuisances orthonormal, in sigmas of the lags; what is known of each
     beforehand counts as one more reading. Returns the number of nuisances.
     """
+    assume_noalias()
     shared = motions <= PLANE and stuck >= PARAMETERS.units_for_sharing
     yields = stuck >= PARAMETERS.units_for_swelling
     nuisances = motions + 1 + shared + yields
@@ -81,6 +83,7 @@ def project_nuisances(
 @jitable(inline=True)
 def _gain_columns(a, length, row: UnitRows):
     """A gain error that all units share."""
+    assume_noalias()
     for j in range(length):
         row.design[0, a, j] = row.imposed[j] * row.direction[0, j]
         row.design[1, a, j] = row.imposed[j] * row.direction[1, j]
@@ -89,6 +92,7 @@ def _gain_columns(a, length, row: UnitRows):
 @jitable(inline=True)
 def _ground_columns(a, length, by_load, mean, gain_variance, unit: UnitFilter, row: UnitRows):
     """Soft ground, that yields by the load or by the distance from the centre."""
+    assume_noalias()
     along_x, along_y = row.direction[0], row.direction[1]
     for j in range(length):
         far = along_x[j] * (unit.moved[0, j] - unit.followed[0, j])
@@ -103,6 +107,7 @@ def _ground_columns(a, length, by_load, mean, gain_variance, unit: UnitFilter, r
 @jitable(inline=True)
 def _orthogonalise(a, length, row: UnitRows, prior):
     """Weigh column a and make it orthogonal to those before; returns its scale, 0 if dependent."""
+    assume_noalias()
     root, xa, ya = row.root_weight, row.design[0, a], row.design[1, a]
     before = prior[a, a] ** 2
     for j in range(length):
@@ -132,6 +137,7 @@ def _orthogonalise(a, length, row: UnitRows, prior):
 @jitable(inline=True)
 def _take_out(a, length, scale, unit: UnitFilter, row: UnitRows):
     """Normalise column a and take what it explains out of the lags."""
+    assume_noalias()
     xa, ya, nuisance = row.design[0, a], row.design[1, a], row.nuisance[a]
     root, along_x, along_y = row.root_weight, row.direction[0], row.direction[1]
     explained = 0.0
@@ -231,6 +237,7 @@ def _explain(friction, length, nuisances, test, row: UnitRows):
 
     Returns twice the logarithm of the likelihood ratio, and the share of the load that slips.
     """
+    assume_noalias()
     imposed, root, predicted = row.imposed, row.root_weight, row.predicted_lag
     load, residual = row.load, row.residual
     limit = friction * test.softness

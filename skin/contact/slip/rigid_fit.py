@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
 from skin.contact.slip.data import MOTIONS, PLANE, BodyFit, UnitFilter, UnitRows
 from skin.contact.slip.parameters import PARAMETERS, SlipModel
@@ -91,6 +92,7 @@ def fit_motion(length, stuck, motions, model: SlipModel, unit: UnitFilter, row: 
 @jitable(inline=True)
 def _weigh(length, floor, unit: UnitFilter, row: UnitRows):
     """Weights of the units in the fit (equation 2); returns the greatest load that sticks."""
+    assume_noalias()
     for j in range(length):
         robust = min(1.0, PARAMETERS.huber_sigmas / max(unit.score[j], 1e-9))
         robust *= 1.0 - (1.0 - PARAMETERS.clipped_weight) * unit.clipped[j]
@@ -106,6 +108,7 @@ def _weigh(length, floor, unit: UnitFilter, row: UnitRows):
 @jitable(inline=True)
 def _normal_equations(length, motions, peak, unit: UnitFilter, row: UnitRows, equations):
     """Normal equations of the displacements since anchoring, without learned gains."""
+    assume_noalias()
     design, weight = row.design, row.weight
     for a in range(motions):
         xa, ya = design[0, a], design[1, a]

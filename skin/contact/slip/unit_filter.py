@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
 from skin.contact.records import UnitSlip
 from skin.contact.slip.data import LANES, PLANE, SlipData, SlipScratch, UnitFilter, UnitRows
@@ -114,6 +115,7 @@ def _copy(source: UnitFilter, i, target: UnitFilter, j):
 @jitable(inline=True)
 def lowpass_share(length, motions, stuck, rates, unit: UnitFilter, row: UnitRows, motion):
     """Share by which lags follow in this cycle: derivations.md, equation 5."""
+    assume_noalias()
     square, load, noise = 0.0, 0.0, 0.0
     slow_x, slow_y, design = unit.moved_slow[0], unit.moved_slow[1], row.design
     for j in range(length):
@@ -138,6 +140,7 @@ def predict(length, motions, share, recent, model: SlipModel, unit: UnitFilter, 
 
     `share` and `recent` are the shares by which `moved_slow` and `moved_recent` follow.
     """
+    assume_noalias()
     for j in range(length):
         unit.gain_error[j] *= 1.0 - row.new[j]
         prior = 1.0 / model.gain_error**2
@@ -177,6 +180,7 @@ def predict(length, motions, share, recent, model: SlipModel, unit: UnitFilter, 
 @jitable(inline=True)
 def _score(length, share, model: SlipModel, unit: UnitFilter, row: UnitRows):
     """Variance and score of the lags, and the imposed displacement: equations 7 to 9."""
+    assume_noalias()
     floor = model.floor_mm**2
     for j in range(length):
         new, noise = row.new[j], row.noise[j]
@@ -213,6 +217,7 @@ def correct(length, dt_s, model: SlipModel, unit: UnitFilter, row: UnitRows):
     An anchor is the mean of what was seen while the unit stuck, and forgets slowly: creep and a
     drifting tare are no slip. The gain error is the slope of that line.
     """
+    assume_noalias()
     slowest, forget = dt_s / PARAMETERS.anchor_s, dt_s / PARAMETERS.gain_s
     for j in range(length):
         variance, held = unit.anchor_variance[j], row.held[j]
