@@ -164,9 +164,10 @@ def lattice_python(model, data):
             _multiply(model, data.rows, b)
     for b in range(active.size):
         start = b * BLOCK
+        first = max(start - model.halo, 0) // BLOCK
+        last = min(start + BLOCK - 1 + model.halo, model.cells - 1) // BLOCK
         near = False
-        for a in range(max(start - model.halo, 0) // BLOCK,
-                       min(start + BLOCK - 1 + model.halo, model.cells - 1) // BLOCK + 1):  # fmt: skip
+        for a in range(first, last + 1):
             near |= active[a]
         if not near:
             continue

@@ -29,17 +29,21 @@ from skin.physics.stray import (
     field_at_rest,
     left_out,
     monomials,
+    near,
     powers,
     scan_poses,
     scan_stray,
 )
 from topology import Topology
-from topology.neighbours import compressed_rows, pairs_within
+from topology.neighbours import compressed_rows
 
 __all__ = ["Stencil"]
 
+DEPTH_MAX_MM, DISPLACEMENT_MAX_MM = 2.0, 2.5
+"""Range of the scans [paper: what a unit is calibrated for]."""
 SAME_SKIN_M = 2e-4
-"""Units that are this much nearer or farther than in a saved stencil are other units."""
+"""Units that are this much nearer or farther than in a saved stencil are other units [assumed:
+how well units are placed]."""
 FORMAT = 1
 """Of the file that a stencil is saved to."""
 
@@ -210,8 +214,8 @@ class Stencil:
         neighbour: Sequence[int],
         fits: Sequence[tuple[Fit, Fit, Fit]],
         *,
-        depth_max_mm: float = 2.0,
-        displacement_max_mm: float = 2.5,
+        depth_max_mm: float = DEPTH_MAX_MM,
+        displacement_max_mm: float = DISPLACEMENT_MAX_MM,
     ) -> Stencil:
         """From fits of pairs of the very skin: one unit moves, the chips around it are read.
 
@@ -262,10 +266,7 @@ class Stencil:
         *,
         degree: int = 4,
         reach_m: float = 0.039,
-        depth_max_mm: float = 2.0,
-        displacement_max_mm: float = 2.5,
         sigma_ut: float = 0.0,
-        seed: int = 0,
         rigid: bool = False,
     ) -> Stencil:
         """Scan one neighbour for every kind of pair of a skin, from magnet theory, and fit.
@@ -277,12 +278,8 @@ class Stencil:
             1 to 4.
         reach_m : float
             Between unit centres.
-        depth_max_mm, displacement_max_mm : float
-            Range of the scans.
         sigma_ut : float
             One-sigma noise of the scans, after averaging; 0: exact ones.
-        seed : int
-            Of the noise.
         rigid : bool
             Whether the frames stay where the file puts them: then their units' pairs are in too.
 
@@ -301,11 +298,9 @@ class Stencil:
         moving = 0 if rigid else (_rows(topology, reach_m)[1].size - neighbour.size) // 2
         unit = np.repeat(np.arange(topology.n), np.diff(start))
         pairs = Pairs.of(topology, unit, neighbour)
-        moved, share = scan_poses(depth_max_mm, displacement_max_mm)
+        moved, share = scan_poses(DEPTH_MAX_MM, DISPLACEMENT_MAX_MM)
         stray = scan_stray(topology, pairs.seen, moved)
-        if sigma_ut:
-            noise = np.random.default_rng(seed).standard_normal(stray.shape)
-            stray = stray + sigma_ut * noise
+        stray += sigma_ut * np.random.default_rng(0).standard_normal(stray.shape)
         terms = monomials(moved.T, degree)
         q, r = np.linalg.qr(terms.T)
         values = np.einsum("kta,tp->kap", stray, np.linalg.solve(r, q.T).T)
@@ -316,7 +311,7 @@ class Stencil:
         missed = np.maximum(rms**2 - (1.0 - fitted) * sigma_ut**2, 0.0)
         sigma = np.sqrt(missed + fitted * sigma_ut**2)
         strength = topology.parameters["field_amplitude_ut"]
-        bound, beyond = left_out(parted, unit, neighbour, depth_max_mm, displacement_max_mm)
+        bound, beyond = left_out(parted, unit, neighbour, DEPTH_MAX_MM, DISPLACEMENT_MAX_MM)
         nearest = int(np.argmin(pairs.seen[0])) if len(stray) else None
         worst = (0.0, 0.0) if nearest is None else (
             float(strength.max() * rms[nearest].max()),
@@ -325,7 +320,7 @@ class Stencil:
         return cls(
             start, neighbour, pairs.kind, _apart(topology, unit, neighbour),
             pairs.turned(values, degree), pairs.spread(sigma), strength.copy(),
-            field_at_rest(parted), degree, reach_m, depth_max_mm, displacement_max_mm, bound,
+            field_at_rest(parted), degree, reach_m, DEPTH_MAX_MM, DISPLACEMENT_MAX_MM, bound,
             beyond, *worst, moving,
         )  # fmt: skip
 
@@ -367,6 +362,4 @@ def _apart(topology: Topology, unit: np.ndarray, neighbour: np.ndarray) -> np.nd
 
 def _rows(topology: Topology, reach_m: float) -> tuple[np.ndarray, np.ndarray]:
     """Neighbours nearer than `reach_m`, compressed rows."""
-    pairs = [np.stack([i, j]) for i, j, _ in pairs_within(topology.position, reach_m)]
-    i, j = np.concatenate([np.empty((2, 0), np.int64), *pairs], axis=1)
-    return compressed_rows(topology.n, i, j)
+    return compressed_rows(topology.n, *near(topology, reach_m))
