@@ -105,8 +105,8 @@ class CrossTalk:
     idle_mm : float
         A film that is pressed less than this can be displaced by three times this at most, as
         friction has it: it counts as at rest, unless it is pulled by more than three times this, or
-        its field tells of a displacement that is no noise (`IDLE_REACH_MM`). 0: only a film that is
-        not displaced at all counts as at rest.
+        its field tells of a displacement that is no noise (`IDLE_DISPLACEMENT_MM`). 0: only a film
+        that is not displaced at all counts as at rest.
     lattices : bool
         False: every pair counts as one of an irregular skin.
 

@@ -23,8 +23,8 @@ import numpy as np
 from skin.errors import ScanError, SkinError
 from skin.physics.least_squares import Fit
 from skin.physics.stray import (
-    APART_M,
     DEGREES,
+    SEPARATION_M,
     Pairs,
     field_at_rest,
     left_out,
@@ -195,7 +195,7 @@ class Stencil:
                 f"{path}: must be the stencil of {topology.n} units, as {topology.name}; "
                 f"got {found.n}"
             )
-        off = np.abs(_apart(topology, found.unit, found.neighbour) - found.apart_m)
+        off = np.abs(_distance(topology, found.unit, found.neighbour) - found.apart_m)
         if off.max(initial=0.0) > SAME_SKIN_M:
             worst = int(np.argmax(off))
             i, j = (topology.unit_names[k[worst]] for k in (found.unit, found.neighbour))
@@ -247,14 +247,14 @@ class Stencil:
         gram = _gram(depth_max_mm, displacement_max_mm, degree)
         known = np.array([[np.sum(axis.covariance * gram) for axis in fit] for fit in fits])
         missed = np.array([[_missed(axis) for axis in fit] for fit in fits])
-        apart = _apart(topology, i, j)
-        parted = _parted(_with_films(topology))
-        bound, rms = left_out(parted, i, j, depth_max_mm, displacement_max_mm)
+        apart = _distance(topology, i, j)
+        separated = _frames_separated(_with_films(topology))
+        bound, rms = left_out(separated, i, j, depth_max_mm, displacement_max_mm)
         residual = [axis.residual_rms for axis in fits[int(np.argmin(apart))]]
         worst = [axis.residual_max for axis in fits[int(np.argmin(apart))]]
         return cls(
             start.astype(np.int32), j, np.arange(len(fits), dtype=np.int32), apart,
-            values, np.sqrt(known + missed), np.ones(topology.n), field_at_rest(parted), degree,
+            values, np.sqrt(known + missed), np.ones(topology.n), field_at_rest(separated), degree,
             float(apart.max()), depth_max_mm, displacement_max_mm, bound, rms, max(residual),
             max(worst), 0,
         )  # fmt: skip
@@ -293,8 +293,8 @@ class Stencil:
         if degree not in DEGREES:
             raise ScanError(f"degree: must be 1, 2, 3 or 4; got {degree}")
         topology = _with_films(topology)
-        parted = topology if rigid else _parted(topology)
-        start, neighbour = _rows(parted, reach_m)
+        separated = topology if rigid else _frames_separated(topology)
+        start, neighbour = _rows(separated, reach_m)
         moving = 0 if rigid else (_rows(topology, reach_m)[1].size - neighbour.size) // 2
         unit = np.repeat(np.arange(topology.n), np.diff(start))
         pairs = Pairs.of(topology, unit, neighbour)
@@ -311,16 +311,16 @@ class Stencil:
         missed = np.maximum(rms**2 - (1.0 - fitted) * sigma_ut**2, 0.0)
         sigma = np.sqrt(missed + fitted * sigma_ut**2)
         strength = topology.parameters["field_amplitude_ut"]
-        bound, beyond = left_out(parted, unit, neighbour, DEPTH_MAX_MM, DISPLACEMENT_MAX_MM)
+        bound, beyond = left_out(separated, unit, neighbour, DEPTH_MAX_MM, DISPLACEMENT_MAX_MM)
         nearest = int(np.argmin(pairs.seen[0])) if len(stray) else None
         worst = (0.0, 0.0) if nearest is None else (
             float(strength.max() * rms[nearest].max()),
             float(strength.max() * np.abs(residual[nearest]).max()),
         )  # fmt: skip
         return cls(
-            start, neighbour, pairs.kind, _apart(topology, unit, neighbour),
+            start, neighbour, pairs.kind, _distance(topology, unit, neighbour),
             pairs.turned(values, degree), pairs.spread(sigma), strength.copy(),
-            field_at_rest(parted), degree, reach_m, DEPTH_MAX_MM, DISPLACEMENT_MAX_MM, bound,
+            field_at_rest(separated), degree, reach_m, DEPTH_MAX_MM, DISPLACEMENT_MAX_MM, bound,
             beyond, *worst, moving,
         )  # fmt: skip
 
@@ -345,17 +345,17 @@ def _with_films(topology: Topology) -> Topology:
     return dataclasses.replace(topology, parameters=parameters)
 
 
-def _parted(topology: Topology) -> Topology:
+def _frames_separated(topology: Topology) -> Topology:
     """The same skin with its frames too far apart to feel each other."""
     if not topology.patch_frames:
         return topology
     _, frame = np.unique(np.array(topology.patch_frames)[topology.patch], return_inverse=True)
     position = topology.position.copy()
-    position[0] += APART_M * frame
+    position[0] += SEPARATION_M * frame
     return dataclasses.replace(topology, position=position)
 
 
-def _apart(topology: Topology, unit: np.ndarray, neighbour: np.ndarray) -> np.ndarray:
+def _distance(topology: Topology, unit: np.ndarray, neighbour: np.ndarray) -> np.ndarray:
     """Distances of the centres of pairs, metre."""
     return np.linalg.norm(topology.position[:, unit] - topology.position[:, neighbour], axis=0)
 

@@ -19,15 +19,15 @@ from topology import Topology
 from topology.neighbours import neighbour_pairs
 
 __all__ = [
-    "APART_M", "DEGREES", "HORIZON_M", "Pairs", "field_at_rest", "fit_stray", "left_out",
+    "DEGREES", "HORIZON_M", "SEPARATION_M", "Pairs", "field_at_rest", "fit_stray", "left_out",
     "monomials", "near", "powers", "scan_poses", "scan_stray",
 ]  # fmt: skip
 
 SAME_MM = 1e-3
 """Pairs whose chips sit within this of each other, as their films see them, share a fit [assumed:
 far below the tolerances of a skin]."""
-APART_M = 10.0
-"""Between the pairs of the bench, and between frames: none feels another."""
+SEPARATION_M = 10.0
+"""Between the pairs of the bench, and between frames: none feels another [assumed]."""
 HORIZON_M = 0.1
 """What is left out is summed to this distance [derived: beyond it a film adds less than 0.1 µT]."""
 DEGREES = (1, 2, 3, 4)
@@ -152,7 +152,7 @@ def scan_stray(topology: Topology, kinds: np.ndarray, moved: np.ndarray) -> np.n
         return np.zeros((0, len(moved), 3))
     # films first, then the units with the chips that look at them, whose own films stand still
     position = np.zeros((3, 2 * count))
-    position[1] = np.tile(APART_M * np.arange(count), 2)
+    position[1] = np.tile(SEPARATION_M * np.arange(count), 2)
     film = HalbachField(topology, reach_m=0.0).film
     position[0, count:] = 1e-3 * kinds[0]
     position[2, count:] = 1e-3 * (kinds[1] - film.chip_mm)
@@ -175,7 +175,7 @@ def scan_stray(topology: Topology, kinds: np.ndarray, moved: np.ndarray) -> np.n
     depth = np.zeros((len(at), 2 * count))
     depth[:, :count] = at[:, 2:]
     warm = np.repeat(nominal["film_reference_c"][None], len(at), axis=0)
-    both = HalbachField(bench, reach_m=0.5 * APART_M)(displacement, depth, warm)
+    both = HalbachField(bench, reach_m=0.5 * SEPARATION_M)(displacement, depth, warm)
     own = HalbachField(bench, reach_m=0.0)(displacement, depth, warm)
     seen = CHIP_AXES[:, None] * (both - own)[:, :, count:]
     return (seen[1:] - seen[0]).transpose(2, 0, 1)
