@@ -168,9 +168,7 @@ def _unpacker(topology: Topology, records: np.ndarray, cycles: int) -> Callable[
     counts = np.zeros((cycles, len(CHANNELS), topology.n), np.int16)
     codes = np.zeros(topology.n, np.uint8)
     flat = counts.reshape(cycles, -1)
-    unpack_all = Bound(
-        _unpack_all, views(records), len(topology.frames), tables, flat, codes
-    )
+    unpack_all = Bound(_unpack_all, views(records), len(topology.frames), tables, flat, codes)
 
     def unpack() -> np.ndarray:
         unpack_all()

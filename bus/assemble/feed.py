@@ -152,11 +152,7 @@ def feed_python(row, views, tables, memory, shown):
         else:
             if 0 <= words[row, 0] < STAMP_MAX:
                 state["last_stamp"] = words[row, 0]
-            if (
-                state["is_free"]
-                and not state["has_clock"]
-                and is_tick(state["last_stamp"], memory)
-            ):
+            if state["is_free"] and not state["has_clock"] and is_tick(state["last_stamp"], memory):
                 close_cycle_python(BY_DEADLINE, tables, memory, shown)
                 return row
             f = find(bus, can_id, tables)

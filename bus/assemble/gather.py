@@ -1,4 +1,4 @@
-"""Frames that were taken: their units wait for the other parts of the set, then for the cycle's end.
+"""Frames that were taken: units wait for the other parts of their set, then for the cycle's end.
 
 Compiled into `bus.assemble.feed`.
 """

@@ -1,6 +1,7 @@
 """Which data frames are taken: sequence numbers, repeats, gaps, steps back, second senders.
 
-Compiled into `bus.assemble.feed`. `f` is a frame of the topology, `row` that of the frame that came.
+Compiled into `bus.assemble.feed`. `f` is a frame of the topology, `row` where the frame
+that came lies in the batch.
 """
 
 from __future__ import annotations
