@@ -18,7 +18,7 @@ from skin.cli import main
 from skin.sim.scene import PressSlideLift
 from topology import load
 
-LOGS = Path(__file__).parent / "golden" / "logs"
+LOGS = Path(__file__).parents[2] / "golden" / "logs"
 
 
 def table(path):
