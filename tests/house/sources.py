@@ -23,6 +23,11 @@ class Definition(NamedTuple):
     owner: ast.ClassDef | None
 
     @property
+    def first_line(self) -> int:
+        """The line of the first decorator, or of ``def``: as Python's code objects tell it."""
+        return min([self.node.lineno, *(mark.lineno for mark in self.node.decorator_list)])
+
+    @property
     def lines(self) -> int:
         """From the line of its ``def``, decorators apart, to its end."""
         return (self.node.end_lineno or self.node.lineno) - self.node.lineno + 1
