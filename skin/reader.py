@@ -16,7 +16,7 @@ from topology import CHANNELS, Topology
 
 if TYPE_CHECKING:
     from skin.contact.slip import SlipSettings
-    from skin.contact.stream import Contact, ContactStream
+    from skin.contact.stream import ContactStream
 
 __all__ = ["CycleReader"]
 
@@ -128,22 +128,21 @@ class CycleReader:
             return state
         # Stamps of a bus may step back, the number of a cycle does not: contacts live by it.
         self._now_ns = now_ns = max(cycle.number * self._period_ns, self._now_ns + 1)
-        if reading is self._reading:
-            contacts = stream.again(now_ns)
-        else:
-            contacts = self._begin(reading, now_ns)
+        if reading is not self._reading:
+            self._begin(reading, stream)
+        contacts = self._take(now_ns)
         state.label = self._label
         if self._contacts:
             state.contacts = contacts
             state.slip = self._slip
         return state
 
-    def _begin(self, reading: Reading, now_ns: int) -> list[Contact]:
+    def _begin(self, reading: Reading, stream: ContactStream) -> None:
         """Show the stream the arrays of the decoder, which stay the same from now on."""
         self._reading = reading
-        return self._stream.update(
+        self._take = stream.bind(
             reading.force, reading.force_sigma, reading.displacement_mm,
-            reading.displacement_sigma_mm, reading.temperature, reading.valid, stamp_ns=now_ns,
+            reading.displacement_sigma_mm, reading.temperature, reading.valid,
         )  # fmt: skip
 
 

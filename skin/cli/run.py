@@ -87,7 +87,7 @@ class _Tally:
         self.work_us: list[float] = []
 
     def add(self, state: Any, work_ns: int) -> None:
-        from skin.contact.records import SlipState
+        from skin.contact.record import SlipState
         from skin.state import Status
 
         self.cycles += 1
