@@ -36,10 +36,15 @@ def check(
     if schema:
         print(json_text.dumps(json_schema(), indent=2))
         return 0
-    found = summary(load(options.given(file, "check"), allow_overload=True))
+    file = options.given(file, "check")
+    loaded = load(file, allow_overload=True)
+    found = summary(loaded)
     print(_table(found))
+    if hint := options.tare_hint(file, loaded):
+        print(f"\nnote: {hint}")
     if json:
-        print(json_text.dumps(msgspec.to_builtins(found)))
+        never_tared = {"never_tared": options.never_tared(loaded)}
+        print(json_text.dumps(msgspec.to_builtins(found) | never_tared))
     return 0 if found.ok else 1
 
 

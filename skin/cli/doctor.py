@@ -43,9 +43,11 @@ def doctor(
     """
     from bus.diagnose import diagnose
     from bus.discover import Survey
+    from skin.compiling import announcer
     from topology import load
 
     options.check_seconds(seconds)
+    announcer()
     loaded = load(file).on(interface=interface, channel=channel)
     survey = Survey(loaded)
     found = list(_of_this_host())
@@ -61,10 +63,11 @@ def doctor(
         "units_heard": int((survey.age >= 0).sum()),
         "cycles": survey.cycles,
         "counters": counters,
+        "never_tared": options.never_tared(loaded),
         "findings": [asdict(finding) for finding in found],
         "healthy": not found,
     }
-    print(_table(loaded, report, found))
+    print(_table(loaded, report, found, options.tare_hint(file, loaded)))
     if json:
         print(json_text.dumps(report))
     return 1 if found else 0
@@ -103,7 +106,7 @@ def _of_this_host() -> Iterator[Finding]:
     import topology
     from bus.diagnose import Finding
 
-    homes = {module.__name__: Path(module.__file__).parent.parent for module in
+    homes = {module.__name__: Path(str(module.__file__)).parent.parent for module in
              (skin, bus, topology)}  # fmt: skip
     for name, home in homes.items():
         if home != homes["skin"]:
@@ -130,12 +133,13 @@ def _is_writable(folder: Path) -> bool:
     return os.access(folder, os.W_OK)
 
 
-def _table(loaded: Topology, report: dict[str, Any], found: list[Finding]) -> str:
+def _table(loaded: Topology, report: dict[str, Any], found: list[Finding], hint: str | None) -> str:
     kinds = ", ".join(f"{name} {count}" for name, count in report["counters"].items())
     lines = [
         f"{loaded.name}: {report['units_heard']} of {loaded.n} units heard in {report['cycles']} "
         "cycles",
         f"frames: {kinds or 'none'}",
+        *([hint] if hint else []),
     ]
     for finding in found:
         lines += [

@@ -5,13 +5,20 @@ from __future__ import annotations
 import json as json_text
 import sys
 import time
+from contextlib import ExitStack
 from dataclasses import asdict
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 import tyro
 
 from skin.cli import options
+from skin.cli.simulated import own_faults, scripted, unscripted
+
+if TYPE_CHECKING:
+    from bus.transport import Transport
+    from skin.state import State
+    from topology import Topology
 
 __all__ = ["run"]
 
@@ -28,24 +35,36 @@ def run(
         Literal["event", "drain"],
         tyro.conf.arg(help="wake for every arrival (least latency), or once a cycle (least work)"),
     ] = "event",
+    simulate: Annotated[
+        bool, options.quiet("listen to simulated units, in this process, on no bus of the file")
+    ] = False,
+    scene: options.Scene = None,
+    seed: options.Seed = None,
     json: options.Json = False,
 ) -> int:
     """Listen to the buses of a topology, send SYNC, and show what the skin feels.
 
-    Exits with 1 if no unit ever answered.
+    With `--simulate` a sphere presses, slides and lifts all over simulated units, or a scene is
+    played to its end. Exits with 1 if no unit ever answered.
     """
     import skin
     from skin.view.terminal import LiveTable
     from topology import load
 
     options.check_seconds(seconds)
+    _check_simulated(simulate, scene, seed, sync)
     loaded = load(file).on(interface=interface, channel=channel)
-    if why := options.unreachable(file, loaded):
-        print(f"note: nobody can answer: {why}", file=sys.stderr)
+    if not simulate:
+        _note(file, loaded)
     table = LiveTable(loaded)
     tally = _Tally(loaded)
-    end = None
-    with skin.open(loaded, sync=sync, wait=wait) as opened:
+    end = transports = None
+    with ExitStack() as ended:
+        if simulate:
+            transports, lasting = _simulated(ended, loaded, scene, seed)
+            seconds = seconds or lasting
+        opened = skin.open(loaded, sync=sync, wait=wait, transports=transports)
+        ended.enter_context(opened)
         try:
             for state in opened:
                 table.show(state, opened.timing.work_ns)
@@ -63,6 +82,7 @@ def run(
                 bus.name: asdict(end.counters)
                 for bus, end in zip(loaded.buses, opened.transports, strict=True)
             },
+            "never_tared": [] if simulate else options.never_tared(loaded),
             "bus_changes": [f"{name}: {change}" for name, change in opened.bus_changes],
         }
     if json:
@@ -72,10 +92,49 @@ def run(
     return 0 if report["units_heard"] else 1
 
 
+def _note(file: str, topology: Topology) -> None:
+    """Say what is worth knowing before the first cycle."""
+    notes = (options.unreachable(file, topology), options.tare_hint(file, topology))
+    for prefix, text in zip(("nobody can answer: ", ""), notes, strict=True):
+        if text:
+            print(f"note: {prefix}{text}", file=sys.stderr)
+
+
+def _check_simulated(simulate: bool, scene: str | None, seed: int | None, sync: str) -> None:
+    """Refuse what means nothing together."""
+    from skin.errors import SkinError
+
+    for option, value in (("--scene", scene), ("--seed", seed)):
+        if value is not None and not simulate:
+            raise SkinError(f"{option}: must be given with --simulate; got none")
+    if simulate and sync != "host":
+        raise SkinError(f"--sync: must be 'host' with --simulate; got {sync!r}")
+
+
+def _simulated(
+    ended: ExitStack, topology: Topology, scene: str | None, seed: int | None
+) -> tuple[list[Transport], float | None]:
+    """This host's ends of buses with simulated units, and how many seconds the scene lasts."""
+    from bus.faults import FaultyTransport
+    from skin.live import in_process
+    from skin.sim.node import Nodes
+
+    played = None if scene is None else scripted(topology, scene, seed)
+    nodes = unscripted(topology, seed) if played is None else Nodes(topology, played, history=0)
+    ended.callback(nodes.close)
+    ends = in_process(nodes)
+    if played is None:
+        return ends, None
+    if faults := own_faults(played):
+        for i, end in enumerate(ends):
+            ends[i] = FaultyTransport(end, faults, topology=topology)
+    return ends, played.seconds
+
+
 class _Tally:
     """What is worth telling at the end of a run."""
 
-    def __init__(self, topology: Any) -> None:
+    def __init__(self, topology: Topology) -> None:
         self.topology = topology
         self.cycles = 0
         self.complete = 0
@@ -86,7 +145,7 @@ class _Tally:
         self.slipped: set[int] = set()
         self.work_us: list[float] = []
 
-    def add(self, state: Any, work_ns: int) -> None:
+    def add(self, state: State, work_ns: int) -> None:
         from skin.contact.records import SlipState
         from skin.state import Status
 

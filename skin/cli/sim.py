@@ -8,9 +8,10 @@ from collections import Counter
 from collections.abc import Iterable
 from contextlib import ExitStack
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from skin.cli import options
+from skin.cli.simulated import own_faults, scripted, unscripted
 
 if TYPE_CHECKING:
     from bus.faults import FaultScript
@@ -28,23 +29,14 @@ def sim(
     /,
     *,
     seconds: options.Until = None,
-    seed: Annotated[
-        int | None,
-        options.quiet(
-            "seed of the simulated noise; otherwise the scene's, or 0",
-            metavar="INT",
-            constructor=int,
-        ),
-    ] = None,
+    seed: options.Seed = None,
     noise: Annotated[bool, options.quiet("leave the noise out, keep the quantisation")] = True,
     interface: options.Interface = None,
     channel: options.Channel = None,
     faults: Annotated[
         str | None, options.quiet("do to the frames what this script says", metavar="FILE")
     ] = None,
-    scene: Annotated[
-        str | None, options.quiet("play this scene, ready-made or from a file", metavar="NAME|FILE")
-    ] = None,
+    scene: options.Scene = None,
     truth: Annotated[
         str | None, options.quiet("write down the truth about every cycle", metavar="FILE.npz")
     ] = None,
@@ -68,6 +60,7 @@ def sim(
     are within the process. Exits with 1 if no SYNC ever came.
     """
     from bus.faults import load_script
+    from skin.compiling import announcer
     from skin.errors import SkinError
     from skin.sim.script import SceneFile
     from topology import load
@@ -85,12 +78,13 @@ def sim(
     if not fast and (why := options.unreachable(file, loaded)):
         raise SkinError(why)
     script = None if faults is None else load_script(faults, loaded)
+    announcer()
     with ExitStack() as opened:
         if scene is None:
-            nodes = _unscripted(loaded, seed, noise)
+            nodes = unscripted(loaded, seed, noise)
         else:
-            played = _scripted(loaded, scene, seed, noise)
-            script = script or _own_faults(played)
+            played = scripted(loaded, scene, seed, noise)
+            script = script or own_faults(played)
             nodes = _nodes(played, None if truth is None else _recorder(opened, played, truth))
         if fast:
             served, injected = _play(nodes, played, seconds, script)
@@ -108,33 +102,6 @@ def sim(
     else:
         print(_table(report))
     return 0 if served.cycles else 1
-
-
-def _unscripted(topology: Topology, seed: int | None, noise: bool) -> Nodes:
-    from skin.sim.node import Nodes
-
-    return Nodes(topology, seed=seed or 0, noise=noise)
-
-
-def _scripted(topology: Topology, scene: str, seed: int | None, noise: bool) -> ScriptedScene:
-    from msgspec.structs import replace
-
-    from skin.sim.play import ScriptedScene
-    from skin.sim.script_load import load_scene
-
-    script = load_scene(scene, topology)
-    if seed is not None:
-        script = replace(script, seed=seed)
-    if not noise:
-        script = replace(script, non_ideal=replace(script.non_ideal, noise=False))
-    return ScriptedScene(topology, script)
-
-
-def _own_faults(played: ScriptedScene) -> FaultScript | None:
-    from bus.faults import FaultScript
-
-    own = played.script
-    return FaultScript(seed=own.seed, faults=own.faults) if own.faults else None
 
 
 def _recorder(opened: ExitStack, played: ScriptedScene, path: str) -> Scene:
@@ -171,13 +138,9 @@ def _serve(
     transports: list[Transport] = [
         opened.enter_context(open_transport(bus, i)) for i, bus in enumerate(topology.buses)
     ]
-    faulty = (
-        []
-        if script is None
-        else [
-            FaultyTransport(end, script, topology=topology, direction="send") for end in transports
-        ]
-    )
+    faulty = [] if script is None else [
+        FaultyTransport(end, script, topology=topology, direction="send") for end in transports
+    ]  # fmt: skip
     names = ", ".join(f"{bus.interface} {bus.channel}".rstrip() for bus in topology.buses)
     print(f"{topology.n} units on {names}; Ctrl-C ends it", file=sys.stderr, flush=True)
     try:
@@ -224,7 +187,7 @@ def _total(parts: Iterable[dict[str, int]]) -> dict[str, int]:
     return dict(total)
 
 
-def _table(report: dict[str, object]) -> str:
+def _table(report: dict[str, Any]) -> str:
     rows = [
         ("units", f"{report['units']}"),
         ("cycles, left out", f"{report['cycles']}, {report['skipped']}"),

@@ -15,7 +15,8 @@ from bus.memory import MemoryTransport
 from skin.contact.records import Event
 from skin.contact.wrench import wrench
 from skin.errors import SkinError
-from skin.reader import CycleReader
+from skin.options import Options
+from skin.pipeline import Pipeline
 from skin.sim.node import Nodes
 from skin.sim.play import ScriptedScene
 from skin.sim.scene import PressSlideLift
@@ -140,7 +141,7 @@ def test_contacts_outlive_stamps_that_step_back_and_numbers_that_repeat():
     palm = topology.load("palm")
     scene, simulator = PressSlideLift(palm), UnitSimulator(palm, seed=5)
     counts = simulator.counts(scene.at(3.0))
-    read = CycleReader(palm, want={"contacts"}, estimator="sine", dtype="float32")
+    read = Pipeline(palm, Options(want={"contacts"}, estimator="sine"))
     rest = (np.ones(palm.n, bool), np.zeros(palm.n, np.uint16), *(np.zeros(palm.n, int),) * 3)
     ages = []
     for number, stamp_ns in ((7, 900), (8, 1000), (8, 1000), (9, 10), (20, -5), (3, 0)):
