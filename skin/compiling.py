@@ -64,7 +64,7 @@ class Announcer:
                 return
             self._stop()
             if self._said:
-                _log.warning("f3t-skin: %d kernels in %.1f s", len(self.kernels), self._seconds)
+                _log.warning("f3t-skin: compiled in %.1f s", self._seconds)
             self.kernels, self._seconds, self._said = [], 0.0, False
 
     def _say(self) -> None:
