@@ -23,14 +23,18 @@ if TYPE_CHECKING:
     from skin.contact.stream import Contact
     from skin.decode.decoder import Decoder
     from skin.live import Skin, open
+    from skin.options import Options
+    from skin.pipeline import Pipeline
     from skin.state import Reading, State, Status
 
-__all__ = ["Contact", "Decoder", "Reading", "Skin", "SlipSettings", "SlipState", "State", "Status",
-           "UnitSlip", "errors", "open"]  # fmt: skip
+__all__ = ["Contact", "Decoder", "Options", "Pipeline", "Reading", "Skin", "SlipSettings",
+           "SlipState", "State", "Status", "UnitSlip", "errors", "open"]  # fmt: skip
 
 _HOMES = {
     "Contact": "skin.contact.stream",
     "Decoder": "skin.decode.decoder",
+    "Options": "skin.options",
+    "Pipeline": "skin.pipeline",
     "Reading": "skin.state",
     "Skin": "skin.live",
     "SlipSettings": "skin.contact.slip",

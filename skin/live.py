@@ -67,9 +67,6 @@ def open(
 ) -> Skin:
     """Open the buses of a topology and decode what they carry.
 
-    Kernels that this machine has not compiled yet are compiled before the first cycle, which the
-    logger "skin" says.
-
     Parameters
     ----------
     source : Topology, str or Path
@@ -107,27 +104,21 @@ def open(
         An option is not one of those there are.
     """
     loaded = source if isinstance(source, Topology) else topology_package.load(source)
-    options = Options(
-        want=want, estimator=estimator, dtype=dtype, sweeps=sweeps, ambient=ambient, skip=skip,
-        slip=slip,
-    )  # fmt: skip
-    for name, value, known in (("sync", sync, get_args(Sync)), ("wait", wait, get_args(Wait))):
-        if value not in known:
-            raise OptionError.unknown(name, value, known)
-    if deadline_s is not None and not deadline_s > 0.0:
-        raise OptionError(f"deadline_s: must be above 0; got {deadline_s}")
-    announcer()
     nodes = None
     with ExitStack() as undo:
+        ends = [undo.enter_context(end) for end in transports or ()]
+        options = Options(
+            want=want, estimator=estimator, dtype=dtype, sweeps=sweeps, ambient=ambient, skip=skip,
+            slip=slip,
+        )  # fmt: skip
+        _check(sync, wait, deadline_s)
+        announcer()
         if simulate is not False:
-            from skin.sim.node import Nodes
-
-            nodes = Nodes(loaded, None if simulate is True else simulate, seed=seed)
+            nodes = _nodes(loaded, None if simulate is True else simulate, seed)
             undo.callback(nodes.close)
-            transports = in_process(nodes)
-        if transports is None:
-            transports = (open_transport(bus, i) for i, bus in enumerate(loaded.buses))
-        ends = [undo.enter_context(end) for end in transports]
+            ends = [undo.enter_context(end) for end in in_process(nodes)]
+        elif transports is None:
+            ends = [undo.enter_context(open_transport(b, i)) for i, b in enumerate(loaded.buses)]
         if len(ends) != len(loaded.buses):
             raise SkinError(
                 f"transports: must be one for each of {len(loaded.buses)} buses; got {len(ends)}"
@@ -136,6 +127,20 @@ def open(
         opened = Skin(pipeline, ends, sync=sync, wait=wait, pace=pace, nodes=nodes)
         undo.pop_all()  # all is well: the skin closes them
     return opened
+
+
+def _check(sync: str, wait: str, deadline_s: float | None) -> None:
+    for name, value, known in (("sync", sync, get_args(Sync)), ("wait", wait, get_args(Wait))):
+        if value not in known:
+            raise OptionError.unknown(name, value, known)
+    if deadline_s is not None and not deadline_s > 0.0:
+        raise OptionError(f"deadline_s: must be above 0; got {deadline_s}")
+
+
+def _nodes(topology: Topology, scene: Scene | None, seed: int) -> Nodes:
+    from skin.sim.node import Nodes
+
+    return Nodes(topology, scene, seed=seed)
 
 
 def in_process(nodes: Nodes) -> list[Transport]:
@@ -320,17 +325,18 @@ class Skin:
             while not self._closed and pipeline.pending:
                 self._receive(due + deadline_ns - time.monotonic_ns())
                 yield from self._feed(self._batch.frames)
-                yield from self._timed(pipeline.expire)
+                yield from self._timed(time.monotonic_ns(), pipeline.expire)
             due += self._period_ns
 
     def _bus_cycles(self) -> Iterator[State]:
         """Somebody else sends SYNC, or nobody does: cycles come as they close."""
         while not self._closed:
             self._receive(self._period_ns)
+            now_ns = time.monotonic_ns()  # a consumer that takes its time is no silence
             if len(self.transports) > 1:
                 self._batch.merge()
             yield from self._feed(self._batch.frames)
-            yield from self._timed(self.pipeline.expire, self.pipeline.silence)
+            yield from self._timed(now_ns, self.pipeline.expire, self.pipeline.silence)
 
     def _sync(self, counter: int) -> np.ndarray:
         """Send SYNC on every bus and return the frames, as a log would show them."""
@@ -353,9 +359,9 @@ class Skin:
             yield state
             started = time.perf_counter_ns()
 
-    def _timed(self, *ways: Callable[[int], State | None]) -> Iterator[State]:
+    def _timed(self, now_ns: int, *ways: Callable[[int], State | None]) -> Iterator[State]:
         """The first state that one of `ways` to end a cycle gives at this time, if any does."""
-        started, now_ns = time.perf_counter_ns(), time.monotonic_ns()
+        started = time.perf_counter_ns()
         for end in ways:
             state = end(now_ns)
             if state is not None:
