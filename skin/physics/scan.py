@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["Scan", "circles", "strokes"]
+__all__ = ["Recordings", "Scan", "circles", "strokes"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +45,35 @@ class Scan:
     field_ut: np.ndarray
     force_n: np.ndarray
     counts: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Recordings:
+    """What a bench records of the units of a skin, each unit alone; arrays as of `Scan`.
+
+    Attributes
+    ----------
+    bare : Scan
+        Chips before they have a film, heated.
+    heated : Scan
+        Films on, held in a few poses of different fields while film and chip are heated in turn;
+        the gel is as warm as the film.
+    pressed : Scan
+        Straight down, from 0.
+    sheared : Scan
+        Strokes over depth, length and direction, each begun from rest.
+    readings : int
+        Readings of which each sample is the mean.
+    force_sigma_n : float
+        Of the reference cell, one reading.
+    """
+
+    bare: Scan
+    heated: Scan
+    pressed: Scan
+    sheared: Scan
+    readings: int
+    force_sigma_n: float
 
 
 def strokes(
