@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 __all__ = ["DTYPES", "ESTIMATORS", "Estimator", "Options"]
 
 Estimator = Literal["field-angle", "sine"]
-ESTIMATORS: tuple[Estimator, ...] = ("field-angle", "sine")
+ESTIMATORS: tuple[Estimator, ...] = ("sine", "field-angle")
 DTYPES = ("float32", "float64")
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from bus.cycle import RawCycle
 from skin.decode.decoder import Decoder
-from skin.decode.plan import LATERAL
+from skin.decode.plan import TANGENTIAL
 from skin.errors import OptionError
 from skin.state import ARRAY_WANTS, WANTS, Reading, State
 from topology import CHANNELS, Topology
@@ -66,7 +66,7 @@ class CycleReader:
             needed.add("displacement")
             if _has_temperature(topology):
                 needed.add("temperature")
-        lateral = not needed.isdisjoint(LATERAL)
+        lateral = not needed.isdisjoint(TANGENTIAL)
         self._decoder = Decoder(
             topology, needed, estimator, dtype, sweeps=sweeps if lateral else 0,
             ambient=ambient and lateral, skip=skip,
