@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 __all__ = ["DTYPES", "ESTIMATORS", "DType", "Estimator", "Options", "Sweeps"]
 
-Estimator = Literal["field-angle", "sine"]
+Estimator = Literal["sine", "field-angle"]
 DType = Literal["float32", "float64"]
 Sweeps = Literal[0, 1, 2]
 ESTIMATORS: tuple[Estimator, ...] = get_args(Estimator)
@@ -30,7 +30,7 @@ class Options:
     want : collection of str, optional
         Quantities, of `skin.state.WANTS`, or one of them; all if None. What is not wanted is not
         computed. Afterwards a frozenset of names.
-    estimator : "field-angle", "sine" or None
+    estimator : "sine", "field-angle" or None
         Inversion of the tangential field; see `skin.decode.plan`. None: "field-angle" where every
         unit has Bz on the wire and a table, else "sine".
     dtype : "float32" or "float64"

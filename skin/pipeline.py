@@ -18,7 +18,7 @@ import numpy as np
 from bus.assemble import Assembler
 from bus.cycle import FrameCounters, RawCycle
 from skin.decode.decoder import Decoder
-from skin.decode.plan import LATERAL
+from skin.decode.plan import TANGENTIAL
 from skin.errors import CountsError
 from skin.options import Options
 from skin.state import ARRAY_WANTS, UNIT_WANTS, UNWANTED, Reading, State
@@ -109,7 +109,7 @@ class Pipeline:
             silent = ~topology.enabled | topology.counts_only
             if (topology.wired[CHANNELS.index("gel")] | silent).all():
                 needed.add("temperature")
-        lateral = not needed.isdisjoint(LATERAL)
+        lateral = not needed.isdisjoint(TANGENTIAL)
         return Decoder(
             topology, needed, options.estimator, options.dtype, skip=options.skip,
             sweeps=options.sweeps if lateral else 0, ambient=options.ambient and lateral,
@@ -132,7 +132,7 @@ class Pipeline:
 
     def _bind_decoder(self) -> Callable[[], Reading]:
         """Decode `counts` and `status`."""
-        return lambda: self.decoder(self.counts, self.status)
+        return self.decoder.bind(self.counts, self.status)
 
     def _bind_contacts(
         self, stream: ContactStream, reading: Reading

@@ -23,7 +23,7 @@ def test_equal_options_are_one():
     [
         ({"want": {"wrnch"}}, "want: must be one of .*; got 'wrnch' .nearest: 'wrench'"),
         ({"want": "wrnch"}, "got 'wrnch'"),
-        ({"estimator": "sin"}, "estimator: must be one of 'field-angle', 'sine'; got 'sin'"),
+        ({"estimator": "sin"}, "estimator: must be one of 'sine', 'field-angle'; got 'sin'"),
         ({"dtype": "float16"}, "dtype: must be one of 'float32', 'float64'; got 'float16'"),
         ({"sweeps": 3}, "sweeps: must be 0, 1 or 2; got 3"),
     ],
