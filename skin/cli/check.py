@@ -6,6 +6,7 @@ import json as json_text
 from typing import TYPE_CHECKING, Annotated
 
 from skin.cli import options
+from skin.cli.table import columns
 
 if TYPE_CHECKING:
     from topology.summary import BusSummary, PatchSummary, Summary
@@ -54,10 +55,10 @@ def _table(found: Summary) -> str:
         f"{found.name}: {found.units} units{disabled}, {found.frames} frames a cycle, "
         f"{found.neighbours:.1f} neighbours a unit",
         "",
-        *_columns(["bus", "units", "frames", "ids", "cycle", "load", "limit", "at most"],
+        *columns(["bus", "units", "frames", "ids", "cycle", "load", "limit", "at most"],
                   [_bus_row(bus) for bus in found.buses]),
         "",
-        *_columns(["patch", "units", "layout", "bus", "ids", "nearest"],
+        *columns(["patch", "units", "layout", "bus", "ids", "nearest"],
                   [_patch_row(patch) for patch in found.patches]),
     ]  # fmt: skip
     for text in found.warnings:
@@ -87,11 +88,3 @@ def _patch_row(patch: PatchSummary) -> list[str]:
 
 def _ids(ids: tuple[int, int] | None) -> str:
     return "" if ids is None else f"{ids[0]:#05x}–{ids[1]:#05x}"
-
-
-def _columns(head: list[str], rows: list[list[str]]) -> list[str]:
-    widths = [max(len(row[i]) for row in (head, *rows)) for i in range(len(head))]
-    return [
-        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-        for row in (head, *rows)
-    ]

@@ -16,6 +16,7 @@ import numpy as np
 import tyro
 
 from skin.cli import options
+from skin.cli.table import counted
 
 if TYPE_CHECKING:
     from bus.frame import FrameBatch
@@ -90,8 +91,7 @@ def decode(
     if json:
         print(json_text.dumps(report))
     else:
-        kinds = ", ".join(f"{name} {count}" for name, count in counters.items() if count)
-        print(f"{len(rows)} cycles of {loaded.n} units; frames: {kinds or 'none'}")
+        print(f"{len(rows)} cycles of {loaded.n} units; frames: {counted(counters)}")
         print(f"valid readings {100 * report['valid_share']:.2f} %, peak force {peak:.2f} N")
         if report["output"]:
             print(f"written: {report['output']}")

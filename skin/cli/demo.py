@@ -11,6 +11,7 @@ import numpy as np
 import tyro
 
 from skin.cli import options
+from skin.cli.table import facts
 
 __all__ = ["demo", "errors_against_truth"]
 
@@ -164,4 +165,4 @@ def _table(report: dict[str, Any]) -> str:
         "frames to contacts": "{cycle_us_p50:.1f} µs p50, {cycle_us_p99:.1f} µs p99",
         "picture": "{picture}",
     }
-    return "\n".join(f"{name:<26} {text.format(**report)}" for name, text in rows.items())
+    return facts(rows, report, 26)

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from skin.cli import options
+from skin.cli.table import counted
 
 if TYPE_CHECKING:
     from bus.diagnose import Finding
@@ -134,11 +135,10 @@ def _is_writable(folder: Path) -> bool:
 
 
 def _table(loaded: Topology, report: dict[str, Any], found: list[Finding], hint: str | None) -> str:
-    kinds = ", ".join(f"{name} {count}" for name, count in report["counters"].items())
     lines = [
         f"{loaded.name}: {report['units_heard']} of {loaded.n} units heard in {report['cycles']} "
         "cycles",
-        f"frames: {kinds or 'none'}",
+        f"frames: {counted(report['counters'])}",
         *([hint] if hint else []),
     ]
     for finding in found:

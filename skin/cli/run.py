@@ -14,6 +14,7 @@ import tyro
 
 from skin.cli import options
 from skin.cli.simulated import own_faults, scripted, unscripted
+from skin.cli.table import counted, facts
 
 if TYPE_CHECKING:
     from bus.transport import Transport
@@ -180,26 +181,28 @@ class _Tally:
 
 
 def _table(report: dict[str, Any]) -> str:
-    counters = report["counters"]
-    kinds = ", ".join(f"{name} {count}" for name, count in counters.items() if count)
     silent = report["silent_units"]
     shown = ", ".join(silent[:8]) + (f" and {len(silent) - 8} more" if len(silent) > 8 else "")
-    rows = [
-        ("units heard", f"{report['units_heard']} of {report['units']}"),
-        ("silent", shown or "none"),
-        ("cycles, complete", f"{report['cycles']}, {report['complete_cycles']}"),
-        ("valid readings", f"{100 * report['valid_share']:.2f} %"),
-        ("frames", kinds or "none"),
-        ("lost on this host", _host_losses(report["buses"])),
-        ("bus changes", "; ".join(report["bus_changes"][-4:]) or "none"),
-        ("peak force", f"{report['peak_force_n']:.2f} N"),
-        ("contacts, slipped", f"{report['contacts']}, {report['contacts_slipped']}"),
-        (
-            "frames to contacts",
-            f"{report['cycle_us_p50']:.1f} µs p50, {report['cycle_us_p99']:.1f} µs p99",
-        ),
-    ]
-    return "\n".join(f"{name:<18} {text}" for name, text in rows)
+    rows = {
+        "units heard": "{units_heard} of {units}",
+        "silent": "{shown}",
+        "cycles, complete": "{cycles}, {complete_cycles}",
+        "valid readings": "{valid_percent:.2f} %",
+        "frames": "{frames}",
+        "lost on this host": "{losses}",
+        "bus changes": "{changes}",
+        "peak force": "{peak_force_n:.2f} N",
+        "contacts, slipped": "{contacts}, {contacts_slipped}",
+        "frames to contacts": "{cycle_us_p50:.1f} µs p50, {cycle_us_p99:.1f} µs p99",
+    }
+    texts = {
+        "valid_percent": 100 * report["valid_share"],
+        "shown": shown or "none",
+        "frames": counted(report["counters"]),
+        "losses": _host_losses(report["buses"]),
+        "changes": "; ".join(report["bus_changes"][-4:]) or "none",
+    }
+    return facts(rows, report | texts)
 
 
 def _host_losses(buses: dict[str, dict[str, int]]) -> str:

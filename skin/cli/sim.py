@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from skin.cli import options
 from skin.cli.simulated import own_faults, scripted, unscripted
+from skin.cli.table import facts
 
 if TYPE_CHECKING:
     from bus.faults import FaultScript
@@ -188,18 +189,20 @@ def _total(parts: Iterable[dict[str, int]]) -> dict[str, int]:
 
 
 def _table(report: dict[str, Any]) -> str:
-    rows = [
-        ("units", f"{report['units']}"),
-        ("cycles, left out", f"{report['cycles']}, {report['skipped']}"),
-        ("frames sent", f"{report['frames']}"),
-        ("frames not taken", f"{report['send_failures']}"),
-        ("time", f"{report['seconds']:.1f} s"),
-    ]
+    rows = {
+        "units": "{units}",
+        "cycles, left out": "{cycles}, {skipped}",
+        "frames sent": "{frames}",
+        "frames not taken": "{send_failures}",
+        "time": "{seconds:.1f} s",
+    }
     if "scene" in report:
-        rows.append(("scene", f"{report['scene']}"))
-        rows.append(("truth", f"{report['truth'] or 'not written'}"))
-        rows.append(("times real time", f"{report['real_time_factor']:.1f}"))
+        rows |= {
+            "scene": "{scene}",
+            "truth": "{truth}" if report["truth"] else "not written",
+            "times real time": "{real_time_factor:.1f}",
+        }
     if "faults" in report:
-        struck = ", ".join(f"{kind} {count}" for kind, count in report["faults"].items())
-        rows.append(("faults put in", struck or "none"))
-    return "\n".join(f"{name:<18} {text}" for name, text in rows)
+        rows["faults put in"] = "{struck}"
+    struck = ", ".join(f"{kind} {count}" for kind, count in report.get("faults", {}).items())
+    return facts(rows, report | {"struck": struck or "none"})
