@@ -13,7 +13,7 @@ import numpy as np
 import tyro
 
 from skin.cli import options
-from skin.cli.simulated import own_faults, scripted, unscripted
+from skin.cli.sim import own_faults
 from skin.cli.table import counted, facts
 
 if TYPE_CHECKING:
@@ -119,9 +119,10 @@ def _simulated(
     from bus.faults import FaultyTransport
     from skin.live import in_process
     from skin.sim.node import Nodes
+    from skin.sim.scenes.load import open_scene
 
-    played = None if scene is None else scripted(topology, scene, seed)
-    nodes = unscripted(topology, seed) if played is None else Nodes(topology, played, history=0)
+    played = None if scene is None else open_scene(scene, topology, seed=seed)
+    nodes = Nodes(topology, played, seed=seed or 0, history=0)
     ended.callback(nodes.close)
     ends = in_process(nodes)
     if played is None:

@@ -11,18 +11,17 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any
 
 from skin.cli import options
-from skin.cli.simulated import own_faults, scripted, unscripted
 from skin.cli.table import facts
 
 if TYPE_CHECKING:
     from bus.faults import FaultScript
     from bus.transport import Transport
     from skin.sim.node import Nodes, Served
-    from skin.sim.play import ScriptedScene
     from skin.sim.scene import Scene
+    from skin.sim.scenes.play import ScriptedScene
     from topology import Topology
 
-__all__ = ["sim"]
+__all__ = ["own_faults", "sim"]
 
 
 def sim(
@@ -63,7 +62,9 @@ def sim(
     from bus.faults import load_script
     from skin.compiling import announcer
     from skin.errors import SkinError
-    from skin.sim.script import SceneFile
+    from skin.sim.node import Nodes
+    from skin.sim.scenes.load import open_scene
+    from skin.sim.scenes.script import SceneFile
     from topology import load
     from topology.schema import json_schema
 
@@ -82,11 +83,12 @@ def sim(
     announcer()
     with ExitStack() as opened:
         if scene is None:
-            nodes = unscripted(loaded, seed, noise)
+            nodes = Nodes(loaded, seed=seed or 0, noise=noise)
         else:
-            played = scripted(loaded, scene, seed, noise)
+            played = open_scene(scene, loaded, seed=seed, noise=noise)
             script = script or own_faults(played)
-            nodes = _nodes(played, None if truth is None else _recorder(opened, played, truth))
+            recorder = None if truth is None else _recorder(opened, played, truth)
+            nodes = Nodes(loaded, recorder or played, history=0)
         if fast:
             served, injected = _play(nodes, played, seconds, script)
         else:
@@ -105,23 +107,25 @@ def sim(
     return 0 if served.cycles else 1
 
 
+def own_faults(played: ScriptedScene) -> FaultScript | None:
+    """What a scene itself does to the frames."""
+    from bus.faults import FaultScript
+
+    own = played.script
+    return FaultScript(seed=own.seed, faults=own.faults) if own.faults else None
+
+
 def _recorder(opened: ExitStack, played: ScriptedScene, path: str) -> Scene:
-    from skin.sim.record import Recorder
+    from skin.sim.scenes.record import Recorder
 
     return opened.enter_context(Recorder(played, path))
-
-
-def _nodes(played: ScriptedScene, recorder: Scene | None) -> Nodes:
-    from skin.sim.node import Nodes
-
-    return Nodes(played.topology, recorder or played, history=0)
 
 
 def _play(
     nodes: Nodes, played: ScriptedScene, seconds: float | None, script: FaultScript | None
 ) -> tuple[Served, list[dict[str, int]]]:
     """Without any bus, as fast as this machine can."""
-    from skin.sim.fast import play
+    from skin.sim.scenes.fast import play
 
     lasting = played.seconds if seconds is None else seconds
     print(f"{nodes.topology.n} units on no bus, {lasting:g} s", file=sys.stderr, flush=True)

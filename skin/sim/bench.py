@@ -12,9 +12,9 @@ from skin.physics.elastic import Elastic
 from skin.physics.fabrication import Fabrication
 from skin.physics.halbach import HalbachField
 from skin.physics.scan import Recordings, Scan, strokes
-from skin.sim.counter import Counter
-from skin.sim.divider import Divider
-from skin.sim.hall import HallConverter
+from skin.sim.electronics.counter import Counter
+from skin.sim.electronics.divider import Divider
+from skin.sim.electronics.hall import HallConverter
 from skin.sim.unit import UnitSimulator
 from topology import CHANNELS, Topology
 

@@ -21,7 +21,8 @@ from bus.transport import Transport
 from skin.errors import SkinError
 from skin.physics.halbach import FELT_M, HalbachField
 from skin.sim.heartbeat import Heartbeats
-from skin.sim.scene import PressSlideLift, Scene
+from skin.sim.scene import Scene
+from skin.sim.scenes.load import open_scene
 from skin.sim.settings import BoardSettings
 from skin.sim.truth import Truth
 from skin.sim.unit import UnitSimulator
@@ -68,7 +69,7 @@ class Nodes:
     ----------
     topology : Topology
     scene : Scene, optional
-        What happens to the skin; `PressSlideLift` if not given.
+        What happens to the skin; the ready-made "demo" if not given.
     seed : int
         Seed of the noise.
     noise : bool
@@ -76,7 +77,7 @@ class Nodes:
     units : UnitSimulator, optional
         The units, in place of those of `topology`, `seed` and `noise`, whose films are Halbach
         films that feel each other. A scene that has `units` of its own, as a
-        `skin.sim.play.ScriptedScene` does, brings them along.
+        `skin.sim.scenes.play.ScriptedScene` does, brings them along.
     history : int or None
         Cycles that `truth_at` remembers; None remembers all, 0 none.
     """
@@ -92,7 +93,7 @@ class Nodes:
         history: int | None = 256,
     ) -> None:
         self.topology = topology
-        self.scene = scene or PressSlideLift(topology)
+        self.scene = scene or open_scene("demo", topology, seed=seed, noise=noise)
         own = units or getattr(self.scene, "units", None)
         self.units = own or UnitSimulator(
             topology, seed=seed, noise=noise, field=HalbachField(topology, reach_m=FELT_M)

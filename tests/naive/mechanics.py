@@ -46,6 +46,17 @@ def jaws(width_m: float = 0.03) -> Topology:
     )
 
 
+def sphere_reach(
+    centre: np.ndarray, radius: float, position: np.ndarray, axis: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Which faces have their middle in a sphere, and how deep it reaches into them, shape (n,)."""
+    away = centre[:, np.newaxis] - position
+    along = np.einsum("in,in->n", away, axis)
+    inside = radius * radius - np.einsum("in,in->n", away, away)
+    depth = along + np.sqrt(np.maximum(inside + along * along, 0.0))
+    return inside > 0.0, np.where(inside > 0.0, depth, 0.0)
+
+
 def inside(
     curvature: np.ndarray, planes: np.ndarray, points: np.ndarray, slack: float = 1e-12
 ) -> np.ndarray:

@@ -14,11 +14,11 @@ from scipy.optimize import brentq
 
 from skin.errors import SkinError
 from skin.physics.elastic import Elastic
-from skin.sim import foundation as room
-from skin.sim import foundation_kernels as kernels
-from skin.sim import influence as influences
-from skin.sim.foundation import Foundation, Springs
-from skin.sim.influence import influence
+from skin.sim.mechanics import foundation as room
+from skin.sim.mechanics import foundation_kernels as kernels
+from skin.sim.mechanics import influence as influences
+from skin.sim.mechanics.foundation import Foundation, Springs
+from skin.sim.mechanics.influence import influence
 from tests.naive.mechanics import held_tractions, line_integral_rectangle, linear_contact, square
 from topology import load
 

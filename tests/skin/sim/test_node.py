@@ -22,7 +22,7 @@ from bus.memory import MemoryTransport
 from skin.errors import SkinError
 from skin.physics.halbach import FELT_M, HalbachField
 from skin.sim.node import RECENT, Nodes, Served
-from skin.sim.scene import PressSlideLift
+from skin.sim.scenes.load import open_scene
 from skin.sim.settings import BoardSettings
 from skin.sim.truth import Truth
 from skin.sim.unit import UnitSimulator
@@ -83,7 +83,7 @@ def heartbeats(frames: np.ndarray) -> np.ndarray:
 def test_frames_parse_back_to_the_counts(topology: Topology) -> None:
     films = HalbachField(topology, reach_m=FELT_M)
     nodes, again = Nodes(topology, seed=3), UnitSimulator(topology, seed=3, field=films)
-    scene, out = PressSlideLift(topology), FrameBatch(64)
+    scene, out = open_scene("demo", topology), FrameBatch(64)
     for cycle in range(0, 200, 20):
         out.clear()
         nodes.respond(sync(cycle), out)
@@ -226,7 +226,7 @@ def test_only_a_sync_is_answered() -> None:
 
 
 def test_remembered_truth_is_that_of_its_cycle() -> None:
-    nodes, out, scene = Nodes(PALM, history=100), FrameBatch(64), PressSlideLift(PALM)
+    nodes, out, scene = Nodes(PALM, history=100), FrameBatch(64), open_scene("demo", PALM)
     forces = []
     for cycle in range(500):
         out.clear()

@@ -20,8 +20,8 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from skin.errors import SkinError
-from skin.sim.foundation_kernels import drag, press, under
-from skin.sim.influence import influence
+from skin.sim.mechanics.foundation_kernels import drag, press, under
+from skin.sim.mechanics.influence import influence
 from topology import Topology
 
 __all__ = ["Foundation", "Springs"]
@@ -187,7 +187,7 @@ class Foundation:
         Parameters
         ----------
         depth_mm : ndarray, shape (n,)
-            As from `skin.sim.body.reach`; not above 0 where nothing touches.
+            As from `skin.sim.mechanics.body.reach`; not above 0 where nothing touches.
         load : ndarray, shape (n,)
             Newton; on entry where the sweeps start, on return the loads, none below 0.
         own_mm : ndarray, shape (n,)

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skin.sim.body import Pose
-from skin.sim.friction import ONSETS
+from skin.sim.mechanics.body import Pose
+from skin.sim.mechanics.friction import ONSETS
 
 __all__ = ["MechanicsTruth"]
 
@@ -35,7 +35,7 @@ class MechanicsTruth:
     slip_share : float
         Share of the load on faces that have slipped since the contact began to stick.
     onset_s : ndarray, shape (4,)
-        When the share first passed each stage of `skin.sim.friction.ONSETS`; NaN: not yet.
+        When the share first passed each stage of `friction.ONSETS`; NaN: not yet.
     dissipated_j : float
         Work that friction took in this step.
     wrench : ndarray, shape (6,)

@@ -10,11 +10,11 @@ import numpy as np
 from numba import njit
 
 from skin.errors import OptionError, SkinError
-from skin.sim.balance import balance, root
-from skin.sim.body import Body, Pose, carried, moved, reach
-from skin.sim.foundation import Foundation
-from skin.sim.friction import Friction, Slip
-from skin.sim.mechanics_truth import MechanicsTruth
+from skin.sim.mechanics.balance import balance, root
+from skin.sim.mechanics.body import Body, Pose, carried, moved, reach
+from skin.sim.mechanics.foundation import Foundation
+from skin.sim.mechanics.friction import Friction, Slip
+from skin.sim.mechanics.truth import MechanicsTruth
 from skin.sim.truth import add_up, wrench_map
 from topology import Topology
 
@@ -41,7 +41,7 @@ class Mechanics:
         A Winkler foundation if None.
     friction : Friction, optional
     face : str
-        Where a face feels the body: key of `skin.sim.body.FACES`.
+        Where a face feels the body: key of `skin.sim.mechanics.body.FACES`.
 
     Attributes
     ----------
