@@ -82,10 +82,7 @@ def demo(
         **figures,
         "picture": str(picture.resolve()),
     }
-    if json:
-        print(json_text.dumps(report))
-    else:
-        print(_table(report))
+    print(json_text.dumps(report) if json else _table(report))
     return 0
 
 

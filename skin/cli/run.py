@@ -86,10 +86,7 @@ def run(
             "never_tared": [] if simulate else options.never_tared(loaded),
             "bus_changes": [f"{name}: {change}" for name, change in opened.bus_changes],
         }
-    if json:
-        print(json_text.dumps(report))
-    else:
-        print(_table(report))
+    print(json_text.dumps(report) if json else _table(report))
     return 0 if report["units_heard"] else 1
 
 

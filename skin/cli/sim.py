@@ -62,8 +62,6 @@ def sim(
     from bus.faults import load_script
     from skin.compiling import announcer
     from skin.errors import SkinError
-    from skin.sim.node import Nodes
-    from skin.sim.scenes.load import open_scene
     from skin.sim.scenes.script import SceneFile
     from topology import load
     from topology.schema import json_schema
@@ -81,6 +79,9 @@ def sim(
         raise SkinError(why)
     script = None if faults is None else load_script(faults, loaded)
     announcer()
+    from skin.sim.node import Nodes
+    from skin.sim.scenes.load import open_scene
+
     with ExitStack() as opened:
         if scene is None:
             nodes = Nodes(loaded, seed=seed or 0, noise=noise)
@@ -90,20 +91,18 @@ def sim(
             recorder = None if truth is None else _recorder(opened, played, truth)
             nodes = Nodes(loaded, recorder or played, history=0)
         if fast:
-            served, injected = _play(nodes, played, seconds, script)
+            lasting = played.seconds if seconds is None else seconds
+            served, injected = _play(nodes, lasting, script)
         else:
             served, injected = _serve(opened, nodes, seconds, script)
     report = {"topology": loaded.name, "units": loaded.n, **asdict(served)}
     if scene is not None:
-        lasted = served.cycles / loaded.cycle_rate_hz
         report |= {"scene": played.script.name, "truth": truth if served.cycles else None}
+        lasted = served.cycles / loaded.cycle_rate_hz
         report["real_time_factor"] = lasted / served.seconds if served.seconds else 0.0
     if script is not None:
         report["faults"] = _total(injected)
-    if json:
-        print(json_text.dumps(report))
-    else:
-        print(_table(report))
+    print(json_text.dumps(report) if json else _table(report))
     return 0 if served.cycles else 1
 
 
@@ -122,14 +121,13 @@ def _recorder(opened: ExitStack, played: ScriptedScene, path: str) -> Scene:
 
 
 def _play(
-    nodes: Nodes, played: ScriptedScene, seconds: float | None, script: FaultScript | None
+    nodes: Nodes, seconds: float, script: FaultScript | None
 ) -> tuple[Served, list[dict[str, int]]]:
     """Without any bus, as fast as this machine can."""
     from skin.sim.scenes.fast import play
 
-    lasting = played.seconds if seconds is None else seconds
-    print(f"{nodes.topology.n} units on no bus, {lasting:g} s", file=sys.stderr, flush=True)
-    return play(nodes, lasting, script)
+    print(f"{nodes.topology.n} units on no bus, {seconds:g} s", file=sys.stderr, flush=True)
+    return play(nodes, seconds, script)
 
 
 def _serve(

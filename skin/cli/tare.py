@@ -94,16 +94,10 @@ def tare(
     for patch, path in files.items():
         print(f"{patch}: written to {path}")
     if json:
-        report = {
-            "topology": loaded.name,
-            "units": loaded.n,
-            "tared": len(changes),
-            "cycles": len(counts),
-            "refused": [],
-            "changes": changes,
-            "files": files,
-        }
-        print(json_text.dumps(report))
+        told = {"topology": loaded.name, "units": loaded.n, "tared": len(changes),
+                "cycles": len(counts), "refused": [], "changes": changes,
+                "files": files}  # fmt: skip
+        print(json_text.dumps(told))
     return 0
 
 
