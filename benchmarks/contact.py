@@ -26,7 +26,8 @@ import numpy as np
 import topology
 from benchmarks.peers_contact import NumpyContacts, nb_touch
 from bus.cycle import ClosedBy, RawCycle
-from skin.contact.stream import Contact, ContactStream
+from skin.contact.contact import Contact
+from skin.contact.stream import ContactStream
 from skin.options import Options
 from skin.physics.elastic import Elastic
 from skin.physics.halbach import FELT_M, HalbachField

@@ -25,7 +25,8 @@ from skin.state import ARRAY_WANTS, UNIT_WANTS, UNWANTED, Reading, State
 from topology import CHANNELS, Topology
 
 if TYPE_CHECKING:
-    from skin.contact.stream import Contact, ContactStream
+    from skin.contact.contact import Contact
+    from skin.contact.stream import ContactStream
 
 __all__ = ["Pipeline"]
 
@@ -138,9 +139,9 @@ class Pipeline:
         self, stream: ContactStream, reading: Reading
     ) -> Callable[[int], list[Contact]]:
         """Find the contacts in the decoder's arrays, given the time in ns."""
-        return lambda stamp_ns: stream.update(
+        return stream.bind(
             reading.force, reading.force_sigma, reading.displacement_mm,
-            reading.displacement_sigma_mm, reading.temperature, reading.valid, stamp_ns=stamp_ns,
+            reading.displacement_sigma_mm, reading.temperature, reading.valid,
         )  # fmt: skip
 
     def _show(self, stream: ContactStream) -> None:

@@ -12,7 +12,7 @@ from bus.status import INVALID, Status
 from topology import Topology
 
 if TYPE_CHECKING:
-    from skin.contact.stream import Contact
+    from skin.contact.contact import Contact
 
 __all__ = ["INVALID", "WANTS", "Reading", "State", "Status", "trouble"]
 
@@ -107,12 +107,12 @@ class State:
         Square metres.
     contacts : list of Contact, or None
         What touches the skin, each with its identity, oldest first; see
-        `skin.contact.stream.Contact`.
+        `skin.contact.contact.Contact`.
     label : ndarray, shape (n,), int32, or None
         Contact of each unit, as an index of the contacts, -1 for none; comes with any feature of
         the array.
     slip : ndarray, shape (n,), int32, or None
-        `skin.contact.records.UnitSlip` of each unit.
+        `skin.contact.record.UnitSlip` of each unit.
     """
 
     cycle: int

@@ -44,7 +44,7 @@ def demo(
     and the centre of pressure beside the true ones.
     """
     import skin
-    from skin.contact.records import SlipState
+    from skin.contact.record import SlipState
     from skin.view.picture import save_run
     from skin.view.terminal import LiveTable
     from topology import load

@@ -145,7 +145,7 @@ class _Tally:
         self.work_us: list[float] = []
 
     def add(self, state: State, work_ns: int) -> None:
-        from skin.contact.records import SlipState
+        from skin.contact.record import SlipState
         from skin.state import Status
 
         self.cycles += 1

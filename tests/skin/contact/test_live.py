@@ -12,8 +12,7 @@ import skin
 import topology
 from bus.cycle import ClosedBy, RawCycle
 from bus.memory import MemoryTransport
-from skin.contact.records import Event
-from skin.contact.wrench import wrench
+from skin.contact.record import Event
 from skin.errors import SkinError
 from skin.options import Options
 from skin.pipeline import Pipeline
@@ -21,6 +20,14 @@ from skin.sim.node import Nodes
 from skin.sim.scenes.load import load_scene, open_scene
 from skin.sim.scenes.play import ScriptedScene
 from skin.sim.unit import UnitSimulator
+
+
+def wrench(force, position, rotation, *, valid):
+    """Sum of the wrenches of some units."""
+    turned = np.einsum("ijn,jn->in", rotation, force)[:, valid]
+    return np.concatenate(
+        [turned.sum(axis=1), np.cross(position[:, valid].T, turned.T).sum(axis=0)]
+    )
 
 
 def test_contacts_of_a_stroke_are_the_truth_within_their_sigma():
