@@ -7,7 +7,7 @@ let in.
 
 import numpy as np
 
-from skin.contact.records import SlipState, UnitSlip
+from skin.contact.record import SlipState, UnitSlip
 from skin.contact.slip.parameters import PARAMETERS
 from skin.contact.slip.pattern_test import FRICTIONS
 
@@ -72,7 +72,9 @@ class NaiveSlip:
         design = self._design(load)
         weight = load * np.minimum(1.0, PARAMETERS.huber_sigmas / np.maximum(self.score, 1e-9))
         weight *= 1.0 - (1.0 - PARAMETERS.clipped_weight) * self.clipped
-        weight /= noise + PARAMETERS.anchor_correlation * self.anchor_variance + self.settings.floor_mm**2
+        weight /= (
+            noise + PARAMETERS.anchor_correlation * self.anchor_variance + self.settings.floor_mm**2
+        )
         root = np.sqrt(held * weight / load[held].max())
         self.yields = yields = held.sum() >= PARAMETERS.units_for_swelling
         self.design = design = design[..., : 4 if yields else 3]
@@ -117,7 +119,9 @@ class NaiveSlip:
         """All that may look like slip and is none, and what is known of it, as rows."""
         columns = [*self.design.transpose(2, 0, 1), self.far * self.along]
         known = (
-            [0.0] * 3 + [1.0 / PARAMETERS.swelling_mm] * int(self.yields) + [1.0 / PARAMETERS.shared_gain]
+            [0.0] * 3
+            + [1.0 / PARAMETERS.swelling_mm] * int(self.yields)
+            + [1.0 / PARAMETERS.shared_gain]
         )
         further = (self.way * self.along).sum(axis=0) / (self.settings.gain_error**2 * self.sure)
         if held.sum() >= PARAMETERS.units_for_sharing:

@@ -6,7 +6,7 @@ import numpy as np
 
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
-from skin.contact.records import UnitSlip
+from skin.contact.record import UnitSlip
 from skin.contact.slip.data import LANES, PLANE, SlipData, SlipScratch, UnitFilter, UnitRows
 from skin.contact.slip.parameters import PARAMETERS, SlipModel
 from skin.contact.slip.rigid_fit import design_motions
@@ -135,7 +135,9 @@ def lowpass_share(length, motions, stuck, rates, unit: UnitFilter, row: UnitRows
 
 
 @jitable(inline=True)
-def predict(length, motions, share, recent, model: SlipModel, unit: UnitFilter, row: UnitRows, motion):
+def predict(
+    length, motions, share, recent, model: SlipModel, unit: UnitFilter, row: UnitRows, motion
+):
     """Where the body asks each unit to be, and how far it lags: derivations.md, equations 6 to 9.
 
     `share` and `recent` are the shares by which `moved_slow` and `moved_recent` follow.
