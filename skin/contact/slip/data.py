@@ -7,19 +7,19 @@ in the tangent plane of each unit.
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 
 from bus.compiled import aligned
+from bus.compiled.jit import jitable
 from skin.contact.slip.parameters import PARAMETERS
 
 __all__ = [
-    "LANES", "MOTIONS", "NUISANCES", "PLANE", "BodyFit", "PatternScratch", "SlipData",
-    "SlipScratch", "UnitFilter", "UnitHistory", "UnitRows", "row_length",
+    "LANES", "MOTIONS", "NUISANCES", "PLANE", "BodyFit", "PatternScratch", "SlipArrays",
+    "SlipData", "SlipScratch", "UnitFilter", "UnitHistory", "UnitRows", "row_length",
+    "slip_arrays", "unit_filter",
 ]  # fmt: skip
-
-_Kind = TypeVar("_Kind", bound=tuple)
 
 MOTIONS, PLANE = 7, 4
 """Motions of a body: along both axes of the contact, about its normal, a swelling (the first four,
@@ -29,15 +29,6 @@ NUISANCES = MOTIONS + 3
 face; soft ground under a round one."""
 LANES = 8
 """Numbers of a vector."""
-_LEADING = {
-    **dict.fromkeys(
-        ("anchor", "lag", "moved", "moved_slow", "moved_recent", "followed", "followed_out"), (2,)
-    ),
-    **dict.fromkeys(("mean_lag", "lag_sum", "displacement", "direction", "moved_out"), (2,)),
-    "design": (2, NUISANCES),
-    "nuisance": (NUISANCES,),
-}
-"""Axes of arrays before that of units; none for the others."""
 
 
 class UnitFilter(NamedTuple):
@@ -89,7 +80,8 @@ class UnitRows(NamedTuple):
     redundancy: np.ndarray  # share of its own lag that they leave
     predicted_lag: np.ndarray  # by a pattern of slip, in sigmas
     moved_out: np.ndarray  # (2, length) of `moved`, due to motions out of the plane
-    design: np.ndarray  # (2, NUISANCES, length) of motions; later, orthonormal nuisance basis
+    design: tuple[np.ndarray, np.ndarray]  # (NUISANCES, length) each of motions, along x and y;
+    # later, orthonormal nuisance basis
     nuisance: np.ndarray  # (NUISANCES, length) that basis along `direction`
 
 
@@ -120,32 +112,45 @@ class SlipScratch(NamedTuple):
     row: UnitRows
     fit: BodyFit
     pattern: PatternScratch
-    unit_rows: np.ndarray  # (rows, length) all of `unit`, and of `row`: to be padded
-    rows: np.ndarray
+    unit_rows: np.ndarray  # (FILTER_ROWS, length) all of `unit`, to be padded
+    rows: np.ndarray  # (UNIT_ROWS, length) all of `row`
 
 
-class SlipData(NamedTuple):
-    """All arrays of slip."""
+class SlipArrays(NamedTuple):
+    """All arrays of slip by name; see `slip_arrays`."""
 
     kept: UnitFilter
     history: UnitHistory
     scratch: SlipScratch
 
+
+class SlipData(NamedTuple):
+    """The memory of slip in few blocks, because each array that a kernel is handed costs time."""
+
+    kept: np.ndarray  # (FILTER_ROWS, length), see `UnitFilter`
+    history: np.ndarray  # (HISTORY_ROWS, length), see `UnitHistory`
+    unit: np.ndarray  # (FILTER_ROWS, length), scratch: the units of one contact
+    row: np.ndarray  # (UNIT_ROWS, length), scratch, see `UnitRows`
+    equations: np.ndarray  # scratch, as the others: see `BodyFit`
+    placement_equations: np.ndarray
+    vectors: np.ndarray  # (7, MOTIONS), what else is in `BodyFit`
+    prior: np.ndarray  # see `PatternScratch`
+    grid: np.ndarray  # (2, patterns), what else is in `PatternScratch`
+
     @staticmethod
     def zeros(n: int) -> SlipData:
         """For n units that nothing has touched yet."""
         length = row_length(n)
-        kept, _ = _named(UnitFilter, length)
-        history, _ = _named(UnitHistory, length)
-        unit, unit_rows = _named(UnitFilter, length)
-        row, rows = _named(UnitRows, length)
-        fit = BodyFit(
-            np.zeros((3, 3)), np.zeros(3), np.zeros(3), np.zeros((MOTIONS, MOTIONS + 1)),
-            np.zeros((MOTIONS - PLANE, MOTIONS + 1)), np.zeros(MOTIONS), np.zeros(MOTIONS - PLANE),
+        return SlipData(
+            aligned.zeros((FILTER_ROWS, length)), aligned.zeros((HISTORY_ROWS, length)),
+            aligned.zeros((FILTER_ROWS, length)), aligned.zeros((UNIT_ROWS, length)),
+            np.zeros((MOTIONS, MOTIONS + 1)), np.zeros((MOTIONS - PLANE, MOTIONS + 1)),
+            np.zeros((7, MOTIONS)), np.zeros((NUISANCES, NUISANCES)),
+            np.zeros((2, PARAMETERS.patterns)),
         )  # fmt: skip
-        prior, grid = np.zeros((NUISANCES, NUISANCES)), np.zeros((2, PARAMETERS.patterns))
-        pattern = PatternScratch(prior, grid[0], grid[1])
-        return SlipData(kept, history, SlipScratch(unit, row, fit, pattern, unit_rows, rows))
+
+
+FILTER_ROWS, HISTORY_ROWS, UNIT_ROWS = 21, 7, 20 + 3 * NUISANCES
 
 
 def row_length(n: int) -> int:
@@ -155,11 +160,26 @@ def row_length(n: int) -> int:
     return length + LANES * (1 + (length // LANES) % 2)
 
 
-def _named(kind: type[_Kind], length: int) -> tuple[_Kind, np.ndarray]:
-    """Named arrays of one block, and the block, shape (rows, length)."""
-    shapes = [_LEADING.get(name, ()) for name in kind._fields]
-    ends = np.cumsum([np.prod(shape, dtype=int) for shape in shapes])
-    block = aligned.zeros((int(ends[-1]), length))
-    parts = np.split(block, ends[:-1])
-    arrays = (part.reshape(*shape, length) for part, shape in zip(parts, shapes, strict=True))
-    return kind(*arrays), block
+@jitable(inline=True)
+def unit_filter(b):
+    """The rows of a block by name."""
+    return UnitFilter(
+        b[0:2], b[2], b[3:5], b[5], b[6:8], b[8:10], b[10:12], b[12:14], b[14:16], b[16], b[17],
+        b[18], b[19], b[20],
+    )  # fmt: skip
+
+
+@jitable(inline=True)
+def slip_arrays(data: SlipData):
+    """The memory of slip by name."""
+    h, r, v = data.history, data.row, data.vectors
+    row = UnitRows(
+        r[0], r[1], r[2], r[3:5], r[5], r[6], r[7], r[8], r[9], r[10:12], r[12], r[13], r[14],
+        r[15], r[16], r[17], r[18:20], (r[20 : 20 + NUISANCES], r[20 + NUISANCES : 40]), r[40:50],
+    )  # fmt: skip
+    fit = BodyFit(v[0:3], v[3], v[4], data.equations, data.placement_equations, v[5], v[6])
+    pattern = PatternScratch(data.prior, data.grid[0], data.grid[1])
+    scratch = SlipScratch(unit_filter(data.unit), row, fit, pattern, data.unit, r)
+    return SlipArrays(
+        unit_filter(data.kept), UnitHistory(h[0], h[1:3], h[3:5], h[5], h[6]), scratch
+    )

@@ -8,7 +8,7 @@ import numpy as np
 
 from bus.compiled.jit import compiled, jitable
 from skin.contact.record import BORN, BRIDGE, RESUMED, SILENT, WEAK, SlipState, UnitSlip
-from skin.contact.slip.data import MOTIONS, PLANE, SlipData
+from skin.contact.slip.data import MOTIONS, PLANE, SlipArrays, slip_arrays
 from skin.contact.slip.friction import friction_margin, learn_friction
 from skin.contact.slip.parameters import PARAMETERS, SlipModel
 from skin.contact.slip.pattern_test import detect_pattern, project_nuisances
@@ -42,7 +42,7 @@ def _rates(dt_s, model: SlipModel):
 
 
 @jitable(inline=True)
-def _judge_lags(record, dt_s, rates, geometry, model: SlipModel, reading, units, slip: SlipData):
+def _judge_lags(record, dt_s, rates, geometry, model: SlipModel, reading, units, slip: SlipArrays):
     """Judge units by their lags behind the body's motion.
 
     Writes motion and rotation of the body; returns how many units judge, the share of the load
@@ -83,9 +83,8 @@ def _judge_lags(record, dt_s, rates, geometry, model: SlipModel, reading, units,
 
 
 @jitable(inline=True)
-def _judge_contact(record, dt_s, now_ns, rates, model, data):
+def _judge_contact(record, dt_s, now_ns, rates, model, reading, units, slip: SlipArrays):
     """Judge one contact and its units."""
-    reading, units, slip = data.reading, data.units, data.slip
     first, last = record["begin"], record["end"]
     if record["event"] & (BORN | RESUMED):
         begin_contact(record)
@@ -137,11 +136,11 @@ def judge_python(count, dt_s, now_ns, model, data):
             and units.kind[i] != SILENT
         ):
             units.slip[i] = UnitSlip.NO_CONTACT
-    rates = _rates(dt_s, model.slip)
+    rates, slip = _rates(dt_s, model.slip), slip_arrays(data.slip)
     for k in range(count):
         record = data.contacts[data.slots.present[k]]
         if not record["flags"] & WEAK:
-            _judge_contact(record, dt_s, now_ns, rates, model, data)
+            _judge_contact(record, dt_s, now_ns, rates, model, data.reading, units, slip)
 
 
 # It allocates nothing, and counts no references to the hundred arrays that it is handed.

@@ -85,8 +85,8 @@ def _gain_columns(a, length, row: UnitRows):
     """A gain error that all units share."""
     assume_noalias()
     for j in range(length):
-        row.design[0, a, j] = row.imposed[j] * row.direction[0, j]
-        row.design[1, a, j] = row.imposed[j] * row.direction[1, j]
+        row.design[0][a, j] = row.imposed[j] * row.direction[0, j]
+        row.design[1][a, j] = row.imposed[j] * row.direction[1, j]
 
 
 @jitable(inline=True)
@@ -100,22 +100,22 @@ def _ground_columns(a, length, by_load, mean, gain_variance, unit: UnitFilter, r
         far *= row.load[j] / mean - 1.0 if by_load else row.square_distance[j]
         # What has been learned is not to be feared any more.
         far /= gain_variance * unit.gain_information[j]
-        row.design[0, a, j] = far * along_x[j]
-        row.design[1, a, j] = far * along_y[j]
+        row.design[0][a, j] = far * along_x[j]
+        row.design[1][a, j] = far * along_y[j]
 
 
 @jitable(inline=True)
 def _orthogonalise(a, length, row: UnitRows, prior):
     """Weigh column a and make it orthogonal to those before; returns its scale, 0 if dependent."""
     assume_noalias()
-    root, xa, ya = row.root_weight, row.design[0, a], row.design[1, a]
+    root, xa, ya = row.root_weight, row.design[0][a], row.design[1][a]
     before = prior[a, a] ** 2
     for j in range(length):
         xa[j] *= root[j]
         ya[j] *= root[j]
         before += xa[j] * xa[j] + ya[j] * ya[j]
     for b in range(a):
-        xb, yb = row.design[0, b], row.design[1, b]
+        xb, yb = row.design[0][b], row.design[1][b]
         common = 0.0
         for j in range(length):
             common += xa[j] * xb[j] + ya[j] * yb[j]
@@ -138,7 +138,7 @@ def _orthogonalise(a, length, row: UnitRows, prior):
 def _take_out(a, length, scale, unit: UnitFilter, row: UnitRows):
     """Normalise column a and take what it explains out of the lags."""
     assume_noalias()
-    xa, ya, nuisance = row.design[0, a], row.design[1, a], row.nuisance[a]
+    xa, ya, nuisance = row.design[0][a], row.design[1][a], row.nuisance[a]
     root, along_x, along_y = row.root_weight, row.direction[0], row.direction[1]
     explained = 0.0
     for j in range(length):

@@ -48,14 +48,14 @@ def design_motions(pose, fit: BodyFit, size, motions, row: UnitRows, j):
         ax, ay, az = rotation[0, c], rotation[1, c], rotation[2, c]
         # Rotation about an axis e moves q by e x q; its share along a is e . (q x a).
         rx, ry, rz = qy * az - qz * ay, qz * ax - qx * az, qx * ay - qy * ax
-        design[c, 0, j] = ax * axes[0, 0] + ay * axes[0, 1] + az * axes[0, 2]
-        design[c, 1, j] = ax * axes[1, 0] + ay * axes[1, 1] + az * axes[1, 2]
-        design[c, 2, j] = rx * axes[2, 0] + ry * axes[2, 1] + rz * axes[2, 2]
-        design[c, 3, j] = ax * qx + ay * qy + az * qz
+        design[c][0, j] = ax * axes[0, 0] + ay * axes[0, 1] + az * axes[0, 2]
+        design[c][1, j] = ax * axes[1, 0] + ay * axes[1, 1] + az * axes[1, 2]
+        design[c][2, j] = rx * axes[2, 0] + ry * axes[2, 1] + rz * axes[2, 2]
+        design[c][3, j] = ax * qx + ay * qy + az * qz
         if motions > PLANE:
-            design[c, 4, j] = ax * axes[2, 0] + ay * axes[2, 1] + az * axes[2, 2]
-            design[c, 5, j] = rx * axes[0, 0] + ry * axes[0, 1] + rz * axes[0, 2]
-            design[c, 6, j] = rx * axes[1, 0] + ry * axes[1, 1] + rz * axes[1, 2]
+            design[c][4, j] = ax * axes[2, 0] + ay * axes[2, 1] + az * axes[2, 2]
+            design[c][5, j] = rx * axes[0, 0] + ry * axes[0, 1] + rz * axes[0, 2]
+            design[c][6, j] = rx * axes[1, 0] + ry * axes[1, 1] + rz * axes[1, 2]
 
 
 @jitable(inline=True)
@@ -113,7 +113,7 @@ def _normal_equations(length, motions, peak, unit: UnitFilter, row: UnitRows, eq
     assume_noalias()
     design, weight = row.design, row.weight
     for a in range(motions):
-        xa, ya = design[0, a], design[1, a]
+        xa, ya = design[0][a], design[1][a]
         total = 0.0
         for j in range(length):
             gain_error = max(unit.gain_error[j], 0.0)
@@ -124,8 +124,8 @@ def _normal_equations(length, motions, peak, unit: UnitFilter, row: UnitRows, eq
             total += weight[j] * (xa[j] * along_x + ya[j] * along_y)
         equations[a, MOTIONS] = total / peak
         for b in range(a + 1):
-            total = _dot(weight, xa, design[0, b], length)
-            total += _dot(weight, ya, design[1, b], length)
+            total = _dot(weight, xa, design[0][b], length)
+            total += _dot(weight, ya, design[1][b], length)
             equations[a, b] = total / peak
 
 
@@ -142,8 +142,8 @@ def _place(length, motions, peak, unit: UnitFilter, row: UnitRows, fit: BodyFit)
         for b in range(at + 1):
             placement[at, b] = fit.equations[a, PLANE + b]
         placement[at, at] += 1.0 / PARAMETERS.placement_mm**2
-        placement[at, MOTIONS] = _dot(row.weight, design[0, a], unit.followed_out[0], length)
-        placement[at, MOTIONS] += _dot(row.weight, design[1, a], unit.followed_out[1], length)
+        placement[at, MOTIONS] = _dot(row.weight, design[0][a], unit.followed_out[0], length)
+        placement[at, MOTIONS] += _dot(row.weight, design[1][a], unit.followed_out[1], length)
         placement[at, MOTIONS] /= peak
     _solve(placement, motions - PLANE, fit.placement)
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from bus.compiled.jit import jitable
 from skin.contact.record import BORN, FEW_UNITS, SlipState, UnitSlip
-from skin.contact.slip.data import SlipData, UnitFilter, UnitHistory, UnitRows
+from skin.contact.slip.data import SlipArrays, UnitFilter, UnitHistory, UnitRows
 from skin.contact.slip.parameters import PARAMETERS, SlipModel
 
 __all__ = ["begin_contact", "count_slipping", "decide_contact", "decide_units", "slides_still"]
@@ -25,7 +25,7 @@ def begin_contact(record):
 
 
 @jitable(inline=True)
-def decide_units(record, units, dt_s, model: SlipModel, slip: SlipData):
+def decide_units(record, units, dt_s, model: SlipModel, slip: SlipArrays):
     """Stick or slip of each unit of a contact."""
     state, first, row = units.slip, record["begin"], slip.scratch.row
     for j in range(record["end"] - first):

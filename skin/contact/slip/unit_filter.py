@@ -7,7 +7,7 @@ import numpy as np
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
 from skin.contact.record import UnitSlip
-from skin.contact.slip.data import LANES, PLANE, SlipData, SlipScratch, UnitFilter, UnitRows
+from skin.contact.slip.data import LANES, PLANE, SlipArrays, SlipScratch, UnitFilter, UnitRows
 from skin.contact.slip.parameters import PARAMETERS, SlipModel
 from skin.contact.slip.rigid_fit import design_motions
 
@@ -15,7 +15,7 @@ __all__ = ["correct", "gather", "lowpass_share", "predict", "scatter"]
 
 
 @jitable(inline=True)
-def gather(record, reading, units, geometry, size, motions, slip: SlipData):
+def gather(record, reading, units, geometry, size, motions, slip: SlipArrays):
     """Gather the units of a contact into rows, and start those that are new.
 
     Returns the padded length, how many units stick, and how many are anchored to this body, be it
@@ -121,8 +121,8 @@ def lowpass_share(length, motions, stuck, rates, unit: UnitFilter, row: UnitRows
     for j in range(length):
         ahead_x, ahead_y = -slow_x[j], -slow_y[j]
         for a in range(motions):
-            ahead_x += design[0, a, j] * motion[a]
-            ahead_y += design[1, a, j] * motion[a]
+            ahead_x += design[0][a, j] * motion[a]
+            ahead_y += design[1][a, j] * motion[a]
         heavy = row.held[j] * row.load[j]
         load += heavy
         square += heavy * (ahead_x * ahead_x + ahead_y * ahead_y)

@@ -10,7 +10,7 @@ import tests.naive.contact as naive
 from skin.contact.graph import neighbour_graph
 from skin.contact.record import Flag, SlipState, UnitSlip
 from skin.contact.slip import SlipSettings
-from skin.contact.slip.data import SlipData
+from skin.contact.slip.data import SlipData, unit_filter
 from skin.contact.slip.judge import judge, judge_python
 from skin.contact.stream import ContactStream
 from skin.errors import SkinError
@@ -31,9 +31,10 @@ class Watch:
             position, rotation, AREA, *neighbour_graph(position, 0.018), want={"contacts"},
             dtype="float64",
         )  # fmt: skip
-        self.kernel, self.kept = kernel, SlipData.zeros(n)
+        self.kernel, data = kernel, SlipData.zeros(n)
         self.model = self.stream.model._replace(slip=SlipSettings(**settings).model())
-        self.data = self.stream.data._replace(slip=self.kept)
+        self.data = self.stream.data._replace(slip=data)
+        self.kept = unit_filter(data.kept)
         self.now_ns = 0
         # as those of a decoder: always the same arrays
         self.force, self.force_sigma, self.moved, self.moved_sigma = np.zeros((4, 3, n))
@@ -139,7 +140,7 @@ def test_noise_of_few_units_is_not_taken_for_a_fast_body():
     variances = []
     for _ in range(200):
         watch.step(*readings(np.ones(4), np.zeros((2, 4)), rng, noise_mm), noise_mm)
-        variances.append(watch.kept.kept.lag_variance[:4].mean() / noise_mm**2)
+        variances.append(watch.kept.lag_variance[:4].mean() / noise_mm**2)
     assert np.mean(variances[50:]) == pytest.approx(share / (2.0 - share), rel=0.2)
 
 
@@ -439,7 +440,7 @@ def test_the_kernel_is_the_slow_algebra(seed):
             assert record["slip"] == slow.slip
             assert record["stick_ratio"] == pytest.approx(ratio, abs=1e-9)
             assert record["pattern"] == pytest.approx(pattern, rel=1e-5, abs=1e-5)
-            np.testing.assert_allclose(watch.kept.kept.moved[:, :n], slow.moved, atol=1e-6)
+            np.testing.assert_allclose(watch.kept.moved[:, :n], slow.moved, atol=1e-6)
         if record["slip"] == SlipState.GROSS or (watch.units != UnitSlip.SLIPPING).sum() < 4:
             break
 
