@@ -20,7 +20,8 @@ import dataclasses
 import numpy as np
 from msgspec.structs import replace
 
-from skin.decode.decoder import ESTIMATORS, Decoder
+from skin.decode.decoder import Decoder
+from skin.options import ESTIMATORS
 from skin.sim.play import ScriptedScene
 from skin.sim.script import NonIdeal
 from skin.sim.script_load import load_scene

@@ -251,9 +251,9 @@ class Decoder:
         CountsError
             An array of another shape or type, or one that lies scattered in memory.
         """
-        for where, array, kind, shape in (("raw", counts, np.int16, self._shape),
-                                          ("status", status, np.uint16, self._shape[1:])):  # fmt: skip
-            self._check(where, array, kind, shape)
+        self._check("raw", counts, np.int16, self._shape)
+        self._check("status", status, np.uint16, self._shape[1:])
+        for where, array in (("raw", counts), ("status", status)):
             if _plain(array) is not array:
                 raise CountsError(
                     f"{self.topology.name}: {where}: must be contiguous and writeable to be bound; "

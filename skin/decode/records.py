@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bus import status
+from bus.compiled.jit import jitable
 from bus.status import Status
 
 LANES = 128
@@ -137,14 +138,22 @@ class Span(NamedTuple):
     cycle : int
     first : int
         Unit in lane 0.
-    start, count : int
-        Lanes.
+    start, size : int
+        Lanes: the first of them, and how many.
     """
 
     cycle: int
     first: int
     start: int
-    count: int
+    size: int
+
+
+@jitable(inline=True)
+def lanes_of(span):
+    """`first`, `start` and `size` of a span, as numbers of which the compiler knows that they are
+    not negative: so a stage becomes vector instructions wherever it is compiled."""
+    most = 2 * LANES - 1
+    return span.first & NOT_NEGATIVE, span.start & most, span.size & most
 
 
 def _record(rows: dict[str, int], real: npt.DTypeLike) -> np.dtype:
@@ -173,3 +182,14 @@ def tile_rows(name: str) -> range:
     names = list(TILE_ROWS)
     first = sum(TILE_ROWS[before] for before in names[: names.index(name)])
     return range(first, first + TILE_ROWS[name])
+
+
+TANGENTIAL = (
+    "tangential", "theta", "tangential_sigma", "theta_sigma", "field",
+    "force", "displacement", "force_sigma", "displacement_sigma",
+)  # fmt: skip
+TANGENTIAL_ROWS = tuple(
+    row for name in TANGENTIAL
+    for row in (tile_rows(name) if name == "field" else tile_rows(name)[:2])
+)  # fmt: skip
+"""What a block without load does not show."""
