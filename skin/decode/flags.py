@@ -12,10 +12,11 @@ import numpy as np
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
 from skin.decode.parts import Parts
+from skin.decode.span import lanes_of
 
 from skin.decode.records import (  # isort: skip
     ALL_FLAGS, BX, BY, BZ, CHIP, EXTRAPOLATED, FREQUENCY, GEL, IDLE, LANES, OUT_OF_RANGE,
-    SATURATED, SILENT, TANGENTIAL_ROWS, lanes_of,
+    SATURATED, SILENT, TANGENTIAL_ROWS,
 )  # fmt: skip
 
 __all__ = ["changes", "flags_stage", "judge", "rest"]

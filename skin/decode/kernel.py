@@ -27,10 +27,9 @@ from skin.decode.records import (
     SKIP,
     TANGENTIAL_ROWS,
     UNKNOWN,
-    Span,
-    lanes_of,
     tile_rows,
 )
+from skin.decode.span import Span, lanes_of
 from skin.decode.tangential import tangential_stage
 from skin.decode.temperature import (
     lost,
@@ -38,7 +37,7 @@ from skin.decode.temperature import (
     temperature_stage,
 )
 
-__all__ = ["DecodeData", "DecodeModel", "decode", "decode_python"]
+__all__ = ["DecodeData", "decode", "decode_python"]
 
 LOOK_CYCLES = 4
 """Cycles, at least, from one look at units without load to the next."""
@@ -49,27 +48,6 @@ HELD_BITS = sum(
     for name in ("temperature", "film_above", "temperature_sigma")
     for row in tile_rows(name)
 )
-
-
-class DecodeModel(NamedTuple):
-    """What does not change between cycles.
-
-    Attributes
-    ----------
-    coefficients : ndarray, shape (b,) or (1,), records of `skin.decode.records.coefficients`
-        Calibration, a block for every `LANES` units, or a single block that all share.
-    limits : ndarray, shape (b,) or (1,), records of `LIMITS`
-        Ranges of counts.
-    rows : ndarray, shape (r,), int64
-        Rows of the tile that go out, in this order.
-    temperature_every : int
-        Temperatures are new where the number of the cycle is a multiple of this. Only with `hold`.
-    """
-
-    coefficients: np.ndarray
-    limits: np.ndarray
-    rows: np.ndarray
-    temperature_every: int
 
 
 class DecodeData(NamedTuple):
@@ -188,7 +166,7 @@ def decode_python(parts: Parts) -> Callable:
     tangential = tangential_stage(parts)
 
     def decode(model, data):
-        """Decode the cycles of a `DecodeData` by a `DecodeModel`, one after the other."""
+        """Decode the cycles of a `DecodeData` by a `skin.decode.model.DecodeModel`, in turn."""
         assume_noalias()
         counts, status, background, flag = data.counts, data.status, data.background, data.flag
         control, tile, every = data.control[0], data.tile[0], model.temperature_every

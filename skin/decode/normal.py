@@ -9,7 +9,8 @@ import numpy as np
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
 from skin.decode.parts import Parts
-from skin.decode.records import FREQUENCY, lanes_of
+from skin.decode.records import FREQUENCY
+from skin.decode.span import lanes_of
 from skin.decode.temperature import EXTRAPOLATION
 
 __all__ = ["bent", "normal_stage"]

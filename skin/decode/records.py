@@ -7,13 +7,10 @@ never fetched. Those of the results are of the type `real`, float32 or float64.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 import numpy.typing as npt
 
 from bus import status
-from bus.compiled.jit import jitable
 from bus.status import Status
 
 LANES = 128
@@ -128,32 +125,6 @@ TILE_ROWS = {
 }  # fmt: skip
 """Results of a block, and of how many rows each is; the third of force and displacement is normal.
 """
-
-
-class Span(NamedTuple):
-    """Lanes of a block, of a cycle: what a stage works on.
-
-    Attributes
-    ----------
-    cycle : int
-    first : int
-        Unit in lane 0.
-    start, size : int
-        Lanes: the first of them, and how many.
-    """
-
-    cycle: int
-    first: int
-    start: int
-    size: int
-
-
-@jitable(inline=True)
-def lanes_of(span):
-    """`first`, `start` and `size` of a span, as numbers of which the compiler knows that they are
-    not negative: so a stage becomes vector instructions wherever it is compiled."""
-    most = 2 * LANES - 1
-    return span.first & NOT_NEGATIVE, span.start & most, span.size & most
 
 
 def _record(rows: dict[str, int], real: npt.DTypeLike) -> np.dtype:

@@ -13,7 +13,8 @@ from skin.decode.field import FIELD_MIN, GAIN_MIN, field_law, inversion
 from skin.decode.functions import atan2, sin_cos
 from skin.decode.normal import bent
 from skin.decode.parts import Parts
-from skin.decode.records import EXTRAPOLATED, KNOTS, SILENT, lanes_of
+from skin.decode.records import EXTRAPOLATED, KNOTS, SILENT
+from skin.decode.span import lanes_of
 from skin.decode.temperature import EXTRAPOLATION
 
 __all__ = ["tangential_stage"]

@@ -15,7 +15,8 @@ from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
 from skin.decode.functions import log2
 from skin.decode.parts import Parts
-from skin.decode.records import CHIP, GEL, INVALID, UNKNOWN, lanes_of
+from skin.decode.records import CHIP, GEL, INVALID, UNKNOWN
+from skin.decode.span import lanes_of
 
 __all__ = ["EXTRAPOLATION", "lost", "recall_stage", "temperature_stage"]
 
