@@ -281,14 +281,13 @@ class Decoder:
         return self._decode_cycle(self._own, not told, advance)
 
     def _loop(self, passes: Passes, told: bool, advance: bool) -> Reading:
-        """Decode a cycle, taking off what the cycles before tell of neighbours and drifts, and what
-        the caller has `told`, which stands in `_base`."""
+        """Decode a cycle without what the cycles before tell of neighbours and drifts, and what was
+        `told`, which stands in `_base`."""
         if self.crosstalk is None:
             self._taken[:] = self._base if told else self._known
             self._decode_cycle(passes, False, advance)
         for sweep in range(self.plan.sweeps):
-            predict = self._predict.get(told) or self._bind_prediction(told)
-            predict()
+            (self._predict.get(told) or self._bind_prediction(told))()
             self._decode_cycle(passes, False, advance and sweep == 0)
         if self.ambient is not None and advance:
             self._follow()
@@ -364,7 +363,7 @@ class Decoder:
             rows = 5 if isinstance(background, np.ndarray) and len(background) == 5 else 4
             self._check("background", background, self.dtype, (rows, self.topology.n))
         known = self._none_known if status is None else status
-        if self.topology.n <= COPIED:
+        if known.size <= COPIED:
             self._inputs[0][0], self._inputs[1][0] = raw, known
         else:
             self._own.put(plain(raw)[np.newaxis], plain(known)[np.newaxis])
@@ -380,13 +379,7 @@ class Decoder:
             self._check("status", status, np.uint16, known)
         if background is not None:
             rows = background.shape[1] if np.ndim(background) == 3 else 4
-            check(
-                self.topology,
-                "background",
-                background,
-                self.dtype,
-                (*cycles, max(rows, 4), known[-1]),
-            )
+            self._check("background", background, self.dtype, (*cycles, max(rows, 4), known[-1]))
         out = Results(self._names, raw.shape[0], self.topology.n, self.dtype)
         if self._looped:
             for t in range(raw.shape[0]):
