@@ -18,6 +18,8 @@ from skin.state import Reading
 from topology import CHANNELS, Topology
 
 if TYPE_CHECKING:
+    from skin.decode.ambient import Ambient
+    from skin.decode.crosstalk import CrossTalk
     from skin.decode.kernel import DecodeData
     from skin.physics.stencil import Stencil
 
@@ -101,7 +103,8 @@ class Decoder:
         self.dtype = np.dtype(plan.dtype)
         if workers is not None and workers < 1:
             raise OptionError(f"workers: must be 1 or more; got {workers}")
-        self.crosstalk = self.ambient = None
+        self.crosstalk: CrossTalk | None = None
+        self.ambient: Ambient | None = None
         felt_ut = rest_ut
         if sweeps:
             from skin.decode.crosstalk import ACCURATE_UT, LIVE_UT, CrossTalk
@@ -150,6 +153,7 @@ class Decoder:
         self._whole = self._out.reading(0, {*self._names} - {"film_above"})
         self._film_above = self._out.values[0, -1] if "film_above" in self._names else None
         self._predict: dict[bool, Callable[[], object]] = {}
+        self._follow: Callable[[], None] | None = None
         self._reading = self._out.reading(0, self.plan.quantities)
         self._shape = (len(CHANNELS), n)
         self._none_known = zeros(n, np.uint16)
@@ -175,7 +179,7 @@ class Decoder:
         """Forget all temperatures, displacements and drifts: the next cycle is the first."""
         self._state["last_temperature"] = np.nan
         self._state["film_lag"] = self._state["chip_lag"] = 0.0
-        for name in self._state.dtype.names[3:]:
+        for name in records.HELD if self.plan.temperature_every > 1 else ():
             self._state[name] = np.nan
         self._control["phase"] = 0
         self._mode: tuple[bool, bool] | None = None
@@ -196,7 +200,7 @@ class Decoder:
         self._own.at(not (background or self._looped))
         if self.crosstalk is not None:
             self.crosstalk.warmup()
-            self._bind_prediction(False)
+            self._bind_prediction(self.crosstalk, False)
         if self.ambient is not None:
             self.ambient.warmup(self._whole)
 
@@ -286,22 +290,20 @@ class Decoder:
         if self.crosstalk is None:
             self._taken[:] = self._base if told else self._known
             self._decode_cycle(passes, False, advance)
-        for sweep in range(self.plan.sweeps):
-            (self._predict.get(told) or self._bind_prediction(told))()
-            self._decode_cycle(passes, False, advance and sweep == 0)
+        else:
+            predict = self._predict.get(told) or self._bind_prediction(self.crosstalk, told)
+            for sweep in range(self.plan.sweeps):
+                predict()
+                self._decode_cycle(passes, False, advance and sweep == 0)
         if self.ambient is not None and advance:
-            self._follow()
+            self._follow = follow = self._follow or self.ambient.bound(self._whole)
+            follow()
         return self._reading
 
-    @functools.cached_property
-    def _follow(self) -> Callable[[], None]:
-        """The update of the ambient field from the arrays of a cycle."""
-        return self.ambient.bound(self._whole)
-
-    def _bind_prediction(self, told: bool) -> Callable[[], object]:
+    def _bind_prediction(self, crosstalk: CrossTalk, told: bool) -> Callable[[], object]:
         """The prediction of cross-talk on top of a background that is told, or not."""
         whole, base = self._whole, self._base if told else self._known
-        predict = self._predict[told] = self.crosstalk.bound(
+        predict = self._predict[told] = crosstalk.bound(
             whole.displacement_mm, whole.valid, self._taken, base, self._film_above
         )
         return predict

@@ -348,7 +348,7 @@ def _refuse_impossible(topology: Topology) -> None:
 
     for name, values in p.items():
         wrong = ~np.isfinite(values)
-        refuse(wrong.any(axis=0) if wrong.ndim > 1 else wrong, name, "finite")
+        refuse(np.atleast_2d(wrong).any(axis=0), name, "finite")
     low, high = p["temperature_min_c"], p["temperature_max_c"]
     refuse(high <= low, "temperature_max_c", "above temperature_min_c")
     span = 0.5 * (high - low)

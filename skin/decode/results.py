@@ -9,7 +9,7 @@ import numpy as np
 from bus.compiled.aligned import zeros
 from skin.decode import records
 from skin.decode.plan import Plan
-from skin.state import Reading
+from skin.state import UNWANTED, Reading
 from topology import CHANNELS, Topology
 
 __all__ = ["Results", "results_of"]
@@ -49,7 +49,9 @@ class Results:
 
     def reading(self, at: int | slice, shown: Collection[str]) -> Reading:
         """Views of a cycle, or of all of them; of quantities that are `shown`, and their sigmas."""
-        found = dict.fromkeys(("temperature", "force", "tangential", "theta", "displacement_mm"))
+        found: dict[str, np.ndarray] = dict.fromkeys(
+            ("temperature", "force", "tangential", "theta", "displacement_mm"), UNWANTED
+        )
         row = 0
         for name in self.names:
             size = records.TILE_ROWS[name]
