@@ -41,7 +41,8 @@ def compiled(
     signatures : iterable, optional
         Types for which it is compiled at once, and no others; as they are called if not given.
     fastmath : iterable of str
-        Of "contract" and "reassoc". Others would delete tests for NaN, which says "no data" here.
+        Of "contract", "reassoc" and "arcp". Others would delete tests for NaN, which says
+        "no data" here.
     cache : bool
         Whether its machine code is kept on disk.
     allocates : bool
@@ -61,8 +62,8 @@ def compiled(
         Fast-math that would change what NaN and infinity mean.
     """
     flags = set(fastmath)
-    if not flags <= {"contract", "reassoc"}:
-        raise ValueError(f"fastmath: must be of 'contract', 'reassoc'; got {sorted(flags)}")
+    if not flags <= {"contract", "reassoc", "arcp"}:
+        raise ValueError(f"fastmath: must be of 'contract', 'reassoc', 'arcp'; got {sorted(flags)}")
     if not allocates:
         options["_nrt"] = False
     kernel = njit(error_model="numpy", nogil=True, fastmath=flags or False, **options)(function)
