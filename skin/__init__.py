@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from skin import errors
+    from skin.contact.contact import Contact
     from skin.contact.record import SlipState, UnitSlip
     from skin.contact.slip import SlipSettings
-    from skin.contact.contact import Contact
     from skin.decode.decoder import Decoder
     from skin.live import Skin, open
     from skin.options import Options
