@@ -41,8 +41,8 @@ def compiled(
     signatures : iterable, optional
         Types for which it is compiled at once, and no others; as they are called if not given.
     fastmath : iterable of str
-        Of "contract", "reassoc" and "arcp". Others would delete tests for NaN, which says "no data"
-        here.
+        Of "contract", "reassoc" and "arcp". Others would delete tests for NaN, which says
+        "no data" here.
     cache : bool
         Whether its machine code is kept on disk.
     allocates : bool

@@ -161,7 +161,7 @@ class Ambient:
     def wants_tare(self) -> np.ndarray:
         """Whose zero has gone as far as it may, shape (n,), bool."""
         most = np.array([[kernels.SPAN_HZ], [kernels.SPAN_UT], [kernels.SPAN_UT]])
-        return (np.abs(self._data.zero) >= most).any(axis=0)
+        return np.any(np.abs(self._data.zero) >= most, axis=0)
 
     def report(self) -> dict[str, dict[str, object]]:
         """What is taken off, for people and for JSON.
@@ -176,7 +176,7 @@ class Ambient:
         """
         names = np.array(self.topology.unit_names)
         spread = np.sqrt(np.einsum("aab->ab", self.covariance_ut2))
-        ambient = {
+        ambient: dict[str, object] = {
             body: {
                 "field_ut": self.field_ut[:, g].tolist(),
                 "sigma_ut": spread[:, g].tolist(),
@@ -249,10 +249,9 @@ class Ambient:
             Since the last cycle; a period if not given. A gap counts as calm for two periods only.
         """
         data = self._data
-        np.copyto(data.field_ut, reading.field_ut)
-        np.copyto(data.displacement_mm, reading.displacement_mm)
-        np.copyto(data.temperature, 0.0 if reading.temperature is None else reading.temperature)
-        np.copyto(data.status, reading.status)
+        for name in ("field_ut", "displacement_mm", "temperature", "status"):
+            given = getattr(reading, name)
+            getattr(data, name)[:] = 0 if given is None else given
         self._own(dt_s)
 
     def warmup(self, reading: Reading) -> None:

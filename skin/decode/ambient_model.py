@@ -1,4 +1,4 @@
-"""Model and data of the ambient field and the zeros: arrays with names, and where they come from."""
+"""Model and data of the ambient field and the zeros, and where they come from."""
 
 from __future__ import annotations
 

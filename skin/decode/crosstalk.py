@@ -105,8 +105,8 @@ class CrossTalk:
     idle_mm : float
         A film that is pressed less than this can be displaced by three times this at most, as
         friction has it: it counts as at rest, unless it is pulled by more than three times this, or
-        its field tells of a displacement that is no noise (`IDLE_REACH_MM`). 0: only a film that is
-        not displaced at all counts as at rest.
+        its field tells of a displacement that is no noise (`IDLE_DISPLACEMENT_MM`). 0: only a film
+        that is not displaced at all counts as at rest.
     lattices : bool
         False: every pair counts as one of an irregular skin.
 
@@ -187,7 +187,9 @@ class CrossTalk:
         self.strength = stencil.strength.astype(real)
         self._films = Films(*(zeros(topology.n, real) for _ in Films._fields))
         self._film_model = self._films_of(topology, idle_mm)
-        self._pair_model = self._pairs_of(real)
+        always = self._residues()
+        self.residue_ut = np.sqrt(always)
+        self._pair_model = self._pairs_of(always)
         self.residue_ut2 = self._pair_model.always_ut2.copy()
         stale, self._todo = np.zeros((2, topology.n), np.uint8)
         self._known = Known(np.ones(topology.n, real), stale, self.residue_ut2)
@@ -285,12 +287,26 @@ class CrossTalk:
             depth_max_mm=stencil.depth_max_mm + BEYOND_MM,
         )
 
-    def _pairs_of(self, real: np.dtype) -> PairModel:
-        """What is not known of the pairs; sets `residue_ut`."""
-        stencil, n = self.stencil, self.stencil.n
-        unit, film = stencil.unit, stencil.neighbour
+    def _pairs_of(self, always_ut2: np.ndarray) -> PairModel:
+        """Who is near whom, and what one may add to the other."""
+        stencil, real = self.stencil, self.strength.dtype
+        film, coefficients = stencil.neighbour, stencil.coefficients
+        square = np.sum((coefficients @ stencil.gram) * coefficients, axis=(1, 2))
+        starts = np.append(0, np.cumsum(np.bincount(film, minlength=stencil.n)))
+        return PairModel(
+            start=stencil.start,
+            neighbour=film,
+            prior_ut2=(square[stencil.kind] * stencil.strength[film] ** 2 / 3.0).astype(real),
+            receiver_start=starts.astype(np.int32),
+            receiver=stencil.unit[np.argsort(film, kind="stable")].astype(np.int32),
+            always_ut2=always_ut2.astype(real),
+        )
+
+    def _residues(self) -> np.ndarray:
+        """Variance of an axis of each unit where all neighbours are known, shape (n,)."""
+        stencil, unit, n = self.stencil, self.stencil.unit, self.stencil.n
         gram, mean = stencil.gram, stencil.mean
-        strength = stencil.strength[film]
+        strength = stencil.strength[stencil.neighbour]
         fits = np.sum(stencil.sigma_ut**2, axis=1)[stencil.kind]
         variance = np.bincount(unit, fits * strength**2, minlength=n)
         shift = np.zeros((n, 3))
@@ -300,18 +316,7 @@ class CrossTalk:
             square = np.sum((part.off @ gram) * part.off, axis=(1, 2)) - np.sum(off**2, axis=1)
             variance += np.bincount(at, square * by**2, minlength=n)
             np.add.at(shift, at, off * by[:, np.newaxis])
-        always = (variance + np.sum(shift**2, axis=1)) / 3.0 + stencil.left_out_rms_ut**2
-        whole = np.sum((stencil.coefficients @ gram) * stencil.coefficients, axis=(1, 2))
-        self.residue_ut = np.sqrt(always)
-        starts = np.append(0, np.cumsum(np.bincount(film, minlength=n)))
-        return PairModel(
-            start=stencil.start,
-            neighbour=film,
-            prior_ut2=(whole[stencil.kind] * strength**2 / 3.0).astype(real),
-            receiver_start=starts.astype(np.int32),
-            receiver=unit[np.argsort(film, kind="stable")].astype(np.int32),
-            always_ut2=always.astype(real),
-        )
+        return (variance + np.sum(shift**2, axis=1)) / 3.0 + stencil.left_out_rms_ut**2
 
     def _idle_bound(self, idle_mm: float) -> float:
         """`idle_ut`, from the linear terms."""

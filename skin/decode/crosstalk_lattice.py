@@ -24,7 +24,7 @@ from skin.decode.crosstalk_terms import FACTORS, NOT_NEGATIVE, Terms, metric, te
 from skin.physics.stencil import Stencil
 from skin.physics.stray import powers
 
-__all__ = ["Lattice", "LatticeData", "LatticeModel", "lattice", "lattice_python", "worth_it"]
+__all__ = ["Lattice", "LatticeData", "LatticeModel", "lattice", "lattice_python", "prune_terms"]
 
 BLOCK = 192
 """Cells that are added up, or skipped, together: a constant, not a count, is what the compiler
@@ -164,9 +164,10 @@ def lattice_python(model, data):
             _multiply(model, data.rows, b)
     for b in range(active.size):
         start = b * BLOCK
+        first = max(start - model.halo, 0) // BLOCK
+        last = min(start + BLOCK - 1 + model.halo, model.cells - 1) // BLOCK
         near = False
-        for a in range(max(start - model.halo, 0) // BLOCK,
-                       min(start + BLOCK - 1 + model.halo, model.cells - 1) // BLOCK + 1):  # fmt: skip
+        for a in range(first, last + 1):
             near |= active[a]
         if not near:
             continue
@@ -212,7 +213,7 @@ class Lattice:
         first = np.array([both[which == o][0] for o in shared], int)
         full = stencil.coefficients[stencil.kind[first]]
         strongest = float(stencil.strength[cells.units].max())
-        kept, stays = worth_it(full, metric(stencil), tolerance_ut / strongest)
+        kept, stays = prune_terms(full, metric(stencil), tolerance_ut / strongest)
         self.off = (kept - full)[np.searchsorted(shared, which[inside])]
         self.terms = int(stays.sum())
         self.model = _model(cells, offsets[:, shared], powers(stencil.degree), kept, stays, dtype)
@@ -231,7 +232,7 @@ def _model(
     cells: Cells, steps: np.ndarray, exponents: np.ndarray, kept: np.ndarray, stays: np.ndarray,
     dtype: np.dtype,
 ) -> LatticeModel:  # fmt: skip
-    """Where everything stands, from the offsets, shape (2, o), and `worth_it` of their terms."""
+    """Where everything stands, from the offsets, shape (2, o), and `prune_terms` of their terms."""
     wide = int(cells.column.max()) + 1 + int(np.abs(steps[1]).max(initial=0))
     furthest = int(np.abs(steps[0] * wide + steps[1]).max(initial=0))
     halo = furthest + -furthest % (LINE // dtype.itemsize)
@@ -277,7 +278,7 @@ def _runs(units: np.ndarray, at: np.ndarray, cells: int) -> tuple[Runs, np.ndarr
     return Runs(*(each.astype(np.int64) for each in (units[first], at[first], length))), first_run
 
 
-def worth_it(
+def prune_terms(
     coefficients: np.ndarray, gram: np.ndarray, tolerance: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Leave out terms until the root mean square of what is missing, per axis, is the tolerance.

@@ -325,8 +325,13 @@ class Decoder:
             predict()
             self._decode_cycle(passes, False, advance and sweep == 0)
         if self.ambient is not None and advance:
-            self.ambient.update(self._whole)
+            self._follow()
         return self._reading
+
+    @functools.cached_property
+    def _follow(self) -> Callable[[], None]:
+        """The update of the ambient field from the arrays of a cycle."""
+        return self.ambient.bound(self._whole)
 
     def _bind_prediction(self, told: bool) -> Callable[[], object]:
         """The prediction of cross-talk on top of a background that is told, or not."""

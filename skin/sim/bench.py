@@ -73,8 +73,8 @@ class Bench:
 
     def scan(
         self,
-        depth_mm: np.ndarray,
-        displacement_mm: np.ndarray,
+        depth_mm: np.ndarray | float,
+        displacement_mm: np.ndarray | float,
         direction_rad: np.ndarray | float = 0.0,
         *,
         gel_temperature: np.ndarray | float = 25.0,

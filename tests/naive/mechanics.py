@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 from scipy.optimize import nnls
 
+from skin.sim.mechanics.body import Pose, moved, turned
 from topology import Topology, load
 
 
@@ -98,3 +99,11 @@ def held_tractions(
         size = np.hypot(*force)
         force *= np.minimum(1.0, limit / np.where(size > 0.0, size, 1.0))
     return force
+
+
+def rolled(pose: Pose, shift_m: np.ndarray, radius_m: float, outward: np.ndarray) -> Pose:
+    """The pose after rolling without sliding by `shift_m` over a plane of normal `outward`."""
+    way = float(np.linalg.norm(shift_m))
+    if way == 0.0:
+        return pose
+    return moved(turned(pose, np.cross(outward, shift_m), way / radius_m), shift_m)

@@ -2,38 +2,84 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numba import njit
-from numba.extending import register_jitable
+from typing import NamedTuple
 
-__all__ = ["drag", "press", "under"]
+import numpy as np
+
+from bus.compiled.jit import compiled, jitable
+from skin.sim.mechanics.springs import displacement, force
+
+__all__ = ["SLIP_MM", "Faces", "Touched", "drag", "press"]
 
 SLIP_MM = 1e-6
-"""A face that gives way less than this in one step counts as stuck."""
+"""A face that gives way less than this in one step counts as stuck, millimetre [assumed]."""
 
-_FLAGS = {"error_model": "numpy", "fastmath": {"contract", "reassoc"}}
-
-
-@register_jitable(**_FLAGS)
-def _force(target, below, beyond, knee):
-    """Force under which two compliances, one below the knee and one beyond, yield by `target`."""
-    at_knee = below * knee
-    return target / below if target <= at_knee else knee + (target - at_knee) / beyond
+SHORT = 1.0 - 1e-12
+"""Share of its limit short of which a face does not slip: what is left is the sweeps' own error."""
 
 
-@register_jitable(**_FLAGS)
-def _displacement(force, below, beyond, knee):
-    """The inverse of `_force`."""
-    return below * min(force, knee) + beyond * max(force - knee, 0.0)
+class Touched(NamedTuple):
+    """Units that a body touches, those that rest together one after the other.
 
-
-def press_python(units, start, depth, own, body, coupled, tolerance, sweeps, load, own_mm):
-    """`Foundation.press`, in place; the sweeps needed, or one more than `sweeps`.
-
-    `units` that rest together stand together, a group from each of `start` (g + 1,) on; `coupled`
-    holds one square for each group, one after the other, and nothing where all rest alone.
+    `units` : (m,), int64; `start` : (g + 1,), where each group begins among them; `normal`,
+    `shear` : flat, influences within each group, one square after the other, mm/N (x of all units
+    of the group, then y); empty where all rest alone.
     """
-    force = load[units]
+
+    units: np.ndarray
+    start: np.ndarray
+    normal: np.ndarray
+    shear: np.ndarray
+
+
+class Faces(NamedTuple):
+    """State of n faces that a body takes along in one step.
+
+    Attributes
+    ----------
+    want_mm : ndarray, shape (2, n)
+        In: displacement of the surfaces if nothing slipped in this step.
+    load, depth_mm : ndarray, shape (n,)
+        In: normal forces in newton, and the units' own depths, as from `Foundation.press`.
+    static, kinetic : ndarray, shape (n,)
+        In: coefficients of friction at rest and in motion.
+    slipping : ndarray, shape (n,), bool
+        In: whether the face was in motion; out: whether it is.
+    traction : ndarray, shape (2, n)
+        Newton; in: where the sweeps start; out: tangential forces.
+    own_mm, held_mm, slip_mm : ndarray, shape (2, n)
+        Out: the unit's own part of the displacement; all of the elastic displacement; and how far
+        the face gave way in this step. 0 where the body does not reach.
+    """
+
+    want_mm: np.ndarray
+    load: np.ndarray
+    depth_mm: np.ndarray
+    static: np.ndarray
+    kinetic: np.ndarray
+    slipping: np.ndarray
+    traction: np.ndarray
+    own_mm: np.ndarray
+    held_mm: np.ndarray
+    slip_mm: np.ndarray
+
+
+class _Group(NamedTuple):
+    """Units that rest together: their limits of friction in newton, factors of their tangential
+    stiffness, influences (2 m, 2 m), and forces, x of all and then y."""
+
+    units: np.ndarray
+    limit: np.ndarray
+    stiff: np.ndarray
+    square: np.ndarray
+    force: np.ndarray
+
+
+def press_python(springs, touched, depth, body, tolerance, sweeps, load, own_mm):
+    """`Foundation.press`, in place; the sweeps needed, or one more than `sweeps`."""
+    units, start, coupled, _ = touched
+    own = springs.normal
+    all_forces = load[units]
     load[:] = 0.0
     own_mm[:] = 0.0
     needed, at = 1, 0
@@ -42,7 +88,7 @@ def press_python(units, start, depth, own, body, coupled, tolerance, sweeps, loa
         size = count if coupled.size > 0 else 0
         square = coupled[at : at + size * size].reshape((size, size))
         at += size * size
-        held = force[first : first + count]
+        held = all_forces[first : first + count]
         done, settled = 0, False
         while not settled and done <= sweeps:
             change = largest = 0.0
@@ -58,7 +104,7 @@ def press_python(units, start, depth, own, body, coupled, tolerance, sweeps, loa
                     series += row[k]
                 new = 0.0
                 if target > 0.0:
-                    new = _force(target, own[0, i] + series, own[1, i] + series, own[2, i])
+                    new = force(target, own[0, i] + series, own[1, i] + series, own[2, i])
                 change = max(change, abs(new - held[k]))
                 largest = max(largest, new)
                 held[k] = new
@@ -67,124 +113,118 @@ def press_python(units, start, depth, own, body, coupled, tolerance, sweeps, loa
         needed = max(needed, done)
     for k in range(units.size):
         i = units[k]
-        load[i] = force[k]
-        own_mm[i] = _displacement(force[k], own[0, i], own[1, i], own[2, i])
+        load[i] = all_forces[k]
+        own_mm[i] = displacement(all_forces[k], own[0, i], own[1, i], own[2, i])
     return needed
 
 
-def drag_python(
-    units, start, want, load, depth, static, kinetic, own, gain, reference, body, coupled,
-    tolerance, sweeps, slipping, traction, own_mm, held, slip,
-):  # fmt: skip
-    """`Foundation.drag`, in place; the sweeps needed, or one more than `sweeps`.
-
-    Groups as for `press`; their squares hold x of all units of a group, then y.
-    """
+def drag_python(springs, touched, faces, body, tolerance, sweeps):
+    """`Foundation.drag`, in place; the sweeps needed, or one more than `sweeps`."""
+    units, start, _, coupled = touched
     limit, stiff = np.empty(units.size), np.empty(units.size)
-    before = traction[:, units]
+    before = faces.traction[:, units]
     for k in range(units.size):
         i = units[k]
-        limit[k] = load[i] * (kinetic[i] if slipping[i] else static[i])
-        stiff[k] = 1.0 + gain[i] * (depth[i] - reference[i])
-    traction[:] = 0.0
-    own_mm[:] = 0.0
-    held[:] = 0.0
-    slip[:] = 0.0
+        limit[k] = faces.load[i] * (faces.kinetic[i] if faces.slipping[i] else faces.static[i])
+        stiff[k] = 1.0 + springs.gain_per_mm[i] * (faces.depth_mm[i] - springs.reference_mm[i])
+    for written in (faces.traction, faces.own_mm, faces.held_mm, faces.slip_mm):
+        written[:] = 0.0
     most, at = 0, 0
     for g in range(start.size - 1):
-        first, count = start[g], start[g + 1] - start[g]
+        first, end = start[g], start[g + 1]
+        count = end - first
         size = 2 * count if coupled.size > 0 else 0
         square = coupled[at : at + size * size].reshape((size, size))
         at += size * size
-        # forces of the group, x of all and then y
-        force = np.zeros(2 * count)
+        forces = np.zeros(2 * count)
         for k in range(count):
             if limit[first + k] > 0.0:
-                force[k], force[count + k] = before[0, first + k], before[1, first + k]
+                forces[k], forces[count + k] = before[0, first + k], before[1, first + k]
+        group = _Group(units[first:end], limit[first:end], stiff[first:end], square, forces)
         needed, settled = 0, False
         while not settled and needed <= sweeps:
-            change = largest = 0.0
-            for k in range(count):
-                most_n, soft = limit[first + k], stiff[first + k]
-                if not most_n > 0.0:
-                    continue
-                i = units[first + k]
-                x, y, series = want[0, i], want[1, i], body
-                if size > 0:
-                    by_x = by_y = 0.0
-                    for m in range(size):
-                        by_x += square[k, m] * force[m]
-                        by_y += square[count + k, m] * force[m]
-                    # a square yields alike along x and y, and not across
-                    series += square[k, k]
-                    x -= by_x - square[k, k] * force[k]
-                    y -= by_y - square[k, k] * force[count + k]
-                length = np.sqrt(x * x + y * y)
-                force_n = _force(
-                    length, own[0, i] / soft + series, own[1, i] / soft + series, own[2, i] * soft
-                )
-                force_n = min(force_n, most_n)
-                share = force_n / length if length > 0.0 else 0.0
-                x, y = share * x, share * y
-                largest = max(largest, force_n)
-                change = max(change, abs(x - force[k]), abs(y - force[count + k]))
-                force[k], force[count + k] = x, y
+            change, largest = _sweep(springs.shear, faces.want_mm, group, body)
             needed += 1
-            if size > 0 and change > tolerance * largest:
-                continue
-            # what cannot be held moves, and what moves is held by less: others may follow
-            settled = True
-            for k in range(count):
-                i, most_n, soft = units[first + k], limit[first + k], stiff[first + k]
-                x, y = force[k], force[count + k]
-                force_n = np.sqrt(x * x + y * y)
-                share = own[0, i] / soft
-                if force_n > 0.0:
-                    share = _displacement(
-                        force_n, own[0, i] / soft, own[1, i] / soft, own[2, i] * soft
-                    ) / force_n  # fmt: skip
-                traction[0, i], traction[1, i] = x, y
-                own_mm[0, i], own_mm[1, i] = share * x, share * y
-                slip[0, i] = slip[1, i] = 0.0
-                # short of the limit nothing slips: what is left there is the sweeps' own error
-                if most_n > 0.0 and force_n < (1.0 - 1e-12) * most_n:
-                    held[0, i], held[1, i] = want[0, i], want[1, i]
-                    continue
-                by_x = by_y = 0.0
-                for m in range(size):
-                    by_x += square[k, m] * force[m]
-                    by_y += square[count + k, m] * force[m]
-                held[0, i] = (share + body) * x + by_x
-                held[1, i] = (share + body) * y + by_y
-                if not most_n > 0.0:
-                    continue
-                slip[0, i], slip[1, i] = want[0, i] - held[0, i], want[1, i] - held[1, i]
-                if not slipping[i] and np.hypot(slip[0, i], slip[1, i]) > SLIP_MM:
-                    slipping[i] = True
-                    if kinetic[i] < static[i]:
-                        limit[first + k] = load[i] * kinetic[i]
-                        settled = False
+            if size == 0 or change <= tolerance * largest:
+                settled = _give_way(springs.shear, faces, group, body)
         most = max(most, needed if settled else sweeps + 1)
-    for i in range(slipping.size):
-        slipping[i] = np.hypot(slip[0, i], slip[1, i]) > SLIP_MM
+    for i in range(faces.slipping.size):
+        faces.slipping[i] = np.hypot(faces.slip_mm[0, i], faces.slip_mm[1, i]) > SLIP_MM
     return most
 
 
-def under_python(force, normal, shear, gain, reference, depth_mm, displacement_mm):
-    """`Springs.under`, in place."""
-    for i in range(depth_mm.size):
-        x, y, z = force[0, i], force[1, i], max(force[2, i], 0.0)
-        depth = _displacement(z, normal[0, i], normal[1, i], normal[2, i])
-        size = np.sqrt(x * x + y * y)
-        share = 0.0
-        if size > 0.0:
-            stiff = 1.0 + gain[i] * (depth - reference[i])
-            way = _displacement(size, shear[0, i] / stiff, shear[1, i] / stiff, shear[2, i] * stiff)
-            share = way / size
-        depth_mm[i] = depth
-        displacement_mm[0, i], displacement_mm[1, i] = share * x, share * y
+@jitable
+def _sweep(own, want, group, body):
+    """One Gauss-Seidel sweep over the forces of a group; largest change, and largest force."""
+    units, limit, stiff, square, forces = group
+    count, size = units.size, square.shape[0]
+    change = largest = 0.0
+    for k in range(count):
+        most_n, soft = limit[k], stiff[k]
+        if not most_n > 0.0:
+            continue
+        i = units[k]
+        x, y, series = want[0, i], want[1, i], body
+        if size > 0:
+            by_x = by_y = 0.0
+            for m in range(size):
+                by_x += square[k, m] * forces[m]
+                by_y += square[count + k, m] * forces[m]
+            # a square yields alike along x and y, and not across
+            series += square[k, k]
+            x -= by_x - square[k, k] * forces[k]
+            y -= by_y - square[k, k] * forces[count + k]
+        length = np.sqrt(x * x + y * y)
+        force_n = force(
+            length, own[0, i] / soft + series, own[1, i] / soft + series, own[2, i] * soft
+        )
+        force_n = min(force_n, most_n)
+        share = force_n / length if length > 0.0 else 0.0
+        x, y = share * x, share * y
+        largest = max(largest, force_n)
+        change = max(change, abs(x - forces[k]), abs(y - forces[count + k]))
+        forces[k], forces[count + k] = x, y
+    return change, largest
 
 
-press = njit(press_python, nogil=True, cache=True, **_FLAGS)
-drag = njit(drag_python, nogil=True, cache=True, **_FLAGS)
-under = njit(under_python, nogil=True, cache=True, **_FLAGS)
+@jitable
+def _give_way(own, faces, group, body):
+    """Coulomb's return map: what cannot be held moves. False where a face has begun to, and is held
+    by less from then on, so that others may follow."""
+    units, limit, stiff, square, forces = group
+    count, size = units.size, square.shape[0]
+    want, held, slip = faces.want_mm, faces.held_mm, faces.slip_mm
+    settled = True
+    for k in range(count):
+        i, most_n, soft = units[k], limit[k], stiff[k]
+        x, y = forces[k], forces[count + k]
+        force_n = np.sqrt(x * x + y * y)
+        share = own[0, i] / soft
+        if force_n > 0.0:
+            way = displacement(force_n, own[0, i] / soft, own[1, i] / soft, own[2, i] * soft)
+            share = way / force_n
+        faces.traction[0, i], faces.traction[1, i] = x, y
+        faces.own_mm[0, i], faces.own_mm[1, i] = share * x, share * y
+        slip[0, i] = slip[1, i] = 0.0
+        if most_n > 0.0 and force_n < SHORT * most_n:
+            held[0, i], held[1, i] = want[0, i], want[1, i]
+            continue
+        by_x = by_y = 0.0
+        for m in range(size):
+            by_x += square[k, m] * forces[m]
+            by_y += square[count + k, m] * forces[m]
+        held[0, i] = (share + body) * x + by_x
+        held[1, i] = (share + body) * y + by_y
+        if not most_n > 0.0:
+            continue
+        slip[0, i], slip[1, i] = want[0, i] - held[0, i], want[1, i] - held[1, i]
+        if not faces.slipping[i] and np.hypot(slip[0, i], slip[1, i]) > SLIP_MM:
+            faces.slipping[i] = True
+            if faces.kinetic[i] < faces.static[i]:
+                limit[k] = faces.load[i] * faces.kinetic[i]
+                settled = False
+    return settled
+
+
+press = compiled(press_python, fastmath=("contract", "reassoc"))
+drag = compiled(drag_python, fastmath=("contract", "reassoc"))

@@ -59,13 +59,15 @@ def load_scene(file: str | os.PathLike[str], topology: Topology) -> SceneFile:
     report = Report()
     source = _open(file, report)
     script = None if source is None else read(SceneFile, source, report)
-    if script is not None and not report.issues:
+    if script is not None and source is not None and not report.issues:
         _Check(script, source, topology, report).all()
-    if report.issues:
+        values = {name: getattr(script, name) for name in SceneFile.__struct_fields__}
+        values["name"] = script.name or source.path.stem
+        script = _LoadedScene(**values, source=source)
+    if script is None or report.issues:
         issues = sorted(report.issues, key=lambda issue: issue.line)
         raise SceneError("\n".join(map(str, issues)))
-    values = {name: getattr(script, name) for name in SceneFile.__struct_fields__}
-    return _LoadedScene(**values | {"name": script.name or source.path.stem}, source=source)
+    return script
 
 
 def open_scene(

@@ -21,6 +21,7 @@ from skin.sim.field import Field, SineField
 from skin.sim.mechanics.contact import Mechanics
 from skin.sim.mechanics.foundation import Foundation
 from skin.sim.mechanics.friction import Friction
+from skin.sim.mechanics.springs import under
 from skin.sim.mechanics.viscoelastic import Hysteresis, Prony
 from skin.sim.scenes.motion import Motion, Track, shape_of
 from skin.sim.scenes.script import HalfSpace, LoadTable, NonIdeal, SceneFile
@@ -273,7 +274,7 @@ class ScriptedScene:
         self._to_wrench = wrench_map(topology.position, topology.rotation)
         self._source_c, self._needed = np.empty(n), np.empty((3, n))
         self._truth = Truth.at_rest(n, room_c)
-        self._began = False
+        self._time_s, self._began = 0.0, False
 
     def at(self, time_s: float) -> Truth:
         """Go on to `time_s`; see `Scene`.
@@ -283,20 +284,17 @@ class ScriptedScene:
         SkinError
             If time runs backwards, or a body is where it cannot be.
         """
-        truth = self._truth
-        ahead = time_s - truth.time_s
+        start = self._time_s
+        ahead = time_s - start
         if ahead < 0.0:
-            raise SkinError(
-                f"time_s: must not be before {truth.time_s:g}, the last one; got {time_s:g}"
-            )
+            raise SkinError(f"time_s: must not be before {start:g}, the last one; got {time_s:g}")
         if ahead > 0.0 or not self._began:
             self._began = True
-            start = truth.time_s
             steps = max(1, int(np.ceil(ahead / STEP_S)))
             for i in range(1, steps + 1):
                 self._step(start + ahead * (i / steps), ahead / steps)
-        truth.time_s = time_s
-        return truth
+        self._time_s = self._truth.time_s = time_s
+        return self._truth
 
     def body_wrench(self) -> np.ndarray:
         """What each body does to the skin, shape (b, 6): newton, and newton metre about the origin
@@ -310,7 +308,8 @@ class ScriptedScene:
         truth.force[...] = 0.0
         for body in self.bodies:
             if len(self.bodies) > 1:
-                body.mechanics.share(sum(other.force for other in self.bodies if other is not body))
+                others = [other.force for other in self.bodies if other is not body]
+                body.mechanics.share(np.sum(others, axis=0))
             body.go(time_s, dt_s)
         self._share_out()
         for body in self.bodies:
@@ -360,7 +359,7 @@ class ScriptedScene:
             )
         if self._prony is not None:
             needed = self._prony.elastic(needed, dt_s)
-        self._springs.under(needed, truth.depth_mm, truth.displacement_mm)
+        under(self._springs, needed, truth.depth_mm, truth.displacement_mm)
 
     def _field(self) -> Field:
         wanted, topology, surroundings = self.non_ideal, self.topology, self._surroundings

@@ -31,7 +31,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from typing import Annotated, Literal, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 
 import msgspec
 from msgspec import Meta
@@ -331,7 +331,10 @@ class Electronics(_Table, frozen=True, kw_only=True):
         return HallConverter(lsb_ut=self.hall_lsb_ut, range_ut=self.hall_range_ut)
 
 
-_Faults = get_type_hints(FaultScript, include_extras=True)["faults"]
+if TYPE_CHECKING:
+    _Faults = tuple[Any, ...]
+else:
+    _Faults = get_type_hints(FaultScript, include_extras=True)["faults"]
 
 
 class SceneFile(_Table, frozen=True, kw_only=True):
@@ -374,7 +377,7 @@ class SceneFile(_Table, frozen=True, kw_only=True):
     def place(self, key: tuple[str | int, ...]) -> str:
         """A key in words; one that was loaded from a file begins with file and line."""
         table, index, *rest = key
-        name = getattr(getattr(self, table)[index], "name", None)
+        name = getattr(getattr(self, str(table))[index], "name", None)
         words = f"{table}[{index}]" + (f" {name!r}" if name else "")
         return f"{words} {rest[0]}[{rest[1]}]" if rest else words
 

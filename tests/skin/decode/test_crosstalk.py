@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from msgspec import structs
 
 import topology
-from skin.calibrate.field_angle import fit_field_angle
+from skin.calibrate.field_angle import angle_powers, field_angle
 from skin.decode import crosstalk_kernels, crosstalk_lattice, crosstalk_scattered
 from skin.decode.crosstalk import ACCURATE_UT, LIVE_UT, CrossTalk, contraction_of
 from skin.decode.crosstalk_cells import find_lattices
@@ -333,7 +333,10 @@ def inverse():
     alone = plane(1, 1)
     moved = np.stack([reach, 0.0 * reach, depth], axis=1)[:, :, np.newaxis]
     field = own_ut(alone, moved)[..., 0]
-    return fit_field_angle(field, depth, reach, sigma_ut=1.0)
+    table = np.linalg.lstsq(angle_powers(field_angle(field), depth), reach)[0]
+    return lambda angle, depth: (angle_powers(angle.ravel(), depth.ravel()) @ table).reshape(
+        angle.shape
+    )
 
 
 def own_ut(skin, moved):

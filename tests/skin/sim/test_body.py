@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from skin.errors import OptionError
 from skin.sim.mechanics import body as room
-from skin.sim.mechanics.body import FACES, Body, carried, moved, reach, rolled, turned
-from tests.naive.mechanics import inside, jaws, sphere_reach, square
+from skin.sim.mechanics.body import FACES, Body, carried, moved, reach, turned
+from tests.naive.mechanics import inside, jaws, rolled, sphere_reach, square
 from topology import load
 
 ANGLES = st.floats(-np.pi, np.pi)

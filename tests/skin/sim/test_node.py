@@ -21,7 +21,8 @@ from bus.frame import CAN_ERR, ECHO, FD_BRS, FD_FDF, FRAME_DTYPE, FrameBatch
 from bus.memory import MemoryTransport
 from skin.errors import SkinError
 from skin.physics.halbach import FELT_M, HalbachField
-from skin.sim.node import RECENT, Nodes, Served
+from skin.sim.node import Nodes, Served
+from skin.sim.sampled import RECENT
 from skin.sim.scenes.load import open_scene
 from skin.sim.settings import BoardSettings
 from skin.sim.truth import Truth
@@ -286,8 +287,8 @@ def test_tare_makes_rest_of_what_is_and_leaves_bz() -> None:
     units = UnitSimulator(
         replace(PALM, parameters={**PALM.parameters, **drifted}), seed=1, noise=False
     )
-    nodes, still = Nodes(PALM, units=units), FrameBatch(4)
-    nodes.scene = type("Rest", (), {"at": lambda self, t: Truth.at_rest(64, 25.0)})()
+    at_rest = type("Rest", (), {"at": lambda self, t: Truth.at_rest(64, 25.0)})()
+    nodes, still = Nodes(PALM, at_rest, units=units), FrameBatch(4)
     before = cycles_of(nodes, 0, 20)[-1]
     assert nodes.respond(pack(Command.TARE, node=2), still) == 0
     after = cycles_of(nodes, 20, 22)[-1]

@@ -18,7 +18,6 @@ from skin.sim.scenes.load import load_scene
 from skin.sim.scenes.motion import frame_of
 from skin.sim.scenes.play import ScriptedScene
 from skin.sim.scenes.script import RoomKey
-from skin.sim.thermal import ThermalChain
 from skin.sim.truth import Truth
 from topology import Topology, load
 
@@ -244,15 +243,6 @@ def test_layers_follow_the_contact_one_after_the_other() -> None:
     assert 20.0 < chip < film < truth.temperature[middle]
     untouched = ~stacked(history("palm"), "contact").any(axis=0)
     assert np.all(truth.temperature[untouched] == 20.0)
-
-
-def test_a_layer_without_lag_follows_at_once() -> None:
-    chain, contact = (
-        ThermalChain(skin("palm"), contact_lag_s=0.0, free_lag_s=0.0),
-        np.arange(64) < 9,
-    )
-    warm = chain.step(0.01, contact, 38.0, 24.0)
-    np.testing.assert_allclose(warm[0], np.where(contact, 38.0, 24.0), atol=1e-9)
 
 
 # -- time ------------------------------------------------------------------------------------------
