@@ -80,8 +80,10 @@ def strokes(
     depths_mm: np.ndarray, displacements_mm: np.ndarray, directions_rad: np.ndarray | float = 0.0
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Every depth with every displacement and direction: three arrays of shape (t,)."""
-    grid = np.meshgrid(depths_mm, displacements_mm, directions_rad, indexing="ij")
-    return tuple(axis.ravel() for axis in grid)
+    depth, displacement, direction = np.meshgrid(
+        depths_mm, displacements_mm, directions_rad, indexing="ij"
+    )
+    return depth.ravel(), displacement.ravel(), direction.ravel()
 
 
 def circles(

@@ -12,9 +12,9 @@ from skin.physics.elastic import Elastic
 from skin.physics.fabrication import Fabrication
 from skin.physics.halbach import HalbachField
 from skin.physics.scan import Recordings, Scan, strokes
-from skin.sim.counter import Counter
-from skin.sim.divider import Divider
-from skin.sim.hall import HallConverter
+from skin.sim.electronics.counter import Counter
+from skin.sim.electronics.divider import Divider
+from skin.sim.electronics.hall import HallConverter
 from skin.sim.unit import UnitSimulator
 from topology import CHANNELS, Topology
 
@@ -73,8 +73,8 @@ class Bench:
 
     def scan(
         self,
-        depth_mm: np.ndarray,
-        displacement_mm: np.ndarray,
+        depth_mm: np.ndarray | float,
+        displacement_mm: np.ndarray | float,
         direction_rad: np.ndarray | float = 0.0,
         *,
         gel_temperature: np.ndarray | float = 25.0,

@@ -10,9 +10,9 @@ import numpy as np
 from skin.errors import SceneError
 from skin.physics.film_table import load_film_table
 from skin.physics.surroundings import Tool
-from skin.sim.body import Body, reach
-from skin.sim.motion import Track, frame_of
-from skin.sim.script import SceneFile
+from skin.sim.mechanics.body import Body, reach
+from skin.sim.scenes.motion import Track, frame_of
+from skin.sim.scenes.script import SceneFile
 from topology import Topology
 
 __all__ = ["MovingTool"]
@@ -34,7 +34,7 @@ class MovingTool:
         self._topology = topology
         self._where = partial(script.where, "tools", index)
         self._rotation, self._origin = frame_of(topology, table.on)
-        self._xyz_m = Track("xyz_m", table.keys, (), (0.0, 0.0, 0.0))
+        self._xyz_m = Track("xyz_m", table.keys, (), (0.0, 0.0, 0.0), script.period_s)
         self._lowest_m = np.array([0.0, 0.0, table.radius_m])
         self._body = Body.sphere(table.radius_m)
         moment = self._rotation @ np.array(table.remanent_am2)

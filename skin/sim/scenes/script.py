@@ -31,16 +31,16 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from typing import Annotated, Literal, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 
 import msgspec
 from msgspec import Meta
 
 from bus.faults.script import FaultScript
 from skin.physics.surroundings import Tool
-from skin.sim.counter import Counter
-from skin.sim.divider import Divider
-from skin.sim.hall import HallConverter
+from skin.sim.electronics.counter import Counter
+from skin.sim.electronics.divider import Divider
+from skin.sim.electronics.hall import HallConverter
 
 __all__ = [
     "BodyTable",
@@ -159,7 +159,10 @@ class BodyTable(_Table, frozen=True, kw_only=True):
     waves: tuple[Wave, ...] = ()
     on: Annotated[
         str | None,
-        Meta(description="Patch or unit in whose frame it stands; absent: the first patch"),
+        Meta(
+            description="Patch or unit in whose frame it stands; absent: the first patch; `*`: "
+            "every patch, the next one with each repetition of the scene"
+        ),
     ] = None
     friction: Annotated[_Friction, Meta(description="Coefficient at rest")] = 0.5
     friction_share: Annotated[
@@ -328,7 +331,10 @@ class Electronics(_Table, frozen=True, kw_only=True):
         return HallConverter(lsb_ut=self.hall_lsb_ut, range_ut=self.hall_range_ut)
 
 
-_Faults = get_type_hints(FaultScript, include_extras=True)["faults"]
+if TYPE_CHECKING:
+    _Faults = tuple[Any, ...]
+else:
+    _Faults = get_type_hints(FaultScript, include_extras=True)["faults"]
 
 
 class SceneFile(_Table, frozen=True, kw_only=True):
@@ -336,6 +342,7 @@ class SceneFile(_Table, frozen=True, kw_only=True):
 
     format: Literal[1]
     seconds: Annotated[float, Meta(gt=0, le=86_400, description="How long it lasts")]
+    repeat: Annotated[bool, Meta(description="Begin anew at its end; else stay as it ends")] = False
     name: str = ""
     description: str = ""
     seed: Annotated[int, Meta(ge=0, description="Of noise, fabrication and faults")] = 0
@@ -348,6 +355,11 @@ class SceneFile(_Table, frozen=True, kw_only=True):
     tools: tuple[ToolTable, ...] = ()
     faults: _Faults = ()
 
+    @property
+    def period_s(self) -> float:
+        """After which time the scene begins anew; infinite if it does not."""
+        return self.seconds if self.repeat else math.inf
+
     def where(self, table: str, index: int, time_s: float) -> str:
         """A body, load or tool at a time, in the words of messages: by the key it is on its way to.
 
@@ -358,13 +370,14 @@ class SceneFile(_Table, frozen=True, kw_only=True):
         time_s : float
         """
         keys = getattr(self, table)[index].keys
-        key = min(bisect_left([key.t_s for key in keys], time_s), len(keys) - 1)
+        within_s = time_s % self.period_s
+        key = min(bisect_left([key.t_s for key in keys], within_s), len(keys) - 1)
         return f"{self.place((table, index, 'keys', key))} (at {time_s:.4g} s)"
 
     def place(self, key: tuple[str | int, ...]) -> str:
         """A key in words; one that was loaded from a file begins with file and line."""
         table, index, *rest = key
-        name = getattr(getattr(self, table)[index], "name", None)
+        name = getattr(getattr(self, str(table))[index], "name", None)
         words = f"{table}[{index}]" + (f" {name!r}" if name else "")
         return f"{words} {rest[0]}[{rest[1]}]" if rest else words
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from skin.sim.body import Body, Pose
-from skin.sim.script import (
+from skin.sim.mechanics.body import Body, Pose
+from skin.sim.scenes.script import (
     Block,
     BodyTable,
     Cylinder,
@@ -43,6 +43,8 @@ class Track:
         Rows with `from_s`, `to_s` and `frequency_hz`.
     default : float or tuple of float
         Value without keys.
+    period_s : float
+        After which time it begins anew.
 
     Attributes
     ----------
@@ -51,15 +53,21 @@ class Track:
 
     Examples
     --------
-    >>> from skin.sim.script import RoomKey
+    >>> from skin.sim.scenes.script import RoomKey
     >>> rows = [RoomKey(t_s=0.0, temperature_c=20.0), RoomKey(t_s=2.0, temperature_c=80.0)]
     >>> float(Track("temperature_c", rows, (), 24.0)(1.0))
     50.0
     """
 
     def __init__(
-        self, name: str, keys: Sequence[Any], waves: Sequence[Any], default: float | tuple
+        self,
+        name: str,
+        keys: Sequence[Any],
+        waves: Sequence[Any],
+        default: float | tuple,
+        period_s: float = math.inf,
     ) -> None:
+        self._period_s = period_s
         rows = [key for key in keys if getattr(key, name, None) is not None]
         self._waves = [
             (w.from_s, w.to_s, TAU * w.frequency_hz, np.asarray(amplitude, float))
@@ -74,6 +82,7 @@ class Track:
 
     def __call__(self, time_s: float) -> np.ndarray:
         """Value at a time, of the shape of the default."""
+        time_s = time_s % self._period_s
         value = self._keyed(time_s)
         for start, end, rate, amplitude in self._waves:
             if start <= time_s < end:
@@ -165,13 +174,19 @@ class Motion:
     topology : Topology
     room_c : float
         Temperature of a body of which the file does not tell one.
+    period_s : float
+        After which time it begins anew.
     """
 
-    def __init__(self, table: BodyTable, topology: Topology, room_c: float) -> None:
+    def __init__(
+        self, table: BodyTable, topology: Topology, room_c: float, period_s: float = math.inf
+    ) -> None:
         def track(name: str, default: float | tuple) -> Track:
-            return Track(name, table.keys, table.waves, default)
+            return Track(name, table.keys, table.waves, default, period_s)
 
-        self.frame = frame_of(topology, table.on)
+        places = topology.patch_names if table.on == "*" else (table.on,)
+        self.frames = tuple(frame_of(topology, place) for place in places)
+        self._period_s = period_s
         self._lowest_m = np.array([0.0, 0.0, lowest_m(table.shape)])
         self._xyz_m = track("xyz_m", (0.0, 0.0, 0.0))
         self._rpy_deg = track("rpy_deg", (0.0, 0.0, 0.0))
@@ -182,9 +197,13 @@ class Motion:
         self.pressed, self.dragged = self._press_n.given, self._drag_n.given
         self.changes_friction = self._friction.given
 
+    def frame(self, time_s: float) -> Pose:
+        """Frame in which the body stands."""
+        return self.frames[int(time_s // self._period_s) % len(self.frames)]
+
     def pose(self, time_s: float) -> Pose:
         """Where the body is held, skin frame."""
-        rotation, origin = self.frame
+        rotation, origin = self.frame(time_s)
         position = rotation @ (self._xyz_m(time_s) + self._lowest_m) + origin
         if self._rpy_deg.given:
             rotation = rotation @ from_rpy(*np.radians(self._rpy_deg(time_s)))

@@ -8,24 +8,25 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from msgspec.structs import replace
 
 from bus.faults.script import FaultScript, problems
 from skin.errors import SceneError, SkinError
 from skin.physics.elastic import Elastic
-from skin.sim.mechanics import Mechanics
-from skin.sim.motion import Motion, frame_of, shape_of
-from skin.sim.play import DEEPEST_MM, loaded_units
-from skin.sim.script import BodyTable, LoadTable, SceneFile
-from skin.sim.tools import MovingTool
+from skin.sim.mechanics.contact import Mechanics
+from skin.sim.scenes.motion import Motion, shape_of
+from skin.sim.scenes.play import DEEPEST_MM, ScriptedScene, loaded_units
+from skin.sim.scenes.script import BodyTable, LoadTable, SceneFile
+from skin.sim.scenes.tools import MovingTool
 from topology import Topology
 from topology.errors import nearest
 from topology.read import open_source, read
 from topology.report import Report
 from topology.source import Key, Source
 
-__all__ = ["load_scene", "scenes"]
+__all__ = ["load_scene", "open_scene", "scenes"]
 
-_FOLDER = Path(__file__).parent / "scenes"
+_FOLDER = Path(__file__).parent
 
 scenes: tuple[str, ...] = tuple(sorted(path.stem for path in _FOLDER.glob("*.toml")))
 """Names of the ready-made scenes."""
@@ -58,13 +59,40 @@ def load_scene(file: str | os.PathLike[str], topology: Topology) -> SceneFile:
     report = Report()
     source = _open(file, report)
     script = None if source is None else read(SceneFile, source, report)
-    if script is not None and not report.issues:
+    if script is not None and source is not None and not report.issues:
         _Check(script, source, topology, report).all()
-    if report.issues:
+        values = {name: getattr(script, name) for name in SceneFile.__struct_fields__}
+        values["name"] = script.name or source.path.stem
+        script = _LoadedScene(**values, source=source)
+    if script is None or report.issues:
         issues = sorted(report.issues, key=lambda issue: issue.line)
         raise SceneError("\n".join(map(str, issues)))
-    values = {name: getattr(script, name) for name in SceneFile.__struct_fields__}
-    return _LoadedScene(**values | {"name": script.name or source.path.stem}, source=source)
+    return script
+
+
+def open_scene(
+    file: str | os.PathLike[str],
+    topology: Topology,
+    *,
+    seed: int | None = None,
+    noise: bool = True,
+) -> ScriptedScene:
+    """Load a scene and prepare to play it, with other noise than the file asks for.
+
+    Parameters
+    ----------
+    file, topology
+        As of `load_scene`.
+    seed : int, optional
+        In place of the file's.
+    noise : bool
+        False: leave the noise out.
+    """
+    script = load_scene(file, topology)
+    wanted = replace(script.non_ideal, noise=noise and script.non_ideal.noise)
+    return ScriptedScene(
+        topology, replace(script, seed=script.seed if seed is None else seed, non_ideal=wanted)
+    )
 
 
 def _open(file: str | os.PathLike[str], report: Report) -> Source | None:
@@ -101,9 +129,6 @@ class _Check:
 
     def all(self) -> None:
         script = self.script
-        if not (script.bodies or script.loads or script.room or script.tools):
-            expected = "a scene with [[bodies]], [[loads]], [[tools]] or [[room]]"
-            self.must((), expected, "none of them")
         self.rows(("room",), script.room, ())
         for name in ("bodies", "loads", "tools"):
             for i, table in enumerate(getattr(script, name)):
@@ -149,7 +174,8 @@ class _Check:
                     "duplicate-name", source, (*key, "name"), name=repr(thing.name), line=line
                 )
             seen.setdefault(thing.name, key)
-            if thing.on is not None and thing.on not in known:
+            anywhere = known if key[0] == "tools" else (*known, "*")
+            if thing.on is not None and thing.on not in anywhere:
                 self.unknown((*key, "on"), thing.on, known)
         for i, load in enumerate(self.script.loads):
             for j, name in enumerate(load.units):
@@ -186,8 +212,13 @@ class _Check:
 
     def place(self, index: int, table: BodyTable) -> None:
         """A body is outside of the array, or pressed as far into it as units can be."""
+        names = self.topology.patch_names if table.on == "*" else (table.on,)
+        for name in names:
+            self.body(index, replace(table, on=name))
+
+    def body(self, index: int, table: BodyTable) -> None:
         motion = Motion(table, self.topology, 20.0)
-        inward = -frame_of(self.topology, table.on)[0][:, 2]
+        inward = -motion.frame(0.0)[0][:, 2]
         body = shape_of(table.shape, table.compliance_mm_per_n)
         for i, key, time_s in _instants(table):
             pose = motion.pose(time_s)

@@ -85,7 +85,7 @@ class HallChip:
             Microtesla.
         """
         if self._turned is not None:
-            self._turn(field_ut)
+            _turn(field_ut, self._turned)
         if self._map is not None:
             x, y = field_ut[..., 0, :].copy(), field_ut[..., 1, :].copy()
             (xx, xy), (yx, yy) = self._map
@@ -96,21 +96,21 @@ class HallChip:
         field_ut += self._offset + self._offset_drift * warmer
         return field_ut
 
-    def _turn(self, field_ut: np.ndarray) -> None:
-        """Turn the lateral field to the direction that the correction table turns back."""
-        x, y = field_ut[..., 0, :], field_ut[..., 1, :]
-        corrected = self._turned
-        wanted = np.arctan2(y, x)
-        wanted = corrected[0] + (wanted - corrected[0]) % (2.0 * np.pi)
-        segment = np.sum(wanted[..., np.newaxis, :] >= corrected, axis=-2) - 1
-        segment = np.clip(segment, 0, THETA_KNOTS - 1)
-        unit = np.arange(corrected.shape[1])
-        start, end = corrected[segment, unit], corrected[segment + 1, unit]
-        share = (wanted - start) / (end - start)
-        direction = -np.pi + (segment + share) * (2.0 * np.pi / THETA_KNOTS)
-        strength = np.hypot(x, y)
-        field_ut[..., 0, :] = strength * np.cos(direction)
-        field_ut[..., 1, :] = strength * np.sin(direction)
+
+def _turn(field_ut: np.ndarray, corrected: np.ndarray) -> None:
+    """Turn the lateral field to the direction that the correction table turns back."""
+    x, y = field_ut[..., 0, :], field_ut[..., 1, :]
+    wanted = np.arctan2(y, x)
+    wanted = corrected[0] + (wanted - corrected[0]) % (2.0 * np.pi)
+    segment = np.sum(wanted[..., np.newaxis, :] >= corrected, axis=-2) - 1
+    segment = np.clip(segment, 0, THETA_KNOTS - 1)
+    unit = np.arange(corrected.shape[1])
+    start, end = corrected[segment, unit], corrected[segment + 1, unit]
+    share = (wanted - start) / (end - start)
+    direction = -np.pi + (segment + share) * (2.0 * np.pi / THETA_KNOTS)
+    strength = np.hypot(x, y)
+    field_ut[..., 0, :] = strength * np.cos(direction)
+    field_ut[..., 1, :] = strength * np.sin(direction)
 
 
 def _inverse_map(topology: Topology) -> np.ndarray | None:

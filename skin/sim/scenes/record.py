@@ -44,7 +44,7 @@ from typing import IO, Self
 import numpy as np
 
 from skin.errors import SkinError
-from skin.sim.play import ScriptedScene
+from skin.sim.scenes.play import ScriptedScene
 from skin.sim.truth import Truth
 
 __all__ = ["FORMAT", "Recorder", "read_truth"]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numba import njit
 
+from bus.compiled.jit import compiled
 from skin.errors import OptionError
 
 __all__ = ["ONSETS", "Coefficient", "Friction", "Slip"]
@@ -57,8 +57,7 @@ class Friction:
         return self._now[0], self._now[1]
 
     def _update(self, time_s: float) -> None:
-        for row, name in enumerate(("static", "kinetic")):
-            value = getattr(self, f"_{name}")
+        for row, (name, value) in enumerate((("static", self._static), ("kinetic", self._kinetic))):
             self._now[row] = value(time_s) if callable(value) else value
             if not np.all(self._now[row] >= 0.0):
                 raise OptionError(f"{name}: must be at least 0; got {self._now[row].min():g}")
@@ -120,4 +119,4 @@ def _share_python(load, slipping, slipped):
     return moved / total
 
 
-_share = njit(_share_python, error_model="numpy", nogil=True, cache=True)
+_share = compiled(_share_python)

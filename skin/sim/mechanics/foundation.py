@@ -12,78 +12,20 @@ sweep is exact, whatever the knees of its law, so that the sweeps end at the one
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
-
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from skin.errors import SkinError
-from skin.sim.foundation_kernels import drag, press, under
-from skin.sim.influence import influence
+from skin.sim.mechanics.foundation_kernels import Faces, Touched, drag, press
+from skin.sim.mechanics.influence import influence
+from skin.sim.mechanics.springs import Springs
 from topology import Topology
 
-__all__ = ["Foundation", "Springs"]
+__all__ = ["Foundation"]
 
 SWEEPS = 2000
 """More sweeps than any contact needs."""
-
-
-@dataclass(frozen=True, eq=False)
-class Springs:
-    """How n units yield by themselves: compliance below a knee, beyond it, and the knee.
-
-    Attributes
-    ----------
-    normal : ndarray, shape (3, n)
-        mm/N below the knee, mm/N beyond it, knee in newton.
-    shear : ndarray, shape (3, n)
-        The same for the tangential force, at the reference depth.
-    gain_per_mm, reference_mm : ndarray, shape (n,)
-        Relative growth of the tangential stiffness per millimetre of depth about the reference.
-    """
-
-    normal: np.ndarray
-    shear: np.ndarray
-    gain_per_mm: np.ndarray
-    reference_mm: np.ndarray
-
-    @classmethod
-    def of(cls, topology: Topology) -> Springs:
-        """The elastic laws of `skin.physics.elastic.Elastic`, seen from the force."""
-        p = topology.parameters
-        per_mm = p["frequency_slope_hz_per_mm"]
-        soft, stiff = (p[f"normal_{part}_n_per_hz"] * per_mm for part in ("soft", "stiff"))
-        shear_soft = p["shear_soft_n_per_mm"]
-        shear_stiff = shear_soft + p["shear_stiff_n_per_mm"]
-        return cls(
-            np.array([1.0 / soft, 1.0 / stiff, soft * p["normal_break_hz"] / per_mm]),
-            np.array([1.0 / shear_soft, 1.0 / shear_stiff, shear_soft * p["shear_break_mm"]]),
-            p["shear_gain_per_mm"].copy(),
-            p["field_reference_mm"].copy(),
-        )
-
-    @classmethod
-    def rigid(cls, n: int) -> Springs:
-        """Units that do not yield by themselves: nothing but the half space gives way."""
-        return cls(np.zeros((3, n)), np.zeros((3, n)), np.zeros(n), np.zeros(n))
-
-    def under(self, force: np.ndarray, depth_mm: np.ndarray, displacement_mm: np.ndarray) -> None:
-        """How far units are displaced under forces that nobody else shares.
-
-        Parameters
-        ----------
-        force : ndarray, shape (3, n)
-            Newton, unit frame; a pull, below 0 along z, counts as no load.
-        depth_mm : ndarray, shape (n,)
-        displacement_mm : ndarray, shape (2, n)
-            Written.
-        """
-        under(
-            force, self.normal, self.shear, self.gain_per_mm, self.reference_mm,
-            depth_mm, displacement_mm,
-        )  # fmt: skip
 
 
 class Foundation:
@@ -135,8 +77,8 @@ class Foundation:
         for units in np.split(self._order, bounds[1:-1]):
             _check_definite("normal", self.normal, units)
             _check_definite("shear", self.shear, np.concatenate([units, self.n + units]))
-        self._parts: dict[int, tuple[np.ndarray, ...]] = {}
-        self._touched = _Touched(np.empty(0, np.int64), np.zeros(1, np.int64), *2 * [np.empty(0)])
+        self._parts: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
+        self._touched = Touched(np.empty(0, np.int64), np.zeros(1, np.int64), *2 * [np.empty(0)])
 
     @classmethod
     def winkler(cls, topology: Topology) -> Foundation:
@@ -187,7 +129,7 @@ class Foundation:
         Parameters
         ----------
         depth_mm : ndarray, shape (n,)
-            As from `skin.sim.body.reach`; not above 0 where nothing touches.
+            As from `skin.sim.mechanics.body.reach`; not above 0 where nothing touches.
         load : ndarray, shape (n,)
             Newton; on entry where the sweeps start, on return the loads, none below 0.
         own_mm : ndarray, shape (n,)
@@ -207,26 +149,11 @@ class Foundation:
         """
         touched = self._touch(self._order[depth_mm[self._order] > 0.0])
         sweeps = press(
-            touched.units, touched.start, depth_mm, self.springs.normal, body_mm_per_n,
-            touched.normal, self.tolerance, SWEEPS, load, own_mm,
-        )  # fmt: skip
+            self.springs, touched, depth_mm, body_mm_per_n, self.tolerance, SWEEPS, load, own_mm
+        )
         return _settled("normal loads", sweeps)
 
-    def drag(
-        self,
-        want_mm: np.ndarray,
-        load: np.ndarray,
-        own_depth_mm: np.ndarray,
-        static: np.ndarray,
-        kinetic: np.ndarray,
-        slipping: np.ndarray,
-        traction: np.ndarray,
-        own_mm: np.ndarray,
-        held_mm: np.ndarray,
-        slip_mm: np.ndarray,
-        *,
-        body_mm_per_n: float = 0.0,
-    ) -> int:
+    def drag(self, faces: Faces, *, body_mm_per_n: float = 0.0) -> int:
         """Tangential forces of faces that a body takes along, each as far as friction holds it.
 
         The Coulomb return map: a face that would need more than it can be held with gives way
@@ -234,19 +161,8 @@ class Foundation:
 
         Parameters
         ----------
-        want_mm : ndarray, shape (2, n)
-            Displacement of the surfaces if nothing slipped in this step.
-        load, own_depth_mm : ndarray, shape (n,)
-            From `press`, which says whom the body touches.
-        static, kinetic : ndarray, shape (n,)
-            Coefficients of friction at rest and in motion.
-        slipping : ndarray, shape (n,), bool
-            On entry whether the face was in motion, on return whether it is.
-        traction : ndarray, shape (2, n)
-            Newton; on entry where the sweeps start, on return the tangential forces.
-        own_mm, held_mm, slip_mm : ndarray, shape (2, n)
-            Written: the unit's own part of the displacement; all of the elastic displacement; and
-            how far the face gave way in this step. 0 where the body does not reach.
+        faces : Faces
+            Those that the body touches are those of the last `press`.
         body_mm_per_n : float
             What the body itself yields at each unit.
 
@@ -260,13 +176,7 @@ class Foundation:
         SkinError
             If the sweeps do not settle.
         """
-        s, touched = self.springs, self._touched
-        sweeps = drag(
-            touched.units, touched.start, want_mm, load, own_depth_mm, static, kinetic,
-            s.shear, s.gain_per_mm, s.reference_mm,
-            body_mm_per_n, touched.shear, self.tolerance, SWEEPS,
-            slipping, traction, own_mm, held_mm, slip_mm,
-        )  # fmt: skip
+        sweeps = drag(self.springs, self._touched, faces, body_mm_per_n, self.tolerance, SWEEPS)
         return _settled("tangential forces", sweeps)
 
     def surface(self, units: np.ndarray, traction: np.ndarray) -> np.ndarray:
@@ -342,7 +252,7 @@ class Foundation:
             shear += np.diag(self.shear)[: self.n]
         return (load > 0.0) / normal, (load > 0.0) / shear
 
-    def _touch(self, units: np.ndarray) -> _Touched:
+    def _touch(self, units: np.ndarray) -> Touched:
         """The touched units and their influences, kept as long as they stay the same."""
         if np.array_equal(units, self._touched.units):
             return self._touched
@@ -353,7 +263,7 @@ class Foundation:
             start = np.flatnonzero(np.diff(self._group[units], prepend=-1, append=-1))
             parts = [self._part(group) for group in np.split(units, start[1:-1])]
             normal, shear = map(np.concatenate, zip(*parts, strict=True))
-        self._touched = _Touched(units, start, normal, shear)
+        self._touched = Touched(units, start, normal, shear)
         return self._touched
 
     def _part(self, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -362,22 +272,15 @@ class Foundation:
         group = int(self._group[units[0]])
         known = self._parts.get(group)
         if known is None or not np.array_equal(known[0], units):
-            both = np.concatenate([units, self.n + units])
-            squares = (
-                matrix[np.ix_(rows, rows)].ravel() if matrix.shape[1] else np.empty(0)
-                for matrix, rows in ((self.normal, units), (self.shear, both))
-            )
-            known = self._parts[group] = (units, *squares)
-        return known[1:]
+            normal = _among(self.normal, units)
+            shear = _among(self.shear, np.concatenate([units, self.n + units]))
+            known = self._parts[group] = units, normal, shear
+        return known[1], known[2]
 
 
-class _Touched(NamedTuple):
-    """Units that a body touches, those that rest together one after the other; see `press`."""
-
-    units: np.ndarray
-    start: np.ndarray
-    normal: np.ndarray
-    shear: np.ndarray
+def _among(matrix: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Influences among some rows, flat; none where there is no matrix."""
+    return matrix[np.ix_(rows, rows)].ravel() if matrix.shape[1] else np.empty(0)
 
 
 def _settled(what: str, sweeps: int) -> int:

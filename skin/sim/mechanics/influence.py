@@ -9,7 +9,8 @@ chord.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from bus.compiled.jit import compiled
 
 __all__ = ["influence"]
 
@@ -103,6 +104,4 @@ def _influence_python(position, rotation, area, patch, per_n, poisson, normal, s
                 shear[a * n + i, n + j] = in_x * xy + in_y * yy
 
 
-_influence = njit(
-    _influence_python, error_model="numpy", fastmath={"contract"}, nogil=True, cache=True
-)
+_influence = compiled(_influence_python, fastmath=("contract",))

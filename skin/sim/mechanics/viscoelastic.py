@@ -12,8 +12,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 
+from bus.compiled.jit import compiled
 from skin.errors import OptionError
 
 __all__ = ["Hysteresis", "Prony"]
@@ -249,7 +249,6 @@ def _creep_python(force, kept, gained, terms, elastic):
         elastic[i] = new
 
 
-_FLAGS = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True, "cache": True}
-_load = njit(_load_python, **_FLAGS)
-_creep = njit(_creep_python, **_FLAGS)
-_yield = njit(_yield_python, **_FLAGS)
+_load = compiled(_load_python, fastmath=("contract",))
+_creep = compiled(_creep_python, fastmath=("contract",))
+_yield = compiled(_yield_python, fastmath=("contract",))

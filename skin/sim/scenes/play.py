@@ -18,17 +18,18 @@ from skin.physics.fabrication import Fabrication
 from skin.physics.halbach import FELT_M, HalbachField
 from skin.physics.surroundings import EARTH_UT, Surroundings
 from skin.sim.field import Field, SineField
-from skin.sim.foundation import Foundation
-from skin.sim.friction import Friction
-from skin.sim.mechanics import Mechanics
-from skin.sim.motion import Motion, Track, shape_of
-from skin.sim.script import HalfSpace, LoadTable, NonIdeal, SceneFile
+from skin.sim.mechanics.contact import Mechanics
+from skin.sim.mechanics.foundation import Foundation
+from skin.sim.mechanics.friction import Friction
+from skin.sim.mechanics.springs import under
+from skin.sim.mechanics.viscoelastic import Hysteresis, Prony
+from skin.sim.scenes.motion import Motion, Track, shape_of
+from skin.sim.scenes.script import HalfSpace, LoadTable, NonIdeal, SceneFile
+from skin.sim.scenes.tools import MovingTool
 from skin.sim.stray import StrayField
 from skin.sim.thermal import STEADY_SHARES, ThermalChain
-from skin.sim.tools import MovingTool
 from skin.sim.truth import Truth, add_up, wrench_map
 from skin.sim.unit import UnitSimulator
-from skin.sim.viscoelastic import Hysteresis, Prony
 from topology import Topology
 from topology.pose import from_rpy
 
@@ -69,7 +70,7 @@ class PlayedBody:
         table = script.bodies[index]
         self.name = table.name
         self._where = partial(script.where, "bodies", index)
-        self.motion = Motion(table, topology, room_c)
+        self.motion = Motion(table, topology, room_c, script.period_s)
         motion, share = self.motion, table.friction_share
         if motion.changes_friction:
             friction = Friction(topology.n, motion.friction, lambda t: share * motion.friction(t))
@@ -78,7 +79,6 @@ class PlayedBody:
         body = shape_of(table.shape, table.compliance_mm_per_n)
         self.mechanics = Mechanics(topology, body, foundation=foundation, friction=friction)
         self.force = np.zeros((3, topology.n))
-        self._axes = motion.frame[0]
         self._rotation = topology.rotation
         self._names = topology.unit_names
         self._dragged_m = np.zeros(3)
@@ -107,17 +107,18 @@ class PlayedBody:
             If it is where no body can be, or cannot bear what it has to.
         """
         motion = self.motion
+        axes, _ = motion.frame(time_s)
         rotation, place = motion.pose(time_s)
         if motion.dragged:
-            self._dragged_m += self._axes[:, :2] @ self._giving_way(motion.drag_n(time_s), dt_s)
+            self._dragged_m += axes[:, :2] @ self._giving_way(motion.drag_n(time_s), axes, dt_s)
         pose = rotation, place + self._dragged_m
         try:
             if not motion.pressed:
                 truth = self.mechanics.step(time_s, pose)
             elif (press_n := motion.press_n(time_s)) > 0.0:
-                truth = self.mechanics.push(time_s, pose, press_n, -self._axes[:, 2])
+                truth = self.mechanics.push(time_s, pose, press_n, -axes[:, 2])
             else:
-                truth = self.mechanics.step(time_s, (rotation, place + self._axes[:, 2]))
+                truth = self.mechanics.step(time_s, (rotation, place + axes[:, 2]))
         except SkinError as error:
             raise SceneError(f"{self._where(time_s)}: {error}") from None
         self.force[...] = truth.force
@@ -128,14 +129,14 @@ class PlayedBody:
                 f"{truth.displacement_mm[2, deepest]:.2f} mm at {self._names[deepest]}"
             )
 
-    def _giving_way(self, wanted_n: np.ndarray, dt_s: float) -> np.ndarray:
+    def _giving_way(self, wanted_n: np.ndarray, axes: np.ndarray, dt_s: float) -> np.ndarray:
         """How far it moves under its drag along x and y in one step, metre: until stuck faces bear
         it; where they cannot, at its speed."""
         truth = self.mechanics.truth
         if not truth.contact.any():
             self._dragged_m[:] = 0.0
             return np.zeros(2)
-        held = np.einsum("ijn,jn->i", self._rotation, truth.force) @ self._axes[:, :2]
+        held = np.einsum("ijn,jn->i", self._rotation, truth.force) @ axes[:, :2]
         stuck = truth.contact & ~truth.slipping
         beyond = np.hypot(*truth.force[:2]) >= self._springs.shear[2]
         compliance = np.where(beyond, self._springs.shear[1], self._springs.shear[0])
@@ -152,10 +153,12 @@ class PlayedBody:
 class _Weights:
     """Forces glued to units."""
 
-    def __init__(self, table: LoadTable, topology: Topology, room_c: float) -> None:
+    def __init__(
+        self, table: LoadTable, topology: Topology, room_c: float, period_s: float
+    ) -> None:
         self.units = loaded_units(table.units, topology)
-        self._force = Track("force_n", table.keys, table.waves, (0.0, 0.0, 0.0))
-        self._temperature = Track("temperature_c", table.keys, (), room_c)
+        self._force = Track("force_n", table.keys, table.waves, (0.0, 0.0, 0.0), period_s)
+        self._temperature = Track("temperature_c", table.keys, (), room_c, period_s)
         self.warms = self._temperature.given
 
     def force(self, time_s: float) -> np.ndarray:
@@ -195,7 +198,7 @@ class ScriptedScene:
     ----------
     topology : Topology
     script : SceneFile
-        As from `skin.sim.script_load.load_scene`, which checks it against the topology.
+        As from `skin.sim.scenes.load.load_scene`, which checks it against the topology.
     non_ideal : NonIdeal, optional
         In place of the file's own.
 
@@ -212,7 +215,7 @@ class ScriptedScene:
 
     Examples
     --------
-    >>> from skin.sim.script_load import load_scene
+    >>> from skin.sim.scenes.load import load_scene
     >>> from topology import load
     >>> palm = load("palm")
     >>> scene = ScriptedScene(palm, load_scene("press", palm))
@@ -226,15 +229,15 @@ class ScriptedScene:
         self.topology, self.script = topology, script
         self.non_ideal = script.non_ideal if non_ideal is None else non_ideal
         self.seconds = script.seconds
-        wanted, n = self.non_ideal, topology.n
-        self._room_c = Track("temperature_c", script.room, (), ROOM_C)
-        self._attitude_deg = Track("attitude_deg", script.room, (), (0.0, 0.0, 0.0))
+        wanted, n, period_s = self.non_ideal, topology.n, script.period_s
+        self._room_c = Track("temperature_c", script.room, (), ROOM_C, period_s)
+        self._attitude_deg = Track("attitude_deg", script.room, (), (0.0, 0.0, 0.0), period_s)
         room_c = float(self._room_c(0.0))
         foundation = _foundation(topology, script)
         self.bodies = tuple(
             PlayedBody(script, i, topology, foundation, room_c) for i in range(len(script.bodies))
         )
-        self._weights = tuple(_Weights(table, topology, room_c) for table in script.loads)
+        self._weights = tuple(_Weights(table, topology, room_c, period_s) for table in script.loads)
         self._springs = foundation.springs
         self._chain = ThermalChain(
             topology,
@@ -271,7 +274,7 @@ class ScriptedScene:
         self._to_wrench = wrench_map(topology.position, topology.rotation)
         self._source_c, self._needed = np.empty(n), np.empty((3, n))
         self._truth = Truth.at_rest(n, room_c)
-        self._began = False
+        self._time_s, self._began = 0.0, False
 
     def at(self, time_s: float) -> Truth:
         """Go on to `time_s`; see `Scene`.
@@ -281,20 +284,17 @@ class ScriptedScene:
         SkinError
             If time runs backwards, or a body is where it cannot be.
         """
-        truth = self._truth
-        ahead = time_s - truth.time_s
+        start = self._time_s
+        ahead = time_s - start
         if ahead < 0.0:
-            raise SkinError(
-                f"time_s: must not be before {truth.time_s:g}, the last one; got {time_s:g}"
-            )
+            raise SkinError(f"time_s: must not be before {start:g}, the last one; got {time_s:g}")
         if ahead > 0.0 or not self._began:
             self._began = True
-            start = truth.time_s
             steps = max(1, int(np.ceil(ahead / STEP_S)))
             for i in range(1, steps + 1):
                 self._step(start + ahead * (i / steps), ahead / steps)
-        truth.time_s = time_s
-        return truth
+        self._time_s = self._truth.time_s = time_s
+        return self._truth
 
     def body_wrench(self) -> np.ndarray:
         """What each body does to the skin, shape (b, 6): newton, and newton metre about the origin
@@ -308,7 +308,8 @@ class ScriptedScene:
         truth.force[...] = 0.0
         for body in self.bodies:
             if len(self.bodies) > 1:
-                body.mechanics.share(sum(other.force for other in self.bodies if other is not body))
+                others = [other.force for other in self.bodies if other is not body]
+                body.mechanics.share(np.sum(others, axis=0))
             body.go(time_s, dt_s)
         self._share_out()
         for body in self.bodies:
@@ -358,7 +359,7 @@ class ScriptedScene:
             )
         if self._prony is not None:
             needed = self._prony.elastic(needed, dt_s)
-        self._springs.under(needed, truth.depth_mm, truth.displacement_mm)
+        under(self._springs, needed, truth.depth_mm, truth.displacement_mm)
 
     def _field(self) -> Field:
         wanted, topology, surroundings = self.non_ideal, self.topology, self._surroundings

@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skin.sim.body import Pose
-from skin.sim.friction import ONSETS
+from bus.compiled.jit import compiled
+from skin.sim.mechanics.body import Pose
+from skin.sim.mechanics.friction import ONSETS
 
-__all__ = ["MechanicsTruth"]
+__all__ = ["MechanicsTruth", "mean_normal", "mean_normal_python"]
 
 
 @dataclass(slots=True)
@@ -35,7 +36,7 @@ class MechanicsTruth:
     slip_share : float
         Share of the load on faces that have slipped since the contact began to stick.
     onset_s : ndarray, shape (4,)
-        When the share first passed each stage of `skin.sim.friction.ONSETS`; NaN: not yet.
+        When the share first passed each stage of `friction.ONSETS`; NaN: not yet.
     dissipated_j : float
         Work that friction took in this step.
     wrench : ndarray, shape (6,)
@@ -96,3 +97,30 @@ class MechanicsTruth:
         names = self.__dataclass_fields__
         arrays = {k: v.copy() for k in names if isinstance(v := getattr(self, k), np.ndarray)}
         return replace(self, **arrays)
+
+
+def mean_normal_python(load, outward, mean):
+    """Mean of the normals of a body's surface where it is met, turned towards it.
+
+    Parameters
+    ----------
+    load : ndarray, shape (n,)
+        Newton, the weights.
+    outward : ndarray, shape (3, n)
+        Outward normals of the body, NaN where nothing meets.
+    mean : ndarray, shape (3,)
+        Written: unit vector, NaN where there is none.
+    """
+    total = 0.0
+    mean[:] = 0.0
+    for i in range(load.size):
+        if load[i] > 0.0:
+            total += load[i]
+            for r in range(3):
+                mean[r] -= load[i] * outward[r, i]
+    length = np.sqrt(mean[0] * mean[0] + mean[1] * mean[1] + mean[2] * mean[2])
+    for r in range(3):
+        mean[r] = mean[r] / length if length > 1e-9 * total else np.nan
+
+
+mean_normal = compiled(mean_normal_python)

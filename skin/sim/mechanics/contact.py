@@ -6,15 +6,17 @@ along its own x and y, whatever the slope of the body there.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
-from numba import njit
 
 from skin.errors import OptionError, SkinError
-from skin.sim.balance import balance, root
-from skin.sim.body import Body, Pose, carried, moved, reach
-from skin.sim.foundation import Foundation
-from skin.sim.friction import Friction, Slip
-from skin.sim.mechanics_truth import MechanicsTruth
+from skin.sim.mechanics.balance import balance, root
+from skin.sim.mechanics.body import Body, Pose, carried, moved, reach
+from skin.sim.mechanics.foundation import Foundation
+from skin.sim.mechanics.foundation_kernels import Faces
+from skin.sim.mechanics.friction import Friction, Slip
+from skin.sim.mechanics.truth import MechanicsTruth, mean_normal
 from skin.sim.truth import add_up, wrench_map
 from topology import Topology
 
@@ -41,7 +43,7 @@ class Mechanics:
         A Winkler foundation if None.
     friction : Friction, optional
     face : str
-        Where a face feels the body: key of `skin.sim.body.FACES`.
+        Where a face feels the body: key of `skin.sim.mechanics.body.FACES`.
 
     Attributes
     ----------
@@ -158,13 +160,9 @@ class Mechanics:
                 break
             sunk_m += 1e-3 * gap_mm if np.isfinite(gap_mm) else 0.0
         found = root(
-            excess,
-            sunk_m,
-            self._slope,
-            tolerance=self._tolerance_n(load_n),
-            first_step=FIRST_M,
+            excess, sunk_m, self._slope, tolerance=self._tolerance_n(load_n), first_step=FIRST_M,
             furthest=FURTHEST_M,
-        )
+        )  # fmt: skip
         if found is None:
             raise SkinError(
                 f"push: load_n must be one that the body meets along direction; got {load_n:g}"
@@ -215,14 +213,7 @@ class Mechanics:
         OptionError
             If time stands still, or fingers have no poses of their own.
         """
-        # ways in which the body can go, as each unit sees them; the forces along them; what resists
-        ways, target = self._rotation.transpose(1, 2, 0), np.asarray(force_n, float)
-        if grip is not None:
-            if pose[0].ndim != 3:
-                raise OptionError("pose: must be one for each patch of a gripper; got a single one")
-            close = np.einsum("ijn,in->jn", self._rotation, grip[:, self._patch])
-            ways = np.concatenate([ways, close[:, :, np.newaxis]], axis=2)
-            target = np.append(target, grip_n * np.count_nonzero(grip.any(axis=0)))
+        ways, target = self._ways(pose, force_n, grip_n, grip)
         damping = np.zeros(target.size)
         if self._last is None:
             self.step(time_s, pose)
@@ -232,8 +223,7 @@ class Mechanics:
             raise OptionError(f"time_s: must be after {self.truth.time_s:g}; got {time_s:g}")
 
         def shifted(x: np.ndarray) -> Pose:
-            shift = x[:3] if grip is None else x[:3, np.newaxis] + x[3] * grip
-            return moved(pose, shift)
+            return moved(pose, x[:3] if grip is None else x[:3, np.newaxis] + x[3] * grip)
 
         def lacking(x: np.ndarray) -> np.ndarray:
             there = shifted(x)
@@ -242,25 +232,42 @@ class Mechanics:
             return target - damping * x - np.einsum("jnm,jn->m", ways, self.truth.force)
 
         def stiffness() -> np.ndarray:
-            units = self._stiffness(time_s)
-            felt = np.einsum("jkn,knl->jnl", units, ways)
+            felt = np.einsum("jkn,knl->jnl", self._stiffness(time_s), ways)
             return np.diag(damping) + np.tensordot(ways, felt, axes=((0, 1), (0, 1)))
 
+        return self._commit(time_s, shifted(self._balanced(lacking, stiffness, target)))
+
+    def _ways(
+        self, pose: Pose, force_n: np.ndarray, grip_n: float, grip: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Ways in which a body can go, as each unit sees them, (3, n, m), and forces along them."""
+        ways, target = self._rotation.transpose(1, 2, 0), np.asarray(force_n, float)
+        if grip is None:
+            return ways, target
+        if pose[0].ndim != 3:
+            raise OptionError("pose: must be one for each patch of a gripper; got a single one")
+        close = np.einsum("ijn,in->jn", self._rotation, grip[:, self._patch])
+        closing_n = grip_n * np.count_nonzero(grip.any(axis=0))
+        return np.concatenate([ways, close[:, :, np.newaxis]], axis=2), np.append(target, closing_n)
+
+    def _balanced(
+        self,
+        lacking: Callable[[np.ndarray], np.ndarray],
+        stiffness: Callable[[], np.ndarray],
+        target: np.ndarray,
+    ) -> np.ndarray:
+        """How far the body goes until nothing is lacking, shape (m,)."""
         rested, guess = self._slipping.copy(), self._last_stiffness
         if guess is not None and len(guess) != target.size:
             guess = None
+        tolerance_n = self._tolerance_n(float(np.abs(target).max()))
         while True:
             found = balance(
-                lacking,
-                stiffness,
-                guess,
-                target.size,
-                tolerance=self._tolerance_n(float(np.abs(target).max())),
-                longest=LONGEST_M,
+                lacking, stiffness, guess, target.size, tolerance=tolerance_n, longest=LONGEST_M
             )
             if found is not None:
                 shift, self._last_stiffness = found
-                return self._commit(time_s, shifted(shift))
+                return shift
             # a face that has begun to move is held by less from then on: with it, start again
             begun = self.truth.slipping & ~self._slipping
             if not begun.any():
@@ -285,36 +292,23 @@ class Mechanics:
                 f"got positions of shape {pose[1].shape}"
             )
         reach(
-            self.body,
-            pose,
-            self._position,
-            self._rotation,
-            radius_m=self._radius_m,
-            part=self._patch,
-            face=self._face,
-            out=self._reached,
-        )
+            self.body, pose, self._position, self._rotation, radius_m=self._radius_m,
+            part=self._patch, face=self._face, out=self._reached,
+        )  # fmt: skip
         if self._others_mm is not None:
             self._reached[0][:] -= self._others_mm[2]
         self.foundation.press(
-            self._reached[0],
-            self._load,
-            self.truth.displacement_mm[2],
+            self._reached[0], self._load, self.truth.displacement_mm[2],
             body_mm_per_n=self.body.compliance_mm_per_n,
-        )
+        )  # fmt: skip
 
     def _drag(self, time_s: float, pose: Pose) -> None:
         """Take the faces that are pressed along from the last step's pose to this one."""
         truth, depth_mm, want_mm = self.truth, self._reached[0], self._want_mm
         carried(
-            pose if self._last is None else self._last,
-            pose,
-            self._position,
-            self._rotation,
-            depth_mm,
-            part=self._patch,
-            out=want_mm,
-        )
+            pose if self._last is None else self._last, pose, self._position, self._rotation,
+            depth_mm, part=self._patch, out=want_mm,
+        )  # fmt: skip
         new = (depth_mm > 0.0) > (self._before_mm > 0.0)
         if new.any():
             new = np.flatnonzero(new)
@@ -328,18 +322,12 @@ class Mechanics:
         if self._others_mm is not None:
             want_mm -= self._others_mm[:2]
         truth.slipping[:] = self._slipping
-        self.foundation.drag(
-            want_mm,
-            self._load,
-            truth.displacement_mm[2],
-            *self.friction.at(time_s),
-            truth.slipping,
-            truth.force[:2],
-            truth.displacement_mm[:2],
-            self._holds_mm,
+        faces = Faces(
+            want_mm, self._load, truth.displacement_mm[2], *self.friction.at(time_s),
+            truth.slipping, truth.force[:2], truth.displacement_mm[:2], self._holds_mm,
             truth.slip_mm,
-            body_mm_per_n=self.body.shear_compliance_mm_per_n,
-        )
+        )  # fmt: skip
+        self.foundation.drag(faces, body_mm_per_n=self.body.shear_compliance_mm_per_n)
         truth.force[2] = self._load
 
     def _commit(self, time_s: float, pose: Pose) -> MechanicsTruth:
@@ -358,7 +346,7 @@ class Mechanics:
         truth.dissipated_j = 1e-3 * float(np.vdot(truth.force[:2], truth.slip_mm))
         np.greater(load, 0.0, out=truth.contact)
         add_up(self._to_wrench, self._position, truth.force, truth.wrench, truth.centroid)
-        _mean_normal(load, self._reached[1], truth.normal)
+        mean_normal(load, self._reached[1], truth.normal)
         return truth
 
     def _stiffness(self, time_s: float) -> np.ndarray:
@@ -384,21 +372,3 @@ class Mechanics:
         )
         units[:2, 2] = moving * self.friction.at(time_s)[1] * normal * along
         return 1e3 * units
-
-
-def _mean_normal_python(load, outward, mean):
-    """Mean of the normals of a body's surface where it is met, turned towards it, in place."""
-    total = 0.0
-    mean[:] = 0.0
-    for i in range(load.size):
-        # normals are NaN where nothing meets
-        if load[i] > 0.0:
-            total += load[i]
-            for r in range(3):
-                mean[r] -= load[i] * outward[r, i]
-    length = np.sqrt(mean[0] * mean[0] + mean[1] * mean[1] + mean[2] * mean[2])
-    for r in range(3):
-        mean[r] = mean[r] / length if length > 1e-9 * total else np.nan
-
-
-_mean_normal = njit(_mean_normal_python, error_model="numpy", nogil=True, cache=True)

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from bus.compiled.jit import compiled
 from skin.errors import OptionError
 
-__all__ = ["FACES", "Body", "Pose", "carried", "moved", "reach", "rolled", "turned"]
+__all__ = ["FACES", "Body", "Pose", "carried", "moved", "reach", "turned"]
 
 Pose = tuple[np.ndarray, np.ndarray]
 """Rotation, shape (3, 3) or (3, 3, k), and position in metre, shape (3,) or (3, k)."""
@@ -35,6 +36,23 @@ FACES: dict[str, np.ndarray] = {
 }
 """Where a face feels: x and y in radii of the unit, and weights. `disc` is the quadrature of the
 fifth degree on a disc; it feels an edge that lies beside the middle of a face, `point` does not."""
+
+
+class Poses(NamedTuple):
+    """Rotations, shape (3, 3, k), and positions in metre, shape (3, k)."""
+
+    rotation: np.ndarray
+    position: np.ndarray
+
+
+class _Units(NamedTuple):
+    """Faces as of `reach`: `part` (n,), int32, which pose holds for each; `size` (n,), the radius
+    of each face in metre, or how deep the body is in it in millimetre."""
+
+    position: np.ndarray
+    rotation: np.ndarray
+    part: np.ndarray
+    size: np.ndarray
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -63,13 +81,13 @@ class Body:
     shear_compliance_mm_per_n: float = 0.0
 
     @classmethod
-    def sphere(cls, radius_m: float, **soft: float) -> Body:
+    def sphere(cls, radius_m: float, **soft: Any) -> Body:
         """A sphere about the origin; `soft` are the compliances."""
         _positive(radius_m=radius_m)
         return cls(curvature=np.full(3, 1.0 / radius_m**2), **soft)
 
     @classmethod
-    def cylinder(cls, radius_m: float, length_m: float, **soft: float) -> Body:
+    def cylinder(cls, radius_m: float, length_m: float, **soft: Any) -> Body:
         """A cylinder about the origin, its axis along x."""
         _positive(radius_m=radius_m, length_m=length_m)
         round_part = np.array([0.0, 1.0, 1.0]) / radius_m**2
@@ -77,14 +95,14 @@ class Body:
         return cls(curvature=round_part, planes=ends, **soft)
 
     @classmethod
-    def block(cls, x_m: float, y_m: float, z_m: float, **soft: float) -> Body:
+    def block(cls, x_m: float, y_m: float, z_m: float, **soft: Any) -> Body:
         """A block of these edges about the origin."""
         _positive(x_m=x_m, y_m=y_m, z_m=z_m)
         normals = np.concatenate([np.eye(3), -np.eye(3)], axis=1)
         return cls(planes=np.vstack([normals, 0.5 * np.array([x_m, y_m, z_m] * 2)]), **soft)
 
     @classmethod
-    def plate(cls, x_m: float, y_m: float, thickness_m: float = 0.1, **soft: float) -> Body:
+    def plate(cls, x_m: float, y_m: float, thickness_m: float = 0.1, **soft: Any) -> Body:
         """A flat plate: the middle of its lower face in the origin, the rest along +z."""
         block = cls.block(x_m, y_m, thickness_m, **soft)
         planes = block.planes.copy()
@@ -93,7 +111,7 @@ class Body:
 
     @classmethod
     def edge(
-        cls, length_m: float, angle_rad: float = 0.5 * math.pi, height_m: float = 0.1, **soft: float
+        cls, length_m: float, angle_rad: float = 0.5 * math.pi, height_m: float = 0.1, **soft: Any
     ) -> Body:
         """A wedge that opens along +z: its ridge along x, the middle of the ridge in the origin."""
         _positive(length_m=length_m, angle_rad=angle_rad, height_m=height_m)
@@ -155,20 +173,12 @@ def turned(pose: Pose, axis: np.ndarray, angle_rad: float, about: np.ndarray | N
     return turn @ rotation, centre + turn @ (position - centre)
 
 
-def rolled(pose: Pose, shift_m: np.ndarray, radius_m: float, outward: np.ndarray) -> Pose:
-    """The pose after rolling without sliding by `shift_m` over a plane of normal `outward`."""
-    way = float(np.linalg.norm(shift_m))
-    if way == 0.0:
-        return pose
-    return moved(turned(pose, np.cross(outward, shift_m), way / radius_m), shift_m)
-
-
-def _stacked(pose: Pose) -> Pose:
+def _poses(pose: Pose) -> Poses:
     """The pose as the kernels want it: a last axis of poses, in C order."""
     rotation, position = pose
     if rotation.ndim == 2:
         rotation, position = rotation[:, :, np.newaxis], position[:, np.newaxis]
-    return np.ascontiguousarray(rotation, float), np.ascontiguousarray(position, float)
+    return Poses(np.ascontiguousarray(rotation, float), np.ascontiguousarray(position, float))
 
 
 def _parts(part: np.ndarray | None, pose: Pose, n: int) -> np.ndarray:
@@ -234,11 +244,9 @@ def reach(
         raise OptionError.unknown("face", face, FACES)
     n = position.shape[1]
     depth_mm, normal = out or (np.empty(n), np.empty((3, n)))
-    _reach(
-        body.curvature, body.planes, *_stacked(pose), _parts(part, pose, n),
-        position, rotation, np.zeros(n) if radius_m is None else radius_m, FACES[face],
-        depth_mm, normal,
-    )  # fmt: skip
+    radius = np.zeros(n) if radius_m is None else radius_m
+    units = _Units(position, rotation, _parts(part, pose, n), radius)
+    _reach(body.curvature, body.planes, _poses(pose), units, FACES[face], depth_mm, normal)
     return depth_mm, normal
 
 
@@ -281,18 +289,15 @@ def carried(
         raise OptionError(
             f"after: must be as many poses as before, {before[1].shape}; got {after[1].shape}"
         )
-    _carry(
-        *_stacked(before), *_stacked(after), _parts(part, after, n),
-        position, rotation, depth_mm, shift_mm,
-    )  # fmt: skip
+    units = _Units(position, rotation, _parts(part, after, n), depth_mm)
+    _carry(_poses(before), _poses(after), units, shift_mm)
     return shift_mm
 
 
-def _reach_python(
-    curvature, planes, body_rotation, body_position, part, position, rotation, radius, face,
-    depth_mm, normal,
-):  # fmt: skip
+def _reach_python(curvature, planes, poses, units, face, depth_mm, normal):
     """`reach`, in place; see there."""
+    body_rotation, body_position = poses
+    position, rotation, part, radius = units
     g0, g1, g2 = curvature[0], curvature[1], curvature[2]
     round_part = g0 + g1 + g2 > 0.0
     for i in range(position.shape[1]):
@@ -359,10 +364,11 @@ def _reach_python(
         normal[0, i], normal[1, i], normal[2, i] = n0, n1, n2
 
 
-def _carry_python(
-    turn_0, before, turn_1, after, part, position, rotation, depth_mm, shift_mm
-):  # fmt: skip
+def _carry_python(poses_before, poses_after, units, shift_mm):
     """`carried`, in place: how far each point of the body is from where it was."""
+    turn_0, before = poses_before
+    turn_1, after = poses_after
+    position, rotation, part, depth_mm = units
     poses = after.shape[1]
     back = np.zeros((3, 3, poses))
     for i in range(3):
@@ -387,6 +393,5 @@ def _carry_python(
         shift_mm[1, i] = 1e3 * along_y
 
 
-_FLAGS = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True, "cache": True}
-_reach = njit(_reach_python, **_FLAGS)
-_carry = njit(_carry_python, **_FLAGS)
+_reach = compiled(_reach_python, fastmath=("contract",))
+_carry = compiled(_carry_python, fastmath=("contract",))
