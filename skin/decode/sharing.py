@@ -50,10 +50,10 @@ class Shared:
     def __init__(self, calls: Sequence[Bound]) -> None:
         self._calls = calls
 
-    def put(self, position: int, argument: np.ndarray) -> None:
+    def put(self, where: int | tuple[int | str, ...], array: np.ndarray) -> None:
         """Exchange an array of all of them, see `bus.compiled.bound.Bound`."""
         for call in self._calls:
-            call.put(position, argument)
+            call.put(where, array)
 
     def __call__(self) -> None:
         """Call all of them, and wait."""

@@ -8,7 +8,7 @@ let in.
 import numpy as np
 
 from skin.contact import slip_kernels as kernels
-from skin.contact.records import SlipState, UnitSlip
+from skin.contact.record import SlipState, UnitSlip
 
 
 class NaiveSlip:

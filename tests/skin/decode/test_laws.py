@@ -164,7 +164,7 @@ def test_compiled_kernel_is_the_python_one(dtype, turn_rad, monkeypatch):
     status = np.zeros((3, 21), np.uint16)
     status[1, :4] = [Status.NEVER, Status.LATE, Status.DISABLED, Status.FAULT]
     fast = Decoder(skin, dtype=dtype)(raw, status)
-    monkeypatch.setattr(kernels, "decode", kernels.decode_python)
+    monkeypatch.setattr(kernel, "decode", kernel.decode_python)
     slow = Decoder(skin, dtype=dtype)(raw, status)
     np.testing.assert_array_equal(fast.status, slow.status)
     np.testing.assert_array_equal(fast.valid, slow.valid)

@@ -6,7 +6,19 @@ from enum import IntEnum, IntFlag
 
 import numpy as np
 
-__all__ = ["CONTACT", "Event", "Flag", "SlipState", "TrackState", "UnitSlip"]
+__all__ = ["CONTACT", "Event", "Flag", "SlipState", "TrackState", "UnitKind", "UnitSlip"]
+
+
+class UnitKind(IntEnum):
+    """What a unit is in this cycle."""
+
+    OUT = 0
+    """No contact."""
+    OPEN = 1
+    """Above the gate."""
+    BRIDGE = 2
+    """Silent, but in contact when last heard."""
+    SILENT = 3
 
 
 class TrackState(IntEnum):
@@ -74,9 +86,16 @@ class SlipState(IntEnum):
     """The object slides."""
 
 
+# The members as kernels take them: numba knows no IntFlag.
+OUT, OPEN, BRIDGE, SILENT = map(int, UnitKind)
+FREE, PRESENT, ABSORBED, LOST = map(int, TrackState)
+BORN, RESUMED, MERGED, SPLIT = map(int, Event)
+WEAK, NORMAL_ASSUMED, TORSION_BLIND, FEW_UNITS, NO_FRICTION = map(int, Flag)
+
+
 CONTACT = np.dtype(
     [
-        # -- identity: written by cluster_kernels
+        # -- identity: written by track
         ("id", np.int64),
         ("parent", np.int64),
         ("track", np.int32),  # TrackState
@@ -87,7 +106,7 @@ CONTACT = np.dtype(
         ("cycles", np.int64),
         ("born_ns", np.int64),
         ("seen_ns", np.int64),
-        # -- load: written by feature_kernels
+        # -- load: written by describe
         ("flags", np.int32),  # Flag
         ("peak_unit", np.int32),
         ("hot_unit", np.int32),
@@ -115,12 +134,12 @@ CONTACT = np.dtype(
         ("temperature_gradient", np.float64, (3,)),  # K/m
         ("hot_temperature", np.float64),
         ("coverage", np.float64),
-        # -- path: written by path of feature_kernels
+        # -- path: written by path
         ("origin", np.float64, (3,)),  # first known centre
         ("waypoint", np.float64, (3,)),  # last centre that counted as a step
         ("travel", np.float64),  # m
         ("waypoints", np.int64),
-        # -- slip: written by slip_kernels
+        # -- slip: written by slip
         ("slip", np.int32),  # SlipState
         ("slip_cycles", np.int32),
         ("slip_units", np.int32),  # units that judge
@@ -132,7 +151,7 @@ CONTACT = np.dtype(
         ("rotation", np.float64, (3,)),  # rad
         ("gross_ns", np.int64),  # when it began to slide as a whole
         ("gross_ratio", np.float64),  # friction in use since then
-        # -- friction: written by slip_kernels
+        # -- friction: written by slip
         ("friction", np.float64),
         ("friction_sigma", np.float64),
         ("friction_lower", np.float64),

@@ -1,18 +1,13 @@
-"""Change detectors: as many false alarms as were asked for, and changes seen in time."""
+"""Impacts and vibration: as many false alarms as were asked for, and shocks seen in time."""
 
 import numpy as np
 import pytest
 
-from skin.contact import detect
-from skin.contact.detect import Cusum, Shocks, cusum_limit, cusum_run_length, shock_python
+from skin.contact import shock
+from skin.contact.shock import Shocks, shock_python
 from skin.errors import SkinError
 
 BEGIN = 1
-
-
-def alarms(chart, samples):
-    """How many alarms a chart gives, sample by sample."""
-    return sum(int(np.abs(chart.update(row)).sum()) for row in samples)
 
 
 def shocks_of(shocks, forces, sigma, events=()):
@@ -23,49 +18,6 @@ def shocks_of(shocks, forces, sigma, events=()):
         shocks.update(1, np.zeros(1, np.int32), event, force[None], np.full((1, 3), sigma))
         seen.append((shocks.impact[0], shocks.vibration[0]))
     return np.transpose(seen)
-
-
-@pytest.mark.parametrize("two_sided", [False, True])
-def test_cusum_alarms_as_often_on_noise_as_asked_for(two_sided):
-    channels, rate, samples = 400, 100.0, 3000
-    per_hour = 3600.0 * rate * channels / 500.0
-    chart = Cusum(channels, rate, false_alarms_per_hour=per_hour, two_sided=two_sided)
-    noise = np.random.default_rng(1).standard_normal((samples, channels))
-    assert alarms(chart, noise) == pytest.approx(samples * channels / 500.0, rel=0.1)
-
-
-def test_cusum_limit_and_run_length_are_inverse():
-    for limit in (1.0, 4.0, 9.0):
-        assert cusum_limit(cusum_run_length(limit)) == pytest.approx(limit, rel=1e-9)
-        assert cusum_limit(cusum_run_length(limit, 0.2), 0.2) == pytest.approx(limit, rel=1e-9)
-
-
-def test_cusum_sees_a_shift_that_no_single_sample_shows():
-    chart = Cusum(1, 250.0, false_alarms_per_hour=1.0)
-    rng = np.random.default_rng(2)
-    rises, falls = [], []
-    for sign, times in ((1, rises), (-1, falls)):
-        for _ in range(60):
-            chart.level[:] = 0.0
-            times.append(
-                next(
-                    t for t in range(1000) if chart.update(sign + rng.standard_normal(1))[0] == sign
-                )
-            )
-    # In the mean the sum grows by shift less drift, half a sigma, a sample.
-    for times in (rises, falls):
-        assert np.mean(times) == pytest.approx(2.0 * chart.limit, rel=0.15)
-
-
-def test_cusum_leaves_silent_channels_as_they_are_and_begins_anew_after_an_alarm():
-    chart = Cusum(2, 250.0)
-    chart.update(np.array([3.0, 3.0]))
-    before = chart.level.copy()
-    assert (chart.update(np.array([np.nan, np.nan])) == 0).all()
-    assert (chart.level == before).all()
-    assert chart.update(np.array([100.0, 0.0])).tolist() == [1, 0]
-    assert chart.level[:, 0].tolist() == [0.0, 0.0]
-    assert chart.level[0, 1] == before[0, 1] - 0.5
 
 
 @pytest.mark.parametrize("kind", ["impact", "vibration"])
@@ -125,15 +77,14 @@ def test_a_contact_that_begins_anew_is_no_shock():
 def test_machine_code_and_python_shock_alike(monkeypatch):
     force = np.random.default_rng(5).standard_normal((50, 3))
     machine = shocks_of(Shocks(1, 250.0), force, 0.3, events=(20,))
-    monkeypatch.setattr(detect, "shock", shock_python)
+    monkeypatch.setattr(shock, "shock", shock_python)
     assert shocks_of(Shocks(1, 250.0), force, 0.3, events=(20,)) == pytest.approx(machine)
 
 
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: cusum_limit(0.5), "run_length: must be above"),
-        (lambda: Cusum(4, 250.0, false_alarms_per_hour=0.0), "chance between 0 and 0.1; got 0"),
+        (lambda: Shocks(4, 250.0, false_alarms_per_hour=0.0), "chance between 0 and 0.1; got 0"),
         (lambda: Shocks(4, 250.0, false_alarms_per_hour=1e9), "chance between 0 and 0.1; got 1111"),
     ],
 )

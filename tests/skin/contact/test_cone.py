@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import tests.naive.contact as naive
-from skin.contact.clusters import neighbour_graph
-from skin.contact.friction import cone_in_use, grip_force, grip_margin, torsion_arm
+from skin.contact.cone import cone_in_use, grip_force, grip_margin
+from skin.contact.features import contact_features
+from skin.contact.graph import neighbour_graph
 from skin.contact.slip import SlipSettings
 from skin.contact.stream import ContactStream
 from skin.errors import SkinError
@@ -19,7 +20,16 @@ shears = st.floats(0.0, 20.0)
 torsions = st.floats(0.0, 0.5)
 arms = st.floats(1e-3, 0.05)
 frictions = st.floats(0.05, 2.0)
-UP = np.array([0.0, 0.0, 1.0])
+
+
+def torsion_arm(load, position):
+    """Arm of a contact of units that face +z."""
+    n = load.size
+    force = np.array([np.zeros(n), np.zeros(n), load])
+    (contact,), _ = contact_features(
+        np.zeros(n, int), force, 0.0, position, naive.facing_down(n), 1e-6
+    )
+    return contact["arm"]
 
 
 def test_a_block_on_a_slope_slides_at_the_angle_of_friction():
@@ -35,7 +45,7 @@ def test_arm_of_even_pressure_is_that_of_a_disc(radius):
     x, y = np.meshgrid(*(np.linspace(-radius, radius, 401),) * 2)
     inside = x**2 + y**2 <= radius**2
     position = np.array([x[inside], y[inside], np.zeros(inside.sum())])
-    arm = torsion_arm(np.ones(inside.sum()), position, UP)
+    arm = torsion_arm(np.ones(inside.sum()), position)
     assert arm == pytest.approx(2.0 / 3.0 * radius, rel=5e-3)
 
 
@@ -46,13 +56,13 @@ def test_arm_of_hertzian_pressure_is_that_of_a_ball():
     square = (x**2 + y**2) / radius**2
     inside = square < 1.0
     position = np.array([x[inside], y[inside], np.zeros(inside.sum())])
-    arm = torsion_arm(np.sqrt(1.0 - square[inside]), position, UP)
+    arm = torsion_arm(np.sqrt(1.0 - square[inside]), position)
     assert arm == pytest.approx(3.0 * np.pi / 16.0 * radius, rel=5e-3)
 
 
 def test_arm_does_not_see_what_lies_along_the_normal():
     position = np.array([[-1.0, 1.0], [0.0, 0.0], [5.0, -5.0]])
-    assert torsion_arm(np.ones(2), position, UP) == pytest.approx(1.0)
+    assert torsion_arm(np.ones(2), position) == pytest.approx(1.0)
 
 
 @given(loads, shears, torsions, arms, frictions)
@@ -95,7 +105,7 @@ def test_contacts_tell_margin_and_grip_force_of_the_friction_they_are_given():
     force = rng.uniform(0.5, 1.5, (3, 25)) * [[0.1], [0.05], [1.0]]
     for number in range(1, 4):
         (contact,) = stream.update(force, 0.01, 0.2 * force, 0.01, stamp_ns=number * 4_000_000)
-    arm = torsion_arm(force[2], position, contact.normal)
+    arm = naive.torsion_arm(force[2], position, contact.normal)
     given_by = (contact.load, contact.shear, contact.torsion, arm, 0.6)
     assert contact.arm == pytest.approx(arm)
     assert contact.friction == 0.6

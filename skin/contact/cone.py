@@ -4,35 +4,34 @@ from __future__ import annotations
 
 import numpy as np
 
+from bus.compiled.jit import jitable
 from skin.errors import SkinError
 
-__all__ = ["cone_in_use", "grip_force", "grip_margin", "torsion_arm"]
+__all__ = ["cone_in_use", "grip_force", "grip_margin", "tangential_demand"]
 
 
-def torsion_arm(load: np.ndarray, position: np.ndarray, normal: np.ndarray) -> float:
-    """Load-weighted mean distance of the units from their centre of pressure.
-
-    A contact that turns about its centre has friction times load in every unit, across the arm of
-    that unit: the torsion that it bears is friction x load x this arm, whatever the distribution
-    of the load.
+@jitable
+def tangential_demand(shear, torsion, arm):
+    """Friction force that holds shear and torsion together, newton; kernels call it, too.
 
     Parameters
     ----------
-    load : ndarray, shape (n,)
-        Newton, normal.
-    position : ndarray, shape (3, n)
-        Metre.
-    normal : ndarray, shape (3,)
-        Of the contact.
+    shear : float
+        Newton, along the contact.
+    torsion : float
+        N·m about its normal.
+    arm : float
+        Metre; load-weighted mean distance from the centre of pressure. 0 for a point, which bears
+        no torsion that anybody sees.
 
     Returns
     -------
     float
-        Metre.
     """
-    away = position - (position @ load / load.sum())[:, np.newaxis]
-    across = away - np.outer(normal, normal @ away)
-    return float(load @ np.linalg.norm(across, axis=0) / load.sum())
+    square = shear**2
+    if arm > 0.0:
+        square += (torsion / arm) ** 2
+    return np.sqrt(square)
 
 
 def cone_in_use(load: float, shear: float, torsion: float, arm: float, friction: float) -> float:
@@ -48,7 +47,7 @@ def cone_in_use(load: float, shear: float, torsion: float, arm: float, friction:
     torsion : float
         N·m about its normal.
     arm : float
-        Metre, see `torsion_arm`; 0 for a point, which bears no torsion that anybody sees.
+        Metre, as of `tangential_demand`.
     friction : float
         Coefficient of friction.
 
@@ -57,7 +56,7 @@ def cone_in_use(load: float, shear: float, torsion: float, arm: float, friction:
     >>> cone_in_use(load=10.0, shear=3.0, torsion=0.04, arm=0.01, friction=0.5)
     1.0
     """
-    return _resultant(shear, torsion, arm) / (friction * load)
+    return float(tangential_demand(shear, torsion, arm)) / (friction * load)
 
 
 def grip_margin(load: float, shear: float, torsion: float, arm: float, friction: float) -> float:
@@ -89,8 +88,4 @@ def grip_force(
     """
     if not friction > 0.0:
         raise SkinError(f"friction: must be a positive number; got {friction}")
-    return safety * _resultant(shear, torsion, arm) / friction
-
-
-def _resultant(shear: float, torsion: float, arm: float) -> float:
-    return float(np.hypot(shear, torsion / arm)) if arm > 0.0 else float(shear)
+    return safety * float(tangential_demand(shear, torsion, arm)) / friction
