@@ -12,7 +12,7 @@ import numpy as np
 
 from skin.contact.record import CONTACT
 from skin.contact.slip.data import SlipData
-from skin.contact.slip.parameters import SlipModel, SlipSettings
+from skin.contact.slip.parameters import SlipModel
 from skin.errors import SkinError
 
 __all__ = [
@@ -132,7 +132,7 @@ class ContactModel(NamedTuple):
     gate: Gate
     geometry: Geometry
     wants: Wants
-    slip: SlipModel = SlipSettings().model()
+    slip: SlipModel
 
 
 class Readings(NamedTuple):
@@ -244,8 +244,8 @@ def no_readings(n: int, dtype: np.dtype | type) -> Readings:
     )
 
 
-def contact_data(reading: Readings, capacity: int, *, judges: bool = False) -> ContactData:
-    """Arrays for so many contacts that can be told apart, with those of slip if it `judges`."""
+def contact_data(reading: Readings, capacity: int, *, slips: bool = False) -> ContactData:
+    """Arrays for so many contacts that can be told apart; `slips` where slip is wanted."""
     n, slots = reading.valid.size, 2 * capacity
     rows = np.zeros((len(UnitData._fields), n + 1), np.int32)
     units = UnitData(*rows[:, :n])._replace(begin=rows[UnitData._fields.index("begin")])
@@ -264,5 +264,5 @@ def contact_data(reading: Readings, capacity: int, *, judges: bool = False) -> C
         np.zeros((slots, WAYPOINTS, 3)),
         Sums(sums, sums.view(np.float64).reshape(sums.size, -1)),
         Scratch(np.zeros((6, 6)), *np.zeros((3, 3, 3))),
-        SlipData.zeros(n if judges else 0),
+        SlipData.zeros(n if slips else 0),
     )

@@ -139,7 +139,7 @@ class ContactStream:
             Wants(bool(wanted), each, slips),
             (slip or SlipSettings()).model(),
         )
-        self.data = contact_data(no_readings(n, self._dtype), capacity, judges=slips)
+        self.data = contact_data(no_readings(n, self._dtype), capacity, slips=slips)
         self.tracker = Tracker(self.data)
         self.paths, self.records = self.data.paths, self.data.contacts
         self.shocks = (
