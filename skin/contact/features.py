@@ -98,7 +98,7 @@ def contact_features(
     if neighbour_start is None or neighbour_index is None:
         neighbour_start, neighbour_index = np.zeros(n + 1, np.int32), np.zeros(0, np.int32)
     model = ContactModel(
-        checked_graph(n, neighbour_start, neighbour_index), Gate(0.0, 0.0, 0.0, 0.0, False),
+        checked_graph(n, neighbour_start, neighbour_index), Gate(*(0.0,) * 6, False),
         posed_units(position, rotation, area), Wants(True, True, False), np.zeros(0),
     )  # fmt: skip
     data = contact_data(reading, model.geometry.pose, count)

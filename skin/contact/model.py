@@ -15,9 +15,9 @@ from skin.errors import SkinError
 
 __all__ = [
     "ADDED", "CLOCK", "COUNTERS", "GIVEN", "POSE", "SUMS", "WAYPOINTS", "ContactData",
-    "ContactModel", "Gate", "Geometry", "NeighbourGraph", "Readings", "Scratch", "SlipArrays",
-    "SlotData", "Sums", "UnitData", "Wants", "contact_data", "no_readings", "posed_units",
-    "set_poses",
+    "ContactModel", "Evidence", "Gate", "Geometry", "NeighbourGraph", "Readings", "Scratch",
+    "SlipArrays", "SlotData", "Sums", "UnitData", "Wants", "contact_data", "no_readings",
+    "posed_units", "set_poses",
 ]  # fmt: skip
 
 WAYPOINTS = 128
@@ -44,6 +44,7 @@ COUNTERS = np.dtype(
         ("last_id", np.int64),
         ("touching_units", np.int64),  # in any cluster
         ("in_use", np.int64),  # records from here on are free
+        ("cycles", np.int64),  # so far
     ]
 )
 
@@ -100,7 +101,9 @@ class NeighbourGraph(NamedTuple):
 class Gate(NamedTuple):
     """When units are in contact, and how long identities are remembered."""
 
-    start_sigma: float  # normal load that starts a contact, in sigmas
+    start_sigma: float  # normal load of one unit in one cycle that starts a contact, in sigmas
+    repeat_sigma: float  # mean of two successive cycles of a unit that does, in sigmas of the mean
+    pair_sigma: float  # mean of two neighbours that does, in sigmas of the mean
     keep_sigma: float  # normal load of every unit of a contact, in sigmas
     memory_ns: float  # how long a lost contact can return
     settle_ns: float  # how old a contact must be to outlive being absorbed
@@ -159,6 +162,14 @@ class UnitData(NamedTuple):
     loaded: np.ndarray  # units above the gate, in order
 
 
+class Evidence(NamedTuple):
+    """How loaded units are that may start a contact; (n,), valid where `cycle` is the present."""
+
+    level: np.ndarray  # normal load in sigmas, float64
+    before: np.ndarray  # the same in the cycle before, -inf where it was not above the gate
+    cycle: np.ndarray  # when, int64
+
+
 class SlotData(NamedTuple):
     """Which record is whose; int32, (s,) unless said."""
 
@@ -208,6 +219,7 @@ class ContactData(NamedTuple):
     paths: np.ndarray  # (s, WAYPOINTS, 3), float64: last waypoints of each record, a ring buffer
     sums: Sums
     scratch: Scratch
+    evidence: Evidence
     slip: SlipArrays
 
 
@@ -278,5 +290,6 @@ def contact_data(
         np.zeros((slots, WAYPOINTS, 3)),
         Sums(sums, sums.view(np.float64).reshape(sums.size, -1)),
         Scratch(np.zeros((6, 6)), *np.zeros((3, 3, 3))),
+        Evidence(*np.zeros((2, n)), cycle=np.full(n, -2)),
         SlipArrays(rows, of_slots, pose.view(np.float64).reshape(n, -1), judged, work),
     )
