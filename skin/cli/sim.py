@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from bus.faults import FaultScript
     from bus.transport import Transport
     from skin.sim.node import Nodes, Served
-    from skin.sim.play import ScriptedScene
     from skin.sim.scene import Scene
+    from skin.sim.scenes.play import ScriptedScene
     from topology import Topology
 
 __all__ = ["sim"]
@@ -69,7 +69,7 @@ def sim(
     """
     from bus.faults import load_script
     from skin.errors import SkinError
-    from skin.sim.script import SceneFile
+    from skin.sim.scenes.script import SceneFile
     from topology import load
     from topology.schema import json_schema
 
@@ -117,17 +117,9 @@ def _unscripted(topology: Topology, seed: int | None, noise: bool) -> Nodes:
 
 
 def _scripted(topology: Topology, scene: str, seed: int | None, noise: bool) -> ScriptedScene:
-    from msgspec.structs import replace
+    from skin.sim.scenes.load import open_scene
 
-    from skin.sim.play import ScriptedScene
-    from skin.sim.script_load import load_scene
-
-    script = load_scene(scene, topology)
-    if seed is not None:
-        script = replace(script, seed=seed)
-    if not noise:
-        script = replace(script, non_ideal=replace(script.non_ideal, noise=False))
-    return ScriptedScene(topology, script)
+    return open_scene(scene, topology, seed=seed, noise=noise)
 
 
 def _own_faults(played: ScriptedScene) -> FaultScript | None:
@@ -138,7 +130,7 @@ def _own_faults(played: ScriptedScene) -> FaultScript | None:
 
 
 def _recorder(opened: ExitStack, played: ScriptedScene, path: str) -> Scene:
-    from skin.sim.record import Recorder
+    from skin.sim.scenes.record import Recorder
 
     return opened.enter_context(Recorder(played, path))
 
@@ -153,7 +145,7 @@ def _play(
     nodes: Nodes, played: ScriptedScene, seconds: float | None, script: FaultScript | None
 ) -> tuple[Served, list[dict[str, int]]]:
     """Without any bus, as fast as this machine can."""
-    from skin.sim.fast import play
+    from skin.sim.scenes.fast import play
 
     lasting = played.seconds if seconds is None else seconds
     print(f"{nodes.topology.n} units on no bus, {lasting:g} s", file=sys.stderr, flush=True)

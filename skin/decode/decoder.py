@@ -297,7 +297,12 @@ class Decoder:
             predict()
             self._decode_cycle(False, advance and sweep == 0)
         if self.ambient is not None and advance:
-            self.ambient.update(self._whole)
+            self._follow()
+
+    @functools.cached_property
+    def _follow(self) -> Callable[[], None]:
+        """The update of the ambient field from the arrays of a cycle."""
+        return self.ambient.bound(self._whole)
 
     def _bind(self, told: bool) -> Callable:
         """The prediction of cross-talk on top of a background that is told, or not."""

@@ -141,13 +141,13 @@ def least_squares(
         silent = [name for name, size in zip(names, length, strict=True) if size == 0.0]
         raise ScanError(f"scan: must have samples that tell {', '.join(silent)}; got none")
     # the values as a last column: what the factor makes of it is all that is needed of Q
-    both = np.linalg.qr(np.column_stack([weighted / length, values * weight]), mode="r")
+    both = np.asarray(np.linalg.qr(np.column_stack([weighted / length, values * weight]), mode="r"))
     r, turned = both[:count, :count], both[:count, count]
     _, singular, rows = np.linalg.svd(r)
     lost = singular < RANK * singular[0]
     if lost.any():
         share = np.linalg.norm(rows[lost], axis=0)
-        mixed = np.flatnonzero(share > 0.1 * share.max())
+        mixed = np.flatnonzero(share > 0.1 * share.max()).tolist()
         raise ScanError(
             f"scan: must tell {', '.join(names[i] for i in mixed)} apart; got samples in which "
             "they have one and the same effect"

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
-from numba import njit
 
+from bus.compiled.jit import compiled
 from topology import Topology
 
 __all__ = ["Field", "SineField"]
@@ -59,8 +59,9 @@ def lever_python(displacement_mm, depth_mm, table, reach_mm):
     ndarray, shape (t, n)
     """
     out = np.empty(displacement_mm.shape)
-    for t in range(out.shape[0]):
-        for i in range(out.shape[1]):
+    cycles, n = displacement_mm.shape
+    for t in range(cycles):
+        for i in range(n):
             reach = min(max(displacement_mm[t, i], NEAR_MM), reach_mm[i])
             h = min(max(depth_mm[t, i], -PULLED_MM), PRESSED_MM)
             a, b, c, d = 0.0, 0.0, 0.0, 0.0
@@ -79,7 +80,7 @@ def lever_python(displacement_mm, depth_mm, table, reach_mm):
     return out
 
 
-lever = njit(lever_python, cache=True, nogil=True, error_model="numpy")
+lever = compiled(lever_python)
 
 
 class SineField:

@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from scipy.linalg import expm
 
+from bus.compiled.jit import compiled
 from skin.errors import OptionError
 from topology import Topology
 
@@ -180,4 +180,4 @@ def _step_python(update, kind, contact, outside, temperature):
             temperature[a, i] = now[a]
 
 
-_step = njit(_step_python, error_model="numpy", fastmath={"contract"}, nogil=True, cache=True)
+_step = compiled(_step_python, fastmath=("contract",))

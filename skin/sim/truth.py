@@ -6,7 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numba import njit
+
+from bus.compiled.jit import compiled
 
 __all__ = ["Truth", "add_up", "add_up_python", "wrench_map"]
 
@@ -147,6 +148,4 @@ def add_up_python(to_wrench, position, force, wrench, centroid):
         centroid[r] = total / load if load > 0.0 else np.nan
 
 
-add_up = njit(
-    add_up_python, error_model="numpy", fastmath={"contract", "reassoc"}, nogil=True, cache=True
-)
+add_up = compiled(add_up_python, fastmath=("contract", "reassoc"))

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from skin.sim.capacitor import Capacitor, Timer
-from skin.sim.counter import Counter, Gate
-from skin.sim.divider import Divider
+from skin.sim.electronics.capacitor import Capacitor, Timer
+from skin.sim.electronics.counter import Counter, Gate
+from skin.sim.electronics.divider import Divider
+from skin.sim.electronics.hall import HallChip, HallConverter
 from skin.sim.field import Field, SineField
-from skin.sim.hall import HallChip, HallConverter
 from skin.sim.truth import Truth
 from topology import CHANNELS, Topology
 

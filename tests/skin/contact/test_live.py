@@ -16,9 +16,8 @@ from skin.contact.record import Event
 from skin.errors import SkinError
 from skin.reader import CycleReader
 from skin.sim.node import Nodes
-from skin.sim.play import ScriptedScene
-from skin.sim.scene import PressSlideLift
-from skin.sim.script_load import load_scene
+from skin.sim.scenes.load import load_scene, open_scene
+from skin.sim.scenes.play import ScriptedScene
 from skin.sim.unit import UnitSimulator
 
 
@@ -33,7 +32,7 @@ def wrench(force, position, rotation, *, valid):
 def test_contacts_of_a_stroke_are_the_truth_within_their_sigma():
     palm = topology.load("palm")
     told = []
-    with skin.open(palm, simulate=PressSlideLift(palm), pace=False, seed=4) as opened:
+    with skin.open(palm, simulate=open_scene("demo", palm), pace=False, seed=4) as opened:
         for state in itertools.islice(opened, 1700):
             truth = opened.nodes.truth
             if state.cycle % 20 or truth.force[2].sum() < 3.0:
@@ -145,7 +144,7 @@ def test_what_is_known_of_friction_reaches_the_contacts():
 
 def test_contacts_outlive_stamps_that_step_back_and_numbers_that_repeat():
     palm = topology.load("palm")
-    scene, simulator = PressSlideLift(palm), UnitSimulator(palm, seed=5)
+    scene, simulator = open_scene("demo", palm), UnitSimulator(palm, seed=5)
     counts = simulator.counts(scene.at(3.0))
     read = CycleReader(palm, want={"contacts"}, estimator="sine", dtype="float32")
     rest = (np.ones(palm.n, bool), np.zeros(palm.n, np.uint16), *(np.zeros(palm.n, int),) * 3)
