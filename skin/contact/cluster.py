@@ -124,7 +124,7 @@ def _starts(members, graph, gate, touching, evidence):
     return False
 
 
-@jitable
+@jitable(inline=True)
 def join_python(model, data):
     """Join the units above the gate to clusters.
 
@@ -172,7 +172,7 @@ def join_python(model, data):
     return parts
 
 
-join = compiled(join_python, fastmath={"contract"})
+join = compiled(join_python, fastmath={"contract"}, allocates=False)
 
 
 def contact_clusters(

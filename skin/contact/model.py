@@ -167,6 +167,7 @@ class Evidence(NamedTuple):
 
     level: np.ndarray  # normal load in sigmas, float64
     before: np.ndarray  # the same in the cycle before, -inf where it was not above the gate
+    weight: np.ndarray  # loads of clusters, newton, float64; scratch
     cycle: np.ndarray  # when, int64
 
 
@@ -178,6 +179,7 @@ class SlotData(NamedTuple):
     part_of: np.ndarray  # cluster of each record, -1
     ended: np.ndarray  # int64, identities that ended in this cycle
     before: np.ndarray  # (s // 2,), `present` of the cycle before
+    parent: np.ndarray  # (s // 2,), record that a cluster has split from, -1; scratch
 
 
 class Sums(NamedTuple):
@@ -215,6 +217,7 @@ class ContactData(NamedTuple):
     counters: np.ndarray  # (1,), COUNTERS
     clock: np.ndarray  # (1,), CLOCK
     shared: np.ndarray  # (s // 2, s), float64: load that a cluster shares with a record; scratch
+    nearby: np.ndarray  # (s // 2, s), float64: and with a record and its neighbours; scratch
     contacts: np.ndarray  # (s + 1,), CONTACT: the records, kept; the last is the total
     paths: np.ndarray  # (s, WAYPOINTS, 3), float64: last waypoints of each record, a ring buffer
     sums: Sums
@@ -279,17 +282,24 @@ def contact_data(
     units.owner[:] = -1
     of_slots = np.zeros((3, slots), np.int32)
     sums = np.zeros(capacity + 2, SUMS)
+    shared, nearby = np.zeros((2, capacity, slots))
     return ContactData(
         reading,
         units,
-        SlotData(*of_slots, ended=np.zeros(slots, np.int64), before=np.zeros(capacity, np.int32)),
+        SlotData(
+            *of_slots,
+            ended=np.zeros(slots, np.int64),
+            before=np.zeros(capacity, np.int32),
+            parent=np.zeros(capacity, np.int32),
+        ),
         np.zeros(1, COUNTERS),
         np.zeros(1, CLOCK),
-        np.zeros((capacity, slots)),
+        shared,
+        nearby,
         np.zeros(slots + 1, CONTACT),
         np.zeros((slots, WAYPOINTS, 3)),
         Sums(sums, sums.view(np.float64).reshape(sums.size, -1)),
         Scratch(np.zeros((6, 6)), *np.zeros((3, 3, 3))),
-        Evidence(*np.zeros((2, n)), cycle=np.full(n, -2)),
+        Evidence(*np.zeros((3, n)), cycle=np.full(n, -2)),
         SlipArrays(rows, of_slots, pose.view(np.float64).reshape(n, -1), judged, work),
     )

@@ -916,6 +916,6 @@ def judge_python(
         )  # fmt: skip
 
 
-judge = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})(
-    judge_python
-)
+judge = njit(
+    cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"}, _nrt=True
+)(judge_python)
