@@ -96,21 +96,21 @@ def contact_features(
         neighbour_start, neighbour_index = np.zeros(n + 1, np.int32), np.zeros(0, np.int32)
     model = ContactModel(
         checked_graph(n, neighbour_start, neighbour_index), Gate(*(0.0,) * 6, False),
-        posed_units(position, rotation, area), Wants(True, True, False), np.zeros(0),
+        posed_units(position, rotation, area), Wants(True, True, False),
     )  # fmt: skip
-    count, data = _labelled(np.asarray(label), silent, reading, model.geometry.pose)
+    count, data = _labelled(np.asarray(label), silent, reading)
     describe(count, model, data)
     return data.contacts[:count], data.contacts[-1]
 
 
 def _labelled(
-    label: np.ndarray, silent: np.ndarray | None, reading: Readings, pose: np.ndarray
+    label: np.ndarray, silent: np.ndarray | None, reading: Readings
 ) -> tuple[int, ContactData]:
     """Clusters as `find_contacts` leaves them, and how many."""
     count = int(label.max(initial=-1)) + 1
     order = np.argsort(label, kind="stable")
     ends = np.searchsorted(label[order], np.arange(count + 1))
-    data = contact_data(reading, pose, count)
+    data = contact_data(reading, count)
     units, records = data.units, data.contacts
     records["begin"][:count], records["end"][:count] = ends[:-1] - ends[0], ends[1:] - ends[0]
     records["event"] = BORN

@@ -103,7 +103,7 @@ class Shocks:
         false_alarms_per_hour: float = 1.0,
         time_s: float = 0.1,
     ) -> None:
-        from scipy.stats import chi2, gamma
+        from scipy.special import chdtri, gammainccinv
 
         chance = false_alarms_per_hour / (3600.0 * rate_hz)
         if not 0.0 < chance < 0.1:
@@ -115,14 +115,14 @@ class Shocks:
             np.zeros(records), *np.zeros((2, records, 3)), *np.zeros((2, records))
         )
         self.impact, self.vibration = self._data.impact, self._data.vibration
-        self.impact_limit = float(chi2.isf(chance, 3))
+        self.impact_limit = float(chdtri(3.0, chance))
         self._smooth = smooth = 1.0 - float(np.exp(-1.0 / (time_s * rate_hz)))
         # Variance of the average: second differences of white noise are correlated -2/3 and 1/6
         # with the next two, their squares by the squares of that.
         keep = 1.0 - smooth
         tied = 1.0 + 2.0 * (keep * 4.0 / 9.0 + keep**2 / 36.0)
         variance = 6.0 * smooth / (2.0 - smooth) * tied
-        self.vibration_limit = float(gamma.isf(chance, 9.0 / variance, scale=variance / 3.0))
+        self.vibration_limit = float(gammainccinv(9.0 / variance, chance) * (variance / 3.0))
 
     def update(
         self, count: int, slots: np.ndarray, events: np.ndarray, force: np.ndarray,

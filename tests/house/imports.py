@@ -30,8 +30,9 @@ ROOMS: dict[str, frozenset[str]] = {
     "contact": COMMON | {"physics"},
     "calibrate": COMMON | {"physics", "decode"},
     "sim": COMMON | {"physics"},
+    "compiling": frozenset({"errors"}),
     "pipeline": COMMON | {"physics", "decode", "contact"},
-    "live": COMMON | {"physics", "decode", "contact", "pipeline", "sim"},
+    "live": COMMON | {"physics", "decode", "contact", "pipeline", "compiling", "sim"},
     "view": COMMON | {"live"},
 }
 """What each room may import of `skin`, beside itself. `live` starts simulated units when a skin is

@@ -14,7 +14,8 @@ from bus.cycle import ClosedBy, RawCycle
 from bus.memory import MemoryTransport
 from skin.contact.record import Event
 from skin.errors import SkinError
-from skin.reader import CycleReader
+from skin.options import Options
+from skin.pipeline import Pipeline
 from skin.sim.node import Nodes
 from skin.sim.scenes.load import load_scene, open_scene
 from skin.sim.scenes.play import ScriptedScene
@@ -146,7 +147,7 @@ def test_contacts_outlive_stamps_that_step_back_and_numbers_that_repeat():
     palm = topology.load("palm")
     scene, simulator = open_scene("demo", palm), UnitSimulator(palm, seed=5)
     counts = simulator.counts(scene.at(3.0))
-    read = CycleReader(palm, want={"contacts"}, estimator="sine", dtype="float32")
+    read = Pipeline(palm, Options(want={"contacts"}, estimator="sine"))
     rest = (np.ones(palm.n, bool), np.zeros(palm.n, np.uint16), *(np.zeros(palm.n, int),) * 3)
     ages = []
     for number, stamp_ns in ((7, 900), (8, 1000), (8, 1000), (9, 10), (20, -5), (3, 0)):
