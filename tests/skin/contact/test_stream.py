@@ -18,7 +18,7 @@ from skin.contact.graph import neighbour_graph
 from skin.contact.record import Event, Flag, SlipState, UnitSlip
 from skin.contact.shock import shock_python
 from skin.contact.slip import SlipSettings
-from skin.contact.slip_kernels import judge_python
+from skin.contact.slip.judge import judge_python
 from skin.contact.step import step_python
 from skin.contact.stream import CONTACT_WANTS, ContactStream
 from skin.errors import OptionError, SkinError
