@@ -55,7 +55,7 @@ class ContactStream:
     area : ndarray, shape (n,), or float
         Sensing area of a unit, m².
     neighbour_start, neighbour_index : ndarray, shape (n + 1,) and (m,)
-        Neighbour graph in compressed rows; `skin.contact.clusters.neighbour_graph` makes one.
+        Neighbour graph in compressed rows; `skin.contact.graph.neighbour_graph` makes one.
     want : collection of str
         Of `CONTACT_WANTS`.
     dtype : "float32" or "float64"
