@@ -20,10 +20,14 @@ from collections.abc import Callable
 
 import cantools
 import numpy as np
-from numba import njit
 
-from bus import Assembler, FrameBatch, Packer, kernels
+from bus import Assembler, FrameBatch, Packer
+from bus.assemble.feed import find
+from bus.codec_kernels import unpack_frame_python
+from bus.compiled.bound import Bound
+from bus.compiled.jit import compiled
 from bus.dbc import dbc_text
+from bus.frame import views
 from bus.table import FrameTable
 from topology import CHANNELS, Topology, load
 
@@ -145,19 +149,18 @@ def _frames(topology: Topology, cycles: int) -> tuple[np.ndarray, np.ndarray]:
     return counts, batch.frames
 
 
-@njit(error_model="numpy")
-def _unpack_all(words, data, per_cycle, tables, counts, codes):
+def _unpack_all_python(views, per_cycle, tables, counts, codes):
     row, one = np.uintp(0), np.uintp(1)
     for cycle in range(counts.shape[0]):
         for _ in range(per_cycle):
-            header = words[row, one]
-            f = kernels.find((header >> 56) & 0xFF, header & 0xFFFF_FFFF, tables)
+            header = views.words[row, one]
+            f = find((header >> 56) & 0xFF, header & 0xFFFF_FFFF, tables)
             if f >= 0:
-                kernels.unpack_frame(
-                    data, row, f, tables.frames, tables.signals, tables.units,
-                    counts[cycle], codes,
-                )  # fmt: skip
+                unpack_frame_python(views.data, row, f, tables, counts[cycle], codes)
             row += one
+
+
+_unpack_all = compiled(_unpack_all_python, cache=False, _nrt=False, forceinline=True)
 
 
 def _unpacker(topology: Topology, records: np.ndarray, cycles: int) -> Callable[[], np.ndarray]:
@@ -165,10 +168,10 @@ def _unpacker(topology: Topology, records: np.ndarray, cycles: int) -> Callable[
     counts = np.zeros((cycles, len(CHANNELS), topology.n), np.int16)
     codes = np.zeros(topology.n, np.uint8)
     flat = counts.reshape(cycles, -1)
-    words, data = kernels.as_words(records), kernels.as_bytes(records)
+    unpack_all = Bound(_unpack_all, views(records), len(topology.frames), tables, flat, codes)
 
     def unpack() -> np.ndarray:
-        _unpack_all(words, data, len(topology.frames), tables, flat, codes)
+        unpack_all()
         return counts
 
     unpack()

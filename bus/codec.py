@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import itertools
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bus.frame import FrameBatch
+from bus.frame import FrameBatch, views
+from bus.table import FrameTable
 from topology import CHANNELS, Topology
-
-if TYPE_CHECKING:
-    from bus.table import FrameTable
 
 __all__ = ["Packer", "crc16"]
 
@@ -26,9 +23,9 @@ def crc16(data: bytes, crc: int = _CHECK) -> int:
     >>> hex(crc16(b"123456789"))
     '0x29b1'
     """
-    from bus import kernels
+    from bus import codec_kernels
 
-    return int(kernels.crc16(crc, np.frombuffer(data, np.uint8)[np.newaxis], 0, 0, len(data)))
+    return int(codec_kernels.crc16(crc, np.frombuffer(data, np.uint8)[np.newaxis], 0, 0, len(data)))
 
 
 class Packer:
@@ -45,11 +42,11 @@ class Packer:
     """
 
     def __init__(self, topology: Topology) -> None:
-        from bus import kernels
-        from bus.table import FrameTable
+        from bus.codec_kernels import pack
+        from bus.compiled.bound import direct
 
-        self._kernels = kernels
-        self._table: FrameTable = FrameTable(topology)
+        self._pack = direct(pack)
+        self._tables = FrameTable(topology).tables
         self._no_faults = np.zeros(topology.n, np.uint8)
         self._n = topology.n
         bounds = np.searchsorted(topology.frames.bus, np.arange(len(topology.buses) + 1))
@@ -106,12 +103,8 @@ class Packer:
         first, end = self._all if bus is None else self._spans[bus]
         if end - first > batch.room:
             raise IndexError(f"batch: must have room for {end - first} frames; got {batch.room}")
-        records, table = batch.records[batch.count :], self._table
-        self._kernels.pack(
-            first, end, sequence, stamp_ns, counts, codes,
-            table.frames, table.signals,
-            self._kernels.as_words(records), self._kernels.as_bytes(records),
-        )  # fmt: skip
+        rows = views(batch.records[batch.count :])
+        self._pack(first, end, sequence, stamp_ns, counts, codes, self._tables, rows)
         batch.count += end - first
         return end - first
 

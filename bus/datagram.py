@@ -11,8 +11,9 @@ import time
 import numpy as np
 
 from bus import mmsg
+from bus.compiled.bound import direct
 from bus.errors import BusClosedError
-from bus.frame import FRAME_DTYPE, FrameBatch
+from bus.frame import FRAME_DTYPE, FrameBatch, as_words
 from bus.linux import SO_MEMINFO, SO_RCVBUFFORCE, SO_RXQ_OVFL, SO_TIMESTAMPNS
 from bus.state import BusState
 from bus.transport import Transport, TransportCounters
@@ -72,6 +73,7 @@ class DatagramTransport(Transport):
         self.name = name
         self._socket = sock
         self._fd = sock.fileno()
+        self._receive_many, self._send_many = direct(mmsg.receive), direct(mmsg.send)
         sock.setblocking(False)
         sock.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
         sock.setsockopt(socket.SOL_SOCKET, SO_RXQ_OVFL, 1)
@@ -79,11 +81,11 @@ class DatagramTransport(Transport):
         self._patience_s = patience_s
         self._wake = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._polled = mmsg.pollfds(self._fd, self._wake)
-        self._incoming, self._outgoing = mmsg.Buffers(), mmsg.Buffers()
+        self._incoming, self._outgoing = mmsg.new_buffers(), mmsg.new_buffers()
         # Re-entrant, so that a signal's handler may close what its own thread is waiting for.
         self._receiving, self._sending = threading.RLock(), threading.RLock()
         self._records = np.zeros(0, FRAME_DTYPE)
-        self._words = mmsg.as_words(self._records)
+        self._words = as_words(self._records)
         self._drops_seen = self._drops_heard = 0
         self._dropping = threading.RLock()
         self._is_stuck = self._is_closed = False
@@ -127,13 +129,12 @@ class DatagramTransport(Transport):
 
     def _receive(self, batch: FrameBatch, wait_ns: int) -> int:
         if batch.records is not self._records:
-            self._records, self._words = batch.records, mmsg.as_words(batch.records)
+            self._records, self._words = batch.records, as_words(batch.records)
         into, first = self._incoming, batch.count
-        taken = mmsg.receive(
-            self._fd, self._polled, wait_ns, first, batch.room, self.index, self._words,
-            into.headers, into.vectors, into.control, into.report,
-        )  # fmt: skip
-        drops, failure, errors = into.report.tolist()
+        taken = self._receive_many(
+            self._fd, self._polled, wait_ns, first, batch.room, self.index, self._words, into
+        )
+        drops, failure, errors = into.report.item()
         batch.count = first + taken
         self._counters.received += taken
         if drops != self._drops_heard:
@@ -153,18 +154,15 @@ class DatagramTransport(Transport):
         Waits for room in the transmit queue (ENOBUFS) as long as frames go. A frame that the
         interface cannot carry, such as CAN FD on a classic bus, is counted and left out.
         """
-        words = mmsg.as_words(np.ascontiguousarray(records, FRAME_DTYPE))
+        words = as_words(np.ascontiguousarray(records, FRAME_DTYPE))
         total, at, sent, waiting_since = len(words), 0, 0, 0.0
         out = self._outgoing
         with self._sending:
             while at < total and not self._is_closed:
-                taken = mmsg.send(
-                    self._fd, at, total - at, words,
-                    out.staged, out.headers, out.vectors, out.report,
-                )  # fmt: skip
+                taken = self._send_many(self._fd, at, total - at, words, out)
                 at += taken
                 sent += taken
-                failure = int(out.report[mmsg.ERRNO])
+                failure = int(out.report["errno"][0])
                 if taken:
                     self._is_stuck, waiting_since = False, 0.0
                 elif failure in _BUSY:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 __all__ = [
@@ -14,6 +16,10 @@ __all__ = [
     "FD_FDF",
     "FRAME_DTYPE",
     "FrameBatch",
+    "FrameViews",
+    "as_bytes",
+    "as_words",
+    "views",
 ]
 
 CAN_EFF = 0x8000_0000
@@ -46,6 +52,10 @@ FRAME_DTYPE = np.dtype(
 """One frame, 80 bytes. From `id` on it is the kernel's `struct canfd_frame`, byte for byte, so that
 `recvmmsg` can write into a batch; `origin` and `bus` lie in that struct's two reserved bytes.
 Bytes of `data` past `length` are undefined."""
+LENGTH_AT, FLAGS_AT, ORIGIN_AT, BUS_AT, PAYLOAD = 12, 13, 14, 15, 16
+"""Places of these fields in the bytes of a record; PAYLOAD is that of the first data byte."""
+_WORDS = np.dtype((np.int64, FRAME_DTYPE.itemsize // 8))
+_BYTES = np.dtype((np.uint8, FRAME_DTYPE.itemsize))
 
 
 class FrameBatch:
@@ -145,3 +155,28 @@ class FrameBatch:
             mine = frames["bus"] == bus
             stamps[mine] = np.maximum.accumulate(stamps[mine])
         frames[:] = frames[np.argsort(stamps, kind="stable")]
+
+
+class FrameViews(NamedTuple):
+    """Two views of the same m records, as kernels take them."""
+
+    words: np.ndarray
+    """Shape (m, 10), int64: column 0 is the time stamp; column 1 holds identifier, length, flags,
+    origin and bus, from the lowest byte up; the others hold the data."""
+    data: np.ndarray
+    """Shape (m, 80), uint8: everything byte by byte."""
+
+
+def views(records: np.ndarray) -> FrameViews:
+    """Views of FRAME_DTYPE records, shape (m,), contiguous."""
+    return FrameViews(as_words(records), as_bytes(records))
+
+
+def as_words(records: np.ndarray) -> np.ndarray:
+    """View of FRAME_DTYPE records, shape (m,), contiguous, as int64, shape (m, 10)."""
+    return records.view(_WORDS)
+
+
+def as_bytes(records: np.ndarray) -> np.ndarray:
+    """View of FRAME_DTYPE records, shape (m,), contiguous, as uint8, shape (m, 80)."""
+    return records.view(_BYTES)

@@ -1,41 +1,49 @@
 """Many frames a system call: `recvmmsg`, `sendmmsg` and `ppoll`, compiled, without the GIL.
 
 The system calls are symbols of the C library, which only machine code can call: the functions that
-make them are compiled where they stand and have no form in Python. What can be run as Python is
-kept apart from them (`_settle`, `_stage`): plain functions that turn what the kernel wrote into
-records, and records into what the kernel reads. No ctypes, whose addresses would keep numba from
-caching.
+make them have no form in Python. What can be run as Python is kept apart from them (`settle`,
+`stage`): functions that turn what the kernel wrote into records, and records into what the kernel
+reads. No ctypes, whose addresses would keep numba from caching.
 
-Frames are rows of FRAME_DTYPE, 80 bytes, seen as words of int64, shape (m, 10). The kernel writes
-its `struct canfd_frame` from the second word of a row on. A call moves up to BATCH frames; its
-arrays (`Buffers`) are rows of one message each:
-
-- `headers`, shape (BATCH, 8), int64: `struct mmsghdr` of a 64-bit Linux, little endian;
-- `vectors`, shape (BATCH, 2), int64: `struct iovec`;
-- `control`, shape (BATCH, 8), int64: time stamp and drop counter, as control messages;
-- `report`, shape (REPORT_SIZE,), int64: what a call has to say beside the number of frames.
+Frames are rows of FRAME_DTYPE, seen as words of int64, shape (m, 10) (`bus.frame.as_words`). The
+kernel writes its `struct canfd_frame` from the second word of a row on. A call moves up to BATCH
+frames, through the `Buffers` of its direction.
 """
 
 from __future__ import annotations
 
-import numpy as np
-from numba import carray, njit, types
+from typing import NamedTuple
 
-from bus.frame import CAN_ERR, ECHO, FD_BRS, FD_ESI, FD_FDF, FRAME_DTYPE
+import numpy as np
+from numba import carray, typeof, types
+
+from bus.compiled.jit import compiled, jitable
+from bus.frame import CAN_ERR, ECHO, FD_BRS, FD_ESI, FD_FDF
 
 BATCH = 256
-WORDS = FRAME_DTYPE.itemsize // 8
 CLASSIC_SIZE, FD_SIZE = 16, 72
 """`struct can_frame` and `struct canfd_frame`: the size of a message tells the kind of frame."""
 
-# Places of `report`.
-DROPS = 0  # the socket's drop counter, modulo 2^32; kept until it changes
-ERRNO = 1  # why a call ended early, 0: it did not
-ERRORS = 2  # error frames among those received
-REPORT_SIZE = 3
-
-# Words of a header.
-_VECTOR, _VECTOR_COUNT, _CONTROL, _CONTROL_SIZE, _FLAGS, _SIZE = 2, 3, 4, 5, 6, 7
+MESSAGE = np.dtype(
+    [
+        (name, np.int64)
+        for name in (
+            "name", "name_size", "vectors", "vector_count", "control", "control_size", "flags",
+            "size",
+        )
+    ]
+)  # fmt: skip
+"""`struct mmsghdr` of a 64-bit Linux, little endian: addresses, and sizes with their padding."""
+VECTOR = np.dtype([("base", np.int64), ("size", np.int64)])
+"""`struct iovec`."""
+REPORT = np.dtype(
+    [
+        ("drops", np.int64),  # the socket's drop counter, modulo 2^32; kept until it changes
+        ("errno", np.int64),  # why a call ended early, 0: it did not
+        ("errors", np.int64),  # error frames among those received
+    ]
+)
+"""What a call has to say beside the number of frames."""
 _CONTROL_BYTES = 64
 # Control messages as level | type << 32, level SOL_SOCKET.
 _TIME_STAMP = 1 | 35 << 32
@@ -47,56 +55,76 @@ _EINTR, _EAGAIN = 4, 11
 _LOW = 0xFFFF_FFFF
 
 
-class Buffers:
-    """The arrays of one direction of a socket, set up once; not for two threads at a time."""
+class Buffers(NamedTuple):
+    """The arrays of one direction of a socket, one row a message; not for two threads at a time."""
 
-    def __init__(self) -> None:
-        self.headers = np.zeros((BATCH, 8), np.int64)
-        self.vectors = np.zeros((BATCH, 2), np.int64)
-        self.control = np.zeros((BATCH, _CONTROL_BYTES // 8), np.int64)
-        self.staged = np.zeros((BATCH, FD_SIZE // 8), np.int64)
-        self.report = np.zeros(REPORT_SIZE, np.int64)
-        rows = np.arange(BATCH)
-        self.headers[:, _VECTOR] = self.vectors.ctypes.data + self.vectors.strides[0] * rows
-        self.headers[:, _VECTOR_COUNT] = 1
+    messages: np.ndarray
+    """Shape (BATCH,), MESSAGE."""
+    vectors: np.ndarray
+    """Shape (BATCH,), VECTOR: of one each."""
+    control: np.ndarray
+    """Shape (BATCH, 8), int64: time stamp and drop counter, as control messages."""
+    staged: np.ndarray
+    """Shape (BATCH, 9), int64: frames to be sent."""
+    report: np.ndarray
+    """Shape (1,), REPORT."""
 
 
-def _settle(count, first, index, words, headers, control, report):
+def new_buffers() -> Buffers:
+    """Buffers whose messages have their vectors."""
+    into = Buffers(
+        messages=np.zeros(BATCH, MESSAGE),
+        vectors=np.zeros(BATCH, VECTOR),
+        control=np.zeros((BATCH, _CONTROL_BYTES // 8), np.int64),
+        staged=np.zeros((BATCH, FD_SIZE // 8), np.int64),
+        report=np.zeros(1, REPORT),
+    )
+    vectors = into.vectors
+    into.messages["vectors"] = vectors.ctypes.data + vectors.itemsize * np.arange(BATCH)
+    into.messages["vector_count"] = 1
+    return into
+
+
+@jitable
+def settle_python(count, first, index, words, buffers):
     """Complete `count` records that the kernel has written, from row `first` on."""
     # The bus index goes to the top byte of a signed word.
     bus = ((index ^ 0x80) - 0x80) << 56
+    control, report = buffers.control, buffers.report[0]
     for i in range(count):
-        row = first + i
-        stamp, place, end = 0, 0, headers[i, _CONTROL_SIZE] // 8
+        row, message = first + i, buffers.messages[i]
+        stamp, place, end = 0, 0, message["control_size"] // 8
         while place + 2 < end and control[i, place] > 16:
             kind = control[i, place + 1]
             if kind == _TIME_STAMP:
                 stamp = control[i, place + 2] * 1_000_000_000 + control[i, place + 3]
             elif kind == _DROPPED:
-                report[DROPS] = control[i, place + 2] & _LOW
+                report["drops"] = control[i, place + 2] & _LOW
             place += (control[i, place] + 7) // 8
         header = words[row, 1]
         identifier, length, flags = header & _LOW, (header >> 32) & 0xFF, 0
-        if headers[i, _SIZE] & _LOW == FD_SIZE:
+        if message["size"] & _LOW == FD_SIZE:
             length = min(length, 64)
             flags = (header >> 40) & (FD_BRS | FD_ESI) | FD_FDF
         else:
             length = min(length, 8)
-        origin = ECHO if headers[i, _FLAGS] & _MSG_CONFIRM else 0
+        origin = ECHO if message["flags"] & _MSG_CONFIRM else 0
         if identifier & CAN_ERR:
-            report[ERRORS] += 1
+            report["errors"] += 1
         words[row, 0] = stamp
         words[row, 1] = identifier | length << 32 | flags << 40 | origin << 48 | bus
 
 
-def _stage(count, first, words, staged, headers, vectors):
+@jitable
+def stage_python(count, first, words, buffers):
     """Lay out `count` records, from row `first` on, as the messages of one call.
 
     Origin and bus go, since the kernel has other uses for their bytes; so do the undefined bytes
     past the length, which an FD frame could carry to the bus.
     """
+    staged = buffers.staged
     for i in range(count):
-        header = words[first + i, 1]
+        header, vector = words[first + i, 1], buffers.vectors[i]
         is_fd = (header >> 40) & FD_FDF != 0
         length = (header >> 32) & 0xFF
         staged[i, 0] = header & (0xFFFF_FFFF_FFFF if is_fd else 0xFF_FFFF_FFFF)
@@ -108,9 +136,9 @@ def _stage(count, first, words, staged, headers, vectors):
             elif valid < 8:
                 word &= (1 << 8 * valid) - 1
             staged[i, k + 1] = word
-        vectors[i, 0] = staged.ctypes.data + FD_SIZE * i
-        vectors[i, 1] = FD_SIZE if is_fd else CLASSIC_SIZE
-        headers[i, _CONTROL_SIZE] = 0
+        vector["base"] = staged.ctypes.data + FD_SIZE * i
+        vector["size"] = FD_SIZE if is_fd else CLASSIC_SIZE
+        buffers.messages[i]["control_size"] = 0
 
 
 _int, _pointer, _unsigned = types.int32, types.intp, types.uint32
@@ -122,18 +150,11 @@ _errno_place = types.ExternalFunction("__errno_location", types.CPointer(_int)()
 _long, _void = types.int64, types.void
 _rows, _flat = types.int64[:, ::1], types.int64[::1]
 _rows_in = types.Array(types.int64, 2, "C", readonly=True)
+_buffers = typeof(new_buffers())
 
 
-def _compiled(*signature):
-    return njit(*signature, error_model="numpy", nogil=True, cache=True)
-
-
-settle = _compiled(_void(_long, _long, _long, _rows, _rows, _rows, _flat))(_settle)
-stage = _compiled(_void(_long, _long, _rows_in, _rows, _rows, _rows))(_stage)
-
-
-@_compiled(_long(_flat, _long))
-def wait(polled, timeout_ns):
+@jitable
+def _wait(polled, timeout_ns):
     """Wait until a descriptor has something to read.
 
     Parameters
@@ -152,8 +173,7 @@ def wait(polled, timeout_ns):
     return max(_ppoll(limit + 16, polled.size - 2, limit, 0), 0)
 
 
-@_compiled(_long(_long, _flat, _long, _long, _long, _long, _rows, _rows, _rows, _rows, _flat))
-def receive(fd, polled, timeout_ns, first, room, index, words, headers, vectors, control, report):
+def _receive(fd, polled, timeout_ns, first, room, index, words, buffers):
     """Receive what waits, at most `room` frames, into rows from `first` on.
 
     Waits up to `timeout_ns` for the first frame, or until another descriptor of `polled` has
@@ -165,37 +185,38 @@ def receive(fd, polled, timeout_ns, first, room, index, words, headers, vectors,
     int
         Number of frames.
     """
-    report[ERRNO] = report[ERRORS] = 0
+    report, control = buffers.report[0], buffers.control
+    report["errno"] = report["errors"] = 0
     total = 0
     while total < room:
         wanted = min(room - total, BATCH)
         base = words.ctypes.data + words.strides[0] * (first + total) + 8
         for i in range(wanted):
-            vectors[i, 0] = base + words.strides[0] * i
-            vectors[i, 1] = FD_SIZE
-            headers[i, _CONTROL] = control.ctypes.data + _CONTROL_BYTES * i
-            headers[i, _CONTROL_SIZE] = _CONTROL_BYTES
-        got = _recvmmsg(fd, headers.ctypes.data, wanted, _MSG_DONTWAIT, 0)
+            vector, message = buffers.vectors[i], buffers.messages[i]
+            vector["base"] = base + words.strides[0] * i
+            vector["size"] = FD_SIZE
+            message["control"] = control.ctypes.data + _CONTROL_BYTES * i
+            message["control_size"] = _CONTROL_BYTES
+        got = _recvmmsg(fd, buffers.messages.ctypes.data, wanted, _MSG_DONTWAIT, 0)
         if got < 0:
             errno = carray(_errno_place(), 1)[0]
             if errno == _EINTR:
                 continue
             if errno != _EAGAIN:
-                report[ERRNO] = errno
+                report["errno"] = errno
             elif total == 0 and timeout_ns > 0:
-                wait(polled, timeout_ns)
+                _wait(polled, timeout_ns)
                 timeout_ns = 0
                 continue
             break
-        settle(got, first + total, index, words, headers, control, report)
+        settle_python(got, first + total, index, words, buffers)
         total += got
         if got < wanted:
             break
     return total
 
 
-@_compiled(_long(_long, _long, _long, _rows_in, _rows, _rows, _rows, _flat))
-def send(fd, first, count, words, staged, headers, vectors, report):
+def _send(fd, first, count, words, buffers):
     """Send up to BATCH of `count` records, from row `first` on, without waiting.
 
     Returns
@@ -204,19 +225,22 @@ def send(fd, first, count, words, staged, headers, vectors, report):
         Number of frames taken; where it is less than asked for, `report` has the reason, once the
         first frame of a call is refused.
     """
-    report[ERRNO] = 0
+    report = buffers.report[0]
+    report["errno"] = 0
     count = min(count, BATCH)
-    stage(count, first, words, staged, headers, vectors)
-    taken = _sendmmsg(fd, headers.ctypes.data, count, _MSG_DONTWAIT)
+    stage_python(count, first, words, buffers)
+    taken = _sendmmsg(fd, buffers.messages.ctypes.data, count, _MSG_DONTWAIT)
     if taken < 0:
-        report[ERRNO] = carray(_errno_place(), 1)[0]
+        report["errno"] = carray(_errno_place(), 1)[0]
         return 0
     return taken
 
 
-def as_words(records: np.ndarray) -> np.ndarray:
-    """View of contiguous FRAME_DTYPE records as int64, shape (m, 10)."""
-    return records.view(np.int64).reshape(-1, WORDS)
+settle = compiled(settle_python, [_void(_long, _long, _long, _rows, _buffers)])
+stage = compiled(stage_python, [_void(_long, _long, _rows_in, _buffers)])
+wait = compiled(_wait, [_long(_flat, _long)])
+receive = compiled(_receive, [_long(_long, _flat, _long, _long, _long, _long, _rows, _buffers)])
+send = compiled(_send, [_long(_long, _long, _long, _rows_in, _buffers)])
 
 
 def pollfds(*descriptors: int) -> np.ndarray:

@@ -1,20 +1,93 @@
-"""FrameTable: the wire layouts of a topology as the integer tables that the kernels read."""
+"""FrameTable: the wire layouts of a topology as the tables that the kernels read.
+
+n units, c channels, f frames, m signals, g sets of units, b buses.
+"""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from bus import kernels as k
 from bus.errors import LayoutError
-from bus.frame import FRAME_DTYPE
+from bus.frame import FRAME_DTYPE, PAYLOAD
 from topology import CHANNELS, Signal, Topology, WireLayout
 from topology.wire import UNIT_FIELDS
 
-__all__ = ["FrameTable"]
+__all__ = ["EXPECTED", "EXTENDED", "FIELD", "SIGNAL", "FrameTable", "Tables"]
+
+SWAPPED, BYTE_AT, SHIFT_MASK = 1 << 5, 6, (1 << 5) - 1
+FIELD = np.dtype([("where", np.uint32), ("mask", np.uint32)], align=True)
+"""A bit field: four bytes of the record as one number, shifted right and masked. `where` has the
+first of the bytes from bit BYTE_AT on, SWAPPED where the high byte comes first, and the shift below
+that: in one number, since reading a signal takes about as long as its numbers are many. A mask of
+0: there is no such field."""
+SIGNAL = np.dtype(
+    [
+        ("field", FIELD),
+        ("flip", np.int32),
+        ("bias", np.int32),
+        ("target", np.int32),
+        ("unit", np.int32),
+        ("place", np.int32),
+    ],
+    align=True,
+)
+"""A signal of a frame. Its count is (field ^ flip) - bias: that is how signs, and 16 bits unsigned,
+are read. `target` is the channel, or, from c on, the unit's status; `place` that of the count in
+the channels of all units, one after the other."""
+EXPECTED = np.dtype(
+    [
+        ("bus", np.uint32),
+        ("identifier", np.uint32),
+        ("size", np.uint32),
+        ("is_fd", np.uint32),
+        ("first_channel", np.uint32),
+        ("first_status", np.uint32),
+        ("end_status", np.uint32),
+        ("group", np.uint32),
+        ("part", np.uint32),
+        ("pages", np.uint32),
+        ("page", np.uint32),
+        ("is_awaited", np.uint32),
+        ("echoes", np.uint32),
+        ("crc_place", np.uint32),
+        ("sequence", FIELD),
+        ("status", FIELD),
+        ("crc", FIELD),
+    ],
+    align=True,
+)
+"""A data frame of the topology. Its signals are rows of `Tables.signals`: channels from
+`first_channel`, status from `first_status` to before `end_status`. `pages` frames have the same
+identifier (0: it is the frame's own), and `page` as their first byte. `echoes`: its sequence number
+is the counter of the SYNC. Indexing by unsigned integers spares the test for negative ones."""
+EXTENDED = np.dtype([("key", np.int64), ("frame", np.int64)])
+"""``bus << 32 | identifier`` of a 29-bit identifier, and its frame."""
+
+
+class Tables(NamedTuple):
+    """What a topology expects, as the kernels take it."""
+
+    frames: np.ndarray
+    """Shape (f,), EXPECTED: what each frame looks like."""
+    signals: np.ndarray
+    """Shape (m,), SIGNAL."""
+    units: np.ndarray
+    """Shape (f, s), int32: unit in each slot, or -1."""
+    standard: np.ndarray
+    """Shape (b, 2048), int32: frame of each 11-bit identifier (the first of its pages), or -1."""
+    extended: np.ndarray
+    """Shape (e,), EXTENDED, sorted by key."""
+    groups: np.ndarray
+    """Shape (g, p), int32: frames of the sets of units by part, -1 past the last part or where
+    there is none."""
+    parts: np.ndarray
+    """Shape (g,), int32: frames that make a set whole."""
 
 
 class FrameTable:
-    """Tables of the f data frames of a topology; columns are named in `bus.kernels`.
+    """Tables of the data frames of a topology.
 
     Parameters
     ----------
@@ -22,23 +95,11 @@ class FrameTable:
 
     Attributes
     ----------
-    frames : ndarray, shape (f, FRAME_COLUMNS), uint32
-        What each frame looks like, and which rows of `signals` it has.
-    signals : ndarray, shape (m, SIGNAL_COLUMNS), int32
+    tables : Tables
     units : ndarray, shape (f, s), int32
-        Unit in each slot, or -1.
-    standard : ndarray, shape (buses, 2048), int32
-        Frame of each 11-bit identifier (the first of its pages), or -1.
-    extended : ndarray, shape (e, 2), int64
-        Sorted ``bus << 32 | identifier`` of the frames with 29-bit identifiers, and the frame.
-    groups : ndarray, shape (g, p), int32
-        Frames of the g sets of units by part, -1 past the last part or where there is none.
-    parts : ndarray, shape (g,), int32
-        Frames that make a set whole.
+        Those of `tables`.
     unit_group : ndarray, shape (n,), int32
         Set that the unit belongs to, -1 for none.
-    tables : Tables
-        All of the above but the last, as the kernels take them.
 
     Raises
     ------
@@ -55,65 +116,63 @@ class FrameTable:
             for index, layout in enumerate(topology.layouts)
             for part in range(layout.parts)
         }
-        rows = [np.zeros((0, k.SIGNAL_COLUMNS), np.int32)]
+        rows = [np.zeros(0, SIGNAL)]
         first_row = 0
 
         firsts: dict[tuple[int, int, int], int] = {}
-        self.frames = np.zeros((len(expected), k.FRAME_COLUMNS), np.uint32)
+        self._frames = np.zeros(len(expected), EXPECTED)
         for f in range(len(expected)):
             bus, layout_index = int(expected.bus[f]), int(expected.layout[f])
             part, can_id = int(expected.part[f]), int(expected.can_id[f])
             layout = topology.layouts[layout_index]
             carried = self.units[f][self.units[f] >= 0]
-            row = self.frames[f]
-            row[k.BUS] = bus
-            row[k.IDENTIFIER] = can_id
-            row[k.SIZE], row[k.IS_FD] = layout.size, layout.fd
+            row = self._frames[f]
+            row["bus"], row["identifier"] = bus, can_id
+            row["size"], row["is_fd"] = layout.size, layout.fd
             rows.append(_of_units(signals[layout_index, part], self.units[f], topology.n))
-            channels = int(np.count_nonzero(rows[-1][:, k.CHANNEL] < k.CHANNEL_COUNT))
-            row[k.FIRST_CHANNEL], row[k.FIRST_STATUS] = first_row, first_row + channels
-            row[k.END_STATUS] = first_row = first_row + len(rows[-1])
+            channels = int(np.count_nonzero(rows[-1]["target"] < len(CHANNELS)))
+            row["first_channel"], row["first_status"] = first_row, first_row + channels
+            row["end_status"] = first_row = first_row + len(rows[-1])
             first_id = can_id if layout.pages else can_id - part
-            row[k.GROUP] = firsts.setdefault((bus, layout_index, first_id), len(firsts))
-            row[k.PART] = part
+            row["group"] = firsts.setdefault((bus, layout_index, first_id), len(firsts))
+            row["part"] = part
             if layout.pages:
-                row[k.PAGES], row[k.PAGE] = layout.parts, layout.pages[part]
-            row[k.AWAITED] = topology.enabled[carried].any()
+                row["pages"], row["page"] = layout.parts, layout.pages[part]
+            row["is_awaited"] = topology.enabled[carried].any()
             has_sync = topology.buses[bus].sync_id is not None
-            row[k.ECHOES] = has_sync and layout.sequence == "sync"
+            row["echoes"] = has_sync and layout.sequence == "sync"
             _frame_fields(layout, part, row)
-        self.signals = np.concatenate(rows)
-        self._group(topology, len(firsts))
-        self._index(topology)
-        self.tables = k.Tables(
-            self.frames, self.signals, self.units, self.standard, self.extended, self.groups,
-            self.parts,
-        )  # fmt: skip
+        groups, parts = self._group(topology, len(firsts))
+        standard, extended = self._index(topology)
+        self.tables = Tables(
+            self._frames, np.concatenate(rows), self.units, standard, extended, groups, parts
+        )
 
-    def _group(self, topology: Topology, count: int) -> None:
+    def _group(self, topology: Topology, count: int) -> tuple[np.ndarray, np.ndarray]:
         most = max((layout.parts for layout in topology.layouts), default=1)
-        self.groups = np.full((count, most), -1, np.int32)
-        self.parts = np.ones(count, np.int32)
+        groups, parts = np.full((count, most), -1, np.int32), np.ones(count, np.int32)
         self.unit_group = np.full(topology.n, -1, np.int32)
-        for f, row in enumerate(self.frames):
-            self.groups[row[k.GROUP], row[k.PART]] = f
-            self.parts[row[k.GROUP]] = topology.layouts[topology.frames.layout[f]].parts
-            self.unit_group[self.units[f][self.units[f] >= 0]] = row[k.GROUP]
+        for f, row in enumerate(self._frames):
+            groups[row["group"], row["part"]] = f
+            parts[row["group"]] = topology.layouts[topology.frames.layout[f]].parts
+            self.unit_group[self.units[f][self.units[f] >= 0]] = row["group"]
+        return groups, parts
 
-    def _index(self, topology: Topology) -> None:
+    def _index(self, topology: Topology) -> tuple[np.ndarray, np.ndarray]:
         bus, can_id = topology.frames.bus, topology.frames.can_id.astype(np.int64)
         is_standard = can_id < 2048
         # Of the pages of one identifier the first; the others follow it.
-        paged = self.frames[:, k.PAGES] > 0
-        frame = np.arange(can_id.size) - self.frames[:, k.PART] * paged
-        self.standard = np.full((len(topology.buses), 2048), -1, np.int32)
-        self.standard[bus[is_standard], can_id[is_standard]] = frame[is_standard]
-        others = np.stack([bus.astype(np.int64) << 32 | can_id, frame], axis=1)[~is_standard]
-        self.extended = others[np.argsort(others[:, 0])].reshape(-1, 2)
+        frame = np.arange(can_id.size) - self._frames["part"] * (self._frames["pages"] > 0)
+        standard = np.full((len(topology.buses), 2048), -1, np.int32)
+        standard[bus[is_standard], can_id[is_standard]] = frame[is_standard]
+        extended = np.zeros(np.count_nonzero(~is_standard), EXTENDED)
+        extended["key"] = (bus.astype(np.int64) << 32 | can_id)[~is_standard]
+        extended["frame"] = frame[~is_standard]
+        return standard, np.sort(extended, order="key", kind="stable")
 
 
 def _field_of(signal: Signal, size: int) -> tuple[int, int]:
-    """Where a signal lies in a record, and its mask: the two columns of a field.
+    """Where a signal lies in a record, and its mask: a FIELD.
 
     The four bytes lie within the record, if not within the frame; the mask takes away what is not
     the signal's.
@@ -121,15 +180,15 @@ def _field_of(signal: Signal, size: int) -> tuple[int, int]:
     first, bit = divmod(signal.start, 8)
     if signal.order == "little":
         shift, last = bit, (signal.start + signal.length - 1) // 8
-        byte = min(k.PAYLOAD + first, FRAME_DTYPE.itemsize - 4)
-        shift += 8 * (k.PAYLOAD + first - byte)
+        byte = min(PAYLOAD + first, FRAME_DTYPE.itemsize - 4)
+        shift += 8 * (PAYLOAD + first - byte)
     else:
         last, bit = divmod(8 * first + 7 - bit + signal.length - 1, 8)
-        shift, byte = 7 - bit, k.PAYLOAD + last - 3
+        shift, byte = 7 - bit, PAYLOAD + last - 3
     if not 0 <= first <= last < size:
         raise ValueError(f"must lie within the {size} bytes of its frame")
-    swapped = k.SWAPPED if signal.order == "big" else 0
-    return byte << k.BYTE_AT | swapped | shift, (1 << signal.length) - 1
+    swapped = SWAPPED if signal.order == "big" else 0
+    return byte << BYTE_AT | swapped | shift, (1 << signal.length) - 1
 
 
 def _signals(layout: WireLayout, part: int) -> np.ndarray:
@@ -145,30 +204,30 @@ def _signals(layout: WireLayout, part: int) -> np.ndarray:
         flip = 1 << (signal.length - 1) if signal.signed and is_channel else 0
         bias = -signal.rails[0] if is_channel else 0
         target = targets.index(signal.name)
-        rows.append([*_field(layout, signal), flip, bias, target, signal.slot, 0])
-    return np.array(rows, np.int32).reshape(-1, k.SIGNAL_COLUMNS)
+        rows.append((_field(layout, signal), flip, bias, target, signal.slot, 0))
+    return np.array(rows, SIGNAL)
 
 
 def _of_units(signals: np.ndarray, units: np.ndarray, n: int) -> np.ndarray:
     """Rows of `_signals`, for the units in the slots of one frame."""
     rows = signals.copy()
-    rows[:, k.UNIT] = units[signals[:, k.UNIT]]
-    rows[:, k.PLACE] = rows[:, k.CHANNEL] * n + rows[:, k.UNIT]
-    return rows[rows[:, k.UNIT] >= 0]
+    rows["unit"] = units[signals["unit"]]
+    rows["place"] = rows["target"] * n + rows["unit"]
+    return rows[rows["unit"] >= 0]
 
 
-def _frame_fields(layout: WireLayout, part: int, row: np.ndarray) -> None:
-    """The columns of one frame's sequence, status and crc."""
-    for name, column in (("sequence", k.SEQUENCE), ("status", k.STATUS), ("crc", k.CRC)):
+def _frame_fields(layout: WireLayout, part: int, row: np.void) -> None:
+    """The fields of one frame's sequence, status and crc."""
+    for name in ("sequence", "status", "crc"):
         signal = layout.frame_field(name, part)
         # Without the field the mask is 0, and reading gives 0.
-        field = (k.PAYLOAD << k.BYTE_AT, 0) if signal is None else _field(layout, signal)
-        row[column : column + k.FIELD_WIDTH] = field
+        where, mask = (PAYLOAD << BYTE_AT, 0) if signal is None else _field(layout, signal)
+        row[name]["where"], row[name]["mask"] = where, mask
         if name == "crc" and signal is not None:
-            if signal.length != 16 or field[k.WHERE] & k.SHIFT_MASK:
+            if signal.length != 16 or where & SHIFT_MASK:
                 raise _wrong(layout, signal, "must be 16 bits that fill two bytes",
                              f"{signal.length} bits from bit {signal.start}")  # fmt: skip
-            row[k.CRC_PLACE] = k.PAYLOAD + signal.start // 8
+            row["crc_place"] = PAYLOAD + signal.start // 8
 
 
 def _field(layout: WireLayout, signal: Signal) -> tuple[int, int]:

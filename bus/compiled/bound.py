@@ -14,12 +14,15 @@ from __future__ import annotations
 import functools
 import struct
 from collections.abc import Callable, Iterator
+from hashlib import blake2b
 from typing import Any
 
 import numpy as np
 from llvmlite import ir
 from numba import njit, typeof, types
 from numba.extending import intrinsic
+
+from bus.compiled.cache import cache_on_disk
 
 try:
     from numba.core import cgutils
@@ -199,10 +202,15 @@ def _caller(signature) -> Callable:
 
         return result(place), code
 
-    @njit([(types.int64,)], nogil=True)
     def call(place):
         return call_address(place)
 
-    (found,) = call.overloads.values()
+    # a name, and so a file of the cache, for each signature: they are compiled side by side
+    digest = blake2b(repr(key).encode(), digest_size=12).hexdigest()
+    call.__qualname__ = f"{_caller.__qualname__}.{digest}"
+    kernel = njit(nogil=True)(call)
+    cache_on_disk(kernel)
+    kernel.compile((types.int64,))
+    (found,) = kernel.overloads.values()
     _callers[key] = found.entry_point
     return found.entry_point

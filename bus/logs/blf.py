@@ -14,9 +14,9 @@ from typing import BinaryIO
 import numpy as np
 
 from bus.errors import LogError
-from bus.frame import FrameBatch
+from bus.frame import FrameBatch, as_bytes, as_words
 from bus.logs import blf_kernels as kernels
-from bus.logs.reader import LogReader, as_bytes, as_words
+from bus.logs.reader import LogReader
 
 try:
     from isal import isal_zlib as inflating  # the extra `blf`: inflates half as fast again
@@ -55,7 +55,7 @@ class BlfReader(LogReader):
     """
 
     def _fill(self, batch: FrameBatch) -> Generator[None]:
-        self._state = np.zeros(kernels.STATE_SIZE, np.int64)
+        self._state = np.zeros(1, kernels.STATE)
         self._buses = np.full(1 << 16, kernels.UNKNOWN, np.int16)
         self._left_out = np.zeros(1 << 16, np.int64)
         self._types = np.zeros(kernels.TYPES, np.int64)
@@ -118,7 +118,7 @@ class BlfReader(LogReader):
             expected = f"a length of {FILE_HEAD.size} to {_LARGEST_FILE_HEAD}"
             raise self._damage(4, expected, f"{length}")
         self._told_bytes, self._told_objects = told_bytes, told_objects
-        self._state[kernels.START_NS] = _to_ns(*fields[14:22])
+        self._state["start_ns"][0] = _to_ns(*fields[14:22])
         there = len(head) + len(self._read_up_to(file, length - len(head)))
         if there < length:
             raise self._damage(there, f"a head of {length} bytes", self._end)
@@ -161,17 +161,17 @@ class BlfReader(LogReader):
         """Parse objects, the rest of those before first; return why it ended."""
         state, rest = self._state, objects.rest + data if objects.rest else data
         blob = np.frombuffer(rest, np.uint8) if rest else np.zeros(0, np.uint8)
-        state[kernels.POSITION], state[kernels.SKIP] = 0, objects.skip
+        state["position"][0], state["skip"][0] = 0, objects.skip
         while True:
-            state[kernels.COUNT] = batch.count
+            state["count"][0] = batch.count
             status = kernels.parse(
                 blob, blob.size, self._buses, self._left_out, self._types, *self._views, state
             )
-            batch.count = int(state[kernels.COUNT])
+            batch.count = int(state["count"][0])
             if status == kernels.FULL:
                 yield
             elif status == kernels.NEW_CHANNEL:
-                channel = int(state[kernels.CHANNEL])
+                channel = int(state["channel"][0])
                 try:
                     self._buses[channel] = self._channels.index(_name(channel))
                 except ValueError as error:
@@ -179,8 +179,8 @@ class BlfReader(LogReader):
             else:
                 break
         objects.rest = rest
-        objects.drop(int(state[kernels.POSITION]))
-        objects.skip = int(state[kernels.SKIP])
+        objects.drop(int(state["position"][0]))
+        objects.skip = int(state["skip"][0])
         return status
 
     def _read_some(self, file: BinaryIO, size: int) -> bytes:
@@ -204,7 +204,7 @@ class BlfReader(LogReader):
     def _damage(self, place: int, expected: str, got: str, inside: int | None = None) -> LogError:
         """Say what is wrong at a place of the file, and how much was read."""
         where = f"byte {place}" if inside is None else f"byte {place}: byte {inside} of contents"
-        read = f"{self._state[kernels.OBJECTS]} "
+        read = f"{self._state['objects'][0]} "
         read += f"of {self._told_objects} objects" if self._told_objects else "objects"
         if self.path.suffix.lower() != ".gz":
             size = os.path.getsize(self.path)

@@ -8,9 +8,10 @@ from datetime import datetime, timedelta
 
 import numpy as np
 
-from bus.logs import blf_kernels as kernels
+from bus.frame import as_bytes, as_words
+from bus.logs import blf_build
 from bus.logs.blf import CONTAINER_HEAD, DEFLATED, EPOCH, FILE_HEAD
-from bus.logs.reader import as_bytes, as_words
+from bus.logs.blf_kernels import LOG_CONTAINER
 from bus.logs.writer import PIECE, LogWriter
 
 __all__ = ["BlfWriter"]
@@ -51,7 +52,7 @@ class BlfWriter(LogWriter):
         self._start_ns: int | None = None
         self._stop_ns = 0
         self._unpacked_bytes = HEAD_BYTES
-        self._blob = np.empty(PIECE * kernels.MOST_OBJECT_BYTES, np.uint8)
+        self._blob = np.empty(PIECE * blf_build.MOST_OBJECT_BYTES, np.uint8)
         self._objects = bytearray()
         self._file = self.path.open("wb")
         self._write_head()
@@ -75,7 +76,7 @@ class BlfWriter(LogWriter):
             self._stop_ns = self._start_ns
         self._stop_ns = max(self._stop_ns, int(stamps.max()))
         self.early += int((stamps < self._start_ns).sum())
-        size = kernels.build(self._blob, as_words(records), as_bytes(records), self._start_ns)
+        size = blf_build.build(self._blob, as_words(records), as_bytes(records), self._start_ns)
         self._objects += self._blob[:size].data
         while len(self._objects) >= CONTAINER_BYTES:
             self._write_container()
@@ -87,9 +88,7 @@ class BlfWriter(LogWriter):
         packed = zlib.compress(contents, self._level)
         size = CONTAINER_HEAD.size + len(packed)
         self._file.write(
-            CONTAINER_HEAD.pack(
-                b"LOBJ", 16, 1, size, kernels.LOG_CONTAINER, DEFLATED, len(contents)
-            )
+            CONTAINER_HEAD.pack(b"LOBJ", 16, 1, size, LOG_CONTAINER, DEFLATED, len(contents))
         )
         self._file.write(packed)
         # So many, and not as many as reach a multiple of 4: every reader knows it this way.

@@ -7,9 +7,10 @@ from collections.abc import Generator
 import numpy as np
 
 from bus.errors import LogError
-from bus.frame import FrameBatch
+from bus.frame import FrameBatch, as_bytes, as_words
+from bus.logs import candump_faults as faults
 from bus.logs import candump_kernels as kernels
-from bus.logs.reader import LogReader, as_bytes, as_words
+from bus.logs.reader import LogReader
 
 __all__ = ["CandumpReader"]
 
@@ -28,8 +29,8 @@ class CandumpReader(LogReader):
     def _fill(self, batch: FrameBatch) -> Generator[None]:
         buffer = bytearray(CHUNK_BYTES)
         self._text = np.frombuffer(buffer, np.uint8)
-        self._state = np.zeros(kernels.STATE_SIZE, np.int64)
-        self._names = np.zeros((kernels.MOST_NAMES, kernels.NAME_BYTES), np.uint8)
+        self._state = np.zeros(1, kernels.STATE)
+        self._names = np.zeros((kernels.MOST_NAMES, faults.NAME_BYTES), np.uint8)
         self._buses = np.zeros(kernels.MOST_NAMES, np.int64)
         self._left_out = np.zeros(kernels.MOST_NAMES, np.int64)
         end = 0
@@ -47,51 +48,55 @@ class CandumpReader(LogReader):
                 end -= whole
         if buffer[:end].strip():
             raise LogError(
-                f"{self.path}:{self._state[kernels.LINE] + 1}: must be a whole line, with its end, "
+                f"{self.path}:{self._line}: must be a whole line, with its end, "
                 f"of at most {CHUNK_BYTES} bytes; got {_shown(buffer[:end])}"
             )
+
+    @property
+    def _line(self) -> int:
+        """Number of the line that is being read, from 1 on."""
+        return int(self._state["line"][0]) + 1
 
     def _parse(self, buffer: bytearray, end: int, batch: FrameBatch) -> Generator[None]:
         """Parse the text up to `end`; yield whenever the batch is full."""
         words, data, state = as_words(batch.records), as_bytes(batch.records), self._state
-        state[kernels.POSITION] = 0
+        state["position"][0] = 0
         status = None
-        while status != kernels.MORE:
-            state[kernels.COUNT] = batch.count
+        while status != faults.MORE:
+            state["count"][0] = batch.count
             status = kernels.parse(
                 self._text, end, self._names, self._buses, self._left_out, words, data, state
             )
-            batch.count = int(state[kernels.COUNT])
-            if status == kernels.FULL:
+            batch.count = int(state["count"][0])
+            if status == faults.FULL:
                 yield
-            elif status == kernels.NEW_NAME:
-                fault = self._add(bytes(buffer[state[kernels.START] : state[kernels.END]]))
+            elif status == faults.NEW_NAME:
+                fault = self._add(bytes(buffer[state["start"][0] : state["end"][0]]))
                 if fault:
                     raise self._error(buffer, fault)
-            elif status != kernels.MORE:
-                raise self._error(buffer, f"must be {kernels.EXPECTED[status]}")
+            elif status != faults.MORE:
+                raise self._error(buffer, f"must be {faults.EXPECTED[status]}")
         for name, count in zip(self.channels, self._left_out, strict=False):
             if count:
                 self.skipped[f"frame of {name}"] = int(count)
 
     def _add(self, name: bytes) -> str:
         """Give a new interface its bus; return what is wrong with it."""
-        k = int(self._state[kernels.NAMES])
+        k = int(self._state["names"][0])
         try:
             self._buses[k] = self._channels.index(name.decode("utf-8", "backslashreplace"))
         except ValueError as error:
             return str(error)
         self._names[k, : len(name)] = np.frombuffer(name, np.uint8)
-        self._state[kernels.NAMES] = k + 1
+        self._state["names"][0] = k + 1
         return ""
 
     def _error(self, buffer: bytearray, message: str) -> LogError:
         """Say where in the line that was not read something is wrong."""
-        begin, place = int(self._state[kernels.POSITION]), int(self._state[kernels.START])
+        begin, place = int(self._state["position"][0]), int(self._state["start"][0])
         rest = buffer[place : buffer.index(b"\n", place)]
         return LogError(
-            f"{self.path}:{self._state[kernels.LINE] + 1}: column {place - begin + 1}: {message}; "
-            f"got {_shown(rest)}"
+            f"{self.path}:{self._line}: column {place - begin + 1}: {message}; got {_shown(rest)}"
         )
 
 

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bus.logs import candump_kernels as kernels
-from bus.logs.reader import as_bytes, as_words
+from bus.frame import as_bytes, as_words
+from bus.logs.candump_faults import NAME_BYTES
+from bus.logs.candump_format import LINE_BYTES, format_frames
 from bus.logs.writer import PIECE, LogWriter
 
 __all__ = ["CandumpWriter"]
@@ -40,19 +41,19 @@ class CandumpWriter(LogWriter):
     ) -> None:
         super().__init__(path)
         names = [f"can{i}" for i in range(256)] if channels is None else list(channels)
-        self._names = np.zeros((len(names), kernels.NAME_BYTES), np.uint8)
+        self._names = np.zeros((len(names), NAME_BYTES), np.uint8)
         self._lengths = np.zeros(len(names), np.int64)
         for i, name in enumerate(names):
             encoded = name.encode()
-            if not 0 < len(encoded) < kernels.NAME_BYTES or min(encoded) <= ord(" "):
+            if not 0 < len(encoded) < NAME_BYTES or min(encoded) <= ord(" "):
                 raise ValueError(
-                    f"channels[{i}]: must be a name of 1 to {kernels.NAME_BYTES - 1} bytes without "
+                    f"channels[{i}]: must be a name of 1 to {NAME_BYTES - 1} bytes without "
                     f"blanks; got {name!r}"
                 )
             self._names[i, : len(encoded)] = np.frombuffer(encoded, np.uint8)
             self._lengths[i] = len(encoded)
         self._directed = int(directed)
-        self._text = np.empty(PIECE * kernels.LINE_BYTES, np.uint8)
+        self._text = np.empty(PIECE * LINE_BYTES, np.uint8)
         packed = self.path.suffix.lower() == ".gz"
         self._file = gzip.open(self.path, "wb") if packed else self.path.open("wb")
 
@@ -69,7 +70,7 @@ class CandumpWriter(LogWriter):
         self._refuse(records["stamp_ns"] < 0, "of a time since 1970", records["stamp_ns"])
 
     def _append(self, records: np.ndarray) -> None:
-        size = kernels.format_frames(
+        size = format_frames(
             self._text, as_words(records), as_bytes(records), self._names, self._lengths,
             self._directed,
         )  # fmt: skip

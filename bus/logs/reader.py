@@ -10,13 +10,11 @@ from collections.abc import Generator, Iterator, Mapping
 from pathlib import Path
 from typing import BinaryIO
 
-import numpy as np
-
 from bus.errors import LogError
-from bus.frame import FRAME_DTYPE, FrameBatch
+from bus.frame import FrameBatch
 from bus.logs.channels import Channels
 
-__all__ = ["LogReader", "as_bytes", "as_words"]
+__all__ = ["LogReader"]
 
 
 class LogReader(ABC):
@@ -130,13 +128,3 @@ class LogReader(ABC):
 
     def _skip(self, kind: str, count: int = 1) -> None:
         self.skipped[kind] = self.skipped.get(kind, 0) + count
-
-
-def as_words(records: np.ndarray) -> np.ndarray:
-    """View of FRAME_DTYPE records, contiguous, as int64, shape (m, 10)."""
-    return records.view(np.int64).reshape(-1, FRAME_DTYPE.itemsize // 8)
-
-
-def as_bytes(records: np.ndarray) -> np.ndarray:
-    """View of FRAME_DTYPE records, contiguous, as uint8, shape (m, 80)."""
-    return records.view(np.uint8).reshape(-1, FRAME_DTYPE.itemsize)

@@ -177,15 +177,14 @@ def _as_fit(values: Mapping[str, float], samples: int) -> Fit:
 
 
 def _amplitude(
-    lateral: np.ndarray, depth: np.ndarray, reach: np.ndarray, reference_mm: float, sigma_ut: float
-) -> Fit:
+    lateral: np.ndarray, depth: np.ndarray, displacement: np.ndarray, reference_mm: float,
+    sigma_ut: float,
+) -> Fit:  # fmt: skip
     """M0(H) and k, of what lies before the crest."""
-    first = fit_amplitude(lateral, depth, reach, reference_mm=reference_mm, sigma_ut=sigma_ut)
-    before = reach <= 0.5 * np.pi / first["field_wavenumber_rad_per_mm"]
-    return fit_amplitude(
-        lateral[before], depth[before], reach[before],
-        reference_mm=reference_mm, degree=2, sigma_ut=sigma_ut,
-    )  # fmt: skip
+    known = {"reference_mm": reference_mm, "sigma_ut": sigma_ut}
+    first = fit_amplitude(lateral, depth, displacement, **known)
+    before = displacement <= 0.5 * np.pi / first["field_wavenumber_rad_per_mm"]
+    return fit_amplitude(lateral[before], depth[before], displacement[before], degree=2, **known)
 
 
 def _of(scan: Scan, unit: int) -> dict[str, np.ndarray]:

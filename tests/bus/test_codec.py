@@ -7,7 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import bus
-from bus import FrameBatch, LayoutError, Packer, kernels
+from bus import FrameBatch, LayoutError, Packer
+from bus import codec_kernels as kernels
+from bus.frame import as_bytes, views
 from bus.table import FrameTable
 from tests.fixtures.bus import counts_of, data_frames, make_topology
 from tests.naive.bus import bits_of, crc16, read
@@ -63,12 +65,12 @@ def as_dbc(layout, part=0):
 
 def unpack(small, records):
     """Unpack without assembling: counts and fault codes."""
-    table = FrameTable(small)
+    tables = FrameTable(small).tables
     counts = np.zeros((len(CHANNELS), small.n), np.int16)
     codes = np.zeros(small.n, np.uint8)
-    data, flat = kernels.as_bytes(records), counts.reshape(-1)
+    data, flat = as_bytes(records), counts.reshape(-1)
     for f in range(len(small.frames)):
-        kernels.unpack_frame(data, f, f, table.frames, table.signals, table.units, flat, codes)
+        kernels.unpack_frame(data, f, f, tables, flat, codes)
     return counts, codes
 
 
@@ -192,11 +194,11 @@ def test_crc_may_stand_anywhere_in_the_frame(byte, order, payload):
     start = 8 * byte + (7 if order == "big" else 0)
     crc = Signal(name="crc", start=start, length=16, order=order)
     layout = WireLayout(name="any", size=62, fd=True, signals=(crc,))
-    table = FrameTable(make_topology(layout, units=1))
+    tables = FrameTable(make_topology(layout, units=1)).tables
     batch = FrameBatch(1)
     batch.append(0x100, payload)
     expected = crc16(b"\x00\x01" + payload[:byte] + payload[byte + 2 : 62])
-    assert kernels.frame_crc(kernels.as_bytes(batch.frames), 0, table.frames, 0) == expected
+    assert kernels.frame_crc(as_bytes(batch.frames), 0, tables.frames[0]) == expected
 
 
 @pytest.mark.parametrize("name", LAYOUTS)
@@ -293,25 +295,22 @@ def test_a_layout_that_cannot_be_read_is_refused(signal, message):
 @given(layouts(parts=2), st.binary(min_size=128, max_size=128), st.integers(0, 255))
 def test_kernels_and_their_python_agree(layout, payload, sequence):
     small = make_topology(layout, units=layout.units)
-    table = FrameTable(small)
+    tables = FrameTable(small).tables
     batch = FrameBatch(2)
     batch.append(0x100, payload[:64])
     batch.append(0x101, payload[64:])
     outcome = []
     for unpack_frame, pack in (
         (kernels.unpack_frame, kernels.pack),
-        (kernels._unpack_frame, kernels._pack),
+        (kernels.unpack_frame_python, kernels.pack_python),
     ):
         counts = np.zeros((len(CHANNELS), small.n), np.int16)
         codes = np.zeros(small.n, np.uint8)
         again = np.zeros_like(batch.records)
-        data, flat = kernels.as_bytes(batch.records), counts.reshape(-1)
+        data, flat = as_bytes(batch.records), counts.reshape(-1)
         for f in range(2):
-            unpack_frame(data, f, f, table.frames, table.signals, table.units, flat, codes)
-        pack(
-            0, 2, sequence, -1, counts, codes, table.frames, table.signals,
-            kernels.as_words(again), kernels.as_bytes(again),
-        )  # fmt: skip
+            unpack_frame(data, f, f, tables, flat, codes)
+        pack(0, 2, sequence, -1, counts, codes, tables, views(again))
         outcome.append((counts, codes, again))
     for compiled, interpreted in zip(*outcome, strict=True):
         np.testing.assert_array_equal(compiled, interpreted)
@@ -319,11 +318,9 @@ def test_kernels_and_their_python_agree(layout, payload, sequence):
 
 @given(st.binary(min_size=64, max_size=64))
 def test_crc_kernels_and_their_python_agree(payload):
-    table = FrameTable(make_topology("f3t-fd64", units=5))
+    tables = FrameTable(make_topology("f3t-fd64", units=5)).tables
     batch = FrameBatch(1)
     batch.append(0x100, payload)
-    data = kernels.as_bytes(batch.frames)
-    assert kernels._frame_crc(data, 0, table.frames, 0) == kernels.frame_crc(
-        data, 0, table.frames, 0
-    )
-    assert kernels._crc16(1, data, 0, 3, 40) == kernels.crc16(1, data, 0, 3, 40)
+    data, frame = as_bytes(batch.frames), tables.frames[0]
+    assert kernels.frame_crc_python(data, 0, frame) == kernels.frame_crc(data, 0, frame)
+    assert kernels.crc16_python(1, data, 0, 3, 40) == kernels.crc16(1, data, 0, 3, 40)

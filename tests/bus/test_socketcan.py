@@ -18,7 +18,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from bus import BusClosedError, BusOpenError, FrameBatch, MemoryTransport
-from bus.frame import CAN_EFF, CAN_ERR, CAN_RTR, ECHO, FD_BRS, FD_ESI, FD_FDF, FRAME_DTYPE
+from bus.frame import CAN_EFF, CAN_ERR, CAN_RTR, ECHO, FD_BRS, FD_ESI, FD_FDF, FRAME_DTYPE, as_words
 from bus.linux import SO_RCVBUFFORCE, has_batches
 from bus.open import open_transport
 from bus.state import BusState, read_error_frame
@@ -99,27 +99,31 @@ headers = st.integers(0, 2**32 - 1)
 )  # fmt: skip
 def test_settling_is_the_same_compiled_and_in_python(rows, index):
     results = []
-    for settle in (mmsg.settle, mmsg._settle):
-        into = mmsg.Buffers()
-        words = np.zeros((len(rows) + 1, mmsg.WORDS), np.int64)
+    for settle in (mmsg.settle, mmsg.settle_python):
+        into = mmsg.new_buffers()
+        words = np.zeros((len(rows) + 1, 10), np.int64)
         for i, (identifier, rest, size, flags, stamp, drops, has_drops) in enumerate(rows):
             words[i + 1, 1] = np.array([identifier, rest], np.uint32).view(np.int64)[0]
-            into.headers[i, 5:8] = 56 if has_drops else 32, flags, size
+            into.messages[["control_size", "flags", "size"]][i] = (
+                56 if has_drops else 32,
+                flags,
+                size,
+            )
             into.control[i, :4] = 32, 1 | 35 << 32, *divmod(stamp, 10**9)
             into.control[i, 4:7] = 20, 1 | 40 << 32, drops
-        settle(len(rows), 1, index, words, into.headers, into.control, into.report)
-        results.append((words.view(FRAME_DTYPE).ravel()[1:], into.report))
+        settle(len(rows), 1, index, words, into)
+        results.append((words.view(FRAME_DTYPE).ravel()[1:], into.report[0]))
     (compiled, report), (plain, same_report) = results
     assert compiled.tobytes() == plain.tobytes()
-    assert report.tolist() == same_report.tolist()
+    assert report == same_report
     for record, (identifier, _, size, flags, stamp, _, _) in zip(plain, rows, strict=True):
         assert (record["id"], record["stamp_ns"]) == (identifier, stamp)
         assert record["origin"] == (ECHO if flags & 0x800 else 0)
         assert bool(record["flags"] & FD_FDF) == (size == 72)
         assert record["bus"] == index
     known = [drops for *_, drops, has_drops in rows if has_drops]
-    assert report[mmsg.DROPS] == (known[-1] if known else 0)
-    assert report[mmsg.ERRORS] == sum(bool(row[0] & CAN_ERR) for row in rows)
+    assert report["drops"] == (known[-1] if known else 0)
+    assert report["errors"] == sum(bool(row[0] & CAN_ERR) for row in rows)
 
 
 @given(
@@ -135,11 +139,11 @@ def test_staging_is_the_same_compiled_and_in_python(data, length, flags, origin,
     record["origin"] = record["bus"] = origin
     record["data"] = np.frombuffer(data, np.uint8)
     staged = []
-    for stage in (mmsg.stage, mmsg._stage):
-        out = mmsg.Buffers()
-        stage(1, 0, mmsg.as_words(record), out.staged, out.headers, out.vectors)
-        assert out.vectors[0, 0] == out.staged.ctypes.data
-        staged.append(out.staged[0].tobytes()[: out.vectors[0, 1]])
+    for stage in (mmsg.stage, mmsg.stage_python):
+        out = mmsg.new_buffers()
+        stage(1, 0, as_words(record), out)
+        assert out.vectors["base"][0] == out.staged.ctypes.data
+        staged.append(out.staged[0].tobytes()[: out.vectors["size"][0]])
     assert staged[0] == staged[1]
     is_fd = bool(flags & FD_FDF)
     kept = data[:length].ljust(64, b"\0")
@@ -327,18 +331,19 @@ def test_the_handler_of_a_signal_may_close_what_its_thread_waits_for(pair):
 
 
 @pytest.fixture
-def answers(monkeypatch):
+def answers(pair, monkeypatch):
     """What the interface answers to `send` in turn: frames it takes, or an errno; then ENOBUFS."""
-    real, answers = mmsg.send, []
+    near, _ = pair
+    real, answers = near._send_many, []
 
-    def send(fd, first, count, words, staged, headers, vectors, report):
+    def send(fd, first, count, words, buffers):
         answer = answers.pop(0) if answers else -errno.ENOBUFS
         if answer > 0:
-            return real(fd, first, min(count, answer), words, staged, headers, vectors, report)
-        report[mmsg.ERRNO] = -answer
+            return real(fd, first, min(count, answer), words, buffers)
+        buffers.report["errno"] = -answer
         return 0
 
-    monkeypatch.setattr(mmsg, "send", send)
+    monkeypatch.setattr(near, "_send_many", send)
     return answers
 
 

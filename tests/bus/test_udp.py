@@ -1,8 +1,12 @@
-"""CAN over UDP multicast on this host: own frames do not come back, those of others all come."""
+"""CAN over UDP multicast on this host: own frames do not come back, those of others all come.
+
+Nothing leaves the machine: see tests/fixtures/network.py.
+"""
 
 import socket
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -12,9 +16,17 @@ from bus.pythoncan import PythonCanTransport
 from tests.bus import transport_contract
 from tests.bus.transport_contract import CHECKS, content, numbered, numbers, receive
 from tests.fixtures.bus import frame, join
+from tests.fixtures.network import in_namespace, is_permitted, over_loopback, quiet_multicast
 from topology import Bus
 
 GROUP = "239.74.163.2"
+LOOPBACK = socket.inet_aton("127.0.0.1")
+
+
+@pytest.fixture(autouse=True)
+def quiet():
+    with quiet_multicast():
+        yield
 
 
 @pytest.fixture
@@ -24,9 +36,10 @@ def port():
         probe.bind(("", 0))
         number = probe.getsockname()[1]
         try:
+            probe.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, LOOPBACK)
             probe.sendto(b"", (GROUP, number))
         except OSError as error:
-            pytest.skip(f"no route for multicast on this machine: {error}")
+            pytest.skip(f"no multicast over the loopback interface of this machine: {error}")
     return number
 
 
@@ -51,9 +64,12 @@ OTHER = """
 import sys
 from bus import FrameBatch
 from tests.bus.transport_contract import numbers, numbered, receive
-from test_bus_udp import open_end
+from tests.bus.test_udp import open_end
+from tests.fixtures.network import is_permitted, over_loopback
+from contextlib import nullcontext
 
-with open_end(int(sys.argv[1])) as end:
+# where a network namespace is permitted, this process has that of its parent
+with nullcontext() if is_permitted() else over_loopback(), open_end(int(sys.argv[1])) as end:
     end.send(numbered(1, 255))
     heard = receive(end, 40)
     end.send(numbered(40, 100))
@@ -89,3 +105,34 @@ def test_equal_frames_of_both_ends_come_once_at_each(port):
 def test_the_channel_must_be_a_group():
     with pytest.raises(BusOpenError, match=r"a multicast group as the channel, such as 239\.74"):
         PythonCanTransport(Bus(name="air", interface="udp_multicast", channel="vcan0"))
+
+
+def joined(group):
+    """Names of the interfaces on which this thread's network has joined a group."""
+    wanted, found, device = socket.inet_aton(group)[::-1].hex().upper(), set(), ""
+    for line in Path("/proc/thread-self/net/igmp").read_text().splitlines()[1:]:
+        if line[0].isdigit():
+            device = line.split()[1]
+        elif line.split()[0] == wanted:
+            found.add(device)
+    return found
+
+
+def test_in_a_network_namespace_there_is_nowhere_to_go(port):
+    if not is_permitted():
+        pytest.skip("this process may not make a network namespace, or there is no `ip`")
+    with in_namespace(), open_end(port) as near, open_end(port) as far:
+        assert [name for _, name in socket.if_nameindex()] == ["lo"]
+        near.send(numbered(3))
+        assert numbers(receive(far, 3)) == [0, 1, 2]
+
+
+def test_over_the_loopback_interface_nothing_goes_anywhere_else(port):
+    with over_loopback(), open_end(port) as near, open_end(port) as far:
+        assert joined(GROUP) == {"lo"}
+        for end in (near, far):
+            sock = end._can._multicast._socket
+            assert sock.getsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL) == 0
+            assert sock.getsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, 4) == LOOPBACK
+        near.send(numbered(3))
+        assert numbers(receive(far, 3)) == [0, 1, 2]

@@ -12,7 +12,7 @@ import pytest
 
 from bus import FRAME_DTYPE, LogError
 from bus.logs import blf, open_writer, read, read_all
-from bus.logs.candump_kernels import EXPECTED as CANDUMP_EXPECTED
+from bus.logs.candump_faults import EXPECTED as CANDUMP_EXPECTED
 from tests.fixtures.logs import BAD_LINES, blf_container, blf_file, blf_object, can_message
 
 GOLDEN = Path(__file__).parents[2] / "golden" / "messages" / "logs.txt"

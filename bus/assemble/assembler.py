@@ -1,0 +1,236 @@
+"""Assembler: frames in, cycles out, by the rules of `bus.assemble`."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import fields
+
+import numpy as np
+
+from bus.assemble.memory import BY_DEADLINE, BY_END, new_memory, new_shown
+from bus.cycle import ClosedBy, FrameCounters, RawCycle
+from bus.frame import FRAME_DTYPE, views
+from bus.table import FrameTable
+from topology import Topology
+
+__all__ = ["Assembler"]
+
+_KINDS = tuple(field.name for field in fields(FrameCounters))
+_CLOSED_BY = (None, ClosedBy.COMPLETE, ClosedBy.SYNC, ClosedBy.DEADLINE, ClosedBy.END)
+
+
+class _State:
+    """The fields of a STATE record, each as a view of shape (1,): faster than the record."""
+
+    def __init__(self, state: np.ndarray) -> None:
+        self.number, self.is_open, self.waiting = (
+            state[name] for name in ("number", "is_open", "waiting")
+        )
+        self.is_free, self.is_busy, self.has_clock = (
+            state[name] for name in ("is_free", "is_busy", "has_clock")
+        )
+        self.closed_by, self.closed_number, self.closed_stamp, self.stamp = (
+            state[name] for name in ("closed_by", "closed_number", "closed_stamp", "stamp")
+        )
+
+
+class Assembler:
+    """Frames in, cycles out.
+
+    Parameters
+    ----------
+    topology : Topology
+    stale_cycles : int
+        Cycles without a reading after which a unit is STALE, and not waited for.
+    deadline_s : float, optional
+        Seconds from the opening of a cycle to its end by `expire`; 0.9 periods if not given.
+    clock : callable
+        Monotonic clock, in ns, that dates the opening of cycles for `expire`.
+
+    Attributes
+    ----------
+    deadline_ns : int
+        The deadline, from the opening of a cycle.
+
+    Raises
+    ------
+    LayoutError
+        A layout of the topology cannot be unpacked.
+    """
+
+    def __init__(
+        self,
+        topology: Topology,
+        *,
+        stale_cycles: int = 5,
+        deadline_s: float | None = None,
+        clock: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        from bus.assemble.feed import close_cycle, feed
+        from bus.compiled.bound import direct
+
+        if stale_cycles < 1:
+            raise ValueError(f"stale_cycles: must be at least 1; got {stale_cycles}")
+        if deadline_s is not None and not deadline_s > 0:
+            raise ValueError(f"deadline_s: must be above 0 s; got {deadline_s}")
+        self._feed, self._close = direct(feed), direct(close_cycle)
+        self._clock = clock
+        self._period_ns = max(1, round(1e9 / topology.cycle_rate_hz))
+        self._silence_ns = (stale_cycles + 1) * self._period_ns
+        seconds = 0.9 / topology.cycle_rate_hz if deadline_s is None else deadline_s
+        self.deadline_ns = max(1, round(seconds * 1e9))
+
+        table = FrameTable(topology)
+        self._units = table.units
+        self._memory = new_memory(topology, table, stale_cycles)
+        self._state = _State(self._memory.state)
+        self._shown = new_shown(topology.n)
+        self._arrays = (table.tables, self._memory, self._shown)
+        self._since_ns: int | None = None
+        """On the clock: opening of the cycle, or start of the free-running one."""
+
+    @property
+    def counters(self) -> FrameCounters:
+        """Frames by what became of them until now."""
+        return FrameCounters(*self._memory.totals.tolist())
+
+    @property
+    def counts(self) -> np.ndarray:
+        """Channels of the last cycle, shape (c, n), int16: the same array for every cycle."""
+        return self._shown.counts
+
+    @property
+    def status(self) -> np.ndarray:
+        """`Status` flags of the last cycle, shape (n,), uint16: the same array for every cycle."""
+        return self._shown.status
+
+    @property
+    def pending(self) -> bool:
+        """Whether a cycle is open: with SYNC, one that waits for frames; without, always."""
+        return bool(self._state.is_open[0])
+
+    @property
+    def waiting(self) -> int:
+        """Frames that the open cycle waits for; 0 without SYNC."""
+        return int(self._state.waiting[0]) if self.pending else 0
+
+    def by_frame(self, kind: str) -> np.ndarray:
+        """Running totals of one kind (a name of `FrameCounters`) by frame of the topology.
+
+        Returns
+        -------
+        ndarray, shape (f,), int64
+            Order of `Topology.frames`. Kinds that no data frame can be of are 0.
+        """
+        return self._memory.tallies[:, _KINDS.index(kind)].copy()
+
+    def by_unit(self, kind: str) -> np.ndarray:
+        """Running totals of one kind of all frames that carry each unit.
+
+        Returns
+        -------
+        ndarray, shape (n,), int64
+        """
+        frame, slot = np.nonzero(self._units >= 0)
+        totals = np.zeros(self._shown.age.size, np.int64)
+        np.add.at(totals, self._units[frame, slot], self.by_frame(kind)[frame])
+        return totals
+
+    def feed(self, frames: np.ndarray) -> Iterator[RawCycle]:
+        """Take frames, in the order of the bus, and yield every cycle as it closes.
+
+        Nothing is taken before the iterator asks for it: go through to its end. The arrays of a
+        cycle are valid until the next one.
+
+        Parameters
+        ----------
+        frames : ndarray, shape (m,), FRAME_DTYPE
+            From all buses; the host's own SYNC among them.
+        """
+        if frames.dtype != FRAME_DTYPE or frames.ndim != 1:
+            got = f"{frames.dtype} of shape {frames.shape}"
+            raise ValueError(f"frames: must be FRAME_DTYPE of shape (m,); got {got}")
+        state = self._state
+        frames = np.ascontiguousarray(frames)
+        rows = views(frames)
+        row = 0
+        while row < frames.size:
+            number = state.number[0]
+            row = self._feed(row, rows, *self._arrays)
+            if state.number[0] != number and not state.is_free[0]:
+                self._since_ns = self._clock()
+            if state.closed_by[0]:
+                yield self._cycle()
+
+    def expire(self, now_ns: int) -> RawCycle | None:
+        """Close the open cycle if its time is over.
+
+        With SYNC that is the deadline; without, the end of the period, and if the caller was away
+        for several, the number of the next cycle says so.
+
+        Parameters
+        ----------
+        now_ns : int
+            The assembler's clock.
+        """
+        state = self._state
+        if state.is_free[0]:
+            state.has_clock[0] = 1
+            if self._since_ns is None:
+                self._since_ns = now_ns
+            periods = (now_ns - self._since_ns) // self._period_ns
+            if periods < 1:
+                return None
+            self._since_ns += periods * self._period_ns
+            self._close(BY_DEADLINE, *self._arrays)
+            state.number[0] += periods - 1
+            return self._cycle()
+        if not self.pending or now_ns - (self._since_ns or 0) < self.deadline_ns:
+            return None
+        self._close(BY_DEADLINE, *self._arrays)
+        return self._cycle()
+
+    def silence(self, now_ns: int) -> RawCycle | None:
+        """Give a cycle without data if no SYNC has come for longer than `stale_cycles` periods.
+
+        For a listener: so that units go STALE also where the host that sends SYNC falls silent,
+        or has never been heard. Then once a period; without SYNC on any bus, and while a cycle is
+        open, never.
+
+        Parameters
+        ----------
+        now_ns : int
+            The assembler's clock.
+        """
+        state = self._state
+        if state.is_free[0] or self.pending:
+            return None
+        if self._since_ns is None:
+            self._since_ns = now_ns
+        if now_ns - self._since_ns < self._silence_ns:
+            return None
+        periods = (now_ns - self._since_ns - self._silence_ns) // self._period_ns + 1
+        self._since_ns += periods * self._period_ns
+        state.number[0] += periods
+        state.stamp[0] += periods * self._period_ns
+        self._close(BY_DEADLINE, *self._arrays)
+        return self._cycle()
+
+    def flush(self) -> RawCycle | None:
+        """Close what is open, at the end of a log or of a session; None if nothing is."""
+        state = self._state
+        if not self.pending or (state.is_free[0] and not state.is_busy[0]):
+            return None
+        self._close(BY_END, *self._arrays)
+        return self._cycle()
+
+    def _cycle(self) -> RawCycle:
+        state, shown = self._state, self._shown
+        return RawCycle(
+            int(state.closed_number[0]),
+            int(state.closed_stamp[0]),
+            _CLOSED_BY[state.closed_by[0]],
+            *shown,
+            self.counters,
+        )

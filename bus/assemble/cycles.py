@@ -1,0 +1,181 @@
+"""Cycles: which SYNC opens one, what closes it, and what is shown of each unit then.
+
+Compiled into `bus.assemble.feed`.
+"""
+
+from __future__ import annotations
+
+from bus.assemble.gather import tear
+from bus.assemble.judge import ENOUGH
+from bus.assemble.memory import BY_END
+from bus.compiled.jit import jitable
+from bus.status import INVALID, Status
+
+NEVER, LATE, STALE, FROZEN, FAULT, DUPLICATE, DISABLED, TORN = (
+    int(Status[name])
+    for name in ("NEVER", "LATE", "STALE", "FROZEN", "FAULT", "DUPLICATE", "DISABLED", "TORN")
+)
+INVALID_BITS = int(INVALID)
+
+
+@jitable
+def sync_number(bus, counter, stamp, memory):
+    """Cycle number that a SYNC gives; `counter` is -1 where it carries none."""
+    state, sync = memory.state[0], memory.syncs[bus]
+    synced, before = state["synced"], sync["number"]
+    if counter < 0:
+        return max(synced, 0) if before < 0 else before + 1
+    if synced < 0:
+        number = counter
+    else:
+        nearest = synced + ((counter - synced + 128) & 0xFF) - 128
+        if before < 0:
+            number = nearest
+        else:
+            number = before + ((counter - before) & 0xFF)
+            if number == before and abs(stamp - sync["stamp"]) > state["period"] // 2:
+                number += 256
+            if synced - number >= 128:
+                number = nearest
+    if number > synced:
+        while number <= state["number"]:
+            number += 256
+    return number
+
+
+@jitable
+def open_cycle(number, stamp, tables, memory):
+    """Begin the cycle of a SYNC."""
+    state = memory.state[0]
+    stale_cycles = state["stale_cycles"]
+    has_restarted = number - state["number"] > stale_cycles
+    waiting = 0
+    for f in range(memory.sources.size):
+        expected, source = tables.frames[f], memory.sources[f]
+        if has_restarted and expected["echoes"]:
+            source["heard"] = -1
+            source["dropped"] = 0
+        source["is_awaited"] = 0
+        if expected["is_awaited"] and source["missed"] < stale_cycles:
+            source["is_awaited"] = 1
+            waiting += 1
+    state["number"] = number
+    state["synced"] = number
+    state["is_open"] = 1
+    state["waiting"] = waiting
+    state["stamp"] = stamp
+
+
+@jitable
+def is_tick(stamp, memory):
+    """Whether a free-running cycle ends before a frame of this time stamp."""
+    state = memory.state[0]
+    period, tick = state["period"], state["tick"]
+    if tick == 0:
+        # Half a period off the first frame, so that no tick cuts a burst that comes each period.
+        state["tick"] = stamp + period + period // 2
+    elif stamp < tick - 2 * period:
+        state["tick"] = stamp + period // 2
+    elif stamp >= tick:
+        if state["is_busy"] or state["idle"] <= state["stale_cycles"]:
+            state["tick"] += period
+            return True
+        periods = (stamp - tick) // period + 1
+        state["tick"] += periods * period
+        state["number"] += periods
+    return False
+
+
+@jitable
+def close_cycle_python(why, tables, memory, shown):
+    """End the open cycle: whole sets are shown, all others age; `why` is a BY_…."""
+    state = memory.state[0]
+    close_sources(why, tables, memory)
+    show_units(memory, shown)
+    state["closed_by"] = why
+    state["closed_number"] = state["number"]
+    if state["stamp"] < 0:
+        state["stamp"] = state["closed_stamp"] + state["period"]
+    state["closed_stamp"] = state["stamp"]
+    if state["is_free"]:
+        state["number"] += 1
+        state["stamp"] = -1
+        state["idle"] = 0 if state["is_busy"] else state["idle"] + 1
+    else:
+        state["is_open"] = 0
+    state["is_busy"] = 0
+
+
+@jitable
+def close_sources(why, tables, memory):
+    """What the end of a cycle means to the frames and sets of the topology."""
+    state, sets = memory.state[0], memory.sets
+    for g in range(sets.size):
+        sets[g]["is_twice"] = 0
+    for f in range(memory.sources.size):
+        source = memory.sources[f]
+        if source["taken_at"] == state["number"]:
+            source["missed"] = 0
+        else:
+            source["missed"] += 1
+        evidence = min(source["evidence"], 2 * ENOUGH)
+        if evidence >= ENOUGH:
+            source["is_duplicate"] = 1
+        elif evidence == 0:
+            source["is_duplicate"] = 0
+        source["evidence"] = max(evidence - 1, 0)
+        if source["is_duplicate"]:
+            sets[tables.frames[f]["group"]]["is_twice"] = 1
+    if why == BY_END or not state["is_free"]:
+        for g in range(sets.size):
+            if sets[g]["parts_in"] != 0:
+                tear(g, tables, memory)
+
+
+@jitable
+def show_units(memory, shown):
+    """Counts and status of every unit at the end of a cycle."""
+    for u in range(memory.units.size):
+        flags = show_unit(u, memory, shown)
+        shown.status[u] = flags
+        shown.valid[u] = flags & INVALID_BITS == 0
+
+
+@jitable
+def show_unit(u, memory, shown):
+    """Show the counts of a unit, if they are of this cycle; return its flags."""
+    state, unit, g = memory.state[0], memory.units[u], memory.units[u]["set"]
+    number = state["number"]
+    flags = 0 if unit["is_enabled"] else DISABLED
+    if g >= 0 and memory.sets[g]["whole_at"] == number:
+        is_same = unit["run"] > 0
+        for c in range(shown.counts.shape[0]):
+            count = memory.staged[c * memory.units.size + u]
+            if count != shown.counts[c, u]:
+                is_same = False
+                shown.counts[c, u] = count
+        unit["run"] = unit["run"] + 1 if is_same else 1
+        unit["seen_at"] = number
+        shown.fault_code[u] = memory.staged_codes[u]
+        shown.sequence[u] = memory.staged_sequence[u]
+        shown.age[u] = 0
+    else:
+        if g >= 0 and memory.sets[g]["torn_at"] == number:
+            flags |= TORN
+        if unit["seen_at"] < 0:
+            flags |= NEVER
+        else:
+            age = min(number - unit["seen_at"], 0x7FFF_FFFF)
+            shown.age[u] = age
+            # Units and ticks are not in step where no SYNC is.
+            if age >= (2 if state["is_free"] else 1):
+                flags |= LATE
+            if age >= state["stale_cycles"]:
+                flags |= STALE
+    if shown.fault_code[u] != 0:
+        flags |= FAULT
+    if unit["frozen_after"] > 0 and unit["run"] >= max(unit["frozen_after"], 2):
+        flags |= FROZEN
+    if g >= 0 and memory.sets[g]["is_twice"]:
+        flags |= DUPLICATE
+    return flags

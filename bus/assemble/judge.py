@@ -1,0 +1,130 @@
+"""Which data frames are taken: sequence numbers, repeats, gaps, steps back, second senders.
+
+Compiled into `bus.assemble.feed`. `f` is a frame of the topology, `row` where the frame
+that came lies in the batch.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bus.assemble.memory import Outcome
+from bus.compiled.jit import jitable
+from bus.frame import PAYLOAD
+
+PIECE, ENOUGH = 8, 24
+"""Each piece of evidence for a duplicate identifier counts 8, each cycle takes 1 away: three
+pieces within a few cycles are enough, and as many cycles without any clear it. [assumed]"""
+
+
+@jitable
+def count(memory, f, outcome):
+    """Count a frame of source f."""
+    memory.totals[outcome] += 1
+    memory.tallies[f, outcome] += 1
+
+
+@jitable
+def drop(memory, f, outcome):
+    """Count a frame of source f that came but is not taken."""
+    count(memory, f, outcome)
+    memory.sources[f]["dropped"] += 1
+
+
+@jitable
+def is_other_payload(f, row, data, tables, memory):
+    """Whether a frame differs from the last one taken from the same source."""
+    for k in range(np.int64(tables.frames[f]["size"])):
+        if data[row, PAYLOAD + k] != memory.last[f, k]:
+            return True
+    return False
+
+
+@jitable
+def repeat(f, row, data, tables, memory):
+    """Count a sequence number that came again; other bytes under it mean another sender."""
+    count(memory, f, Outcome.REPEATED)
+    if is_other_payload(f, row, data, tables, memory):
+        memory.sources[f]["evidence"] += PIECE
+
+
+@jitable
+def lose(f, gap, limit, memory):
+    """Count a gap in the sequence; `limit` and longer is silence or a restart, not loss."""
+    source = memory.sources[f]
+    if 0 < gap < limit and not source["is_duplicate"]:
+        lost = max(gap - source["dropped"], 0)
+        memory.totals[Outcome.LOST] += lost
+        memory.tallies[f, Outcome.LOST] += lost
+
+
+@jitable
+def accept_echo(f, sequence, row, data, tables, memory):
+    """Judge a frame whose sequence number is the counter of its SYNC; True: take it."""
+    state, source = memory.state[0], memory.sources[f]
+    size = min(np.int64(tables.frames[f]["sequence"]["mask"]) + 1, 256)
+    number = state["number"]
+    behind = (number - sequence) & (size - 1)
+    if number < 0:
+        drop(memory, f, Outcome.LATE)
+    elif behind == 0 and source["taken_at"] == number:
+        repeat(f, row, data, tables, memory)
+    elif behind == 0 and state["is_open"]:
+        if source["heard"] >= 0:
+            lose(f, number - source["heard"] - 1, max(size // 2, 1), memory)
+        source["heard"] = number
+        return True
+    elif behind == 0:
+        # Closed without waiting for it: the next cycle shall wait.
+        source["missed"] = 0
+        drop(memory, f, Outcome.LATE)
+    elif number - behind == source["heard"]:
+        repeat(f, row, data, tables, memory)
+    else:
+        drop(memory, f, Outcome.LATE)
+    return False
+
+
+@jitable
+def accept_count(f, sequence, row, data, tables, memory):
+    """Judge a frame whose sequence number is the sender's own count; True: take it."""
+    state, source = memory.state[0], memory.sources[f]
+    mask = np.int64(tables.frames[f]["sequence"]["mask"])
+    heard, back = source["heard"], source["back"]
+    was_silent = heard < 0 or source["missed"] >= state["stale_cycles"]
+    step = (sequence - heard) & mask
+    if heard >= 0 and step == 0:
+        # The same number after a silence may be chance, but not if all bytes are the same.
+        if not was_silent or not is_other_payload(f, row, data, tables, memory):
+            repeat(f, row, data, tables, memory)
+            return False
+    if not state["is_open"]:
+        source["missed"] = 0
+        drop(memory, f, Outcome.LATE)
+        return False
+    if not was_silent:
+        if step < max((mask + 1) // 2, 2):
+            lose(f, step - 1, mask + 1, memory)
+        elif back >= 0 and sequence == (back + 1) & mask:
+            # A count that goes on from a step back: restarted, or there are two of them.
+            source["evidence"] += PIECE
+        else:
+            source["back"] = sequence
+            drop(memory, f, Outcome.LATE)
+            return False
+    source["heard"] = sequence
+    return True
+
+
+@jitable
+def accept_plain(f, memory):
+    """Judge a frame without a sequence number; True: take it."""
+    state, source = memory.state[0], memory.sources[f]
+    if not state["is_open"]:
+        source["missed"] = 0
+        drop(memory, f, Outcome.LATE)
+        return False
+    if not state["is_free"] and source["taken_at"] == state["number"]:
+        count(memory, f, Outcome.REPEATED)
+        return False
+    return True

@@ -1,0 +1,181 @@
+"""What an assembler remembers and shows.
+
+n units, c channels, f frames of the topology, g sets of units, b buses. Time stamps in ns.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from bus.compiled.aligned import zeros
+from bus.table import FrameTable
+from topology import CHANNELS, Topology
+
+__all__ = ["SET", "SOURCE", "STATE", "SYNC", "UNIT", "Memory", "Outcome", "Shown"]
+
+
+def _integers(*names: str) -> np.dtype:
+    return np.dtype([(name, np.int64) for name in names])
+
+
+STATE = _integers(
+    "number",  # of the open cycle, or of the last one; -1 before the first SYNC
+    "synced",  # largest number that a SYNC has given
+    "is_open",
+    "waiting",  # frames that the open cycle waits for
+    "stamp",  # time stamp of the open cycle, -1: none yet
+    "tick",  # time stamp at which a free-running cycle closes, 0: none yet
+    "idle",  # free-running cycles in a row without any data
+    "is_busy",  # whether the open cycle has taken data
+    "last_stamp",
+    "has_clock",  # whether the caller closes free-running cycles by a clock of its own
+    "closed_by",  # a BY_…
+    "closed_number",
+    "closed_stamp",
+    "is_free",  # whether no bus has a SYNC
+    "period",  # ns
+    "stale_cycles",
+)
+BY_NOTHING, BY_COMPLETE, BY_SYNC, BY_DEADLINE, BY_END = range(5)
+SYNC = _integers("identifier", "number", "stamp")
+"""The SYNC of a bus: identifier (-1: none), last number, its time stamp."""
+SOURCE = _integers(
+    "heard",  # sequence of the last frame taken (SYNC number where it echoes that), -1: none
+    "dropped",  # frames that came since then and were not taken, for whatever reason
+    "missed",  # cycles in a row without a frame taken
+    "is_awaited",  # whether the open cycle still waits for it
+    "taken_at",  # cycle in which a frame was last taken
+    "back",  # sequence of the last frame that stepped back, -1: none
+    "evidence",  # of two senders with this identifier
+    "is_duplicate",  # whether there was enough of it
+)
+SET = _integers(
+    "parts_in",  # bit for each part that is in
+    "key",  # sequence number of the parts, -1: none has one
+    "stamp",  # time stamp of the first part
+    "whole_at",  # cycle in which it was last whole
+    "torn_at",  # cycle in which it was last torn
+    "is_twice",  # whether one of its frames has two senders
+)
+UNIT = _integers(
+    "seen_at",  # cycle of the last good reading, -1: none
+    "run",  # cycles in a row with the same counts
+    "frozen_after",  # such cycles that make it FROZEN, 0: none do
+    "is_enabled",
+    "set",  # -1: none
+)
+
+
+class Outcome(IntEnum):
+    """What becomes of a frame: the order of `FrameCounters`."""
+
+    DATA = 0
+    SYNC = 1
+    HEARTBEAT = 2
+    CONFIGURATION = 3
+    LATE = 4
+    REPEATED = 5
+    TORN = 6
+    SHORT = 7
+    FOREIGN = 8
+    REMOTE = 9
+    ERROR = 10
+    CRC = 11
+    ECHO = 12
+    LOST = 13
+    CONTROLLER_OVERFLOW = 14
+
+
+class Memory(NamedTuple):
+    """What an assembler remembers."""
+
+    state: np.ndarray
+    """Shape (1,), STATE."""
+    syncs: np.ndarray
+    """Shape (b,), SYNC."""
+    sources: np.ndarray
+    """Shape (f,), SOURCE."""
+    last: np.ndarray
+    """Shape (f, 64), uint8: payload of the last frame taken."""
+    sets: np.ndarray
+    """Shape (g,), SET."""
+    units: np.ndarray
+    """Shape (n,), UNIT."""
+    totals: np.ndarray
+    """Frames by `Outcome`, int64."""
+    tallies: np.ndarray
+    """Shape (f, outcomes), int64: the same by frame of the topology."""
+    gathered: np.ndarray
+    """Shape (c * n,), int16: counts of sets that are not whole yet."""
+    gathered_codes: np.ndarray
+    """Shape (n,), uint8: their fault codes."""
+    staged: np.ndarray
+    """Shape (c * n,), int16: counts that are whole, for the open cycle."""
+    staged_codes: np.ndarray
+    """Shape (n,), uint8: their fault codes."""
+    staged_sequence: np.ndarray
+    """Shape (n,), uint8: their sequence numbers."""
+
+
+class Shown(NamedTuple):
+    """The arrays of a `RawCycle`."""
+
+    counts: np.ndarray
+    valid: np.ndarray
+    status: np.ndarray
+    age: np.ndarray
+    sequence: np.ndarray
+    fault_code: np.ndarray
+
+
+def new_memory(topology: Topology, table: FrameTable, stale_cycles: int) -> Memory:
+    """An assembler's memory before the first frame."""
+    n, frames = topology.n, len(topology.frames)
+    is_free = all(bus.sync_id is None for bus in topology.buses)
+    state = np.zeros(1, STATE)
+    state["is_free"] = state["is_open"] = is_free
+    state["number"] = state["synced"] = 0 if is_free else -1
+    state["stamp"] = -1 if is_free else 0
+    state["period"] = max(1, round(1e9 / topology.cycle_rate_hz))
+    state["stale_cycles"] = stale_cycles
+    identifiers = (-1 if bus.sync_id is None else bus.sync_id for bus in topology.buses)
+    syncs = np.array([(identifier, -1, -1) for identifier in identifiers], SYNC)
+    sources = np.zeros(frames, SOURCE)
+    sources["heard"] = sources["back"] = sources["taken_at"] = -1
+    sets = np.zeros(len(table.tables.parts), SET)
+    sets["key"] = sets["whole_at"] = sets["torn_at"] = -1
+    units = np.zeros(n, UNIT)
+    units["seen_at"] = -1
+    units["frozen_after"] = topology.parameters["frozen_cycles"]
+    units["is_enabled"] = topology.enabled
+    units["set"] = table.unit_group
+    return Memory(
+        state=state,
+        syncs=syncs,
+        sources=sources,
+        last=np.zeros((frames, 64), np.uint8),
+        sets=sets,
+        units=units,
+        totals=np.zeros(len(Outcome), np.int64),
+        tallies=np.zeros((frames, len(Outcome)), np.int64),
+        gathered=np.zeros(len(CHANNELS) * n, np.int16),
+        gathered_codes=np.zeros(n, np.uint8),
+        staged=np.zeros(len(CHANNELS) * n, np.int16),
+        staged_codes=np.zeros(n, np.uint8),
+        staged_sequence=np.zeros(n, np.uint8),
+    )
+
+
+def new_shown(n: int) -> Shown:
+    """What n units show before the first cycle."""
+    return Shown(
+        counts=zeros((len(CHANNELS), n), np.int16),
+        valid=np.zeros(n, bool),
+        status=np.zeros(n, np.uint16),
+        age=np.full(n, -1, np.int32),
+        sequence=np.zeros(n, np.uint8),
+        fault_code=np.zeros(n, np.uint8),
+    )
