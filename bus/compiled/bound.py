@@ -5,8 +5,8 @@ twenty of them is as long as its work on a hundred units. Here they are looked a
 down as the words that the compiled function takes, addresses among them; a call then has one
 argument.
 
-It stands on private parts of numba: how a function takes its arguments, and where it lies. Where a
-version lacks them, a bound kernel calls the kernel as anybody would.
+It stands on private parts of numba and llvmlite: how a function takes its arguments, and where it
+lies. Where a version lacks them, a bound kernel calls the kernel as anybody would.
 """
 
 from __future__ import annotations
@@ -14,21 +14,27 @@ from __future__ import annotations
 import functools
 import struct
 from collections.abc import Callable, Iterator
+from hashlib import blake2b
 from typing import Any
 
 import numpy as np
-from llvmlite import ir
 from numba import njit, typeof, types
 from numba.extending import intrinsic
 
+from bus.compiled.cache import cache_on_disk
+
 try:
+    from llvmlite import ir
     from numba.core import cgutils
-except ImportError:  # a numba of another version
-    cgutils = None
+    from numba.core.errors import NumbaError
+
+    OF_NUMBA: tuple[type[Exception], ...] = (NumbaError,)
+except ImportError:  # numba or llvmlite of another version
+    ir = cgutils = None
+    OF_NUMBA = ()
 
 __all__ = ["Bound", "direct"]
 
-WORD = ir.IntType(64)
 DATA = 4
 """Which of an array's words is the address of its data."""
 _callers: dict[object, Callable] = {}
@@ -62,36 +68,46 @@ class Bound(functools.partial):
         Arrays, numbers, truth values, None, and tuples of these, named ones too. What a kernel is
         to be told anew with every call stands in an array.
 
-    Attributes
-    ----------
-    arguments : list
-        Kept, as a call reads and writes them by address.
     """
 
-    arguments: list[Any]
+    _arguments: list[Any]
+    _exchanged: dict[int | tuple[int | str, ...], np.ndarray]
+    """What `put` gave, by where, and is not yet in `_arguments`."""
     _words: np.ndarray | None
-    _places: list[int]
+    """What the compiled function takes; None where the kernel is called with `_arguments`."""
+    _places: dict[int | tuple[int | str, ...], int]
+    """Which of `_words` is the address of an array, by the path that leads to it."""
+    _kernel: Any
+    """Kept, or its code would go with it."""
 
     def __new__(cls, kernel: Any, *arguments: Any) -> Bound:
         kept = list(arguments)
-        if not hasattr(kernel, "overloads") or cgutils is None:
+        words, places, found = [0], {}, None
+        if hasattr(kernel, "overloads") and ir is not None and cgutils is not None:
+            kinds = tuple(typeof(argument) for argument in arguments)
+            for position, (kind, argument) in enumerate(zip(kinds, arguments, strict=True)):
+                places |= _places(kind, argument, (position,), len(words))
+                words += _words(kind, argument)
+            found = _found(kernel, kinds)
+        if found is None:
             self = super().__new__(cls, lambda: kernel(*kept))
-            self.arguments, self._words = kept, None
-            return self
-        kinds = tuple(typeof(argument) for argument in arguments)
-        kernel.compile(kinds)
-        found = kernel.overloads[kinds]
-        words = [found.library.get_pointer_to_function(found.fndesc.llvm_func_name)]
-        places = []
-        for kind, argument in zip(kinds, arguments, strict=True):
-            places.append(len(words))
-            words += _words(kind, argument)
-        kept_words = np.array(words, np.int64)
-        self = super().__new__(cls, _caller(found.signature), kept_words.ctypes.data)
-        self.arguments, self._words, self._places = kept, kept_words, places
-        self._kinds = kinds
-        self._kernel = kernel  # or its code would go with it
+            self._words = None
+        else:
+            words[0], caller = found
+            kept_words = np.array(words, np.int64)
+            self = super().__new__(cls, caller, kept_words.ctypes.data)
+            self._words = kept_words
+        self._arguments, self._exchanged, self._places, self._kernel = kept, {}, places, kernel
         return self
+
+    @property
+    def arguments(self) -> list[Any]:
+        """The arguments as of now; kept, as a call reads and writes them by address."""
+        while self._exchanged:
+            where, array = self._exchanged.popitem()
+            position, *path = where if isinstance(where, tuple) else (where,)
+            self._arguments[position] = _replaced(self._arguments[position], path, array)
+        return self._arguments
 
     def put(self, where: int | tuple[int | str, ...], array: np.ndarray) -> None:
         """Exchange an array for another of the same type, shape and strides, for which the caller
@@ -103,33 +119,46 @@ class Bound(functools.partial):
             Which argument; within named tuples the names that lead to it: ``(1, "counts")``.
         array : ndarray
         """
-        path = where if isinstance(where, tuple) else (where,)
-        position = int(path[0])
-        if self._words is not None:
-            place = self._places[position] + self._offset(position, path[1:])
-            self._words[place + DATA] = array.__array_interface__["data"][0]
-        self.arguments[position] = _replaced(self.arguments[position], path[1:], array)
-
-    def _offset(self, position: int, path: tuple[int | str, ...]) -> int:
-        """Words before the array that a path leads to, from those of its argument on."""
-        kind, value, offset = self._kinds[position], self.arguments[position], 0
-        for step in path:
-            index = step if isinstance(step, int) else value._fields.index(step)
-            parts = list(zip(kind, value, strict=True))
-            offset += sum(len(_words(*part)) for part in parts[:index])
-            kind, value = parts[index]
-        return offset
+        self._exchanged[where] = array
+        if self._words is None:
+            _ = self.arguments
+        else:
+            self._words[self._places[where]] = array.__array_interface__["data"][0]
 
     def __reduce__(self) -> str:
         raise TypeError("a bound kernel knows the addresses of its arrays: it cannot be copied")
 
 
-def _replaced(value: Any, path: tuple[int | str, ...], array: np.ndarray) -> Any:
-    """A tuple with one array exchanged, at any depth."""
+def _found(kernel: Any, kinds: tuple[types.Type, ...]) -> tuple[int, Callable] | None:
+    """Where the code of a kernel lies, and what calls it; None where numba does not tell."""
+    kernel.compile(kinds)
+    found = kernel.overloads[kinds]
+    try:
+        code = found.library.get_pointer_to_function(found.fndesc.llvm_func_name)
+        return code, _caller(found.signature)
+    except (AttributeError, *OF_NUMBA):  # private parts of another version
+        return None
+
+
+def _places(kind: types.Type, value: Any, path: tuple, first: int) -> dict[Any, int]:
+    """Which words are the addresses of arrays, for a value whose words begin at `first`."""
+    if isinstance(kind, types.Array):
+        return dict.fromkeys((path, path[0]) if len(path) == 1 else (path,), first + DATA)
+    places = {}
+    if isinstance(kind, types.BaseTuple):
+        names = getattr(value, "_fields", range(len(value)))
+        for name, part, inner in zip(names, kind, value, strict=True):
+            places |= _places(part, inner, (*path, name), first)
+            first += len(_words(part, inner))
+    return places
+
+
+def _replaced(value: Any, path: list[int | str], array: np.ndarray) -> Any:
+    """A named tuple with one array exchanged, at any depth."""
     if not path:
         return array
-    name = path[0] if isinstance(path[0], str) else value._fields[path[0]]
-    return value._replace(**{name: _replaced(getattr(value, name), path[1:], array)})
+    name, *rest = path
+    return value._replace(**{name: _replaced(getattr(value, name), rest, array)})
 
 
 def _words(kind: types.Type, value: Any) -> list[int]:
@@ -148,7 +177,7 @@ def _words(kind: types.Type, value: Any) -> list[int]:
     raise TypeError(f"a bound kernel takes no {kind}")
 
 
-def _value(context, builder, kind: types.Type, words: Iterator[ir.Value]) -> ir.Value:
+def _value(context: Any, builder: Any, kind: types.Type, words: Iterator[Any]) -> Any:
     """A value of a kind in compiled code, from its words."""
     if isinstance(kind, types.Array):
         array = context.make_array(kind)(context, builder)
@@ -167,7 +196,7 @@ def _value(context, builder, kind: types.Type, words: Iterator[ir.Value]) -> ir.
     if isinstance(kind, types.NoneType):
         return context.get_dummy_value()
     if isinstance(kind, types.Boolean):
-        return builder.icmp_unsigned("!=", next(words), WORD(0))
+        return builder.icmp_unsigned("!=", next(words), ir.IntType(64)(0))
     if kind == types.float64:
         return builder.bitcast(next(words), ir.DoubleType())
     return next(words)
@@ -184,9 +213,9 @@ def _caller(signature) -> Callable:
     @intrinsic
     def call_address(typing, place):
         def code(context, builder, given, arguments):
-            base = builder.inttoptr(arguments[0], WORD.as_pointer())
+            base = builder.inttoptr(arguments[0], ir.IntType(64).as_pointer())
             words = (
-                builder.load(builder.gep(base, [WORD(i)])) for i in range(2**31)
+                builder.load(builder.gep(base, [ir.IntType(64)(i)])) for i in range(2**31)
             )  # fmt: skip
             convention = context.call_conv
             function = convention.get_function_type(result, kinds).as_pointer()
@@ -199,10 +228,15 @@ def _caller(signature) -> Callable:
 
         return result(place), code
 
-    @njit([(types.int64,)], nogil=True)
     def call(place):
         return call_address(place)
 
-    (found,) = call.overloads.values()
+    # a name, and so a file of the cache, for each signature: they are compiled side by side
+    digest = blake2b(repr(key).encode(), digest_size=12).hexdigest()
+    call.__qualname__ = f"{_caller.__qualname__}.{digest}"
+    kernel = njit(nogil=True)(call)
+    cache_on_disk(kernel)
+    kernel.compile((types.int64,))
+    (found,) = kernel.overloads.values()
     _callers[key] = found.entry_point
     return found.entry_point

@@ -20,6 +20,7 @@ from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
 import numpy as np
+from numba.types import Type
 
 try:
     from numba.core.caching import FunctionCache
@@ -129,6 +130,8 @@ class _Walk:
                 self.value(part)
         elif isinstance(value, set | frozenset):
             self._add(sorted(map(repr, value)))
+        elif isinstance(value, Type):
+            self._add(repr(value))
         elif isinstance(value, bool | int | float | str | bytes | np.generic | None):
             self._add(repr(value))
         else:
