@@ -30,11 +30,13 @@ try:
 
     OF_NUMBA: tuple[type[Exception], ...] = (NumbaError,)
 except ImportError:  # numba or llvmlite of another version
-    ir = cgutils = None
+    ir: Any = None
+    cgutils: Any = None
     OF_NUMBA = ()
 
 __all__ = ["Bound", "direct"]
 
+TUPLE: Any = types.BaseTuple
 DATA = 4
 """Which of an array's words is the address of its data."""
 _callers: dict[object, Callable] = {}
@@ -105,7 +107,8 @@ class Bound(functools.partial):
         """The arguments as of now; kept, as a call reads and writes them by address."""
         while self._exchanged:
             where, array = self._exchanged.popitem()
-            position, *path = where if isinstance(where, tuple) else (where,)
+            path = list(where) if isinstance(where, tuple) else [where]
+            position: Any = path.pop(0)
             self._arguments[position] = _replaced(self._arguments[position], path, array)
         return self._arguments
 
@@ -140,20 +143,20 @@ def _found(kernel: Any, kinds: tuple[types.Type, ...]) -> tuple[int, Callable] |
         return None
 
 
-def _places(kind: types.Type, value: Any, path: tuple, first: int) -> dict[Any, int]:
+def _places(kind: Any, value: Any, path: tuple, first: int) -> dict[Any, int]:
     """Which words are the addresses of arrays, for a value whose words begin at `first`."""
     if isinstance(kind, types.Array):
         return dict.fromkeys((path, path[0]) if len(path) == 1 else (path,), first + DATA)
     places = {}
-    if isinstance(kind, types.BaseTuple):
+    if isinstance(kind, TUPLE):
         names = getattr(value, "_fields", range(len(value)))
-        for name, part, inner in zip(names, kind, value, strict=True):
+        for name, part, inner in zip(names, tuple(kind), value, strict=True):
             places |= _places(part, inner, (*path, name), first)
             first += len(_words(part, inner))
     return places
 
 
-def _replaced(value: Any, path: list[int | str], array: np.ndarray) -> Any:
+def _replaced(value: Any, path: list[Any], array: np.ndarray) -> Any:
     """A named tuple with one array exchanged, at any depth."""
     if not path:
         return array
@@ -161,12 +164,12 @@ def _replaced(value: Any, path: list[int | str], array: np.ndarray) -> Any:
     return value._replace(**{name: _replaced(getattr(value, name), rest, array)})
 
 
-def _words(kind: types.Type, value: Any) -> list[int]:
+def _words(kind: Any, value: Any) -> list[int]:
     """A value as the words that `_value` reads."""
     if isinstance(kind, types.Array):
         # neither a reference count nor an owner: both are the arguments' that are kept
         return [0, 0, value.size, value.itemsize, value.ctypes.data, *value.shape, *value.strides]
-    if isinstance(kind, types.BaseTuple):
+    if isinstance(kind, TUPLE):
         return [word for part in zip(kind, value, strict=True) for word in _words(*part)]
     if isinstance(kind, types.NoneType):
         return []
@@ -177,20 +180,20 @@ def _words(kind: types.Type, value: Any) -> list[int]:
     raise TypeError(f"a bound kernel takes no {kind}")
 
 
-def _value(context: Any, builder: Any, kind: types.Type, words: Iterator[Any]) -> Any:
+def _value(context: Any, builder: Any, kind: Any, words: Iterator[Any]) -> Any:
     """A value of a kind in compiled code, from its words."""
     if isinstance(kind, types.Array):
         array = context.make_array(kind)(context, builder)
         model = context.data_model_manager[kind]
         for name in ("meminfo", "parent", "nitems", "itemsize", "data", "shape", "strides"):
             of = model.get_member_fe_type(name)
-            member = next(words) if not isinstance(of, types.BaseTuple) else _value(
+            member = next(words) if not isinstance(of, TUPLE) else _value(
                 context, builder, of, words)  # fmt: skip
             if name in ("meminfo", "parent", "data"):
                 member = builder.inttoptr(member, context.get_value_type(of))
             setattr(array, name, member)
         return array._getvalue()
-    if isinstance(kind, types.BaseTuple):
+    if isinstance(kind, TUPLE):
         parts = [_value(context, builder, part, words) for part in kind]
         return context.make_tuple(builder, kind, parts)
     if isinstance(kind, types.NoneType):
@@ -210,7 +213,6 @@ def _caller(signature) -> Callable:
         return _callers[key]
     result, kinds = key
 
-    @intrinsic
     def call_address(typing, place):
         def code(context, builder, given, arguments):
             base = builder.inttoptr(arguments[0], ir.IntType(64).as_pointer())
@@ -228,13 +230,15 @@ def _caller(signature) -> Callable:
 
         return result(place), code
 
+    calling: Any = intrinsic(call_address)
+
     def call(place):
-        return call_address(place)
+        return calling(place)
 
     # a name, and so a file of the cache, for each signature: they are compiled side by side
     digest = blake2b(repr(key).encode(), digest_size=12).hexdigest()
     call.__qualname__ = f"{_caller.__qualname__}.{digest}"
-    kernel = njit(nogil=True)(call)
+    kernel: Any = njit(nogil=True)(call)
     cache_on_disk(kernel)
     kernel.compile((types.int64,))
     (found,) = kernel.overloads.values()

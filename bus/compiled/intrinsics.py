@@ -4,6 +4,7 @@ parts, they do nothing."""
 from __future__ import annotations
 
 from contextlib import suppress
+from typing import Any
 
 import numpy as np
 from numba import types
@@ -13,7 +14,7 @@ try:
     from llvmlite import ir
     from numba.extending import lower_builtin, type_callable
 except ImportError:  # numba or llvmlite of another version
-    ir = None
+    ir: Any = None
 
 __all__ = ["assume_noalias", "prefetch"]
 

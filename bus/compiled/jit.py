@@ -59,7 +59,9 @@ def compiled(
     flags = set(fastmath)
     if not flags <= {"contract", "reassoc"}:
         raise ValueError(f"fastmath: must be of 'contract', 'reassoc'; got {sorted(flags)}")
-    kernel = njit(error_model="numpy", nogil=True, fastmath=flags or False, **options)(function)
+    compile_it: Any = njit
+    flagged = compile_it(error_model="numpy", nogil=True, fastmath=flags or False, **options)
+    kernel = flagged(function)
     if not hasattr(kernel, "overloads"):
         return kernel
     if cache:
