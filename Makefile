@@ -1,4 +1,5 @@
 # make demo: install and see it work.   make test: everything that does not run for minutes.
+# make check: what needs no run, and the figures of the house.
 PYTHON ?= python3
 BIN := .venv/bin
 
@@ -17,13 +18,15 @@ if importlib.util.find_spec("ensurepip") is None:
 endef
 export CHECK_PYTHON
 
-.PHONY: help install demo test test-long bench lint clean
+.PHONY: help install demo check test test-long mutate bench lint clean
 
 help:
 	@echo "make install    a virtual environment in .venv, with everything the tests need (PYTHON=python3)"
 	@echo "make demo       a simulated skin, no hardware needed"
+	@echo "make check      ruff, types, doctests, imports, rules for code; the figures of the house"
 	@echo "make test       all tests but the long ones"
 	@echo "make test-long  the long ones"
+	@echo "make mutate     break the code in small ways: do the tests see it? (hours; it resumes)"
 	@echo "make bench      the benchmarks: error beside time"
 	@echo "make lint       ruff, check and format"
 	@echo "make clean      remove .venv and everything built"
@@ -40,6 +43,9 @@ install: .venv/installed
 demo: install
 	$(BIN)/skin demo
 
+check: install
+	$(BIN)/python -m tests.house
+
 test: install
 	@.ci/debian-packages
 	$(BIN)/python -m pytest -m "not long"
@@ -47,6 +53,9 @@ test: install
 test-long: install
 	@.ci/debian-packages
 	$(BIN)/python -m pytest -m long
+
+mutate: install
+	$(BIN)/python -m tests.house.mutate
 
 bench: install
 	$(BIN)/python -m benchmarks

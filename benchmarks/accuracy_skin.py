@@ -16,12 +16,12 @@ import msgspec
 import numpy as np
 
 import topology
-from skin.calibrate.unit import calibrate, record
+from skin.calibrate.unit import calibrate
 from skin.physics.elastic import Elastic
 from skin.physics.fabrication import Fabrication
 from skin.physics.halbach import HalbachField
 from skin.physics.surroundings import Surroundings
-from skin.sim.bench import Bench
+from skin.sim.bench import Bench, record
 from skin.sim.unit import UnitSimulator
 from topology import Topology
 

@@ -25,12 +25,13 @@ import numpy as np
 
 import topology
 from benchmarks.peers_contact import NumpyContacts, nb_touch
-from bus.compiled.aligned import zeros
 from bus.cycle import ClosedBy, RawCycle
-from skin.contact.stream import Contact, ContactStream
+from skin.contact.contact import Contact
+from skin.contact.stream import ContactStream
+from skin.options import Options
 from skin.physics.elastic import Elastic
 from skin.physics.halbach import FELT_M, HalbachField
-from skin.reader import CycleReader
+from skin.pipeline import Pipeline
 from skin.sim.truth import Truth
 from skin.sim.unit import UnitSimulator
 from skin.state import Reading
@@ -173,17 +174,17 @@ class _Pass:
         self, skin: Topology, want: set[str], dtype: str = "float32", *, live: bool = False
     ) -> None:
         options = {} if live else {"estimator": "sine", "sweeps": 0, "ambient": False}
-        self.reader = CycleReader(skin, want=want, dtype=dtype, **options)
-        self.reader.warmup()
-        self._counts = zeros((6, skin.n), np.int16)
-        self._rest = (np.ones(skin.n, bool), np.zeros(skin.n, np.uint16),
-                      *(np.zeros(skin.n, np.int64),) * 3)  # fmt: skip
+        self.pipeline = Pipeline(skin, Options(want=want, dtype=dtype, **options))
+        self.pipeline.warmup()
+        self.pipeline.status[:] = 0
+        self._arrays = (self.pipeline.counts, np.ones(skin.n, bool), self.pipeline.status,
+                        *(np.zeros(skin.n, np.int64),) * 3)  # fmt: skip
         self._number = 0
 
     def load(self, counts: np.ndarray) -> RawCycle:
-        self._counts[:] = counts
+        self.pipeline.counts[:] = counts
         self._number += 1
-        return RawCycle(self._number, 0, ClosedBy.COMPLETE, self._counts, *self._rest)
+        return RawCycle(self._number, 0, ClosedBy.COMPLETE, *self._arrays)
 
 
 def _size(skin: Topology, touches: int, quick: bool) -> dict:
@@ -199,11 +200,12 @@ def _size(skin: Topology, touches: int, quick: bool) -> dict:
             for cycle in felt if name == "live" else counts:
                 raw = one.load(cycle)
                 started = time.perf_counter_ns()
-                one.reader(raw)
+                one.pipeline.state(raw)
                 samples[name].append(time.perf_counter_ns() - started)
         decode = passes["decode"]
         for cycle in counts:
-            arrays = [array.copy() for array in _shown(decode.reader(decode.load(cycle)).units)]
+            units = decode.pipeline.state(decode.load(cycle)).units
+            arrays = [array.copy() for array in _shown(units)]
             started = time.perf_counter_ns()
             stream(*arrays)
             samples["plain"].append(time.perf_counter_ns() - started)
@@ -214,7 +216,7 @@ def _size(skin: Topology, touches: int, quick: bool) -> dict:
                 samples["numpy"].append(time.perf_counter_ns() - started)
         if lap % 10 == 0 and stage is not None:
             for cycle in counts:
-                force = decode.reader(decode.load(cycle)).units.force.astype(np.float64)
+                force = decode.pipeline.state(decode.load(cycle)).units.force.astype(np.float64)
                 started = time.perf_counter_ns()
                 stage(force)
                 samples["nb_touch"].append(time.perf_counter_ns() - started)
@@ -243,7 +245,7 @@ def assert_same(skin: Topology, counts: list[np.ndarray], touches: int) -> None:
     quick = dataclasses.replace(skin, parameters=parameters)
     exact, numpy_pass = _Pass(quick, FULL, "float64"), NumpyContacts(quick)
     for cycle in counts:
-        state = exact.reader(exact.load(cycle))
+        state = exact.pipeline.state(exact.load(cycle))
         ours, theirs = state.contacts, numpy_pass(cycle, state.units.force_sigma)
         assert len(ours) == touches
         assert [c.id for c in ours] == [c.id for c in theirs]
@@ -279,7 +281,7 @@ def centre_of_pressure(trials: int, cycles: int = 25) -> list[dict]:
                 continue
             name = next(n for n, (a, b) in zip(names, bounds_n, strict=True) if a <= load < b)
             for _ in range(cycles):
-                state = one.reader(one.load(simulator.counts(truth)))
+                state = one.pipeline.state(one.load(simulator.counts(truth)))
                 off = state.centroid[:2] - truth.centroid[:2]
                 rows[place, name].append(
                     (*off, *np.sqrt(state.centroid_covariance[[0, 1], [0, 1]]))

@@ -19,14 +19,15 @@ import numpy as np
 
 from benchmarks.accuracy_skin import square, with_parameters
 from skin import Decoder
-from skin.calibrate.unit import Recordings, calibrate, record
+from skin.calibrate.unit import calibrate
 from skin.physics.fabrication import Fabrication
 from skin.physics.halbach import HalbachField
+from skin.physics.scan import Recordings
 from skin.physics.surroundings import Surroundings
-from skin.sim.bench import Bench
-from skin.sim.play import ScriptedScene
-from skin.sim.script import NonIdeal, SceneFile
-from skin.sim.script_load import load_scene
+from skin.sim.bench import Bench, record
+from skin.sim.scenes.load import load_scene
+from skin.sim.scenes.play import ScriptedScene
+from skin.sim.scenes.script import NonIdeal, SceneFile
 from skin.sim.unit import UnitSimulator
 from topology import Topology
 

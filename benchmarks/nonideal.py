@@ -20,10 +20,11 @@ import dataclasses
 import numpy as np
 from msgspec.structs import replace
 
-from skin.decode.decoder import ESTIMATORS, Decoder
-from skin.sim.play import ScriptedScene
-from skin.sim.script import NonIdeal
-from skin.sim.script_load import load_scene
+from skin.decode.decoder import Decoder
+from skin.options import ESTIMATORS
+from skin.sim.scenes.load import load_scene
+from skin.sim.scenes.play import ScriptedScene
+from skin.sim.scenes.script import NonIdeal
 from skin.sim.truth import Truth
 from topology import load
 

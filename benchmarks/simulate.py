@@ -17,11 +17,11 @@ from pathlib import Path
 import numpy as np
 from msgspec.structs import replace
 
-from skin.sim.fast import play
 from skin.sim.node import Nodes
-from skin.sim.play import ScriptedScene
-from skin.sim.script import NonIdeal
-from skin.sim.script_load import load_scene
+from skin.sim.scenes.fast import play
+from skin.sim.scenes.load import load_scene
+from skin.sim.scenes.play import ScriptedScene
+from skin.sim.scenes.script import NonIdeal
 from topology import Topology, load
 
 SIZES = {64: 1, 1024: 4}

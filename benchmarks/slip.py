@@ -47,7 +47,7 @@ from benchmarks.slip_baselines import BASELINES
 from benchmarks.slip_scenes import KINDS, RATE_HZ, Trial, skin_of, stage
 from benchmarks.slip_scoring import Outcome, outcome, score
 from benchmarks.slip_seen import Seen, see
-from skin.contact.records import SlipState
+from skin.contact.record import SlipState
 from skin.contact.stream import ContactStream
 from skin.decode.decoder import Decoder
 from skin.sim.unit import UnitSimulator

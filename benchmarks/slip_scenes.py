@@ -18,11 +18,11 @@ import numpy as np
 
 from skin.physics.elastic import Elastic
 from skin.physics.halbach import HalbachField
-from skin.sim.body import Body, Pose, reach, turned
-from skin.sim.foundation import Foundation
-from skin.sim.friction import Friction
-from skin.sim.mechanics import Mechanics
-from skin.sim.viscoelastic import Prony
+from skin.sim.mechanics.body import Body, Pose, reach, turned
+from skin.sim.mechanics.contact import Mechanics
+from skin.sim.mechanics.foundation import Foundation
+from skin.sim.mechanics.friction import Friction
+from skin.sim.mechanics.viscoelastic import Prony
 from topology import Topology, load
 
 __all__ = ["KINDS", "SKINS", "Plan", "Trial", "play", "skin_of", "stage"]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from bus.status import Status
 from bus.transport import Transport
 from topology import Topology
 
-__all__ = ["Heard", "Survey", "listen"]
+__all__ = ["Heard", "Listener", "Survey", "listen"]
 
 MOST_KINDS = 4096
 STALE_CYCLES = 5
@@ -213,8 +213,20 @@ class Survey:
         self.age[:] = cycle.age
 
 
+class Listener(Protocol):
+    """What `listen` feeds with all that it hears; `Survey` is one."""
+
+    topology: Topology
+    sends_sync: bool
+    closed: str
+
+    def feed(self, frames: np.ndarray) -> None: ...
+    def expire(self, now_ns: int) -> None: ...
+    def finish(self) -> None: ...
+
+
 def listen(
-    survey: Survey,
+    survey: Listener,
     transports: Sequence[Transport],
     seconds: float,
     *,
@@ -227,7 +239,7 @@ def listen(
 
     Parameters
     ----------
-    survey : Survey
+    survey : Listener
     transports : sequence of Transport
         One for each bus of the survey's topology, in order.
     seconds : float

@@ -18,26 +18,30 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from skin import errors
-    from skin.contact.records import SlipState, UnitSlip
+    from skin.contact.contact import Contact
+    from skin.contact.record import SlipState, UnitSlip
     from skin.contact.slip import SlipSettings
-    from skin.contact.stream import Contact
     from skin.decode.decoder import Decoder
     from skin.live import Skin, open
+    from skin.options import Options
+    from skin.pipeline import Pipeline
     from skin.state import Reading, State, Status
 
-__all__ = ["Contact", "Decoder", "Reading", "Skin", "SlipSettings", "SlipState", "State", "Status",
-           "UnitSlip", "errors", "open"]  # fmt: skip
+__all__ = ["Contact", "Decoder", "Options", "Pipeline", "Reading", "Skin", "SlipSettings",
+           "SlipState", "State", "Status", "UnitSlip", "errors", "open"]  # fmt: skip
 
 _HOMES = {
-    "Contact": "skin.contact.stream",
+    "Contact": "skin.contact.contact",
     "Decoder": "skin.decode.decoder",
+    "Options": "skin.options",
+    "Pipeline": "skin.pipeline",
     "Reading": "skin.state",
     "Skin": "skin.live",
     "SlipSettings": "skin.contact.slip",
-    "SlipState": "skin.contact.records",
+    "SlipState": "skin.contact.record",
     "State": "skin.state",
     "Status": "skin.state",
-    "UnitSlip": "skin.contact.records",
+    "UnitSlip": "skin.contact.record",
     "open": "skin.live",
 }
 

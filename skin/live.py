@@ -1,26 +1,28 @@
-"""Skin: a topology's buses, opened and decoded cycle by cycle."""
+"""Skin: a topology's buses, opened; who sends SYNC, and when."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
 import topology as topology_package
-from bus.assemble import Assembler
 from bus.configure import Command, pack
-from bus.cycle import FrameCounters, RawCycle
+from bus.cycle import FrameCounters
 from bus.frame import FRAME_DTYPE, FrameBatch
 from bus.open import open_transport
 from bus.state import BusChange
 from bus.transport import Transport
 from bus.wait import Waiter
+from skin.compiling import announcer
 from skin.errors import OptionError, SkinError
-from skin.reader import CycleReader
+from skin.options import DType, Estimator, Options, Sweeps
+from skin.pipeline import Pipeline
 from skin.state import State, Status, trouble
 from topology import Topology
 
@@ -29,7 +31,10 @@ if TYPE_CHECKING:
     from skin.sim.node import Nodes
     from skin.sim.scene import Scene
 
-__all__ = ["Skin", "Timing", "open"]
+__all__ = ["Skin", "Timing", "in_process", "open"]
+
+Sync = Literal["host", "bus"]
+Wait = Literal["event", "drain"]
 
 
 @dataclass
@@ -46,14 +51,14 @@ def open(
     source: Topology | str | Path,
     *,
     want: Collection[str] | None = None,
-    estimator: str | None = None,
-    dtype: str = "float32",
-    sweeps: int = 1,
+    estimator: Estimator | None = None,
+    dtype: DType = "float32",
+    sweeps: Sweeps = 1,
     ambient: bool = True,
     skip: bool = False,
     slip: SlipSettings | None = None,
-    sync: Literal["host", "bus"] = "host",
-    wait: Literal["event", "drain"] = "event",
+    sync: Sync = "host",
+    wait: Wait = "event",
     pace: bool = True,
     deadline_s: float | None = None,
     simulate: bool | Scene = False,
@@ -66,23 +71,8 @@ def open(
     ----------
     source : Topology, str or Path
         A loaded topology, a file, or the name of a built-in one ("palm", "fingertip", …).
-    want : collection of str, optional
-        What to compute, of `skin.state.WANTS`; everything if not given.
-    estimator : str, optional
-        Inversion of the tangential field: "field-angle" or "sine". If not given, the first where
-        every unit has Bz on the wire.
-    dtype : "float32" or "float64"
-        Arithmetic of the decoder.
-    sweeps : 0, 1 or 2
-        Of the cross-talk of neighbours: not taken off; as of the last cycle; accurate.
-    ambient : bool
-        Take off the ambient field, and follow the zeros of units that nothing touches.
-    skip : bool
-        Leave out what untouched units do not need: they show NaN for all that is tangential and
-        the flag IDLE, temperatures are held for 0.05 s, and the ambient field is looked at less
-        often.
-    slip : SlipSettings, optional
-        What is known of the friction, the safety that grip forces are to have, what counts as slip.
+    want, estimator, dtype, sweeps, ambient, skip, slip
+        What is computed, and how: see `skin.options.Options`.
     sync : "host" or "bus"
         Who sends SYNC: this host, or another node (then this end only listens).
     wait : "event" or "drain"
@@ -114,43 +104,52 @@ def open(
         An option is not one of those there are.
     """
     loaded = source if isinstance(source, Topology) else topology_package.load(source)
-    if sync not in ("host", "bus"):
-        raise OptionError.unknown("sync", sync, ("host", "bus"))
-    if wait not in ("event", "drain"):
-        raise OptionError.unknown("wait", wait, ("event", "drain"))
+    nodes = None
+    with ExitStack() as undo:
+        ends = [undo.enter_context(end) for end in transports or ()]
+        options = Options(
+            want=want, estimator=estimator, dtype=dtype, sweeps=sweeps, ambient=ambient, skip=skip,
+            slip=slip,
+        )  # fmt: skip
+        _check(sync, wait, deadline_s)
+        undo.callback(announcer().hold().finish)
+        if simulate is not False:
+            nodes = _nodes(loaded, None if simulate is True else simulate, seed)
+            undo.callback(nodes.close)
+            ends = [undo.enter_context(end) for end in in_process(nodes)]
+        elif transports is None:
+            ends = [undo.enter_context(open_transport(b, i)) for i, b in enumerate(loaded.buses)]
+        if len(ends) != len(loaded.buses):
+            raise SkinError(
+                f"transports: must be one for each of {len(loaded.buses)} buses; got {len(ends)}"
+            )
+        pipeline = Pipeline(loaded, options, deadline_s=deadline_s)
+        opened = Skin(pipeline, ends, sync=sync, wait=wait, pace=pace, nodes=nodes)
+        undo.pop_all()  # all is well: the skin closes them
+    return opened
+
+
+def _check(sync: str, wait: str, deadline_s: float | None) -> None:
+    for name, value, known in (("sync", sync, get_args(Sync)), ("wait", wait, get_args(Wait))):
+        if value not in known:
+            raise OptionError.unknown(name, value, known)
     if deadline_s is not None and not deadline_s > 0.0:
         raise OptionError(f"deadline_s: must be above 0; got {deadline_s}")
-    nodes = None
-    if simulate is not False:
-        from bus.memory import MemoryTransport
-        from skin.sim.node import Nodes
 
-        nodes = Nodes(loaded, None if simulate is True else simulate, seed=seed)
-        pairs = [MemoryTransport.pair(index=i) for i in range(len(loaded.buses))]
-        nodes.attach([far for _, far in pairs])
-        transports = [near for near, _ in pairs]
-    opened: list[Transport] = []
-    try:
-        if transports is not None:
-            opened = list(transports)
-        else:
-            for i, bus in enumerate(loaded.buses):
-                opened.append(open_transport(bus, i))
-        if len(opened) != len(loaded.buses):
-            raise SkinError(
-                f"transports: must be one for each of {len(loaded.buses)} buses; got {len(opened)}"
-            )
-        return Skin(
-            loaded, opened, want=want, estimator=estimator, dtype=dtype, sweeps=sweeps,
-            ambient=ambient, skip=skip, slip=slip, sync=sync, pace=pace, deadline_s=deadline_s,
-            wait=wait, nodes=nodes,
-        )  # fmt: skip
-    except BaseException:
-        if nodes is not None:
-            nodes.close()
-        for transport in opened:
-            transport.close()
-        raise
+
+def _nodes(topology: Topology, scene: Scene | None, seed: int) -> Nodes:
+    from skin.sim.node import Nodes
+
+    return Nodes(topology, scene, seed=seed)
+
+
+def in_process(nodes: Nodes) -> list[Transport]:
+    """Let simulated units answer on buses within the process; the host's end of each."""
+    from bus.memory import MemoryTransport
+
+    pairs = [MemoryTransport.pair(index=i) for i in range(len(nodes.topology.buses))]
+    nodes.attach([far for _, far in pairs])
+    return [near for near, _ in pairs]
 
 
 class Skin:
@@ -159,8 +158,10 @@ class Skin:
     Attributes
     ----------
     topology : Topology
-    counters : FrameCounters
-        Frames by what became of them, running totals.
+    pipeline : Pipeline
+        What turns frames into states.
+    transports : list of Transport
+        This host's end of each bus.
     timing : Timing
     nodes : Nodes or None
         The simulated units, where there are any.
@@ -168,38 +169,25 @@ class Skin:
 
     def __init__(
         self,
-        topology: Topology,
+        pipeline: Pipeline,
         transports: list[Transport],
         *,
-        want: Collection[str] | None,
-        estimator: str | None,
-        dtype: str,
-        sweeps: int,
-        ambient: bool,
-        skip: bool,
-        slip: SlipSettings | None,
-        sync: str,
-        pace: bool,
-        wait: Literal["event", "drain"],
-        deadline_s: float | None,
+        sync: Sync = "host",
+        wait: Wait = "event",
+        pace: bool = True,
         nodes: Nodes | None = None,
     ) -> None:
-        self.topology = topology
+        self.topology = topology = pipeline.topology
+        self.pipeline = pipeline
         self.transports = transports
         self.timing = Timing()
         self.nodes = nodes
-        self._read = CycleReader(
-            topology, want=want, estimator=estimator, dtype=dtype, sweeps=sweeps, ambient=ambient,
-            skip=skip, slip=slip,
-        )  # fmt: skip
         self._position, self._rotation = topology.position, topology.rotation
-        self._assembler = Assembler(topology, deadline_s=deadline_s)
         self._batch = FrameBatch(4096)
         self._waiter = Waiter(transports, wait)
         self._pace = pace
         self._period_ns = round(1e9 / topology.cycle_rate_hz)
-        self._synced = topology.buses[0].sync_id is not None
-        self._send_sync = self._synced and sync == "host"
+        self._sends_sync = sync == "host" and topology.buses[0].sync_id is not None
         self._sync_frames = _sync_frames(topology)
         self._closed = False
 
@@ -212,7 +200,7 @@ class Skin:
     @property
     def counters(self) -> FrameCounters:
         """Frames by what became of them, running totals."""
-        return self._assembler.counters
+        return self.pipeline.counters
 
     def configure(self, command: Command, *, node: int = 0, value: int = 0) -> None:
         """Tell the boards on all buses to do something: tare, or answer every k-th SYNC only.
@@ -256,7 +244,7 @@ class Skin:
         SkinError
             An array of another shape.
         """
-        self._read.move(position, rotation)
+        self.pipeline.move(position, rotation)
         self._position, self._rotation = np.array(position), np.array(rotation)
 
     def move_patch(self, name: str, rotation: np.ndarray, translation: np.ndarray) -> None:
@@ -303,17 +291,28 @@ class Skin:
     def close(self) -> None:
         """Release the buses; closing twice is fine."""
         self._closed = True
+        announcer().finish()
         if self.nodes is not None:
             self.nodes.close()
         for transport in self.transports:
             transport.close()
 
     def __iter__(self) -> Iterator[State]:
-        self._read.warmup()
-        return self._host_cycles() if self._send_sync else self._bus_cycles()
+        self.pipeline.warmup()
+        states = self._host_cycles() if self._sends_sync else self._bus_cycles()
+        return self._announced(states)
+
+    def _announced(self, states: Iterator[State]) -> Iterator[State]:
+        """The same states; before the first one all has been compiled."""
+        first = next(states, None)
+        announcer().finish()
+        if first is not None:
+            yield first
+            yield from states
 
     def _host_cycles(self) -> Iterator[State]:
         """This host sends SYNC: one cycle for each."""
+        pipeline, deadline_ns = self.pipeline, self.pipeline.assembler.deadline_ns
         counter = 0
         due = time.monotonic_ns()
         while not self._closed:
@@ -322,27 +321,23 @@ class Skin:
                 self.timing.overruns += skipped
             else:
                 due = time.monotonic_ns()
-            yield from self._take(self._sync(counter))
+            yield from self._feed(self._sync(counter))
             counter = (counter + 1) & 0xFF
-            while not self._closed and self._assembler.pending:
-                self._receive(due + self._assembler.deadline_ns - time.monotonic_ns())
-                yield from self._take(self._batch.frames)
-                late = self._assembler.expire(time.monotonic_ns())
-                if late is not None:
-                    yield self._state(late)
+            while not self._closed and pipeline.pending:
+                self._receive(due + deadline_ns - time.monotonic_ns())
+                yield from self._feed(self._batch.frames)
+                yield from self._timed(time.monotonic_ns(), pipeline.expire)
             due += self._period_ns
 
     def _bus_cycles(self) -> Iterator[State]:
         """Somebody else sends SYNC, or nobody does: cycles come as they close."""
         while not self._closed:
             self._receive(self._period_ns)
+            now_ns = time.monotonic_ns()  # a consumer that takes its time is no silence
             if len(self.transports) > 1:
                 self._batch.merge()
-            yield from self._take(self._batch.frames)
-            now = time.monotonic_ns()
-            late = self._assembler.expire(now) or self._assembler.silence(now)
-            if late is not None:
-                yield self._state(late)
+            yield from self._feed(self._batch.frames)
+            yield from self._timed(now_ns, self.pipeline.expire, self.pipeline.silence)
 
     def _sync(self, counter: int) -> np.ndarray:
         """Send SYNC on every bus and return the frames, as a log would show them."""
@@ -358,19 +353,22 @@ class Skin:
         self._batch.clear()
         self._waiter.receive(self._batch, wait_ns)
 
-    def _take(self, frames: np.ndarray) -> Iterator[State]:
+    def _feed(self, frames: np.ndarray) -> Iterator[State]:
         started = time.perf_counter_ns()
-        for cycle in self._assembler.feed(frames):
-            state = self._read(cycle)
+        for state in self.pipeline.feed(frames):
             self.timing.work_ns = time.perf_counter_ns() - started
             yield state
             started = time.perf_counter_ns()
 
-    def _state(self, cycle: RawCycle) -> State:
+    def _timed(self, now_ns: int, *ways: Callable[[int], State | None]) -> Iterator[State]:
+        """The first state that one of `ways` to end a cycle gives at this time, if any does."""
         started = time.perf_counter_ns()
-        state = self._read(cycle)
-        self.timing.work_ns = time.perf_counter_ns() - started
-        return state
+        for end in ways:
+            state = end(now_ns)
+            if state is not None:
+                self.timing.work_ns = time.perf_counter_ns() - started
+                yield state
+                return
 
 
 def _sync_frames(topology: Topology) -> np.ndarray:

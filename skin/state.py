@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from bus.status import INVALID, Status
 from topology import Topology
 
 if TYPE_CHECKING:
-    from skin.contact.stream import Contact
+    from skin.contact.contact import Contact
 
 __all__ = ["INVALID", "WANTS", "Reading", "State", "Status", "trouble"]
 
@@ -21,6 +21,10 @@ ARRAY_WANTS = ("wrench", "centroid", "contacts", "slip", "shocks")
 WANTS = UNIT_WANTS + ARRAY_WANTS
 """Everything that `want` may select. What is not wanted is not computed and reads None; what a
 wanted quantity needs is computed with it (a wrench needs forces, slip needs contacts)."""
+
+UNWANTED: Any = None
+"""In place of what is not wanted. Who reads it asked for it, so that the types below say what it
+is then, and not that it may be missing."""
 
 
 @dataclass(slots=True)
@@ -58,19 +62,19 @@ class Reading:
         and without what is not the unit's own; the third row is NaN where the wire lacks Bz.
     """
 
-    temperature: np.ndarray | None
-    force: np.ndarray | None
-    tangential: np.ndarray | None
-    theta: np.ndarray | None
-    displacement_mm: np.ndarray | None
+    temperature: np.ndarray
+    force: np.ndarray
+    tangential: np.ndarray
+    theta: np.ndarray
+    displacement_mm: np.ndarray
     status: np.ndarray
     valid: np.ndarray
-    temperature_sigma: np.ndarray | None = None
-    force_sigma: np.ndarray | None = None
-    tangential_sigma: np.ndarray | None = None
-    theta_sigma: np.ndarray | None = None
-    displacement_sigma_mm: np.ndarray | None = None
-    field_ut: np.ndarray | None = None
+    temperature_sigma: np.ndarray = UNWANTED
+    force_sigma: np.ndarray = UNWANTED
+    tangential_sigma: np.ndarray = UNWANTED
+    theta_sigma: np.ndarray = UNWANTED
+    displacement_sigma_mm: np.ndarray = UNWANTED
+    field_ut: np.ndarray = UNWANTED
 
 
 @dataclass(slots=True)
@@ -103,12 +107,12 @@ class State:
         Square metres.
     contacts : list of Contact, or None
         What touches the skin, each with its identity, oldest first; see
-        `skin.contact.stream.Contact`.
+        `skin.contact.contact.Contact`.
     label : ndarray, shape (n,), int32, or None
         Contact of each unit, as an index of the contacts, -1 for none; comes with any feature of
         the array.
     slip : ndarray, shape (n,), int32, or None
-        `skin.contact.records.UnitSlip` of each unit.
+        `skin.contact.record.UnitSlip` of each unit.
     """
 
     cycle: int
@@ -117,13 +121,13 @@ class State:
     coverage: float
     closed_by: ClosedBy
     counters: FrameCounters
-    wrench: np.ndarray | None = None
-    wrench_sigma: np.ndarray | None = None
-    centroid: np.ndarray | None = None
-    centroid_covariance: np.ndarray | None = None
-    contacts: list[Contact] | None = None
-    label: np.ndarray | None = None
-    slip: np.ndarray | None = None
+    wrench: np.ndarray = UNWANTED
+    wrench_sigma: np.ndarray = UNWANTED
+    centroid: np.ndarray = UNWANTED
+    centroid_covariance: np.ndarray = UNWANTED
+    contacts: list[Contact] = UNWANTED
+    label: np.ndarray = UNWANTED
+    slip: np.ndarray = UNWANTED
 
 
 def trouble(topology: Topology, status: np.ndarray) -> dict[str, Status]:

@@ -22,6 +22,6 @@ settings.load_profile("f3t")
 def interpreted(monkeypatch):
     """Decode by the kernel's Python: for a kernel that takes longer to compile than to interpret,
     and whose machine code other tests hold to it."""
-    from skin.decode import kernels
+    from skin.decode import kernel
 
-    monkeypatch.setattr(kernels, "decode", kernels.decode_python)
+    monkeypatch.setattr(kernel, "decode", kernel.decode_python)

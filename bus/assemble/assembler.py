@@ -96,6 +96,16 @@ class Assembler:
         return FrameCounters(*self._memory.totals.tolist())
 
     @property
+    def counts(self) -> np.ndarray:
+        """Channels of the last cycle, shape (c, n), int16: the same array for every cycle."""
+        return self._shown.counts
+
+    @property
+    def status(self) -> np.ndarray:
+        """`Status` flags of the last cycle, shape (n,), uint16: the same array for every cycle."""
+        return self._shown.status
+
+    @property
     def pending(self) -> bool:
         """Whether a cycle is open: with SYNC, one that waits for frames; without, always."""
         return bool(self._state.is_open[0])

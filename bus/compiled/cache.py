@@ -32,23 +32,27 @@ __all__ = ["cache_on_disk", "stamp", "watch"]
 OUTSIDE = frozenset({"builtins", "llvmlite", "math", "numba", "numpy"})
 """Packages whose versions numba's cache, or ours, does not look at."""
 
-_watchers: list[Callable[[str], None]] = []
+_watchers: list[tuple[Callable[[str], None], Callable[[str], None]]] = []
 
 
 @contextmanager
-def watch(told: Callable[[str], None]) -> Iterator[None]:
+def watch(
+    told: Callable[[str], None], done: Callable[[str], None] = lambda kernel: None
+) -> Iterator[None]:
     """Be told the name of every kernel that the cache lacks, before it is compiled.
 
     Parameters
     ----------
     told : callable
         Takes the name of the kernel. To compile takes from a tenth of a second to several.
+    done : callable, optional
+        Takes the name when it is compiled and kept.
     """
-    _watchers.append(told)
+    _watchers.append(watcher := (told, done))
     try:
         yield
     finally:
-        _watchers.remove(told)
+        _watchers.remove(watcher)
 
 
 def cache_on_disk(kernel: Any) -> None:
@@ -74,9 +78,14 @@ def _stamped_cache() -> type:
         def load_overload(self, sig, target_context):
             found = super().load_overload(sig, target_context)
             if found is None:
-                for told in _watchers:
+                for told, _ in _watchers:
                     told(self._py_func.__qualname__)
             return found
+
+        def save_overload(self, sig, data):
+            super().save_overload(sig, data)
+            for _, done in _watchers:
+                done(self._py_func.__qualname__)
 
     return StampedCache
 

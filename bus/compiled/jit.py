@@ -29,6 +29,7 @@ def compiled(
     *,
     fastmath: Iterable[str] = (),
     cache: bool = True,
+    allocates: bool = True,
     **options: object,
 ) -> Callable[..., Any]:
     """Compile a kernel: divisions as numpy's, without the interpreter's lock, kept on disk.
@@ -40,9 +41,13 @@ def compiled(
     signatures : iterable, optional
         Types for which it is compiled at once, and no others; as they are called if not given.
     fastmath : iterable of str
-        Of "contract" and "reassoc". Others would delete tests for NaN, which says "no data" here.
+        Of "contract", "reassoc" and "arcp". Others would delete tests for NaN, which says
+        "no data" here.
     cache : bool
         Whether its machine code is kept on disk.
+    allocates : bool
+        False for a kernel that makes no arrays of its own: it does not count references to those of
+        its arguments then, which it would do whenever it takes one from a tuple.
     **options
         Further ones of `numba.njit`.
 
@@ -57,8 +62,10 @@ def compiled(
         Fast-math that would change what NaN and infinity mean.
     """
     flags = set(fastmath)
-    if not flags <= {"contract", "reassoc"}:
-        raise ValueError(f"fastmath: must be of 'contract', 'reassoc'; got {sorted(flags)}")
+    if not flags <= {"contract", "reassoc", "arcp"}:
+        raise ValueError(f"fastmath: must be of 'contract', 'reassoc', 'arcp'; got {sorted(flags)}")
+    if not allocates:
+        options["_nrt"] = False
     compile_it: Any = njit
     flagged = compile_it(error_model="numpy", nogil=True, fastmath=flags or False, **options)
     kernel = flagged(function)

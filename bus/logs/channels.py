@@ -20,8 +20,9 @@ def buses_of(topology: Topology) -> dict[str, int]:
 
     Examples
     --------
+    >>> import topology
     >>> buses_of(topology.load("palm"))
-    {'can0': 0}
+    {'palm': 0}
     """
     return {bus.channel: index for index, bus in enumerate(topology.buses)}
 

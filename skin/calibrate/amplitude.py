@@ -6,19 +6,17 @@ import numpy as np
 
 from skin.errors import ScanError
 from skin.physics.least_squares import Fit, check_levels, check_samples, gauss_newton, least_squares
-from topology import THETA_KNOTS
 
 __all__ = [
     "fit_amplitude",
     "fit_bare_chip",
     "fit_direction",
     "fit_drift",
-    "fit_theta",
     "map_field",
 ]
 
 WAVENUMBER_RAD_PER_MM = (0.05, 1.5)
-"""Where k is looked for; R must stay within one period of the sine."""
+"""Where k is looked for; R must stay within one period of the sine [assumed]."""
 AXES = "xyz"
 MAP = ("field_xx", "field_xy", "field_yx", "field_yy")
 OFFSET = ("hall_offset_x_ut", "hall_offset_y_ut")
@@ -188,9 +186,9 @@ def fit_drift(
     check_levels("chip_temperature", chip_temperature, 2, 5.0)
     film = np.asarray(film_temperature, float) - film_reference_c
     chip = np.asarray(chip_temperature, float) - chip_reference_c
-    apart = np.stack([np.ones_like(film), film, chip], axis=1)
-    apart = np.linalg.svd(apart / np.linalg.norm(apart, axis=0), compute_uv=False)
-    if apart[-1] < 1e-2:
+    columns = np.stack([np.ones_like(film), film, chip], axis=1)
+    singular = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), compute_uv=False)
+    if singular[-1] < 1e-2:
         raise ScanError(
             "film_temperature, chip_temperature: must change apart from each other to tell "
             "film_drift_per_k and hall_gain_per_k apart (heat film and chip in turn); got "
@@ -206,26 +204,38 @@ def fit_drift(
         )
     names = ("film_drift_per_k", "hall_gain_per_k", *(f"hall_drift_{a}_ut_per_k" for a in AXES))
     of_poses = tuple(f"pose {p} B{axis}" for axis in AXES for p in range(poses))
-    held = np.eye(poses)[which]
-
-    def model(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        of_film, of_chip = 1.0 + at[0] * film, 1.0 + at[1] * chip
-        predicted, rows = [], []
-        for axis in range(3):
-            first = 5 + axis * poses
-            own = at[first : first + poses][which]
-            predicted.append(of_film * of_chip * own + at[2 + axis] * chip)
-            row = np.zeros((len(film), at.size))
-            row[:, 0], row[:, 1] = film * of_chip * own, of_film * chip * own
-            row[:, 2 + axis] = chip
-            row[:, first : first + poses] = (of_film * of_chip)[:, None] * held
-            rows.append(row)
-        return np.concatenate(predicted), np.concatenate(rows)
-
-    mean = (held.T @ field) / held.sum(axis=0)[:, None]
+    in_pose = np.eye(poses)[which]
+    mean = (in_pose.T @ field) / in_pose.sum(axis=0)[:, None]
     start = np.concatenate([np.zeros(5), mean.T.ravel()])
-    fit = gauss_newton(model, start, field.T.ravel(), sigma_ut, (*names, *of_poses))
+    fit = gauss_newton(
+        lambda at: _drifted(at, film, chip, in_pose), start, field.T.ravel(), sigma_ut,
+        (*names, *of_poses),
+    )  # fmt: skip
     return fit.derived(names, fit.values[:5], np.eye(5, fit.values.size))
+
+
+def _drifted(
+    at: np.ndarray, film: np.ndarray, chip: np.ndarray, in_pose: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Field of all axes, shape (3 t,), and its derivatives, (3 t, p); see `fit_drift`.
+
+    `at` holds film drift, chip gain, three drifts of the offset, then per axis the field of each
+    pose; film and chip are temperatures above their references, in_pose is (t, poses) of 0 and 1.
+    """
+    poses = in_pose.shape[1]
+    which = in_pose.argmax(axis=1)
+    of_film, of_chip = 1.0 + at[0] * film, 1.0 + at[1] * chip
+    predicted, rows = [], []
+    for axis in range(3):
+        first = 5 + axis * poses
+        own = at[first : first + poses][which]
+        predicted.append(of_film * of_chip * own + at[2 + axis] * chip)
+        row = np.zeros((len(film), at.size))
+        row[:, 0], row[:, 1] = film * of_chip * own, of_film * chip * own
+        row[:, 2 + axis] = chip
+        row[:, first : first + poses] = (of_film * of_chip)[:, None] * in_pose
+        rows.append(row)
+    return np.concatenate(predicted), np.concatenate(rows)
 
 
 def fit_direction(
@@ -294,40 +304,3 @@ def map_field(field_ut: np.ndarray, direction: Fit) -> np.ndarray:
     x, y = out[:, 0] - x0, out[:, 1] - y0
     out[:, 0], out[:, 1] = xx * x + xy * y, yx * x + yy * y
     return out
-
-
-def fit_theta(field_ut: np.ndarray, direction_rad: np.ndarray, *, sigma_ut: float = 105.0) -> Fit:
-    """Correction of the direction at each knot, from circular shears: what the map leaves.
-
-    Parameters
-    ----------
-    field_ut : ndarray, shape (t, 2) or (t, 3)
-        Mapped, without offset.
-    direction_rad : ndarray, shape (t,)
-        Commanded direction.
-
-    Returns
-    -------
-    Fit
-        ``theta_correction_rad[0]`` to ``[15]``; residuals in radian.
-
-    Raises
-    ------
-    ScanError
-        Too few samples, a knot without samples around it, or a value that is not finite.
-    """
-    check_samples(THETA_KNOTS, field_ut=field_ut, direction_rad=direction_rad)
-    x, y = np.asarray(field_ut, float)[:, :2].T
-    theta, strength = np.arctan2(y, x), np.hypot(x, y)
-    if not (strength > 0.0).all():
-        raise ScanError(f"field_ut[{int(np.argmin(strength))}]: must have a direction; got 0 µT")
-    wanted = (np.asarray(direction_rad, float) - theta + np.pi) % (2.0 * np.pi) - np.pi
-    along = (theta + np.pi) * (THETA_KNOTS / (2.0 * np.pi))
-    before = np.floor(along).astype(int)
-    share = along - before
-    matrix = np.zeros((len(theta), THETA_KNOTS))
-    rows = np.arange(len(theta))
-    matrix[rows, before % THETA_KNOTS] = 1.0 - share
-    matrix[rows, (before + 1) % THETA_KNOTS] += share
-    names = tuple(f"theta_correction_rad[{knot}]" for knot in range(THETA_KNOTS))
-    return least_squares(matrix, wanted, sigma_ut / strength, names)

@@ -14,12 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq
 
-from skin.calibrate.field_angle import (
-    ANGLE_NAMES,
-    angle_powers,
-    angle_slope,
-    field_angle,
-)
+from skin.calibrate.field_angle import ANGLE_NAMES, angle_powers, angle_slope, field_angle
 from skin.errors import ScanError
 from skin.physics.least_squares import Fit, check_levels, check_samples, gauss_newton, least_squares
 
@@ -31,7 +26,7 @@ TABLE = 7
 """First of the polynomial's coefficients in `RAW`."""
 NAMES = ("field_xx", "field_xy", "field_yx", "field_yy", *RAW[3:], "field_angle_max_mm")
 SHORTEST = 0.5
-"""Least share of the scan's displacements over which the angle must grow."""
+"""Least share of the scan's displacements over which the angle must grow [assumed]."""
 ROUNDS = 3
 """Fits with the spread that the one before has left."""
 
@@ -93,11 +88,11 @@ def fit_film(
     along = np.stack([np.cos(direction_rad), np.sin(direction_rad)])
     check_levels("direction_rad", np.arctan2(along[1], along[0]), 4, 0.2)
     field = (np.asarray(field_ut, float) - offset_ut).T
-    depth, reach = np.asarray(depth_mm, float), np.asarray(displacement_mm, float)
-    # the model tells the displacement along and across the commanded direction
-    wanted = np.concatenate([reach, np.zeros_like(reach)])
+    depth, displacement = np.asarray(depth_mm, float), np.asarray(displacement_mm, float)
+    # the model gives the displacement along and across the commanded direction
+    wanted = np.concatenate([displacement, np.zeros_like(displacement)])
     angle = field_angle(field.T, direction_rad)
-    start = least_squares(angle_powers(angle, depth), reach, 1.0, ANGLE_NAMES)
+    start = least_squares(angle_powers(angle, depth), displacement, 1.0, ANGLE_NAMES)
     found = np.concatenate([np.zeros(TABLE), start.values])
     spread_mm = 0.0
     for _ in range(ROUNDS):
@@ -105,9 +100,9 @@ def fit_film(
         sigma = np.hypot(noise, spread_mm)
         fit = gauss_newton(lambda at: _model(at, field, depth, along), found, wanted, sigma, RAW)
         found = fit.values
-        left = wanted - _model(found, field, depth, along)[0]
-        spread_mm = _spread(left, noise, left.size - found.size)
-    range_mm = _range(found[TABLE:], depth, float(reach.max()))
+        residual = wanted - _model(found, field, depth, along)[0]
+        spread_mm = _spread(residual, noise, residual.size - found.size)
+    range_mm = _range(found[TABLE:], depth, float(displacement.max()))
     derivatives = _model(found, field, depth, along)[1]
     own = np.einsum("tp,pq,tq->t", derivatives, fit.covariance, derivatives).mean()
     values, jacobian = np.empty(len(NAMES)), np.zeros((len(NAMES), len(RAW)))
@@ -127,13 +122,13 @@ def _map(stretch: float, skew: float, turn: float) -> np.ndarray:
     return np.array([[1.0 + stretch, skew + turn], [skew - turn, 1.0 - stretch]])
 
 
-def _spread(left: np.ndarray, noise: np.ndarray, freedom: int) -> float:
-    """Spread beside the noise with which the squares of what is left add up to their number."""
+def _spread(residual: np.ndarray, noise: np.ndarray, freedom: int) -> float:
+    """Spread beside the noise with which chi-squared of the residuals is their number."""
 
     def excess(spread: float) -> float:
-        return float(np.sum(left**2 / (noise**2 + spread**2)) - freedom)
+        return float(np.sum(residual**2 / (noise**2 + spread**2)) - freedom)
 
-    return brentq(excess, 0.0, 2.0 * np.abs(left).max()) if excess(0.0) > 0.0 else 0.0
+    return brentq(excess, 0.0, 2.0 * np.abs(residual).max()) if excess(0.0) > 0.0 else 0.0
 
 
 def _range(table: np.ndarray, depth: np.ndarray, longest_mm: float) -> float:
@@ -142,8 +137,8 @@ def _range(table: np.ndarray, depth: np.ndarray, longest_mm: float) -> float:
     place = angle.ravel(), level.ravel()
     rises = angle_slope(table.reshape(4, 4), *place).reshape(angle.shape) > 0.0
     rises = np.logical_and.accumulate(rises, axis=1)
-    reach = (angle_powers(*place) @ table).reshape(angle.shape)
-    end = float(np.where(rises, reach, 0.0).max(axis=1).min())
+    displacement = (angle_powers(*place) @ table).reshape(angle.shape)
+    end = float(np.where(rises, displacement, 0.0).max(axis=1).min())
     if end < SHORTEST * longest_mm:
         raise ScanError(
             "field_ut: must have an angle that grows with displacement over the scan; got one that "
@@ -159,15 +154,15 @@ def _model(
     raw = field[:2] - at[3:5, np.newaxis]
     lateral = _map(*at[:3]) @ raw
     size = np.maximum(np.hypot(*lateral), 1e-9)
-    way = lateral / size
+    direction = lateral / size
     angle = np.arctan2(size, field[2])
     table = at[TABLE:].reshape(4, 4)
     powers = angle_powers(angle, depth)
-    reach = powers @ at[TABLE:]
-    # d reach / d size at the same Bz, and reach over size for a change of the direction
+    displacement = powers @ at[TABLE:]
+    # d displacement / d size at the same Bz, and their ratio for a change of the direction
     radial = angle_slope(table, angle, depth) * field[2] / (size**2 + field[2] ** 2)
-    around = reach / size
-    by_field = np.einsum("it,jt->ijt", way, way) * (radial - around)
+    around = displacement / size
+    by_field = np.einsum("it,jt->ijt", direction, direction) * (radial - around)
     by_field[0, 0] += around
     by_field[1, 1] += around
     zero = np.zeros_like(angle)
@@ -176,9 +171,9 @@ def _model(
         [[x, -y], [y, x], [y, -x], *(-_map(*at[:3]).T[:, :, np.newaxis] + zero)], axis=1
     )  # d lateral / d parameter, shape (2, 5, t)
     first = np.einsum("ijt,jpt->ipt", by_field, by)
-    moved = way * reach - at[5:TABLE, np.newaxis]
+    moved = direction * displacement - at[5:TABLE, np.newaxis]
     centre = np.broadcast_to(-np.eye(2)[:, :, np.newaxis], (2, 2, len(angle)))
-    each = np.concatenate([first, centre, way[:, np.newaxis, :] * powers.T], axis=1)
+    each = np.concatenate([first, centre, direction[:, np.newaxis, :] * powers.T], axis=1)
     turned = np.stack([along, np.stack([-along[1], along[0]])])
     predicted = np.einsum("ait,it->at", turned, moved)
     return predicted.ravel(), np.einsum("ait,ipt->atp", turned, each).reshape(2 * len(angle), -1)
@@ -190,11 +185,11 @@ def _noise_mm(
     """Noise of the displacement along and across for 1 µT of each axis, shape (2 t,)."""
     raw = field[:2] - at[3:5, np.newaxis]
     lateral = _map(*at[:3]) @ raw
-    ahead = np.sum(along * lateral, axis=0)
-    angle = np.arctan2(np.abs(ahead), field[2])
+    forward = np.sum(along * lateral, axis=0)
+    angle = np.arctan2(np.abs(forward), field[2])
     table = at[TABLE:].reshape(4, 4)
-    radial = angle_slope(table, angle, depth) / np.hypot(ahead, field[2])
+    radial = angle_slope(table, angle, depth) / np.hypot(forward, field[2])
     # across: R / M_r, which at no displacement is what it is along
-    small = np.abs(ahead) < 1e-3 * np.abs(field[2])
-    across = angle_powers(angle, depth) @ at[TABLE:] / np.where(small, 1.0, np.abs(ahead))
+    small = np.abs(forward) < 1e-3 * np.abs(field[2])
+    across = angle_powers(angle, depth) @ at[TABLE:] / np.where(small, 1.0, np.abs(forward))
     return np.concatenate([radial, np.where(small, radial, across)])

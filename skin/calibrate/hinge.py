@@ -15,10 +15,7 @@ TRIED = 60
 
 
 def fit_hinge(
-    force: np.ndarray,
-    way: np.ndarray,
-    sigma: float,
-    over: np.ndarray | None = None,
+    force: np.ndarray, way: np.ndarray, sigma: float, over: np.ndarray | None = None
 ) -> Fit:
     """Fit ``force = (soft way + stiffer max(way - knee, 0)) (1 + gain over)``.
 

@@ -16,43 +16,42 @@ from __future__ import annotations
 import datetime
 import os
 import re
-import tomllib
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from bus.status import INVALID, Status
+from skin.calibrate.read import as_fit, named_file, read_calibration
 from skin.calibrate.write import write_calibration
 from skin.errors import CountsError, OptionError, ScanError, SkinError
 from skin.physics.least_squares import Fit
 from skin.physics.rest import film_at_rest_ut, inverse_map
 from topology import CHANNELS, Topology
-from topology.model import TABLES
 
 __all__ = ["Tare", "calibration_files", "chosen", "tare"]
 
 LEAST_CYCLES = 100
+"""Good readings that a mean needs [assumed]."""
 NOISY = 2.0
-"""Noise over that of the model that no working unit has."""
+"""Noise over that of the model that no working unit has [assumed]."""
 MOVED_SIGMAS = 5.0
-"""Difference of the means of both halves that chance does not make."""
+"""Difference of the means of both halves that chance does not make [assumed]."""
 WARMED_C = 0.5
+"""Change of temperature between both halves, °C [assumed]."""
 UNTARED_SHARE = 0.03
+"""How far the frequency of a unit that was never tared may be from its rest unless it is pressed,
+as a share of that: the spread of units as made [assumed]."""
 TARED_HZ = 60.0
-"""How far the frequency may be from its rest unless the unit is pressed: as far as units are made
-apart [assumed], or, once it was tared, as far as a zero drifts (0.1 N)."""
+"""The same in Hz once it was tared: how far a zero drifts, 0.1 N [assumed]."""
 OFFSET_UT, OFFSET_BLIND_UT = 1000.0, 2000.0
 """Lateral field beyond which a unit is sheared: beside what resting neighbours add, and where that
-is not known, which on a fingertip is 1.2 mT. 1000 µT are 0.6 mm at rest."""
+is not known, which on a fingertip is 1.2 mT [derived]. 1000 µT are 0.6 mm at rest [assumed]."""
 
 GEL, FREQUENCY, BX, BY, BZ, CHIP = range(len(CHANNELS))
 INCLUDED, LEFT_OUT = "included", "left out"
 TARED = re.compile(f"(; )?tared in place, resting neighbours ({INCLUDED}|{LEFT_OUT})$")
-SIGMA = re.compile(r"""\s*["']?(\w+)["']?\s*=.*# ± (\S+)""")
-"""A parameter with the sigma that `write_calibration` puts beside it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +122,7 @@ class Tare:
         """
         files = calibration_files(self.topology, self.taken, out)
         for patch, path in files.items():
-            before, units = _read(_named_file(self.topology, patch))
+            before, units = read_calibration(named_file(self.topology, patch))
             here = self.topology.patch == self.topology.patch_names.index(patch)
             for i in np.flatnonzero(self.taken & here):
                 unit = self.topology.unit_names[i].removeprefix(f"{patch}/")
@@ -146,7 +145,7 @@ class Tare:
             "hall_offset_y_ut": (self.offset_ut[1, i], self.offset_sigma_ut[1, i]),
             "field_sigma_ut": (max(known_ut, self.offset_sigma_ut[:, i].max()), np.nan),
         }
-        return _as_fit(values, int(self.cycles[i]))
+        return as_fit(values, int(self.cycles[i]))
 
 
 def chosen(topology: Topology, leave_out: Collection[str] = ()) -> np.ndarray:
@@ -187,7 +186,7 @@ def calibration_files(
         return {patch: path if alone else path / f"{patch}.toml" for patch in patches}
     files = {}
     for patch in patches:
-        named = _named_file(topology, patch)
+        named = named_file(topology, patch)
         if named is None:
             raise SkinError(
                 f"{topology.path}: patch {patch!r}: must name a calibration file to be written "
@@ -359,45 +358,3 @@ def _check(
     got = f"{array.dtype}, shape {array.shape}" if isinstance(array, np.ndarray) else type(array)
     wanted = ", ".join(map(str, ("t" if cycles is None else cycles, *shape)))
     raise CountsError(f"{name}: must be an array of {kind.__name__}, shape ({wanted}); got {got}")
-
-
-def _named_file(topology: Topology, patch: str) -> Path | None:
-    """The calibration file that the topology's own file names for a patch."""
-    if topology.path is None:
-        return None
-    with open(topology.path, "rb") as file:
-        tables = tomllib.load(file)["patches"]
-    named = next(table for table in tables if table["name"] == patch).get("calibration")
-    return None if named is None else topology.path.parent / named
-
-
-def _read(path: Path | None) -> tuple[dict[str, Any], dict[str, list[Fit]]]:
-    """A calibration file, and its values as fits of each unit; sigma NaN where none is told."""
-    if path is None:
-        return {}, {}
-    text = path.read_text(encoding="utf-8")
-    table = tomllib.loads(text)
-    sigma, unit = {}, None
-    for line in text.splitlines():
-        if line.lstrip().startswith("[units"):
-            unit = next(iter(tomllib.loads(line)["units"]), None)
-        elif told := SIGMA.match(line):
-            sigma[unit, told[1]] = float(told[2])
-    units = {}
-    for unit, given in table.get("units", {}).items():
-        units[unit] = []
-        for name, value in given.items():
-            spread = sigma.get((unit, name), np.nan)
-            values = {name: (value, spread)}
-            if name in TABLES:
-                entries = value or [0.0] * TABLES[name]
-                values = {f"{name}[{k}]": (v, spread) for k, v in enumerate(entries)}
-            units[unit].append(_as_fit(values, 0))
-    return table, units
-
-
-def _as_fit(values: dict[str, tuple[float, float]], samples: int) -> Fit:
-    known = np.array(list(values.values()), float).reshape(-1, 2)
-    return Fit(
-        tuple(values), known[:, 0], np.diag(known[:, 1] ** 2), np.nan, np.nan, 1.0, samples
-    )  # fmt: skip

@@ -24,42 +24,12 @@ from skin.calibrate.shear import fit_shear
 from skin.calibrate.write import parameter_values, write_calibration
 from skin.errors import ScanError
 from skin.physics.least_squares import Fit
-from skin.physics.scan import Scan, strokes
-from skin.sim.bench import Bench
+from skin.physics.scan import Recordings, Scan
 from topology import CHANNELS, Topology
 
-__all__ = ["Calibration", "Recordings", "calibrate", "calibrate_unit", "record"]
+__all__ = ["Calibration", "calibrate", "calibrate_unit"]
 
 GEL = CHANNELS.index("gel")
-
-
-@dataclass(frozen=True, eq=False)
-class Recordings:
-    """What a bench records of the units of a skin, each unit alone; arrays as of `Scan`.
-
-    Attributes
-    ----------
-    bare : Scan
-        Chips before they have a film, heated.
-    heated : Scan
-        Films on, held in a few poses of different fields while film and chip are heated in turn;
-        the gel is as warm as the film.
-    pressed : Scan
-        Straight down, from 0.
-    sheared : Scan
-        Strokes over depth, length and direction, each begun from rest.
-    readings : int
-        Readings of which each sample is the mean.
-    force_sigma_n : float
-        Of the reference cell, one reading.
-    """
-
-    bare: Scan
-    heated: Scan
-    pressed: Scan
-    sheared: Scan
-    readings: int
-    force_sigma_n: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,53 +64,6 @@ class Calibration:
                      if name.startswith(head)}  # fmt: skip
             file = Path(folder) / f"{patch}.toml"
             write_calibration(file, patch, units, date=date, bench=bench)
-
-
-def record(
-    bench: Bench,
-    bare: Bench,
-    *,
-    readings: int = 16,
-    force_sigma_n: float = 0.005,
-    depth_max_mm: float = 2.0,
-    displacement_max_mm: float = 3.0,
-) -> Recordings:
-    """Go through the poses that `calibrate` needs.
-
-    Parameters
-    ----------
-    bench : Bench
-    bare : Bench
-        The same chips without films.
-    readings : int
-        Readings of a pose.
-    force_sigma_n : float
-        Of the bench's reference cell.
-    depth_max_mm, displacement_max_mm : float
-        End of the range, where the calibration ends too.
-    """
-    warming = np.repeat(np.linspace(20.0, 60.0, 9), 16)
-    depth = np.linspace(0.0, depth_max_mm, 7)
-    length = np.linspace(0.2, displacement_max_mm, 10)
-    around = np.linspace(-np.pi, np.pi, 16, endpoint=False)
-    film, chip = (t.ravel() for t in np.meshgrid([20.0, 50.0, 80.0], [20.0, 40.0, 60.0]))
-    poses = np.array([[0.0, 0.0, 0.0], [depth_max_mm, 0.0, 0.0],
-                      [depth_max_mm, 1.5, 0.0], [depth_max_mm, 1.5, 0.5 * np.pi]])  # fmt: skip
-    warm = {
-        "gel_temperature": np.tile(film, len(poses)),
-        "chip_temperature": np.tile(chip, len(poses)),
-    }
-    held = np.repeat(poses, film.size, axis=0).T
-    pressed = np.repeat(np.linspace(0.0, depth_max_mm, 41), 2)
-    many = {"readings": readings}
-    return Recordings(
-        bare=bare.scan(0.0, 0.0, gel_temperature=warming, **many),
-        heated=bench.scan(*held, **warm, **many),
-        pressed=bench.scan(pressed, 0.0, **many),
-        sheared=bench.scan(*strokes(depth, length, around), **many),
-        readings=readings,
-        force_sigma_n=force_sigma_n,
-    )
 
 
 def calibrate(topology: Topology, recordings: Recordings) -> Calibration:
@@ -254,15 +177,14 @@ def _as_fit(values: Mapping[str, float], samples: int) -> Fit:
 
 
 def _amplitude(
-    lateral: np.ndarray, depth: np.ndarray, reach: np.ndarray, reference_mm: float, sigma_ut: float
-) -> Fit:
+    lateral: np.ndarray, depth: np.ndarray, displacement: np.ndarray, reference_mm: float,
+    sigma_ut: float,
+) -> Fit:  # fmt: skip
     """M0(H) and k, of what lies before the crest."""
-    first = fit_amplitude(lateral, depth, reach, reference_mm=reference_mm, sigma_ut=sigma_ut)
-    before = reach <= 0.5 * np.pi / first["field_wavenumber_rad_per_mm"]
-    return fit_amplitude(
-        lateral[before], depth[before], reach[before],
-        reference_mm=reference_mm, degree=2, sigma_ut=sigma_ut,
-    )  # fmt: skip
+    known = {"reference_mm": reference_mm, "sigma_ut": sigma_ut}
+    first = fit_amplitude(lateral, depth, displacement, **known)
+    before = displacement <= 0.5 * np.pi / first["field_wavenumber_rad_per_mm"]
+    return fit_amplitude(lateral[before], depth[before], displacement[before], degree=2, **known)
 
 
 def _of(scan: Scan, unit: int) -> dict[str, np.ndarray]:

@@ -6,6 +6,7 @@ import json as json_text
 from typing import TYPE_CHECKING, Annotated
 
 from skin.cli import options
+from skin.cli.table import columns
 
 if TYPE_CHECKING:
     from topology.summary import BusSummary, PatchSummary, Summary
@@ -36,10 +37,15 @@ def check(
     if schema:
         print(json_text.dumps(json_schema(), indent=2))
         return 0
-    found = summary(load(options.given(file, "check"), allow_overload=True))
+    file = options.given(file, "check")
+    loaded = load(file, allow_overload=True)
+    found = summary(loaded)
     print(_table(found))
+    if hint := options.tare_hint(file, loaded):
+        print(f"\nnote: {hint}")
     if json:
-        print(json_text.dumps(msgspec.to_builtins(found)))
+        never_tared = {"never_tared": options.never_tared(loaded)}
+        print(json_text.dumps(msgspec.to_builtins(found) | never_tared))
     return 0 if found.ok else 1
 
 
@@ -49,10 +55,10 @@ def _table(found: Summary) -> str:
         f"{found.name}: {found.units} units{disabled}, {found.frames} frames a cycle, "
         f"{found.neighbours:.1f} neighbours a unit",
         "",
-        *_columns(["bus", "units", "frames", "ids", "cycle", "load", "limit", "at most"],
+        *columns(["bus", "units", "frames", "ids", "cycle", "load", "limit", "at most"],
                   [_bus_row(bus) for bus in found.buses]),
         "",
-        *_columns(["patch", "units", "layout", "bus", "ids", "nearest"],
+        *columns(["patch", "units", "layout", "bus", "ids", "nearest"],
                   [_patch_row(patch) for patch in found.patches]),
     ]  # fmt: skip
     for text in found.warnings:
@@ -82,11 +88,3 @@ def _patch_row(patch: PatchSummary) -> list[str]:
 
 def _ids(ids: tuple[int, int] | None) -> str:
     return "" if ids is None else f"{ids[0]:#05x}–{ids[1]:#05x}"
-
-
-def _columns(head: list[str], rows: list[list[str]]) -> list[str]:
-    widths = [max(len(row[i]) for row in (head, *rows)) for i in range(len(head))]
-    return [
-        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-        for row in (head, *rows)
-    ]

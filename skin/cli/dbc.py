@@ -9,6 +9,7 @@ from typing import Annotated
 import tyro
 
 from skin.cli import options
+from skin.cli.table import columns
 
 __all__ = ["dbc"]
 
@@ -32,11 +33,8 @@ def dbc(
 
     topology = load(file)
     written = write_dbc(topology, output)
-    rows = [("bus", "messages", "signals", "file")]
-    rows += [(f.bus, str(f.messages), str(f.signals), str(f.path)) for f in written]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for row in rows:
-        print("  ".join(map(str.ljust, row, widths)).rstrip())
+    rows = [(file.bus, str(file.messages), str(file.signals), str(file.path)) for file in written]
+    print("\n".join(columns(("bus", "messages", "signals", "file"), rows)))
     if json:
         files = [
             {"path": str(found.path.resolve()), "bus": found.bus, "messages": found.messages,

@@ -6,16 +6,23 @@ import csv
 import json as json_text
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any, TextIO
+from typing import TYPE_CHECKING, Annotated, NamedTuple, TextIO
 
 import numpy as np
 import tyro
 
 from skin.cli import options
+from skin.cli.table import counted
+
+if TYPE_CHECKING:
+    from bus.frame import FrameBatch
+    from skin.pipeline import Pipeline
+    from skin.state import State
+    from topology import Topology
 
 __all__ = ["decode"]
 
@@ -50,47 +57,27 @@ def decode(
     Exits with 1 if the log holds no cycle of this skin, or is damaged: then all that stands before
     the damage is decoded.
     """
-    from bus.assemble import Assembler
     from bus.logs import buses_of, read
+    from skin.compiling import announcer
     from skin.errors import SkinError
-    from skin.reader import CycleReader
+    from skin.options import Options
+    from skin.pipeline import Pipeline
     from topology import load
 
     if output is not None and output.suffix not in (".csv", ".npz"):
         raise SkinError(f"--output: must end in .csv or .npz; got {output.name!r}")
     options.check_folder("--output", output)
     loaded = load(topology)
-    assembler = Assembler(loaded)
+    announcer()
     want = {"temperature", "force", "wrench", "centroid", "contacts"}
-    reader = CycleReader(loaded, want=want, dtype="float64", sweeps=2)
-    rows: list[tuple[Any, ...]] = []
-
-    def keep(cycle: Any) -> None:
-        state = reader(cycle)
-        units = state.units
-        identity = np.array([0, *(contact.id for contact in state.contacts)])
-        rows.append(
-            (state.stamp_ns, units.temperature.copy(), units.force.copy(), units.status.copy(),
-             units.valid.copy(), state.wrench.copy(), state.centroid.copy(),
-             identity[state.label + 1])
-        )  # fmt: skip
-
-    buses = buses_of(loaded) if len(loaded.buses) > 1 else None
-    frames = read(log, buses=buses, strict=False)
-    for batch in frames:
-        batch.frames["origin"] = (
-            0  # who recorded a frame as its own sent it on the bus all the same
-        )
-        for cycle in assembler.feed(batch.frames):
-            keep(cycle)
-    last = assembler.flush()
-    if last is not None:
-        keep(last)
-    counters = asdict(assembler.counters)
+    pipeline = Pipeline(loaded, Options(want=want, dtype="float64", sweeps=2))
+    frames = read(log, buses=buses_of(loaded) if len(loaded.buses) > 1 else None, strict=False)
+    rows = [_Row.of(state) for state in _states(pipeline, frames)]
+    counters = asdict(pipeline.counters)
     if output is not None and rows:
         _write(output, loaded, rows)
-    valid = sum(int(row[4].sum()) for row in rows)
-    peak = max((float(np.linalg.norm(row[5][:3])) for row in rows), default=0.0)
+    valid = sum(int(row.valid.sum()) for row in rows)
+    peak = max((float(np.linalg.norm(row.wrench[:3])) for row in rows), default=0.0)
     report = {
         "topology": loaded.name,
         "units": loaded.n,
@@ -104,8 +91,7 @@ def decode(
     if json:
         print(json_text.dumps(report))
     else:
-        kinds = ", ".join(f"{name} {count}" for name, count in counters.items() if count)
-        print(f"{len(rows)} cycles of {loaded.n} units; frames: {kinds or 'none'}")
+        print(f"{len(rows)} cycles of {loaded.n} units; frames: {counted(counters)}")
         print(f"valid readings {100 * report['valid_share']:.2f} %, peak force {peak:.2f} N")
         if report["output"]:
             print(f"written: {report['output']}")
@@ -114,39 +100,64 @@ def decode(
     return 0 if rows and not frames.damage else 1
 
 
-def _write(path: Path, topology: Any, rows: list[tuple[Any, ...]]) -> None:
-    stamp, temperature, force, status, valid, wrench, centroid, contact = zip(*rows, strict=True)
-    time_s = (np.array(stamp, np.int64) - stamp[0]) * 1e-9
+def _states(pipeline: Pipeline, batches: Iterable[FrameBatch]) -> Iterator[State]:
+    for batch in batches:
+        # who recorded a frame as its own sent it on the bus all the same
+        batch.frames["origin"] = 0
+        yield from pipeline.feed(batch.frames)
+    last = pipeline.flush()
+    if last is not None:
+        yield last
+
+
+class _Row(NamedTuple):
+    """What is written of a cycle; copies."""
+
+    stamp_ns: int
+    temperature_c: np.ndarray
+    force_n: np.ndarray
+    status: np.ndarray
+    valid: np.ndarray
+    wrench: np.ndarray
+    centroid_m: np.ndarray
+    contact: np.ndarray
+    """Identity of what touches each unit, 0 for nothing."""
+
+    @classmethod
+    def of(cls, state: State) -> _Row:
+        units = state.units
+        identity = np.array([0, *(contact.id for contact in state.contacts)])
+        return cls(
+            state.stamp_ns, units.temperature.copy(), units.force.copy(), units.status.copy(),
+            units.valid.copy(), state.wrench.copy(), state.centroid.copy(),
+            identity[state.label + 1],
+        )  # fmt: skip
+
+
+def _write(path: Path, topology: Topology, rows: list[_Row]) -> None:
+    start_ns = rows[0].stamp_ns
     if path.suffix == ".npz":
         beside = path.with_name(f".{path.name}.part.npz")
+        stamp_ns, temperature, force, status, _, wrench, centroid, contact = map(
+            np.stack, zip(*rows, strict=True)
+        )
         np.savez_compressed(
-            beside, time_s=time_s, temperature_c=np.stack(temperature), force_n=np.stack(force),
-            status=np.stack(status), wrench=np.stack(wrench), centroid_m=np.stack(centroid),
-            contact=np.stack(contact), unit=np.array(topology.unit_names),
+            beside, time_s=(stamp_ns - start_ns) * 1e-9, temperature_c=temperature, force_n=force,
+            status=status, wrench=wrench, centroid_m=centroid, contact=contact,
+            unit=np.array(topology.unit_names),
         )  # fmt: skip
         os.replace(beside, path)
         return
     with _replacing(path) as file:
         table = csv.writer(file)
-        table.writerow(
-            [
-                "time_s",
-                "unit",
-                "temperature_c",
-                "fx_n",
-                "fy_n",
-                "fz_n",
-                "status",
-                "valid",
-                "contact",
-            ]
-        )
-        cycles = zip(time_s, temperature, force, status, valid, contact, strict=True)
-        for t, warm, f, flags, good, touch in cycles:
+        table.writerow("time_s unit temperature_c fx_n fy_n fz_n status valid contact".split())
+        for row in rows:
+            time_s = (row.stamp_ns - start_ns) * 1e-9
             for i, name in enumerate(topology.unit_names):
                 table.writerow(
-                    [f"{t:.6f}", name, f"{warm[i]:.3f}", *(f"{v:.4f}" for v in f[:, i]),
-                     int(flags[i]), int(good[i]), int(touch[i])]
+                    [f"{time_s:.6f}", name, f"{row.temperature_c[i]:.3f}",
+                     *(f"{value:.4f}" for value in row.force_n[:, i]), int(row.status[i]),
+                     int(row.valid[i]), int(row.contact[i])]
                 )  # fmt: skip
 
 

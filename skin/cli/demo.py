@@ -11,6 +11,7 @@ import numpy as np
 import tyro
 
 from skin.cli import options
+from skin.cli.table import facts
 
 __all__ = ["demo", "errors_against_truth"]
 
@@ -43,7 +44,7 @@ def demo(
     and the centre of pressure beside the true ones.
     """
     import skin
-    from skin.contact.records import SlipState
+    from skin.contact.record import SlipState
     from skin.view.picture import save_run
     from skin.view.terminal import LiveTable
     from topology import load
@@ -57,6 +58,7 @@ def demo(
     contacts: set[int] = set()
     slipped: set[int] = set()
     with skin.open(loaded, simulate=True, pace=not fast, seed=seed) as opened:
+        assert opened.nodes is not None
         for state in opened:
             table.show(state, opened.timing.work_ns)
             log.add(state, opened.nodes.truth, opened.timing.work_ns)
@@ -80,10 +82,7 @@ def demo(
         **figures,
         "picture": str(picture.resolve()),
     }
-    if json:
-        print(json_text.dumps(report))
-    else:
-        print(_table(report))
+    print(json_text.dumps(report) if json else _table(report))
     return 0
 
 
@@ -151,25 +150,16 @@ def _rms(values: np.ndarray) -> float:
 
 
 def _table(report: dict[str, Any]) -> str:
-    rows = [
-        ("units, cycles", f"{report['units']}, {report['cycles']}"),
-        ("frames, lost", f"{report['frames']}, {report['lost_frames']}"),
-        ("contacts, slipped", f"{report['contacts']}, {report['contacts_slipped']}"),
-        ("temperature error", f"{report['temperature_rmse_c']:.3f} °C rms"),
-        (
-            "force error, loaded units",
-            f"{report['force_rmse_n']:.4f} N rms, {report['force_max_error_n']:.3f} N worst",
-        ),
-        ("total force error", f"{report['wrench_force_rmse_n']:.4f} N rms"),
-        (
-            "centre of pressure error",
-            f"{report['centroid_rmse_mm']:.3f} mm rms, "
-            f"{report['centroid_max_error_mm']:.3f} mm worst",
-        ),
-        (
-            "frames to contacts",
-            f"{report['cycle_us_p50']:.1f} µs p50, {report['cycle_us_p99']:.1f} µs p99",
-        ),
-        ("picture", report["picture"]),
-    ]
-    return "\n".join(f"{name:<26} {text}" for name, text in rows)
+    rows = {
+        "units, cycles": "{units}, {cycles}",
+        "frames, lost": "{frames}, {lost_frames}",
+        "contacts, slipped": "{contacts}, {contacts_slipped}",
+        "temperature error": "{temperature_rmse_c:.3f} °C rms",
+        "force error, loaded units": "{force_rmse_n:.4f} N rms, {force_max_error_n:.3f} N worst",
+        "total force error": "{wrench_force_rmse_n:.4f} N rms",
+        "centre of pressure error": "{centroid_rmse_mm:.3f} mm rms, "
+        "{centroid_max_error_mm:.3f} mm worst",
+        "frames to contacts": "{cycle_us_p50:.1f} µs p50, {cycle_us_p99:.1f} µs p99",
+        "picture": "{picture}",
+    }
+    return facts(rows, report, 26)

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from skin.cli import options
+from skin.cli.table import counted
 
 if TYPE_CHECKING:
     from bus.diagnose import Finding
@@ -43,9 +44,11 @@ def doctor(
     """
     from bus.diagnose import diagnose
     from bus.discover import Survey
+    from skin.compiling import announcer
     from topology import load
 
     options.check_seconds(seconds)
+    announcer()
     loaded = load(file).on(interface=interface, channel=channel)
     survey = Survey(loaded)
     found = list(_of_this_host())
@@ -61,10 +64,11 @@ def doctor(
         "units_heard": int((survey.age >= 0).sum()),
         "cycles": survey.cycles,
         "counters": counters,
+        "never_tared": options.never_tared(loaded),
         "findings": [asdict(finding) for finding in found],
         "healthy": not found,
     }
-    print(_table(loaded, report, found))
+    print(_table(loaded, report, found, options.tare_hint(file, loaded)))
     if json:
         print(json_text.dumps(report))
     return 1 if found else 0
@@ -103,7 +107,7 @@ def _of_this_host() -> Iterator[Finding]:
     import topology
     from bus.diagnose import Finding
 
-    homes = {module.__name__: Path(module.__file__).parent.parent for module in
+    homes = {module.__name__: Path(str(module.__file__)).parent.parent for module in
              (skin, bus, topology)}  # fmt: skip
     for name, home in homes.items():
         if home != homes["skin"]:
@@ -130,12 +134,12 @@ def _is_writable(folder: Path) -> bool:
     return os.access(folder, os.W_OK)
 
 
-def _table(loaded: Topology, report: dict[str, Any], found: list[Finding]) -> str:
-    kinds = ", ".join(f"{name} {count}" for name, count in report["counters"].items())
+def _table(loaded: Topology, report: dict[str, Any], found: list[Finding], hint: str | None) -> str:
     lines = [
         f"{loaded.name}: {report['units_heard']} of {loaded.n} units heard in {report['cycles']} "
         "cycles",
-        f"frames: {kinds or 'none'}",
+        f"frames: {counted(report['counters'])}",
+        *([hint] if hint else []),
     ]
     for finding in found:
         lines += [

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from topology import Topology
 
 __all__ = [
@@ -18,12 +20,16 @@ __all__ = [
     "Interface",
     "Json",
     "Listening",
+    "Scene",
+    "Seed",
     "Sync",
     "Until",
     "check_folder",
     "check_seconds",
     "given",
+    "never_tared",
     "quiet",
+    "tare_hint",
     "unreachable",
 ]
 
@@ -64,6 +70,17 @@ Channel = Annotated[
 
 Sync = Annotated[
     Literal["host", "bus"], tyro.conf.arg(help="who sends SYNC: this host, or another node")
+]
+
+Scene = Annotated[
+    str | None, quiet("play this scene, ready-made or from a file", metavar="NAME|FILE")
+]
+
+Seed = Annotated[
+    int | None,
+    quiet(
+        "seed of the simulated noise; otherwise the scene's, or 0", metavar="INT", constructor=int
+    ),
 ]
 
 
@@ -108,3 +125,21 @@ def unreachable(file: str, topology: Topology) -> str | None:
                 "udp_multicast --channel 239.74.163.2)"
             )
     return None
+
+
+def never_tared(topology: Topology) -> list[str]:
+    """Units whose zeros are those of their model; none where all buses are within the process."""
+    if all(bus.interface == "memory" for bus in topology.buses):
+        return []
+    tared = topology.parameters["frequency_sigma_hz"] > 0.0
+    lacking: np.ndarray = topology.enabled & ~topology.counts_only & ~tared
+    return [name for name, lacks in zip(topology.unit_names, lacking, strict=True) if lacks]
+
+
+def tare_hint(file: str, topology: Topology) -> str | None:
+    """One line about units that were never tared, where there are any."""
+    names = never_tared(topology)
+    if not names:
+        return None
+    units = f"unit {names[0]} has" if len(names) == 1 else f"{len(names)} units have"
+    return f"{units} never been tared: skin tare {file}"

@@ -5,13 +5,21 @@ from __future__ import annotations
 import json as json_text
 import sys
 import time
+from contextlib import ExitStack
 from dataclasses import asdict
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 import tyro
 
 from skin.cli import options
+from skin.cli.sim import own_faults
+from skin.cli.table import counted, facts
+
+if TYPE_CHECKING:
+    from bus.transport import Transport
+    from skin.state import State
+    from topology import Topology
 
 __all__ = ["run"]
 
@@ -28,24 +36,36 @@ def run(
         Literal["event", "drain"],
         tyro.conf.arg(help="wake for every arrival (least latency), or once a cycle (least work)"),
     ] = "event",
+    simulate: Annotated[
+        bool, options.quiet("listen to simulated units, in this process, on no bus of the file")
+    ] = False,
+    scene: options.Scene = None,
+    seed: options.Seed = None,
     json: options.Json = False,
 ) -> int:
     """Listen to the buses of a topology, send SYNC, and show what the skin feels.
 
-    Exits with 1 if no unit ever answered.
+    With `--simulate` a sphere presses, slides and lifts all over simulated units, or a scene is
+    played to its end. Exits with 1 if no unit ever answered.
     """
     import skin
     from skin.view.terminal import LiveTable
     from topology import load
 
     options.check_seconds(seconds)
+    _check_simulated(simulate, scene, seed, sync)
     loaded = load(file).on(interface=interface, channel=channel)
-    if why := options.unreachable(file, loaded):
-        print(f"note: nobody can answer: {why}", file=sys.stderr)
+    if not simulate:
+        _note(file, loaded)
     table = LiveTable(loaded)
     tally = _Tally(loaded)
-    end = None
-    with skin.open(loaded, sync=sync, wait=wait) as opened:
+    end = transports = None
+    with ExitStack() as ended:
+        if simulate:
+            transports, lasting = _simulated(ended, loaded, scene, seed)
+            seconds = seconds or lasting
+        opened = skin.open(loaded, sync=sync, wait=wait, transports=transports)
+        ended.enter_context(opened)
         try:
             for state in opened:
                 table.show(state, opened.timing.work_ns)
@@ -63,19 +83,57 @@ def run(
                 bus.name: asdict(end.counters)
                 for bus, end in zip(loaded.buses, opened.transports, strict=True)
             },
+            "never_tared": [] if simulate else options.never_tared(loaded),
             "bus_changes": [f"{name}: {change}" for name, change in opened.bus_changes],
         }
-    if json:
-        print(json_text.dumps(report))
-    else:
-        print(_table(report))
+    print(json_text.dumps(report) if json else _table(report))
     return 0 if report["units_heard"] else 1
+
+
+def _note(file: str, topology: Topology) -> None:
+    """Say what is worth knowing before the first cycle."""
+    notes = (options.unreachable(file, topology), options.tare_hint(file, topology))
+    for prefix, text in zip(("nobody can answer: ", ""), notes, strict=True):
+        if text:
+            print(f"note: {prefix}{text}", file=sys.stderr)
+
+
+def _check_simulated(simulate: bool, scene: str | None, seed: int | None, sync: str) -> None:
+    """Refuse what means nothing together."""
+    from skin.errors import SkinError
+
+    for option, value in (("--scene", scene), ("--seed", seed)):
+        if value is not None and not simulate:
+            raise SkinError(f"{option}: must be given with --simulate; got none")
+    if simulate and sync != "host":
+        raise SkinError(f"--sync: must be 'host' with --simulate; got {sync!r}")
+
+
+def _simulated(
+    ended: ExitStack, topology: Topology, scene: str | None, seed: int | None
+) -> tuple[list[Transport], float | None]:
+    """This host's ends of buses with simulated units, and how many seconds the scene lasts."""
+    from bus.faults import FaultyTransport
+    from skin.live import in_process
+    from skin.sim.node import Nodes
+    from skin.sim.scenes.load import open_scene
+
+    played = None if scene is None else open_scene(scene, topology, seed=seed)
+    nodes = Nodes(topology, played, seed=seed or 0, history=0)
+    ended.callback(nodes.close)
+    ends = in_process(nodes)
+    if played is None:
+        return ends, None
+    if faults := own_faults(played):
+        for i, end in enumerate(ends):
+            ends[i] = FaultyTransport(end, faults, topology=topology)
+    return ends, played.seconds
 
 
 class _Tally:
     """What is worth telling at the end of a run."""
 
-    def __init__(self, topology: Any) -> None:
+    def __init__(self, topology: Topology) -> None:
         self.topology = topology
         self.cycles = 0
         self.complete = 0
@@ -86,8 +144,8 @@ class _Tally:
         self.slipped: set[int] = set()
         self.work_us: list[float] = []
 
-    def add(self, state: Any, work_ns: int) -> None:
-        from skin.contact.records import SlipState
+    def add(self, state: State, work_ns: int) -> None:
+        from skin.contact.record import SlipState
         from skin.state import Status
 
         self.cycles += 1
@@ -121,26 +179,28 @@ class _Tally:
 
 
 def _table(report: dict[str, Any]) -> str:
-    counters = report["counters"]
-    kinds = ", ".join(f"{name} {count}" for name, count in counters.items() if count)
     silent = report["silent_units"]
     shown = ", ".join(silent[:8]) + (f" and {len(silent) - 8} more" if len(silent) > 8 else "")
-    rows = [
-        ("units heard", f"{report['units_heard']} of {report['units']}"),
-        ("silent", shown or "none"),
-        ("cycles, complete", f"{report['cycles']}, {report['complete_cycles']}"),
-        ("valid readings", f"{100 * report['valid_share']:.2f} %"),
-        ("frames", kinds or "none"),
-        ("lost on this host", _host_losses(report["buses"])),
-        ("bus changes", "; ".join(report["bus_changes"][-4:]) or "none"),
-        ("peak force", f"{report['peak_force_n']:.2f} N"),
-        ("contacts, slipped", f"{report['contacts']}, {report['contacts_slipped']}"),
-        (
-            "frames to contacts",
-            f"{report['cycle_us_p50']:.1f} µs p50, {report['cycle_us_p99']:.1f} µs p99",
-        ),
-    ]
-    return "\n".join(f"{name:<18} {text}" for name, text in rows)
+    rows = {
+        "units heard": "{units_heard} of {units}",
+        "silent": "{shown}",
+        "cycles, complete": "{cycles}, {complete_cycles}",
+        "valid readings": "{valid_percent:.2f} %",
+        "frames": "{frames}",
+        "lost on this host": "{losses}",
+        "bus changes": "{changes}",
+        "peak force": "{peak_force_n:.2f} N",
+        "contacts, slipped": "{contacts}, {contacts_slipped}",
+        "frames to contacts": "{cycle_us_p50:.1f} µs p50, {cycle_us_p99:.1f} µs p99",
+    }
+    texts = {
+        "valid_percent": 100 * report["valid_share"],
+        "shown": shown or "none",
+        "frames": counted(report["counters"]),
+        "losses": _host_losses(report["buses"]),
+        "changes": "; ".join(report["bus_changes"][-4:]) or "none",
+    }
+    return facts(rows, report | texts)
 
 
 def _host_losses(buses: dict[str, dict[str, int]]) -> str:

@@ -8,19 +8,20 @@ from collections import Counter
 from collections.abc import Iterable
 from contextlib import ExitStack
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from skin.cli import options
+from skin.cli.table import facts
 
 if TYPE_CHECKING:
     from bus.faults import FaultScript
     from bus.transport import Transport
     from skin.sim.node import Nodes, Served
-    from skin.sim.play import ScriptedScene
     from skin.sim.scene import Scene
+    from skin.sim.scenes.play import ScriptedScene
     from topology import Topology
 
-__all__ = ["sim"]
+__all__ = ["own_faults", "sim"]
 
 
 def sim(
@@ -28,23 +29,14 @@ def sim(
     /,
     *,
     seconds: options.Until = None,
-    seed: Annotated[
-        int | None,
-        options.quiet(
-            "seed of the simulated noise; otherwise the scene's, or 0",
-            metavar="INT",
-            constructor=int,
-        ),
-    ] = None,
+    seed: options.Seed = None,
     noise: Annotated[bool, options.quiet("leave the noise out, keep the quantisation")] = True,
     interface: options.Interface = None,
     channel: options.Channel = None,
     faults: Annotated[
         str | None, options.quiet("do to the frames what this script says", metavar="FILE")
     ] = None,
-    scene: Annotated[
-        str | None, options.quiet("play this scene, ready-made or from a file", metavar="NAME|FILE")
-    ] = None,
+    scene: options.Scene = None,
     truth: Annotated[
         str | None, options.quiet("write down the truth about every cycle", metavar="FILE.npz")
     ] = None,
@@ -68,8 +60,9 @@ def sim(
     are within the process. Exits with 1 if no SYNC ever came.
     """
     from bus.faults import load_script
+    from skin.compiling import announcer
     from skin.errors import SkinError
-    from skin.sim.script import SceneFile
+    from skin.sim.scenes.script import SceneFile
     from topology import load
     from topology.schema import json_schema
 
@@ -85,52 +78,36 @@ def sim(
     if not fast and (why := options.unreachable(file, loaded)):
         raise SkinError(why)
     script = None if faults is None else load_script(faults, loaded)
+    announcer()
+    from skin.sim.node import Nodes
+    from skin.sim.scenes.load import open_scene
+
     with ExitStack() as opened:
         if scene is None:
-            nodes = _unscripted(loaded, seed, noise)
+            nodes = Nodes(loaded, seed=seed or 0, noise=noise)
         else:
-            played = _scripted(loaded, scene, seed, noise)
-            script = script or _own_faults(played)
-            nodes = _nodes(played, None if truth is None else _recorder(opened, played, truth))
+            played = open_scene(scene, loaded, seed=seed, noise=noise)
+            script = script or own_faults(played)
+            recorder = None if truth is None else _recorder(opened, played, truth)
+            nodes = Nodes(loaded, recorder or played, history=0)
         if fast:
-            served, injected = _play(nodes, played, seconds, script)
+            lasting = played.seconds if seconds is None else seconds
+            served, injected = _play(nodes, lasting, script)
         else:
             served, injected = _serve(opened, nodes, seconds, script)
     report = {"topology": loaded.name, "units": loaded.n, **asdict(served)}
     if scene is not None:
-        lasted = served.cycles / loaded.cycle_rate_hz
         report |= {"scene": played.script.name, "truth": truth if served.cycles else None}
+        lasted = served.cycles / loaded.cycle_rate_hz
         report["real_time_factor"] = lasted / served.seconds if served.seconds else 0.0
     if script is not None:
         report["faults"] = _total(injected)
-    if json:
-        print(json_text.dumps(report))
-    else:
-        print(_table(report))
+    print(json_text.dumps(report) if json else _table(report))
     return 0 if served.cycles else 1
 
 
-def _unscripted(topology: Topology, seed: int | None, noise: bool) -> Nodes:
-    from skin.sim.node import Nodes
-
-    return Nodes(topology, seed=seed or 0, noise=noise)
-
-
-def _scripted(topology: Topology, scene: str, seed: int | None, noise: bool) -> ScriptedScene:
-    from msgspec.structs import replace
-
-    from skin.sim.play import ScriptedScene
-    from skin.sim.script_load import load_scene
-
-    script = load_scene(scene, topology)
-    if seed is not None:
-        script = replace(script, seed=seed)
-    if not noise:
-        script = replace(script, non_ideal=replace(script.non_ideal, noise=False))
-    return ScriptedScene(topology, script)
-
-
-def _own_faults(played: ScriptedScene) -> FaultScript | None:
+def own_faults(played: ScriptedScene) -> FaultScript | None:
+    """What a scene itself does to the frames."""
     from bus.faults import FaultScript
 
     own = played.script
@@ -138,26 +115,19 @@ def _own_faults(played: ScriptedScene) -> FaultScript | None:
 
 
 def _recorder(opened: ExitStack, played: ScriptedScene, path: str) -> Scene:
-    from skin.sim.record import Recorder
+    from skin.sim.scenes.record import Recorder
 
     return opened.enter_context(Recorder(played, path))
 
 
-def _nodes(played: ScriptedScene, recorder: Scene | None) -> Nodes:
-    from skin.sim.node import Nodes
-
-    return Nodes(played.topology, recorder or played, history=0)
-
-
 def _play(
-    nodes: Nodes, played: ScriptedScene, seconds: float | None, script: FaultScript | None
+    nodes: Nodes, seconds: float, script: FaultScript | None
 ) -> tuple[Served, list[dict[str, int]]]:
     """Without any bus, as fast as this machine can."""
-    from skin.sim.fast import play
+    from skin.sim.scenes.fast import play
 
-    lasting = played.seconds if seconds is None else seconds
-    print(f"{nodes.topology.n} units on no bus, {lasting:g} s", file=sys.stderr, flush=True)
-    return play(nodes, lasting, script)
+    print(f"{nodes.topology.n} units on no bus, {seconds:g} s", file=sys.stderr, flush=True)
+    return play(nodes, seconds, script)
 
 
 def _serve(
@@ -171,13 +141,9 @@ def _serve(
     transports: list[Transport] = [
         opened.enter_context(open_transport(bus, i)) for i, bus in enumerate(topology.buses)
     ]
-    faulty = (
-        []
-        if script is None
-        else [
-            FaultyTransport(end, script, topology=topology, direction="send") for end in transports
-        ]
-    )
+    faulty = [] if script is None else [
+        FaultyTransport(end, script, topology=topology, direction="send") for end in transports
+    ]  # fmt: skip
     names = ", ".join(f"{bus.interface} {bus.channel}".rstrip() for bus in topology.buses)
     print(f"{topology.n} units on {names}; Ctrl-C ends it", file=sys.stderr, flush=True)
     try:
@@ -224,19 +190,21 @@ def _total(parts: Iterable[dict[str, int]]) -> dict[str, int]:
     return dict(total)
 
 
-def _table(report: dict[str, object]) -> str:
-    rows = [
-        ("units", f"{report['units']}"),
-        ("cycles, left out", f"{report['cycles']}, {report['skipped']}"),
-        ("frames sent", f"{report['frames']}"),
-        ("frames not taken", f"{report['send_failures']}"),
-        ("time", f"{report['seconds']:.1f} s"),
-    ]
+def _table(report: dict[str, Any]) -> str:
+    rows = {
+        "units": "{units}",
+        "cycles, left out": "{cycles}, {skipped}",
+        "frames sent": "{frames}",
+        "frames not taken": "{send_failures}",
+        "time": "{seconds:.1f} s",
+    }
     if "scene" in report:
-        rows.append(("scene", f"{report['scene']}"))
-        rows.append(("truth", f"{report['truth'] or 'not written'}"))
-        rows.append(("times real time", f"{report['real_time_factor']:.1f}"))
+        rows |= {
+            "scene": "{scene}",
+            "truth": "{truth}" if report["truth"] else "not written",
+            "times real time": "{real_time_factor:.1f}",
+        }
     if "faults" in report:
-        struck = ", ".join(f"{kind} {count}" for kind, count in report["faults"].items())
-        rows.append(("faults put in", struck or "none"))
-    return "\n".join(f"{name:<18} {text}" for name, text in rows)
+        rows["faults put in"] = "{struck}"
+    struck = ", ".join(f"{kind} {count}" for kind, count in report.get("faults", {}).items())
+    return facts(rows, report | {"struck": struck or "none"})

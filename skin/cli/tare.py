@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     import numpy as np
 
     from bus.cycle import RawCycle
-    from bus.memory import MemoryTransport
     from skin.sim.node import Nodes
     from skin.sim.truth import Truth
     from topology import Topology
@@ -64,10 +63,12 @@ def tare(
     """
     from skin.calibrate.tare import calibration_files, chosen
     from skin.calibrate.tare import tare as take
+    from skin.compiling import announcer
     from skin.errors import ScanError
     from topology import load
 
     options.check_seconds(seconds)
+    announcer()
     loaded = load(file).on(interface=interface, channel=channel)
     for unit in leave_out:
         loaded.unit_index(unit)
@@ -93,16 +94,10 @@ def tare(
     for patch, path in files.items():
         print(f"{patch}: written to {path}")
     if json:
-        report = {
-            "topology": loaded.name,
-            "units": loaded.n,
-            "tared": len(changes),
-            "cycles": len(counts),
-            "refused": [],
-            "changes": changes,
-            "files": files,
-        }
-        print(json_text.dumps(report))
+        told = {"topology": loaded.name, "units": loaded.n, "tared": len(changes),
+                "cycles": len(counts), "refused": [], "changes": changes,
+                "files": files}  # fmt: skip
+        print(json_text.dumps(told))
     return 0
 
 
@@ -112,7 +107,7 @@ class _Recording:
     def __init__(self, topology: Topology, clock: Callable[[], int]) -> None:
         from bus.assemble import Assembler
 
-        self.topology, self.closed = topology, ""
+        self.topology, self.sends_sync, self.closed = topology, False, ""
         self.counts: list[np.ndarray] = []
         self.status: list[np.ndarray] = []
         self._assembler = Assembler(topology, clock=clock)
@@ -142,6 +137,7 @@ def _listen(
     from bus.discover import listen
     from bus.errors import BusClosedError
     from bus.open import open_transport
+    from skin.live import in_process
     from topology import CHANNELS
 
     # simulated units answer at once: nobody need wait for them, but where they send on their own
@@ -150,7 +146,8 @@ def _listen(
     recording = _Recording(topology, clock)
     with ExitStack() as opened:
         if nodes is not None:
-            transports = _attached(nodes, opened)
+            opened.callback(nodes.close)
+            transports = [opened.enter_context(end) for end in in_process(nodes)]
         else:
             transports = [
                 opened.enter_context(open_transport(bus, i)) for i, bus in enumerate(topology.buses)
@@ -171,16 +168,6 @@ def _simulated(topology: Topology) -> Nodes:
     from skin.sim.node import Nodes
 
     return Nodes(topology, _Untouched(topology.n), history=0)
-
-
-def _attached(nodes: Nodes, opened: ExitStack) -> list[MemoryTransport]:
-    """This host's ends of in-process buses on which the nodes answer."""
-    from bus.memory import MemoryTransport
-
-    opened.callback(nodes.close)
-    pairs = [MemoryTransport.pair(index=i) for i in range(len(nodes.topology.buses))]
-    nodes.attach([far for _, far in pairs])
-    return [opened.enter_context(near) for near, _ in pairs]
 
 
 class _Ticks:

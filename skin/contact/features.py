@@ -1,75 +1,23 @@
-"""What a contact is: its wrench, centre, shape and warmth, each with what is not known of it."""
+"""Features of contacts of plain arrays, of any 3-axis tactile array."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from skin.contact.feature_kernels import (
-    AREA,
-    DEPTH,
-    GEOMETRY,
-    POSITION,
-    ROTATION,
-    SUMS,
-    WARMTH,
-    WAYPOINTS,
-    describe,
+from skin.contact.describe import describe
+from skin.contact.graph import checked_graph
+from skin.contact.model import (
+    GIVEN,
+    ContactModel,
+    Gate,
+    Readings,
+    Wants,
+    contact_data,
+    posed_units,
 )
-from skin.contact.records import CONTACT
-from skin.errors import SkinError
+from skin.contact.record import BORN, SILENT
 
-__all__ = ["Geometry", "contact_features", "wrench_in_frame"]
-
-
-class Geometry:
-    """Where units sit, as the kernels take it: about the middle of the array, unit by unit.
-
-    Parameters
-    ----------
-    position : ndarray, shape (3, n)
-        Metre, skin frame.
-    rotation : ndarray, shape (3, 3, n)
-        Columns are the unit's axes in the skin frame; z points into the skin.
-    area : ndarray, shape (n,), or float
-        Sensing area, m².
-
-    Attributes
-    ----------
-    packed : ndarray, shape (n, 16), float64
-    origin : ndarray, shape (3,), float64
-        Middle of the array, metre: moments are summed about it, so that a skin far from the origin
-        of its frame loses no digits.
-    """
-
-    def __init__(
-        self, position: np.ndarray, rotation: np.ndarray, area: np.ndarray | float
-    ) -> None:
-        n = np.shape(position)[-1]
-        self.packed = np.zeros((n, GEOMETRY))
-        self.origin = np.zeros(3)
-        area = np.asarray(area, np.float64)
-        if area.shape not in ((), (n,)) or not np.all(area > 0.0):
-            raise SkinError(f"area: must be positive, one or {n} of them; got shape {area.shape}")
-        self.packed[:, AREA] = area
-        self.move(position, rotation)
-
-    @property
-    def area(self) -> np.ndarray:
-        """Sensing area of each unit, m²."""
-        return self.packed[:, AREA]
-
-    def move(self, position: np.ndarray, rotation: np.ndarray) -> None:
-        """Set new poses, for patches that move against each other; allocates nothing of size n."""
-        packed = self.packed
-        n = packed.shape[0]
-        if np.shape(position) != (3, n) or np.shape(rotation) != (3, 3, n):
-            raise SkinError(
-                f"position, rotation: must have shapes (3, {n}) and (3, 3, {n}); "
-                f"got {np.shape(position)} and {np.shape(rotation)}"
-            )
-        np.mean(position, axis=1, out=self.origin)
-        np.subtract(np.transpose(position), self.origin, out=packed[:, POSITION:ROTATION])
-        packed[:, ROTATION:AREA] = np.reshape(rotation, (9, n)).T
+__all__ = ["contact_features"]
 
 
 def contact_features(
@@ -132,83 +80,36 @@ def contact_features(
     >>> contacts["coverage"].round(6).tolist()
     [0.666667]
     """
-    from skin.contact.clusters import packed_graph
-
     label = np.asarray(label)
     n = label.size
     count = int(label.max(initial=-1)) + 1
     order = np.argsort(label, kind="stable")
     ends = np.searchsorted(label[order], np.arange(count + 1))
-    records = np.zeros(2 * count + 1, CONTACT)
-    records["begin"][:count], records["end"][:count] = ends[:-1] - ends[0], ends[1:] - ends[0]
-    records["event"] = 1
-    units = np.zeros((3, n + 1), np.int32)
-    kind, units[1, :n], members = units[0], label, units[2]
-    members[: n - ends[0]] = order[ends[0] :]
-    if silent is not None:
-        kind[:n] = np.where(silent, 3, 0)
     dtype = np.result_type(force, np.float32)
-    have = DEPTH * (displacement_mm is not None) + WARMTH * (temperature is not None)
-    geometry = Geometry(position, rotation, area)
 
     def row(values: np.ndarray | float | None, shape: tuple[int, ...]) -> np.ndarray:
         return np.array(np.broadcast_to(0.0 if values is None else values, shape), dtype, order="C")
 
-    describe(
-        count,
-        n - int(ends[0]),
-        have,
-        row(force, (3, n)),
-        row(force_sigma, (3, n)),
-        row(displacement_mm, (3, n)),
-        row(temperature, (n,)),
-        geometry.packed,
-        geometry.origin,
-        np.zeros(n + 1, np.int32)
-        if neighbour_start is None
-        else packed_graph(n, neighbour_start, neighbour_index),
-        units,
-        np.tile(np.arange(2 * count, dtype=np.int32), (3, 1)),
-        records,
-        np.zeros((2 * count, WAYPOINTS, 3)),
-        np.zeros((count + 2, SUMS)),
-        np.zeros((6, 6)),
-        np.zeros((3, 3, 3)),
-    )
+    given = np.array([(displacement_mm is not None, temperature is not None)], GIVEN)
+    reading = Readings(
+        row(force, (3, n)), row(force_sigma, (3, n)), row(displacement_mm, (3, n)),
+        np.zeros((3, n), dtype), row(temperature, (n,)), np.ones(n, bool), given,
+    )  # fmt: skip
+    if neighbour_start is None or neighbour_index is None:
+        neighbour_start, neighbour_index = np.zeros(n + 1, np.int32), np.zeros(0, np.int32)
+    model = ContactModel(
+        checked_graph(n, neighbour_start, neighbour_index), Gate(0.0, 0.0, 0.0, 0.0, False),
+        posed_units(position, rotation, area), Wants(True, True, False),
+    )  # fmt: skip
+    data = contact_data(reading, count)
+    records, units = data.contacts, data.units
+    records["begin"][:count], records["end"][:count] = ends[:-1] - ends[0], ends[1:] - ends[0]
+    records["event"] = BORN
+    units.label[:] = label
+    units.members[: n - ends[0]] = order[ends[0] :]
+    if silent is not None:
+        units.kind[:] = np.where(silent, SILENT, 0)
+    data.slots.present[:] = np.arange(2 * count)
+    data.counters["touching_units"] = n - ends[0]
+    describe(count, model, data)
     return records[:count], records[-1]
-
-
-def wrench_in_frame(
-    wrench: np.ndarray,
-    rotation: np.ndarray,
-    origin: np.ndarray,
-    covariance: np.ndarray | None = None,
-) -> np.ndarray | tuple[np.ndarray, np.ndarray]:
-    """A wrench about the origin of the skin frame, as another frame sees it.
-
-    Parameters
-    ----------
-    wrench : ndarray, shape (6,)
-        Force in newton and moment in newton metre.
-    rotation : ndarray, shape (3, 3)
-        Columns are the axes of the frame, in the skin frame.
-    origin : ndarray, shape (3,)
-        Metre, origin of the frame, in the skin frame: the moment is taken about it.
-    covariance : ndarray, shape (6, 6), optional
-
-    Returns
-    -------
-    ndarray, shape (6,), or that and its covariance, shape (6, 6)
-
-    Examples
-    --------
-    >>> wrench_in_frame(np.array([0, 0, 2.0, 0, -0.2, 0]), np.eye(3), [0.1, 0, 0]).tolist()
-    [0.0, 0.0, 2.0, 0.0, 0.0, 0.0]
-    """
-    x, y, z = origin
-    turn = np.transpose(rotation)
-    adjoint = np.zeros((6, 6))
-    adjoint[:3, :3] = adjoint[3:, 3:] = turn
-    adjoint[3:, :3] = -turn @ np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    moved = adjoint @ wrench
-    return moved if covariance is None else (moved, adjoint @ covariance @ adjoint.T)

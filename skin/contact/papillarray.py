@@ -17,8 +17,8 @@ from enum import IntEnum
 
 import numpy as np
 
-from skin.contact.features import wrench_in_frame
-from skin.contact.records import UnitSlip
+from skin.contact.record import UnitSlip
+from skin.contact.wrench import wrench_in_frame
 from skin.errors import SkinError
 from skin.state import State
 
@@ -122,19 +122,27 @@ class PapillArray:
         SkinError
             The skin was opened without wanting wrench or slip.
         """
-        if state.wrench is None or state.slip is None or state.contacts is None:
+        force, moved = state.units.force, state.units.displacement_mm
+        wrench, slip, label = state.wrench, state.slip, state.label
+        if wrench is None or slip is None or label is None or state.contacts is None:
             raise SkinError("want: must have 'wrench' and 'slip' for a PapillArray; got a state "
                             "without")  # fmt: skip
-        units = state.units
-        force, moved = units.force, units.displacement_mm
+        assert force is not None  # slip brings both
+        assert moved is not None
         loaded = np.hypot(force[0], force[1]) > self._shear_n
-        codes = self._follow(state.label >= 0, state.slip, loaded)
-        total = wrench_in_frame(state.wrench, self._rotation, self._origin)
+        codes = self._follow(label >= 0, slip, loaded)
+        total = wrench_in_frame(wrench, self._rotation, self._origin)
         heaviest = max(state.contacts, key=lambda contact: contact.load, default=None)
         return SensorState(
             state.stamp_ns // 1000,
             [
-                PillarState(i, *moved[:, i].tolist(), *force[:, i].tolist(), code > 0, code)
+                PillarState(
+                    i,
+                    *moved[:, i].tolist(),
+                    *force[:, i].tolist(),
+                    in_contact=code > 0,
+                    slip_state=code,
+                )
                 for i, code in enumerate(codes.tolist())
             ],
             *total[:3].tolist(),

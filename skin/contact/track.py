@@ -1,130 +1,119 @@
-"""Contacts with identities that last: through motion, merging and splitting."""
+"""Contacts with identities that last: through motion, merging and splitting.
+
+A contact is the same as long as it shares units with itself a cycle ago. Where two contacts grow
+together, the heavier speaks for both; when they part, both are themselves again. Where one splits,
+the heavier part stays itself. A contact that is lost and soon returns to its place is the same.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
-from skin.contact.cluster_kernels import COUNTERS, SLOT_ROWS, UNIT_ROWS, find_contacts
-from skin.contact.clusters import KEEP_SIGMA, START_SIGMA, packed_graph
-from skin.contact.records import CONTACT
-from skin.errors import SkinError
+from bus.compiled.jit import compiled, jitable
+from skin.contact.cluster import join_python
+from skin.contact.identity import identify, keep_heaviest
+from skin.contact.model import ContactData
+from skin.contact.record import BRIDGE, OPEN
 
-__all__ = ["Tracker"]
-
-PRESENT_COUNT, UNTRACKED, ENDED, _, TOUCHING_UNITS, _ = range(COUNTERS)
+__all__ = ["Tracker", "find_contacts", "find_contacts_python"]
 
 
-class Tracker:
-    """Find contacts cycle by cycle and keep their identities; nothing is allocated in a cycle.
+@jitable
+def _order(parts, contacts, slots, units):
+    """Contacts by age: `present` holds their records, `label` of a unit counts along it."""
+    present = slots.present
+    for k in range(parts):
+        slot = slots.slot_of[k]
+        at = k
+        while at > 0 and contacts[present[at - 1]]["id"] > contacts[slot]["id"]:
+            present[at] = present[at - 1]
+            at -= 1
+        present[at] = slot
+    for k in range(parts):
+        record = contacts[present[k]]
+        for at in range(record["begin"], record["end"]):
+            units.label[units.members[at]] = k
 
-    A contact is the same as long as it shares units with itself a cycle ago. Where two contacts
-    grow together, the heavier speaks for both; when they part, both are themselves again. Where one
-    splits, the heavier part stays itself. A contact that is lost and returns to its place within
-    `memory_s` is the same contact.
+
+def find_contacts_python(model, data):
+    """Find the contacts of one cycle, at ``data.clock["now_ns"]``.
 
     Parameters
     ----------
-    neighbour_start, neighbour_index : ndarray, shape (n + 1,) and (m,)
-        Neighbour graph in compressed rows, as in `Topology`.
-    start_sigma, keep_sigma : float
-        Gate of the normal load and its hysteresis, see `contact_clusters`.
-    capacity : int
-        Contacts that can be told apart; of more than that, the lightest have no identity and are
-        counted in `untracked`.
-    memory_s : float
-        How long a lost contact can return.
-    settle_s : float
-        How old a contact must be to outlive being absorbed by another.
-    records : ndarray, shape (2 capacity,), CONTACT, optional
-        Where to keep the records.
+    model : ContactModel
+    data : ContactData
+        `units` (but for `slip`), `slots`, `counters` and the identities of `contacts` are written.
+
+    Returns
+    -------
+    int
+        Number of contacts.
+    """
+    units, counters = data.units, data.counters[0]
+    parts = join_python(model, data)
+    counters["touching_units"] = units.begin[parts]
+    if parts == 0 and counters["present"] == 0:
+        counters["ended"] = 0
+        counters["untracked"] = 0
+        units.touching[:] = 0
+        return 0
+    load = data.reading.force[data.reading.force.shape[0] - 1]
+    room = data.shared.shape[0]
+    counters["untracked"] = max(0, parts - room)
+    if parts > room:
+        parts = keep_heaviest(load, units, parts, room)
+    identify(load, model, parts, data)
+    _order(parts, data.contacts, data.slots, units)
+    for i in range(units.kind.size):
+        bridge = units.kind[i] == BRIDGE
+        units.touching[i] = (units.kind[i] == OPEN) | (bridge & (units.label[i] >= 0))
+        units.label[i] = -1 if bridge else units.label[i]
+    counters["present"] = parts
+    return parts
+
+
+find_contacts = compiled(find_contacts_python, fastmath={"contract"})
+
+
+class Tracker:
+    """Identities of contacts as `find_contacts` keeps them: a view of its data.
 
     Attributes
     ----------
+    kind : ndarray, shape (n,), int32
+        `UnitKind` of each unit.
     label : ndarray, shape (n,), int32
         Contact of each unit, counted along `present`; -1 for none.
     contacts : ndarray, shape (s,), CONTACT
         Records of all identities; those in contact are ``contacts[present]``.
-    present : ndarray, shape (k,), int32
-        Records of the contacts, oldest first.
-    ended : ndarray, int64
-        Identities that ended in this cycle.
     """
 
-    def __init__(
-        self,
-        neighbour_start: np.ndarray,
-        neighbour_index: np.ndarray,
-        *,
-        start_sigma: float = START_SIGMA,
-        keep_sigma: float = KEEP_SIGMA,
-        capacity: int = 16,
-        memory_s: float = 0.1,
-        settle_s: float = 0.2,
-        records: np.ndarray | None = None,
-    ) -> None:
-        n = np.size(neighbour_start) - 1
-        if not 0.0 < keep_sigma <= start_sigma:
-            raise SkinError(
-                "keep_sigma, start_sigma: must be 0 < keep_sigma <= start_sigma; "
-                f"got {keep_sigma} and {start_sigma}"
-            )
-        if capacity < 1:
-            raise SkinError(f"capacity: must be at least 1; got {capacity}")
-        slots = 2 * capacity
-        self.contacts = np.zeros(slots, CONTACT) if records is None else records
-        self.counters = np.zeros(COUNTERS + slots, np.int64)
-        self.units = np.zeros((len(UNIT_ROWS), n + 1), np.int32)
-        self.kind, self.label, self.members, _, _, owner, _, self.slip, _ = self.units[:, :n]
-        owner[:] = -1
-        self.label[:] = -1
-        self.slots = np.zeros((len(SLOT_ROWS), slots), np.int32)
-        self.graph = packed_graph(n, neighbour_start, neighbour_index)
-        self.gate = np.array([start_sigma, keep_sigma, 1e9 * memory_s, 1e9 * settle_s])
-        self.shared = np.zeros((capacity, slots))
+    def __init__(self, data: ContactData) -> None:
+        self.data = data
+        self.kind, self.label = data.units.kind, data.units.label
+        self.contacts = data.contacts[:-1]
 
     @property
     def present(self) -> np.ndarray:
-        """Records of the contacts, oldest first."""
-        return self.slots[0, : self.counters[PRESENT_COUNT]]
+        """Records of the contacts, oldest first; shape (k,), int32."""
+        return self.data.slots.present[: self.data.counters["present"][0]]
 
     @property
     def ended(self) -> np.ndarray:
-        """Identities that ended in this cycle."""
-        return self.counters[COUNTERS:][: self.counters[ENDED]]
+        """Identities that ended in this cycle; int64."""
+        return self.data.slots.ended[: self.data.counters["ended"][0]]
 
     @property
     def untracked(self) -> int:
         """Contacts beyond the capacity in this cycle."""
-        return int(self.counters[UNTRACKED])
+        return int(self.data.counters["untracked"][0])
 
     @property
     def touching_units(self) -> int:
         """Units in contact in this cycle, those of contacts beyond the capacity included."""
-        return int(self.counters[TOUCHING_UNITS])
+        return int(self.data.counters["touching_units"][0])
 
     def units_of(self, record: int) -> np.ndarray:
         """Units of a contact, by its record."""
-        return self.members[self.contacts["begin"][record] : self.contacts["end"][record]]
-
-    def update(self, load: np.ndarray, sigma: np.ndarray, valid: np.ndarray, now_ns: int) -> int:
-        """Take the next cycle.
-
-        Parameters
-        ----------
-        load, sigma : ndarray, shape (n,) or (3, n), float32 or float64
-            Newton, normal load, positive when pressed, and its one-sigma; of three rows the last.
-        valid : ndarray, shape (n,), bool
-        now_ns : int
-            Time stamp of the cycle, not before the last one.
-
-        Returns
-        -------
-        int
-            Number of contacts.
-        """
-        if load.ndim == 1:
-            load, sigma = load[np.newaxis], sigma[np.newaxis]
-        return find_contacts(
-            load, sigma, load, sigma, valid, self.graph, self.gate, now_ns,
-            self.units, self.slots, self.shared, self.contacts, self.counters,
-        )  # fmt: skip
+        first, last = self.contacts["begin"][record], self.contacts["end"][record]
+        return self.data.units.members[first:last]

@@ -1,85 +1,196 @@
-"""Wrench and centre of pressure of any forces, contact or not: the plain sums of plain arrays."""
+"""Wrench, centre of pressure and torsion of a contact, with their covariances."""
 
 from __future__ import annotations
 
+from typing import overload
+
 import numpy as np
 
-__all__ = ["centroid", "wrench"]
+from bus.compiled.jit import jitable
+from skin.contact.record import TORSION_BLIND, WEAK
+from skin.contact.shape import cross
+
+__all__ = ["centre", "total_wrench", "wrench_in_frame"]
+
+WEAK_SIGMAS = 5.0
+"""Below this many sigmas of its load, a contact has no centre [assumed]."""
 
 
-def wrench(
-    force: np.ndarray,
-    position: np.ndarray,
-    rotation: np.ndarray,
-    *,
-    valid: np.ndarray | None = None,
-    origin: np.ndarray | None = None,
-) -> np.ndarray:
-    """Resultant force and moment of n forces.
+@jitable
+def _unpack(triangle, matrix):
+    """Upper triangle to a full symmetric matrix."""
+    row = 0
+    size = matrix.shape[0]
+    for a in range(size):
+        for b in range(a, size):
+            matrix[a, b] = triangle[row]
+            matrix[b, a] = triangle[row]
+            row += 1
+
+
+@jitable
+def _shift_covariance(covariance, shift, side, low):
+    """Covariance of a wrench after its moment has been moved: M' = M + shift x F.
+
+    The block of force and moment goes into `side`, that of the moment into `low`.
+    """
+    x, y, z = shift[0], shift[1], shift[2]
+    for a in range(3):
+        for b in range(3):
+            side[a, b] = covariance[a, b + 3]
+            low[a, b] = covariance[a + 3, b + 3]
+    for a in range(3):
+        p, q, r = covariance[a, 0], covariance[a, 1], covariance[a, 2]
+        side[a, 0] += y * r - z * q
+        side[a, 1] += z * p - x * r
+        side[a, 2] += x * q - y * p
+    for a in range(3):
+        p, q, r = covariance[0, a + 3], covariance[1, a + 3], covariance[2, a + 3]
+        low[a, 0] += y * r - z * q
+        low[a, 1] += z * p - x * r
+        low[a, 2] += x * q - y * p
+    for b in range(3):
+        p, q, r = side[0, b], side[1, b], side[2, b]
+        low[0, b] += y * r - z * q
+        low[1, b] += z * p - x * r
+        low[2, b] += x * q - y * p
+
+
+@jitable
+def total_wrench(s, record, origin, scratch):
+    """Wrench about the origin of the skin frame, its covariance and sigma.
 
     Parameters
     ----------
-    force : ndarray, shape (3, n)
-        Newton, each in its unit's frame.
-    position : ndarray, shape (3, n)
-        Metre, common frame.
-    rotation : ndarray, shape (3, 3, n)
-        Columns are the unit's axes in the common frame.
-    valid : ndarray, shape (n,), bool, optional
-        Units to sum; all if not given.
-    origin : ndarray, shape (3,), optional
-        Metre; the point about which the moment is taken, the origin of the common frame if not
-        given.
+    s : SUMS
+    record : CONTACT
+    origin : ndarray, shape (3,)
+        Metre, the middle of the array.
+    scratch : Scratch
+        `covariance` is that about the middle of the array afterwards.
+    """
+    about_middle, side, low = scratch.covariance, scratch.first, scratch.second
+    wrench, covariance = record["wrench"], record["wrench_covariance"]
+    cross(origin, s["wrench"][:3], wrench[3:])
+    for a in range(3):
+        wrench[a] = s["wrench"][a]
+        wrench[a + 3] += s["wrench"][a + 3]
+    _unpack(s["wrench_covariance"], about_middle)
+    _shift_covariance(about_middle, origin, side, low)
+    for a in range(3):
+        for b in range(3):
+            covariance[a, b] = about_middle[a, b]
+            covariance[a, b + 3] = side[a, b]
+            covariance[b + 3, a] = side[a, b]
+            covariance[a + 3, b + 3] = low[a, b]
+    for a in range(6):
+        record["wrench_sigma"][a] = np.sqrt(max(covariance[a, a], 0.0))
+
+
+@jitable
+def _no_centre(record):
+    record["flags"] |= WEAK
+    record["centroid"][:] = np.nan
+    record["moment"][:] = np.nan
+    record["centroid_covariance"][:] = np.nan
+    record["moment_covariance"][:] = np.nan
+    record["torsion"] = np.nan
+    record["torsion_sigma"] = np.nan
+    record["margin"] = np.nan
+    record["grip_force"] = np.nan
+
+
+@jitable
+def _centre_covariance(s, about, covariance):
+    """First order, of the noise of the loads: Σ σ² (p - c) (p - c)' / load²."""
+    load, variance = s["load"], s["load_variance"]
+    position, square = s["variance_position"], s["variance_position_square"]
+    row = 0
+    for a in range(3):
+        for b in range(a, 3):
+            spread = square[row] + about[a] * position[b] + about[b] * position[a]
+            spread = (spread + about[a] * about[b] * variance) / (load * load)
+            if a == b:
+                spread = max(spread, 0.0)
+            covariance[a, b] = spread
+            covariance[b, a] = spread
+            row += 1
+
+
+@jitable
+def centre(s, record, origin, scratch):
+    """Centre of pressure, moment about it, shear and torsion; after `total_wrench` and `orient`."""
+    about, load, force = scratch.vectors[2], s["load"], s["wrench"][:3]
+    moment, normal = record["moment"], record["normal"]
+    along = 0.0
+    for a in range(3):
+        along += force[a] * normal[a]
+    across = 0.0
+    for a in range(3):
+        across += (force[a] - along * normal[a]) ** 2
+    record["shear"] = np.sqrt(across)
+    if s["units"] < 2.0:
+        record["flags"] |= TORSION_BLIND
+    if load < WEAK_SIGMAS * record["load_sigma"]:
+        _no_centre(record)
+        return
+    for a in range(3):
+        about[a] = -s["load_position"][a] / load
+        record["centroid"][a] = origin[a] - about[a]
+    cross(about, force, moment)
+    for a in range(3):
+        moment[a] += s["wrench"][a + 3]
+    covariance = record["moment_covariance"]
+    _shift_covariance(scratch.covariance, about, scratch.first, covariance)
+    torsion, variance = 0.0, 0.0
+    for a in range(3):
+        torsion += moment[a] * normal[a]
+        for b in range(3):
+            variance += normal[a] * covariance[a, b] * normal[b]
+    _centre_covariance(s, about, record["centroid_covariance"])
+    record["torsion"] = torsion
+    record["torsion_sigma"] = np.sqrt(max(variance, 0.0))
+
+
+@overload
+def wrench_in_frame(
+    wrench: np.ndarray, rotation: np.ndarray, origin: np.ndarray, covariance: None = None
+) -> np.ndarray: ...
+@overload
+def wrench_in_frame(
+    wrench: np.ndarray, rotation: np.ndarray, origin: np.ndarray, covariance: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]: ...
+def wrench_in_frame(
+    wrench: np.ndarray,
+    rotation: np.ndarray,
+    origin: np.ndarray,
+    covariance: np.ndarray | None = None,
+) -> np.ndarray | tuple[np.ndarray, np.ndarray]:
+    """A wrench about the origin of the skin frame, as another frame sees it.
+
+    Parameters
+    ----------
+    wrench : ndarray, shape (6,)
+        Force in newton and moment in newton metre.
+    rotation : ndarray, shape (3, 3)
+        Columns are the axes of the frame, in the skin frame.
+    origin : ndarray, shape (3,)
+        Metre, origin of the frame, in the skin frame: the moment is taken about it.
+    covariance : ndarray, shape (6, 6), optional
 
     Returns
     -------
-    ndarray, shape (6,), float64
-        Force in newton and moment in newton metre, common frame.
+    ndarray, shape (6,), or that and its covariance, shape (6, 6)
 
     Examples
     --------
-    >>> push = np.array([[0.0], [0.0], [2.0]])
-    >>> at = np.array([[0.1], [0.0], [0.0]])
-    >>> wrench(push, at, np.eye(3)[:, :, np.newaxis]).tolist()
-    [0.0, 0.0, 2.0, 0.0, -0.2, 0.0]
+    >>> wrench_in_frame(np.array([0, 0, 2.0, 0, -0.2, 0]), np.eye(3), [0.1, 0, 0]).tolist()
+    [0.0, 0.0, 2.0, 0.0, 0.0, 0.0]
     """
-    about = np.zeros(3) if origin is None else np.asarray(origin, float)
-    used = np.ones(np.shape(force)[1], bool) if valid is None else valid
-    return _total(used, force, position - about[:, np.newaxis], rotation)["wrench"].copy()
-
-
-def centroid(
-    load: np.ndarray, position: np.ndarray, *, valid: np.ndarray | None = None
-) -> np.ndarray:
-    """Mean position, weighted by positive normal loads.
-
-    Parameters
-    ----------
-    load : ndarray, shape (n,)
-        Newton, normal; loads that are not positive do not count.
-    position : ndarray, shape (3, n)
-        Metre.
-    valid : ndarray, shape (n,), bool, optional
-        Units to take; all if not given.
-
-    Returns
-    -------
-    ndarray, shape (3,), float64
-        Metre; NaN where there is no load.
-    """
-    used = load > 0.0 if valid is None else valid & (load > 0.0)
-    if not used.any():
-        return np.full(3, np.nan)
-    force = np.zeros((3, load.size))
-    force[2] = load
-    upright = np.broadcast_to(np.eye(3)[:, :, np.newaxis], (3, 3, load.size))
-    return _total(used, force, position, upright)["centroid"].copy()
-
-
-def _total(
-    used: np.ndarray, force: np.ndarray, position: np.ndarray, rotation: np.ndarray
-) -> np.ndarray:
-    from skin.contact.features import contact_features
-
-    label = np.where(used, 0, -1)
-    return contact_features(label, force, 0.0, position, rotation, 1.0)[1]
+    x, y, z = origin
+    turn = np.transpose(rotation)
+    adjoint = np.zeros((6, 6))
+    adjoint[:3, :3] = adjoint[3:, 3:] = turn
+    adjoint[3:, :3] = -turn @ np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    moved = adjoint @ wrench
+    return moved if covariance is None else (moved, adjoint @ covariance @ adjoint.T)

@@ -41,29 +41,23 @@ slower as well.
 
 from __future__ import annotations
 
+import functools
 import os
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
-from bus.status import Status
+from bus.compiled.bound import Bound
+from skin.decode import ambient_kernels as kernels
+from skin.decode.ambient_model import PRIOR_UT2, AmbientData, data_of, frames_of, model_of
 from skin.errors import CalibrationError, OptionError
-from skin.physics.halbach import CHIP_AXES
-from skin.physics.rest import film_at_rest_ut, inverse_map
 from skin.state import Reading
-from topology import CHANNELS, Topology
-from topology.neighbours import compressed_rows, pairs_within
+from topology import Topology
 
 __all__ = ["Ambient"]
 
-SLOW_S = 1.0
-SLOW_CYCLES = 100
-"""The slow averages: this long, and over this many cycles at least."""
-WITNESS_SIGMAS = 0.5
-"""Bz tells a press that lowers the frequency by this many sigma."""
-REFUSED = 0xFFFF & ~int(Status.EXTRAPOLATED | Status.IDLE)
-"""Any other flag, and a unit is not used."""
 STANDS_ON = (
     "frequency_rest_hz", "frequency_slope_hz_per_mm", "hall_offset_x_ut", "hall_offset_y_ut",
     "hall_offset_z_ut", "field_xx", "field_xy", "field_yx", "field_yy", "film_x_mm", "film_y_mm",
@@ -117,30 +111,15 @@ class Ambient:
     ) -> None:
         if not 0.0 <= guard_m < np.inf:
             raise OptionError(f"guard_m: must be 0 or above, and finite; got {guard_m}")
-        from skin.decode import ambient_kernels as k
-
-        n = topology.n
-        frames = topology.patch_frames or ("skin",) * len(topology.patch_names)
         self.topology = topology
-        self.bodies = tuple(dict.fromkeys(frames))
-        self._crosstalk = crosstalk
-        body = np.array([self.bodies.index(frame) for frame in frames])[topology.patch]
-        pairs = [np.stack([i, j]) for i, j, _ in pairs_within(topology.position, guard_m)]
-        i, j = np.concatenate([np.empty((2, 0), np.int64), *pairs], axis=1)
-        self._kernel = k
-        self._constants = (*compressed_rows(n, i, j), _runs(body), _about(topology, k))
-        self._memory = np.empty((k.MEMORY_ROWS, n))
-        self._zero = np.empty((3, n))
-        self._marks = np.empty(n, np.uint8)
-        self._common = np.empty((len(self.bodies), k.COMMON_ENTRIES))
-        self.taken = np.empty((5, n), dtype)
+        self.bodies = tuple(dict.fromkeys(frames_of(topology)))
+        self.taken = np.empty((5, topology.n), dtype)
         self.background, self.residue_ut2 = self.taken[:4], self.taken[4]
-        tile = np.empty(k.TILE_ROWS * k.BLOCK)
-        self._state = self._memory, self._zero, self._marks, self._common, tile
-        self._written = self.background, self.residue_ut2
-        self._seen: tuple[np.ndarray | None, ...] = (None,) * 4
         self._period_s = 1.0 / topology.cycle_rate_hz
-        self._times = np.array([0.0, 0.0, max(SLOW_S, SLOW_CYCLES * self._period_s)])
+        self._model = model_of(topology, self.bodies, guard_m, near_votes=crosstalk)
+        self._data = data_of(topology.n, len(self.bodies), dtype)._replace(
+            background=self.background, residue_ut2=self.residue_ut2
+        )  # fmt: skip
         self.reset()
 
     # -- what is known -----------------------------------------------------------------------------
@@ -151,41 +130,38 @@ class Ambient:
 
         In the skin frame, the body being where the topology has it.
         """
-        at = self._kernel.FIELD
-        return self._common[:, at : at + 3].T.copy()
+        return self._data.bodies.field_ut.T.copy()
 
     @property
     def covariance_ut2(self) -> np.ndarray:
         """Of `field_ut`, from the noise of the votes and how fast fields turn; (3, 3, bodies)."""
-        at = self._kernel.COVARIANCE
-        return self._common[:, at : at + 9].T.reshape(3, 3, -1).copy()
+        return np.moveaxis(self._data.bodies.covariance_ut2, 0, -1).copy()
 
     @property
     def voters(self) -> np.ndarray:
         """Units that voted in the last cycle, shape (bodies,); under 4 the field is held."""
-        return self._common[:, self._kernel.VOTERS].astype(int)
+        return self._data.bodies.voters.astype(int)
 
     @property
     def zero(self) -> np.ndarray:
         """What was followed of each unit, shape (3, n): Hz, and lateral µT as in `field_ut`."""
-        return self._zero.copy()
+        return self._data.zero.copy()
 
     @property
     def followed(self) -> np.ndarray:
         """Whose zero was followed in the last cycle, shape (n,), bool."""
-        return self._marks & self._kernel.FOLLOWED != 0
+        return self._data.marks & kernels.FOLLOWED != 0
 
     @property
     def rest_ut(self) -> np.ndarray:
         """Bz of each unit at rest, shape (n,); NaN where it has not been learnt."""
-        return self._memory[self._kernel.REST_Z].copy()
+        return self._data.memory.rest_ut.copy()
 
     @property
     def wants_tare(self) -> np.ndarray:
         """Whose zero has gone as far as it may, shape (n,), bool."""
-        k = self._kernel
-        most = np.array([[k.SPAN_HZ], [k.SPAN_UT], [k.SPAN_UT]])
-        return (np.abs(self._zero) >= most).any(axis=0)
+        most = np.array([[kernels.SPAN_HZ], [kernels.SPAN_UT], [kernels.SPAN_UT]])
+        return np.any(np.abs(self._data.zero) >= most, axis=0)
 
     def report(self) -> dict[str, dict[str, object]]:
         """What is taken off, for people and for JSON.
@@ -200,7 +176,7 @@ class Ambient:
         """
         names = np.array(self.topology.unit_names)
         spread = np.sqrt(np.einsum("aab->ab", self.covariance_ut2))
-        ambient = {
+        ambient: dict[str, object] = {
             body: {
                 "field_ut": self.field_ut[:, g].tolist(),
                 "sigma_ut": spread[:, g].tolist(),
@@ -208,10 +184,11 @@ class Ambient:
             }
             for g, body in enumerate(self.bodies)
         }
-        gone = np.flatnonzero(self._zero.any(axis=0))
+        zero = self._data.zero
+        gone = np.flatnonzero(zero.any(axis=0))
         return {
             "ambient": ambient,
-            "zeros": {str(names[i]): self._zero[:, i].tolist() for i in gone},
+            "zeros": {str(names[i]): zero[:, i].tolist() for i in gone},
             "followed": names[self.followed].tolist(),
             "wants_tare": names[self.wants_tare].tolist(),
         }
@@ -220,15 +197,46 @@ class Ambient:
 
     def reset(self) -> None:
         """Forget everything: nothing is taken off until it has been seen again."""
-        k = self._kernel
-        self._memory[:] = 0.0
-        self._memory[[k.REST_Z, k.REST_WARM]] = np.nan
-        self._zero[:] = 0.0
-        self._marks[:] = 0
-        self._common[:] = 0.0
-        self._common[:, [k.COVARIANCE, k.COVARIANCE + 4, k.COVARIANCE + 8]] = k.PRIOR_UT2
-        self.background[:] = 0.0
-        self.residue_ut2[:] = k.PRIOR_UT2
+        memory, bodies = self._data.memory, self._data.bodies
+        for array in (*memory, *bodies, self._data.zero, self._data.marks, self.background):
+            array[:] = 0
+        memory.rest_ut[:] = memory.rest_film_c[:] = np.nan
+        bodies.covariance_ut2[:] = PRIOR_UT2 * np.eye(3)
+        self.residue_ut2[:] = PRIOR_UT2
+
+    def bound(self, reading: Reading) -> Callable[..., None]:
+        """`update` with a reading whose arrays stay the same, as a decoder's: they are looked at
+        once.
+
+        Parameters
+        ----------
+        reading : Reading
+            With `field_ut` and `displacement_mm`, and `temperature` where that is decoded.
+
+        Returns
+        -------
+        callable
+            Takes what `update` does after the reading.
+        """
+        read = {"field_ut": reading.field_ut, "displacement_mm": reading.displacement_mm,
+                "temperature": reading.temperature, "status": reading.status}  # fmt: skip
+        return self._bound(self._data._replace(
+            **{name: array for name, array in read.items() if array is not None}
+        ))  # fmt: skip
+
+    def _bound(self, data: AmbientData) -> Callable[..., None]:
+        call, period_s = Bound(kernels.update, self._model, data), self._period_s
+
+        def update(dt_s: float | None = None) -> None:
+            data.elapsed_s[0] = dt_s = period_s if dt_s is None else max(dt_s, 0.0)
+            data.calm_s[0] = min(dt_s, 2.0 * period_s)
+            call()
+
+        return update
+
+    @functools.cached_property
+    def _own(self) -> Callable[..., None]:
+        return self._bound(self._data)
 
     def update(self, reading: Reading, dt_s: float | None = None) -> None:
         """Look at a decoded cycle, from whose counts `background` had been taken off.
@@ -240,48 +248,32 @@ class Ambient:
         dt_s : float, optional
             Since the last cycle; a period if not given. A gap counts as calm for two periods only.
         """
-        period_s = self._period_s
-        dt_s = period_s if dt_s is None else max(dt_s, 0.0)
-        field, displacement, temperature, status = self._seen
-        if (
-            reading.field_ut is not field
-            or reading.displacement_mm is not displacement
-            or reading.temperature is not temperature
-            or reading.status is not status
-        ):
-            self._accept(reading)
-        self._times[0], self._times[1] = dt_s, min(dt_s, 2.0 * period_s)
-        self._update()
+        data = self._data
+        for name in ("field_ut", "displacement_mm", "temperature", "status"):
+            given = getattr(reading, name)
+            getattr(data, name)[:] = 0 if given is None else given
+        self._own(dt_s)
 
     def warmup(self, reading: Reading) -> None:
         """Compile the kernel, or load it, for such a reading; the state stays as it is."""
-        self._accept(reading)
-
-    def _accept(self, reading: Reading) -> None:
-        """Keep the arrays of a reading, which a decoder writes again and again."""
-        from bus.compiled.bound import Bound
-
-        self._seen = (
-            reading.field_ut, reading.displacement_mm, reading.temperature, reading.status
-        )  # fmt: skip
-        self._update = Bound(
-            self._kernel.update, *self._seen, REFUSED, self._crosstalk, self._times,
-            *self._constants, *self._state, *self._written,
-        )  # fmt: skip
+        self.bound(reading)
 
     # -- saved state -------------------------------------------------------------------------------
 
     def save(self, file: str | os.PathLike[str]) -> None:
         """Write field, zeros and rests, as an .npz without pickle; there whole or not at all."""
-        k, path = self._kernel, Path(file)
+        path, memory, bodies = Path(file), self._data.memory, self._data.bodies
         handle, beside = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
         try:
             with os.fdopen(handle, "wb") as out:
                 np.savez(
                     out, units=np.array(self.topology.unit_names), bodies=np.array(self.bodies),
-                    stands_on=_stands_on(self.topology), zero=self._zero,
-                    common=self._common[:, : k.SAVED_ENTRIES],
-                    rest=self._memory[[k.REST_Z, k.REST_WARM, k.REST_S]],
+                    stands_on=_stands_on(self.topology), zero=self._data.zero,
+                    common=np.column_stack([
+                        bodies.held_s, bodies.voters, bodies.field_ut,
+                        bodies.covariance_ut2.reshape(-1, 9),
+                    ]),
+                    rest=np.stack([memory.rest_ut, memory.rest_film_c, memory.rest_s]),
                 )  # fmt: skip
             os.replace(beside, path)
         except BaseException:
@@ -297,7 +289,6 @@ class Ambient:
             Saved for other units, or on another calibration: after a tare, what was followed
             before it lies in the offsets already.
         """
-        k = self._kernel
         with np.load(file, allow_pickle=False) as saved:
             found = {name: saved[name] for name in saved.files}
         expected = {
@@ -313,47 +304,15 @@ class Ambient:
                     "another"
                 )
         self.reset()
-        self._zero[:] = found["zero"]
-        self._common[:, : k.SAVED_ENTRIES] = found["common"]
-        self._memory[[k.REST_Z, k.REST_WARM, k.REST_S]] = found["rest"]
-        self._kernel.compose(*self._constants[2:], self._zero, self._common, *self._written)
-
-
-def _runs(body: np.ndarray) -> np.ndarray:
-    """Runs of units of one body: first, after the last, and body; shape (3, runs), int32."""
-    edges = np.flatnonzero(np.diff(body, prepend=-1, append=-1))
-    return np.stack([edges[:-1], edges[1:], body[edges[:-1]]]).astype(np.int32)
+        memory, bodies = self._data.memory, self._data.bodies
+        self._data.zero[:] = found["zero"]
+        bodies.held_s[:], bodies.voters[:] = found["common"][:, :2].T
+        bodies.field_ut[:] = found["common"][:, 2:5]
+        bodies.covariance_ut2[:] = found["common"][:, 5:].reshape(-1, 3, 3)
+        memory.rest_ut[:], memory.rest_film_c[:], memory.rest_s[:] = found["rest"]
+        kernels.compose(self._model, self._data)
 
 
 def _stands_on(topology: Topology) -> np.ndarray:
     channels = [topology.scale, topology.offset]
     return np.vstack([*(topology.parameters[name] for name in STANDS_ON), *channels])
-
-
-def _about(topology: Topology, k) -> np.ndarray:
-    """What the kernel must know of each unit, shape (ABOUT_ROWS, n)."""
-    p = topology.parameters
-    step = np.abs(topology.scale) / np.sqrt(12.0)
-    frequency, bx, by, bz = (CHANNELS.index(name) for name in ("frequency", "bx", "by", "bz"))
-    out = np.empty((k.ABOUT_ROWS, topology.n))
-    to_skin = topology.rotation * CHIP_AXES[:, np.newaxis]
-    out[k.SKIN_CHIP : k.SKIN_CHIP + 9] = to_skin.reshape(9, -1)
-    unmap = np.zeros((3, 3, topology.n))
-    unmap[:2, :2] = inverse_map(topology)
-    unmap[2, 2] = 1.0
-    out[k.MAP_XX : k.MAP_YY + 1] = unmap[:2, :2].reshape(4, -1)
-    counts_skin = np.einsum("acn,bcn->abn", unmap, to_skin)
-    out[k.COUNTS_SKIN : k.COUNTS_SKIN + 9] = counts_skin.reshape(9, -1)
-    out[k.HZ_PER_MM] = p["frequency_slope_hz_per_mm"]
-    out[k.SIGMA_HZ] = np.hypot(p["frequency_noise_hz"], step[frequency])
-    lateral = p["field_noise_ut"] ** 2 + 0.5 * (step[bx] ** 2 + step[by] ** 2)
-    axial = p["field_noise_ut"] ** 2 + step[bz] ** 2
-    out[k.SIGMA_UT] = np.sqrt(lateral)
-    out[k.LATERAL] = np.where(topology.wired[bx] & topology.wired[by], 1.0 / lateral, 0.0)
-    out[k.AXIAL] = np.where(topology.wired[bz], 1.0 / axial, 0.0)
-    own = film_at_rest_ut(topology)
-    out[k.OWN_X], out[k.OWN_Y] = own[:2]
-    per_hz = own[2] * p["field_growth_per_mm"] / p["frequency_slope_hz_per_mm"]
-    out[k.WITNESS_UT] = WITNESS_SIGMAS * per_hz * out[k.SIGMA_HZ]
-    out[k.FILM_DRIFT] = p["film_drift_per_k"]
-    return out

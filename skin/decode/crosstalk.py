@@ -42,7 +42,18 @@ from bus.compiled.aligned import zeros
 from bus.compiled.bound import Bound
 from skin.decode import crosstalk_kernels as kernels
 from skin.decode.crosstalk_cells import find_lattices
-from skin.decode.crosstalk_plan import Lattice, Scattered
+from skin.decode.crosstalk_kernels import (
+    Background,
+    FilmData,
+    FilmModel,
+    Films,
+    Known,
+    PairData,
+    PairModel,
+)
+from skin.decode.crosstalk_lattice import Lattice
+from skin.decode.crosstalk_scattered import Scattered
+from skin.decode.crosstalk_terms import Part
 from skin.errors import SkinError
 from skin.physics.stencil import Stencil
 from skin.physics.stray import powers
@@ -51,17 +62,23 @@ from topology import Topology
 __all__ = ["ACCURATE_UT", "LIVE_UT", "CrossTalk", "contraction_of"]
 
 LIVE_UT, ACCURATE_UT = 15.0, 5.0
-"""Tolerances for one sweep a cycle, whose own error is larger, and for two or more."""
+"""Tolerances, µT, for one sweep a cycle, whose own error is larger, and for two or more
+[tuned on `benchmarks crosstalk`: the table above]."""
 BEYOND_MM = 0.5
-"""How far beyond the stencil's range its polynomials are still followed; then films stand still."""
+"""How far beyond the stencil's range its polynomials are still followed; then films stand still
+[assumed]."""
 PULLED_MM = 0.3
-"""The same, of a film that is pulled off its chip."""
-IDLE_REACH_MM = 0.5
-"""Displacement that a film at rest never reads as: the noise of its field is 0.07 mm."""
+"""The same, of a film that is pulled off its chip [assumed]."""
+IDLE_DISPLACEMENT_MM = 0.5
+"""Displacement that a film at rest never reads as [derived: the noise of its field is 0.07 mm]."""
+FRICTION = 3.0
+"""A film is displaced by this many times its depth at most, before it slips [assumed]."""
 DEPTHS = 5
 """Depths, from rest to the largest of the stencil, at which the contraction is looked at."""
 TURNS = 60
 """Steps of the power iteration."""
+BACKGROUND_ROWS = 5
+"""Of a whole background: Hz, the field's three axes, and a variance."""
 
 
 class CrossTalk:
@@ -88,8 +105,8 @@ class CrossTalk:
     idle_mm : float
         A film that is pressed less than this can be displaced by three times this at most, as
         friction has it: it counts as at rest, unless it is pulled by more than three times this, or
-        its field tells of a displacement that is no noise (`IDLE_REACH_MM`). 0: only a film that is
-        not displaced at all counts as at rest.
+        its field tells of a displacement that is no noise (`IDLE_DISPLACEMENT_MM`). 0: only a film
+        that is not displaced at all counts as at rest.
     lattices : bool
         False: every pair counts as one of an irregular skin.
 
@@ -148,7 +165,6 @@ class CrossTalk:
             )
         self.stencil = stencil
         real = np.dtype(dtype)
-        unit = stencil.unit
         self.contraction = contraction_of(topology, stencil)
         if self.contraction >= 1.0:
             raise SkinError(
@@ -156,36 +172,28 @@ class CrossTalk:
                 f"{self.contraction:.2f} of it after one (units too near to each other, or films "
                 "too weak)"
             )
-        self._lattices = [
-            Lattice(cells, stencil, unit, tolerance_ut, real)
+        on_lattices = [
+            Lattice(cells, stencil, tolerance_ut, real)
             for cells in (find_lattices(topology) if lattices else ())
         ]
-        left = np.ones(unit.size, bool)
-        for lattice in self._lattices:
+        left = np.ones(stencil.kind.size, bool)
+        for lattice in on_lattices:
             left[lattice.pairs] = False
-        self._scattered = (
-            Scattered(np.flatnonzero(left), stencil, unit, tolerance_ut, real)
-            if left.any() else None
-        )  # fmt: skip
-        self.terms = max((lattice.terms for lattice in self._lattices), default=0)
+        self._parts: list[Part] = [*on_lattices]
+        if left.any():
+            self._parts.append(Scattered(np.flatnonzero(left), stencil, tolerance_ut, real))
+        self.terms = max((part.terms for part in self._parts), default=0)
         self.on_lattice = int(np.sum(~left))
-
-        n = topology.n
         self.strength = stencil.strength.astype(real)
-        self._drift = topology.parameters["film_drift_per_k"].astype(real)
-        self._rest = np.ascontiguousarray(stencil.rest_ut, real)
-        reach_mm = IDLE_REACH_MM if idle_mm else 0.0
-        self._idle = np.array([idle_mm, 3.0 * idle_mm, reach_mm**2], real)
-        reach, deepest = stencil.displacement_max_mm, stencil.depth_max_mm
-        self._most = np.array([reach + BEYOND_MM, -PULLED_MM, deepest + BEYOND_MM], real)
-        self._sources = zeros((5, n), real)
-        self._sources[kernels.KNOWN] = 1.0
-        self._stale, self._todo = np.zeros((2, n), np.uint8)
-        order = np.argsort(stencil.neighbour, kind="stable")
-        counts = np.bincount(stencil.neighbour, minlength=n)
-        self._felt = np.append(0, np.cumsum(counts)).astype(np.int32), unit[order].astype(np.int32)
-        self._errors(unit, real)
-        self.idle_ut = self._idle_bound(unit, idle_mm)
+        self._films = Films(*(zeros(topology.n, real) for _ in Films._fields))
+        self._film_model = self._films_of(topology, idle_mm)
+        always = self._residues()
+        self.residue_ut = np.sqrt(always)
+        self._pair_model = self._pairs_of(always)
+        self.residue_ut2 = self._pair_model.always_ut2.copy()
+        stale, self._todo = np.zeros((2, topology.n), np.uint8)
+        self._known = Known(np.ones(topology.n, real), stale, self.residue_ut2)
+        self.idle_ut = self._idle_bound(idle_mm)
 
     def predict(
         self,
@@ -235,20 +243,18 @@ class CrossTalk:
         displacement_mm, usable, out, base, film_above : ndarray
             As of `predict`.
         """
-        films = Bound(
-            kernels.films, displacement_mm, usable, film_above, self.strength, self._drift,
-            self._rest, self._idle, self._most, base, self.residue_ut2, *self._sources,
-            self._stale, out,
+        if base is None:
+            base = np.zeros_like(out)
+        if film_above is None:
+            film_above = np.zeros_like(self.strength)
+        given, written, known = _rows(base), _rows(out), self._known
+        data = FilmData(
+            displacement_mm, usable, film_above, given, self._films, known, written
         )  # fmt: skip
-        unknown = Bound(
-            kernels.unknown, self.stencil.start, self.stencil.neighbour, self._prior, *self._felt,
-            self._sources[kernels.KNOWN], self._stale, self._todo, self._always,
-            self.residue_ut2, base, out,
-        )  # fmt: skip
-        parts = [(kernels.lattice, lattice) for lattice in self._lattices]
-        if self._scattered is not None:
-            parts.append((kernels.scattered, self._scattered))
-        adding = [Bound(kernel, self._sources, *part.arguments, out) for kernel, part in parts]
+        films = Bound(kernels.films, self._film_model, data)
+        pairs = PairData(known, self._todo, given.variance_ut2, written.variance_ut2)
+        unknown = Bound(kernels.unknown, self._pair_model, pairs)
+        adding = [part.bound(self._films, written.field_ut) for part in self._parts]
 
         def call() -> np.ndarray:
             moved, changed = films()
@@ -262,46 +268,75 @@ class CrossTalk:
         return call
 
     def warmup(self) -> None:
-        """Compile what this skin needs, or load it."""
-        n = self._sources.shape[1]
-        pressed = np.ones((3, n), self._sources.dtype)
-        taken = np.zeros((kernels.ROWS, n), pressed.dtype)
-        for usable in (np.zeros(n, bool), np.ones(n, bool)):
-            self.predict(pressed, usable, taken, taken)
-            self.predict(pressed, usable, np.empty_like(pressed))
+        """Compile what a cycle of this skin needs, or load it; nothing is predicted."""
+        n, real = self.stencil.n, self.strength.dtype
+        self.bound(np.zeros((3, n), real), np.zeros(n, bool), np.zeros((3, n), real))
 
-    def _errors(self, unit: np.ndarray, real: np.dtype) -> None:
-        """Set what is not known of a prediction, in any case and of units that are not known."""
-        stencil, n = self.stencil, self.stencil.n
+    def _films_of(self, topology: Topology, idle_mm: float) -> FilmModel:
+        """What the films are, and when they count."""
+        stencil, real = self.stencil, self.strength.dtype
+        return FilmModel(
+            strength=self.strength,
+            drift_per_k=topology.parameters["film_drift_per_k"].astype(real),
+            rest_ut=np.ascontiguousarray(stencil.rest_ut, real),
+            idle_depth_mm=float(idle_mm),
+            idle_pull_mm=FRICTION * idle_mm,
+            idle_displacement_mm2=IDLE_DISPLACEMENT_MM**2 if idle_mm else 0.0,
+            displacement_max_mm=stencil.displacement_max_mm + BEYOND_MM,
+            depth_min_mm=-PULLED_MM,
+            depth_max_mm=stencil.depth_max_mm + BEYOND_MM,
+        )
+
+    def _pairs_of(self, always_ut2: np.ndarray) -> PairModel:
+        """Who is near whom, and what one may add to the other."""
+        stencil, real = self.stencil, self.strength.dtype
+        film, coefficients = stencil.neighbour, stencil.coefficients
+        square = np.sum((coefficients @ stencil.gram) * coefficients, axis=(1, 2))
+        starts = np.append(0, np.cumsum(np.bincount(film, minlength=stencil.n)))
+        return PairModel(
+            start=stencil.start,
+            neighbour=film,
+            prior_ut2=(square[stencil.kind] * stencil.strength[film] ** 2 / 3.0).astype(real),
+            receiver_start=starts.astype(np.int32),
+            receiver=stencil.unit[np.argsort(film, kind="stable")].astype(np.int32),
+            always_ut2=always_ut2.astype(real),
+        )
+
+    def _residues(self) -> np.ndarray:
+        """Variance of an axis of each unit where all neighbours are known, shape (n,)."""
+        stencil, unit, n = self.stencil, self.stencil.unit, self.stencil.n
         gram, mean = stencil.gram, stencil.mean
         strength = stencil.strength[stencil.neighbour]
         fits = np.sum(stencil.sigma_ut**2, axis=1)[stencil.kind]
         variance = np.bincount(unit, fits * strength**2, minlength=n)
         shift = np.zeros((n, 3))
-        for part in (*self._lattices, *([self._scattered] if self._scattered else ())):
+        for part in self._parts:
             at, by = unit[part.pairs], strength[part.pairs]
             off = part.off @ mean
             square = np.sum((part.off @ gram) * part.off, axis=(1, 2)) - np.sum(off**2, axis=1)
             variance += np.bincount(at, square * by**2, minlength=n)
             np.add.at(shift, at, off * by[:, np.newaxis])
-        always = (variance + np.sum(shift**2, axis=1)) / 3.0 + stencil.left_out_rms_ut**2
-        whole = np.sum((stencil.coefficients @ gram) * stencil.coefficients, axis=(1, 2))
-        self.residue_ut = np.sqrt(always)
-        self._always = always.astype(real)
-        self._prior = (whole[stencil.kind] * strength**2 / 3.0).astype(real)
-        self.residue_ut2 = self._always.copy()
+        return (variance + np.sum(shift**2, axis=1)) / 3.0 + stencil.left_out_rms_ut**2
 
-    def _idle_bound(self, unit: np.ndarray, idle_mm: float) -> float:
+    def _idle_bound(self, idle_mm: float) -> float:
         """`idle_ut`, from the linear terms."""
         stencil = self.stencil
         linear = np.abs(stencil.coefficients[:, :, :3])
-        each = 3.0 * idle_mm * np.hypot(linear[:, :, 0], linear[:, :, 1])
+        each = FRICTION * idle_mm * np.hypot(linear[:, :, 0], linear[:, :, 1])
         each = (each + idle_mm * linear[:, :, 2])[stencil.kind]
         each *= stencil.strength[stencil.neighbour, np.newaxis]
         return max(
-            float(np.bincount(unit, column, minlength=stencil.n).max(initial=0.0))
-            for column in each.T
+            float(np.bincount(stencil.unit, axis, minlength=stencil.n).max(initial=0.0))
+            for axis in each.T
         )
+
+
+def _rows(background: np.ndarray) -> Background:
+    """The rows of a background, shape (5, n); of its field alone, shape (3, n), others beside."""
+    if len(background) == BACKGROUND_ROWS:
+        return Background(background[0], background[1:4], background[4])
+    frequency, variance = np.zeros_like(background[:2])
+    return Background(frequency, background, variance)
 
 
 def contraction_of(topology: Topology, stencil: Stencil) -> float:

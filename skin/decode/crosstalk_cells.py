@@ -11,11 +11,11 @@ from topology import Topology
 __all__ = ["Cells", "find_lattices"]
 
 ALIKE_MM = 1e-3
-"""Units within this of a lattice stand on it."""
+"""Units within this of a lattice stand on it [assumed: far below the tolerances of a skin]."""
 EMPTY_SHARE = 3
-"""A lattice with more cells than this times its units is none."""
-WORTH_IT = 32
-"""Fewer units than these are not worth a lattice."""
+"""A lattice with more cells than this times its units is none [assumed]."""
+LEAST_UNITS = 32
+"""Fewer units than these are not worth a lattice [tuned on `benchmarks crosstalk`]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +61,7 @@ def find_lattices(topology: Topology) -> list[Cells]:
 
 def _cells(topology: Topology, units: np.ndarray) -> Cells | None:
     """Rows and columns of units of one attitude; None if they stand on no lattice."""
-    if units.size < WORTH_IT:
+    if units.size < LEAST_UNITS:
         return None
     place = 1e3 * np.einsum(
         "ab,an->bn", topology.rotation[:, :2, units[0]], topology.position[:, units]
@@ -71,10 +71,10 @@ def _cells(topology: Topology, units: np.ndarray) -> Cells | None:
     between = (place - place[:, :1])[:, near]
     first = between[:, 0]
     across = np.abs(first[0] * between[1] - first[1] * between[0])
-    apart = across > 0.1 * step[near] * step[near[0]]
-    if not apart.any():
+    oblique = across > 0.1 * step[near] * step[near[0]]
+    if not oblique.any():
         return None
-    basis = np.stack([between[:, int(np.argmax(apart))], first], axis=1)
+    basis = np.stack([between[:, int(np.argmax(oblique))], first], axis=1)
     steps = np.linalg.solve(basis, place - place[:, :1])
     whole = np.rint(steps)
     if np.abs(basis @ (steps - whole)).max() > ALIKE_MM:

@@ -1,32 +1,42 @@
 """Elementary functions for decoding, in float32 or float64: polynomials alone, without a branch.
 
 A mathematical library is called for one number at a time; these are computed for a whole vector.
-`single` says that the type is float32, which needs fewer terms.
+The type of the argument chooses the polynomial: float32 needs fewer terms.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 from numba import types
-from numba.extending import overload, register_jitable
+from numba.extending import overload
 
-__all__ = ["FLAGS", "INLINED", "OCTAVES_MAX", "asin", "atan", "atan2", "exp2", "log2", "sinc"]
+from bus.compiled.jit import jitable
 
-FLAGS = {"error_model": "numpy", "fastmath": {"contract"}}
-"""Of all that is compiled for decoding: a division by zero is an infinity, and a product may be
-fused into a sum; nothing else is done to NaN, zeros and the order of sums."""
-INLINED = {"forceinline": True, **FLAGS}
+__all__ = ["OCTAVES_MAX", "asin", "atan", "atan2", "exp2", "log2", "sin_cos", "sinc"]
 
 OCTAVES_MAX = 24.0
 """Bound of the exponent of `exp2`."""
 
 
-def _split(x):
-    """Exponent and mantissa, x = mantissa * 2^exponent, mantissa in [sqrt(1/2), sqrt(2)]."""
-    return _split_single(x) if x.dtype == np.float32 else _split_double(x)
+def _by_type(single: Callable[[Any], Any], double: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """A function that is `single` for float32, else `double`; only one of them is compiled."""
+
+    def chosen(x):
+        return single(x) if x.dtype == np.float32 else double(x)
+
+    @overload(chosen, jit_options={"forceinline": True})
+    def _choose(x):
+        return single if x == types.float32 else double
+
+    return chosen
 
 
-@register_jitable(**INLINED)
+# -- exponent and mantissa, x = mantissa * 2^exponent, mantissa in [sqrt(1/2), sqrt(2)] ------------
+
+
 def _split_single(x):
     bits = np.float32(x).view(np.int32)
     exponent = np.int32(np.int32(bits - np.int32(0x3F3504F3)) >> np.int32(23))
@@ -34,181 +44,237 @@ def _split_single(x):
     return np.float32(exponent), mantissa
 
 
-@register_jitable(**INLINED)
 def _split_double(x):
     bits = np.float64(x).view(np.int64)
     exponent = (bits - np.int64(0x3FE6A09E667F3BCD)) >> np.int64(52)
     return np.float64(exponent), np.int64(bits - (exponent << np.int64(52))).view(np.float64)
 
 
-@overload(_split, jit_options=INLINED)
-def _split_of(x):
-    return _split_single if x == types.float32 else _split_double
+_split = _by_type(_split_single, _split_double)
 
 
-def _power(exponent):
-    """2^exponent, for a whole number that the type of the result holds, as float32 or float64."""
-    return _power_single(exponent) if exponent.dtype == np.float32 else _power_double(exponent)
+# -- 2^exponent, for a whole number that the type of the result holds ------------------------------
 
 
-@register_jitable(**INLINED)
-def _power_single(exponent):
-    return np.int32((np.int32(exponent) + np.int32(127)) << np.int32(23)).view(np.float32)
+def _power_single(x):
+    return np.int32((np.int32(x) + np.int32(127)) << np.int32(23)).view(np.float32)
 
 
-@register_jitable(**INLINED)
-def _power_double(exponent):
-    return np.int64((np.int64(exponent) + np.int64(1023)) << np.int64(52)).view(np.float64)
+def _power_double(x):
+    return np.int64((np.int64(x) + np.int64(1023)) << np.int64(52)).view(np.float64)
 
 
-@overload(_power, jit_options=INLINED)
-def _power_of(exponent):
-    return _power_single if exponent == types.float32 else _power_double
+_power = _by_type(_power_single, _power_double)
 
 
-@register_jitable(**INLINED)
-def log2(x, single):
-    """log2(x), x > 0: log2(1 + f) = f P(f), or s P(s²) with s = f / (2 + f); P minimax."""
-    real = type(x)
+# -- log2(x), x > 0: log2(1 + f) = f P(f), or s P(s²) with s = f / (2 + f); P minimax --------------
+
+
+def _log2_single(x):
     exponent, mantissa = _split(x)
-    f = mantissa - real(1.0)
-    if single:
-        p = real(-0.14581172087755081)
-        p = p * f + real(0.2340423629738389)
-        p = p * f + real(-0.2488768532369355)
-        p = p * f + real(0.28709870130108107)
-        p = p * f + real(-0.36023964083131366)
-        p = p * f + real(0.4809232422051029)
-        p = p * f + real(-0.72135278803747874)
-        p = p * f + real(1.4426949619877482)
-        return exponent + f * p
-    s = f / (real(2.0) + f)
+    f = mantissa - np.float32(1.0)
+    p = np.float32(-0.14581172087755081)
+    p = p * f + np.float32(0.2340423629738389)
+    p = p * f + np.float32(-0.2488768532369355)
+    p = p * f + np.float32(0.28709870130108107)
+    p = p * f + np.float32(-0.36023964083131366)
+    p = p * f + np.float32(0.4809232422051029)
+    p = p * f + np.float32(-0.72135278803747874)
+    p = p * f + np.float32(1.4426949619877482)
+    return exponent + f * p
+
+
+def _log2_double(x):
+    exponent, mantissa = _split(x)
+    f = mantissa - 1.0
+    s = f / (2.0 + f)
     z = s * s
-    p = real(0.21367078472987187)
-    p = p * z + real(0.2209118661176815)
-    p = p * z + real(0.26233440178471734)
-    p = p * z + real(0.32059853392543478)
-    p = p * z + real(0.41219858585107806)
-    p = p * z + real(0.57707801634547034)
-    p = p * z + real(0.96179669392598982)
-    p = p * z + real(2.8853900817779268)
+    p = 0.21367078472987187
+    p = p * z + 0.2209118661176815
+    p = p * z + 0.26233440178471734
+    p = p * z + 0.32059853392543478
+    p = p * z + 0.41219858585107806
+    p = p * z + 0.57707801634547034
+    p = p * z + 0.96179669392598982
+    p = p * z + 2.8853900817779268
     return exponent + s * p
 
 
-@register_jitable(**INLINED)
-def exp2(x, single):
-    """2^x for abs(x) <= `OCTAVES_MAX`: the nearest whole power, and a minimax polynomial."""
-    real = type(x)
-    whole = np.floor(x + real(0.5))
+log2 = _by_type(_log2_single, _log2_double)
+
+
+# -- 2^x for abs(x) <= OCTAVES_MAX: the nearest whole power, and a minimax polynomial --------------
+
+
+def _exp2_single(x):
+    whole = np.floor(x + np.float32(0.5))
     f = x - whole
-    if single:
-        p = real(0.0013276472631950876)
-        p = p * f + real(0.0096755413431213274)
-        p = p * f + real(0.055507132718556442)
-        p = p * f + real(0.2402211972371072)
-        p = p * f + real(0.69314696706503521)
-        p = p * f + real(1.0000000716547141)
-    else:
-        p = real(4.4352827069572772e-10)
-        p = p * f + real(7.0741056135081428e-9)
-        p = p * f + real(1.0178198021671931e-7)
-        p = p * f + real(1.3215433089676399e-6)
-        p = p * f + real(1.5252733489988526e-5)
-        p = p * f + real(0.00015403530462514432)
-        p = p * f + real(0.0013333558146789922)
-        p = p * f + real(0.0096181291075883352)
-        p = p * f + real(0.055504108664819922)
-        p = p * f + real(0.24022650695910156)
-        p = p * f + real(0.69314718055994533)
-        p = p * f + real(1.0)
+    p = np.float32(0.0013276472631950876)
+    p = p * f + np.float32(0.0096755413431213274)
+    p = p * f + np.float32(0.055507132718556442)
+    p = p * f + np.float32(0.2402211972371072)
+    p = p * f + np.float32(0.69314696706503521)
+    p = p * f + np.float32(1.0000000716547141)
     return p * _power(whole)
 
 
-@register_jitable(**INLINED)
-def asin(x, single):
-    """asin(x) for 0 <= x <= 1: x + x z P(z) up to 1/2, half-angle formula above, P minimax."""
+def _exp2_double(x):
+    whole = np.floor(x + 0.5)
+    f = x - whole
+    p = 4.4352827069572772e-10
+    p = p * f + 7.0741056135081428e-9
+    p = p * f + 1.0178198021671931e-7
+    p = p * f + 1.3215433089676399e-6
+    p = p * f + 1.5252733489988526e-5
+    p = p * f + 0.00015403530462514432
+    p = p * f + 0.0013333558146789922
+    p = p * f + 0.0096181291075883352
+    p = p * f + 0.055504108664819922
+    p = p * f + 0.24022650695910156
+    p = p * f + 0.69314718055994533
+    p = p * f + 1.0
+    return p * _power(whole)
+
+
+exp2 = _by_type(_exp2_single, _exp2_double)
+
+
+# -- asin(x), 0 <= x <= 1: x + x z P(z) to 1/2, z = x², half-angle formula above, P minimax --------
+
+
+def _asin_poly_single(x):
+    p = np.float32(0.0421663783)
+    p = p * x + np.float32(0.0241794679)
+    p = p * x + np.float32(0.0454703867)
+    p = p * x + np.float32(0.0749529749)
+    return p * x + np.float32(0.166667521)
+
+
+def _asin_poly_double(x):
+    p = 0.031912187113470845
+    p = p * x + -0.016224133354533925
+    p = p * x + 0.01952819040788433
+    p = p * x + 0.0065280018758410675
+    p = p * x + 0.01216920571244654
+    p = p * x + 0.013885236330905664
+    p = p * x + 0.017359704679101626
+    p = p * x + 0.022371758055878783
+    p = p * x + 0.030381959136741975
+    p = p * x + 0.044642856828333854
+    p = p * x + 0.07500000000337008
+    return p * x + 0.16666666666665408
+
+
+_asin_poly = _by_type(_asin_poly_single, _asin_poly_double)
+
+
+@jitable(inline=True)
+def asin(x):
+    """asin(x) for 0 <= x <= 1."""
     real = type(x)
     large = x > real(0.5)
     half = (real(1.0) - x) * real(0.5)
     z = half if large else x * x
     root = np.sqrt(half)
     s = root if large else x
-    if single:
-        p = real(0.0421663783)
-        p = p * z + real(0.0241794679)
-        p = p * z + real(0.0454703867)
-        p = p * z + real(0.0749529749)
-        p = p * z + real(0.166667521)
-    else:
-        p = real(0.031912187113470845)
-        p = p * z + real(-0.016224133354533925)
-        p = p * z + real(0.01952819040788433)
-        p = p * z + real(0.0065280018758410675)
-        p = p * z + real(0.01216920571244654)
-        p = p * z + real(0.013885236330905664)
-        p = p * z + real(0.017359704679101626)
-        p = p * z + real(0.022371758055878783)
-        p = p * z + real(0.030381959136741975)
-        p = p * z + real(0.044642856828333854)
-        p = p * z + real(0.07500000000337008)
-        p = p * z + real(0.16666666666665408)
-    r = s + s * (z * p)
+    r = s + s * (z * _asin_poly(z))
     return real(1.5707963267948966) - (r + r) if large else r
 
 
-@register_jitable(**INLINED)
-def atan(t, single):
-    """atan(t) for 0 <= t <= 1: t + t z Q(z), z = t², Q minimax."""
-    real = type(t)
-    z = t * t
-    if single:
-        q = real(0.00292070303)
-        q = q * z + real(-0.0163679719)
-        q = q * z + real(0.0432119332)
-        q = q * z + real(-0.0755222067)
-        q = q * z + real(0.106660075)
-        q = q * z + real(-0.142110556)
-        q = q * z + real(0.199937731)
-        q = q * z + real(-0.333331525)
-    else:
-        q = real(-1.1832505417555692e-05)
-        q = q * z + real(0.0001368724853148122)
-        q = q * z + real(-0.0007518472526973822)
-        q = q * z + real(0.002622977891906089)
-        q = q * z + real(-0.006575683344151699)
-        q = q * z + real(0.012756172907694298)
-        q = q * z + real(-0.020238706986393514)
-        q = q * z + real(0.027567942297344678)
-        q = q * z + real(-0.033750132001619734)
-        q = q * z + real(0.03872640214042632)
-        q = q * z + real(-0.04308119655330471)
-        q = q * z + real(0.04752086773576656)
-        q = q * z + real(-0.05261265735709454)
-        q = q * z + real(0.05882074956371294)
-        q = q * z + real(-0.06666636435777692)
-        q = q * z + real(0.07692305354678655)
-        q = q * z + real(-0.09090908969557403)
-        q = q * z + real(0.11111111107234799)
-        q = q * z + real(-0.14285714285648404)
-        q = q * z + real(0.19999999999999554)
-        q = q * z + real(-0.3333333333333333)
-    return t + t * (z * q)
+# -- atan(t), 0 <= t <= 1: t + t z Q(z), z = t², Q minimax -----------------------------------------
 
 
-@register_jitable(**INLINED)
-def atan2(y, x, single):
+def _atan_single(x):
+    z = x * x
+    q = np.float32(0.00292070303)
+    q = q * z + np.float32(-0.0163679719)
+    q = q * z + np.float32(0.0432119332)
+    q = q * z + np.float32(-0.0755222067)
+    q = q * z + np.float32(0.106660075)
+    q = q * z + np.float32(-0.142110556)
+    q = q * z + np.float32(0.199937731)
+    q = q * z + np.float32(-0.333331525)
+    return x + x * (z * q)
+
+
+def _atan_double(x):
+    z = x * x
+    q = -1.1832505417555692e-05
+    q = q * z + 0.0001368724853148122
+    q = q * z + -0.0007518472526973822
+    q = q * z + 0.002622977891906089
+    q = q * z + -0.006575683344151699
+    q = q * z + 0.012756172907694298
+    q = q * z + -0.020238706986393514
+    q = q * z + 0.027567942297344678
+    q = q * z + -0.033750132001619734
+    q = q * z + 0.03872640214042632
+    q = q * z + -0.04308119655330471
+    q = q * z + 0.04752086773576656
+    q = q * z + -0.05261265735709454
+    q = q * z + 0.05882074956371294
+    q = q * z + -0.06666636435777692
+    q = q * z + 0.07692305354678655
+    q = q * z + -0.09090908969557403
+    q = q * z + 0.11111111107234799
+    q = q * z + -0.14285714285648404
+    q = q * z + 0.19999999999999554
+    q = q * z + -0.3333333333333333
+    return x + x * (z * q)
+
+
+atan = _by_type(_atan_single, _atan_double)
+
+
+@jitable(inline=True)
+def atan2(y, x):
     """atan2(y, x); 0 at the origin, +pi on the negative x axis whatever the sign of y's zero."""
     real = type(x)
     ax = abs(x)
     ay = abs(y)
     steep = ay > ax
-    a = atan((ax if steep else ay) / max(ay if steep else ax, real(1e-30)), single)
+    a = atan((ax if steep else ay) / max(ay if steep else ax, real(1e-30)))
     a = real(1.5707963267948966) - a if steep else a
     a = real(3.141592653589793) - a if x < real(0.0) else a
     return -a if y < real(0.0) else a
 
 
-@register_jitable(**INLINED)
+# -- sine and cosine of abs(x) <= 1 rad: Taylor series ---------------------------------------------
+
+
+def _sin_cos_tails_single(x):
+    return np.float32(-1 / 5040), np.float32(1 / 40320)
+
+
+def _sin_cos_tails_double(x):
+    sine = -1 / 1307674368000
+    sine = sine * x + 1 / 6227020800
+    sine = sine * x + -1 / 39916800
+    sine = sine * x + 1 / 362880
+    sine = sine * x + -1 / 5040
+    cosine = 1 / 20922789888000
+    cosine = cosine * x + -1 / 87178291200
+    cosine = cosine * x + 1 / 479001600
+    cosine = cosine * x + -1 / 3628800
+    cosine = cosine * x + 1 / 40320
+    return sine, cosine
+
+
+_sin_cos_tails = _by_type(_sin_cos_tails_single, _sin_cos_tails_double)
+
+
+@jitable(inline=True)
+def sin_cos(x):
+    """sin(x) and cos(x) for abs(x) <= 1."""
+    real = type(x)
+    z = x * x
+    sine, cosine = _sin_cos_tails(z)
+    sine = (sine * z + real(1 / 120)) * z + real(-1 / 6)
+    cosine = ((cosine * z + real(-1 / 720)) * z + real(1 / 24)) * z + real(-1 / 2)
+    return x + x * (z * sine), real(1.0) + z * cosine
+
+
+@jitable(inline=True)
 def sinc(x):
     """sin(x) / x for abs(x) <= 2.5, within 1e-6."""
     real = type(x)

@@ -5,30 +5,63 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Collection
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from skin.errors import OptionError
+from skin.options import DTYPES, ESTIMATORS
 from skin.state import ARRAY_WANTS, UNIT_WANTS, WANTS
 from topology import CHANNELS, Topology
 
-__all__ = ["ESTIMATORS", "HOLD_S", "Plan"]
+__all__ = ["HOLD_S", "DecodeOptions", "Plan"]
 
-ESTIMATORS = ("sine", "field-angle")
-"""Inversions of the tangential field. `sine` is the paper's, R = asin(|B| / M0) / k (eq. 1);
-`field-angle` is a polynomial of psi = atan2(|B|, Bz) and the depth: it has no crest, and neither
-the temperature of the magnet nor the gain of the chip is in it."""
 HOLD_S = 0.05
-"""How long a temperature is held where blocks without load are skipped. A gel that warms by 1 K/s
-is then shown 0.05 °C late, which is its noise; the film lags by seconds."""
+"""How long a temperature is held where blocks without load are skipped [assumed]. A gel that warms
+by 1 K/s is then shown 0.05 °C late, which is its noise; the film lags by seconds."""
 
-LATERAL = ("force", "tangential", "theta", "displacement")
+TANGENTIAL = ("force", "tangential", "theta", "displacement")
 NEEDS = {
     "temperature": ("gel",),
-    **dict.fromkeys(LATERAL, ("frequency", "bx", "by")),
+    **dict.fromkeys(TANGENTIAL, ("frequency", "bx", "by")),
     "sigma": (),
     "field": ("bx", "by"),
 }
+
+
+class DecodeOptions(NamedTuple):
+    """What a decoder is asked for.
+
+    Attributes
+    ----------
+    want : collection of str, or None
+        Of `skin.state.UNIT_WANTS`; all of them if None.
+    estimator, dtype, sweeps, ambient
+        As of `skin.options.Options`. The estimator `sine` is the paper's, R = asin(|B| / M0) / k
+        (eq. 1); `field-angle` is a polynomial of psi = atan2(|B|, Bz) and the depth: it has no
+        crest, and neither the temperature of the magnet nor the gain of the chip is in it.
+    skip : bool
+        Leave out what a scene does not need. Blocks of 16 units of which none is pressed by more
+        than 2.9 sigma show NaN for all that is tangential and the flag IDLE; blocks whose counts
+        and flags are those of the cycle before keep its results. All else is what a decoder without
+        it shows that holds temperatures as long, to the bit; but with `ambient`, whose votes are
+        fewer then.
+    consistency : bool or None
+        Hold the field against its model, and flag MAGNETIC_ANOMALY where a magnet or steel bends
+        it; it needs Bz and a table, and is done where all units have them if None.
+    temperature_every : int or None
+        Cycles from one temperature to the next: it is held between, as is what is compensated by
+        it. If None 1, or what `HOLD_S` lasts with `skip`.
+    """
+
+    want: Collection[str] | None = None
+    estimator: str | None = None
+    dtype: str = "float32"
+    consistency: bool | None = None
+    temperature_every: int | None = None
+    skip: bool = False
+    sweeps: int = 0
+    ambient: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,34 +74,22 @@ class Plan:
         Of `skin.state.UNIT_WANTS`, without "sigma".
     sigma : bool
         One-sigma of each of them, but of the field.
-    estimator : str
-        Of `ESTIMATORS`.
-    consistency : bool
-        Hold the field against its model, for the flag MAGNETIC_ANOMALY.
-    theta_table : bool
+    theta_correction : bool
         Correct directions by tables: a unit has one.
     film_centre : bool
         Take off where films sit beside their chips' axes: a unit has such a film.
     film_compensation, chip_compensation, chip_lags : bool
         Films, the neighbours' among them, and Hall chip have a drift that matters here; chips
         follow the gel, as the wire does not carry their temperature.
-    dtype : str
-        Of results and arithmetic.
-    temperature_every : int
-        Cycles from one temperature to the next.
-    skip : bool
-        Leave out the inversion of units without load, and what did not change.
-    sweeps : int
-        Predictions of cross-talk a cycle.
-    ambient : bool
-        Follow the ambient field and the zeros of the units.
+    estimator, consistency, dtype, temperature_every, skip, sweeps, ambient
+        As of `DecodeOptions`, decided.
     """
 
     quantities: tuple[str, ...]
     sigma: bool
     estimator: str
     consistency: bool
-    theta_table: bool
+    theta_correction: bool
     film_centre: bool
     film_compensation: bool
     chip_compensation: bool
@@ -80,78 +101,52 @@ class Plan:
     ambient: bool
 
     @classmethod
-    def of(
-        cls,
-        topology: Topology,
-        want: Collection[str] | None = None,
-        *,
-        estimator: str | None = None,
-        dtype: str = "float32",
-        consistency: bool | None = None,
-        temperature_every: int | None = None,
-        skip: bool = False,
-        sweeps: int = 0,
-        ambient: bool = False,
-    ) -> Plan:
-        """The shortest plan for a scene; parameters and errors as of `Decoder`."""
+    def of(cls, topology: Topology, options: DecodeOptions) -> Plan:
+        """The shortest plan for a scene.
+
+        Raises
+        ------
+        OptionError
+            No such quantity, estimator or type; or the wire of a unit does not carry what is
+            needed.
+        """
         p = topology.parameters
-        wanted = _wanted(topology, want)
-        quantities = tuple(name for name in UNIT_WANTS if name in wanted and name != "sigma")
-        lateral = not wanted.isdisjoint(LATERAL)
+        wanted = _wanted(topology, options.want)
         needed = topology.enabled & ~topology.counts_only
-        upright = topology.wired[CHANNELS.index("bz")] | ~needed
-        tabled = p["field_angle_mm"].any(axis=0) | ~needed
-        angled = bool((upright & tabled).all())
-        if estimator is None:
-            estimator = "field-angle" if angled else "sine"
-        elif estimator not in ESTIMATORS:
-            raise OptionError.unknown("estimator", estimator, ESTIMATORS)
-        if estimator == "field-angle":
-            _require_bz(topology, upright, "the estimator 'field-angle'")
-        if consistency:
-            _require_bz(topology, upright, "consistency")
-            if not tabled.all():
-                unit = topology.unit_names[int(np.argmin(tabled))]
-                raise OptionError(f"{unit}: must have 'field_angle_mm' for consistency; got none")
-        if temperature_every is None:
-            temperature_every = max(1, int(HOLD_S * topology.cycle_rate_hz)) if skip else 1
-        elif temperature_every < 1:
-            raise OptionError(f"temperature_every: must be 1 or more; got {temperature_every}")
+        estimator, consistent = _inversion(topology, options, needed)
+        if options.sweeps not in (0, 1, 2):
+            raise OptionError(f"sweeps: must be 0, 1 or 2; got {options.sweeps}")
+        looped = options.sweeps > 0 or options.ambient
+        tangential = looped or not wanted.isdisjoint(TANGENTIAL)
+        field = options.ambient or "field" in wanted
+        consistent = consistent and tangential
 
-        if sweeps not in (0, 1, 2):
-            raise OptionError(f"sweeps: must be 0, 1 or 2; got {sweeps}")
-        looped = sweeps > 0 or ambient
-        field = ambient or "field" in wanted
-        lateral = lateral or looped
-        consistent = lateral and (angled if consistency is None else consistency)
-
-        magnet = lateral and (estimator == "sine" or consistent)
-        gain = p["hall_gain_per_k"].any() and (magnet or field or sweeps > 0)
+        magnet = tangential and (estimator == "sine" or consistent)
+        gain = p["hall_gain_per_k"].any() and (magnet or field or options.sweeps > 0)
         drift = any(p[f"hall_drift_{axis}_ut_per_k"].any() for axis in "xyz")
-        chip = bool(gain or drift) and (lateral or field)
+        chip = bool(gain or drift) and (tangential or field)
         gel, own = (topology.wired[CHANNELS.index(name)] for name in ("gel", "hall_temperature"))
+        film = (magnet or options.sweeps) and (p["film_drift_per_k"] * gel).any()
         return cls(
-            quantities=quantities,
+            quantities=tuple(name for name in UNIT_WANTS if name in wanted - {"sigma"}),
             sigma="sigma" in wanted,
             estimator=estimator,
             consistency=consistent,
-            theta_table=lateral and bool(p["theta_correction_rad"].any()),
-            film_centre=lateral and bool(p["film_x_mm"].any() or p["film_y_mm"].any()),
-            film_compensation=bool((magnet or sweeps) and (p["film_drift_per_k"] * gel).any()),
+            theta_correction=tangential and bool(p["theta_correction_rad"].any()),
+            film_centre=tangential and bool(p["film_x_mm"].any() or p["film_y_mm"].any()),
+            film_compensation=bool(film),
             chip_compensation=chip,
             chip_lags=bool(chip and (gel & ~own).any()),
-            dtype=_real(dtype),
-            temperature_every=temperature_every,
-            skip=skip,
-            sweeps=sweeps,
-            ambient=ambient,
+            dtype=_real(options.dtype),
+            temperature_every=_cycles_held(topology, options),
+            skip=options.skip,
+            sweeps=options.sweeps,
+            ambient=options.ambient,
         )
 
     def __str__(self) -> str:
         """One line for each decision."""
-        rows = {
-            field.name: getattr(self, field.name) for field in dataclasses.fields(self)
-        }  # fmt: skip
+        rows = dataclasses.asdict(self)
         rows["quantities"] = ", ".join(self.quantities) or "none"
         shown = {True: "yes", False: "no"}
         width = max(map(len, rows))
@@ -160,6 +155,35 @@ class Plan:
             f"{shown[value] if isinstance(value, bool) else value}"
             for name, value in rows.items()
         )
+
+
+def _inversion(topology: Topology, options: DecodeOptions, needed: np.ndarray) -> tuple[str, bool]:
+    """The estimator, and whether the field is held against its model."""
+    upright = topology.wired[CHANNELS.index("bz")] | ~needed
+    tabled = topology.parameters["field_angle_mm"].any(axis=0) | ~needed
+    angled = bool((upright & tabled).all())
+    estimator = options.estimator
+    if estimator is None:
+        estimator = "field-angle" if angled else "sine"
+    elif estimator not in ESTIMATORS:
+        raise OptionError.unknown("estimator", estimator, ESTIMATORS)
+    if estimator == "field-angle":
+        _require_bz(topology, upright, "the estimator 'field-angle'")
+    if options.consistency:
+        _require_bz(topology, upright, "consistency")
+        if not tabled.all():
+            unit = topology.unit_names[int(np.argmin(tabled))]
+            raise OptionError(f"{unit}: must have 'field_angle_mm' for consistency; got none")
+    return estimator, angled if options.consistency is None else options.consistency
+
+
+def _cycles_held(topology: Topology, options: DecodeOptions) -> int:
+    """Cycles from one temperature to the next."""
+    if options.temperature_every is None:
+        return max(1, int(HOLD_S * topology.cycle_rate_hz)) if options.skip else 1
+    if options.temperature_every < 1:
+        raise OptionError(f"temperature_every: must be 1 or more; got {options.temperature_every}")
+    return options.temperature_every
 
 
 def _require_bz(topology: Topology, upright: np.ndarray, what: str) -> None:
@@ -171,13 +195,12 @@ def _require_bz(topology: Topology, upright: np.ndarray, what: str) -> None:
 
 
 def _real(dtype: str) -> str:
-    known = ("float32", "float64")
     try:
         found = np.dtype(dtype).name
     except TypeError:
-        raise OptionError.unknown("dtype", dtype, known) from None
-    if found not in known:
-        raise OptionError.unknown("dtype", found, known)
+        raise OptionError.unknown("dtype", dtype, DTYPES) from None
+    if found not in DTYPES:
+        raise OptionError.unknown("dtype", found, DTYPES)
     return found
 
 

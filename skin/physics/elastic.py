@@ -41,7 +41,7 @@ class Elastic:
         self._shear_gain = p["shear_gain_per_mm"]
         self._reference_mm = p["field_reference_mm"]
 
-    def normal(self, depth_mm: np.ndarray) -> np.ndarray:
+    def normal(self, depth_mm: np.ndarray | float) -> np.ndarray:
         """Normal force in newton at a pressed depth H (Fig. 3d-e), shape (..., n)."""
         beyond = np.maximum(depth_mm - self._normal_break_mm, 0.0)
         within = np.minimum(depth_mm, self._normal_break_mm)

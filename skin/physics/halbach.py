@@ -10,6 +10,7 @@ from skin.physics.film_table import FilmTable, load_film_table
 from skin.physics.magnet import (
     LANES,
     Arrays,
+    Films,
     Tables,
     Units,
     chip_fields,
@@ -115,22 +116,14 @@ class HalbachField:
         *,
         tilt_rad: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Field in µT in the axes of the chips (`CHIP_AXES`).
+        """Field in µT in the axes of the chips (`CHIP_AXES`), shape (..., 3, n), float64.
 
         Parameters
         ----------
-        displacement_mm : ndarray, shape (..., 2, n)
-            Tangential displacement of the films, unit frame.
-        depth_mm : ndarray, shape (..., n)
-            Pressed depth H.
-        film_temperature : ndarray, shape (..., n)
-            Degree Celsius.
+        displacement_mm, depth_mm, film_temperature : ndarray, shape (..., 2, n), (..., n), (..., n)
+            Tangential displacement of the films, unit frame; pressed depth H; degree Celsius.
         tilt_rad : ndarray, shape (..., 2, n), optional
             Rotation vector of each film about its middle, unit frame, on top of its fabrication.
-
-        Returns
-        -------
-        ndarray, shape (..., 3, n), float64
 
         Raises
         ------
@@ -146,18 +139,16 @@ class HalbachField:
         tilt = _contiguous(tilt, pairs, (-1, 2, n))
         warmer = film_temperature - self._reference_c
         strength = _contiguous(self._strength * (1.0 + self._drift * warmer), shape, (-1, n))
-        films = displacement, depth, tilt, strength
+        films = Films(displacement, depth, tilt, strength)
         out = np.empty((len(depth), 3, n))
-        chip_fields(self._tables, self._units, self._arrays, *films, out)
+        chip_fields(self._tables, self._units, self._arrays, films, out)
         if not np.isfinite(out).all():
             raise self._out_of_range(out, films)
         if self.surroundings is not None:
             self._surround(self.surroundings, films, out)
         return out.reshape(*lead, 3, n)
 
-    def _surround(
-        self, surroundings: Surroundings, films: tuple[np.ndarray, ...], out: np.ndarray
-    ) -> None:
+    def _surround(self, surroundings: Surroundings, films: Films, out: np.ndarray) -> None:
         """Add the ambient field and the tools."""
         ambient = surroundings.in_skin()
         out += self._felt_of_ambient @ ambient
@@ -170,7 +161,7 @@ class HalbachField:
             offset = self._chip - place[:, np.newaxis]
             inside = np.sum(offset**2, axis=0) <= (1e3 * tool.radius_m) ** 2
             local = np.empty((len(out), 3))
-            skin_fields(self._tables, self._units, rest, turn, place, *films, local)
+            skin_fields(self._tables, self._units, rest, turn, place, films, local)
             if inside.any() or not np.isfinite(local).all():
                 raise SkinError(
                     f"tool: must be outside of all units, its middle {self._far_mm:.1f} mm or more "
@@ -188,10 +179,10 @@ class HalbachField:
         turn = np.einsum("abm,bcm->mac", self._to_chip[:, :, chip], self._rotation[:, :, index])
         return _arrays(self._tables, self._units, start, index, offset, turn.reshape(-1, 9))
 
-    def _out_of_range(self, out: np.ndarray, films: tuple[np.ndarray, ...]) -> SkinError:
+    def _out_of_range(self, out: np.ndarray, films: Films) -> SkinError:
         displacement, depth, tilt, _ = films
         own = np.empty_like(out)
-        chip_fields(self._tables, self._units, _alone(self._tables, self._units), *films, own)
+        chip_fields(self._tables, self._units, _alone(self._tables, self._units), films, own)
         lost = ~np.isfinite(own if not np.isfinite(own).all() else out).all(axis=1)
         t, i = np.unravel_index(int(np.argmax(lost)), lost.shape)
         if np.isfinite(own).all():
@@ -208,13 +199,7 @@ class HalbachField:
 
 
 def crest_ut(table: FilmTable, depth_mm: np.ndarray) -> np.ndarray:
-    """Largest lateral field within 3.5 mm of a perfect film: M0(H), µT, of the shape of `depth_mm`.
-
-    Parameters
-    ----------
-    table : FilmTable
-    depth_mm : ndarray, shape (d,)
-    """
+    """Largest lateral field within 3.5 mm of a perfect film at depths (d,): M0(H), µT, (d,)."""
     lateral = np.linspace(1.5, 3.5, 401)
     n = lateral.size
     displacement = np.zeros((depth_mm.size, 2, n))
@@ -222,10 +207,8 @@ def crest_ut(table: FilmTable, depth_mm: np.ndarray) -> np.ndarray:
     depth = np.repeat(np.asarray(depth_mm, float)[:, np.newaxis], n, axis=1)
     out = np.empty((depth_mm.size, 3, n))
     tables, units = _tables(table), _units(table, Fabrication.perfect(n, table.film.sectors))
-    chip_fields(
-        tables, units, _alone(tables, units), displacement, depth, np.zeros_like(displacement),
-        np.ones_like(depth), out,
-    )  # fmt: skip
+    films = Films(displacement, depth, np.zeros_like(displacement), np.ones_like(depth))
+    chip_fields(tables, units, _alone(tables, units), films, out)
     return out[:, 0].max(axis=-1)
 
 
@@ -252,7 +235,7 @@ def _units(table: FilmTable, fabrication: Fabrication) -> Units:
     orders = np.concatenate([table.near_orders, table.far_orders])
     coefficients = fabrication.coefficients(orders)
     return Units(
-        np.ascontiguousarray(coefficients.real), np.ascontiguousarray(coefficients.imag),
+        np.ascontiguousarray(np.real(coefficients)), np.ascontiguousarray(np.imag(coefficients)),
         fabrication.centre_mm, fabrication.tilt_rad, table.film.chip_mm,
     )  # fmt: skip
 

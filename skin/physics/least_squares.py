@@ -90,17 +90,17 @@ def check_samples(least: int, **arrays: np.ndarray) -> int:
     return length
 
 
-def check_levels(name: str, values: np.ndarray, least: int, apart: float) -> None:
-    """Raise ScanError unless `values` has that many levels, at least `apart` from each other."""
+def check_levels(name: str, values: np.ndarray, least: int, distance: float) -> None:
+    """Raise ScanError unless `values` has that many levels, at least `distance` from each other."""
     ordered = np.sort(np.ravel(values))
     levels, last = 0, -np.inf
     for value in ordered:
-        if value - last >= apart:
+        if value - last >= distance:
             levels, last = levels + 1, value
     if levels < least:
         raise ScanError(
-            f"{name}: must have {least} levels or more, {apart:g} apart, to tell its effect; got "
-            f"{levels} between {ordered[0]:.4g} and {ordered[-1]:.4g}"
+            f"{name}: must have {least} levels or more, {distance:g} apart, to tell its effect; "
+            f"got {levels} between {ordered[0]:.4g} and {ordered[-1]:.4g}"
         )
 
 
@@ -141,13 +141,13 @@ def least_squares(
         silent = [name for name, size in zip(names, length, strict=True) if size == 0.0]
         raise ScanError(f"scan: must have samples that tell {', '.join(silent)}; got none")
     # the values as a last column: what the factor makes of it is all that is needed of Q
-    both = np.linalg.qr(np.column_stack([weighted / length, values * weight]), mode="r")
+    both = np.asarray(np.linalg.qr(np.column_stack([weighted / length, values * weight]), mode="r"))
     r, turned = both[:count, :count], both[:count, count]
     _, singular, rows = np.linalg.svd(r)
     lost = singular < RANK * singular[0]
     if lost.any():
         share = np.linalg.norm(rows[lost], axis=0)
-        mixed = np.flatnonzero(share > 0.1 * share.max())
+        mixed = np.flatnonzero(share > 0.1 * share.max()).tolist()
         raise ScanError(
             f"scan: must tell {', '.join(names[i] for i in mixed)} apart; got samples in which "
             "they have one and the same effect"

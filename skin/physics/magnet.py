@@ -10,10 +10,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
-from numba.extending import register_jitable
 
-__all__ = ["FAR", "LANES", "NEAR", "Arrays", "Tables", "Units", "chip_fields",
+from bus.compiled.jit import compiled, jitable
+
+__all__ = ["FAR", "LANES", "NEAR", "Arrays", "Films", "Tables", "Units", "chip_fields",
            "chip_fields_python", "rest_fields", "rest_fields_python", "skin_fields",
            "skin_fields_python"]  # fmt: skip
 
@@ -26,9 +26,8 @@ NEAR, FAR = 0, 1
 # A signed index may count from the end, and that possibility alone keeps a loop from vectorising.
 _0, _1, _2, _3 = (np.uint64(i) for i in range(4))
 
-_FLAGS = {"error_model": "numpy", "fastmath": {"contract", "reassoc"}}
 # the arguments are dozens of words each: a call would cost more than most functions here
-_inlined = register_jitable(forceinline=True, **_FLAGS)
+_inlined = jitable(inline=True)
 
 
 class Tables(NamedTuple):
@@ -66,6 +65,16 @@ class Units(NamedTuple):
     centre_mm: np.ndarray
     tilt_rad: np.ndarray
     chip_mm: float
+
+
+class Films(NamedTuple):
+    """Films at t instants, float64: `displacement_mm`, `tilt_rad` : (t, 2, n), `depth_mm` : (t, n),
+    all in unit frames; `strength` : (t, n), factor of each film's field."""
+
+    displacement_mm: np.ndarray
+    depth_mm: np.ndarray
+    tilt_rad: np.ndarray
+    strength: np.ndarray
 
 
 class Arrays(NamedTuple):
@@ -121,12 +130,15 @@ def _along_b(values, at, columns, weights):
 
 
 @_inlined
-def _components(tables, units, i, table, a, b, cosine, sine, series):
-    """Three components of film i from a table at (a, b) and an azimuth; NaN out of its range.
+def _components(tables, units, i, table, at, azimuth, series):
+    """Three components of film i from a table; NaN out of its range.
+
+    `at` : coordinates (a, b) of the table; `azimuth` : its cosine and sine.
 
     `series` : (6, columns), float32; three rows for each table, overwritten where a component has
     its orders and 0 elsewhere.
     """
+    (a, b), (cosine, sine) = at, azimuth
     start = tables.orders_start[table]
     orders = tables.orders_start[table + 1] - start
     c, s, order = 1.0, 0.0, 0
@@ -182,7 +194,7 @@ def _film_field(tables, units, i, x, y, z, series):
         table, b = FAR, np.arctan2(rho, z)
         # the components there are along r and theta: turned to rho and z by the polar angle
         s, c, scale = z * a, rho * a, a * a * a
-    first, second, around = _components(tables, units, i, table, a, b, cosine, sine, series)
+    first, second, around = _components(tables, units, i, table, (a, b), (cosine, sine), series)
     radial, axial = scale * (first * c + second * s), scale * (first * s - second * c)
     if table == NEAR:
         axial = second
@@ -191,8 +203,9 @@ def _film_field(tables, units, i, x, y, z, series):
 
 
 @_inlined
-def _place(units, displacement, depth, tilt, t, place):
+def _place(units, films, t, place):
     """Where the films are: rows of `place` are the middle (3) and the rotation (9), unit frame."""
+    displacement, depth, tilt, _ = films
     for i in range(depth.shape[1]):
         place[i, 0] = displacement[t, 0, i] + units.centre_mm[0, i]
         place[i, 1] = displacement[t, 1, i] + units.centre_mm[1, i]
@@ -256,7 +269,8 @@ def rest_fields_python(tables, units, index, offset_mm, turn, rest_ut, own_ut):
     n = units.real.shape[0]
     place = np.empty((n, 12))
     series = np.zeros((6, tables.columns.max()), np.float32)
-    _place(units, np.zeros((1, 2, n)), np.zeros((1, n)), np.zeros((1, 2, n)), 0, place)
+    level, flat = np.zeros((1, 2, n)), np.zeros((1, n))
+    _place(units, Films(level, flat, level, flat), 0, place)
     for pair in range(index.size):
         x, y, z = offset_mm[pair, 0], offset_mm[pair, 1], offset_mm[pair, 2]
         x, y, z = _placed_field(tables, units, index[pair], place, x, y, z, series)
@@ -267,7 +281,7 @@ def rest_fields_python(tables, units, index, offset_mm, turn, rest_ut, own_ut):
         own_ut[i, 0], own_ut[i, 1], own_ut[i, 2] = x, y, z
 
 
-def chip_fields_python(tables, units, arrays, displacement, depth, tilt, strength, out):
+def chip_fields_python(tables, units, arrays, films, out):
     """Field of the films at all chips, in the axes of the chips.
 
     Parameters
@@ -275,20 +289,18 @@ def chip_fields_python(tables, units, arrays, displacement, depth, tilt, strengt
     tables : Tables
     units : Units
     arrays : Arrays
-    displacement, depth, tilt : ndarray, shape (t, 2, n), (t, n), (t, 2, n), float64
-        Of the films: mm and radian, unit frame.
-    strength : ndarray, shape (t, n), float64
-        Factor of each film's field.
+    films : Films
     out : ndarray, shape (t, 3, n), float64
         Microtesla; NaN where a chip is out of the tables' range.
     """
+    displacement, depth, tilt, strength = films
     cycles, n = depth.shape
     start, index, offset, turn, rest, own = arrays
     place = np.empty((n, 12))
     moved = np.empty(n, np.bool_)
     series = np.zeros((6, tables.columns.max()), np.float32)
     for t in range(cycles):
-        _place(units, displacement, depth, tilt, t, place)
+        _place(units, films, t, place)
         for i in range(n):
             x, y, z = displacement[t, 0, i], displacement[t, 1, i], depth[t, i]
             u, v = tilt[t, 0, i], tilt[t, 1, i]
@@ -312,7 +324,7 @@ def chip_fields_python(tables, units, arrays, displacement, depth, tilt, strengt
             out[t, 0, i], out[t, 1, i], out[t, 2, i] = bx, by, bz
 
 
-def skin_fields_python(tables, units, rest, turn, point, displacement, depth, tilt, strength, out):
+def skin_fields_python(tables, units, rest, turn, point, films, out):
     """Field of all films together at one point, in the skin frame.
 
     Parameters
@@ -325,16 +337,16 @@ def skin_fields_python(tables, units, rest, turn, point, displacement, depth, ti
         Rotation of each unit, R_skin_unit.
     point : ndarray, shape (3,)
         Millimetre, skin frame.
-    displacement, depth, tilt, strength
-        As in `chip_fields_python`.
+    films : Films
     out : ndarray, shape (t, 3), float64
         Microtesla; NaN where the point is in or beside a film.
     """
+    depth, strength = films.depth_mm, films.strength
     cycles, n = depth.shape
     place = np.empty((n, 12))
     series = np.zeros((6, tables.columns.max()), np.float32)
     for t in range(cycles):
-        _place(units, displacement, depth, tilt, t, place)
+        _place(units, films, t, place)
         bx, by, bz = 0.0, 0.0, 0.0
         for i in range(n):
             x, y, z = point[0] - rest[i, 0], point[1] - rest[i, 1], point[2] - rest[i, 2]
@@ -347,6 +359,6 @@ def skin_fields_python(tables, units, rest, turn, point, displacement, depth, ti
         out[t, 0], out[t, 1], out[t, 2] = bx, by, bz
 
 
-rest_fields = njit(rest_fields_python, nogil=True, cache=True, **_FLAGS)
-chip_fields = njit(chip_fields_python, nogil=True, cache=True, **_FLAGS)
-skin_fields = njit(skin_fields_python, nogil=True, cache=True, **_FLAGS)
+rest_fields = compiled(rest_fields_python, fastmath=("contract", "reassoc"))
+chip_fields = compiled(chip_fields_python, fastmath=("contract", "reassoc"))
+skin_fields = compiled(skin_fields_python, fastmath=("contract", "reassoc"))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["Scan", "circles", "strokes"]
+__all__ = ["Recordings", "Scan", "circles", "strokes"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,12 +47,43 @@ class Scan:
     counts: np.ndarray
 
 
+@dataclass(frozen=True, eq=False)
+class Recordings:
+    """What a bench records of the units of a skin, each unit alone; arrays as of `Scan`.
+
+    Attributes
+    ----------
+    bare : Scan
+        Chips before they have a film, heated.
+    heated : Scan
+        Films on, held in a few poses of different fields while film and chip are heated in turn;
+        the gel is as warm as the film.
+    pressed : Scan
+        Straight down, from 0.
+    sheared : Scan
+        Strokes over depth, length and direction, each begun from rest.
+    readings : int
+        Readings of which each sample is the mean.
+    force_sigma_n : float
+        Of the reference cell, one reading.
+    """
+
+    bare: Scan
+    heated: Scan
+    pressed: Scan
+    sheared: Scan
+    readings: int
+    force_sigma_n: float
+
+
 def strokes(
     depths_mm: np.ndarray, displacements_mm: np.ndarray, directions_rad: np.ndarray | float = 0.0
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Every depth with every displacement and direction: three arrays of shape (t,)."""
-    grid = np.meshgrid(depths_mm, displacements_mm, directions_rad, indexing="ij")
-    return tuple(axis.ravel() for axis in grid)
+    depth, displacement, direction = np.meshgrid(
+        depths_mm, displacements_mm, directions_rad, indexing="ij"
+    )
+    return depth.ravel(), displacement.ravel(), direction.ravel()
 
 
 def circles(

@@ -23,23 +23,27 @@ import numpy as np
 from skin.errors import ScanError, SkinError
 from skin.physics.least_squares import Fit
 from skin.physics.stray import (
-    APART_M,
     DEGREES,
+    SEPARATION_M,
     Pairs,
     field_at_rest,
     left_out,
     monomials,
+    near,
     powers,
     scan_poses,
     scan_stray,
 )
 from topology import Topology
-from topology.neighbours import compressed_rows, pairs_within
+from topology.neighbours import compressed_rows
 
 __all__ = ["Stencil"]
 
+DEPTH_MAX_MM, DISPLACEMENT_MAX_MM = 2.0, 2.5
+"""Range of the scans [paper: what a unit is calibrated for]."""
 SAME_SKIN_M = 2e-4
-"""Units that are this much nearer or farther than in a saved stencil are other units."""
+"""Units that are this much nearer or farther than in a saved stencil are other units [assumed:
+how well units are placed]."""
 FORMAT = 1
 """Of the file that a stencil is saved to."""
 
@@ -191,7 +195,7 @@ class Stencil:
                 f"{path}: must be the stencil of {topology.n} units, as {topology.name}; "
                 f"got {found.n}"
             )
-        off = np.abs(_apart(topology, found.unit, found.neighbour) - found.apart_m)
+        off = np.abs(_distance(topology, found.unit, found.neighbour) - found.apart_m)
         if off.max(initial=0.0) > SAME_SKIN_M:
             worst = int(np.argmax(off))
             i, j = (topology.unit_names[k[worst]] for k in (found.unit, found.neighbour))
@@ -210,8 +214,8 @@ class Stencil:
         neighbour: Sequence[int],
         fits: Sequence[tuple[Fit, Fit, Fit]],
         *,
-        depth_max_mm: float = 2.0,
-        displacement_max_mm: float = 2.5,
+        depth_max_mm: float = DEPTH_MAX_MM,
+        displacement_max_mm: float = DISPLACEMENT_MAX_MM,
     ) -> Stencil:
         """From fits of pairs of the very skin: one unit moves, the chips around it are read.
 
@@ -243,15 +247,15 @@ class Stencil:
         gram = _gram(depth_max_mm, displacement_max_mm, degree)
         known = np.array([[np.sum(axis.covariance * gram) for axis in fit] for fit in fits])
         missed = np.array([[_missed(axis) for axis in fit] for fit in fits])
-        apart = _apart(topology, i, j)
-        parted = _parted(_with_films(topology))
-        bound, rms = left_out(parted, i, j, depth_max_mm, displacement_max_mm)
-        residual = [axis.residual_rms for axis in fits[int(np.argmin(apart))]]
-        worst = [axis.residual_max for axis in fits[int(np.argmin(apart))]]
+        distance = _distance(topology, i, j)
+        separated = _frames_separated(_with_films(topology))
+        bound, rms = left_out(separated, i, j, depth_max_mm, displacement_max_mm)
+        residual = [axis.residual_rms for axis in fits[int(np.argmin(distance))]]
+        worst = [axis.residual_max for axis in fits[int(np.argmin(distance))]]
         return cls(
-            start.astype(np.int32), j, np.arange(len(fits), dtype=np.int32), apart,
-            values, np.sqrt(known + missed), np.ones(topology.n), field_at_rest(parted), degree,
-            float(apart.max()), depth_max_mm, displacement_max_mm, bound, rms, max(residual),
+            start.astype(np.int32), j, np.arange(len(fits), dtype=np.int32), distance,
+            values, np.sqrt(known + missed), np.ones(topology.n), field_at_rest(separated), degree,
+            float(distance.max()), depth_max_mm, displacement_max_mm, bound, rms, max(residual),
             max(worst), 0,
         )  # fmt: skip
 
@@ -262,10 +266,7 @@ class Stencil:
         *,
         degree: int = 4,
         reach_m: float = 0.039,
-        depth_max_mm: float = 2.0,
-        displacement_max_mm: float = 2.5,
         sigma_ut: float = 0.0,
-        seed: int = 0,
         rigid: bool = False,
     ) -> Stencil:
         """Scan one neighbour for every kind of pair of a skin, from magnet theory, and fit.
@@ -277,12 +278,8 @@ class Stencil:
             1 to 4.
         reach_m : float
             Between unit centres.
-        depth_max_mm, displacement_max_mm : float
-            Range of the scans.
         sigma_ut : float
             One-sigma noise of the scans, after averaging; 0: exact ones.
-        seed : int
-            Of the noise.
         rigid : bool
             Whether the frames stay where the file puts them: then their units' pairs are in too.
 
@@ -296,16 +293,14 @@ class Stencil:
         if degree not in DEGREES:
             raise ScanError(f"degree: must be 1, 2, 3 or 4; got {degree}")
         topology = _with_films(topology)
-        parted = topology if rigid else _parted(topology)
-        start, neighbour = _rows(parted, reach_m)
+        separated = topology if rigid else _frames_separated(topology)
+        start, neighbour = _rows(separated, reach_m)
         moving = 0 if rigid else (_rows(topology, reach_m)[1].size - neighbour.size) // 2
         unit = np.repeat(np.arange(topology.n), np.diff(start))
         pairs = Pairs.of(topology, unit, neighbour)
-        moved, share = scan_poses(depth_max_mm, displacement_max_mm)
+        moved, share = scan_poses(DEPTH_MAX_MM, DISPLACEMENT_MAX_MM)
         stray = scan_stray(topology, pairs.seen, moved)
-        if sigma_ut:
-            noise = np.random.default_rng(seed).standard_normal(stray.shape)
-            stray = stray + sigma_ut * noise
+        stray += sigma_ut * np.random.default_rng(0).standard_normal(stray.shape)
         terms = monomials(moved.T, degree)
         q, r = np.linalg.qr(terms.T)
         values = np.einsum("kta,tp->kap", stray, np.linalg.solve(r, q.T).T)
@@ -316,16 +311,16 @@ class Stencil:
         missed = np.maximum(rms**2 - (1.0 - fitted) * sigma_ut**2, 0.0)
         sigma = np.sqrt(missed + fitted * sigma_ut**2)
         strength = topology.parameters["field_amplitude_ut"]
-        bound, beyond = left_out(parted, unit, neighbour, depth_max_mm, displacement_max_mm)
+        bound, beyond = left_out(separated, unit, neighbour, DEPTH_MAX_MM, DISPLACEMENT_MAX_MM)
         nearest = int(np.argmin(pairs.seen[0])) if len(stray) else None
         worst = (0.0, 0.0) if nearest is None else (
             float(strength.max() * rms[nearest].max()),
             float(strength.max() * np.abs(residual[nearest]).max()),
         )  # fmt: skip
         return cls(
-            start, neighbour, pairs.kind, _apart(topology, unit, neighbour),
+            start, neighbour, pairs.kind, _distance(topology, unit, neighbour),
             pairs.turned(values, degree), pairs.spread(sigma), strength.copy(),
-            field_at_rest(parted), degree, reach_m, depth_max_mm, displacement_max_mm, bound,
+            field_at_rest(separated), degree, reach_m, DEPTH_MAX_MM, DISPLACEMENT_MAX_MM, bound,
             beyond, *worst, moving,
         )  # fmt: skip
 
@@ -350,23 +345,21 @@ def _with_films(topology: Topology) -> Topology:
     return dataclasses.replace(topology, parameters=parameters)
 
 
-def _parted(topology: Topology) -> Topology:
+def _frames_separated(topology: Topology) -> Topology:
     """The same skin with its frames too far apart to feel each other."""
     if not topology.patch_frames:
         return topology
     _, frame = np.unique(np.array(topology.patch_frames)[topology.patch], return_inverse=True)
     position = topology.position.copy()
-    position[0] += APART_M * frame
+    position[0] += SEPARATION_M * frame
     return dataclasses.replace(topology, position=position)
 
 
-def _apart(topology: Topology, unit: np.ndarray, neighbour: np.ndarray) -> np.ndarray:
+def _distance(topology: Topology, unit: np.ndarray, neighbour: np.ndarray) -> np.ndarray:
     """Distances of the centres of pairs, metre."""
     return np.linalg.norm(topology.position[:, unit] - topology.position[:, neighbour], axis=0)
 
 
 def _rows(topology: Topology, reach_m: float) -> tuple[np.ndarray, np.ndarray]:
     """Neighbours nearer than `reach_m`, compressed rows."""
-    pairs = [np.stack([i, j]) for i, j, _ in pairs_within(topology.position, reach_m)]
-    i, j = np.concatenate([np.empty((2, 0), np.int64), *pairs], axis=1)
-    return compressed_rows(topology.n, i, j)
+    return compressed_rows(topology.n, *near(topology, reach_m))

@@ -16,19 +16,20 @@ from skin.errors import ScanError
 from skin.physics.halbach import CHIP_AXES, HalbachField
 from skin.physics.least_squares import Fit, check_levels, check_samples, least_squares
 from topology import Topology
-from topology.neighbours import pairs_within
+from topology.neighbours import neighbour_pairs
 
 __all__ = [
-    "APART_M", "DEGREES", "HORIZON_M", "Pairs", "field_at_rest", "fit_stray", "left_out",
-    "monomials", "powers", "scan_poses", "scan_stray",
+    "DEGREES", "HORIZON_M", "SEPARATION_M", "Pairs", "field_at_rest", "fit_stray", "left_out",
+    "monomials", "near", "powers", "scan_poses", "scan_stray",
 ]  # fmt: skip
 
 SAME_MM = 1e-3
-"""Pairs whose chips sit within this of each other, as their films see them, share a fit."""
-APART_M = 10.0
-"""Between the pairs of the bench, and between frames: none feels another."""
+"""Pairs whose chips sit within this of each other, as their films see them, share a fit [assumed:
+far below the tolerances of a skin]."""
+SEPARATION_M = 10.0
+"""Between the pairs of the bench, and between frames: none feels another [assumed]."""
 HORIZON_M = 0.1
-"""What is left out is summed to this distance; beyond it a film adds less than 0.1 µT."""
+"""What is left out is summed to this distance [derived: beyond it a film adds less than 0.1 µT]."""
 DEGREES = (1, 2, 3, 4)
 
 
@@ -57,6 +58,12 @@ def monomials(displacement_mm: np.ndarray, degree: int) -> np.ndarray:
     given = np.asarray(displacement_mm, float)
     x, y, h = ([given[..., axis, :] ** e for e in range(degree + 1)] for axis in range(3))
     return np.stack([x[i] * y[j] * h[k] for i, j, k in powers(degree)], axis=-2)
+
+
+def near(topology: Topology, radius_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of units nearer than a radius, whatever frames they are on, each once."""
+    n = topology.n
+    return neighbour_pairs(topology.position, np.full(n, radius_m), np.zeros(n, int))
 
 
 def fit_stray(
@@ -99,7 +106,8 @@ def fit_stray(
     names = tuple("".join(f"{name}^{e} " for name, e in zip(("dx", "dy", "H"), term, strict=True)
                           if e).strip() for term in terms)  # fmt: skip
     stray = np.asarray(stray_ut, float)
-    return tuple(least_squares(matrix, stray[:, axis], sigma_ut, names) for axis in range(3))
+    x, y, z = (least_squares(matrix, axis, sigma_ut, names) for axis in stray.T)
+    return x, y, z
 
 
 def scan_poses(depth_max_mm: float, displacement_max_mm: float) -> tuple[np.ndarray, np.ndarray]:
@@ -115,9 +123,9 @@ def scan_poses(depth_max_mm: float, displacement_max_mm: float) -> tuple[np.ndar
     """
     around = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
     area = np.linspace(0.0, 1.0, 6)[1:]
-    reach = displacement_max_mm * np.sqrt(area)
-    x = np.concatenate([[0.0], *[r * np.cos(around + r) for r in reach]])
-    y = np.concatenate([[0.0], *[r * np.sin(around + r) for r in reach]])
+    radius = displacement_max_mm * np.sqrt(area)
+    x = np.concatenate([[0.0], *[r * np.cos(around + r) for r in radius]])
+    y = np.concatenate([[0.0], *[r * np.sin(around + r) for r in radius]])
     ring = np.where(area < 1.0, 1.0, 0.5) / around.size
     depth = np.linspace(0.0, depth_max_mm, 6)
     moved = np.stack([np.tile(x, 6), np.tile(y, 6), np.repeat(depth, x.size)], axis=1)
@@ -144,7 +152,7 @@ def scan_stray(topology: Topology, kinds: np.ndarray, moved: np.ndarray) -> np.n
         return np.zeros((0, len(moved), 3))
     # films first, then the units with the chips that look at them, whose own films stand still
     position = np.zeros((3, 2 * count))
-    position[1] = np.tile(APART_M * np.arange(count), 2)
+    position[1] = np.tile(SEPARATION_M * np.arange(count), 2)
     film = HalbachField(topology, reach_m=0.0).film
     position[0, count:] = 1e-3 * kinds[0]
     position[2, count:] = 1e-3 * (kinds[1] - film.chip_mm)
@@ -167,7 +175,7 @@ def scan_stray(topology: Topology, kinds: np.ndarray, moved: np.ndarray) -> np.n
     depth = np.zeros((len(at), 2 * count))
     depth[:, :count] = at[:, 2:]
     warm = np.repeat(nominal["film_reference_c"][None], len(at), axis=0)
-    both = HalbachField(bench, reach_m=0.5 * APART_M)(displacement, depth, warm)
+    both = HalbachField(bench, reach_m=0.5 * SEPARATION_M)(displacement, depth, warm)
     own = HalbachField(bench, reach_m=0.0)(displacement, depth, warm)
     seen = CHIP_AXES[:, None] * (both - own)[:, :, count:]
     return (seen[1:] - seen[0]).transpose(2, 0, 1)
@@ -198,8 +206,7 @@ def left_out(
     depth_max_mm, displacement_max_mm : float
     """
     n, strength = topology.n, topology.parameters["field_amplitude_ut"]
-    pairs = [np.stack([i, j]) for i, j, _ in pairs_within(topology.position, HORIZON_M)]
-    i, j = np.concatenate([np.empty((2, 0), np.int64), *pairs], axis=1)
+    i, j = near(topology, HORIZON_M)
     at, by = np.concatenate([i, j]), np.concatenate([j, i])
     missing = ~np.isin(at * n + by, np.asarray(unit, np.int64) * n + neighbour)
     at, by = at[missing], by[missing]

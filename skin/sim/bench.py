@@ -11,14 +11,14 @@ from skin.errors import ScanError
 from skin.physics.elastic import Elastic
 from skin.physics.fabrication import Fabrication
 from skin.physics.halbach import HalbachField
-from skin.physics.scan import Scan
-from skin.sim.counter import Counter
-from skin.sim.divider import Divider
-from skin.sim.hall import HallConverter
+from skin.physics.scan import Recordings, Scan, strokes
+from skin.sim.electronics.counter import Counter
+from skin.sim.electronics.divider import Divider
+from skin.sim.electronics.hall import HallConverter
 from skin.sim.unit import UnitSimulator
 from topology import CHANNELS, Topology
 
-__all__ = ["Bench"]
+__all__ = ["Bench", "record"]
 
 FREQUENCY, BX = CHANNELS.index("frequency"), CHANNELS.index("bx")
 
@@ -73,8 +73,8 @@ class Bench:
 
     def scan(
         self,
-        depth_mm: np.ndarray,
-        displacement_mm: np.ndarray,
+        depth_mm: np.ndarray | float,
+        displacement_mm: np.ndarray | float,
         direction_rad: np.ndarray | float = 0.0,
         *,
         gel_temperature: np.ndarray | float = 25.0,
@@ -132,3 +132,50 @@ class Bench:
 
     def _rounded(self, counts: np.ndarray) -> np.ndarray:
         return counts * self.topology.scale + self.topology.offset
+
+
+def record(
+    bench: Bench,
+    bare: Bench,
+    *,
+    readings: int = 16,
+    force_sigma_n: float = 0.005,
+    depth_max_mm: float = 2.0,
+    displacement_max_mm: float = 3.0,
+) -> Recordings:
+    """Go through the poses that `skin.calibrate.unit.calibrate` needs.
+
+    Parameters
+    ----------
+    bench : Bench
+    bare : Bench
+        The same chips without films.
+    readings : int
+        Readings of a pose.
+    force_sigma_n : float
+        Of the bench's reference cell.
+    depth_max_mm, displacement_max_mm : float
+        End of the range, where the calibration ends too.
+    """
+    warming = np.repeat(np.linspace(20.0, 60.0, 9), 16)
+    depth = np.linspace(0.0, depth_max_mm, 7)
+    length = np.linspace(0.2, displacement_max_mm, 10)
+    around = np.linspace(-np.pi, np.pi, 16, endpoint=False)
+    film, chip = (t.ravel() for t in np.meshgrid([20.0, 50.0, 80.0], [20.0, 40.0, 60.0]))
+    poses = np.array([[0.0, 0.0, 0.0], [depth_max_mm, 0.0, 0.0],
+                      [depth_max_mm, 1.5, 0.0], [depth_max_mm, 1.5, 0.5 * np.pi]])  # fmt: skip
+    warm = {
+        "gel_temperature": np.tile(film, len(poses)),
+        "chip_temperature": np.tile(chip, len(poses)),
+    }
+    held = np.repeat(poses, film.size, axis=0).T
+    pressed = np.repeat(np.linspace(0.0, depth_max_mm, 41), 2)
+    many = {"readings": readings}
+    return Recordings(
+        bare=bare.scan(0.0, 0.0, gel_temperature=warming, **many),
+        heated=bench.scan(*held, **warm, **many),
+        pressed=bench.scan(pressed, 0.0, **many),
+        sheared=bench.scan(*strokes(depth, length, around), **many),
+        readings=readings,
+        force_sigma_n=force_sigma_n,
+    )

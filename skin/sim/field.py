@@ -5,11 +5,13 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
-from numba import njit
 
+from bus.compiled.jit import compiled
+from skin.physics.halbach import CHIP_AXES
+from skin.physics.surroundings import Surroundings
 from topology import Topology
 
-__all__ = ["Field", "SineField"]
+__all__ = ["Field", "SineField", "StrayField"]
 
 
 class Field(Protocol):
@@ -59,8 +61,9 @@ def lever_python(displacement_mm, depth_mm, table, reach_mm):
     ndarray, shape (t, n)
     """
     out = np.empty(displacement_mm.shape)
-    for t in range(out.shape[0]):
-        for i in range(out.shape[1]):
+    cycles, n = displacement_mm.shape
+    for t in range(cycles):
+        for i in range(n):
             reach = min(max(displacement_mm[t, i], NEAR_MM), reach_mm[i])
             h = min(max(depth_mm[t, i], -PULLED_MM), PRESSED_MM)
             a, b, c, d = 0.0, 0.0, 0.0, 0.0
@@ -79,7 +82,7 @@ def lever_python(displacement_mm, depth_mm, table, reach_mm):
     return out
 
 
-lever = njit(lever_python, cache=True, nogil=True, error_model="numpy")
+lever = compiled(lever_python)
 
 
 class SineField:
@@ -128,3 +131,22 @@ class SineField:
         growth = np.exp(self._growth * (depth_mm - self._reference_mm))
         drift = 1.0 + self._drift * (film_temperature - self._reference_c)
         return self._amplitude * growth * drift
+
+
+class StrayField:
+    """A `Field` plus the ambient field of surroundings, which may change between calls; their tools
+    are left out."""
+
+    def __init__(self, topology: Topology, field: Field, surroundings: Surroundings) -> None:
+        self._field, self._surroundings = field, surroundings
+        # to_chip[a, n, b]: component a of chip n from component b of the skin frame
+        to_chip = CHIP_AXES[:, np.newaxis, np.newaxis] * topology.rotation.transpose(1, 2, 0)
+        self._to_chip = np.ascontiguousarray(to_chip)
+
+    def __call__(
+        self, displacement_mm: np.ndarray, depth_mm: np.ndarray, film_temperature: np.ndarray
+    ) -> np.ndarray:
+        """Field in µT, shape (..., 3, n); see `Field`."""
+        field = self._field(displacement_mm, depth_mm, film_temperature)
+        field += self._to_chip @ self._surroundings.in_skin()
+        return field

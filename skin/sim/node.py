@@ -6,7 +6,6 @@ import math
 import select
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -21,16 +20,15 @@ from bus.transport import Transport
 from skin.errors import SkinError
 from skin.physics.halbach import FELT_M, HalbachField
 from skin.sim.heartbeat import Heartbeats
-from skin.sim.scene import PressSlideLift, Scene
+from skin.sim.sampled import SampledScene
+from skin.sim.scene import Scene
+from skin.sim.scenes.load import open_scene
 from skin.sim.settings import BoardSettings
 from skin.sim.truth import Truth
 from skin.sim.unit import UnitSimulator
-from topology import CHANNELS, Topology
+from topology import Topology
 
 __all__ = ["Nodes", "Served"]
-
-RECENT = 16
-"""Cycles whose counts are kept for a bus that is behind another one."""
 
 POLL_S = 0.05
 """How long a bus is waited for before looking whether to stop."""
@@ -68,15 +66,14 @@ class Nodes:
     ----------
     topology : Topology
     scene : Scene, optional
-        What happens to the skin; `PressSlideLift` if not given.
+        What happens to the skin; the ready-made "demo" if not given.
     seed : int
         Seed of the noise.
     noise : bool
         False: only quantisation.
     units : UnitSimulator, optional
-        The units, in place of those of `topology`, `seed` and `noise`, whose films are Halbach
-        films that feel each other. A scene that has `units` of its own, as a
-        `skin.sim.play.ScriptedScene` does, brings them along.
+        In place of those that the scene brings along, or else of `topology`, `seed` and `noise`,
+        whose films are Halbach films that feel each other.
     history : int or None
         Cycles that `truth_at` remembers; None remembers all, 0 none.
     """
@@ -92,7 +89,7 @@ class Nodes:
         history: int | None = 256,
     ) -> None:
         self.topology = topology
-        self.scene = scene or PressSlideLift(topology)
+        self.scene = scene or open_scene("demo", topology, seed=seed, noise=noise)
         own = units or getattr(self.scene, "units", None)
         self.units = own or UnitSimulator(
             topology, seed=seed, noise=noise, field=HalbachField(topology, reach_m=FELT_M)
@@ -100,12 +97,7 @@ class Nodes:
         self.served = Served()
         self._packer = Packer(topology)
         self._heartbeats = Heartbeats(topology)
-        self._recent = np.zeros((RECENT, len(CHANNELS), topology.n), np.int16)
-        self._recent_cycle: list[int | None] = [None] * RECENT
-        self._ahead = Truth.room(RECENT, topology.n)
-        self._at_once = RECENT if getattr(self.scene, "steady", True) else 1
-        self._history: deque[tuple[int, Truth]] = deque(maxlen=history)
-        self._cycle = self._first = -1
+        self._sampled = SampledScene(self.scene, self.units, history)
         self._lock = threading.Lock()
         self._stop = threading.Event()
         self._threads: list[threading.Thread] = []
@@ -120,28 +112,18 @@ class Nodes:
     @property
     def truth(self) -> Truth:
         """Truth of the latest cycle."""
-        if not self._history:
+        if not self._sampled.history:
             raise SkinError("truth: must be asked for after the first cycle; got none yet")
-        return self._history[-1][1]
+        return self._sampled.history[-1][1]
 
     def truth_at(self, cycle: int) -> Truth:
-        """Truth of a cycle among the last `history` ones.
-
-        Raises
-        ------
-        SkinError
-            The cycle has not come yet, was left out, or is forgotten.
-        """
-        for number, truth in reversed(self._history):
-            if number == cycle:
-                return truth
-        known = f"{self._history[0][0]} to {self._history[-1][0]}" if self._history else "none"
-        raise SkinError(f"cycle: must be one that is remembered ({known}); got {cycle}")
+        """Truth of a cycle among the last `history` ones; SkinError if it is not among them."""
+        return self._sampled.truth_at(cycle)
 
     @property
     def history(self) -> tuple[tuple[int, Truth], ...]:
         """Remembered cycles and their truths, oldest first."""
-        return tuple(self._history)
+        return tuple(self._sampled.history)
 
     # -- frames ------------------------------------------------------------------------------------
 
@@ -153,14 +135,9 @@ class Nodes:
         records : ndarray, shape (m,), FRAME_DTYPE
             Frames of one bus.
         out : FrameBatch
-            Appended to; the answers bear the time stamp of their SYNC.
+            Appended to; the answers bear the time stamp of their SYNC. IndexError if it is full.
         bus : int
             Index of the bus.
-
-        Raises
-        ------
-        IndexError
-            `out` has not room for the answers.
         """
         count = out.count
         for record in records[self._is_heard(records, bus)]:
@@ -176,12 +153,8 @@ class Nodes:
                 self._append(cycle, out, bus, int(record["stamp_ns"]))
 
     def _configure(self, record: np.void, bus: int) -> None:
-        slots = [
-            slot
-            for slot, cycle in enumerate(self._recent_cycle)
-            if cycle is not None and self._sent[bus] - RECENT < cycle <= self._sent[bus]
-        ]
-        is_taken = self._settings.obey(record, bus, self._sent[bus], self._recent[slots])
+        recent = self._sampled.recent(self._sent[bus])
+        is_taken = self._settings.obey(record, bus, self._sent[bus], recent)
         self.served.configured += is_taken
         self.served.refused += not is_taken
 
@@ -193,31 +166,11 @@ class Nodes:
         return out.count - count
 
     def foresee(self, cycle: int, cycles: int) -> int:
-        """Sample the next cycles together, for whoever goes through them without waiting.
-
-        Parameters
-        ----------
-        cycle : int
-            The first of them, after all that were sampled.
-        cycles : int
-            Wanted, at least 1.
-
-        Returns
-        -------
-        int
-            How many were sampled.
-        """
-        count = min(cycles, self._at_once)
+        """Sample up to `cycles` cycles together, from `cycle` on, which is after all that were
+        sampled, for whoever goes through them without waiting; return how many."""
         with self._lock:
-            if count == 1:
-                self._sample(cycle)
-                return 1
-            if self._first < 0:
-                self._first = cycle
-            for k in range(count):
-                self._ahead.put(k, self._go_on(cycle + k))
-            slots = (cycle + np.arange(count)) % RECENT
-            self._recent[slots] = self.units.counts(self._ahead.first(count))
+            count = self._sampled.foresee(cycle, cycles)
+            self.served.cycles = self._sampled.cycles
         return count
 
     def _is_heard(self, records: np.ndarray, bus: int) -> np.ndarray:
@@ -230,40 +183,21 @@ class Nodes:
 
     def _unwrapped(self, counter: int, bus: int) -> int:
         """Cycle that a SYNC counter means: the next one of its bus, which may be behind another."""
-        if self._cycle < 0:
+        newest, last = self._sampled.cycle, self._sent[bus]
+        if newest < 0:
             return counter
-        last = self._sent[bus]
         if last < 0:  # as near as can be to where the others are
-            return self._cycle - 128 + (counter - self._cycle + 128) % 256
+            return newest - 128 + (counter - newest + 128) % 256
         cycle = last + (counter - last) % 256
         # a bus that was silent while others went around
-        return cycle + max(0, self._cycle - cycle) // 256 * 256
+        return cycle + max(0, newest - cycle) // 256 * 256
 
     def _append(self, cycle: int, out: FrameBatch, bus: int, stamp_ns: int) -> None:
-        if cycle > self._cycle:
-            self._sample(cycle)
-        slot = cycle % RECENT
-        if self._recent_cycle[slot] != cycle:  # no bus had it in its turn; the scene has gone on
-            slot = self._cycle % RECENT
-        counts = self._recent[slot]
+        counts = self._sampled.counts(cycle)
+        self.served.cycles, since = self._sampled.cycles, max(0, cycle - self._sampled.first)
         self._settings.pack(self._packer, counts, out, cycle=cycle, bus=bus, stamp_ns=stamp_ns)
         self._sent[bus] = cycle
-        self._heartbeats.append(max(0, cycle - self._first), out, bus=bus, stamp_ns=stamp_ns)
-
-    def _sample(self, cycle: int) -> None:
-        if self._first < 0:
-            self._first = cycle
-        self._recent[cycle % RECENT] = self.units.counts(self._go_on(cycle))
-
-    def _go_on(self, cycle: int) -> Truth:
-        """Go on to a cycle; its counts are yet to be taken."""
-        truth = self.scene.at((cycle - self._first) / self.topology.cycle_rate_hz)
-        self._recent_cycle[cycle % RECENT] = cycle
-        if self._history.maxlen != 0:
-            self._history.append((cycle, truth.copy()))
-        self._cycle = cycle
-        self.served.cycles += 1
-        return truth
+        self._heartbeats.append(since, out, bus=bus, stamp_ns=stamp_ns)
 
     def _batch(self, bus: int) -> FrameBatch:
         """A batch that has room for one cycle of a bus."""
@@ -277,11 +211,7 @@ class Nodes:
 
         There is no waiting and no other thread, so a skin runs as fast as it asks. On buses without
         SYNC the units send at their own pace, from a thread of their own, until `close`.
-
-        Parameters
-        ----------
-        transports : sequence of MemoryTransport
-            The units' end of each bus, in order.
+        `transports` are the units' end of each bus, in order.
         """
         self._check(transports)
         self._stop = threading.Event()
@@ -321,10 +251,8 @@ class Nodes:
 
         Raises
         ------
-        BusClosedError
-            A bus is gone.
-        SkinError
-            Not as many transports as buses.
+        BusClosedError, SkinError
+            A bus is gone; not as many transports as buses.
         """
         self._check(transports)
         self._stop = stop or threading.Event()

@@ -6,7 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numba import njit
+
+from bus.compiled.jit import compiled
 
 __all__ = ["Truth", "add_up", "add_up_python", "wrench_map"]
 
@@ -95,7 +96,10 @@ class Truth:
 
 
 def wrench_map(position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """The linear map from the forces of all units to their wrench about the origin.
+    """The linear map from forces to their wrench about the origin, shape (6, 3 n).
+
+    ``wrench_map(position, rotation) @ force.ravel()`` is the wrench of `force`, shape (3, n),
+    newton, unit frames.
 
     Parameters
     ----------
@@ -103,12 +107,6 @@ def wrench_map(position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
         Metre, skin frame.
     rotation : ndarray, shape (3, 3, n)
         Columns are the units' axes in the skin frame.
-
-    Returns
-    -------
-    ndarray, shape (6, 3 n)
-        ``wrench_map(position, rotation) @ force.ravel()`` is the wrench of `force`, shape (3, n),
-        newton, unit frames.
     """
     arm = np.cross(position[:, np.newaxis, :], rotation, axis=0)
     return np.concatenate([rotation, arm]).reshape(6, -1)
@@ -147,6 +145,4 @@ def add_up_python(to_wrench, position, force, wrench, centroid):
         centroid[r] = total / load if load > 0.0 else np.nan
 
 
-add_up = njit(
-    add_up_python, error_model="numpy", fastmath={"contract", "reassoc"}, nogil=True, cache=True
-)
+add_up = compiled(add_up_python, fastmath=("contract", "reassoc"))

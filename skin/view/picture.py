@@ -64,13 +64,13 @@ def save_run(path: Path, topology: Topology, run: Run) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    style = {
+    style: dict[Any, Any] = {
         "font.size": 9, "axes.edgecolor": MUTED, "axes.labelcolor": INK, "xtick.color": MUTED,
         "ytick.color": MUTED, "text.color": INK, "axes.spines.top": False,
         "axes.spines.right": False,
     }  # fmt: skip
     with mpl.rc_context(style):
-        figure = Figure(figsize=(11.0, 7.6), layout="constrained")
+        figure: Any = Figure(figsize=(11.0, 7.6), layout="constrained")
         FigureCanvasAgg(figure)
         maps, lines = figure.subfigures(2, 1, height_ratios=(1.1, 1.0))
         _draw_maps(maps, topology, run)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks import nonideal, simulate
-from skin.sim.script import NonIdeal
+from skin.sim.scenes.script import NonIdeal
 
 
 def test_simulating_gives_a_factor_for_each_size(monkeypatch: pytest.MonkeyPatch) -> None:

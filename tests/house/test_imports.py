@@ -1,7 +1,5 @@
 """The house's order: who may import whom, what is imported late, and what names are promised."""
 
-import ast
-import functools
 import importlib
 import subprocess
 import sys
@@ -9,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
-PACKAGES = ("topology", "bus", "skin")
-FORBIDDEN = {"topology": {"bus", "skin"}, "bus": {"skin"}, "skin": set()}
+from tests.house import draw, imports
+from tests.house.imports import FORBIDDEN, ROOMS, imports_of
+from tests.house.sources import PACKAGES, ROOT, module_of, relative, sources
+
 ONE_FILE_EACH = (
     "matplotlib",
     "magpylib",
@@ -22,23 +21,22 @@ ONE_FILE_EACH = (
     "mcap",
     "cyclonedds",
 )
-FILES = sorted(file for name in PACKAGES for file in (ROOT / name).rglob("*.py"))
-MODULES = [
-    ".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
-    for file in FILES
-]
+MODULES = [module_of(file) for file in sources()]
 
 
-@functools.cache
-def imported(file):
-    """List the top-level packages that a file imports, at any depth of it."""
-    names = set()
-    for node in ast.walk(ast.parse(file.read_text(), str(file))):
-        if isinstance(node, ast.Import):
-            names |= {alias.name.split(".")[0] for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.level == 0:
-            names.add(node.module.split(".")[0])
-    return frozenset(names)
+@pytest.fixture
+def file_in(tmp_path, monkeypatch):
+    """Write a file of a room of `skin` in a repository of its own."""
+    monkeypatch.setattr(imports, "ROOT", tmp_path)
+    monkeypatch.setattr("tests.house.sources.ROOT", tmp_path)
+
+    def write(place, text):
+        file = tmp_path / "skin" / place
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text)
+        return file
+
+    return write
 
 
 def in_new_process(code):
@@ -47,19 +45,75 @@ def in_new_process(code):
     ).stdout.splitlines()
 
 
-@pytest.mark.parametrize("package", PACKAGES)
-def test_imports_go_one_way(package):
-    wrong = {
-        str(file.relative_to(ROOT)): names
-        for file in sorted((ROOT / package).rglob("*.py"))
-        if (names := imported(file) & FORBIDDEN[package])
-    }
-    assert wrong == {}
+def test_imports_go_one_way():
+    assert imports.package_errors() == []
+
+
+def test_rooms_of_skin_import_as_the_table_says():
+    assert imports.room_errors() == []
+
+
+def test_no_room_may_import_itself_through_others():
+    def below(room):
+        return {far for other in ROOMS[room] for far in (other, *below(other))}
+
+    assert [room for room in ROOMS if room in below(room)] == []
+
+
+@pytest.mark.parametrize(
+    ("place", "text"),
+    [
+        ("decode/laws.py", "from skin.sim.body import Body\n"),
+        ("decode/laws.py", "import skin.calibrate\n"),
+        ("contact/track.py", "from skin import decode\n"),
+        ("contact/slip/friction.py", "def late():\n    from skin.live import Skin\n"),
+        ("calibrate/tare.py", "if TYPE_CHECKING:\n    from skin.sim.bench import Bench\n"),
+        ("physics/film.py", "from bus.status import Status\n"),
+        ("physics/film.py", "from skin.state import Reading\n"),
+        ("state.py", "from skin.contact.stream import Contact\n"),
+        ("pipeline.py", "from skin.cli import main\n"),
+        ("newroom/thing.py", "import numpy\n"),
+    ],
+)
+def test_an_import_the_wrong_way_is_found(file_in, place, text):
+    assert len(imports.room_errors([file_in(place, text)])) == 1
+
+
+@pytest.mark.parametrize(
+    ("place", "text"),
+    [
+        (
+            "decode/laws.py",
+            "from skin.physics import film\nfrom bus.compiled.jit import compiled\n",
+        ),
+        ("state.py", "if TYPE_CHECKING:\n    from skin.contact.stream import Contact\n"),
+        ("cli/run.py", "import skin\nfrom skin.sim import bench\n"),
+        (
+            "physics/film.py",
+            "from bus.compiled.jit import compiled\nfrom topology import Topology\n",
+        ),
+    ],
+)
+def test_an_import_the_right_way_is_not(file_in, place, text):
+    assert imports.room_errors([file_in(place, text)]) == []
+
+
+def test_the_picture_in_the_docs_is_that_of_the_code():
+    assert draw.PICTURE.read_text() == draw.picture(), "draw it: python -m tests.house draw"
+
+
+def test_an_arrow_that_others_imply_is_left_out():
+    arrows = {("a", "b"), ("b", "c"), ("a", "c"), ("a", "d")}
+    assert draw.reduced(arrows) == [("a", "b"), ("a", "d"), ("b", "c")]
 
 
 @pytest.mark.parametrize("library", ONE_FILE_EACH)
 def test_an_optional_library_lives_in_one_file(library):
-    files = [str(file.relative_to(ROOT)) for file in FILES if library in imported(file)]
+    files = [
+        relative(file)
+        for file in sources()
+        if any(found.module.split(".")[0] == library for found in imports_of(file))
+    ]
     assert len(files) <= 1, files
 
 

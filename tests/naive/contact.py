@@ -56,6 +56,13 @@ def sets_of(label):
     return {frozenset(np.flatnonzero(label == k).tolist()) for k in set(label.tolist()) - {-1}}
 
 
+def torsion_arm(load, position, normal):
+    """Load-weighted mean distance from the centre of pressure, across the normal."""
+    away = position - (position @ load / load.sum())[:, np.newaxis]
+    across = away - np.outer(normal, normal @ away)
+    return float(load @ np.linalg.norm(across, axis=0) / load.sum())
+
+
 def cross_matrix(a):
     return np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
 

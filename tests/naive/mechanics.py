@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 from scipy.optimize import nnls
 
+from skin.sim.mechanics.body import Pose, moved, turned
 from topology import Topology, load
 
 
@@ -44,6 +45,17 @@ def jaws(width_m: float = 0.03) -> Topology:
         area=np.tile(one.area, 2),
         parameters={k: np.tile(v, 2) for k, v in one.parameters.items()},
     )
+
+
+def sphere_reach(
+    centre: np.ndarray, radius: float, position: np.ndarray, axis: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Which faces have their middle in a sphere, and how deep it reaches into them, shape (n,)."""
+    away = centre[:, np.newaxis] - position
+    along = np.einsum("in,in->n", away, axis)
+    inside = radius * radius - np.einsum("in,in->n", away, away)
+    depth = along + np.sqrt(np.maximum(inside + along * along, 0.0))
+    return inside > 0.0, np.where(inside > 0.0, depth, 0.0)
 
 
 def inside(
@@ -87,3 +99,11 @@ def held_tractions(
         size = np.hypot(*force)
         force *= np.minimum(1.0, limit / np.where(size > 0.0, size, 1.0))
     return force
+
+
+def rolled(pose: Pose, shift_m: np.ndarray, radius_m: float, outward: np.ndarray) -> Pose:
+    """The pose after rolling without sliding by `shift_m` over a plane of normal `outward`."""
+    way = float(np.linalg.norm(shift_m))
+    if way == 0.0:
+        return pose
+    return moved(turned(pose, np.cross(outward, shift_m), way / radius_m), shift_m)

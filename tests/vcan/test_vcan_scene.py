@@ -13,10 +13,10 @@ from bus.frame import FrameBatch
 from bus.open import open_transport
 from skin import Decoder
 from skin.sim.node import Nodes
-from skin.sim.play import ScriptedScene
-from skin.sim.record import Recorder, read_truth
-from skin.sim.script import NonIdeal
-from skin.sim.script_load import load_scene
+from skin.sim.scenes.load import load_scene
+from skin.sim.scenes.play import ScriptedScene
+from skin.sim.scenes.record import Recorder, read_truth
+from skin.sim.scenes.script import NonIdeal
 
 CYCLES = 60
 SCENE = """

@@ -12,7 +12,6 @@ from skin.calibrate.amplitude import (
     fit_bare_chip,
     fit_direction,
     fit_drift,
-    fit_theta,
     map_field,
 )
 from skin.calibrate.gel import fit_gel
@@ -23,7 +22,6 @@ from skin.physics.least_squares import least_squares
 from skin.physics.scan import circles, strokes
 from skin.sim.bench import Bench
 from tests.fixtures.decode import calibrated, row_of, with_parameters
-from topology import THETA_KNOTS
 
 SEEDS = range(12)
 DEPTHS, REACHES = np.linspace(0.0, 2.0, 6), np.linspace(0.0, 2.5, 14)
@@ -42,7 +40,6 @@ DRIFT = {"film_drift_per_k": -0.0011, "hall_gain_per_k": 0.0005, "hall_drift_x_u
 BARE = {"hall_offset_x_ut": 120.0, "hall_drift_x_ut_per_k": 1.0, "hall_offset_y_ut": -80.0,
         "hall_drift_y_ut_per_k": 0.0, "hall_offset_z_ut": 300.0,
         "hall_drift_z_ut_per_k": -2.5}  # fmt: skip
-TURN = {f"theta_correction_rad[{k}]": 0.03 * np.sin(3.0 * k) for k in range(THETA_KNOTS)}
 
 
 def lateral(rng, noise=105.0):
@@ -101,15 +98,6 @@ def scan_bare(rng):
     return fit_bare_chip(field.T + 105.0 * rng.standard_normal((200, 3)), chip)
 
 
-def scan_theta(rng):
-    theta = np.linspace(-np.pi, np.pi, 640, endpoint=False)
-    knots = -np.pi + 2.0 * np.pi / THETA_KNOTS * np.arange(THETA_KNOTS + 1)
-    values = [*TURN.values(), TURN["theta_correction_rad[0]"]]
-    direction = theta + np.interp(theta, knots, values)
-    field = 9000.0 * np.stack([np.cos(theta), np.sin(theta)], axis=1)
-    return fit_theta(field + 105.0 * rng.standard_normal(field.shape), direction)
-
-
 FITS = {
     "amplitude": (scan_amplitude, AMPLITUDE),
     "shear": (scan_shear, SHEAR),
@@ -118,7 +106,6 @@ FITS = {
     "gel": (scan_gel, GEL),
     "drift": (scan_drift, DRIFT),
     "bare chip": (scan_bare, BARE),
-    "theta": (scan_theta, TURN),
 }
 
 
@@ -287,12 +274,6 @@ REFUSED = {
         lambda: fit_drift(*HEAT[:3], np.zeros(150, int)),
         "pose: must be 2 or more, of different fields, to tell the chip's gain from its offset's "
         "drift; got 1",
-    ),
-    "half a circle of knots": (
-        lambda: fit_theta(ROUND[:32], AROUND[:32]),
-        "scan: must have samples that tell theta_correction_rad[9], theta_correction_rad[10], "
-        "theta_correction_rad[11], theta_correction_rad[12], theta_correction_rad[13], "
-        "theta_correction_rad[14], theta_correction_rad[15]; got none",
     ),
     "normal force before the break": (
         lambda: fit_normal(FALL / 600.0, FALL),

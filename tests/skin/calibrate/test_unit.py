@@ -10,11 +10,11 @@ import pytest
 
 import topology
 from skin.calibrate.film import fit_film
-from skin.calibrate.unit import calibrate, record
+from skin.calibrate.unit import calibrate
 from skin.errors import ScanError
 from skin.physics.fabrication import Fabrication
 from skin.physics.scan import strokes
-from skin.sim.bench import Bench
+from skin.sim.bench import Bench, record
 from tests.fixtures.decode import row_of, with_parameters
 from tests.fixtures.topology import write_topology
 

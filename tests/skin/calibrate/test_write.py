@@ -11,7 +11,6 @@ import topology
 from skin.calibrate.amplitude import (
     fit_amplitude,
     fit_direction,
-    fit_theta,
     map_field,
 )
 from skin.calibrate.normal import fit_frequency
@@ -166,10 +165,7 @@ def fitted(readings=4):
             mapped[:, 0] * np.cos(angle) + mapped[:, 1] * np.sin(angle), slide.depth_mm[:, i],
             slide.displacement_mm[:, i], sigma_ut=sigma,
         )  # fmt: skip
-        theta = fit_theta(
-            map_field(ring.field_ut[..., i], direction), ring.direction_rad[:, i], sigma_ut=sigma
-        )
-        units[f"r0c{i}"] = [frequency, direction, amplitude, theta]
+        units[f"r0c{i}"] = [frequency, direction, amplitude]
     return units
 
 

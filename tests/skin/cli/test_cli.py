@@ -5,8 +5,10 @@ from __future__ import annotations
 import csv
 import itertools
 import json
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import can
 import numpy as np
@@ -15,6 +17,7 @@ import pytest
 import skin
 import topology
 from bus.frame import FrameBatch
+from bus.memory import MemoryTransport
 from skin.cli import COMMANDS, main
 from skin.sim.node import Nodes
 
@@ -113,6 +116,98 @@ def test_run_without_units_says_so(capsys):
     assert "nobody can answer: palm: buses[0] 'main': interface: must be one that" in printed.err
     assert report["units_heard"] == 0
     assert len(report["silent_units"]) == 64
+
+
+def test_run_feels_simulated_units_in_one_terminal(capsys):
+    arguments = ["run", "strip", "--simulate", "--seed", "3", "--seconds", "0.5", "--json"]
+    assert main(arguments) == 0
+    printed = capsys.readouterr()
+    report = json.loads(printed.out.splitlines()[-1])
+    assert report["units_heard"] == report["units"]
+    assert report["cycles"] == report["complete_cycles"] > 0
+    assert report["never_tared"] == []
+    assert "note" not in printed.err
+
+
+def test_run_plays_a_scene_to_its_end(tmp_path, capsys):
+    scene = tmp_path / "short.toml"
+    text = (Path(skin.__file__).parent / "sim" / "scenes" / "tap.toml").read_text()
+    scene.write_text(re.sub(r"(?m)^seconds = .*", "seconds = 0.6", text))
+    assert main(["run", "palm", "--simulate", "--scene", str(scene), "--json"]) == 0
+    report = last_json(capsys)
+    assert report["units_heard"] == 64
+    assert 0 < report["cycles"] <= 0.6 * 250 + 2
+
+
+def test_faults_of_a_scene_strike_in_one_terminal_too(tmp_path, capsys):
+    scene = tmp_path / "faulty.toml"
+    text = (Path(skin.__file__).parent / "sim" / "scenes" / "press.toml").read_text()
+    scene.write_text(text + '\n[[faults]]\nkind = "drop"\nprobability = 0.2\n')
+    arguments = ["run", "palm", "--simulate", "--scene", str(scene), "--seconds", "0.5", "--json"]
+    assert main(arguments) == 0
+    assert last_json(capsys)["counters"]["lost"] > 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--scene", "press"], "--scene: must be given with --simulate; got none"),
+        (["--seed", "1"], "--seed: must be given with --simulate; got none"),
+        (["--simulate", "--sync", "bus"], "--sync: must be 'host' with --simulate; got 'bus'"),
+        (["--simulate", "--scene", "pres"], "nearest: 'press'"),
+    ],
+)
+def test_run_refuses_what_means_nothing_together(arguments, message, capsys):
+    assert main(["run", "palm", *arguments, "--seconds", "0.1"]) == 2
+    assert message in capsys.readouterr().err
+
+
+@pytest.fixture
+def on_a_real_bus(tmp_path):
+    """A palm whose file says socketcan, and whose patch names a calibration file to come."""
+    text = topology.load("palm").path.read_text()
+    text = text.replace('interface = "memory"', 'interface = "socketcan"')
+    text = text.replace('# calibration = "palm-calibration.toml"', 'calibration = "palm.cal.toml"')
+    file = tmp_path / "palm.toml"
+    (tmp_path / "palm.cal.toml").write_text('format = 1\npatch = "palm"\n')
+    file.write_text(text)
+    return str(file)
+
+
+def test_units_that_were_never_tared_are_said_to_be_so(on_a_real_bus, capsys):
+    assert main(["check", on_a_real_bus, "--json"]) == 0
+    *table, last = capsys.readouterr().out.splitlines()
+    assert f"note: 64 units have never been tared: skin tare {on_a_real_bus}" in table
+    assert len(json.loads(last)["never_tared"]) == 64
+    assert main(["tare", on_a_real_bus, "--simulate", "--seconds", "1", "--leave-out",
+                 "palm/r0c0"]) == 0  # fmt: skip
+    capsys.readouterr()
+    assert main(["check", on_a_real_bus, "--json"]) == 0
+    *table, last = capsys.readouterr().out.splitlines()
+    assert f"note: unit palm/r0c0 has never been tared: skin tare {on_a_real_bus}" in table
+    assert json.loads(last)["never_tared"] == ["palm/r0c0"]
+
+
+def test_simulated_units_need_no_tare(capsys):
+    assert main(["check", "palm", "--json"]) == 0
+    printed = capsys.readouterr().out
+    assert "tare" not in "\n".join(printed.splitlines()[:-1])
+    assert json.loads(printed.splitlines()[-1])["never_tared"] == []
+
+
+@pytest.mark.parametrize("name", ["run", "doctor"])
+def test_listeners_say_what_was_never_tared(name, on_a_real_bus, monkeypatch, capsys):
+    loaded = topology.load(on_a_real_bus)
+    nodes = Nodes(loaded)
+    near, far = MemoryTransport.pair()
+    nodes.attach([far])
+    for home in ("bus.open", "skin.live"):
+        monkeypatch.setattr(f"{home}.open_transport", lambda _bus, _index: near)
+    main([name, on_a_real_bus, "--seconds", "0.3", "--json"])
+    printed = capsys.readouterr()
+    hint = f"64 units have never been tared: skin tare {on_a_real_bus}"
+    assert hint in printed.out + printed.err
+    assert len(json.loads(printed.out.splitlines()[-1])["never_tared"]) == 64
 
 
 @pytest.fixture

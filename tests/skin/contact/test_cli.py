@@ -11,7 +11,7 @@ import pytest
 
 import skin
 from skin.cli import main
-from skin.contact.records import SlipState
+from skin.contact.record import SlipState
 from skin.view.terminal import LiveTable
 
 LOGS = Path(__file__).parents[2] / "golden" / "logs"

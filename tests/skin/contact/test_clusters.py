@@ -6,13 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import tests.naive.contact as naive
-from skin.contact.cluster_kernels import TOUCHING, UNIT_ROWS, join, join_python
-from skin.contact.clusters import (
-    contact_clusters,
-    neighbour_graph,
-    packed_graph,
-    start_sigma_for,
-)
+from skin.contact.cluster import contact_clusters, join, join_python
+from skin.contact.gate import start_sigma_for
+from skin.contact.graph import checked_graph, neighbour_graph
+from skin.contact.model import ContactModel, Gate, Wants, contact_data, no_readings, posed_units
 from skin.errors import SkinError
 
 SIGMA = 0.02
@@ -74,11 +71,14 @@ def test_machine_code_and_python_join_alike(scene):
     n = load.size
     results = []
     for kernel in (join, join_python):
-        units = np.zeros((len(UNIT_ROWS), n + 1), np.int32)
-        units[TOUCHING, :n] = touching
-        told = load[np.newaxis], np.full((1, n), SIGMA)
-        parts = kernel(*told, *told, valid, packed_graph(n, *graph), 5.0, 3.0, units)
-        results.append((parts, units))
+        reading = no_readings(n, float)
+        reading.force[2], reading.force_sigma[:], reading.valid[:] = load, SIGMA, valid
+        geometry = posed_units(np.zeros((3, n)), np.zeros((3, 3, n)), 1.0)
+        data = contact_data(reading, 1)
+        data.units.touching[:] = touching
+        gate, wants = Gate(5.0, 3.0, 0.0, 0.0, False), Wants(False, False, False)
+        model = ContactModel(checked_graph(n, *graph), gate, geometry, wants)
+        results.append((kernel(model, data), np.concatenate(data.units)))
     assert results[0][0] == results[1][0]
     np.testing.assert_array_equal(results[0][1], results[1][1])
 

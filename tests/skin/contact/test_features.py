@@ -9,10 +9,11 @@ from scipy.spatial.transform import Rotation
 
 import tests.naive.contact as naive
 from skin.contact import features
-from skin.contact.clusters import neighbour_graph
-from skin.contact.feature_kernels import describe_python
-from skin.contact.features import contact_features, wrench_in_frame
-from skin.contact.records import Flag
+from skin.contact.describe import describe_python
+from skin.contact.features import contact_features
+from skin.contact.graph import neighbour_graph
+from skin.contact.record import Flag
+from skin.contact.wrench import wrench_in_frame
 from skin.errors import SkinError
 
 AREA = 1.1e-4

@@ -12,21 +12,28 @@ import skin
 import topology
 from bus.cycle import ClosedBy, RawCycle
 from bus.memory import MemoryTransport
-from skin.contact.records import Event
-from skin.contact.wrench import wrench
+from skin.contact.record import Event
 from skin.errors import SkinError
-from skin.reader import CycleReader
+from skin.options import Options
+from skin.pipeline import Pipeline
 from skin.sim.node import Nodes
-from skin.sim.play import ScriptedScene
-from skin.sim.scene import PressSlideLift
-from skin.sim.script_load import load_scene
+from skin.sim.scenes.load import load_scene, open_scene
+from skin.sim.scenes.play import ScriptedScene
 from skin.sim.unit import UnitSimulator
+
+
+def wrench(force, position, rotation, *, valid):
+    """Sum of the wrenches of some units."""
+    turned = np.einsum("ijn,jn->in", rotation, force)[:, valid]
+    return np.concatenate(
+        [turned.sum(axis=1), np.cross(position[:, valid].T, turned.T).sum(axis=0)]
+    )
 
 
 def test_contacts_of_a_stroke_are_the_truth_within_their_sigma():
     palm = topology.load("palm")
     told = []
-    with skin.open(palm, simulate=PressSlideLift(palm), pace=False, seed=4) as opened:
+    with skin.open(palm, simulate=open_scene("demo", palm), pace=False, seed=4) as opened:
         for state in itertools.islice(opened, 1700):
             truth = opened.nodes.truth
             if state.cycle % 20 or truth.force[2].sum() < 3.0:
@@ -138,9 +145,9 @@ def test_what_is_known_of_friction_reaches_the_contacts():
 
 def test_contacts_outlive_stamps_that_step_back_and_numbers_that_repeat():
     palm = topology.load("palm")
-    scene, simulator = PressSlideLift(palm), UnitSimulator(palm, seed=5)
+    scene, simulator = open_scene("demo", palm), UnitSimulator(palm, seed=5)
     counts = simulator.counts(scene.at(3.0))
-    read = CycleReader(palm, want={"contacts"}, estimator="sine", dtype="float32")
+    read = Pipeline(palm, Options(want={"contacts"}, estimator="sine"))
     rest = (np.ones(palm.n, bool), np.zeros(palm.n, np.uint16), *(np.zeros(palm.n, int),) * 3)
     ages = []
     for number, stamp_ns in ((7, 900), (8, 1000), (8, 1000), (9, 10), (20, -5), (3, 0)):

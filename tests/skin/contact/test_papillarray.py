@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import skin
 from skin.contact.papillarray import NO_ESTIMATE, PapillArray, SlipCode
-from skin.contact.records import UnitSlip
+from skin.contact.record import UnitSlip
 from skin.errors import SkinError
 
 SENSOR = ["tus", "pillars", "gfX", "gfY", "gfZ", "gtX", "gtY", "gtZ", "friction_est",

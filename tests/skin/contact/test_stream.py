@@ -10,18 +10,18 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import tests.naive.contact as naive
-from skin.contact import detect, step_kernel
+from skin.contact import shock, step
 from skin.contact import stream as module
-from skin.contact.cluster_kernels import find_contacts_python
-from skin.contact.clusters import neighbour_graph
-from skin.contact.detect import shock_python
-from skin.contact.feature_kernels import describe_python
+from skin.contact.describe import describe_python
 from skin.contact.features import contact_features
-from skin.contact.records import Event, Flag, SlipState, UnitSlip
+from skin.contact.graph import neighbour_graph
+from skin.contact.record import Event, Flag, SlipState, UnitSlip
+from skin.contact.shock import shock_python
 from skin.contact.slip import SlipSettings
 from skin.contact.slip_kernels import judge_python
-from skin.contact.step_kernel import step_python
+from skin.contact.step import step_python
 from skin.contact.stream import CONTACT_WANTS, ContactStream
+from skin.contact.track import find_contacts_python
 from skin.errors import OptionError, SkinError
 
 ROWS, COLUMNS, PITCH, AREA = 8, 10, 0.012, 1.1e-4
@@ -122,8 +122,8 @@ def test_what_is_not_wanted_is_not_computed(monkeypatch, want, spared):
     called = set()
     monkeypatch.setattr(module, "step", step_python)
     for home, name, what in (
-        (step_kernel, "describe", "describe"),
-        (step_kernel, "judge", "judge"),
+        (step, "describe", "describe"),
+        (step, "judge", "judge"),
         (module.Shocks, "update", "shock"),
     ):
         kernel = getattr(home, name)
@@ -398,15 +398,38 @@ def test_what_is_not_given_any_more_is_not_known_any_more():
 def test_readings_of_the_last_cycle_live_as_long_as_they_are_read():
     stream = plate()
     for number in range(1, 20):
-        stream.update(BOTH.copy(), np.full((3, N), 0.01), stamp_ns=2 * number)
+        take = stream.bind(BOTH.copy(), np.full((3, N), 0.01))
         reused = [np.full((3, N), 99.0) for _ in range(4)]
-        stream.again(2 * number + 1)
+        take(number)
         assert stream.total.load == BOTH[2].sum()
         del reused
 
 
 def test_before_anything_is_brought_nothing_touches():
-    assert plate(want=CONTACT_WANTS).again(1) == []
+    stream = plate(want=CONTACT_WANTS)
+    assert stream.contacts == []
+    assert stream.bind(*np.zeros((4, 3, N)))(1) == []
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_bound_arrays_are_read_anew_in_each_cycle_and_may_be_given_up(dtype):
+    rng = np.random.default_rng(9)
+    bound, other = (plate(want=CONTACT_WANTS, dtype=dtype) for _ in range(2))
+    kept = [np.zeros((3, N), dtype) for _ in range(4)] + [np.zeros(N, dtype), np.zeros(N, bool)]
+    kept[1] = frozen(kept[1])
+    take = bound.bind(*kept)
+    for number in range(1, 25):
+        kept[1].flags.writeable = True
+        given = in_place(kept, moving_scene(number, rng))
+        kept[1].flags.writeable = False
+        other.update(*given, stamp_ns=number * CYCLE_NS)
+        if number % 5:
+            take(number * CYCLE_NS)
+        else:
+            bound.update(*[a.copy() for a in given], stamp_ns=number * CYCLE_NS)
+        assert told_by(bound) == told_by(other)
+    with pytest.raises(SkinError, match="stamp_ns: must be after the last one"):
+        take(CYCLE_NS)
 
 
 def test_the_list_of_contacts_is_the_callers():
@@ -536,10 +559,10 @@ def test_machine_code_and_python_tell_alike(monkeypatch):
 
     machine = told()
     monkeypatch.setattr(module, "step", step_python)
-    monkeypatch.setattr(step_kernel, "find_contacts", find_contacts_python)
-    monkeypatch.setattr(step_kernel, "describe", describe_python)
-    monkeypatch.setattr(step_kernel, "judge", judge_python)
-    monkeypatch.setattr(detect, "shock", shock_python)
+    monkeypatch.setattr(step, "find_contacts", find_contacts_python)
+    monkeypatch.setattr(step, "describe", describe_python)
+    monkeypatch.setattr(step, "judge", judge_python)
+    monkeypatch.setattr(shock, "shock", shock_python)
     with np.errstate(invalid="ignore"):
         np.testing.assert_allclose(told(), machine, rtol=1e-6, atol=1e-9)
 
@@ -574,6 +597,12 @@ def test_stream_says_what_it_sees():
          lambda: plate().update(BOTH, None, stamp_ns=0)),
         (SkinError, "displacement_mm, displacement_sigma_mm: must be given where slip is wanted",
          lambda: plate(want={"slip"}).update(BOTH, 0.01, stamp_ns=0)),
+        (SkinError, "displacement_mm, displacement_sigma_mm: must be given where slip is wanted",
+         lambda: plate(want={"slip"}).bind(BOTH, BOTH)),
+        (SkinError, r"force_sigma: must be contiguous float64 of shape \(3, 80\); got float32",
+         lambda: plate().bind(BOTH, BOTH.astype(np.float32))),
+        (SkinError, r"force: must be contiguous float64 of shape \(3, 80\); got float64 of shape",
+         lambda: plate().bind(strided(BOTH), BOTH)),
     ],
 )  # fmt: skip
 def test_what_makes_no_sense_is_refused(error, message, call):

@@ -6,11 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import tests.naive.contact as naive
-from skin.contact import track
-from skin.contact.cluster_kernels import find_contacts_python
-from skin.contact.clusters import neighbour_graph
-from skin.contact.records import Event, TrackState
-from skin.contact.track import Tracker
+from skin.contact import step as step_module
+from skin.contact import stream as module
+from skin.contact.graph import neighbour_graph
+from skin.contact.record import Event, TrackState
+from skin.contact.step import step_python
+from skin.contact.stream import ContactStream
+from skin.contact.track import find_contacts_python
 from skin.errors import SkinError
 
 ROWS, COLUMNS, PITCH = 8, 24, 0.012
@@ -26,11 +28,20 @@ def bump(x, y, load=3.0, radius=2.0):
     return load * np.maximum(1.0 - square, 0.0)
 
 
+def tracking(**options):
+    """A stream that finds identities and nothing else."""
+    return ContactStream(
+        POSITION, naive.facing_down(ROWS * COLUMNS), 1e-4, *GRAPH, want=(), dtype="float64",
+        **options,
+    )  # fmt: skip
+
+
 class Watch:
-    """A tracker that is shown one load pattern after another."""
+    """A stream that is shown one load pattern after another."""
 
     def __init__(self, **options):
-        self.tracker = Tracker(*GRAPH, **options)
+        self.stream = tracking(**options)
+        self.tracker = self.stream.tracker
         self.now = 0
         self.valid = np.ones(ROWS * COLUMNS, bool)
 
@@ -39,7 +50,8 @@ class Watch:
         load = np.sum([np.zeros(ROWS * COLUMNS), *bumps], axis=0)
         for _ in range(cycles):
             self.now += CYCLE_NS
-            self.tracker.update(load, np.full(load.size, SIGMA), self.valid, self.now)
+            force = np.array([np.zeros(load.size), np.zeros(load.size), load])
+            self.stream.update(force, SIGMA, valid=self.valid, stamp_ns=self.now)
         ids = self.tracker.contacts["id"][self.tracker.present]
         peaks = [self.tracker.label[np.argmax(np.where(self.valid, one, -1))] for one in bumps]
         return [int(ids[k]) if k >= 0 else None for k in peaks]
@@ -150,7 +162,7 @@ def test_beyond_the_capacity_the_lightest_are_counted_and_lose_nothing(watch):
     ids = watch.see(bump(3, 3, 3.0, 1.5), bump(10, 3, 1.0, 1.5), bump(18, 3, 2.0, 1.5), cycles=5)
     assert ids == [1, None, 2]
     assert watch.tracker.untracked == 1
-    touching = watch.tracker.counters[4]
+    touching = watch.tracker.touching_units
     assert touching == np.count_nonzero(
         (bump(3, 3, 3.0, 1.5) + bump(10, 3, 1.0, 1.5) + bump(18, 3, 2.0, 1.5)) > 3 * SIGMA
     )
@@ -194,7 +206,8 @@ def test_machine_code_and_python_find_alike(monkeypatch):
         compiled.valid = python.valid = rng.random(ROWS * COLUMNS) > 0.1
         compiled.see(*bumps)
         with monkeypatch.context() as patch:
-            patch.setattr(track, "find_contacts", find_contacts_python)
+            patch.setattr(module, "step", step_python)
+            patch.setattr(step_module, "find_contacts", find_contacts_python)
             python.see(*bumps)
         assert compiled.tracker.contacts.tobytes() == python.tracker.contacts.tobytes()
         np.testing.assert_array_equal(compiled.tracker.label, python.tracker.label)
@@ -202,6 +215,6 @@ def test_machine_code_and_python_find_alike(monkeypatch):
 
 def test_options_that_make_no_sense_are_refused():
     with pytest.raises(SkinError, match="keep_sigma, start_sigma: must be"):
-        Tracker(*GRAPH, start_sigma=2.0)
+        tracking(start_sigma=2.0)
     with pytest.raises(SkinError, match="capacity: must be at least 1; got 0"):
-        Tracker(*GRAPH, capacity=0)
+        tracking(capacity=0)

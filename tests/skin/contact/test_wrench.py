@@ -9,10 +9,27 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from skin.contact.wrench import centroid, wrench
+from skin.contact.features import contact_features
 
 sizes = st.integers(1, 70)
 seeds = st.integers(0, 2**32 - 1)
+
+
+def total_of(used, force, position, rotation):
+    """The total of some units, contact or not."""
+    return contact_features(np.where(used, 0, -1), force, 0.0, position, rotation, 1.0)[1]
+
+
+def wrench(force, position, rotation, *, valid=None, origin=(0.0, 0.0, 0.0)):
+    used = np.ones(force.shape[1], bool) if valid is None else valid
+    return total_of(used, force, position - np.transpose([origin]), rotation)["wrench"]
+
+
+def centroid(load, position):
+    """Mean position, weighted by positive loads."""
+    force = np.array([np.zeros(load.size), np.zeros(load.size), load])
+    upright = np.repeat(np.eye(3)[:, :, np.newaxis], load.size, axis=2)
+    return total_of(load > 0.0, force, position, upright)["centroid"]
 
 
 def array_of(n, seed):

@@ -225,19 +225,34 @@ def test_kernel_does_as_its_python(dtype):
     ambient, world = settled(skin, seconds=1.0, dtype=dtype)
     world.ambient_ut[:] = EARTH
     world.drop_hz[2] = 100.0
-    plain = [array.copy() for array in ambient._state]
-    background, residue = ambient.background.copy(), ambient.residue_ut2.copy()
+    plain = copied(ambient._data)
     for _ in range(20):
         reading = world.cycle(ambient.background)
-        ambient_kernels.update.py_func(
-            reading.field_ut, reading.displacement_mm, reading.temperature, reading.status, 0xFFFF,
-            False, np.array([0.004, 0.004, 1.0]), *ambient._constants, *plain, background, residue,
+        plain = plain._replace(
+            field_ut=reading.field_ut, displacement_mm=reading.displacement_mm,
+            temperature=reading.temperature, status=reading.status,
         )  # fmt: skip
+        plain.elapsed_s[:] = plain.calm_s[:] = 0.004
+        ambient_kernels.update_python(ambient._model, plain)
         ambient.update(reading)
-        assert np.allclose(background, ambient.background, rtol=1e-6, atol=1e-6)
-        assert np.allclose(residue, ambient.residue_ut2, rtol=1e-6)
-    for ours, theirs in zip(plain, ambient._state, strict=True):
-        assert np.allclose(ours, theirs, rtol=1e-9, atol=1e-9, equal_nan=True)
+        assert np.allclose(plain.background, ambient.background, rtol=1e-6, atol=1e-6)
+        assert np.allclose(plain.residue_ut2, ambient.residue_ut2, rtol=1e-6)
+    ours, theirs = (arrays_of(data._replace(background=0, residue_ut2=0))
+                    for data in (plain, ambient._data))  # fmt: skip
+    for one, other in zip(ours, theirs, strict=True):
+        assert np.allclose(one, other, rtol=1e-9, atol=1e-9, equal_nan=True)
+
+
+def copied(data):
+    """Named tuples of arrays, with arrays of their own."""
+    if isinstance(data, tuple):
+        return type(data)(*(copied(part) for part in data))
+    return data.copy()
+
+
+def arrays_of(data):
+    """The arrays of nested named tuples."""
+    return [a for part in data for a in arrays_of(part)] if isinstance(data, tuple) else [data]
 
 
 def test_saved_state_goes_on(tmp_path):

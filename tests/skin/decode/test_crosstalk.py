@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from msgspec import structs
 
 import topology
-from skin.calibrate.field_angle import fit_field_angle
-from skin.decode import crosstalk_kernels as kernels
+from skin.calibrate.field_angle import angle_powers, field_angle
+from skin.decode import crosstalk_kernels, crosstalk_lattice, crosstalk_scattered
 from skin.decode.crosstalk import ACCURATE_UT, LIVE_UT, CrossTalk, contraction_of
 from skin.decode.crosstalk_cells import find_lattices
 from skin.decode.decoder import Decoder
@@ -333,7 +333,10 @@ def inverse():
     alone = plane(1, 1)
     moved = np.stack([reach, 0.0 * reach, depth], axis=1)[:, :, np.newaxis]
     field = own_ut(alone, moved)[..., 0]
-    return fit_field_angle(field, depth, reach, sigma_ut=1.0)
+    table = np.linalg.lstsq(angle_powers(field_angle(field), depth), reach)[0]
+    return lambda angle, depth: (angle_powers(angle.ravel(), depth.ravel()) @ table).reshape(
+        angle.shape
+    )
 
 
 def own_ut(skin, moved):
@@ -476,8 +479,11 @@ def test_python_and_machine_code_agree(name, monkeypatch):
     compiled, base = predict(crosstalk, moved, usable), np.ones_like(moved)
     residue = crosstalk.residue_ut2.copy()
     predict(crosstalk, moved)
-    for kernel in ("films", "unknown", "lattice", "scattered"):
-        monkeypatch.setattr(kernels, kernel, getattr(kernels, f"{kernel}_python"))
+    for module, kernel in (
+        (crosstalk_kernels, "films"), (crosstalk_kernels, "unknown"),
+        (crosstalk_lattice, "lattice"), (crosstalk_scattered, "scattered"),
+    ):  # fmt: skip
+        monkeypatch.setattr(module, kernel, getattr(module, f"{kernel}_python"))
     np.testing.assert_allclose(predict(crosstalk, moved, usable), compiled, atol=1e-9)
     np.testing.assert_allclose(crosstalk.residue_ut2, residue)
     np.testing.assert_allclose(predict(crosstalk, moved, usable, base), 1.0 + compiled, atol=1e-9)

@@ -8,10 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skin.errors import OptionError
-from skin.sim import body as room
-from skin.sim.body import FACES, Body, carried, moved, reach, rolled, turned
-from skin.sim.sphere import reach as sphere_reach
-from tests.naive.mechanics import inside, jaws, square
+from skin.sim.mechanics import body as room
+from skin.sim.mechanics.body import FACES, Body, carried, moved, reach, turned
+from tests.naive.mechanics import inside, jaws, rolled, sphere_reach, square
 from topology import load
 
 ANGLES = st.floats(-np.pi, np.pi)

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from bus.status import Status
 from skin import Decoder
 from skin.errors import SkinError
-from skin.sim.counter import Counter, Gate
-from skin.sim.divider import Divider
-from skin.sim.hall import HallConverter
+from skin.sim.electronics.counter import Counter, Gate
+from skin.sim.electronics.divider import Divider
+from skin.sim.electronics.hall import HallConverter
 from skin.sim.truth import Truth
 from skin.sim.unit import UnitSimulator
 from topology import CHANNELS, load

@@ -14,11 +14,13 @@ from scipy.optimize import brentq
 
 from skin.errors import SkinError
 from skin.physics.elastic import Elastic
-from skin.sim import foundation as room
-from skin.sim import foundation_kernels as kernels
-from skin.sim import influence as influences
-from skin.sim.foundation import Foundation, Springs
-from skin.sim.influence import influence
+from skin.sim.mechanics import foundation as room
+from skin.sim.mechanics import foundation_kernels as kernels
+from skin.sim.mechanics import influence as influences
+from skin.sim.mechanics.foundation import Foundation
+from skin.sim.mechanics.foundation_kernels import Faces
+from skin.sim.mechanics.influence import influence
+from skin.sim.mechanics.springs import Springs, under, under_python
 from tests.naive.mechanics import held_tractions, line_integral_rectangle, linear_contact, square
 from topology import load
 
@@ -68,7 +70,7 @@ class Dragged:
     ) -> Dragged:
         """Carry all faces on by a shift, shape (2, n) or (2, 1)."""
         n = foundation.n
-        foundation.drag(
+        faces = Faces(
             self.held_mm + shift_mm,
             load_n,
             depth_mm,
@@ -79,8 +81,8 @@ class Dragged:
             self.own_mm,
             self.held_mm,
             self.slip_mm,
-            body_mm_per_n=soft,
         )
+        foundation.drag(faces, body_mm_per_n=soft)
         return self
 
 
@@ -508,17 +510,14 @@ def test_compiled_and_plain_python_agree(monkeypatch: pytest.MonkeyPatch) -> Non
 
 @given(seed=st.integers(0, 10_000))
 def test_units_yield_to_forces_by_the_elastic_laws(seed: int) -> None:
-    """`Springs.under` against `Elastic`, which is written from the displacement's side."""
+    """`under` against `Elastic`, which is written from the displacement's side."""
     skin, rng = load("palm"), np.random.default_rng(seed)
     force = rng.uniform(-2.0, 8.0, (3, skin.n))
     force[:, 0] = 0.0
     depth_mm, moved_mm = np.empty(skin.n), np.empty((2, skin.n))
-    for under in (kernels.under, kernels.under_python):
+    for yield_to in (under, under_python):
         springs = Springs.of(skin)
-        under(
-            force, springs.normal, springs.shear, springs.gain_per_mm, springs.reference_mm,
-            depth_mm, moved_mm,
-        )  # fmt: skip
+        yield_to(springs, force, depth_mm, moved_mm)
         elastic = Elastic(skin)
         size = np.hypot(force[0], force[1])
         assert elastic.normal(depth_mm) == pytest.approx(np.maximum(force[2], 0.0), abs=1e-12)

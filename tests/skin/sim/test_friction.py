@@ -11,14 +11,15 @@ from hypothesis import strategies as st
 from scipy.stats import spearmanr
 
 from skin.errors import OptionError, SkinError
-from skin.sim import friction as rubbing
-from skin.sim import mechanics
-from skin.sim.body import Body, Pose, moved, reach, rolled, turned
-from skin.sim.foundation import Foundation
-from skin.sim.friction import ONSETS, Friction, Slip
-from skin.sim.mechanics import Mechanics
+from skin.sim.mechanics import contact as mechanics_file
+from skin.sim.mechanics import friction as rubbing
+from skin.sim.mechanics.body import Body, Pose, moved, reach, turned
+from skin.sim.mechanics.contact import Mechanics
+from skin.sim.mechanics.foundation import Foundation
+from skin.sim.mechanics.friction import ONSETS, Friction, Slip
+from skin.sim.mechanics.truth import mean_normal_python
 from skin.sim.truth import add_up_python
-from tests.naive.mechanics import jaws, square
+from tests.naive.mechanics import jaws, rolled, square
 from topology import load
 
 DOWN = np.array([0.0, 0.0, -1.0])
@@ -583,8 +584,8 @@ def test_compiled_and_plain_python_agree(monkeypatch: pytest.MonkeyPatch) -> Non
         return found
 
     compiled = dragged()
-    monkeypatch.setattr(mechanics, "add_up", add_up_python)
-    monkeypatch.setattr(mechanics, "_mean_normal", mechanics._mean_normal_python)
+    monkeypatch.setattr(mechanics_file, "add_up", add_up_python)
+    monkeypatch.setattr(mechanics_file, "mean_normal", mean_normal_python)
     monkeypatch.setattr(rubbing, "_share", rubbing._share_python)
     with np.errstate(invalid="ignore"):  # no load, no share
         for a, b in zip(compiled, dragged(), strict=True):

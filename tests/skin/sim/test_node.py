@@ -21,8 +21,9 @@ from bus.frame import CAN_ERR, ECHO, FD_BRS, FD_FDF, FRAME_DTYPE, FrameBatch
 from bus.memory import MemoryTransport
 from skin.errors import SkinError
 from skin.physics.halbach import FELT_M, HalbachField
-from skin.sim.node import RECENT, Nodes, Served
-from skin.sim.scene import PressSlideLift
+from skin.sim.node import Nodes, Served
+from skin.sim.sampled import RECENT
+from skin.sim.scenes.load import open_scene
 from skin.sim.settings import BoardSettings
 from skin.sim.truth import Truth
 from skin.sim.unit import UnitSimulator
@@ -83,7 +84,7 @@ def heartbeats(frames: np.ndarray) -> np.ndarray:
 def test_frames_parse_back_to_the_counts(topology: Topology) -> None:
     films = HalbachField(topology, reach_m=FELT_M)
     nodes, again = Nodes(topology, seed=3), UnitSimulator(topology, seed=3, field=films)
-    scene, out = PressSlideLift(topology), FrameBatch(64)
+    scene, out = open_scene("demo", topology), FrameBatch(64)
     for cycle in range(0, 200, 20):
         out.clear()
         nodes.respond(sync(cycle), out)
@@ -226,7 +227,7 @@ def test_only_a_sync_is_answered() -> None:
 
 
 def test_remembered_truth_is_that_of_its_cycle() -> None:
-    nodes, out, scene = Nodes(PALM, history=100), FrameBatch(64), PressSlideLift(PALM)
+    nodes, out, scene = Nodes(PALM, history=100), FrameBatch(64), open_scene("demo", PALM)
     forces = []
     for cycle in range(500):
         out.clear()
@@ -286,8 +287,8 @@ def test_tare_makes_rest_of_what_is_and_leaves_bz() -> None:
     units = UnitSimulator(
         replace(PALM, parameters={**PALM.parameters, **drifted}), seed=1, noise=False
     )
-    nodes, still = Nodes(PALM, units=units), FrameBatch(4)
-    nodes.scene = type("Rest", (), {"at": lambda self, t: Truth.at_rest(64, 25.0)})()
+    at_rest = type("Rest", (), {"at": lambda self, t: Truth.at_rest(64, 25.0)})()
+    nodes, still = Nodes(PALM, at_rest, units=units), FrameBatch(4)
     before = cycles_of(nodes, 0, 20)[-1]
     assert nodes.respond(pack(Command.TARE, node=2), still) == 0
     after = cycles_of(nodes, 20, 22)[-1]

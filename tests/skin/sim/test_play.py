@@ -25,12 +25,13 @@ from skin.cli import main
 from skin.errors import SceneError, SkinError
 from skin.physics.film_table import load_film_table
 from skin.physics.halbach import CHIP_AXES
-from skin.sim.fast import play
-from skin.sim.motion import Track, frame_of
 from skin.sim.node import Nodes
-from skin.sim.play import DEEPEST_MM, ScriptedScene, loaded_units
-from skin.sim.record import Recorder, read_truth
-from skin.sim.script import (
+from skin.sim.scenes.fast import play
+from skin.sim.scenes.load import load_scene, scenes
+from skin.sim.scenes.motion import Track, frame_of
+from skin.sim.scenes.play import DEEPEST_MM, ScriptedScene, loaded_units
+from skin.sim.scenes.record import Recorder, read_truth
+from skin.sim.scenes.script import (
     BodyTable,
     Electronics,
     HalfSpace,
@@ -44,7 +45,6 @@ from skin.sim.script import (
     ToolKey,
     ToolTable,
 )
-from skin.sim.script_load import load_scene, scenes
 from skin.sim.truth import Truth
 from topology import Topology, load
 

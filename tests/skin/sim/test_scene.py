@@ -1,4 +1,4 @@
-"""Laws of the simulated contact: what holds for any sphere, any skin and any friction."""
+"""Laws of the scene that is played where no other is asked for, on any skin, at any friction."""
 
 from __future__ import annotations
 
@@ -8,12 +8,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from scipy.spatial import ConvexHull
 
 from skin.errors import SkinError
 from skin.physics.elastic import Elastic
-from skin.sim.scene import PressSlideLift, Thermal
-from skin.sim.sphere import reach
+from skin.sim.mechanics.body import Body, reach
+from skin.sim.scenes.load import load_scene
+from skin.sim.scenes.motion import frame_of
+from skin.sim.scenes.play import ScriptedScene
+from skin.sim.scenes.script import RoomKey
 from skin.sim.truth import Truth
 from topology import Topology, load
 
@@ -25,11 +29,20 @@ def skin(name: str) -> Topology:
     return load(name)
 
 
+def demo(name: str, *, room: tuple[RoomKey, ...] = (), **of_the_ball: object) -> ScriptedScene:
+    """The scene with another ball."""
+    script = load_scene("demo", skin(name))
+    (ball,) = script.bodies
+    return ScriptedScene(
+        skin(name), replace(script, room=room, bodies=(replace(ball, **of_the_ball),))
+    )
+
+
 @cache
-def history(name: str, friction: float = 0.15) -> tuple[Truth, ...]:
+def history(name: str) -> tuple[Truth, ...]:
     """One stroke on every patch and one more, at 50 Hz."""
     topology = skin(name)
-    scene = PressSlideLift(topology, friction=friction)
+    scene = demo(name)
     seconds = 7.0 * (len(topology.patch_names) + 1)
     return tuple(scene.at(k / 50.0).copy() for k in range(int(50 * seconds)))
 
@@ -52,19 +65,17 @@ def test_sphere_reaches_as_deep_as_its_cap(
 ) -> None:
     """On a plane the cap is radius - sqrt(radius² - aside²) less deep, `aside` from the middle."""
     position = np.array([[aside * np.cos(angle)], [aside * np.sin(angle)], [0.0]])
-    into = np.array([[0.0], [0.0], [-1.0]])
-    touched, found = reach(np.array([0.0, 0.0, radius - depth]), radius, position, into)
+    into = np.diag([1.0, -1.0, -1.0])[..., np.newaxis]
+    pose = np.eye(3), np.array([0.0, 0.0, 1e-3 * (radius - depth)])
+    found, _ = reach(Body.sphere(1e-3 * radius), pose, 1e-3 * position, into)
     cap = depth - (radius - np.sqrt(radius**2 - aside**2)) if aside < radius else -1.0
-    assert found[0] == pytest.approx(max(cap, 0.0), abs=1e-9)
-    assert touched[0] == (found[0] > 0.0)
+    assert max(found[0], 0.0) == pytest.approx(max(cap, 0.0), abs=1e-9)
 
 
 def test_a_unit_that_faces_away_is_not_reached_through_its_back() -> None:
-    position = np.array([[0.0], [0.0], [-20.0]])
-    into = np.array([[0.0], [0.0], [1.0]])
-    touched, depth = reach(np.array([0.0, 0.0, 9.0]), 10.0, position, into)
-    assert not touched[0]
-    assert depth[0] == 0.0
+    position, into = np.array([[0.0], [0.0], [-0.020]]), np.eye(3)[..., np.newaxis]
+    depth, _ = reach(Body.sphere(0.010), (np.eye(3), np.array([0.0, 0.0, 0.009])), position, into)
+    assert depth[0] <= 0.0
 
 
 # -- contact ---------------------------------------------------------------------------------------
@@ -119,11 +130,11 @@ def test_centroid_is_within_the_hull_of_the_units(name: str) -> None:
 
 
 def test_a_symmetric_press_gives_symmetric_loads() -> None:
-    topology = skin("palm")
-    scene = PressSlideLift(topology)
-    first = scene.strokes[0]
-    truth = scene.at(2.0)
-    x, y = topology.position[:2] - first.start[:2, np.newaxis]
+    topology, unit = skin("palm"), skin("palm").unit_index("palm/r3c4")
+    keys = load_scene("demo", topology).bodies[0].keys
+    middle = tuple(replace(key, xyz_m=(0.0, 0.0, key.xyz_m[2])) for key in keys)
+    truth = demo("palm", on="palm/r3c4", keys=middle).at(2.0)
+    x, y = topology.position[:2] - topology.position[:2, unit, np.newaxis]
     place = {(round(1e6 * a), round(1e6 * b)): i for i, (a, b) in enumerate(zip(x, y, strict=True))}
     pressed = 0
     for (a, b), i in place.items():
@@ -132,13 +143,13 @@ def test_a_symmetric_press_gives_symmetric_loads() -> None:
                 assert truth.force[2, i] == pytest.approx(truth.force[2, place[other]], abs=1e-6)
         pressed += truth.force[2, i] > 0.0
     assert pressed == 9
-    np.testing.assert_allclose(truth.centroid, first.start, atol=1e-9)
+    np.testing.assert_allclose(truth.centroid, topology.position[:, unit], atol=1e-9)
     np.testing.assert_allclose(truth.force[:2], 0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", SKINS)
 def test_nothing_is_left_after_the_lift(name: str) -> None:
-    scene = PressSlideLift(skin(name))
+    scene = demo(name)
     for number in range(len(skin(name).patch_names)):
         assert scene.at(7.0 * number + 3.0).contact.any()
         truth = scene.at(7.0 * number + 6.0)
@@ -171,13 +182,12 @@ def test_coulomb_bound_is_never_exceeded_and_friction_only_dissipates(
 ) -> None:
     """|Ft| <= µ Fz; and what a face gives way is along the force that it still bears."""
     topology = skin(name)
-    scene = PressSlideLift(topology, friction=friction)
+    scene = demo(name, friction=friction)
     elastic = Elastic(topology)
     before, centre = None, None
     slipped = 0
     for k in range(150):
         time_s = 1.0 + 0.03 * k
-        number, phase = divmod(time_s, 7.0)
         now = scene.at(time_s).copy()
         lateral = np.hypot(now.force[0], now.force[1])
         assert np.all(lateral <= friction * now.force[2] + 1e-9)
@@ -185,7 +195,7 @@ def test_coulomb_bound_is_never_exceeded_and_friction_only_dissipates(
         np.testing.assert_allclose(
             lateral, elastic.tangential(length, now.depth_mm), rtol=1e-9, atol=1e-12
         )
-        here = scene.strokes[int(number)].centre(phase)
+        here = scene.bodies[0].pose[1]
         if before is not None:
             moved = 1e3 * np.einsum("ijn,i->jn", topology.rotation[:, :2], here - centre)
             gave_way = before.displacement_mm + moved - now.displacement_mm
@@ -200,11 +210,10 @@ def test_coulomb_bound_is_never_exceeded_and_friction_only_dissipates(
 def test_held_faces_move_with_the_sphere() -> None:
     """With friction enough, the faces that were pressed move just as the sphere does."""
     topology = skin("palm")
-    scene = PressSlideLift(topology, friction=5.0)
-    start = scene.at(2.1).copy()
-    now = scene.at(2.4).copy()
-    stroke = scene.strokes[0]
-    moved = 1e3 * (stroke.centre(2.4) - stroke.centre(2.1))
+    scene = demo("palm", friction=5.0)
+    start, before = scene.at(2.1).copy(), scene.bodies[0].pose[1]
+    now = scene.at(2.6).copy()
+    moved = 1e3 * (scene.bodies[0].pose[1] - before)
     expected = np.einsum("ijn,i->jn", topology.rotation[:, :2], moved)
     middle = np.argmax(start.force[2])
     got = (now.displacement_mm - start.displacement_mm)[:, middle]
@@ -217,15 +226,17 @@ def test_held_faces_move_with_the_sphere() -> None:
 
 def test_layers_follow_the_contact_one_after_the_other() -> None:
     """Gel 63 % of the way after 4 s of contact; film behind it, chip far behind."""
-    topology = skin("palm")
-    scene = PressSlideLift(topology, thermal=Thermal(ambient=20.0, object=80.0, gel_lag_s=1.0))
+    room = (RoomKey(t_s=0.0, temperature_c=20.0),)
+    keys = load_scene("demo", skin("palm")).bodies[0].keys
+    scene = demo("palm", room=room, keys=(replace(keys[0], temperature_c=80.0), *keys[1:]))
     middle = None
     for k in range(500):
         truth = scene.at(k / 100.0)
         if middle is None and truth.contact.any():
             middle, began = int(np.argmax(truth.contact)), truth.time_s
-        if middle is not None and truth.time_s - began >= 1.0:
+        if middle is not None and truth.time_s - began >= 4.0:
             break
+    assert truth.contact[middle]
     share = (truth.temperature[middle] - 20.0) / 60.0
     assert share == pytest.approx(1.0 - np.exp(-1.0), abs=0.01)
     film, chip = truth.film_temperature[middle], truth.hall_temperature[middle]
@@ -234,17 +245,11 @@ def test_layers_follow_the_contact_one_after_the_other() -> None:
     assert np.all(truth.temperature[untouched] == 20.0)
 
 
-def test_a_layer_without_lag_follows_at_once() -> None:
-    scene = PressSlideLift(skin("palm"), thermal=Thermal(gel_lag_s=0.0))
-    truth = scene.at(2.0)
-    assert np.all(truth.temperature == np.where(truth.contact, 38.0, 24.0))
-
-
 # -- time ------------------------------------------------------------------------------------------
 
 
 def test_the_same_times_give_the_same_truth() -> None:
-    first, second = PressSlideLift(skin("hand")), PressSlideLift(skin("hand"))
+    first, second = demo("hand"), demo("hand")
     for k in range(300):
         a, b = first.at(k / 50.0), second.at(k / 50.0)
         np.testing.assert_array_equal(a.force, b.force)
@@ -252,7 +257,7 @@ def test_the_same_times_give_the_same_truth() -> None:
 
 
 def test_asking_rarely_or_often_is_nearly_the_same() -> None:
-    often, rarely = PressSlideLift(skin("palm")), PressSlideLift(skin("palm"))
+    often, rarely = demo("palm"), demo("palm")
     for k in range(1, 1201):
         a = often.at(k / 300.0)
     b = rarely.at(4.0)
@@ -261,17 +266,33 @@ def test_asking_rarely_or_often_is_nearly_the_same() -> None:
     np.testing.assert_allclose(a.temperature, b.temperature, atol=0.05)
 
 
-def test_the_sphere_moves_without_jumps_during_a_stroke() -> None:
+def test_the_ball_moves_without_jumps_while_it_touches() -> None:
     for name in SKINS:
-        for stroke in PressSlideLift(skin(name)).strokes[:7]:
-            at = np.stack([stroke.centre(t) for t in np.arange(0.0, 7.0, 0.002)])
+        motion = demo(name).bodies[0].motion
+        for number in range(len(skin(name).patch_names)):
+            times = 7.0 * number + np.arange(0.0, 7.0, 0.002)
+            at = np.stack([motion.pose(time_s)[1] for time_s in times])
             speed = np.linalg.norm(np.diff(at, axis=0), axis=1) / 0.002
             assert speed.max() < 0.2
             assert np.abs(np.diff(speed)).max() < 0.01
 
 
+def test_each_repetition_is_on_the_next_patch_and_as_the_one_before() -> None:
+    hand, scene = skin("hand"), demo("hand")
+    (body,) = scene.bodies
+    for number in range(9):
+        rotation, origin = body.motion.frame(7.0 * number + 3.0)
+        expected = frame_of(hand, hand.patch_names[number % 6])
+        np.testing.assert_array_equal(rotation, expected[0])
+        np.testing.assert_array_equal(origin, expected[1])
+    once = demo("hand", on=hand.patch_names[0])
+    for time_s in (0.0, 1.2, 3.3, 6.9):
+        later = once.bodies[0].motion.pose(time_s + 7.0)
+        np.testing.assert_allclose(later[1], body.motion.pose(time_s)[1], atol=1e-12)
+
+
 def test_time_does_not_run_backwards() -> None:
-    scene = PressSlideLift(skin("palm"))
+    scene = demo("palm")
     scene.at(1.0)
     with pytest.raises(SkinError, match=r"^time_s: must not be before 1, the last one; got 0\.5$"):
         scene.at(0.5)

@@ -10,11 +10,15 @@ import os
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from skin.cli import main
 from skin.errors import SceneError
-from skin.sim.script_load import load_scene, scenes
+from skin.sim.node import Nodes
+from skin.sim.scenes.fast import play
+from skin.sim.scenes.load import load_scene, scenes
+from skin.sim.scenes.play import ScriptedScene
 from topology import Topology, load
 
 FOLDER = Path(__file__).parents[2] / "golden" / "scenes"
@@ -80,3 +84,16 @@ def test_a_scene_that_this_skin_cannot_have_is_refused_by_the_command(
     monkeypatch.chdir(FOLDER)
     assert main(["sim", "palm", "--scene", "inside.toml"]) == 2
     assert capsys.readouterr().err.startswith("inside.toml:10: bodies[0] 'ball' keys[1] xyz_m: ")
+
+
+def test_a_scene_in_which_nothing_happens_is_one(palm: Topology, tmp_path: Path) -> None:
+    file = tmp_path / "rest.toml"
+    file.write_text('format = 1\nname = "rest"\nseconds = 2.0\n', "utf-8")
+    scene = ScriptedScene(palm, load_scene(file, palm))
+    nodes = Nodes(palm, scene, history=None)
+    served, _ = play(nodes, scene.seconds)
+    assert served.cycles == 500
+    for _, truth in nodes.history:
+        assert not truth.contact.any()
+        assert not truth.force.any()
+        assert np.all(truth.temperature == truth.temperature[0])

@@ -12,7 +12,7 @@ from scipy import constants
 
 from skin.errors import CalibrationError
 from skin.physics.elastic import Elastic
-from skin.sim.capacitor import Capacitor, Timer
+from skin.sim.electronics.capacitor import Capacitor, Timer
 from skin.sim.field import SineField, lever, lever_python
 from skin.sim.truth import Truth
 from skin.sim.unit import UnitSimulator

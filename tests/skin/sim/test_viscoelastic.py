@@ -10,8 +10,8 @@ from hypothesis.extra.numpy import arrays
 from scipy.integrate import solve_ivp
 
 from skin.errors import OptionError
-from skin.sim import viscoelastic as room
-from skin.sim.viscoelastic import Hysteresis, Prony
+from skin.sim.mechanics import viscoelastic as room
+from skin.sim.mechanics.viscoelastic import Hysteresis, Prony
 
 SEEDS = st.integers(0, 2**32 - 1)
 WAYS = arrays(float, (30, 2), elements=st.floats(0.0, 7.0))

@@ -7,9 +7,8 @@ from hypothesis import settings as profile
 from hypothesis import strategies as st
 
 import tests.naive.contact as naive
-from skin.contact import slip_kernels as kernels
-from skin.contact.clusters import neighbour_graph
-from skin.contact.records import Flag, SlipState, UnitSlip
+from skin.contact.graph import neighbour_graph
+from skin.contact.record import Flag, SlipState, UnitSlip
 from skin.contact.slip import SlipSettings
 from skin.contact.stream import ContactStream
 from skin.errors import SkinError

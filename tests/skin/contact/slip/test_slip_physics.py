@@ -7,9 +7,9 @@ from benchmarks.slip import watch
 from benchmarks.slip_scenes import FIRST, GROSS, ONSET, Plan, play, skin_of, stage
 from benchmarks.slip_scoring import WARNING_S, outcome
 from benchmarks.slip_seen import see
-from skin.contact.records import SlipState
+from skin.contact.record import SlipState
 from skin.contact.stream import ContactStream
-from skin.sim.body import Body
+from skin.sim.mechanics.body import Body
 
 
 def plan(**changes):

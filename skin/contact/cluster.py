@@ -1,0 +1,217 @@
+"""Which units touch something, and which of them touch the same thing.
+
+Units above the gate are joined along the neighbour graph to clusters.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bus.compiled.jit import compiled, jitable
+from skin.contact.gate import KEEP_SIGMA, START_SIGMA
+from skin.contact.graph import checked_graph
+from skin.contact.model import (
+    GIVEN,
+    POSE,
+    ContactModel,
+    Gate,
+    Geometry,
+    Readings,
+    Wants,
+    contact_data,
+)
+from skin.contact.record import BRIDGE, OPEN, OUT, SILENT
+
+__all__ = ["contact_clusters", "join", "join_python"]
+
+
+@jitable
+def _gate(load, sigma, valid, keep_sigma, touching, kind):
+    """Sort units into kinds by their normal load, return how many are open."""
+    above = 0
+    for i in range(load.size):
+        told = valid[i] & np.isfinite(load[i]) & (sigma[i] >= 0.0)
+        unheard = BRIDGE if touching[i] else SILENT
+        loaded = OPEN if load[i] > keep_sigma * sigma[i] else OUT
+        kind[i] = loaded if told else unheard
+        above += told & (loaded == OPEN)
+    return above
+
+
+@jitable
+def _all_finite(values, i):
+    told = True
+    for row in range(values.shape[0]):
+        told &= np.isfinite(values[row, i])
+    return told
+
+
+@jitable
+def _list_loaded(reading, needs_displacement, units):
+    """List the open units; returns how many. Any other number that is none makes one silent.
+
+    Of units that are not loaded nobody asks for the shear.
+    """
+    kind, loaded = units.kind, units.loaded
+    count = 0
+    for i in range(kind.size):
+        loaded[count] = i
+        count += kind[i] == OPEN
+    listed, count = count, 0
+    for at in range(listed):
+        i = loaded[at]
+        told = _all_finite(reading.force, i) & _all_finite(reading.force_sigma, i)
+        if needs_displacement:
+            told &= _all_finite(reading.displacement, i)
+            told &= _all_finite(reading.displacement_sigma, i)
+        if told:
+            loaded[count] = i
+            count += 1
+        else:
+            kind[i] = BRIDGE if units.touching[i] else SILENT
+    return count
+
+
+@jitable
+def _spread(first, part, stored, graph, units):
+    """Take all that is connected with a unit into a cluster, its open units into `members` from
+    `stored` on; returns the end of `queue`, which lists all of them, and that of `members`."""
+    kind, label, queue = units.kind, units.label, units.queue
+    label[first] = part
+    queue[0] = first
+    head, tail = 0, 1
+    while head < tail:
+        i = queue[head]
+        head += 1
+        if kind[i] == OPEN:
+            units.members[stored] = i
+            stored += 1
+        for at in range(graph.start[i], graph.start[i + 1]):
+            j = graph.neighbour[at]
+            if (kind[j] == OPEN or kind[j] == BRIDGE) and label[j] < 0:
+                label[j] = part
+                queue[tail] = j
+                tail += 1
+    return tail, stored
+
+
+@jitable
+def _starts(load, sigma, start_sigma, touching, members):
+    """Whether one of some units starts a contact, or was in one."""
+    for i in members:
+        if touching[i] or load[i] > start_sigma * sigma[i]:
+            return True
+    return False
+
+
+@jitable
+def join_python(model, data):
+    """Join the units above the gate to clusters.
+
+    Silent units join their neighbours and belong to nothing.
+
+    Parameters
+    ----------
+    model : ContactModel
+    data : ContactData
+        `units` is written but for `owner` and `slip`; `touching` is read.
+
+    Returns
+    -------
+    int
+        Number of clusters that have a unit that starts a contact or was in one. Units of cluster k
+        are ``members[begin[k]:begin[k + 1]]``; `label` is the cluster of each unit, -1.
+    """
+    reading, units = data.reading, data.units
+    kind, label, begin, touching = units.kind, units.label, units.begin, units.touching
+    load = reading.force[reading.force.shape[0] - 1]
+    sigma = reading.force_sigma[reading.force_sigma.shape[0] - 1]
+    above = _gate(load, sigma, reading.valid, model.gate.keep_sigma, touching, kind)
+    label[:] = -1
+    begin[0] = 0
+    if above > 0:
+        above = _list_loaded(reading, model.gate.needs_displacement, units)
+    parts = 0
+    for first in units.loaded[:above]:
+        if kind[first] != OPEN or label[first] >= 0:
+            continue
+        stored = begin[parts]
+        tail, end = _spread(first, parts, stored, model.graph, units)
+        if _starts(load, sigma, model.gate.start_sigma, touching, units.members[stored:end]):
+            parts += 1
+            begin[parts] = end
+            continue
+        for at in range(tail):
+            i = units.queue[at]
+            kind[i] = OUT if kind[i] == OPEN else SILENT
+            label[i] = -1
+    return parts
+
+
+join = compiled(join_python, fastmath={"contract"})
+
+
+def contact_clusters(
+    load: np.ndarray,
+    sigma: np.ndarray | float,
+    neighbour_start: np.ndarray,
+    neighbour_index: np.ndarray,
+    *,
+    valid: np.ndarray | None = None,
+    touching: np.ndarray | None = None,
+    start_sigma: float = START_SIGMA,
+    keep_sigma: float = KEEP_SIGMA,
+) -> np.ndarray:
+    """Join the units that are in contact to clusters, on any neighbour graph.
+
+    A cluster is a connected set of units with more than `keep_sigma` of normal load, at least one
+    of which has more than `start_sigma` or was touching before. Shear never makes a contact: stray
+    fields read as shear on untouched units. A silent unit belongs to no cluster, but joins its
+    neighbours if it was touching when it was last heard, so that one lost frame does not cut a
+    contact in two.
+
+    Parameters
+    ----------
+    load : ndarray, shape (n,)
+        Newton, normal to the skin, positive when pressed. NaN is a silent unit.
+    sigma : ndarray, shape (n,), or float
+        Newton, one-sigma of `load`.
+    neighbour_start, neighbour_index : ndarray, shape (n + 1,) and (m,)
+        Neighbour graph in compressed rows, symmetric, as in `Topology`.
+    valid : ndarray, shape (n,), bool, optional
+        Units to be trusted; all if not given.
+    touching : ndarray, shape (n,), bool, optional
+        Units that were in contact a cycle ago.
+    start_sigma, keep_sigma : float
+        Gate, with its hysteresis.
+
+    Returns
+    -------
+    ndarray, shape (n,), int32
+        Number of the cluster of each unit, counted from 0 by the first unit; -1 for no contact.
+
+    Examples
+    --------
+    Five units in a row; the fourth is silent:
+
+    >>> from skin.contact.graph import neighbour_graph
+    >>> start, index = neighbour_graph(np.arange(5.0) * [[1], [0], [0]], 1.0)
+    >>> contact_clusters(np.array([9, 4, 0, np.nan, 6]), 1.0, start, index).tolist()
+    [0, 0, -1, -1, 1]
+    """
+    load = np.ascontiguousarray(load, np.float64)
+    n = load.size
+    used = np.isfinite(load) if valid is None else np.isfinite(load) & valid
+    loads, sigmas = load[np.newaxis], np.array(np.broadcast_to(sigma, (1, n)), np.float64)
+    geometry = Geometry(np.zeros(n, POSE), np.zeros(3))
+    model = ContactModel(
+        checked_graph(n, neighbour_start, neighbour_index),
+        Gate(float(start_sigma), float(keep_sigma), 0.0, 0.0, False),
+        geometry, Wants(False, False, False),
+    )  # fmt: skip
+    reading = Readings(loads, sigmas, loads, sigmas, load, used, np.zeros(1, GIVEN))
+    data = contact_data(reading, 1)
+    if touching is not None:
+        data.units.touching[:] = touching
+    join(model, data)
+    return np.where(used, data.units.label, -1)

@@ -1,0 +1,173 @@
+"""One contact, as users see it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
+
+import numpy as np
+
+from skin.contact.model import WAYPOINTS
+from skin.contact.record import Event, Flag, SlipState
+from skin.contact.wrench import wrench_in_frame
+from skin.errors import SkinError
+
+if TYPE_CHECKING:
+    from skin.contact.model import ContactData
+    from skin.contact.shock import Shocks
+
+__all__ = ["Contact"]
+
+T = TypeVar("T")
+
+
+class _Number(Generic[T]):
+    """An attribute of `Contact` that is a number of the record, of a type."""
+
+    _name = ""
+
+    def __init__(self, kind: type[T], doc: str) -> None:
+        self.__doc__ = doc
+        self._kind: Any = kind
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    @overload
+    def __get__(self, contact: None, owner: type) -> _Number[T]: ...
+    @overload
+    def __get__(self, contact: Contact, owner: type) -> T: ...
+    def __get__(self, contact: Contact | None, owner: type) -> _Number[T] | T:
+        return self if contact is None else self._kind(contact.record[self._name].item())
+
+
+class _Vector:
+    """An attribute of `Contact` that is an array of the record: a view, until the next cycle."""
+
+    _name = ""
+
+    def __init__(self, doc: str) -> None:
+        self.__doc__ = doc
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    @overload
+    def __get__(self, contact: None, owner: type) -> _Vector: ...
+    @overload
+    def __get__(self, contact: Contact, owner: type) -> np.ndarray: ...
+    def __get__(self, contact: Contact | None, owner: type) -> _Vector | np.ndarray:
+        return self if contact is None else contact.record[self._name]
+
+
+class Contact:
+    """One contact, as it is now: a view into the stream, valid until the next cycle.
+
+    Metre, newton, newton metre, pascal; skin frame. `record.copy()` keeps everything.
+    """
+
+    __slots__ = ("_data", "_shocks", "_slot", "record")
+
+    def __init__(self, data: ContactData, shocks: Shocks | None, slot: int) -> None:
+        self._data = data
+        self._shocks = shocks
+        self._slot = slot
+        self.record = data.contacts[slot]
+
+    id = _Number(int, "Identity, the same as long as it is the same contact; never used again.")
+    parent = _Number(int, "Identity of the contact that it split from, 0.")
+    event = _Number(Event, "What happened to it in this cycle.")
+    flags = _Number(Flag, "What its numbers do not know.")
+    load = _Number(float, "Sum of the normal loads.")
+    load_sigma = _Number(float, "One-sigma of `load`.")
+    wrench = _Vector("Force and moment about the origin, what the world exerts; shape (6,).")
+    wrench_covariance = _Vector("Shape (6, 6).")
+    wrench_sigma = _Vector("One-sigma of `wrench`, shape (6,).")
+    centroid = _Vector("Centre of pressure of the normal loads; NaN where WEAK; shape (3,).")
+    centroid_covariance = _Vector(
+        "Shape (3, 3), from the noise of its units. What bears less than the gate beside them is "
+        "not in it, and matters to a contact below 1 N."
+    )
+    moment = _Vector("Moment about the centroid, shape (3,).")
+    moment_covariance = _Vector("Shape (3, 3).")
+    area = _Number(float, "Sensing area of its units.")
+    mean_pressure = _Number(float, "Load over area.")
+    peak_pressure = _Number(float, "Of its most loaded unit.")
+    peak_unit = _Number(int, "Which unit that is.")
+    axes = _Vector("Columns: major axis, minor axis, normal; shape (3, 3).")
+    extent = _Vector("Root-mean-square half lengths along the first two axes, shape (2,).")
+    normal = _Vector("Outward, away from the skin; shape (3,).")
+    normal_condition = _Number(float, "How round the spread of its units is: 1 round, 0 a line.")
+    shear = _Number(float, "Force across the normal.")
+    torsion = _Number(float, "Moment about the normal.")
+    torsion_sigma = _Number(float, "One-sigma of `torsion`.")
+    arm = _Number(float, "Load-weighted mean distance of its units from the centroid.")
+    temperature = _Number(float, "Mean over its area, degree Celsius.")
+    temperature_gradient = _Vector("K/m along the skin, shape (3,).")
+    hot_temperature = _Number(float, "Of its warmest unit.")
+    hot_unit = _Number(int, "Which unit that is.")
+    coverage = _Number(float, "Share of its area, silent neighbours counted in, that is heard.")
+    travel = _Number(float, "Length of the way of its centroid so far.")
+    slip = _Number(SlipState, "What it does as a whole.")
+    stick_ratio = _Number(float, "Share of the load on units that stick.")
+    pattern = _Number(float, "Sigmas of the lags along the likeliest pattern of slip.")
+    slip_units = _Number(int, "Units that slip.")
+    motion = _Vector("Millimetres that the body has dragged the skin since contact, shape (3,).")
+    rotation = _Vector("Radians that it has turned the skin, shape (3,).")
+    friction = _Number(float, "Coefficient of friction that slip has shown; NaN before.")
+    friction_sigma = _Number(float, "One-sigma of `friction`.")
+    friction_lower = _Number(float, "What units that stick have borne: friction is not less.")
+    margin = _Number(float, "Share of the friction cone that is left; NaN without friction.")
+    grip_force = _Number(float, "Normal force that would hold with the safety asked for.")
+
+    @property
+    def units(self) -> np.ndarray:
+        """Its units, shape (m,), int32."""
+        return self._data.units.members[self.record["begin"] : self.record["end"]]
+
+    @property
+    def age_s(self) -> float:
+        """Seconds since it was born."""
+        return 1e-9 * float(self.record["seen_ns"] - self.record["born_ns"])
+
+    @property
+    def onset_s(self) -> float:
+        """Seconds since the slip that it is in began; NaN if it does not slip."""
+        onset = self.record["onset_ns"]
+        return 1e-9 * float(self.record["seen_ns"] - onset) if onset else float("nan")
+
+    @property
+    def path(self) -> np.ndarray:
+        """Where its centroid has been, oldest first, shape (p, 3); a copy."""
+        count = int(self.record["waypoints"])
+        ring = self._data.paths[self._slot]
+        if count <= WAYPOINTS:
+            return ring[:count].copy()
+        return np.roll(ring, -(count % WAYPOINTS), axis=0)
+
+    @property
+    def impact(self) -> bool:
+        """Whether it was hit in this cycle; needs the want "shocks"."""
+        shocks = self._wanted_shocks()
+        return bool(shocks.impact[self._slot] > shocks.impact_limit)
+
+    @property
+    def vibration(self) -> bool:
+        """Whether it trembles; needs the want "shocks"."""
+        shocks = self._wanted_shocks()
+        return bool(shocks.vibration[self._slot] > shocks.vibration_limit)
+
+    def _wanted_shocks(self) -> Shocks:
+        if self._shocks is None:
+            raise SkinError("want: must have 'shocks' for impact and vibration; got none")
+        return self._shocks
+
+    def wrench_in(self, rotation: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Wrench and covariance in another frame; see `skin.contact.wrench.wrench_in_frame`."""
+        return wrench_in_frame(self.wrench, rotation, origin, self.wrench_covariance)
+
+    def __repr__(self) -> str:
+        where = ", ".join(f"{1e3 * x:.1f}" for x in self.centroid)
+        slip = f", {self.slip.name.lower()}" if self.slip else ""
+        return (
+            f"<Contact {self.id}: {self.units.size} units, {self.load:.2f} N at ({where}) mm{slip}>"
+        )

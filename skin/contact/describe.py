@@ -1,0 +1,134 @@
+"""What a contact is: load, wrench, centre, shape, temperature, path.
+
+One pass over the units of the contacts adds up moments; everything else follows from the sums, and
+the sums of the skin are those of its contacts.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bus.compiled.jit import compiled, jitable
+from skin.contact.path import walk
+from skin.contact.record import BORN
+from skin.contact.shape import ROUND, arm, orient
+from skin.contact.sums import add_silence, add_total, add_units, clear
+from skin.contact.wrench import centre, total_wrench
+
+__all__ = ["describe", "describe_python"]
+
+
+@jitable
+def _temperatures(s, record, m):
+    """Mean, hottest unit, and slope of the temperature along the two axes of the contact."""
+    gradient = record["temperature_gradient"]
+    gradient[:] = np.nan
+    record["hot_unit"] = int(s["hot_unit"])
+    area = s["warm_area"]
+    if area <= 0.0:
+        record["temperature"] = np.nan
+        record["hot_temperature"] = np.nan
+        return
+    record["temperature"] = s["warm_temperature"] / area
+    record["hot_temperature"] = s["hot"]
+    if s["units"] < 3.0:
+        return
+    axes, position, square = record["axes"], s["warm_position"], s["warm_position_square"]
+    m[:] = 0.0
+    rhs = m[2]
+    row = 0
+    for a in range(3):
+        slope = s["warm_temperature_position"][a] - s["warm_temperature"] * position[a] / area
+        for k in range(2):
+            rhs[k] += axes[a, k] * slope
+        for b in range(a, 3):
+            spread = square[row] - position[a] * position[b] / area
+            row += 1
+            for k in range(2):
+                for j in range(2):
+                    both = axes[a, k] * axes[b, j]
+                    if a != b:
+                        both += axes[b, k] * axes[a, j]
+                    m[k, j] += both * spread
+    det = m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]
+    if det <= ROUND**4 * (m[0, 0] + m[1, 1]) ** 2:
+        return
+    first = (rhs[0] * m[1, 1] - rhs[1] * m[0, 1]) / det
+    second = (rhs[1] * m[0, 0] - rhs[0] * m[1, 0]) / det
+    for a in range(3):
+        gradient[a] = first * axes[a, 0] + second * axes[a, 1]
+
+
+@jitable
+def _conclude(s, record, origin, scratch):
+    """Everything that follows from the sums of one contact; `origin` is the array's middle."""
+    load, area = s["load"], s["area"]
+    record["flags"] = 0
+    record["load"] = load
+    record["load_sigma"] = np.sqrt(s["load_variance"])
+    record["area"] = area
+    record["mean_pressure"] = load / area
+    record["peak_pressure"] = s["peak"]
+    record["peak_unit"] = int(s["peak_unit"])
+    record["coverage"] = area / (area + s["silent_area"])
+    total_wrench(s, record, origin, scratch)
+    orient(s, record, scratch)
+    _temperatures(s, record, scratch.first)
+    centre(s, record, origin, scratch)
+
+
+@jitable
+def _forget(record):
+    """A record may have been another contact's: of a new one, nothing is known of slip."""
+    record["slip"] = 0
+    record["slip_units"] = 0
+    record["body_units"] = 0
+    record["onset_ns"] = 0
+    record["stick_ratio"] = np.nan
+    record["pattern"] = np.nan
+    record["motion"][:] = np.nan
+    record["rotation"][:] = np.nan
+    record["friction"] = np.nan
+    record["friction_sigma"] = np.nan
+    record["friction_lower"] = 0.0
+    record["margin"] = np.nan
+    record["grip_force"] = np.nan
+
+
+def describe_python(count, model, data):
+    """Describe the contacts that `find_contacts` has found, and their total.
+
+    Parameters
+    ----------
+    count : int
+        Contacts; with 0 only the total is described.
+    model : ContactModel
+    data : ContactData
+        `contacts` and `paths` are written.
+    """
+    (poses, origin), units, reading, sums = model.geometry, data.units, data.reading, data.sums
+    load = reading.force[2]
+    end = 0
+    for k in range(count + 1):
+        clear(k, sums)
+    for k in range(count):
+        record = data.contacts[data.slots.present[k]]
+        end = max(end, record["end"])
+        add_units(units.members[record["begin"] : record["end"]], reading, poses, sums.rows[k])
+    untracked_end = data.counters[0]["touching_units"]
+    if untracked_end > end:
+        add_units(units.members[end:untracked_end], reading, poses, sums.rows[count])
+    add_silence(count, units, model.graph, poses, sums)
+    for k in range(count):
+        slot = data.slots.present[k]
+        record = data.contacts[slot]
+        if record["event"] & BORN:
+            _forget(record)
+        _conclude(sums.rows[k], record, origin, data.scratch)
+        arm(record, units.members, load, model.geometry)
+        walk(record, data.paths[slot])
+    add_total(count + 1, sums)
+    _conclude(sums.rows[count + 1], data.contacts[data.contacts.size - 1], origin, data.scratch)
+
+
+describe = compiled(describe_python, fastmath={"contract", "reassoc", "arcp"})

@@ -1,0 +1,268 @@
+"""Model and data of the contact stages: what stays from cycle to cycle, and what does not.
+
+Units are picked here and there, so that what belongs to one lies together in `POSE`. Letters: n
+units, m edges of the graph, s records, two for each contact of the capacity.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from skin.contact.record import CONTACT
+from skin.contact.slip.data import SlipData
+from skin.contact.slip.parameters import SlipModel, SlipSettings
+from skin.errors import SkinError
+
+__all__ = [
+    "ADDED", "CLOCK", "COUNTERS", "GIVEN", "POSE", "SUMS", "WAYPOINTS", "ContactData",
+    "ContactModel", "Gate", "Geometry", "NeighbourGraph", "Readings", "Scratch",
+    "SlotData", "Sums", "UnitData", "Wants", "contact_data", "no_readings", "posed_units",
+    "set_poses",
+]  # fmt: skip
+
+WAYPOINTS = 128
+"""Centres of a contact that are remembered [assumed]."""
+
+POSE = np.dtype(
+    [
+        ("position", np.float64, (3,)),  # m, about the middle of the array
+        ("rotation", np.float64, (3, 3)),  # columns: axes of the unit in the skin frame
+        ("area", np.float64),  # m²
+        ("unused", np.float64, (3,)),  # to whole cache lines
+    ]
+)
+"""Where a unit sits."""
+
+GIVEN = np.dtype([("depth", np.bool_), ("temperature", np.bool_)])
+"""What a cycle brings beside forces."""
+
+COUNTERS = np.dtype(
+    [
+        ("present", np.int64),  # contacts now
+        ("untracked", np.int64),  # clusters beyond the capacity
+        ("ended", np.int64),  # identities that ended in this cycle
+        ("last_id", np.int64),
+        ("touching_units", np.int64),  # in any cluster
+        ("in_use", np.int64),  # records from here on are free
+    ]
+)
+
+CLOCK = np.dtype(
+    [
+        ("now_ns", np.int64),  # of this cycle, set by the caller
+        ("last_ns", np.int64),  # of the cycle before
+        ("begun", np.bool_),  # whether there was one
+        ("present", np.int64),  # contacts that it had
+    ]
+)
+
+_ADDED = [
+    # Symmetric matrices as upper triangles, row by row; lengths about the middle of the array.
+    ("units", np.float64),
+    ("load", np.float64),  # N
+    ("load_variance", np.float64),
+    ("area", np.float64),  # m²
+    ("silent_area", np.float64),  # of silent neighbours
+    ("load_position", np.float64, (3,)),  # load times position
+    ("load_touched", np.float64, (3,)),  # load times touched point
+    ("load_touched_square", np.float64, (6,)),
+    ("variance_position", np.float64, (3,)),  # variance of the load times position
+    ("variance_position_square", np.float64, (6,)),
+    ("load_z", np.float64, (3,)),  # load times axis z of the unit
+    ("load_x", np.float64, (3,)),
+    ("wrench", np.float64, (6,)),
+    ("wrench_covariance", np.float64, (21,)),
+    ("warm_area", np.float64),  # of units with a temperature
+    ("warm_temperature", np.float64),  # area times temperature
+    ("warm_position", np.float64, (3,)),
+    ("warm_temperature_position", np.float64, (3,)),
+    ("warm_position_square", np.float64, (6,)),
+]
+_NOT_ADDED = [
+    ("peak", np.float64),  # Pa
+    ("peak_unit", np.float64),
+    ("hot", np.float64),  # degree Celsius
+    ("hot_unit", np.float64),
+]
+SUMS = np.dtype(_ADDED + _NOT_ADDED)
+"""Sums over the units of a contact, float64."""
+ADDED = np.dtype(_ADDED).itemsize // 8
+"""How many numbers of `SUMS`, its first, add up over contacts."""
+
+
+class NeighbourGraph(NamedTuple):
+    """Compressed rows, symmetric: neighbours of unit i are ``neighbour[start[i]:start[i + 1]]``."""
+
+    start: np.ndarray  # (n + 1,), int32
+    neighbour: np.ndarray  # (m,), int32
+
+
+class Gate(NamedTuple):
+    """When units are in contact, and how long identities are remembered."""
+
+    start_sigma: float  # normal load that starts a contact, in sigmas
+    keep_sigma: float  # normal load of every unit of a contact, in sigmas
+    memory_ns: float  # how long a lost contact can return
+    settle_ns: float  # how old a contact must be to outlive being absorbed
+    needs_displacement: bool  # whether a loaded unit without displacement counts as silent
+
+
+class Geometry(NamedTuple):
+    """Where the units sit. Moments are summed about the middle of the array, so that a skin far
+    from the origin of its frame loses no digits."""
+
+    pose: np.ndarray  # (n,), POSE
+    origin: np.ndarray  # (3,), metre: middle of the array in the skin frame
+
+
+class Wants(NamedTuple):
+    """What is to be done beyond identities; each needs the one before."""
+
+    total: bool
+    each: bool
+    slip: bool
+
+
+class ContactModel(NamedTuple):
+    """What does not change between cycles."""
+
+    graph: NeighbourGraph
+    gate: Gate
+    geometry: Geometry
+    wants: Wants
+    slip: SlipModel = SlipSettings().model()
+
+
+class Readings(NamedTuple):
+    """What a cycle brings, float32 or float64; in the units' frames, z into the skin."""
+
+    force: np.ndarray  # (3, n), newton; the last row is the normal load, positive when pressed
+    force_sigma: np.ndarray  # (3, n)
+    displacement: np.ndarray  # (3, n), millimetre; the last row is the pressed depth
+    displacement_sigma: np.ndarray  # (3, n)
+    temperature: np.ndarray  # (n,), degree Celsius
+    valid: np.ndarray  # (n,), bool
+    given: np.ndarray  # (1,), GIVEN
+
+
+class UnitData(NamedTuple):
+    """What is known of each unit; (n,), int32. Touching, owner and slip are kept."""
+
+    kind: np.ndarray  # `UnitKind` in this cycle
+    label: np.ndarray  # contact of the unit, counted along `SlotData.present`; -1 for none
+    members: np.ndarray  # units of the contacts, one after another: [record begin:record end]
+    begin: np.ndarray  # (n + 1,), where each cluster begins in `members`
+    touching: np.ndarray  # in contact, as far as is known
+    owner: np.ndarray  # record that last owned the unit, -1
+    queue: np.ndarray  # scratch
+    slip: np.ndarray  # `UnitSlip`, written by the slip detector
+    loaded: np.ndarray  # units above the gate, in order
+
+
+class SlotData(NamedTuple):
+    """Which record is whose; int32, (s,) unless said."""
+
+    present: np.ndarray  # records of the contacts, oldest first
+    slot_of: np.ndarray  # record of each cluster, -1
+    part_of: np.ndarray  # cluster of each record, -1
+    ended: np.ndarray  # int64, identities that ended in this cycle
+    before: np.ndarray  # (s // 2,), `present` of the cycle before
+
+
+class Sums(NamedTuple):
+    """Scratch: a row for each contact, one for units of none, and the total's."""
+
+    rows: np.ndarray  # (s // 2 + 2,), SUMS
+    columns: np.ndarray  # (s // 2 + 2, c), float64: the same memory as plain numbers
+
+
+class Scratch(NamedTuple):
+    """Matrices of one contact, float64."""
+
+    covariance: np.ndarray  # (6, 6)
+    first: np.ndarray  # (3, 3), as the two below
+    second: np.ndarray
+    vectors: np.ndarray
+
+
+class ContactData(NamedTuple):
+    """What changes from cycle to cycle."""
+
+    reading: Readings
+    units: UnitData
+    slots: SlotData
+    counters: np.ndarray  # (1,), COUNTERS
+    clock: np.ndarray  # (1,), CLOCK
+    shared: np.ndarray  # (s // 2, s), float64: load that a cluster shares with a record; scratch
+    contacts: np.ndarray  # (s + 1,), CONTACT: the records, kept; the last is the total
+    paths: np.ndarray  # (s, WAYPOINTS, 3), float64: last waypoints of each record, a ring buffer
+    sums: Sums
+    scratch: Scratch
+    slip: SlipData
+
+
+def posed_units(position: np.ndarray, rotation: np.ndarray, area: np.ndarray | float) -> Geometry:
+    """Geometry of units by position (3, n), rotation (3, 3, n) and area, one or n of them, m²."""
+    n, area = np.shape(position)[-1], np.asarray(area, np.float64)
+    if area.shape not in ((), (n,)) or not np.all(area > 0.0):
+        raise SkinError(f"area: must be positive, one or {n} of them; got shape {area.shape}")
+    geometry = Geometry(np.zeros(n, POSE), np.zeros(3))
+    geometry.pose["area"] = area
+    set_poses(geometry, position, rotation)
+    return geometry
+
+
+def set_poses(geometry: Geometry, position: np.ndarray, rotation: np.ndarray) -> None:
+    """Set new poses, in place; allocates nothing of size n.
+
+    Raises
+    ------
+    SkinError
+        Not as many as there are units.
+    """
+    pose, origin = geometry
+    n = pose.size
+    if np.shape(position) != (3, n) or np.shape(rotation) != (3, 3, n):
+        raise SkinError(
+            f"position, rotation: must have shapes (3, {n}) and (3, 3, {n}); "
+            f"got {np.shape(position)} and {np.shape(rotation)}"
+        )
+    np.mean(position, axis=1, out=origin)
+    np.subtract(np.transpose(position), origin, out=pose["position"])
+    pose["rotation"] = np.moveaxis(rotation, 2, 0)
+
+
+def no_readings(n: int, dtype: np.dtype | type) -> Readings:
+    """Arrays for the readings of n units, all valid."""
+    return Readings(
+        *np.zeros((4, 3, n), dtype),
+        temperature=np.zeros(n, dtype),
+        valid=np.ones(n, bool),
+        given=np.zeros(1, GIVEN),
+    )
+
+
+def contact_data(reading: Readings, capacity: int, *, judges: bool = False) -> ContactData:
+    """Arrays for so many contacts that can be told apart, with those of slip if it `judges`."""
+    n, slots = reading.valid.size, 2 * capacity
+    rows = np.zeros((len(UnitData._fields), n + 1), np.int32)
+    units = UnitData(*rows[:, :n])._replace(begin=rows[UnitData._fields.index("begin")])
+    units.label[:] = -1
+    units.owner[:] = -1
+    of_slots = np.zeros((3, slots), np.int32)
+    sums = np.zeros(capacity + 2, SUMS)
+    return ContactData(
+        reading,
+        units,
+        SlotData(*of_slots, ended=np.zeros(slots, np.int64), before=np.zeros(capacity, np.int32)),
+        np.zeros(1, COUNTERS),
+        np.zeros(1, CLOCK),
+        np.zeros((capacity, slots)),
+        np.zeros(slots + 1, CONTACT),
+        np.zeros((slots, WAYPOINTS, 3)),
+        Sums(sums, sums.view(np.float64).reshape(sums.size, -1)),
+        Scratch(np.zeros((6, 6)), *np.zeros((3, 3, 3))),
+        SlipData.zeros(n if judges else 0),
+    )

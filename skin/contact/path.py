@@ -1,0 +1,39 @@
+"""The way of a contact: centres that have really moved."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bus.compiled.jit import jitable
+from skin.contact.model import WAYPOINTS
+from skin.contact.record import BORN
+
+__all__ = ["walk"]
+
+STEP_SIGMAS = 3.0
+STEP_M = 2e-4
+"""A centre that moved this far, in its sigmas and at least, has really moved [assumed]."""
+
+
+@jitable
+def walk(record, path):
+    """Take the centre as a waypoint if it has really moved."""
+    centre, waypoint = record["centroid"], record["waypoint"]
+    if record["event"] & BORN:
+        record["waypoints"] = 0
+        record["travel"] = 0.0
+    if not np.isfinite(centre[0]):
+        return
+    if record["waypoints"] == 0:
+        record["origin"][:] = centre
+    else:
+        square, variance = 0.0, 0.0
+        for a in range(3):
+            square += (centre[a] - waypoint[a]) ** 2
+            variance += record["centroid_covariance"][a, a]
+        if square <= max(STEP_M**2, STEP_SIGMAS**2 * variance):
+            return
+        record["travel"] += np.sqrt(square)
+    waypoint[:] = centre
+    path[record["waypoints"] % WAYPOINTS] = centre
+    record["waypoints"] += 1

@@ -1,0 +1,50 @@
+"""One compiled call a cycle: contacts found, described and judged."""
+
+from __future__ import annotations
+
+from bus.compiled.jit import compiled
+from skin.contact.describe import describe
+from skin.contact.slip.judge import judge
+from skin.contact.track import find_contacts
+
+__all__ = ["EARLY", "SAME", "step", "step_python"]
+
+SAME, EARLY = -1, -2
+"""What a step returns where contacts neither came nor went, and where no time has passed."""
+
+
+def step_python(model, data):
+    """Take the next cycle, at ``data.clock["now_ns"]``.
+
+    Parameters
+    ----------
+    model : ContactModel
+    data : ContactData
+
+    Returns
+    -------
+    int
+        Number of contacts; SAME where they are those of the last call; EARLY where the time
+        stamp is not after that, and nothing was done.
+    """
+    clock, slots, wants = data.clock[0], data.slots, model.wants
+    dt_s, now_ns = 0.0, clock["now_ns"]
+    if clock["begun"]:
+        if now_ns <= clock["last_ns"]:
+            return EARLY
+        dt_s = 1e-9 * (now_ns - clock["last_ns"])
+    clock["begun"], clock["last_ns"] = True, now_ns
+    count = find_contacts(model, data)
+    if count > 0 and wants.total:
+        describe(count if wants.each else 0, model, data)
+        if wants.slip:
+            judge(count, dt_s, now_ns, model, data)
+    same = count == clock["present"]
+    for k in range(count):
+        same &= slots.before[k] == slots.present[k]
+        slots.before[k] = slots.present[k]
+    clock["present"] = count
+    return SAME if same else count
+
+
+step = compiled(step_python)

@@ -1,0 +1,205 @@
+"""Model and data of the ambient field and the zeros, and where they come from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from skin.physics.halbach import CHIP_AXES
+from skin.physics.rest import film_at_rest_ut, inverse_map
+from topology import CHANNELS, Topology
+from topology.neighbours import compressed_rows, neighbour_pairs
+
+__all__ = ["AmbientData", "AmbientModel", "Bodies", "Memory", "Runs", "Tile", "Units", "data_of",
+           "frames_of", "model_of"]  # fmt: skip
+
+BLOCK = 128
+"""Units that are looked at together."""
+SLOW_S = 1.0
+SLOW_CYCLES = 100
+"""The slow low-passes: this long, and over this many cycles at least [assumed]."""
+WITNESS_SIGMAS = 0.5
+"""Bz tells a press that lowers the frequency by this many sigma of a reading [assumed]."""
+PRIOR_UT2 = 2500.0
+"""Variance of a component of the ambient field of which nothing is known, µT² [derived: the
+Earth's, 50 µT]."""
+
+
+class Units(NamedTuple):
+    """What is known of n units; shape (n,) where nothing else is said, float64."""
+
+    skin_chip: np.ndarray  # (3, 3, n), from the unit's field to the skin frame
+    counts_skin: np.ndarray  # (3, 3, n), from the skin frame to what the counts read
+    inverse_map: np.ndarray  # (2, 2, n), from the unit's lateral field to what the counts read
+    hz_per_mm: np.ndarray  # fall of the frequency per depth
+    sigma_hz: np.ndarray  # one sigma of a reading
+    sigma_ut: np.ndarray
+    lateral_information: np.ndarray  # 1/µT², 0 where the wire does not carry it
+    axial_information: np.ndarray
+    witness_ut: np.ndarray  # a rise of Bz that tells a press
+    film_drift_per_k: np.ndarray
+    own_ut: np.ndarray  # (2, n), lateral field at rest of a film beside its chip's axis
+
+
+class Runs(NamedTuple):
+    """Units that follow each other and belong to one body: they move together, and see one ambient
+    field; shape (r,), int32."""
+
+    first: np.ndarray
+    last: np.ndarray  # the unit after
+    body: np.ndarray
+
+
+class AmbientModel(NamedTuple):
+    """What does not change between cycles."""
+
+    units: Units
+    near_start: np.ndarray  # compressed rows of the units near each other, int32
+    near: np.ndarray
+    runs: Runs
+    near_votes: bool  # whether units near a loaded one vote
+    slow_s: float  # time constant of the slow low-passes
+
+
+class Memory(NamedTuple):
+    """What one cycle leaves to the next, shape (n,) where nothing else is said, float64."""
+
+    fast_hz: np.ndarray  # load, fast and slow low-pass
+    slow_hz: np.ndarray
+    long_ut: np.ndarray  # (3, n), field that is not at rest, long low-pass
+    gel_c: np.ndarray  # temperature, slow and long low-pass
+    film_c: np.ndarray
+    age_s: np.ndarray  # how long the unit has been usable, without a break
+    alone_s: np.ndarray  # how long its field has been seen and its own, too
+    calm_s: np.ndarray  # how long nothing has touched the unit or its neighbours
+    rest_ut: np.ndarray  # Bz at rest, and the film's temperature then; NaN: not known
+    rest_film_c: np.ndarray
+    rest_s: np.ndarray  # how long it was averaged
+
+
+class Bodies(NamedTuple):
+    """The ambient field of each of g bodies, skin frame, float64."""
+
+    held_s: np.ndarray  # (g,), since enough units voted
+    voters: np.ndarray  # (g,)
+    field_ut: np.ndarray  # (g, 3)
+    covariance_ut2: np.ndarray  # (g, 3, 3)
+    information: np.ndarray  # (g, 3, 3), of the votes of a cycle, 1/µT²
+    told: np.ndarray  # (g, 3), their residuals times their information
+
+
+class Tile(NamedTuple):
+    """Values of a block of units on their way into the low-passes, shape (BLOCK,) each, and the
+    shares that they enter with; 0 where they are not known."""
+
+    drop_hz: np.ndarray
+    x_ut: np.ndarray
+    y_ut: np.ndarray
+    z_ut: np.ndarray
+    gel_c: np.ndarray
+    usable: np.ndarray
+    fast: np.ndarray
+    slow: np.ndarray
+    long: np.ndarray
+    long_field: np.ndarray
+
+
+class AmbientData(NamedTuple):
+    """One cycle: what is read, what is kept, what is written."""
+
+    field_ut: np.ndarray  # (3, n), `Reading.field_ut`
+    displacement_mm: np.ndarray  # (3, n)
+    temperature: np.ndarray  # (n,), °C; zeros where it is not on the wire
+    status: np.ndarray  # (n,) uint16
+    elapsed_s: np.ndarray  # (1,), since the last cycle
+    calm_s: np.ndarray  # (1,), those of them that count as calm
+    memory: Memory
+    zero: np.ndarray  # (3, n), followed: Hz, and lateral µT in the axes of `field_ut`
+    marks: np.ndarray  # (n,) uint8
+    bodies: Bodies
+    tile: Tile
+    background: np.ndarray  # (4, n), written: Hz, then µT in the axes of the chips
+    residue_ut2: np.ndarray  # (n,), written: variance of an axis by the ambient field
+
+
+def model_of(
+    topology: Topology, bodies: Sequence[str], guard_m: float, *, near_votes: bool
+) -> AmbientModel:
+    """What the kernels must know of a topology.
+
+    Parameters
+    ----------
+    topology : Topology
+    bodies : sequence of str
+        Names of the frames that its patches are on.
+    guard_m : float
+        What is near.
+    near_votes : bool
+        Whether units near a loaded one vote.
+    """
+    n = topology.n
+    near = neighbour_pairs(topology.position, np.full(n, guard_m), np.zeros(n, int))
+    body = np.array([bodies.index(frame) for frame in frames_of(topology)])[topology.patch]
+    edges = np.flatnonzero(np.diff(body, prepend=-1, append=-1))
+    runs = Runs(*np.stack([edges[:-1], edges[1:], body[edges[:-1]]]).astype(np.int32))
+    slow_s = max(SLOW_S, SLOW_CYCLES / topology.cycle_rate_hz)
+    return AmbientModel(
+        _units(topology), *compressed_rows(n, *near), runs, near_votes, slow_s
+    )  # fmt: skip
+
+
+def data_of(n: int, bodies: int, dtype: str) -> AmbientData:
+    """Buffers for n units, to be reset; what is read and written has the decoder's type."""
+    return AmbientData(
+        field_ut=np.zeros((3, n), dtype),
+        displacement_mm=np.zeros((3, n), dtype),
+        temperature=np.zeros(n, dtype),
+        status=np.zeros(n, np.uint16),
+        elapsed_s=np.zeros(1),
+        calm_s=np.zeros(1),
+        memory=Memory(*(np.empty((3, n) if name == "long_ut" else n) for name in Memory._fields)),
+        zero=np.empty((3, n)),
+        marks=np.empty(n, np.uint8),
+        bodies=Bodies(
+            np.empty(bodies), np.empty(bodies), np.empty((bodies, 3)), np.empty((bodies, 3, 3)),
+            np.empty((bodies, 3, 3)), np.empty((bodies, 3)),
+        ),
+        tile=Tile(*(np.empty(BLOCK) for _ in Tile._fields)),
+        background=np.empty((4, n), dtype),
+        residue_ut2=np.empty(n, dtype),
+    )  # fmt: skip
+
+
+def frames_of(topology: Topology) -> tuple[str, ...]:
+    """The frame that each patch is on."""
+    return tuple(topology.patch_frames) or ("skin",) * len(topology.patch_names)
+
+
+def _units(topology: Topology) -> Units:
+    p = topology.parameters
+    step = np.abs(topology.scale) / np.sqrt(12.0)
+    frequency, bx, by, bz = (CHANNELS.index(name) for name in ("frequency", "bx", "by", "bz"))
+    to_skin = np.ascontiguousarray(topology.rotation * CHIP_AXES[:, np.newaxis])
+    unmap = np.zeros((3, 3, topology.n))
+    unmap[:2, :2] = inverse_map(topology)
+    unmap[2, 2] = 1.0
+    sigma_hz = np.hypot(p["frequency_noise_hz"], step[frequency])
+    lateral = p["field_noise_ut"] ** 2 + 0.5 * (step[bx] ** 2 + step[by] ** 2)
+    axial = p["field_noise_ut"] ** 2 + step[bz] ** 2
+    own = film_at_rest_ut(topology)
+    per_hz = own[2] * p["field_growth_per_mm"] / p["frequency_slope_hz_per_mm"]
+    return Units(
+        skin_chip=to_skin,
+        counts_skin=np.ascontiguousarray(np.einsum("acn,bcn->abn", unmap, to_skin)),
+        inverse_map=np.ascontiguousarray(unmap[:2, :2]),
+        hz_per_mm=p["frequency_slope_hz_per_mm"],
+        sigma_hz=sigma_hz,
+        sigma_ut=np.sqrt(lateral),
+        lateral_information=np.where(topology.wired[bx] & topology.wired[by], 1.0 / lateral, 0.0),
+        axial_information=np.where(topology.wired[bz], 1.0 / axial, 0.0),
+        witness_ut=WITNESS_SIGMAS * per_hz * sigma_hz,
+        film_drift_per_k=p["film_drift_per_k"],
+        own_ut=np.ascontiguousarray(own[:2]),
+    )

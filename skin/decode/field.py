@@ -1,0 +1,206 @@
+"""The field at the Hall chip, and the tangential displacement R that it tells.
+
+The lateral field points the way of the tangential displacement: +x force, +x displacement, +Bx.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from bus.compiled.jit import jitable
+from skin.decode.functions import OCTAVES_MAX, asin, atan, exp2, sinc
+from skin.decode.parts import Parts
+from skin.decode.records import BX, BY, BZ, MAGNETIC_ANOMALY, SATURATED
+
+__all__ = ["FIELD_MIN", "GAIN_MIN", "field_law", "inversion"]
+
+GAIN_MIN = 0.1
+"""Bound of the gain; only a temperature of a unit that is OUT_OF_RANGE reaches it."""
+FIELD_MIN = 1e-6
+"""µT: a lateral field below it has no direction, and is divided by this."""
+DEPTH_MIN, DEPTH_MAX = -0.5, 4.0
+"""mm: bounds of H in R(psi, H), whose cubics in H mean nothing far beyond their fit."""
+
+
+def field_law(parts: Parts) -> Callable:
+    """The field without the chip's offset, its drift and the background, mapped."""
+    with_chip = parts.chip_compensation
+    with_z = parts.angle or parts.consistency or parts.field
+
+    @jitable(inline=True)
+    def field(unit, counts, background, cycle, i, chip_above, j):
+        """Lateral field and Bz of a unit, which is unit i of all, and the chip's gain, which is
+        left in them."""
+        real = type(chip_above)
+        bx, by = real(counts[cycle, BX, i]), real(counts[cycle, BY, i])
+        x = unit["x_bx"][j] * bx + unit["x_by"][j] * by + unit["x_offset"][j]
+        y = unit["y_bx"][j] * bx + unit["y_by"][j] * by + unit["y_offset"][j]
+        z = real(0.0)
+        gain = real(1.0)
+        if with_z:
+            z = unit["z_bz"][j] * real(counts[cycle, BZ, i]) + unit["z_offset"][j]
+        if with_chip:
+            x += unit["x_drift"][j] * chip_above
+            y += unit["y_drift"][j] * chip_above
+            z += unit["z_drift"][j] * chip_above
+            gain = max(gain + unit["chip_gain"][j] * chip_above, real(GAIN_MIN))
+        if background is not None:
+            bx = gain * background[cycle, 1, i]
+            by = gain * background[cycle, 2, i]
+            x -= unit["map_xx"][j] * bx + unit["map_xy"][j] * by
+            y -= unit["map_yx"][j] * bx + unit["map_yy"][j] * by
+            z -= gain * background[cycle, 3, i]
+        return x, y, z, gain
+
+    return field
+
+
+@jitable(inline=True)
+def octaves(depth, unit, j):
+    """log2(M0 / µT) at a depth, without the gains of film and chip."""
+    real = type(depth)
+    growth = unit["amplitude_octaves"]
+    x = growth[2, j] * depth + growth[1, j]
+    x = x * depth + growth[0, j]
+    return min(max(x, real(-OCTAVES_MAX)), real(OCTAVES_MAX))
+
+
+@jitable(inline=True)
+def amplitude_variance(depth, sigma, unit, j):
+    """Relative variance of M0 at a depth that has a sigma."""
+    real = type(depth)
+    growth = unit["amplitude_octaves"]
+    slope = real(2.0) * growth[2, j] * depth + growth[1, j]
+    change = real(0.6931471805599453) * slope * sigma
+    return unit["amplitude_variance"][j] + change * change
+
+
+@jitable(inline=True)
+def anomaly(solid, z, radius, amplitude, inverse, unit, j):
+    """Flag of a field that is not the film's: S against M0 sin(k R), R from the angle.
+
+    At R = 0 this is Bz against the M0 that makes this R of this angle, so it is a check of the
+    strength everywhere. Either M0 or its inverse is 1.
+    """
+    u = unit["wavenumber"][j] * radius
+    model = amplitude * (u * sinc(u))
+    measured = solid * inverse
+    off = measured - model
+    square = solid * solid + z * z
+    allowed = unit["anomaly_share"][j] * (model * model) * square
+    allowed += unit["anomaly_field"][j] * (measured * measured)
+    return 0 if off * off * square <= allowed else MAGNETIC_ANOMALY
+
+
+def strength_law(parts: Parts) -> Callable:
+    """R by the strength of the lateral field, R = asin(S / M0) / k [paper, eq. 1]."""
+    with_sigma = parts.sigma
+
+    @jitable(inline=True)
+    def by_strength(solid, variance, depth, depth_sigma, gain, unit, j):
+        """R, its sigma, its flags, 1 / S and 1 / M0.
+
+        The sigma is half of the interval of the arcsine, which has no slope at the crest.
+        """
+        real = type(solid)
+        one = real(1.0)
+        scale = unit["wavenumber_inverse"][j]
+        each = one / (solid * gain)  # one division for both quotients
+        inverse = solid * each * exp2(-octaves(depth, unit, j))
+        ratio = min(solid * inverse, one)
+        radius = scale * asin(ratio)
+        noise2 = variance * (inverse * inverse)
+        square = ratio * ratio
+        near2 = noise2 + square * amplitude_variance(depth, unit["depth_sigma"][j], unit, j)
+        below = one - ratio
+        found = SATURATED if near2 >= below * below else 0
+        sigma = real(0.0)
+        if with_sigma:
+            s = np.sqrt(noise2 + square * amplitude_variance(depth, depth_sigma, unit, j))
+            low = ratio - s
+            lower = asin(min(abs(low), one))
+            lower = lower if low > real(0.0) else -lower
+            sigma = real(0.5) * scale * (asin(min(ratio + s, one)) - lower)
+        return radius, sigma, found, each * gain, inverse
+
+    return by_strength
+
+
+@jitable(inline=True)
+def _cubic(factor, i, h, j):
+    """Factor of psi^(2 i + 1) in R(psi, H), a cubic in H, and its derivative by H."""
+    real = type(h)
+    c1, c2, c3 = factor[4 * i + 1, j], factor[4 * i + 2, j], factor[4 * i + 3, j]
+    slope = (real(3.0) * c3 * h + real(2.0) * c2) * h + c1
+    return ((c3 * h + c2) * h + c1) * h + factor[4 * i, j], slope
+
+
+def angle_law(parts: Parts) -> Callable:
+    """R by the angle psi of the field: a polynomial of psi and H, fitted to the film's field."""
+    with_sigma = parts.sigma
+
+    @jitable(inline=True)
+    def by_angle(solid, z, variance, depth, depth_sigma, unit, j):
+        """R(psi, H), psi = atan2(S, Bz), its sigma, its flags and 1 / S."""
+        real = type(solid)
+        upright = abs(z)
+        big = max(solid, upright)
+        quotient = real(1.0) / (solid * big)  # one division for both quotients
+        psi = atan(min(solid, upright) * (solid * quotient))
+        psi = real(1.5707963267948966) - psi if solid > upright else psi
+        psi = real(3.141592653589793) - psi if z < real(0.0) else psi
+        end = unit["angle_end"][j]
+        found = SATURATED if psi > end else 0
+        p = min(psi, end)
+        p2 = p * p
+        h = min(max(depth, real(DEPTH_MIN)), real(DEPTH_MAX))
+        factor = unit["angle"]
+        q0, d0 = _cubic(factor, 0, h, j)
+        q1, d1 = _cubic(factor, 1, h, j)
+        q2, d2 = _cubic(factor, 2, h, j)
+        q3, d3 = _cubic(factor, 3, h, j)
+        radius = p * (((q3 * p2 + q2) * p2 + q1) * p2 + q0)
+        sigma = real(0.0)
+        if with_sigma:
+            slope = ((real(7.0) * q3 * p2 + real(5.0) * q2) * p2 + real(3.0) * q1) * p2 + q0
+            deeper = p * (((d3 * p2 + d2) * p2 + d1) * p2 + d0) * depth_sigma
+            further = slope * (psi - p)
+            turned2 = variance / (solid * solid + z * z + variance)
+            sigma = np.sqrt(
+                slope * slope * turned2
+                + deeper * deeper
+                + further * further
+                + unit["angle_variance"][j]
+            )
+        return radius, sigma, found, big * quotient
+
+    return by_angle
+
+
+def inversion(parts: Parts) -> Callable:
+    """R by angle or by strength, and whether the field is the film's at all."""
+    with_angle, with_check = parts.angle, parts.consistency
+    by_angle, by_strength = angle_law(parts), strength_law(parts)
+
+    @jitable(inline=True)
+    def invert(solid, z, variance, gain, tile, unit, j):
+        """R, its sigma, its flags and 1 / S."""
+        one = type(solid)(1.0)
+        depth, depth_sigma = tile["displacement"][2, j], tile["displacement_sigma"][2, j]
+        if with_angle:
+            radius, sigma, found, each = by_angle(solid, z, variance, depth, depth_sigma, unit, j)
+            if with_check:
+                amplitude = gain * exp2(octaves(depth, unit, j))
+                found |= anomaly(solid, z, radius, amplitude, one, unit, j)
+        else:
+            radius, sigma, found, each, inverse = by_strength(
+                solid, variance, depth, depth_sigma, gain, unit, j
+            )
+            if with_check:
+                other, _, _, _ = by_angle(solid, z, variance, depth, depth_sigma, unit, j)
+                found |= anomaly(solid, z, other, one, inverse, unit, j)
+        return radius, sigma, found, each
+
+    return invert

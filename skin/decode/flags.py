@@ -1,0 +1,169 @@
+"""Flags of units from their counts, and what a block of units may leave out.
+
+Most blocks have no flag, which takes fewer limits to see than which flags each unit has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from bus.compiled.intrinsics import assume_noalias
+from bus.compiled.jit import jitable
+from skin.decode.parts import Parts
+from skin.decode.span import lanes_of
+
+from skin.decode.records import (  # isort: skip
+    ALL_FLAGS, BX, BY, BZ, CHIP, EXTRAPOLATED, FREQUENCY, GEL, IDLE, LANES, OUT_OF_RANGE,
+    SATURATED, SILENT, TANGENTIAL_ROWS,
+)  # fmt: skip
+
+__all__ = ["changes", "flags_stage", "judge", "rest"]
+
+
+@jitable(inline=True)
+def outside(count, limits, j):
+    """Whether a count is outside a range: one comparison modulo 2^16."""
+    return (int(count) - int(limits["low"][j])) & 0xFFFF > int(limits["width"][j]) & 0xFFFF
+
+
+@jitable(inline=True)
+def judge(status, count, limits, j):
+    """Flags of a unit from its counts alone, before anything is clamped.
+
+    Parameters
+    ----------
+    status : int
+        Flags of the bus.
+    count : tuple of int
+        Counts of the unit, in the order of the channels.
+    limits : record of `LIMITS`
+    j : int
+        Lane of the unit.
+    """
+    gel, frequency, bx, by, bz, chip = count
+    railed = (
+        outside(gel, limits["rail_gel"], j)
+        | outside(frequency, limits["rail_frequency"], j)
+        | outside(bx, limits["rail_bx"], j)
+        | outside(by, limits["rail_by"], j)
+        | outside(bz, limits["rail_bz"], j)
+        | outside(chip, limits["rail_chip"], j)
+    )
+    impossible = (
+        outside(gel, limits["possible_gel"], j)
+        | outside(frequency, limits["possible_frequency"], j)
+        | outside(chip, limits["possible_chip"], j)
+    )
+    uncalibrated = outside(gel, limits["calibrated_gel"], j) | outside(
+        frequency, limits["calibrated_frequency"], j
+    )
+    known = int(status) | int(limits["status"][j])
+    found = (
+        (SATURATED if railed else 0)
+        | (OUT_OF_RANGE if impossible else 0)
+        | (EXTRAPOLATED if uncalibrated else 0)
+    )
+    return (known if known & SILENT else known | found) & ALL_FLAGS
+
+
+def flags_stage(parts: Parts) -> Callable:
+    """The stage that flags units by their counts."""
+    with_skip = parts.skip
+
+    @jitable(inline=True)
+    def flags(counts, status, limits, span, flag, loaded):
+        """Whether any unit of a block may have a flag, and whether any is under load."""
+        assume_noalias()
+        first, _, size = lanes_of(span)
+        doubt = touched = np.int16(0)
+        cycle = span.cycle
+        for j in range(size):
+            i = first + j
+            frequency = counts[cycle, FREQUENCY, i]
+            unusual = (
+                outside(counts[cycle, GEL, i], limits["usual_gel"], j)
+                | outside(frequency, limits["usual_frequency"], j)
+                | outside(counts[cycle, BX, i], limits["usual_bx"], 0)
+                | outside(counts[cycle, BY, i], limits["usual_by"], 0)
+                | outside(counts[cycle, BZ, i], limits["usual_bz"], 0)
+                | outside(counts[cycle, CHIP, i], limits["usual_chip"], 0)
+            )
+            known = np.int16(status[cycle, i]) | limits["status"][j]
+            doubt = np.int16(doubt | known | np.int16(1 if unusual else 0))
+            flag[j] = np.int16(0)
+            if with_skip:
+                pressed = outside(frequency, limits["idle_frequency"], j)
+                loaded[j] = np.int16(1 if pressed else 0)
+                touched = np.int16(touched | loaded[j])
+        if doubt != 0:
+            touched = np.int16(0)
+            for j in range(size):
+                i = first + j
+                count = (
+                    counts[cycle, GEL, i], counts[cycle, FREQUENCY, i], counts[cycle, BX, i],
+                    counts[cycle, BY, i], counts[cycle, BZ, i], counts[cycle, CHIP, i],
+                )  # fmt: skip
+                found = np.int16(judge(status[cycle, i], count, limits, j))
+                flag[j] = found
+                if with_skip:
+                    loaded[j] = np.int16(loaded[j] if found & SILENT == 0 else 0)
+                    touched = np.int16(touched | loaded[j])
+        return doubt, touched
+
+    return flags
+
+
+@jitable(inline=True)
+def changes(counts, status, background, seen, span):
+    """Whether the flags of the bus are others than in the cycle before, and whether anything is.
+
+    With a background, which changes unseen, something always is.
+    """
+    assume_noalias()
+    first, _, size = lanes_of(span)
+    heard = np.int16(0)
+    for j in range(size):
+        now = np.int16(status[span.cycle, first + j])
+        heard = np.int16(heard | (now ^ seen["flags"][j]))
+        seen["flags"][j] = now
+    changed = np.int16(1)
+    if background is None:
+        changed = heard
+        for channel in range(counts.shape[1]):
+            for j in range(size):
+                now = counts[span.cycle, channel, first + j]
+                changed = np.int16(changed | (now ^ seen["counts"][channel, j]))
+                seen["counts"][channel, j] = now
+    return heard, changed
+
+
+@jitable(inline=True)
+def rest(flag, span, values, rested):
+    """Flag units as IDLE; they show nothing tangential, of the tile's `values`, unless `rested`
+    says that they do already."""
+    assume_noalias()
+    _, _, size = lanes_of(span)
+    nothing = values.dtype.type(np.nan)
+    if not rested:
+        for row in TANGENTIAL_ROWS:
+            for j in range(LANES):
+                values[row * LANES + j] = nothing
+    for j in range(size):
+        flags = flag[j]
+        flag[j] = flags if flags & SILENT else flags | IDLE
+
+
+@jitable(inline=True)
+def wake(flag, loaded, span):
+    """Whether any of some units is under load; none of them is IDLE then."""
+    assume_noalias()
+    _, start, size = lanes_of(span)
+    busy = np.int16(0)
+    for lane in range(size):
+        busy = np.int16(busy | loaded[start + lane])
+    if busy != 0:
+        for lane in range(size):
+            flag[start + lane] &= ~np.int16(IDLE)
+    return busy != 0

@@ -1,0 +1,130 @@
+"""Ranges of counts by which the kernel flags units: what it can decide on a raw count."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bus.status import Status
+from skin.decode import records as k
+from topology import CHANNELS, Topology
+
+__all__ = ["frequency_sigma_hz", "limits_of", "tidy_drop"]
+
+STRETCH_MAX = 0.2
+"""A frequency this share above rest is no working unit: it would be pulled to 6/5 of its height
+[assumed]."""
+PULL_SIGMAS = 6.0
+"""A unit that reads as pulled by more than this many sigma has lost its tare: EXTRAPOLATED
+[assumed]."""
+IDLE_SIGMAS = 2.9
+"""A unit pressed by less than this many sigma is without load [derived]: no contact takes it
+(3 sigma)."""
+STEP_SIGMA = 12.0**-0.5
+"""One-sigma of rounding, in steps [derived]."""
+
+Range = tuple[np.ndarray, np.ndarray]
+
+
+def limits_of(topology: Topology, vertical: bool) -> dict[str, np.ndarray | dict[str, np.ndarray]]:
+    """Values of the record `LIMITS` of each unit; `vertical` whether Bz is used at all."""
+    p = topology.parameters
+    low, high = p["temperature_min_c"], p["temperature_max_c"]
+    span = 0.5 * (high - low)
+    possible, calibrated = (low - span, high + span), (low, high)
+    rest = p["frequency_rest_hz"]
+    least, most = tidy_drop(topology)
+    least_load = IDLE_SIGMAS * frequency_sigma_hz(topology)
+    ranges = {
+        **{f"rail_{name}": ends for name, ends in _rails(topology, vertical).items()},
+        "possible_gel": _counts(topology, k.GEL, *_currents(topology, *possible)),
+        "possible_frequency": _counts(
+            topology, k.FREQUENCY, np.abs(topology.scale[k.FREQUENCY]), (1.0 + STRETCH_MAX) * rest
+        ),
+        "possible_chip": _counts(topology, k.CHIP, *possible),
+        "calibrated_gel": _counts(topology, k.GEL, *_currents(topology, *calibrated)),
+        "calibrated_frequency": _counts(topology, k.FREQUENCY, rest - most, rest - least),
+        "idle_frequency": _counts(
+            topology, k.FREQUENCY, rest - least_load, np.full(topology.n, np.inf)
+        ),
+    }
+    status = np.where(topology.enabled, 0, int(Status.DISABLED))
+    status += np.where(topology.counts_only, int(Status.NOT_F3T), 0)
+    never_usual = np.zeros(topology.n, bool)
+    for name in k.CHANNEL_NAMES:
+        kinds = [f"{kind}_{name}" for kind in ("rail", "possible", "calibrated")]
+        ends = [ranges[kind] for kind in kinds if kind in ranges]
+        low = np.max([each[0] for each in ends], axis=0)
+        high = np.min([each[1] for each in ends], axis=0)
+        if name not in ("gel", "frequency"):
+            low, high = np.full_like(low, low.max()), np.full_like(high, high.min())
+        never_usual |= low > high
+        ranges[f"usual_{name}"] = low, np.maximum(low, high)
+    status[never_usual] += k.UNUSUAL
+    return {"status": status} | {name: _from_ends(*ends) for name, ends in ranges.items()}
+
+
+def _from_ends(low: np.ndarray, high: np.ndarray) -> dict[str, np.ndarray]:
+    """Values of the record `RANGE`."""
+    return {"low": low.astype(np.int64), "width": (high - low).astype(np.int64)}
+
+
+def _currents(topology: Topology, *temperatures: np.ndarray) -> list[np.ndarray]:
+    """Gel currents at temperatures, µA."""
+    p = topology.parameters
+    return [
+        p["gel_current_20c_ua"] * p["gel_current_ratio"] ** ((t - 20.0) / 60.0)
+        for t in temperatures
+    ]  # fmt: skip
+
+
+def frequency_sigma_hz(topology: Topology) -> np.ndarray:
+    """One-sigma of a unit's frequency, Hz, shape (n,): noise, quantisation, frequency at rest."""
+    p = topology.parameters
+    step = topology.scale[k.FREQUENCY] * STEP_SIGMA
+    return np.sqrt(p["frequency_noise_hz"] ** 2 + step**2 + p["frequency_sigma_hz"] ** 2)
+
+
+def tidy_drop(topology: Topology) -> tuple[np.ndarray, np.ndarray]:
+    """Range of the frequency's fall, Hz, that is neither a lost tare nor beyond calibration."""
+    p = topology.parameters
+    soft, stiff, knee = (p[f"normal_{part}"] for part in
+                         ("soft_n_per_hz", "stiff_n_per_hz", "break_hz"))  # fmt: skip
+    force = p["normal_max_n"]
+    most = np.where(force <= soft * knee, force / soft, knee + (force - soft * knee) / stiff)
+    return -PULL_SIGMAS * frequency_sigma_hz(topology), most
+
+
+def _counts(topology: Topology, channel: int, low: np.ndarray, high: np.ndarray) -> Range:
+    """Counts within a range of physical values, both ends; all counts if it is not wired."""
+    wired = topology.wired[channel]
+    scale = np.where(wired, topology.scale[channel], 1.0)
+    ends = (np.stack([low, high]) - topology.offset[channel]) / scale
+    ends.sort(axis=0)
+    first = np.ceil(ends[0] - 1e-6).clip(-32768, 32767)
+    last = np.floor(ends[1] + 1e-6).clip(-32768, 32767)
+    return np.where(wired, first, -32768), np.where(wired, last, 32767)
+
+
+def _rails(topology: Topology, vertical: bool) -> dict[str, Range]:
+    """Counts that are not at a rail; the first and the last count of a signal are.
+
+    Bz has none where it is not used. Zero is no rail of an unsigned signal: it is an impossible
+    count where it means anything.
+    """
+    out = {
+        name: (np.full(topology.n, -32768), np.full(topology.n, 32767)) for name in k.CHANNEL_NAMES
+    }
+    frames = topology.frames
+    for number, layout in enumerate(topology.layouts):
+        units = frames.units[frames.layout == number]
+        for signal in layout.signals:
+            if signal.name not in CHANNELS or (signal.name == "bz" and not vertical):
+                continue
+            slot = units[:, signal.slot]
+            slot = slot[slot >= 0]
+            low, high = out[k.CHANNEL_NAMES[CHANNELS.index(signal.name)]]
+            bits = signal.length - signal.signed
+            high[slot] = min(2**bits, 32768) - 2
+            if signal.signed:
+                low[slot] = 1 - 2**bits
+    return out

@@ -1,0 +1,385 @@
+"""From the parameters of a topology to the records of coefficients that the kernel reads.
+
+Scales, offsets and maps are multiplied out here, once, in float64.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from bus.compiled.aligned import zeros
+from skin.decode import records as k
+from skin.decode.field import GAIN_MIN
+from skin.decode.functions import OCTAVES_MAX
+from skin.decode.limits import STEP_SIGMA, frequency_sigma_hz, limits_of, tidy_drop
+from skin.decode.plan import Plan
+from skin.errors import CalibrationError
+from topology import THETA_KNOTS, Topology
+
+__all__ = ["DecodeModel", "field_angle_ends", "model_of"]
+
+Values = Mapping[str, "np.ndarray | Values"]
+
+TURN_MAX_RAD = 1.0
+"""Largest correction of a direction [derived]: the kernel's sine and cosine hold this far."""
+OVERREACH = 1.1
+"""R from the angle is told to this many times its calibrated range; a lower bound beyond
+[assumed]."""
+ANOMALY_SIGMAS = 5.0
+"""Sigmas by which the field may miss its model [assumed]."""
+ANOMALY_SHARE = 0.15
+"""Share of the field by which a unit that was never calibrated may miss its model [assumed]."""
+STRAY_UT, STRAY_KNOWN_UT = 1000.0, 300.0
+"""µT that neighbours may add to the field: all of it, or what is left where their fields at rest
+are known [assumed; the field of touching units at rest is 1.07 mT]."""
+NO_END_MM = 1e9
+"""mm: R of a unit whose range has no end that could be told."""
+OCTAVES_MARGIN = 0.9
+"""Share of `OCTAVES_MAX` that a calibration may need [assumed]."""
+
+
+class DecodeModel(NamedTuple):
+    """What does not change between cycles.
+
+    Attributes
+    ----------
+    coefficients : ndarray, shape (b,) or (1,), records of `skin.decode.records.coefficients`
+        Calibration, a block for every `LANES` units, or a single block that all share.
+    limits : ndarray, shape (b,) or (1,), records of `LIMITS`
+        Ranges of counts.
+    rows : ndarray, shape (r,), int64
+        Rows of the tile that go out, in this order.
+    temperature_every : int
+        Temperatures are new where the number of the cycle is a multiple of this. Only with `hold`.
+    """
+
+    coefficients: np.ndarray
+    limits: np.ndarray
+    rows: np.ndarray
+    temperature_every: int
+
+
+def model_of(
+    topology: Topology,
+    plan: Plan,
+    results: Collection[str],
+    rest_ut: np.ndarray | None = None,
+    felt_ut: np.ndarray | None = None,
+) -> DecodeModel:
+    """What a decoder of a topology must know.
+
+    Parameters
+    ----------
+    topology : Topology
+    plan : Plan
+    results : collection of str
+        Of `skin.decode.records.TILE_ROWS`, in the order in which they go out.
+    rest_ut : ndarray, shape (3, n), optional
+        Field that resting neighbours add, axes of the chips, and that the offsets do not hold.
+        Without it the model of the field is held to less.
+    felt_ut : ndarray, shape (3, n), optional
+        The same, whether the offsets hold it or not: it is read with the chip's gain as it is.
+
+    Raises
+    ------
+    CalibrationError
+        A parameter is not one that a working unit can have.
+    """
+    _refuse_impossible(topology)
+    angle = plan.estimator == "field-angle"
+    found = {
+        **_temperature(topology, plan.temperature_every),
+        **_normal(topology),
+        **_field(topology, rest_ut, felt_ut),
+        **_tangential(topology, angle),
+    }
+    found |= _uncertainty(topology, found, angle, rest_ut is not None)
+    return DecodeModel(
+        _blocks(found, k.coefficients(plan.dtype)),
+        _blocks(limits_of(topology, vertical=angle or plan.consistency), k.LIMITS),
+        np.array([row for name in results for row in k.tile_rows(name)], np.int64),
+        plan.temperature_every,
+    )
+
+
+def _blocks(values: Values, record: np.dtype) -> np.ndarray:
+    """Values of units, shape (n,) or (rows, n) each, as records, one for every `LANES` units; the
+    last one is filled up with the last unit. A single one where all units are alike."""
+    each = _cast(values, record)
+    n = max(value.shape[-1] for value in each.values())
+    alike = all(
+        ((value == value[..., :1]) | (np.isnan(value) & np.isnan(value[..., :1]))).all()
+        for value in each.values()
+    )
+    units = np.arange(k.LANES if alike else -(-n // k.LANES) * k.LANES)
+    units = np.zeros_like(units) if alike else np.minimum(units, n - 1)
+    out = zeros(units.size // k.LANES, record)
+    for path, value in each.items():
+        here, name = out, path[-1]
+        for step in path[:-1]:
+            here = here[step]
+        lanes = value[..., units].reshape(*value.shape[:-1], -1, k.LANES)
+        here[name] = np.moveaxis(lanes, -2, 0)
+    return out
+
+
+def _cast(values: Values, record: np.dtype) -> dict[tuple[str, ...], np.ndarray]:
+    """Values by the path that leads to them in a record, in their type there."""
+    found = {}
+    for name in record.names or ():
+        kind, value = record[name], values[name]
+        if isinstance(value, Mapping):
+            found |= {(name, *path): part for path, part in _cast(value, kind).items()}
+        else:
+            found[name,] = np.asarray(value).astype(kind.base)
+    return found
+
+
+def _temperature(topology: Topology, every: int) -> dict[str, np.ndarray]:
+    """Coefficients of the temperatures of gel, film and chip."""
+    p, scale, offset = topology.parameters, topology.scale, topology.offset
+    octave_c = 60.0 * np.log(2.0) / np.log(p["gel_current_ratio"])
+    per_share = octave_c / np.log(2.0)
+    gel, chip = topology.wired[k.GEL], topology.wired[k.CHIP]
+    # Without a gel current the film counts as being at its reference temperature.
+    gel_scale = np.where(gel, scale[k.GEL] / p["gel_current_20c_ua"], 0.0)
+    gel_offset = np.where(
+        gel,
+        offset[k.GEL] / p["gel_current_20c_ua"],
+        2.0 ** ((p["film_reference_c"] - 20.0) / octave_c),
+    )
+    gel_variance = (per_share * p["gel_noise_relative"]) ** 2 + p["temperature_sigma_c"] ** 2
+    chip_offset = np.where(chip, offset[k.CHIP], 0.0) - p["hall_reference_c"]
+    step_s = every / topology.cycle_rate_hz
+    return {
+        "gel_scale": gel_scale,
+        "gel_offset": gel_offset,
+        "gel_octave": octave_c,
+        "gel_variance": np.where(gel, gel_variance, 0.0),
+        "gel_step": per_share * np.abs(gel_scale) * STEP_SIGMA,
+        "gel_low": p["temperature_min_c"],
+        "gel_high": p["temperature_max_c"],
+        "film_keep": _kept(step_s, p["film_lag_s"]),
+        "film_reference": p["film_reference_c"],
+        "film_drift": p["film_drift_per_k"],
+        "chip_keep": _kept(step_s, p["hall_lag_s"]),
+        "chip_scale": np.where(chip, scale[k.CHIP], 0.0),
+        "chip_offset": np.where(chip | gel, chip_offset, 0.0),
+        "chip_follows": np.where(~chip & gel, 1.0, 0.0),
+        "chip_gain": p["hall_gain_per_k"],
+    }
+
+
+def _kept(step_s: float, lag_s: np.ndarray) -> np.ndarray:
+    """Share of a one-pole filter's lag that is left after a step; 0 without a filter."""
+    with np.errstate(divide="ignore"):
+        return np.exp(-step_s / lag_s)
+
+
+def _normal(topology: Topology) -> dict[str, np.ndarray]:
+    """Coefficients of depth and normal force."""
+    p = topology.parameters
+    slope = p["frequency_slope_hz_per_mm"]
+    per_hz = 1.0 / slope
+    low, high = tidy_drop(topology)
+    return {
+        "depth_scale": -topology.scale[k.FREQUENCY] * per_hz,
+        "depth_offset": (p["frequency_rest_hz"] - topology.offset[k.FREQUENCY]) * per_hz,
+        "depth_per_hz": per_hz,
+        "depth_sigma": frequency_sigma_hz(topology) * per_hz,
+        "depth_low": low * per_hz,
+        "depth_high": high * per_hz,
+        "normal_soft": p["normal_soft_n_per_hz"] * slope,
+        "normal_break": p["normal_break_hz"] * per_hz,
+        "normal_stiffer": (p["normal_stiff_n_per_hz"] - p["normal_soft_n_per_hz"]) * slope,
+        "normal_variance": p["normal_sigma_relative"] ** 2,
+    }
+
+
+def _field(
+    topology: Topology, rest_ut: np.ndarray | None, felt_ut: np.ndarray | None
+) -> dict[str, np.ndarray]:
+    """Coefficients of the field at the chip, and of the film's strength."""
+    p, scale = topology.parameters, topology.scale
+    nowhere = np.zeros((3, topology.n))
+    rest = nowhere if rest_ut is None else rest_ut
+    felt = nowhere if felt_ut is None else felt_ut
+    still = [
+        topology.offset[k.BX + i] - p[f"hall_offset_{axis}_ut"] - rest[i]
+        for i, axis in enumerate("xyz")
+    ]
+    drift = [
+        p[f"hall_drift_{axis}_ut_per_k"] + p["hall_gain_per_k"] * felt[i]
+        for i, axis in enumerate("xyz")
+    ]
+    c = {}
+    for axis in "xy":
+        from_x, from_y = p[f"field_{axis}x"], p[f"field_{axis}y"]
+        c[f"{axis}_bx"] = from_x * scale[k.BX]
+        c[f"{axis}_by"] = from_y * scale[k.BY]
+        c[f"{axis}_offset"] = from_x * still[0] + from_y * still[1]
+        c[f"{axis}_drift"] = -from_x * drift[0] - from_y * drift[1]
+        c[f"map_{axis}x"], c[f"map_{axis}y"] = from_x, from_y
+    c["z_bz"] = scale[k.BZ]
+    c["z_offset"] = np.where(topology.wired[k.BZ], still[2], np.nan)
+    c["z_drift"] = -drift[2]
+
+    reference = p["field_reference_mm"]
+    linear, curved = p["field_growth_per_mm"], p["field_growth_per_mm2"]
+    growth = [
+        np.log(p["field_amplitude_ut"]) + (curved * reference - linear) * reference,
+        linear - 2.0 * curved * reference,
+        curved,
+    ]
+    c["amplitude_octaves"] = np.stack(growth) / np.log(2.0)
+    c["wavenumber"] = p["field_wavenumber_rad_per_mm"]
+    c["wavenumber_inverse"] = 1.0 / p["field_wavenumber_rad_per_mm"]
+    c["film_x"], c["film_y"] = p["film_x_mm"], p["film_y_mm"]
+    return c
+
+
+def _tangential(topology: Topology, angle: bool) -> dict[str, np.ndarray]:
+    """Coefficients of R from the angle, of directions, and of the tangential force."""
+    p = topology.parameters
+    angle_end, angle_reach_mm = field_angle_ends(topology)
+    if angle:
+        _refuse_short_table(topology, angle_reach_mm)
+        displacement_max = p["field_angle_max_mm"]
+    else:
+        # No field reaches beyond the crest, and one that touches it is SATURATED.
+        crest_mm = 0.5 * np.pi / p["field_wavenumber_rad_per_mm"]
+        most = p["tangential_max_mm"]
+        displacement_max = np.where(most < crest_mm * (1.0 - 1e-6), most, NO_END_MM)
+    knots = p["theta_correction_rad"]
+    bend = np.diff(np.vstack([knots, knots[:1]]), axis=0) * (THETA_KNOTS / (2.0 * np.pi))
+    return {
+        "angle": p["field_angle_mm"],
+        "angle_end": angle_end,
+        "theta_correction": np.vstack([knots[:1], bend[:1], np.diff(bend, axis=0)]),
+        "shear_soft": p["shear_soft_n_per_mm"],
+        "shear_break": p["shear_break_mm"],
+        "shear_stiffer": p["shear_stiff_n_per_mm"],
+        "shear_gain": p["shear_gain_per_mm"],
+        "shear_gain_offset": 1.0 - p["shear_gain_per_mm"] * p["field_reference_mm"],
+        "displacement_max": displacement_max,
+    }
+
+
+def _uncertainty(
+    topology: Topology, c: dict[str, np.ndarray], angle: bool, rest_known: bool
+) -> dict[str, np.ndarray]:
+    """Variances of what is tangential, and what the field may miss its model by."""
+    p, scale = topology.parameters, topology.scale
+    # What the temperatures leave of the drifts they compensate: the chip's own is read in steps.
+    chip_c2 = np.where(
+        topology.wired[k.CHIP], (scale[k.CHIP] * STEP_SIGMA) ** 2, c["gel_variance"]
+    )  # fmt: skip
+    drift2 = 0.5 * (p["hall_drift_x_ut_per_k"] ** 2 + p["hall_drift_y_ut_per_k"] ** 2)
+    step2 = 0.5 * (scale[k.BX] ** 2 + scale[k.BY] ** 2) * STEP_SIGMA**2
+    stretch2 = 0.5 * sum(p[f"field_{entry}"] ** 2 for entry in ("xx", "xy", "yx", "yy"))
+    field = stretch2 * (p["field_noise_ut"] ** 2 + step2 + drift2 * chip_c2)
+    field = field + p["field_sigma_ut"] ** 2
+    amplitude = (
+        p["field_amplitude_sigma_relative"] ** 2
+        + p["film_drift_per_k"] ** 2 * c["gel_variance"]
+        + p["hall_gain_per_k"] ** 2 * chip_c2
+    )
+    sigmas2 = ANOMALY_SIGMAS**2
+    depth2 = (p["field_growth_per_mm"] * c["depth_sigma"]) ** 2
+    stray2 = (STRAY_KNOWN_UT if rest_known else STRAY_UT) ** 2
+    return {
+        "shear_variance": p["shear_sigma_relative"] ** 2,
+        "angle_variance": p["field_angle_sigma_mm"] ** 2 * angle,
+        "field_variance": field,
+        "amplitude_variance": amplitude,
+        "anomaly_share": ANOMALY_SHARE**2 + sigmas2 * (amplitude + depth2),
+        "anomaly_field": stray2 + sigmas2 * field,
+    }
+
+
+def field_angle_ends(topology: Topology) -> tuple[np.ndarray, np.ndarray]:
+    """Where the table of R(psi, H) ends for good, over all calibrated depths.
+
+    That is where R has passed the calibrated range by `OVERREACH` at one of the depths, or ceases
+    to grow with the angle.
+
+    Returns
+    -------
+    angle : ndarray, shape (n,)
+        Radian.
+    reach_mm : ndarray, shape (n,)
+        Least R at that angle; 0 without a table.
+    """
+    p = topology.parameters
+    deepest = tidy_drop(topology)[1] / p["frequency_slope_hz_per_mm"]
+    keys = np.vstack([p["field_angle_mm"], p["field_angle_max_mm"], np.ceil(deepest * 4.0) / 4.0])
+    keys = keys[:, :1] if (keys == keys[:, :1]).all() else keys
+    keys, inverse = np.unique(keys, axis=1, return_inverse=True)
+    found = np.array([_table_end(*key) for key in keys.T]).T
+    return tuple(np.broadcast_to(found[:, inverse.reshape(-1)], (2, topology.n)))
+
+
+def _table_end(*key: float) -> tuple[float, float]:
+    """Last angle at which R grows with it at all depths, rad, and the least R there, mm."""
+    table, most, deepest = np.reshape(key[:-2], (4, 4)), key[-2], key[-1]
+    angle = np.linspace(0.0, np.pi, 361)
+    depth = np.linspace(0.0, deepest, 9)
+    odd = angle[:, np.newaxis] ** (2 * np.arange(4) + 1)
+    reach = odd @ table @ (depth ** np.arange(4)[:, np.newaxis])
+    over = ((np.diff(reach, axis=0) <= 0.0) | (reach[1:] > OVERREACH * most)).any(axis=1)
+    last = int(np.argmax(over)) if over.any() else len(angle) - 1
+    return float(angle[last]), float(reach[last].min())
+
+
+def _refuse_impossible(topology: Topology) -> None:
+    """Raise for the first parameter that would make a reading meaningless."""
+    p = topology.parameters
+
+    def refuse(wrong: np.ndarray, name: str, expected: str) -> None:
+        if wrong.any():
+            unit = int(np.argmax(wrong))
+            value = p[name][..., unit]
+            shown = f"{value:g}" if value.ndim == 0 else np.array2string(value, precision=4)
+            where = f"{topology.unit_names[unit]}: {name}"
+            raise CalibrationError(f"{where}: must be {expected}; got {shown}")
+
+    for name, values in p.items():
+        wrong = ~np.isfinite(values)
+        refuse(np.atleast_2d(wrong).any(axis=0), name, "finite")
+    low, high = p["temperature_min_c"], p["temperature_max_c"]
+    refuse(high <= low, "temperature_max_c", "above temperature_min_c")
+    span = 0.5 * (high - low)
+    for drift, reference in (("film_drift_per_k", "film_reference_c"),
+                             ("hall_gain_per_k", "hall_reference_c")):  # fmt: skip
+        worst = np.minimum(
+            *(1.0 + p[drift] * (t - p[reference]) for t in (low - span, high + span))
+        )
+        refuse(worst < GAIN_MIN, drift, f"a drift that leaves a gain of {GAIN_MIN:g} or more")
+    octaves = OCTAVES_MARGIN * OCTAVES_MAX * np.log(2.0)
+    deepest = tidy_drop(topology)[1] / p["frequency_slope_hz_per_mm"]
+    for depth in (0.0, deepest):
+        above = depth - p["field_reference_mm"]
+        growth = (p["field_growth_per_mm2"] * above + p["field_growth_per_mm"]) * above
+        refuse(
+            np.abs(np.log(p["field_amplitude_ut"]) + growth) > octaves, "field_growth_per_mm",
+            f"a growth that keeps M0 within {np.exp(-octaves):.0g} and {np.exp(octaves):.0g} µT",
+        )  # fmt: skip
+    turn = np.abs(p["theta_correction_rad"]).max(axis=0)
+    refuse(turn > TURN_MAX_RAD, "theta_correction_rad", f"within {TURN_MAX_RAD:g} rad of 0 (turn "
+           "the axes by field_xx, field_xy, field_yx, field_yy)")  # fmt: skip
+
+
+def _refuse_short_table(topology: Topology, reach_mm: np.ndarray) -> None:
+    """Raise for the first unit whose table does not tell R from the angle over its whole range."""
+    limit = topology.parameters["field_angle_max_mm"]
+    needed = topology.enabled & ~topology.counts_only
+    for unit in np.flatnonzero(needed & (reach_mm < limit)):
+        known = topology.parameters["field_angle_mm"][:, unit].any()
+        raise CalibrationError(
+            f"{topology.unit_names[unit]}: field_angle_mm: must be a polynomial that grows with "
+            f"the angle to field_angle_max_mm = {limit[unit]:g}; "
+            f"got {f'one that ends at {reach_mm[unit]:.3g}' if known else 'none'}"
+        )

@@ -1,0 +1,69 @@
+"""What a decode kernel is compiled of."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import NamedTuple
+
+from skin.decode.plan import TANGENTIAL, Plan
+
+__all__ = ["Parts"]
+
+
+class Parts(NamedTuple):
+    """What is compiled: truth values around the kernel's stages, not arguments of them.
+
+    What they leave out is cut away before the compiler looks at it, which takes it longer than to
+    compile what is left. Those that a `skin.decode.plan.Plan` has mean what they mean there.
+
+    Attributes
+    ----------
+    temperature, force, tangential, theta, displacement, field
+        Quantities that are wanted.
+    angle
+        R from the angle of the field (`field-angle`); else from its strength (`sine`).
+    hold
+        Temperatures are decoded every few cycles and held between.
+    look
+        Look at units without load all the same, every few cycles, a block after the other: for who
+        follows the ambient field.
+    prefetch
+        Load the next block while one is decoded.
+    """
+
+    temperature: bool = False
+    force: bool = False
+    tangential: bool = False
+    theta: bool = False
+    displacement: bool = False
+    field: bool = False
+    sigma: bool = False
+    angle: bool = False
+    consistency: bool = False
+    theta_correction: bool = False
+    film_centre: bool = False
+    film_compensation: bool = False
+    chip_compensation: bool = False
+    chip_lags: bool = False
+    hold: bool = False
+    skip: bool = False
+    look: bool = False
+    prefetch: bool = False
+
+    @classmethod
+    def of(cls, plan: Plan, results: Collection[str], *, prefetch: bool) -> Parts:
+        """What a plan needs whose kernel has these results."""
+        chosen = {name: getattr(plan, name) for name in cls._fields if hasattr(plan, name)}
+        chosen |= {name: True for name in results if name in cls._fields}
+        chosen |= {
+            "angle": plan.estimator == "field-angle" and not set(results).isdisjoint(TANGENTIAL),
+            "hold": plan.temperature_every > 1,
+            "look": plan.skip and plan.ambient,
+            "prefetch": prefetch,
+        }
+        return cls(**{name: bool(wanted) for name, wanted in chosen.items()})
+
+    @property
+    def shear(self) -> bool:
+        """Whether the tangential displacement is decoded."""
+        return self.force or self.tangential or self.theta or self.displacement

@@ -1,0 +1,262 @@
+"""The spine: frames → cycles → readings → contacts, the same for live buses, logs and tests.
+
+One cycle, stage by stage::
+
+    frames ─► Assembler ─► counts, flags ─► Decoder ─► Reading ─► ContactStream ─► State
+
+Every stage writes into arrays that are made once. The pipeline, which knows them all, binds each
+stage to its arrays before the first cycle; no stage asks whether it was given the same ones again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bus.assemble import Assembler
+from bus.cycle import FrameCounters, RawCycle
+from skin.decode.decoder import Decoder
+from skin.decode.plan import TANGENTIAL
+from skin.errors import CountsError
+from skin.options import Options
+from skin.state import ARRAY_WANTS, UNIT_WANTS, UNWANTED, Reading, State
+from topology import CHANNELS, Topology
+
+if TYPE_CHECKING:
+    from skin.contact.contact import Contact
+    from skin.contact.stream import ContactStream
+
+__all__ = ["Pipeline"]
+
+
+class Pipeline:
+    """Frames in, states out.
+
+    Parameters
+    ----------
+    topology : Topology
+    options : Options, optional
+    deadline_s : float, optional
+        How long a cycle waits for missing frames; see `bus.assemble.Assembler`.
+
+    Attributes
+    ----------
+    topology : Topology
+    options : Options
+    assembler : Assembler
+    decoder : Decoder
+    contacts : ContactStream or None
+        None where no feature of the array is wanted.
+    counts : ndarray, shape (c, n), int16
+    status : ndarray, shape (n,), uint16
+        What the decoder reads: counts and flags of the last cycle, as the assembler writes them.
+
+    Raises
+    ------
+    OptionError
+        The wire does not carry what an option needs.
+
+    Examples
+    --------
+    >>> import topology
+    >>> pipeline = Pipeline(topology.load("strip"), Options(want={"temperature"}))
+    >>> pipeline.warmup()
+    >>> from bus.frame import FrameBatch
+    >>> list(pipeline.feed(FrameBatch(1).frames))  # no cycle without frames
+    []
+    """
+
+    def __init__(
+        self,
+        topology: Topology,
+        options: Options | None = None,
+        *,
+        deadline_s: float | None = None,
+    ) -> None:
+        self.topology = topology
+        self.options = options = options or Options()
+        self._lists_contacts = not options.quantities.isdisjoint(("contacts", "slip", "shocks"))
+        self.assembler = Assembler(topology, deadline_s=deadline_s)
+        self.counts, self.status = self.assembler.counts, self.assembler.status
+        self._area_share = topology.area / topology.area.sum()
+        self._period_ns = round(1e9 / topology.cycle_rate_hz)
+        self._now_ns = -1
+        self.decoder = self._make_decoder()
+        self._decode = self._bind_decoder()
+        self.contacts = self._make_contacts()
+        self._describe: Callable[[int], list[Contact]] | None = None
+        self._total = (UNWANTED, UNWANTED, UNWANTED, UNWANTED)
+        self._label = self._slip = UNWANTED
+        if self.contacts is not None:
+            self._describe = self._bind_contacts(self.contacts, self.decoder.reading)
+            self._show(self.contacts)
+
+    # -- stages, made and bound once ---------------------------------------------------------------
+
+    def _make_decoder(self) -> Decoder:
+        """The decoder of what is wanted, and of what that needs.
+
+        Wrench and centroid need forces and their sigmas; contacts displacements as well, and
+        temperatures where the wire has them.
+        """
+        options, topology = self.options, self.topology
+        needed = set(options.quantities.intersection(UNIT_WANTS))
+        if not options.quantities.isdisjoint(ARRAY_WANTS):
+            needed |= {"force", "sigma"}
+        if self._lists_contacts:
+            needed |= {"displacement"}
+            silent = ~topology.enabled | topology.counts_only
+            if (topology.wired[CHANNELS.index("gel")] | silent).all():
+                needed.add("temperature")
+        lateral = not needed.isdisjoint(TANGENTIAL)
+        return Decoder(
+            topology, needed, options.estimator, options.dtype, skip=options.skip,
+            sweeps=options.sweeps if lateral else 0, ambient=options.ambient and lateral,
+        )  # fmt: skip
+
+    def _make_contacts(self) -> ContactStream | None:
+        """The stream of contacts, whose kernels bring the compiler along."""
+        want = self.options.quantities.intersection(ARRAY_WANTS)
+        if not want:
+            return None
+        from skin.contact.stream import ContactStream
+
+        topology = self.topology
+        return ContactStream(
+            topology.position, topology.rotation, topology.area,
+            topology.neighbour_start, topology.neighbour_index,
+            want=want, dtype=self.options.dtype, slip=self.options.slip,
+            rate_hz=topology.cycle_rate_hz,
+        )  # fmt: skip
+
+    def _bind_decoder(self) -> Callable[[], Reading]:
+        """Decode `counts` and `status`."""
+        return self.decoder.bind(self.counts, self.status)
+
+    def _bind_contacts(
+        self, stream: ContactStream, reading: Reading
+    ) -> Callable[[int], list[Contact]]:
+        """Find the contacts in the decoder's arrays, given the time in ns."""
+        return stream.bind(
+            reading.force, reading.force_sigma, reading.displacement_mm,
+            reading.displacement_sigma_mm, reading.temperature, reading.valid,
+        )  # fmt: skip
+
+    def _show(self, stream: ContactStream) -> None:
+        """Keep the arrays of the stream that every state shows."""
+        want, total = self.options.quantities, stream.total
+        wrench: tuple[np.ndarray, np.ndarray] = (UNWANTED, UNWANTED)
+        centroid: tuple[np.ndarray, np.ndarray] = (UNWANTED, UNWANTED)
+        if "wrench" in want:
+            wrench = total.wrench, total.wrench_sigma
+        if "centroid" in want:
+            centroid = total.centroid, total.centroid_covariance
+        self._total = (*wrench, *centroid)
+        if "slip" in want:
+            self._slip = stream.unit_slip
+        self._label = stream.tracker.label
+
+    def warmup(self) -> None:
+        """Load or compile the kernels, so that the first cycle is not late."""
+        self.decoder.warmup()
+        if self.contacts is not None:
+            self.contacts.warmup()
+
+    # -- cycles ------------------------------------------------------------------------------------
+
+    @property
+    def counters(self) -> FrameCounters:
+        """Frames by what became of them, running totals."""
+        return self.assembler.counters
+
+    @property
+    def pending(self) -> bool:
+        """Whether a cycle is open; see `bus.assemble.Assembler.pending`."""
+        return self.assembler.pending
+
+    def feed(self, frames: np.ndarray) -> Iterator[State]:
+        """Take frames of all buses, in their order, and yield a state for every cycle that closes.
+
+        Go through to the end: nothing is taken before the iterator asks for it.
+
+        Parameters
+        ----------
+        frames : ndarray, shape (m,), FRAME_DTYPE
+        """
+        for cycle in self.assembler.feed(frames):
+            yield self.state(cycle)
+
+    def expire(self, now_ns: int) -> State | None:
+        """The state of the open cycle if its time is over; see `bus.assemble.Assembler.expire`."""
+        cycle = self.assembler.expire(now_ns)
+        return None if cycle is None else self.state(cycle)
+
+    def silence(self, now_ns: int) -> State | None:
+        """A state without data where no SYNC comes; see `bus.assemble.Assembler.silence`."""
+        cycle = self.assembler.silence(now_ns)
+        return None if cycle is None else self.state(cycle)
+
+    def flush(self) -> State | None:
+        """The state of what is open at the end of a log; None if nothing is."""
+        cycle = self.assembler.flush()
+        return None if cycle is None else self.state(cycle)
+
+    def __call__(self, cycle: RawCycle) -> State:
+        """The state of a cycle that somebody else has assembled.
+
+        Its counts and flags are copied. A pipeline takes frames or cycles, not both by turns.
+
+        Parameters
+        ----------
+        cycle : RawCycle
+
+        Returns
+        -------
+        State
+            Its arrays are valid until the next cycle.
+
+        Raises
+        ------
+        CountsError
+            The cycle is not of this topology.
+        """
+        for name, own, given in (
+            ("counts", self.counts, cycle.counts), ("status", self.status, cycle.status),
+        ):  # fmt: skip
+            if given.dtype != own.dtype or given.shape != own.shape:
+                raise CountsError(
+                    f"{self.topology.name}: {name}: must be an array of {own.dtype}, shape "
+                    f"{own.shape}; got {given.dtype}, shape {given.shape}"
+                )
+            own[:] = given
+        return self.state(cycle)
+
+    def move(self, position: np.ndarray, rotation: np.ndarray) -> None:
+        """Set the poses of the units for the cycles to come; see `skin.live.Skin.move`."""
+        if self.contacts is not None:
+            self.contacts.move(position, rotation)
+
+    def state(self, cycle: RawCycle) -> State:
+        """The state of a cycle whose counts and flags lie in `counts` and `status` already."""
+        reading = self._decode()
+        heard = reading.valid
+        everywhere = np.count_nonzero(heard) == heard.size
+        contacts = UNWANTED
+        if self._describe is not None:
+            # Stamps of a bus may step back, the number of a cycle does not: contacts live by it.
+            self._now_ns = now_ns = max(cycle.number * self._period_ns, self._now_ns + 1)
+            contacts = self._describe(now_ns)
+        return State(
+            cycle.number,
+            cycle.stamp_ns,
+            reading,
+            1.0 if everywhere else float(self._area_share.dot(heard)),
+            cycle.closed_by,
+            cycle.counters,
+            *self._total,
+            contacts if self._lists_contacts else UNWANTED,
+            self._label,
+            self._slip,
+        )

@@ -1,0 +1,146 @@
+"""The Hall chip: from the field of the film to what the chip reports of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from skin.errors import CalibrationError, SkinError
+from topology import THETA_KNOTS, Topology
+
+__all__ = ["HallChip", "HallConverter"]
+
+
+@dataclass(frozen=True)
+class HallConverter:
+    """The converter of a Hall chip: its step and its range.
+
+    Attributes
+    ----------
+    lsb_ut : float
+        One step, µT; the default is a common chip's.
+    range_ut : float
+        Largest field of either sign that it can tell, µT.
+    """
+
+    lsb_ut: float = 98.0
+    range_ut: float = 130_000.0
+
+    def __post_init__(self) -> None:
+        for name in ("lsb_ut", "range_ut"):
+            if not 0.0 < getattr(self, name) < np.inf:
+                raise SkinError(f"{name}: must be above 0; got {getattr(self, name)}")
+
+    def read(self, field_ut: np.ndarray) -> np.ndarray:
+        """The field in whole steps, shape as given.
+
+        Infinite beyond the range, so that the board sends the rail of the wire and a lower bound
+        does not look like a reading.
+        """
+        steps = self.lsb_ut * np.rint(field_ut / self.lsb_ut)
+        return np.where(np.abs(field_ut) > self.range_ut, np.copysign(np.inf, field_ut), steps)
+
+
+class HallChip:
+    """Imperfect assembly and a warm chip, as the calibration of each unit describes them.
+
+    A calibration says how to undo the distortion of a unit; here it is put in: the direction is
+    turned back along the correction table, the lateral field goes through the inverse of the 2x2
+    map, and gain and offset drift with the chip's temperature.
+
+    Parameters
+    ----------
+    topology : Topology
+
+    Raises
+    ------
+    CalibrationError
+        A map has no inverse, or a correction turns back on itself, so that no field of the unit
+        could have this calibration.
+    """
+
+    def __init__(self, topology: Topology) -> None:
+        p = topology.parameters
+        self._gain_drift = p["hall_gain_per_k"]
+        self._reference_c = p["hall_reference_c"]
+        self._offset = np.stack([p[f"hall_offset_{axis}_ut"] for axis in "xyz"])
+        self._offset_drift = np.stack([p[f"hall_drift_{axis}_ut_per_k"] for axis in "xyz"])
+        self._map = _inverse_map(topology)
+        self._turned = _turned_directions(topology)
+
+    def __call__(self, field_ut: np.ndarray, hall_temperature: np.ndarray) -> np.ndarray:
+        """Reported field.
+
+        Parameters
+        ----------
+        field_ut : ndarray, shape (..., 3, n)
+            Field of the film, µT, unit frame. Overwritten.
+        hall_temperature : ndarray, shape (..., n)
+            Degree Celsius.
+
+        Returns
+        -------
+        ndarray, shape (..., 3, n)
+            Microtesla.
+        """
+        if self._turned is not None:
+            _turn(field_ut, self._turned)
+        if self._map is not None:
+            x, y = field_ut[..., 0, :].copy(), field_ut[..., 1, :].copy()
+            (xx, xy), (yx, yy) = self._map
+            field_ut[..., 0, :] = xx * x + xy * y
+            field_ut[..., 1, :] = yx * x + yy * y
+        warmer = (hall_temperature - self._reference_c)[..., np.newaxis, :]
+        field_ut *= 1.0 + self._gain_drift * warmer
+        field_ut += self._offset + self._offset_drift * warmer
+        return field_ut
+
+
+def _turn(field_ut: np.ndarray, corrected: np.ndarray) -> None:
+    """Turn the lateral field to the direction that the correction table turns back."""
+    x, y = field_ut[..., 0, :], field_ut[..., 1, :]
+    wanted = np.arctan2(y, x)
+    wanted = corrected[0] + (wanted - corrected[0]) % (2.0 * np.pi)
+    segment = np.sum(wanted[..., np.newaxis, :] >= corrected, axis=-2) - 1
+    segment = np.clip(segment, 0, THETA_KNOTS - 1)
+    unit = np.arange(corrected.shape[1])
+    start, end = corrected[segment, unit], corrected[segment + 1, unit]
+    share = (wanted - start) / (end - start)
+    direction = -np.pi + (segment + share) * (2.0 * np.pi / THETA_KNOTS)
+    strength = np.hypot(x, y)
+    field_ut[..., 0, :] = strength * np.cos(direction)
+    field_ut[..., 1, :] = strength * np.sin(direction)
+
+
+def _inverse_map(topology: Topology) -> np.ndarray | None:
+    """Inverse of the 2x2 map, shape (2, 2, n); None where every map is the identity."""
+    p = topology.parameters
+    xx, xy, yx, yy = (p[f"field_{entry}"] for entry in ("xx", "xy", "yx", "yy"))
+    determinant = xx * yy - xy * yx
+    if np.any(determinant == 0.0):
+        unit = topology.unit_names[int(np.argmax(determinant == 0.0))]
+        raise CalibrationError(
+            f"{unit}: field_xx, field_xy, field_yx, field_yy: must be a map that has an inverse; "
+            "got determinant 0"
+        )
+    inverse = np.array([[yy, -xy], [-yx, xx]]) / determinant
+    return None if np.all(inverse == np.eye(2)[..., np.newaxis]) else inverse
+
+
+def _turned_directions(topology: Topology) -> np.ndarray | None:
+    """Corrected direction at every knot and once round, shape (THETA_KNOTS + 1, n), or None."""
+    correction = topology.parameters["theta_correction_rad"]
+    if not np.any(correction):
+        return None
+    knots = -np.pi + np.arange(THETA_KNOTS + 1) * (2.0 * np.pi / THETA_KNOTS)
+    turned = knots[:, np.newaxis] + np.vstack([correction, correction[:1]])
+    steps = np.diff(turned, axis=0)
+    if np.any(steps <= 0.0):
+        knot, unit = np.unravel_index(int(np.argmax(steps <= 0.0)), steps.shape)
+        name = topology.unit_names[unit]
+        raise CalibrationError(
+            f"{name}: theta_correction_rad[{knot}]: must be a correction that keeps the order of "
+            f"directions; got a step of {steps[knot, unit]:.4g} rad"
+        )
+    return turned

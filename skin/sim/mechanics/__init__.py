@@ -1,0 +1,1 @@
+"""Contact of bodies and faces: shapes, elastic foundations, friction, viscoelasticity."""

@@ -1,0 +1,294 @@
+"""What carries a body: springs side by side (Winkler), or springs on one elastic half space.
+
+The surface at unit i yields by its own law and by what the half space under it does::
+
+    depth_i = own_i(f_i) + body * f_i + sum_j A_ij f_j,   f_i >= 0
+    shift_i = own_i(q_i) + body * q_i + sum_j B_ij q_j,   |q_i| <= limit_i
+
+Without A and B that is a Winkler foundation, solved in closed form; with them it is solved by
+projected Gauss-Seidel sweeps that start from the last step's forces. Each unit's own part of a
+sweep is exact, whatever the knees of its law, so that the sweeps end at the one solution there is.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
+
+from skin.errors import SkinError
+from skin.sim.mechanics.foundation_kernels import Faces, Touched, drag, press
+from skin.sim.mechanics.influence import influence
+from skin.sim.mechanics.springs import Springs
+from topology import Topology
+
+__all__ = ["Foundation"]
+
+SWEEPS = 2000
+"""More sweeps than any contact needs."""
+
+
+class Foundation:
+    """What n units rest on.
+
+    Parameters
+    ----------
+    springs : Springs
+    normal : ndarray, shape (n, n), optional
+        A, mm/N: depth of unit i under the normal force of unit j.
+    shear : ndarray, shape (2 n, 2 n), optional
+        B, mm/N: rows and columns are x of all units, then y.
+    tolerance : float
+        Largest change in the last sweep, as a share of the largest force.
+
+    Raises
+    ------
+    SkinError
+        If A or B is not positive definite: it would give back more work than was put in.
+
+    Examples
+    --------
+    >>> from topology import load
+    >>> palm = Foundation.winkler(load("palm"))
+    >>> force, own_mm = np.zeros(64), np.zeros(64)
+    >>> palm.press(np.full(64, 2.0), force, own_mm)
+    1
+    >>> round(float(force[0]), 9)
+    7.2
+    """
+
+    def __init__(
+        self,
+        springs: Springs,
+        normal: np.ndarray | None = None,
+        shear: np.ndarray | None = None,
+        *,
+        tolerance: float = 1e-6,
+    ) -> None:
+        self.n = springs.gain_per_mm.size
+        self.springs = springs
+        self.tolerance = tolerance
+        self.normal = _square("normal", normal, springs.normal[:2])
+        self.shear = _square("shear", shear, np.tile(springs.shear[:2], 2))
+        self._group = _groups(self.normal, self.shear)
+        # units that rest together, one group after the other
+        self._order = np.argsort(self._group, kind="stable")
+        bounds = np.searchsorted(self._group[self._order], np.arange(self._group.max() + 2))
+        for units in np.split(self._order, bounds[1:-1]):
+            _check_definite("normal", self.normal, units)
+            _check_definite("shear", self.shear, np.concatenate([units, self.n + units]))
+        self._parts: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
+        self._touched = Touched(np.empty(0, np.int64), np.zeros(1, np.int64), *2 * [np.empty(0)])
+
+    @classmethod
+    def winkler(cls, topology: Topology) -> Foundation:
+        """Each unit for itself."""
+        return cls(Springs.of(topology))
+
+    @classmethod
+    def half_space(
+        cls, topology: Topology, modulus_pa: float = 6e5, poisson: float = 0.5
+    ) -> Foundation:
+        """The units of a patch together on one elastic body; patches do not feel each other.
+
+        The default modulus is that of the casting silicone [assumed]. The time of a step grows with
+        the square of how many units of one patch are touched: about a millisecond for 1024 units of
+        16 patches, half of one for 256 units of a single patch, more than a bus carries. A single
+        patch of 1024 would take tens of them, more than a cycle at 250 Hz.
+        """
+        normal, shear = influence(
+            topology.position, topology.rotation, topology.area, patch=topology.patch,
+            modulus_pa=modulus_pa, poisson=poisson,
+        )  # fmt: skip
+        return cls(Springs.of(topology), normal, shear)
+
+    @property
+    def together(self) -> bool:
+        """Whether units yield to forces on others."""
+        return self.normal.shape[1] + self.shear.shape[1] > 0
+
+    @property
+    def coupling_error(self) -> float:
+        """What the sweeps leave of the forces, as a share of them; 0 where units stand alone."""
+        return self.tolerance if self.together else 0.0
+
+    def press(
+        self,
+        depth_mm: np.ndarray,
+        load: np.ndarray,
+        own_mm: np.ndarray,
+        *,
+        body_mm_per_n: float = 0.0,
+    ) -> int:
+        """Normal loads under a body that reaches into the unloaded faces; return the sweeps needed.
+
+        Parameters
+        ----------
+        depth_mm : ndarray, shape (n,)
+            As from `skin.sim.mechanics.body.reach`; not above 0 where nothing touches.
+        load : ndarray, shape (n,)
+            Newton; on entry where the sweeps start, on return the loads, none below 0.
+        own_mm : ndarray, shape (n,)
+            Written: the unit's own part of the depth, which is what its electronics feel.
+        body_mm_per_n : float
+            What the body itself yields at each unit.
+
+        Raises
+        ------
+        SkinError
+            If the sweeps do not settle.
+        """
+        touched = self._touch(self._order[depth_mm[self._order] > 0.0])
+        sweeps = press(
+            self.springs, touched, depth_mm, body_mm_per_n, self.tolerance, SWEEPS, load, own_mm
+        )
+        return _settled("normal loads", sweeps)
+
+    def drag(self, faces: Faces, *, body_mm_per_n: float = 0.0) -> int:
+        """Tangential forces of faces that a body takes along; return the sweeps needed.
+
+        The Coulomb return map: a face that would need more than it can be held with gives way
+        along its own force, until the force is what the friction of motion bears.
+
+        Parameters
+        ----------
+        faces : Faces
+            Those that the body touches are those of the last `press`.
+        body_mm_per_n : float
+            What the body itself yields at each unit.
+
+        Raises
+        ------
+        SkinError
+            If the sweeps do not settle.
+        """
+        sweeps = drag(self.springs, self._touched, faces, body_mm_per_n, self.tolerance, SWEEPS)
+        return _settled("tangential forces", sweeps)
+
+    def surface(self, units: np.ndarray, traction: np.ndarray) -> np.ndarray:
+        """Tangential displacement in mm of faces that nothing touches, shape (2, m), by their
+        indices (m,), under tractions on the others in newton, shape (2, n)."""
+        if self.shear.shape[1] == 0:
+            return np.zeros((2, units.size))
+        rows = self.shear.reshape(2, self.n, 2 * self.n)[:, units]
+        return rows @ traction.reshape(-1)
+
+    def spread(self, force: np.ndarray) -> np.ndarray:
+        """How far the half space alone yields at every face under forces in newton: mm, both of
+        shape (3, n), unit frames."""
+        moved_mm = np.zeros((3, self.n))
+        loaded = np.flatnonzero(force.any(axis=0))
+        if self.normal.shape[1]:
+            moved_mm[2] = self.normal[:, loaded] @ force[2, loaded]
+        if self.shear.shape[1]:
+            both = np.concatenate([loaded, self.n + loaded])
+            moved_mm[:2] = (self.shear[:, both] @ force[:2, loaded].ravel()).reshape(2, self.n)
+        return moved_mm
+
+    def stiffness(
+        self,
+        load: np.ndarray,
+        traction: np.ndarray,
+        own_depth_mm: np.ndarray,
+        *,
+        body_mm_per_n: float = 0.0,
+        shear_body_mm_per_n: float = 0.0,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What a unit resists a small motion of the body with, the others being held.
+
+        Parameters
+        ----------
+        load, traction, own_depth_mm : ndarray, shapes (n,), (2, n), (n,)
+            As from `press` and `drag`.
+        body_mm_per_n, shear_body_mm_per_n : float
+            What the body itself yields.
+
+        Returns
+        -------
+        normal, shear : ndarray, shape (n,)
+            N/mm; 0 without load.
+        """
+        s = self.springs
+        stiff = 1.0 + s.gain_per_mm * (own_depth_mm - s.reference_mm)
+        size = np.hypot(traction[0], traction[1])
+        normal = np.where(load > s.normal[2], s.normal[1], s.normal[0]) + body_mm_per_n
+        shear = np.where(size > s.shear[2] * stiff, s.shear[1], s.shear[0]) / stiff
+        shear += shear_body_mm_per_n
+        if self.normal.shape[1]:
+            normal += np.diag(self.normal)
+        if self.shear.shape[1]:
+            shear += np.diag(self.shear)[: self.n]
+        return (load > 0.0) / normal, (load > 0.0) / shear
+
+    def _touch(self, units: np.ndarray) -> Touched:
+        """The touched units and their influences, kept as long as they stay the same."""
+        if np.array_equal(units, self._touched.units):
+            return self._touched
+        start = np.zeros(2, np.int64)
+        start[1] = units.size
+        normal = shear = np.empty(0)
+        if self.together and units.size:
+            start = np.flatnonzero(np.diff(self._group[units], prepend=-1, append=-1))
+            parts = [self._part(group) for group in np.split(units, start[1:-1])]
+            normal, shear = map(np.concatenate, zip(*parts, strict=True))
+        self._touched = Touched(units, start, normal, shear)
+        return self._touched
+
+    def _part(self, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Influences among units that rest together; those of their group that were asked for last
+        are kept, since a moving body leaves most groups as they are."""
+        group = int(self._group[units[0]])
+        known = self._parts.get(group)
+        if known is None or not np.array_equal(known[0], units):
+            normal = _among(self.normal, units)
+            shear = _among(self.shear, np.concatenate([units, self.n + units]))
+            known = self._parts[group] = units, normal, shear
+        return known[1], known[2]
+
+
+def _among(matrix: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Influences among some rows, flat; none where there is no matrix."""
+    return matrix[np.ix_(rows, rows)].ravel() if matrix.shape[1] else np.empty(0)
+
+
+def _settled(what: str, sweeps: int) -> int:
+    if sweeps > SWEEPS:
+        raise SkinError(f"{what}: must settle within {SWEEPS} sweeps; got no end")
+    return sweeps
+
+
+def _square(name: str, matrix: np.ndarray | None, own: np.ndarray) -> np.ndarray:
+    """The matrix in C order, (size, 0) for none."""
+    size = own.shape[1]
+    if matrix is None:
+        if size and own.min() <= 0.0:
+            raise SkinError(f"{name}: must yield somewhere; got rigid springs and no half space")
+        return np.empty((size, 0))
+    if matrix.shape != (size, size):
+        raise SkinError(f"{name}: must be of shape {(size, size)}; got {matrix.shape}")
+    return np.ascontiguousarray(matrix, float)
+
+
+def _groups(normal: np.ndarray, shear: np.ndarray) -> np.ndarray:
+    """Number of the group of units that each rests with, shape (n,)."""
+    n = len(normal)
+    linked = np.zeros((n, n), bool)
+    if normal.shape[1]:
+        linked |= normal != 0.0
+    if shear.shape[1]:
+        linked |= (shear.reshape(2, n, 2, n) != 0.0).any(axis=(0, 2))
+    return connected_components(csr_array(linked), directed=False)[1]
+
+
+def _check_definite(name: str, matrix: np.ndarray, rows: np.ndarray) -> None:
+    """A look at the work of forces on these rows."""
+    if not matrix.shape[1]:
+        return
+    square = matrix[np.ix_(rows, rows)]
+    try:
+        np.linalg.cholesky(square)
+    except np.linalg.LinAlgError:
+        raise SkinError(
+            f"{name}: must be positive definite; got a least eigenvalue of "
+            f"{np.linalg.eigvalsh(square)[0]:.3g} mm/N (do sensing areas overlap?)"
+        ) from None

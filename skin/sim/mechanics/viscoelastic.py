@@ -1,0 +1,239 @@
+"""What an elastomer adds to its elastic law: relaxation in time, and loops that do not need time.
+
+Both parts stand between the force that acts on a face and the force that belongs, by the elastic
+law, to its displacement; both can be asked either way, exactly. A unit under a known load is
+displaced by what ``prony.elastic(hysteresis.elastic(load), dt_s)`` would need: it creeps, and it
+lags. With all weights 0, or a width of 0, force and elastic force are the same numbers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from bus.compiled.jit import compiled
+from skin.errors import OptionError
+
+__all__ = ["Hysteresis", "Prony"]
+
+
+class Prony:
+    """Linear viscoelasticity: a generalised Maxwell model, exact for forces that change linearly.
+
+    ``force = elastic + sum_j q_j`` and ``q_j' = weight_j * elastic' - q_j / time_j``: a sudden
+    displacement costs ``1 + sum(weights)`` times the elastic force and relaxes to it.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Shape of the forces, the unit axis last.
+    weights : sequence of float
+        Of each term, at least 0. The default is a soft silicone's [assumed].
+    times_s : sequence of float
+        Relaxation times, more than 0.
+
+    Attributes
+    ----------
+    terms : ndarray, shape (j, ...)
+        The q_j, newton.
+
+    Examples
+    --------
+    >>> prony = Prony((1,), weights=[0.5], times_s=[1.0])
+    >>> prony.force(np.array([2.0]), 0.0)
+    array([3.])
+    >>> prony.force(np.array([2.0]), 100.0)
+    array([2.])
+    """
+
+    def __init__(
+        self,
+        shape: tuple[int, ...],
+        weights: Sequence[float] = (0.05, 0.05, 0.08),
+        times_s: Sequence[float] = (0.05, 0.5, 10.0),
+    ) -> None:
+        if len(weights) != len(times_s):
+            raise OptionError(
+                f"times_s: must be as many as weights, {len(weights)}; got {len(times_s)}"
+            )
+        for weight in weights:
+            if not weight >= 0.0:
+                raise OptionError(f"weights: must be at least 0; got {weight:g}")
+        for time_s in times_s:
+            if not time_s > 0.0:
+                raise OptionError(f"times_s: must be more than 0; got {time_s:g}")
+        column = (-1,) + (1,) * len(shape)
+        self._weights = np.reshape(np.asarray(weights, float), column)
+        self._times_s = np.reshape(np.asarray(times_s, float), column)
+        self.terms = np.zeros((len(weights), *shape))
+        self._elastic = np.zeros(shape)
+        self._dt_s, self._kept, self._gained = -1.0, self._weights, self._weights
+
+    def force(self, elastic: np.ndarray, dt_s: float) -> np.ndarray:
+        """Go on by one step, to the force at a displacement whose elastic force is `elastic`."""
+        self._adapt(dt_s)
+        self.terms *= self._kept
+        self.terms += self._gained * (elastic - self._elastic)
+        self._elastic[...] = elastic
+        return elastic + self.terms.sum(axis=0)
+
+    def elastic(self, force: np.ndarray, dt_s: float) -> np.ndarray:
+        """Go on by one step, to the elastic force of the displacement under `force`."""
+        self._adapt(dt_s)
+        _creep(
+            np.ascontiguousarray(force, float).reshape(-1), self._kept.reshape(-1),
+            self._gained.reshape(-1), self.terms.reshape(len(self.terms), force.size),
+            self._elastic.reshape(-1),
+        )  # fmt: skip
+        return self._elastic.copy()
+
+    def _adapt(self, dt_s: float) -> None:
+        # differences of times are never the same to the last bit
+        if math.isclose(dt_s, self._dt_s, rel_tol=1e-9):
+            return
+        lags = dt_s / self._times_s
+        self._kept = np.exp(-lags)
+        # the mean of exp over the step; 1 where there is no time for it to fall
+        mean = np.where(lags > 0.0, -np.expm1(-lags) / np.where(lags > 0.0, lags, 1.0), 1.0)
+        self._gained = self._weights * mean
+        self._dt_s = dt_s
+
+
+class Hysteresis:
+    """Rate-independent loops: the stop operators of Prandtl and Ishlinskii.
+
+    ``force = elastic + sum_j weight_j * e_j``: each e_j follows the elastic force, and stops at the
+    ends of its range. One-sided ranges (pressing) leave no force where there was none; two-sided
+    ones (dragging) treat both ways alike.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Shape of the forces, the unit axis last.
+    width_n : float
+        Width of the loop from 0 to `span_n` and back, halfway.
+    span_n : float
+        Loops over less than this are narrower.
+    one_sided : bool
+        For forces that are never below 0.
+    operators : int
+        More make loops smoother.
+
+    Attributes
+    ----------
+    stops : ndarray, shape (j, ...)
+        The e_j, newton.
+
+    Examples
+    --------
+    >>> pressing = Hysteresis((1,), width_n=0.2, span_n=4.0)
+    >>> [round(float(pressing.force(np.array([x]))[0]), 9) for x in (2.0, 4.0, 2.0, 0.0)]
+    [2.2, 4.2, 2.0, 0.0]
+    """
+
+    def __init__(
+        self,
+        shape: tuple[int, ...],
+        *,
+        width_n: float,
+        span_n: float,
+        one_sided: bool = True,
+        operators: int = 5,
+    ) -> None:
+        for name, value, least in (("width_n", width_n, 0.0), ("operators", operators, 1)):
+            if not value >= least:
+                raise OptionError(f"{name}: must be at least {least:g}; got {value:g}")
+        if not span_n > 0.0:
+            raise OptionError(f"span_n: must be more than 0; got {span_n:g}")
+        ranges = 0.5 * span_n * np.arange(1, operators + 1) / operators
+        self._weights = width_n / (operators * ranges)
+        self._low = np.zeros(operators) if one_sided else -0.5 * ranges
+        self._high = self._low + ranges
+        self.stops = np.zeros((operators, *shape))
+        self._elastic = np.zeros(shape)
+
+    def force(self, elastic: np.ndarray) -> np.ndarray:
+        """Go on to the force at a displacement whose elastic force is `elastic`."""
+        column = (-1,) + (1,) * elastic.ndim
+        self.stops += elastic - self._elastic
+        np.clip(self.stops, self._low.reshape(column), self._high.reshape(column), out=self.stops)
+        self._elastic[...] = elastic
+        return elastic + np.tensordot(self._weights, self.stops, axes=1)
+
+    def elastic(self, force: np.ndarray) -> np.ndarray:
+        """Go on to the elastic force of the displacement under `force`."""
+        flat = self.stops.reshape(len(self._weights), -1)
+        _yield(
+            np.ascontiguousarray(force, float).reshape(-1),
+            self._weights, self._low, self._high, flat, self._elastic.reshape(-1),
+        )  # fmt: skip
+        return self._elastic.copy()
+
+    def lagging(self, force: np.ndarray) -> np.ndarray:
+        """Go on to the force by which the displacement under `force` would be reached at first.
+
+        A law that was measured while loading, as those of a bench are, holds for that force: it is
+        `force` itself until the first unloading.
+        """
+        elastic = self.elastic(force)
+        _load(elastic.reshape(-1), self._weights, self._low, self._high)
+        return elastic
+
+
+def _load_python(elastic, weights, low, high):
+    """From elastic forces, which are overwritten, to those of first loading."""
+    for i in range(elastic.size):
+        force = elastic[i]
+        for j in range(weights.size):
+            force += weights[j] * min(max(elastic[i], low[j]), high[j])
+        elastic[i] = force
+
+
+def _yield_python(force, weights, low, high, stops, elastic):
+    """`Hysteresis.elastic`, in place: along straight pieces, from one stop to the next."""
+    count = weights.size
+    for i in range(force.size):
+        lacking = force[i] - elastic[i]
+        for j in range(count):
+            lacking -= weights[j] * stops[j, i]
+        way = 1.0 if lacking >= 0.0 else -1.0
+        lacking = abs(lacking)
+        for _ in range(count + 1):
+            slope, free = 1.0, np.inf
+            for j in range(count):
+                room = high[j] - stops[j, i] if way > 0.0 else stops[j, i] - low[j]
+                if room > 0.0:
+                    slope += weights[j]
+                    free = min(free, room)
+            step = min(lacking / slope, free)
+            elastic[i] += way * step
+            for j in range(count):
+                end = high[j] if way > 0.0 else low[j]
+                reached = abs(end - stops[j, i]) <= step
+                stops[j, i] = end if reached else stops[j, i] + way * step
+            lacking -= slope * step
+            if step < free:
+                break
+
+
+def _creep_python(force, kept, gained, terms, elastic):
+    """`Prony.elastic`, in place."""
+    gain = 0.0
+    for j in range(gained.size):
+        gain += gained[j]
+    for i in range(force.size):
+        over = 0.0
+        for j in range(kept.size):
+            terms[j, i] *= kept[j]
+            over += terms[j, i]
+        new = (force[i] - over + gain * elastic[i]) / (1.0 + gain)
+        for j in range(kept.size):
+            terms[j, i] += gained[j] * (new - elastic[i])
+        elastic[i] = new
+
+
+_load = compiled(_load_python, fastmath=("contract",))
+_creep = compiled(_creep_python, fastmath=("contract",))
+_yield = compiled(_yield_python, fastmath=("contract",))

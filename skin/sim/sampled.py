@@ -1,0 +1,104 @@
+"""A scene, sampled cycle by cycle: what units counted, and the truth behind it."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from skin.errors import SkinError
+from skin.sim.scene import Scene
+from skin.sim.truth import Truth
+from skin.sim.unit import UnitSimulator
+from topology import CHANNELS
+
+__all__ = ["RECENT", "SampledScene"]
+
+RECENT = 16
+"""Cycles whose counts are kept for a bus that is behind another one."""
+
+
+class SampledScene:
+    """Counts of the last cycles of a scene. Cycle c is the instant (c - first) / cycle rate.
+
+    Parameters
+    ----------
+    scene : Scene
+    units : UnitSimulator
+    history : int or None
+        Truths that are remembered; None remembers all, 0 none.
+
+    Attributes
+    ----------
+    cycle, first : int
+        The last and the first cycle; -1 before it.
+    cycles : int
+        How many were sampled.
+    history : deque of (int, Truth)
+        Remembered cycles and their truths, oldest first.
+    """
+
+    def __init__(self, scene: Scene, units: UnitSimulator, history: int | None) -> None:
+        n = units.topology.n
+        self.scene, self.units = scene, units
+        self.cycle = self.first = -1
+        self.cycles = 0
+        self.history: deque[tuple[int, Truth]] = deque(maxlen=history)
+        self._rate_hz = units.topology.cycle_rate_hz
+        self._counts = np.zeros((RECENT, len(CHANNELS), n), np.int16)
+        self._cycles: list[int | None] = [None] * RECENT
+        self._ahead = Truth.room(RECENT, n)
+        self._at_once = RECENT if getattr(scene, "steady", True) else 1
+
+    def counts(self, cycle: int) -> np.ndarray:
+        """Counts of a cycle, shape (c, n), int16; of the last one where it is not kept."""
+        if cycle > self.cycle:
+            self._sample(cycle)
+        slot = cycle % RECENT
+        if self._cycles[slot] != cycle:  # no bus had it in its turn; the scene has gone on
+            slot = self.cycle % RECENT
+        return self._counts[slot]
+
+    def recent(self, last: int) -> np.ndarray:
+        """Counts of the cycles that end with `last`, as far as they are kept, shape (m, c, n)."""
+        slots = [
+            slot
+            for slot, cycle in enumerate(self._cycles)
+            if cycle is not None and last - RECENT < cycle <= last
+        ]
+        return self._counts[slots]
+
+    def foresee(self, cycle: int, cycles: int) -> int:
+        """Sample up to `cycles` cycles from `cycle` on, which has not come yet; return how many."""
+        count = min(cycles, self._at_once)
+        if count == 1:
+            self._sample(cycle)
+            return 1
+        for k in range(count):
+            self._ahead.put(k, self._go_on(cycle + k))
+        slots = (cycle + np.arange(count)) % RECENT
+        self._counts[slots] = self.units.counts(self._ahead.first(count))
+        return count
+
+    def truth_at(self, cycle: int) -> Truth:
+        """Truth of a remembered cycle; SkinError where it is not."""
+        for number, truth in reversed(self.history):
+            if number == cycle:
+                return truth
+        known = f"{self.history[0][0]} to {self.history[-1][0]}" if self.history else "none"
+        raise SkinError(f"cycle: must be one that is remembered ({known}); got {cycle}")
+
+    def _sample(self, cycle: int) -> None:
+        self._counts[cycle % RECENT] = self.units.counts(self._go_on(cycle))
+
+    def _go_on(self, cycle: int) -> Truth:
+        """Go on to a cycle; its counts are yet to be taken."""
+        if self.first < 0:
+            self.first = cycle
+        truth = self.scene.at((cycle - self.first) / self._rate_hz)
+        self._cycles[cycle % RECENT] = cycle
+        if self.history.maxlen != 0:
+            self.history.append((cycle, truth.copy()))
+        self.cycle = cycle
+        self.cycles += 1
+        return truth

@@ -1,0 +1,222 @@
+"""Motion of scripted things: key frames and waves to poses, forces and temperatures at any time."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from skin.sim.mechanics.body import Body, Pose
+from skin.sim.scenes.script import (
+    Block,
+    BodyTable,
+    Cylinder,
+    Edge,
+    Plate,
+    Shape,
+    Sphere,
+    angle_rad,
+    lowest_m,
+)
+from topology import Topology
+from topology.pose import from_axes, from_rpy
+
+__all__ = ["Motion", "Track", "frame_of", "shape_of"]
+
+TAU = 2.0 * math.pi
+
+
+class Track:
+    """One quantity over time: through its key frames, plus its waves.
+
+    Parameters
+    ----------
+    name : str
+        Field of the keys and waves.
+    keys : sequence
+        Rows with `t_s` and `ease`, in order of time; those that do not name the quantity are
+        passed over.
+    waves : sequence
+        Rows with `from_s`, `to_s` and `frequency_hz`.
+    default : float or tuple of float
+        Value without keys.
+    period_s : float
+        After which time it begins anew.
+
+    Attributes
+    ----------
+    given : bool
+        Whether there is anything but the default.
+
+    Examples
+    --------
+    >>> from skin.sim.scenes.script import RoomKey
+    >>> rows = [RoomKey(t_s=0.0, temperature_c=20.0), RoomKey(t_s=2.0, temperature_c=80.0)]
+    >>> float(Track("temperature_c", rows, (), 24.0)(1.0))
+    50.0
+    """
+
+    def __init__(
+        self,
+        name: str,
+        keys: Sequence[Any],
+        waves: Sequence[Any],
+        default: float | tuple,
+        period_s: float = math.inf,
+    ) -> None:
+        self._period_s = period_s
+        rows = [key for key in keys if getattr(key, name, None) is not None]
+        self._waves = [
+            (w.from_s, w.to_s, TAU * w.frequency_hz, np.asarray(amplitude, float))
+            for w in waves
+            if (amplitude := getattr(w, name, None)) is not None
+        ]
+        self.given = bool(rows or self._waves)
+        self._times = [row.t_s for row in rows]
+        self._eases = [row.ease for row in rows]
+        self._values = [np.asarray(getattr(row, name), float) for row in rows]
+        self._default = np.asarray(default, float)
+
+    def __call__(self, time_s: float) -> np.ndarray:
+        """Value at a time, of the shape of the default."""
+        time_s = time_s % self._period_s
+        value = self._keyed(time_s)
+        for start, end, rate, amplitude in self._waves:
+            if start <= time_s < end:
+                value = value + amplitude * math.sin(rate * (time_s - start))
+        return value
+
+    def _keyed(self, time_s: float) -> np.ndarray:
+        after = bisect_right(self._times, time_s)
+        if after == 0:
+            return self._values[0] if self._values else self._default
+        if after == len(self._times):
+            return self._values[-1]
+        ease = self._eases[after]
+        before, start = self._values[after - 1], self._times[after - 1]
+        if ease == "hold":
+            return before
+        share = (time_s - start) / (self._times[after] - start)
+        if ease == "smooth":
+            share = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+        return before + share * (self._values[after] - before)
+
+
+def shape_of(shape: Shape, compliance_mm_per_n: float = 0.0) -> Body:
+    """The body of a shape in a scene file; it yields alike normal and tangential."""
+    soft = {
+        "compliance_mm_per_n": compliance_mm_per_n,
+        "shear_compliance_mm_per_n": compliance_mm_per_n,
+    }
+    match shape:
+        case Sphere():
+            return Body.sphere(shape.radius_m, **soft)
+        case Cylinder():
+            return Body.cylinder(shape.radius_m, shape.length_m, **soft)
+        case Block():
+            return Body.block(shape.x_m, shape.y_m, shape.z_m, **soft)
+        case Plate():
+            return Body.plate(shape.x_m, shape.y_m, **soft)
+        case Edge():
+            return Body.edge(shape.length_m, angle_rad(shape), **soft)
+    raise TypeError(shape)
+
+
+def frame_of(topology: Topology, on: str | None) -> Pose:
+    """Frame of a patch or unit, as a scene file has it: x along the units' x, z out of the skin.
+
+    The origin is in the middle of the patch, at the height of its outermost face.
+
+    Parameters
+    ----------
+    topology : Topology
+    on : str or None
+        Name of a patch or unit, or KeyError is raised; None: the first patch.
+
+    Returns
+    -------
+    Pose
+        Coordinates of the frame to coordinates of the skin.
+    """
+    if on in topology.unit_names and on not in topology.patch_names:
+        units = np.array([topology.unit_index(on)])
+    else:
+        name = topology.patch_names[0] if on is None else on
+        if name not in topology.patch_names:
+            raise KeyError(name)
+        units = np.flatnonzero(topology.patch == topology.patch_names.index(name))
+    position = topology.position[:, units]
+    middle = position.mean(axis=1)
+    nearest = units[int(np.argmin(np.sum((position - middle[:, np.newaxis]) ** 2, axis=0)))]
+    outward = -topology.rotation[:, 2, units].mean(axis=1)
+    length = float(np.linalg.norm(outward))
+    # faces all around have no common outside: the nearest unit's is as good as any
+    outward = outward / length if length > 0.1 else -topology.rotation[:, 2, nearest]
+    height = float((outward @ (position - middle[:, np.newaxis])).max())
+    x_axis = topology.rotation[:, 0, nearest]
+    inward = from_axes(outward[:, np.newaxis], x_axis[:, np.newaxis])[:, :, 0]
+    return inward * np.array([1.0, -1.0, -1.0]), middle + height * outward
+
+
+class Motion:
+    """What a scene file says of one body, at any time.
+
+    Parameters
+    ----------
+    table : BodyTable
+    topology : Topology
+    room_c : float
+        Temperature of a body of which the file does not tell one.
+    period_s : float
+        After which time it begins anew.
+    """
+
+    def __init__(
+        self, table: BodyTable, topology: Topology, room_c: float, period_s: float = math.inf
+    ) -> None:
+        def track(name: str, default: float | tuple) -> Track:
+            return Track(name, table.keys, table.waves, default, period_s)
+
+        places = topology.patch_names if table.on == "*" else (table.on,)
+        self.frames = tuple(frame_of(topology, place) for place in places)
+        self._period_s = period_s
+        self._lowest_m = np.array([0.0, 0.0, lowest_m(table.shape)])
+        self._xyz_m = track("xyz_m", (0.0, 0.0, 0.0))
+        self._rpy_deg = track("rpy_deg", (0.0, 0.0, 0.0))
+        self._press_n = track("press_n", 0.0)
+        self._drag_n = track("drag_n", (0.0, 0.0))
+        self._temperature_c = track("temperature_c", room_c)
+        self._friction = track("friction", table.friction)
+        self.pressed, self.dragged = self._press_n.given, self._drag_n.given
+        self.changes_friction = self._friction.given
+
+    def frame(self, time_s: float) -> Pose:
+        """Frame in which the body stands."""
+        return self.frames[int(time_s // self._period_s) % len(self.frames)]
+
+    def pose(self, time_s: float) -> Pose:
+        """Where the body is held, skin frame."""
+        rotation, origin = self.frame(time_s)
+        position = rotation @ (self._xyz_m(time_s) + self._lowest_m) + origin
+        if self._rpy_deg.given:
+            rotation = rotation @ from_rpy(*np.radians(self._rpy_deg(time_s)))
+        return rotation, position
+
+    def press_n(self, time_s: float) -> float:
+        """How hard it is pressed, where `pressed`."""
+        return max(float(self._press_n(time_s)), 0.0)
+
+    def drag_n(self, time_s: float) -> np.ndarray:
+        """How hard it is dragged along x and y of the frame, where `dragged`, shape (2,)."""
+        return self._drag_n(time_s)
+
+    def temperature_c(self, time_s: float) -> float:
+        """Temperature of the body."""
+        return float(self._temperature_c(time_s))
+
+    def friction(self, time_s: float) -> float:
+        """Coefficient at rest."""
+        return float(self._friction(time_s))

@@ -1,0 +1,358 @@
+"""A scene file played on a skin: bodies, weights and room to the truth about every unit.
+
+Forces are those of the contact mechanics. What the electronics feel is the displacement that the
+elastomer needs to bear them: by its elastic law alone, or with creep and loops where the file (or
+the caller) wants them. Where several bodies touch a unit, the one that presses it hardest bears on
+it alone, and the others are held by their other units. On a half space each body also feels how far
+the others have sunk, as of their last step.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from skin.errors import SceneError, SkinError
+from skin.physics.fabrication import Fabrication
+from skin.physics.halbach import FELT_M, HalbachField
+from skin.physics.surroundings import EARTH_UT, Surroundings
+from skin.sim.field import Field, SineField, StrayField
+from skin.sim.mechanics.contact import Mechanics
+from skin.sim.mechanics.foundation import Foundation
+from skin.sim.mechanics.friction import Friction
+from skin.sim.mechanics.springs import under
+from skin.sim.mechanics.viscoelastic import Hysteresis, Prony
+from skin.sim.scenes.motion import Motion, Track, shape_of
+from skin.sim.scenes.script import HalfSpace, LoadTable, NonIdeal, SceneFile
+from skin.sim.scenes.tools import MovingTool
+from skin.sim.thermal import STEADY_SHARES, ThermalChain
+from skin.sim.truth import Truth, add_up, wrench_map
+from skin.sim.unit import UnitSimulator
+from topology import Topology
+from topology.pose import from_rpy
+
+__all__ = ["DEEPEST_MM", "PlayedBody", "ScriptedScene", "loaded_units"]
+
+DEEPEST_MM = 3.5
+"""A film that is pressed deeper would lie on its chip: there is no such contact."""
+
+STEP_S = 0.02
+"""Longest step; calls further apart are bridged by several."""
+
+SLIDE_M_PER_S = 0.05
+"""How fast a body moves that is dragged harder than friction holds it."""
+
+LOOP_SHARE = 0.05
+"""Width of the elastomer's loops over the force that they span [assumed, a soft silicone]. The
+elastic laws are those of first loading, as a bench measures them."""
+
+ROOM_C = 24.0
+
+
+class PlayedBody:
+    """One body of a scene file on a skin.
+
+    Attributes
+    ----------
+    name : str
+    force : ndarray, shape (3, n)
+        What it does to each unit, newton, unit frame; 0 where another body bears on the unit.
+    """
+
+    def __init__(
+        self, script: SceneFile, index: int, topology: Topology, foundation: Foundation,
+        room_c: float,
+    ) -> None:  # fmt: skip
+        table = script.bodies[index]
+        self.name = table.name
+        self._where = partial(script.where, "bodies", index)
+        self.motion = Motion(table, topology, room_c, script.period_s)
+        motion, share = self.motion, table.friction_share
+        if motion.changes_friction:
+            friction = Friction(topology.n, motion.friction, lambda t: share * motion.friction(t))
+        else:
+            friction = Friction(topology.n, table.friction, share * table.friction)
+        body = shape_of(table.shape, table.compliance_mm_per_n)
+        self.mechanics = Mechanics(topology, body, foundation=foundation, friction=friction)
+        self.force = np.zeros((3, topology.n))
+        self._rotation = topology.rotation
+        self._names = topology.unit_names
+        self._dragged_m = np.zeros(3)
+        self._springs = foundation.springs
+
+    @property
+    def slip_share(self) -> float:
+        """Share of its load on faces that have slipped since the contact began to stick."""
+        return self.mechanics.truth.slip_share
+
+    @property
+    def pose(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where it is, skin frame."""
+        return self.mechanics.truth.pose
+
+    def wrench(self, to_wrench: np.ndarray) -> np.ndarray:
+        """Force and moment about the origin of the skin, shape (6,)."""
+        return to_wrench @ self.force.ravel()
+
+    def go(self, time_s: float, dt_s: float) -> None:
+        """Go on to a time; SceneError if no body can be there, or bear what it has to."""
+        motion = self.motion
+        axes, _ = motion.frame(time_s)
+        rotation, place = motion.pose(time_s)
+        if motion.dragged:
+            self._dragged_m += axes[:, :2] @ self._giving_way(motion.drag_n(time_s), axes, dt_s)
+        pose = rotation, place + self._dragged_m
+        try:
+            if not motion.pressed:
+                truth = self.mechanics.step(time_s, pose)
+            elif (press_n := motion.press_n(time_s)) > 0.0:
+                truth = self.mechanics.push(time_s, pose, press_n, -axes[:, 2])
+            else:
+                truth = self.mechanics.step(time_s, (rotation, place + axes[:, 2]))
+        except SkinError as error:
+            raise SceneError(f"{self._where(time_s)}: {error}") from None
+        self.force[...] = truth.force
+        if not truth.displacement_mm[2].max() <= DEEPEST_MM:
+            deepest = int(np.argmax(truth.displacement_mm[2]))
+            raise SceneError(
+                f"{self._where(time_s)}: must press no unit deeper than {DEEPEST_MM:g} mm; got "
+                f"{truth.displacement_mm[2, deepest]:.2f} mm at {self._names[deepest]}"
+            )
+
+    def _giving_way(self, wanted_n: np.ndarray, axes: np.ndarray, dt_s: float) -> np.ndarray:
+        """How far it moves under its drag along x and y in one step, metre: until stuck faces bear
+        it; where they cannot, at its speed."""
+        truth = self.mechanics.truth
+        if not truth.contact.any():
+            self._dragged_m[:] = 0.0
+            return np.zeros(2)
+        held = np.einsum("ijn,jn->i", self._rotation, truth.force) @ axes[:, :2]
+        stuck = truth.contact & ~truth.slipping
+        beyond = np.hypot(*truth.force[:2]) >= self._springs.shear[2]
+        compliance = np.where(beyond, self._springs.shear[1], self._springs.shear[0])
+        stiffness = float(np.sum(1.0 / compliance[stuck])) if stuck.any() else 0.0
+        lacking = wanted_n - held
+        size = float(np.hypot(*lacking))
+        fastest_m = SLIDE_M_PER_S * dt_s
+        if size == 0.0:
+            return np.zeros(2)
+        way_m = min(1e-3 * size / stiffness, fastest_m) if stiffness > 0.0 else fastest_m
+        return way_m / size * lacking
+
+
+class _Weights:
+    """Forces glued to units."""
+
+    def __init__(
+        self, table: LoadTable, topology: Topology, room_c: float, period_s: float
+    ) -> None:
+        self.units = loaded_units(table.units, topology)
+        self._force = Track("force_n", table.keys, table.waves, (0.0, 0.0, 0.0), period_s)
+        self._temperature = Track("temperature_c", table.keys, (), room_c, period_s)
+        self.warms = self._temperature.given
+
+    def force(self, time_s: float) -> np.ndarray:
+        force = self._force(time_s).copy()
+        force[2] = max(force[2], 0.0)
+        return force
+
+    def temperature(self, time_s: float) -> float:
+        return float(self._temperature(time_s))
+
+
+def loaded_units(names: tuple[str, ...], topology: Topology) -> np.ndarray:
+    """Indices of units by names of units and patches, or KeyError; `*` is all of them."""
+    chosen = np.zeros(topology.n, bool)
+    for name in names:
+        if name == "*":
+            chosen[:] = True
+        elif name in topology.patch_names:
+            chosen |= topology.patch == topology.patch_names.index(name)
+        elif name in topology.unit_names:
+            chosen[topology.unit_index(name)] = True
+        else:
+            raise KeyError(name)
+    return np.flatnonzero(chosen)
+
+
+class ScriptedScene:
+    """A scene file on a skin (a `skin.sim.scene.Scene`).
+
+    Parameters
+    ----------
+    topology : Topology
+    script : SceneFile
+        As from `skin.sim.scenes.load.load_scene`, which checks it against the topology.
+    non_ideal : NonIdeal, optional
+        In place of the file's own.
+
+    Attributes
+    ----------
+    bodies : tuple of PlayedBody
+    seconds : float
+        How long the scene lasts; it may be played on.
+    units : UnitSimulator
+        Units with the non-idealities of their electronics, for `skin.sim.node.Nodes`.
+    steady : bool
+        Whether what units read depends on the truth alone; not where the skin turns in the field of
+        the Earth, or tools pass by.
+
+    Examples
+    --------
+    >>> from skin.sim.scenes.load import load_scene
+    >>> from topology import load
+    >>> palm = load("palm")
+    >>> scene = ScriptedScene(palm, load_scene("press", palm))
+    >>> bool(scene.at(0.0).contact.any()), bool(scene.at(2.0).contact.any())
+    (False, True)
+    """
+
+    def __init__(
+        self, topology: Topology, script: SceneFile, *, non_ideal: NonIdeal | None = None
+    ) -> None:
+        self.topology, self.script = topology, script
+        self.non_ideal = script.non_ideal if non_ideal is None else non_ideal
+        self.seconds = script.seconds
+        wanted, n, period_s = self.non_ideal, topology.n, script.period_s
+        self._room_c = Track("temperature_c", script.room, (), ROOM_C, period_s)
+        self._attitude_deg = Track("attitude_deg", script.room, (), (0.0, 0.0, 0.0), period_s)
+        room_c = float(self._room_c(0.0))
+        foundation = _foundation(topology, script)
+        self.bodies = tuple(
+            PlayedBody(script, i, topology, foundation, room_c) for i in range(len(script.bodies))
+        )
+        self._weights = tuple(_Weights(table, topology, room_c, period_s) for table in script.loads)
+        self._springs = foundation.springs
+        self._chain = ThermalChain(
+            topology,
+            ambient=room_c,
+            free_lag_s=60.0,
+            direct=not wanted.thermal,
+            steady_shares=STEADY_SHARES if wanted.thermal else (1.0, 1.0, 1.0, 1.0),
+        )
+        self._prony = Prony((3, n)) if wanted.viscoelastic else None
+        self._loops = None
+        if wanted.hysteresis:
+            span_n = float(topology.parameters["normal_max_n"].max())
+            pressing = Hysteresis((n,), width_n=LOOP_SHARE * span_n, span_n=span_n)
+            dragging = Hysteresis((2, n), width_n=LOOP_SHARE * 2.0, span_n=2.0, one_sided=False)
+            self._loops = pressing, dragging
+        tools = script.tools if wanted.tools else ()
+        self._tools = tuple(MovingTool(script, i, topology) for i in range(len(tools)))
+        self._surroundings = None
+        if wanted.ambient_field or tools:
+            ambient_ut = np.array(EARTH_UT) if wanted.ambient_field else np.zeros(3)
+            self._surroundings = Surroundings(ambient_ut)
+        self.steady = self._surroundings is None or not (tools or self._attitude_deg.given)
+        parts = script.electronics
+        self.units = UnitSimulator(
+            topology,
+            seed=script.seed,
+            noise=wanted.noise,
+            field=self._field(),
+            counter=parts.counter() if wanted.counter else None,
+            divider=parts.divider() if wanted.divider else None,
+            converter=parts.hall_converter() if wanted.hall_converter else None,
+        )
+        self._position = topology.position
+        self._to_wrench = wrench_map(topology.position, topology.rotation)
+        self._source_c, self._needed = np.empty(n), np.empty((3, n))
+        self._truth = Truth.at_rest(n, room_c)
+        self._time_s, self._began = 0.0, False
+
+    def at(self, time_s: float) -> Truth:
+        """Go on to `time_s`; see `Scene`. SkinError if time runs backwards, or a body is where none
+        can be."""
+        start = self._time_s
+        ahead = time_s - start
+        if ahead < 0.0:
+            raise SkinError(f"time_s: must not be before {start:g}, the last one; got {time_s:g}")
+        if ahead > 0.0 or not self._began:
+            self._began = True
+            steps = max(1, int(np.ceil(ahead / STEP_S)))
+            for i in range(1, steps + 1):
+                self._step(start + ahead * (i / steps), ahead / steps)
+        self._time_s = self._truth.time_s = time_s
+        return self._truth
+
+    def body_wrench(self) -> np.ndarray:
+        """What each body does to the skin, shape (b, 6): newton, and newton metre about the origin
+        of the skin."""
+        return np.array([body.wrench(self._to_wrench) for body in self.bodies]).reshape(-1, 6)
+
+    def _step(self, time_s: float, dt_s: float) -> None:
+        truth, source = self._truth, self._source_c
+        room_c = float(self._room_c(time_s))
+        source[:] = room_c
+        truth.force[...] = 0.0
+        for body in self.bodies:
+            if len(self.bodies) > 1:
+                others = [other.force for other in self.bodies if other is not body]
+                body.mechanics.share(np.sum(others, axis=0))
+            body.go(time_s, dt_s)
+        self._share_out()
+        for body in self.bodies:
+            truth.force += body.force
+            np.copyto(source, body.motion.temperature_c(time_s), where=body.force[2] > 0.0)
+        for weights in self._weights:
+            force = weights.force(time_s)
+            truth.force[:, weights.units] += force[:, np.newaxis]
+            if weights.warms and force[2] > 0.0:
+                source[weights.units] = weights.temperature(time_s)
+        np.greater(truth.force[2], 0.0, out=truth.contact)
+        add_up(self._to_wrench, self._position, truth.force, truth.wrench, truth.centroid)
+        self._yield(dt_s)
+        warm = self._chain.step(dt_s, truth.contact, source, room_c)
+        truth.temperature[:] = warm[0]
+        truth.film_temperature[:], truth.hall_temperature[:] = warm[1], warm[3]
+        if self._surroundings is not None:
+            self._surround(self._surroundings, time_s)
+
+    def _surround(self, surroundings: Surroundings, time_s: float) -> None:
+        """Turn the skin in the field of the Earth, and move the tools."""
+        if self._attitude_deg.given:
+            turn = np.radians(self._attitude_deg(time_s))
+            surroundings.attitude = from_rpy(*turn)
+        if self._tools:
+            surroundings.tools = tuple(tool.at(time_s) for tool in self._tools)
+
+    def _share_out(self) -> None:
+        """A unit bears the one body that presses it hardest."""
+        if len(self.bodies) < 2:
+            return
+        loads = np.stack([body.force[2] for body in self.bodies])
+        hardest = loads.argmax(axis=0)
+        for i, body in enumerate(self.bodies):
+            body.force[:, hardest != i] = 0.0
+
+    def _yield(self, dt_s: float) -> None:
+        """Displacements under the forces."""
+        truth = self._truth
+        needed = truth.force
+        if self._loops is not None:
+            pressing, dragging = self._loops
+            needed = self._needed
+            needed[:2], needed[2] = (
+                dragging.lagging(truth.force[:2]),
+                pressing.lagging(truth.force[2]),
+            )
+        if self._prony is not None:
+            needed = self._prony.elastic(needed, dt_s)
+        under(self._springs, needed, truth.depth_mm, truth.displacement_mm)
+
+    def _field(self) -> Field:
+        wanted, topology, surroundings = self.non_ideal, self.topology, self._surroundings
+        if not (wanted.magnet or wanted.fabrication or wanted.crosstalk or self._tools):
+            field = SineField(topology)
+            return field if surroundings is None else StrayField(topology, field, surroundings)
+        made = Fabrication.draw(topology.n, self.script.seed) if wanted.fabrication else None
+        reach_m = FELT_M if wanted.crosstalk else 0.0
+        return HalbachField(topology, fabrication=made, reach_m=reach_m, surroundings=surroundings)
+
+
+def _foundation(topology: Topology, script: SceneFile) -> Foundation:
+    wanted = script.foundation
+    if isinstance(wanted, HalfSpace):
+        return Foundation.half_space(topology, wanted.modulus_pa, wanted.poisson)
+    return Foundation.winkler(topology)

@@ -1,0 +1,181 @@
+"""Truth files: what was really the matter, cycle by cycle, beside the frames of a log.
+
+A truth file is an npz without pickles; `numpy.load` opens it. t cycles, n units, b bodies:
+
+=====================  =================  ========  ================================================
+name                   shape              type      meaning
+=====================  =================  ========  ================================================
+format                 ()                 int64     1
+topology, scene        ()                 str       names
+cycle_rate_hz          ()                 float64   cycles a second
+unit_names             (n,)               str       in the order of the topology
+body_names             (b,)               str       in the order of the scene
+time_s                 (t,)               float64   since the start of the scene
+contact                (t, n)             bool      whether the unit bears load
+depth_mm               (t, n)             float32   pressed depth H
+displacement_mm        (t, 2, n)          float32   tangential displacement, unit frame
+force                  (t, 3, n)          float32   newton, unit frame, z into the skin
+temperature            (t, n)             float32   degree Celsius, of the gel
+film_temperature       (t, n)             float32   of the magnetic film
+hall_temperature       (t, n)             float32   of the Hall chip
+wrench                 (t, 6)             float64   newton and newton metre, skin frame
+centroid               (t, 3)             float64   metre, skin frame; NaN without load
+slipping               (t, n)             bool      whether a body moves over the face
+body_wrench            (t, b, 6)          float64   of each body, as `wrench`
+body_position          (t, b, 3)          float64   metre, skin frame
+body_rotation          (t, b, 3, 3)       float64   coordinates of the body to those of the skin
+slip_share             (t, b)             float64   share of the load on faces that have slipped
+=====================  =================  ========  ================================================
+
+Cycle c of simulated nodes, counted from their first, is row c.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+import zipfile
+from collections.abc import Iterator
+from dataclasses import fields
+from pathlib import Path
+from typing import IO, Self
+
+import numpy as np
+
+from skin.errors import SkinError
+from skin.sim.scenes.play import ScriptedScene
+from skin.sim.truth import Truth
+
+__all__ = ["FORMAT", "Recorder", "read_truth"]
+
+FORMAT = 1
+
+_SMALL = {"depth_mm", "displacement_mm", "force"} | {
+    f"{layer}temperature" for layer in ("", "film_", "hall_")
+}
+
+
+class Recorder:
+    """A scene that writes down what it says (a `skin.sim.scene.Scene`).
+
+    Every instant that is asked for becomes a row. Rows go to a folder beside the file; `close`, or
+    the end of a `with`, makes the file of them, if there are any. If the block is left by an error
+    there is a file with what came before it.
+
+    Parameters
+    ----------
+    scene : ScriptedScene
+        Its `units` and `steady` are also those of the recorder.
+    path : str or Path
+        Replaced if it exists; SkinError if nothing can be written there.
+    """
+
+    def __init__(self, scene: ScriptedScene, path: str | Path) -> None:
+        self.scene, self.path = scene, Path(path)
+        self.units, self.steady = scene.units, scene.steady
+        try:
+            self._folder = Path(
+                tempfile.mkdtemp(prefix=f".{self.path.name}.", dir=self.path.absolute().parent)
+            )
+        except OSError as error:
+            raise SkinError(f"{path}: must be a place to write to; got {error.strerror}") from None
+        self._parts: dict[str, tuple[IO[bytes], np.dtype, tuple[int, ...]]] = {}
+        self._rows = 0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def at(self, time_s: float) -> Truth:
+        """Go on to `time_s` and write it down; see `Scene`."""
+        truth = self.scene.at(time_s)
+        for name, value in _row(self.scene, truth):
+            self._write(name, value)
+        self._rows += 1
+        return truth
+
+    def close(self) -> None:
+        """Make the file; closing twice is fine."""
+        if not self._folder.exists():
+            return
+        if not self._rows:
+            shutil.rmtree(self._folder)
+            return
+        scene = self.scene
+        about = {
+            "format": np.int64(FORMAT),
+            "topology": np.array(scene.topology.name),
+            "scene": np.array(scene.script.name),
+            "cycle_rate_hz": np.float64(scene.topology.cycle_rate_hz),
+            "unit_names": np.array(scene.topology.unit_names),
+            "body_names": np.array([body.name for body in scene.bodies], str),
+        }
+        partial = self._folder / "whole.npz"
+        try:
+            with zipfile.ZipFile(partial, "w", allowZip64=True) as archive:
+                for name, value in about.items():
+                    with archive.open(f"{name}.npy", "w") as entry:
+                        np.lib.format.write_array(entry, np.asarray(value), allow_pickle=False)
+                for name, (part, dtype, shape) in self._parts.items():
+                    part.close()
+                    with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
+                        header = {
+                            "descr": np.lib.format.dtype_to_descr(dtype),
+                            "fortran_order": False,
+                            "shape": (self._rows, *shape),
+                        }
+                        np.lib.format.write_array_header_1_0(entry, header)
+                        with open(self._folder / name, "rb") as rows:
+                            shutil.copyfileobj(rows, entry)
+            os.replace(partial, self.path)
+        finally:
+            for part, _, _ in self._parts.values():
+                part.close()
+            shutil.rmtree(self._folder)
+
+    def _write(self, name: str, value: np.ndarray) -> None:
+        if name not in self._parts:
+            kind = np.float32 if name in _SMALL else value.dtype
+            # the folder goes with `close`
+            part = open(self._folder / name, "wb")
+            self._parts[name] = part, np.dtype(kind), value.shape
+        part, dtype, _ = self._parts[name]
+        part.write(np.ascontiguousarray(value, dtype).tobytes())
+
+
+def _row(scene: ScriptedScene, truth: Truth) -> Iterator[tuple[str, np.ndarray]]:
+    for field in fields(truth):
+        yield field.name, np.asarray(getattr(truth, field.name))
+    bodies = scene.bodies
+    slipping = np.zeros(scene.topology.n, bool)
+    for body in bodies:
+        slipping |= body.mechanics.truth.slipping & (body.force[2] > 0.0)
+    yield "slipping", slipping
+    yield "body_wrench", scene.body_wrench()
+    yield "body_position", np.array([body.pose[1] for body in bodies]).reshape(-1, 3)
+    yield "body_rotation", np.array([body.pose[0] for body in bodies]).reshape(-1, 3, 3)
+    yield "slip_share", np.array([body.slip_share for body in bodies])
+
+
+def read_truth(path: str | Path) -> tuple[Truth, dict[str, np.ndarray]]:
+    """Read a truth file; SkinError if it is none, or one of a later format.
+
+    Returns
+    -------
+    truth : Truth
+        Its arrays have a leading axis t.
+    more : dict of str to ndarray
+        Everything else in the file; see the module.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            found = {name: stored[name] for name in stored.files}
+        if int(found["format"]) != FORMAT:
+            raise SkinError(f"{path}: format: must be {FORMAT}; got {int(found['format'])}")
+        truth = Truth(**{field.name: found.pop(field.name) for field in fields(Truth)})
+    except (OSError, ValueError, KeyError, AttributeError, zipfile.BadZipFile) as error:
+        raise SkinError(f"{path}: must be a truth file; got {error}") from None
+    return truth, found

@@ -1,0 +1,397 @@
+"""Scene files, format version 1: what touches a skin, when, how hard and how warm.
+
+::
+
+    format = 1
+    seconds = 10.0
+
+    [[bodies]]
+    name = "ball"
+    shape = { kind = "sphere", radius_m = 0.05 }
+    friction = 0.5
+    keys = [
+        { t_s = 0.0, xyz_m = [0.0, 0.0, 0.003] },
+        { t_s = 1.0, xyz_m = [0.0, 0.0, -0.001] },
+    ]
+
+A body stands in the frame of the patch or unit that it is `on`: x along the units' x, z out of the
+skin, the origin in the middle of the patch at the height of its outermost face. `xyz_m` is where
+the lowest point of the body is, as it lies before it is turned by `rpy_deg` about its own origin.
+With `press_n` the body is not held at a height but sunk until the skin bears that much; with
+`drag_n` it is not held along x and y but dragged. Each quantity runs through the keys that name it,
+and stays as it is before the first and after the last.
+
+`[[loads]]` are weights glued to units, `[[tools]]` spheres of iron that pass by, `[[room]]` the air
+and how the skin lies in the field of the Earth. `[non_ideal]` switches on what real units do and
+the paper's formulas leave out, one by one; `[electronics]` says what parts its boards are made of.
+`skin sim --schema` prints all of it as a JSON Schema.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
+
+import msgspec
+from msgspec import Meta
+
+from bus.faults.script import FaultScript
+from skin.physics.surroundings import Tool
+from skin.sim.electronics.counter import Counter
+from skin.sim.electronics.divider import Divider
+from skin.sim.electronics.hall import HallConverter
+
+__all__ = [
+    "BodyTable",
+    "Electronics",
+    "Foundation",
+    "Key",
+    "LoadKey",
+    "LoadTable",
+    "LoadWave",
+    "NonIdeal",
+    "RoomKey",
+    "SceneFile",
+    "Shape",
+    "ToolKey",
+    "ToolTable",
+    "Wave",
+]
+
+_Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$(?!\n)", max_length=64)]
+_Seconds = Annotated[float, Meta(ge=0, le=86_400)]
+_Length = Annotated[float, Meta(ge=1e-4, le=10)]
+_Coordinate = Annotated[float, Meta(ge=-10, le=10)]
+_Angle = Annotated[float, Meta(ge=-36_000, le=36_000)]
+_Force = Annotated[float, Meta(ge=-1000, le=1000)]
+_Press = Annotated[float, Meta(ge=0, le=1000)]
+_Celsius = Annotated[float, Meta(ge=-50, le=200)]
+_Friction = Annotated[float, Meta(ge=0, le=10)]
+_Moment = Annotated[float, Meta(ge=-100, le=100)]
+_Point = tuple[_Coordinate, _Coordinate, _Coordinate]
+_Turn = tuple[_Angle, _Angle, _Angle]
+_Ease = Literal["smooth", "linear", "hold"]
+
+
+class _Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A table of the file: no key but the ones it names."""
+
+
+class _Shape(_Table, frozen=True, kw_only=True, tag_field="kind"):
+    """Shape of a body."""
+
+
+class Sphere(_Shape, frozen=True, kw_only=True, tag="sphere"):
+    """A sphere about the origin of the body."""
+
+    radius_m: _Length
+
+
+class Cylinder(_Shape, frozen=True, kw_only=True, tag="cylinder"):
+    """A cylinder that lies along x."""
+
+    radius_m: _Length
+    length_m: _Length
+
+
+class Block(_Shape, frozen=True, kw_only=True, tag="block"):
+    """A block of these edges."""
+
+    x_m: _Length
+    y_m: _Length
+    z_m: _Length
+
+
+class Plate(_Shape, frozen=True, kw_only=True, tag="plate"):
+    """A flat face; the origin in its middle."""
+
+    x_m: _Length
+    y_m: _Length
+
+
+class Edge(_Shape, frozen=True, kw_only=True, tag="edge"):
+    """A wedge; its ridge along x, the origin in the middle of the ridge."""
+
+    length_m: _Length
+    angle_deg: Annotated[float, Meta(gt=0, lt=180)] = 90.0
+
+
+Shape = Sphere | Cylinder | Block | Plate | Edge
+
+
+class Key(_Table, frozen=True, kw_only=True):
+    """A body at one instant (`keys` of `[[bodies]]`); what is not named runs through."""
+
+    t_s: Annotated[_Seconds, Meta(description="Later than the key before")]
+    ease: Annotated[
+        _Ease,
+        Meta(description="Way from the key before: minimum jerk, steady, or a jump at its end"),
+    ] = "smooth"
+    xyz_m: Annotated[_Point | None, Meta(description="Lowest point of the unturned body")] = None
+    rpy_deg: Annotated[_Turn | None, Meta(description="About its origin, convention of URDF")] = (
+        None
+    )
+    press_n: Annotated[_Press | None, Meta(description="Into the skin, along -z; 0: lifted")] = None
+    drag_n: Annotated[tuple[_Force, _Force] | None, Meta(description="Along x and y")] = None
+    temperature_c: Annotated[_Celsius | None, Meta(description="Of the body")] = None
+    friction: Annotated[_Friction | None, Meta(description="In place of that of the body")] = None
+
+
+class Wave(_Table, frozen=True, kw_only=True):
+    """A sine on top of the keys (`waves` of `[[bodies]]`): amplitudes of what it names."""
+
+    from_s: _Seconds
+    to_s: _Seconds
+    frequency_hz: Annotated[float, Meta(gt=0, le=100)]
+    xyz_m: _Point | None = None
+    rpy_deg: _Turn | None = None
+    press_n: _Press | None = None
+    drag_n: tuple[_Force, _Force] | None = None
+
+
+class BodyTable(_Table, frozen=True, kw_only=True):
+    """A body (`[[bodies]]`)."""
+
+    name: _Name
+    shape: Shape
+    keys: Annotated[tuple[Key, ...], Meta(min_length=1)]
+    waves: tuple[Wave, ...] = ()
+    on: Annotated[
+        str | None,
+        Meta(
+            description="Patch or unit in whose frame it stands; absent: the first patch; `*`: "
+            "every patch, the next one with each repetition of the scene"
+        ),
+    ] = None
+    friction: Annotated[_Friction, Meta(description="Coefficient at rest")] = 0.5
+    friction_share: Annotated[
+        float, Meta(gt=0, le=1, description="Coefficient in motion over that at rest")
+    ] = 1.0
+    compliance_mm_per_n: Annotated[
+        float, Meta(ge=0, le=100, description="How far it yields to the force of one unit")
+    ] = 0.0
+
+
+class LoadKey(_Table, frozen=True, kw_only=True):
+    """Forces at one instant (`keys` of `[[loads]]`)."""
+
+    t_s: Annotated[_Seconds, Meta(description="Later than the key before")]
+    ease: _Ease = "smooth"
+    force_n: Annotated[
+        tuple[_Force, _Force, _Press] | None,
+        Meta(description="On each of the units, unit frame; z into the skin"),
+    ] = None
+    temperature_c: Annotated[_Celsius | None, Meta(description="Of what loads the units")] = None
+
+
+class LoadWave(_Table, frozen=True, kw_only=True):
+    """A sine on top of the keys (`waves` of `[[loads]]`)."""
+
+    from_s: _Seconds
+    to_s: _Seconds
+    frequency_hz: Annotated[float, Meta(gt=0, le=100)]
+    force_n: tuple[_Force, _Force, _Force]
+
+
+class LoadTable(_Table, frozen=True, kw_only=True):
+    """Weights glued to the faces of units (`[[loads]]`): no friction, no other unit takes part."""
+
+    units: Annotated[
+        tuple[str, ...], Meta(min_length=1, description="Units, patches, or `*`: all of them")
+    ]
+    keys: Annotated[tuple[LoadKey, ...], Meta(min_length=1)]
+    waves: tuple[LoadWave, ...] = ()
+
+
+class ToolKey(_Table, frozen=True, kw_only=True):
+    """A tool at one instant (`keys` of `[[tools]]`)."""
+
+    t_s: Annotated[_Seconds, Meta(description="Later than the key before")]
+    ease: _Ease = "smooth"
+    xyz_m: Annotated[_Point, Meta(description="Lowest point of the sphere")]
+
+
+class ToolTable(_Table, frozen=True, kw_only=True):
+    """A sphere of iron that passes by (`[[tools]]`): chips feel it, faces do not."""
+
+    name: _Name
+    keys: Annotated[tuple[ToolKey, ...], Meta(min_length=1)]
+    on: Annotated[
+        str | None,
+        Meta(description="Patch or unit in whose frame it stands; absent: the first patch"),
+    ] = None
+    radius_m: Annotated[float, Meta(ge=1e-4, le=0.1)] = Tool.radius_m
+    permeability: Annotated[float, Meta(ge=1, le=1e6, description="Relative")] = Tool.permeability
+    remanent_am2: Annotated[
+        tuple[_Moment, _Moment, _Moment],
+        Meta(description="Moment that it keeps without any field, A m², in the frame"),
+    ] = Tool.remanent_am2
+
+
+class RoomKey(_Table, frozen=True, kw_only=True):
+    """The room at one instant (`[[room]]`)."""
+
+    t_s: Annotated[_Seconds, Meta(description="Later than the key before")]
+    ease: _Ease = "smooth"
+    temperature_c: Annotated[_Celsius | None, Meta(description="Of the air")] = None
+    attitude_deg: Annotated[
+        _Turn | None, Meta(description="Roll, pitch and yaw of the skin in the world")
+    ] = None
+
+
+class _Foundation(_Table, frozen=True, kw_only=True, tag_field="kind"):
+    """What the units rest on (`[foundation]`)."""
+
+
+class Winkler(_Foundation, frozen=True, kw_only=True, tag="winkler"):
+    """Each unit yields for itself."""
+
+
+class HalfSpace(_Foundation, frozen=True, kw_only=True, tag="half-space"):
+    """The units of a patch rest together on one elastic body."""
+
+    modulus_pa: Annotated[float, Meta(ge=1e3, le=1e12)] = 6e5
+    poisson: Annotated[float, Meta(ge=0, le=0.5)] = 0.5
+
+
+Foundation = Winkler | HalfSpace
+
+
+class NonIdeal(_Table, frozen=True, kw_only=True):
+    """What real units do and the paper's formulas leave out (`[non_ideal]`), one by one."""
+
+    noise: Annotated[bool, Meta(description="Of each sample, as in the unit's model")] = True
+    viscoelastic: Annotated[bool, Meta(description="Creep and relaxation of the elastomer")] = False
+    hysteresis: Annotated[bool, Meta(description="Loops of the elastomer, 5 % wide")] = False
+    thermal: Annotated[
+        bool, Meta(description="Heat takes its way through film and elastomer, and is lost on it")
+    ] = False
+    magnet: Annotated[bool, Meta(description="Field of the Halbach film; else the sine law")] = True
+    fabrication: Annotated[bool, Meta(description="Errors of Halbach films, from the seed")] = False
+    crosstalk: Annotated[bool, Meta(description="Halbach films of the neighbours")] = True
+    ambient_field: Annotated[bool, Meta(description="The field of the Earth as the skin turns")] = (
+        False
+    )
+    tools: Annotated[
+        bool, Meta(description="What is in [[tools]]; where there is one, films are Halbach films")
+    ] = True
+    counter: Annotated[
+        bool, Meta(description="The timer's periods are counted within a gate, by a clock")
+    ] = False
+    divider: Annotated[bool, Meta(description="The gel is measured by a divider and an ADC")] = (
+        False
+    )
+    hall_converter: Annotated[bool, Meta(description="Step and range of the Hall chip")] = False
+
+    @classmethod
+    def everything(cls) -> NonIdeal:
+        """All of them."""
+        return cls(**dict.fromkeys(cls.__struct_fields__, True))
+
+    @classmethod
+    def only(cls, *names: str) -> NonIdeal:
+        """None but these."""
+        return cls(**{**dict.fromkeys(cls.__struct_fields__, False), **dict.fromkeys(names, True)})
+
+
+class Electronics(_Table, frozen=True, kw_only=True):
+    """The parts of a board (`[electronics]`), as far as `[non_ideal]` wants them."""
+
+    gate_s: Annotated[float, Meta(gt=0, le=1, description="How long periods are counted")] = (
+        Counter.gate_s
+    )
+    clock_hz: Annotated[float, Meta(ge=1e3, le=1e10, description="That times the periods")] = (
+        Counter.clock_hz
+    )
+    reference_v: Annotated[float, Meta(gt=0, le=100, description="Of divider and ADC")] = (
+        Divider.reference_v
+    )
+    series_ohm: Annotated[float, Meta(gt=0, le=1e9, description="Beside the gel")] = (
+        Divider.series_ohm
+    )
+    adc_bits: Annotated[int, Meta(ge=1, le=32)] = Divider.bits
+    hall_lsb_ut: Annotated[float, Meta(gt=0, le=1e5, description="Step of the Hall chip")] = (
+        HallConverter.lsb_ut
+    )
+    hall_range_ut: Annotated[
+        float, Meta(gt=0, le=1e7, description="Largest field of either sign")
+    ] = HallConverter.range_ut
+
+    def counter(self) -> Counter:
+        """How the timer is read."""
+        return Counter(gate_s=self.gate_s, clock_hz=self.clock_hz)
+
+    def divider(self) -> Divider:
+        """How the gel is read."""
+        return Divider(self.reference_v, self.series_ohm, self.adc_bits)
+
+    def hall_converter(self) -> HallConverter:
+        """How the chip reads its field."""
+        return HallConverter(lsb_ut=self.hall_lsb_ut, range_ut=self.hall_range_ut)
+
+
+if TYPE_CHECKING:
+    _Faults = tuple[Any, ...]
+else:
+    _Faults = get_type_hints(FaultScript, include_extras=True)["faults"]
+
+
+class SceneFile(_Table, frozen=True, kw_only=True):
+    """The whole file."""
+
+    format: Literal[1]
+    seconds: Annotated[float, Meta(gt=0, le=86_400, description="How long it lasts")]
+    repeat: Annotated[bool, Meta(description="Begin anew at its end; else stay as it ends")] = False
+    name: str = ""
+    description: str = ""
+    seed: Annotated[int, Meta(ge=0, description="Of noise, fabrication and faults")] = 0
+    foundation: Foundation = Winkler()
+    non_ideal: NonIdeal = NonIdeal()
+    electronics: Electronics = Electronics()
+    room: tuple[RoomKey, ...] = ()
+    bodies: tuple[BodyTable, ...] = ()
+    loads: tuple[LoadTable, ...] = ()
+    tools: tuple[ToolTable, ...] = ()
+    faults: _Faults = ()
+
+    @property
+    def period_s(self) -> float:
+        """After which time the scene begins anew; infinite if it does not."""
+        return self.seconds if self.repeat else math.inf
+
+    def where(self, table: str, index: int, time_s: float) -> str:
+        """A body, load or tool at a time, in the words of messages: by the key it is on its way to.
+
+        Parameters
+        ----------
+        table : "bodies", "loads" or "tools"
+        index : int
+        time_s : float
+        """
+        keys = getattr(self, table)[index].keys
+        within_s = time_s % self.period_s
+        key = min(bisect_left([key.t_s for key in keys], within_s), len(keys) - 1)
+        return f"{self.place((table, index, 'keys', key))} (at {time_s:.4g} s)"
+
+    def place(self, key: tuple[str | int, ...]) -> str:
+        """A key in words; one that was loaded from a file begins with file and line."""
+        table, index, *rest = key
+        name = getattr(getattr(self, str(table))[index], "name", None)
+        words = f"{table}[{index}]" + (f" {name!r}" if name else "")
+        return f"{words} {rest[0]}[{rest[1]}]" if rest else words
+
+
+def lowest_m(shape: Shape) -> float:
+    """How far the lowest point of a shape is below its origin."""
+    match shape:
+        case Sphere(radius_m=radius) | Cylinder(radius_m=radius):
+            return radius
+        case Block(z_m=height):
+            return 0.5 * height
+    return 0.0
+
+
+def angle_rad(edge: Edge) -> float:
+    """Angle between the faces of a wedge."""
+    return math.radians(edge.angle_deg)

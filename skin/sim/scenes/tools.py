@@ -1,0 +1,79 @@
+"""Tools of steel that a scene moves past a skin: where they are, and that they touch nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from skin.errors import SceneError
+from skin.physics.film_table import load_film_table
+from skin.physics.surroundings import Tool
+from skin.sim.mechanics.body import Body, reach
+from skin.sim.scenes.motion import Track, frame_of
+from skin.sim.scenes.script import SceneFile
+from topology import Topology
+
+__all__ = ["MovingTool"]
+
+
+class MovingTool:
+    """One tool of a scene file.
+
+    Parameters
+    ----------
+    script : SceneFile
+    index : int
+        Which of its tools.
+    topology : Topology
+    """
+
+    def __init__(self, script: SceneFile, index: int, topology: Topology) -> None:
+        table = script.tools[index]
+        self._topology = topology
+        self._where = partial(script.where, "tools", index)
+        self._rotation, self._origin = frame_of(topology, table.on)
+        self._xyz_m = Track("xyz_m", table.keys, (), (0.0, 0.0, 0.0), script.period_s)
+        self._lowest_m = np.array([0.0, 0.0, table.radius_m])
+        self._body = Body.sphere(table.radius_m)
+        moment = self._rotation @ np.array(table.remanent_am2)
+        self._tool = Tool((0.0, 0.0, 0.0), table.radius_m, table.permeability, tuple(moment))
+
+    def at(self, time_s: float) -> Tool:
+        """The tool where it is at a time.
+
+        Raises
+        ------
+        SceneError
+            If no tool can be there; see `problem`.
+        """
+        if found := self.problem(time_s):
+            raise SceneError(f"{self._where(time_s)}: must be {found[0]}; got {found[1]}")
+        return replace(self._tool, position=tuple(self._position(time_s)))
+
+    def problem(self, time_s: float) -> tuple[str, str] | None:
+        """Why the tool cannot be where it is at a time: what must be, and what is.
+
+        It touches no unit, and stays as far from the film of each as `HalbachField` asks for.
+        """
+        topology, position = self._topology, self._position(time_s)
+        depth_mm, _ = reach(
+            self._body, (np.eye(3), position), topology.position, topology.rotation,
+            radius_m=topology.parameters["radius_m"], face="disc",
+        )  # fmt: skip
+        deepest = int(np.argmax(depth_mm))
+        if depth_mm[deepest] > 0.0:
+            got = f"{depth_mm[deepest]:.3g} mm into {topology.unit_names[deepest]}"
+            return "outside of all units (what presses them goes into [[bodies]])", got
+        table = load_film_table()
+        film = topology.position + 1e-3 * table.film.middle_mm * topology.rotation[:, 2]
+        away_mm = 1e3 * np.linalg.norm(film - position[:, np.newaxis], axis=0)
+        nearest = int(np.argmin(away_mm))
+        if away_mm[nearest] < table.far_mm:
+            got = f"{away_mm[nearest]:.3g} mm from that of {topology.unit_names[nearest]}"
+            return f"with its middle {table.far_mm:.3g} mm or more from that of any film", got
+        return None
+
+    def _position(self, time_s: float) -> np.ndarray:
+        return self._rotation @ (self._xyz_m(time_s) + self._lowest_m) + self._origin

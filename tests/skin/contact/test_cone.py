@@ -1,0 +1,113 @@
+"""Friction cone, margin and grip force against closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import tests.naive.contact as naive
+from skin.contact.cone import cone_in_use, grip_force, grip_margin
+from skin.contact.features import contact_features
+from skin.contact.graph import neighbour_graph
+from skin.contact.slip import SlipSettings
+from skin.contact.stream import ContactStream
+from skin.errors import SkinError
+
+loads = st.floats(0.1, 50.0)
+shears = st.floats(0.0, 20.0)
+torsions = st.floats(0.0, 0.5)
+arms = st.floats(1e-3, 0.05)
+frictions = st.floats(0.05, 2.0)
+
+
+def torsion_arm(load, position):
+    """Arm of a contact of units that face +z."""
+    n = load.size
+    force = np.array([np.zeros(n), np.zeros(n), load])
+    (contact,), _ = contact_features(
+        np.zeros(n, int), force, 0.0, position, naive.facing_down(n), 1e-6
+    )
+    return contact["arm"]
+
+
+def test_a_block_on_a_slope_slides_at_the_angle_of_friction():
+    for friction in (0.2, 0.5, 1.1):
+        angle, weight = np.arctan(friction), 3.0
+        used = cone_in_use(weight * np.cos(angle), weight * np.sin(angle), 0.0, 0.0, friction)
+        assert used == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("radius", [0.005, 0.02])
+def test_arm_of_even_pressure_is_that_of_a_disc(radius):
+    # A disc under even pressure bears friction x load x 2/3 of its radius.
+    x, y = np.meshgrid(*(np.linspace(-radius, radius, 401),) * 2)
+    inside = x**2 + y**2 <= radius**2
+    position = np.array([x[inside], y[inside], np.zeros(inside.sum())])
+    arm = torsion_arm(np.ones(inside.sum()), position)
+    assert arm == pytest.approx(2.0 / 3.0 * radius, rel=5e-3)
+
+
+def test_arm_of_hertzian_pressure_is_that_of_a_ball():
+    # Under p = sqrt(1 - (r / a)²) the arm is 3 pi / 16 of the radius a (Lubkin 1951).
+    radius = 0.01
+    x, y = np.meshgrid(*(np.linspace(-radius, radius, 601),) * 2)
+    square = (x**2 + y**2) / radius**2
+    inside = square < 1.0
+    position = np.array([x[inside], y[inside], np.zeros(inside.sum())])
+    arm = torsion_arm(np.sqrt(1.0 - square[inside]), position)
+    assert arm == pytest.approx(3.0 * np.pi / 16.0 * radius, rel=5e-3)
+
+
+def test_arm_does_not_see_what_lies_along_the_normal():
+    position = np.array([[-1.0, 1.0], [0.0, 0.0], [5.0, -5.0]])
+    assert torsion_arm(np.ones(2), position) == pytest.approx(1.0)
+
+
+@given(loads, shears, torsions, arms, frictions)
+def test_limit_surface_is_an_ellipsoid(load, shear, torsion, arm, friction):
+    used = cone_in_use(load, shear, torsion, arm, friction)
+    most = friction * load
+    assert used**2 == pytest.approx((shear / most) ** 2 + (torsion / (most * arm)) ** 2)
+    assert grip_margin(load, shear, torsion, arm, friction) == pytest.approx(1.0 - used)
+
+
+@given(shears.filter(lambda value: value > 1e-3), torsions, arms, frictions, st.floats(1.0, 3.0))
+def test_grip_force_leaves_the_margin_that_was_asked_for(shear, torsion, arm, friction, safety):
+    load = grip_force(shear, torsion, arm, friction, safety)
+    assert cone_in_use(load, shear, torsion, arm, friction) == pytest.approx(1.0 / safety)
+
+
+@given(loads, shears, torsions, arms, frictions)
+def test_more_grip_leaves_more_margin(load, shear, torsion, arm, friction):
+    margin = grip_margin(load, shear, torsion, arm, friction)
+    assert grip_margin(1.5 * load, shear, torsion, arm, friction) >= margin
+
+
+def test_a_point_bears_no_torsion_that_anybody_sees():
+    assert cone_in_use(10.0, 2.0, 0.3, 0.0, 0.4) == pytest.approx(0.5)
+
+
+def test_friction_must_be_positive():
+    for friction in (0.0, -0.2, np.nan):
+        with pytest.raises(SkinError, match="friction: must be a positive number; got"):
+            grip_force(1.0, 0.0, 0.0, friction)
+
+
+def test_contacts_tell_margin_and_grip_force_of_the_friction_they_are_given():
+    position = naive.grid(5, 5)
+    stream = ContactStream(
+        position, naive.facing_down(25), 1e-4, *neighbour_graph(position, 0.0125),
+        want={"slip"}, dtype="float64", slip=SlipSettings(friction=0.6, safety=1.5),
+    )  # fmt: skip
+    rng = np.random.default_rng(1)
+    force = rng.uniform(0.5, 1.5, (3, 25)) * [[0.1], [0.05], [1.0]]
+    for number in range(1, 4):
+        (contact,) = stream.update(force, 0.01, 0.2 * force, 0.01, stamp_ns=number * 4_000_000)
+    arm = naive.torsion_arm(force[2], position, contact.normal)
+    given_by = (contact.load, contact.shear, contact.torsion, arm, 0.6)
+    assert contact.arm == pytest.approx(arm)
+    assert contact.friction == 0.6
+    assert contact.margin == pytest.approx(grip_margin(*given_by))
+    assert contact.grip_force == pytest.approx(grip_force(*given_by[1:], safety=1.5))

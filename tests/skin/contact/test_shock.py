@@ -1,0 +1,93 @@
+"""Impacts and vibration: as many false alarms as were asked for, and shocks seen in time."""
+
+import numpy as np
+import pytest
+
+from skin.contact import shock
+from skin.contact.shock import Shocks, shock_python
+from skin.errors import SkinError
+
+BEGIN = 1
+
+
+def shocks_of(shocks, forces, sigma, events=()):
+    """Impact and vibration of one contact over time; forces (t, 3)."""
+    seen = []
+    for t, force in enumerate(forces):
+        event = np.array([BEGIN if t == 0 or t in events else 0], np.int32)
+        shocks.update(1, np.zeros(1, np.int32), event, force[None], np.full((1, 3), sigma))
+        seen.append((shocks.impact[0], shocks.vibration[0]))
+    return np.transpose(seen)
+
+
+@pytest.mark.parametrize("kind", ["impact", "vibration"])
+def test_shocks_alarm_no_more_often_on_noise_than_asked_for(kind):
+    rate, samples = 250.0, 40_000
+    shocks = Shocks(1, rate, false_alarms_per_hour=3600.0 * rate / 1000.0)
+    noise = 0.02 * np.random.default_rng(3).standard_normal((samples, 3))
+    impact, vibration = shocks_of(shocks, noise, 0.02)
+    if kind == "impact":
+        begun = np.count_nonzero(impact > shocks.impact_limit)
+        assert begun == pytest.approx(40, abs=20)
+    else:
+        above = vibration > shocks.vibration_limit
+        begun = np.count_nonzero(above[1:] & ~above[:-1])
+        assert begun <= 60
+
+
+def test_mean_and_spread_of_vibration_on_noise_are_those_the_limit_stands_on():
+    shocks = Shocks(1, 250.0)
+    noise = np.random.default_rng(4).standard_normal((40_000, 3))
+    _, vibration = shocks_of(shocks, noise, 1.0)
+    keep = np.exp(-1.0 / 25.0)
+    spread = 6.0 * (1 - keep) / (1 + keep) * (1 + 2 * (keep * 4 / 9 + keep**2 / 36))
+    assert vibration[500:].mean() == pytest.approx(3.0, rel=0.02)
+    assert vibration[500:].var() == pytest.approx(spread, rel=0.15)
+
+
+def test_steady_and_evenly_growing_forces_are_no_shock():
+    shocks = Shocks(1, 250.0)
+    ramp = np.linspace(0.0, 20.0, 200)[:, None] * [0.3, -0.1, 1.0]
+    impact, vibration = shocks_of(shocks, ramp, 0.01)
+    assert impact.max() < 1e-12
+    assert vibration[-1] < 3.0
+
+
+def test_a_blow_is_an_impact_in_its_cycle_and_a_hum_a_vibration():
+    shocks = Shocks(1, 250.0)
+    force = np.full((400, 3), 2.0)
+    force[100:, 2] += 0.5
+    time_s = np.arange(200) / 250.0
+    force[200:, 0] += 0.1 * np.sin(2 * np.pi * 60.0 * time_s)
+    impact, vibration = shocks_of(shocks, force, 0.01)
+    assert np.flatnonzero(impact > shocks.impact_limit)[0] == 100
+    assert (impact[110:200] < 1e-9).all()
+    assert (vibration[230:] > shocks.vibration_limit).all()
+
+
+def test_a_contact_that_begins_anew_is_no_shock():
+    shocks = Shocks(1, 250.0)
+    force = np.ones((20, 3))
+    force[10:] = 9.0
+    impact, vibration = shocks_of(shocks, force, 0.01, events=(10,))
+    assert impact.max() == 0.0
+    assert vibration.max() == 3.0
+
+
+def test_machine_code_and_python_shock_alike(monkeypatch):
+    force = np.random.default_rng(5).standard_normal((50, 3))
+    machine = shocks_of(Shocks(1, 250.0), force, 0.3, events=(20,))
+    monkeypatch.setattr(shock, "shock", shock_python)
+    assert shocks_of(Shocks(1, 250.0), force, 0.3, events=(20,)) == pytest.approx(machine)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: Shocks(4, 250.0, false_alarms_per_hour=0.0), "chance between 0 and 0.1; got 0"),
+        (lambda: Shocks(4, 250.0, false_alarms_per_hour=1e9), "chance between 0 and 0.1; got 1111"),
+    ],
+)
+def test_impossible_false_alarm_rates_are_refused(call, message):
+    with pytest.raises(SkinError, match=message):
+        call()

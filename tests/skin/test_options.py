@@ -1,0 +1,33 @@
+"""Options: what may be asked for, and how a mistake is answered."""
+
+from __future__ import annotations
+
+import pytest
+
+from skin.errors import OptionError
+from skin.options import Options
+from skin.state import WANTS
+
+
+def test_everything_is_wanted_unless_told_otherwise():
+    assert Options().quantities == set(WANTS)
+    assert Options(want="wrench") == Options(want=["wrench"]) == Options(want={"wrench"})
+
+
+def test_equal_options_are_one():
+    assert len({Options(want=["slip", "force"]), Options(want={"force", "slip"})}) == 1
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"want": {"wrnch"}}, "want: must be one of .*; got 'wrnch' .nearest: 'wrench'"),
+        ({"want": "wrnch"}, "got 'wrnch'"),
+        ({"estimator": "sin"}, "estimator: must be one of 'sine', 'field-angle'; got 'sin'"),
+        ({"dtype": "float16"}, "dtype: must be one of 'float32', 'float64'; got 'float16'"),
+        ({"sweeps": 3}, "sweeps: must be 0, 1 or 2; got 3"),
+    ],
+)
+def test_a_mistake_is_refused_by_name(given, message):
+    with pytest.raises(OptionError, match=message):
+        Options(**given)

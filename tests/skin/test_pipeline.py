@@ -1,0 +1,127 @@
+"""The spine: frames and cycles give the same states, live and from a log."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+import skin
+import topology
+from bus.assemble import Assembler
+from bus.cycle import ClosedBy, RawCycle
+from bus.frame import FrameBatch
+from skin.errors import CountsError
+from skin.options import Options
+from skin.pipeline import Pipeline
+from skin.sim.node import Nodes
+
+STRIP = topology.load("strip")
+OPTIONS = Options(want={"force", "temperature", "wrench", "contacts"})
+
+
+def frames_of(cycles, seed=4):
+    """Frames of the simulated strip, cycle by cycle."""
+    nodes, batches = Nodes(STRIP, seed=seed), []
+    for cycle in range(cycles):
+        batch, answers = FrameBatch(64), FrameBatch(64)
+        batch.append(STRIP.buses[0].sync_id, bytes([cycle]))
+        nodes.respond(batch.frames, answers)
+        batches.append(np.concatenate([batch.frames, answers.frames]))
+    return batches
+
+
+def seen(state):
+    """What a state says, kept."""
+    contacts = [contact.record.copy() for contact in state.contacts]
+    units, arrays = state.units, (state.wrench, state.label)
+    copies = [array.copy() for array in (units.force, units.temperature, *arrays)]
+    return (state.cycle, state.closed_by, state.coverage, *copies, contacts)
+
+
+def assert_same(one, other):
+    for mine, theirs in zip(one, other, strict=True):
+        for a, b in zip(mine, theirs, strict=True):
+            np.testing.assert_array_equal(np.asarray(a), np.asarray(b))
+
+
+@pytest.fixture(scope="module")
+def fed():
+    """Frames of 30 cycles, and the states of a pipeline that was fed with them one by one."""
+    batches, pipeline = frames_of(30), Pipeline(STRIP, OPTIONS)
+    states = [seen(state) for batch in batches for state in pipeline.feed(batch)]
+    assert len(states) == 30
+    return batches, states
+
+
+def test_a_log_gives_the_states_that_were_live(fed):
+    batches, live = fed
+    pipeline = Pipeline(STRIP, OPTIONS)
+    frames = np.concatenate(batches)
+    assert_same([seen(state) for state in pipeline.feed(frames)], live)
+    assert pipeline.counters.data == 30 * len(STRIP.frames)
+    assert pipeline.flush() is None
+
+
+def test_cycles_of_another_assembler_give_the_same_states(fed):
+    batches, live = fed
+    assembler, pipeline = Assembler(STRIP), Pipeline(STRIP, OPTIONS)
+    states = []
+    for cycle in assembler.feed(np.concatenate(batches)):
+        copy = RawCycle(cycle.number, cycle.stamp_ns, cycle.closed_by, cycle.counts.copy(),
+                        cycle.valid, cycle.status.copy(), cycle.age, cycle.sequence,
+                        cycle.fault_code, cycle.counters)  # fmt: skip
+        states.append(seen(pipeline(copy)))
+    assert_same(states, live)
+
+
+def test_the_last_cycle_of_a_log_is_flushed(fed):
+    batches, live = fed
+    pipeline = Pipeline(STRIP, OPTIONS)
+    states = [
+        seen(state) for state in pipeline.feed(np.concatenate([*batches[:4], batches[4][:2]]))
+    ]
+    last = pipeline.flush()
+    assert last is not None
+    assert (last.cycle, last.closed_by) == (4, ClosedBy.END)
+    assert_same(states, live[:4])
+
+
+def test_an_open_cycle_expires():
+    pipeline = Pipeline(STRIP, OPTIONS, deadline_s=1e-3)
+    (batch,) = frames_of(1)
+    assert list(pipeline.feed(batch[:2])) == []
+    assert pipeline.expire(0) is None
+    late = pipeline.expire(2**62)
+    assert late is not None
+    assert late.closed_by == ClosedBy.DEADLINE
+    assert not late.units.valid.all()
+
+
+def test_arrays_of_a_state_are_the_same_every_cycle(fed):
+    batches, _ = fed
+    pipeline = Pipeline(STRIP, OPTIONS)
+    one, other = itertools.islice(pipeline.feed(np.concatenate(batches)), 2)
+    assert one.units.force.ctypes.data == other.units.force.ctypes.data
+    assert one.wrench.ctypes.data == other.wrench.ctypes.data
+
+
+@pytest.mark.parametrize(
+    ("counts", "status"),
+    [
+        (np.zeros((6, 3), np.int16), np.zeros(STRIP.n, np.uint16)),
+        (np.zeros((6, STRIP.n), np.int32), np.zeros(STRIP.n, np.uint16)),
+        (np.zeros((6, STRIP.n), np.int16), np.zeros(STRIP.n, np.int64)),
+    ],
+)
+def test_a_cycle_of_another_skin_is_refused(counts, status):
+    rest = np.zeros(STRIP.n, np.int32)
+    cycle = RawCycle(0, 0, ClosedBy.COMPLETE, counts, rest == 0, status, rest, rest, rest)
+    with pytest.raises(CountsError, match=r"strip: (counts|status): must be an array of"):
+        Pipeline(STRIP, OPTIONS)(cycle)
+
+
+def test_it_is_at_hand_by_name():
+    assert skin.Pipeline is Pipeline
+    assert skin.Options is Options

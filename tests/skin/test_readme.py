@@ -1,0 +1,43 @@
+"""The README's examples, as a type checker in a user's editor sees them: no errors."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+GIVEN = "import numpy as np\n\ncounts = np.zeros((6, 64), np.int16)\n"
+"""What an example takes from the reader."""
+
+
+def examples():
+    """The README's blocks of Python."""
+    return re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+
+
+def test_examples_have_no_type_errors(tmp_path):
+    pytest.importorskip("basedpyright")
+    (tmp_path / "pyrightconfig.json").write_text(
+        json.dumps({"typeCheckingMode": "basic", "extraPaths": [str(ROOT)], "include": ["."]})
+    )
+    found = examples()
+    assert len(found) >= 3
+    for number, text in enumerate(found):
+        (tmp_path / f"example{number}.py").write_text(GIVEN + text)
+    command = [sys.executable, "-m", "basedpyright", "--outputjson", "--level", "error",
+               "--pythonpath", sys.executable, "--project", str(tmp_path)]  # fmt: skip
+    done = subprocess.run(command, check=False, capture_output=True, text=True)
+    report = json.loads(done.stdout)
+    assert report["summary"]["filesAnalyzed"] >= len(found), done.stdout
+    problems = [(problem["file"], problem["message"]) for problem in report["generalDiagnostics"]]
+    assert problems == []
+
+
+def test_types_are_shipped():
+    for package in ("skin", "bus", "topology"):
+        assert (ROOT / package / "py.typed").exists()
