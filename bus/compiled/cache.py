@@ -63,7 +63,9 @@ def cache_on_disk(kernel: Any) -> None:
 
 @cache
 def _stamped_cache() -> type:
-    class StampedCache(FunctionCache):
+    base: Any = FunctionCache
+
+    class StampedCache(base):
         """Numba's cache, with `stamp` in its key."""
 
         _stamp: str | None = None
@@ -130,7 +132,8 @@ class _Walk:
         elif isinstance(value, np.dtype):
             self._add(value.descr, value.itemsize)
         elif isinstance(value, enum.EnumType):
-            self._add([(member.name, member.value) for member in value])
+            members: Any = value
+            self._add([(member.name, member.value) for member in members])
         elif isinstance(value, type):
             self._add(value.__qualname__, getattr(value, "_fields", ()))
         elif isinstance(value, tuple | list):

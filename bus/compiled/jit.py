@@ -66,7 +66,9 @@ def compiled(
         raise ValueError(f"fastmath: must be of 'contract', 'reassoc', 'arcp'; got {sorted(flags)}")
     # Always said: what is compiled within another kernel takes over what is not.
     options["_nrt"] = allocates
-    kernel = njit(error_model="numpy", nogil=True, fastmath=flags or False, **options)(function)
+    compile_it: Any = njit
+    flagged = compile_it(error_model="numpy", nogil=True, fastmath=flags or False, **options)
+    kernel = flagged(function)
     if not hasattr(kernel, "overloads"):
         return kernel
     if cache:
