@@ -58,7 +58,10 @@ class Ruff:
 
     def __init__(self) -> None:
         check = ("-m", "ruff", "check", "--output-format=concise", "--quiet")
-        self._tools = Tool(*check), Tool("-m", "ruff", "format", "--check", "--quiet")
+        self._tools = (
+            Tool(*check),
+            Tool("-m", "ruff", "format", "--check", "--output-format=concise", "--quiet"),
+        )
 
     def outcome(self) -> Outcome:
         """One error a line; the count is that of errors."""
