@@ -20,7 +20,7 @@ from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
 import numpy as np
-from numba.types import Type
+from numba import types
 
 try:
     from numba.core.caching import FunctionCache
@@ -139,7 +139,7 @@ class _Walk:
                 self.value(part)
         elif isinstance(value, set | frozenset):
             self._add(sorted(map(repr, value)))
-        elif isinstance(value, Type):
+        elif isinstance(value, types.Type):
             self._add(repr(value))
         elif isinstance(value, bool | int | float | str | bytes | np.generic | None):
             self._add(repr(value))

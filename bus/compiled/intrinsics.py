@@ -3,6 +3,8 @@ parts, they do nothing."""
 
 from __future__ import annotations
 
+from typing import Any
+
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic, lower_builtin, type_callable
@@ -34,8 +36,7 @@ def _noalias_code(context, builder, signature, arguments):
     return context.get_dummy_value()
 
 
-@intrinsic
-def prefetch(typing, array, index):
+def _prefetch(typing, array, index):
     """Begin to fetch the cache line of an element of a 1-D array, which may lie beyond its end."""
 
     def code(context, builder, signature, arguments):
@@ -50,3 +51,6 @@ def prefetch(typing, array, index):
         return context.get_dummy_value()
 
     return types.none(array, types.intp), code
+
+
+prefetch: Any = intrinsic(_prefetch)

@@ -207,10 +207,10 @@ def contact_clusters(
     model = ContactModel(
         checked_graph(n, neighbour_start, neighbour_index),
         Gate(float(start_sigma), float(keep_sigma), 0.0, 0.0, False),
-        geometry, Wants(False, False, False), np.zeros(0),
+        geometry, Wants(False, False, False),
     )  # fmt: skip
     reading = Readings(loads, sigmas, loads, sigmas, load, used, np.zeros(1, GIVEN))
-    data = contact_data(reading, geometry.pose, 1)
+    data = contact_data(reading, 1)
     if touching is not None:
         data.units.touching[:] = touching
     join(model, data)

@@ -99,9 +99,9 @@ def contact_features(
         neighbour_start, neighbour_index = np.zeros(n + 1, np.int32), np.zeros(0, np.int32)
     model = ContactModel(
         checked_graph(n, neighbour_start, neighbour_index), Gate(0.0, 0.0, 0.0, 0.0, False),
-        posed_units(position, rotation, area), Wants(True, True, False), np.zeros(0),
+        posed_units(position, rotation, area), Wants(True, True, False),
     )  # fmt: skip
-    data = contact_data(reading, model.geometry.pose, count)
+    data = contact_data(reading, count)
     records, units = data.contacts, data.units
     records["begin"][:count], records["end"][:count] = ends[:-1] - ends[0], ends[1:] - ends[0]
     records["event"] = BORN

@@ -11,11 +11,13 @@ from typing import NamedTuple
 import numpy as np
 
 from skin.contact.record import CONTACT
+from skin.contact.slip.data import SlipData
+from skin.contact.slip.parameters import SlipModel, SlipSettings
 from skin.errors import SkinError
 
 __all__ = [
     "ADDED", "CLOCK", "COUNTERS", "GIVEN", "POSE", "SUMS", "WAYPOINTS", "ContactData",
-    "ContactModel", "Gate", "Geometry", "NeighbourGraph", "Readings", "Scratch", "SlipArrays",
+    "ContactModel", "Gate", "Geometry", "NeighbourGraph", "Readings", "Scratch",
     "SlotData", "Sums", "UnitData", "Wants", "contact_data", "no_readings", "posed_units",
     "set_poses",
 ]  # fmt: skip
@@ -130,7 +132,7 @@ class ContactModel(NamedTuple):
     gate: Gate
     geometry: Geometry
     wants: Wants
-    slip: np.ndarray  # settings of the slip detector, see `SlipSettings.packed`
+    slip: SlipModel = SlipSettings().model()
 
 
 class Readings(NamedTuple):
@@ -185,16 +187,6 @@ class Scratch(NamedTuple):
     vectors: np.ndarray
 
 
-class SlipArrays(NamedTuple):
-    """What today's slip kernel takes: other names of memory above, and its own."""
-
-    units: np.ndarray  # (9, n + 1), int32: `UnitData`, a field a row
-    slots: np.ndarray  # (3, s), int32: present, slot_of, part_of
-    geometry: np.ndarray  # (n, 16), float64: `POSE` as numbers
-    judged: np.ndarray
-    work: np.ndarray
-
-
 class ContactData(NamedTuple):
     """What changes from cycle to cycle."""
 
@@ -208,7 +200,7 @@ class ContactData(NamedTuple):
     paths: np.ndarray  # (s, WAYPOINTS, 3), float64: last waypoints of each record, a ring buffer
     sums: Sums
     scratch: Scratch
-    slip: SlipArrays
+    slip: SlipData
 
 
 def posed_units(position: np.ndarray, rotation: np.ndarray, area: np.ndarray | float) -> Geometry:
@@ -252,14 +244,8 @@ def no_readings(n: int, dtype: np.dtype | type) -> Readings:
     )
 
 
-NONE = np.zeros((0, 0))
-
-
-def contact_data(
-    reading: Readings, pose: np.ndarray, capacity: int,
-    judged: np.ndarray = NONE, work: np.ndarray = NONE,
-) -> ContactData:  # fmt: skip
-    """Arrays for so many contacts that can be told apart; `judged` and `work` are slip's."""
+def contact_data(reading: Readings, capacity: int, *, judges: bool = False) -> ContactData:
+    """Arrays for so many contacts that can be told apart, with those of slip if it `judges`."""
     n, slots = reading.valid.size, 2 * capacity
     rows = np.zeros((len(UnitData._fields), n + 1), np.int32)
     units = UnitData(*rows[:, :n])._replace(begin=rows[UnitData._fields.index("begin")])
@@ -278,5 +264,5 @@ def contact_data(
         np.zeros((slots, WAYPOINTS, 3)),
         Sums(sums, sums.view(np.float64).reshape(sums.size, -1)),
         Scratch(np.zeros((6, 6)), *np.zeros((3, 3, 3))),
-        SlipArrays(rows, of_slots, pose.view(np.float64).reshape(n, -1), judged, work),
+        SlipData.zeros(n if judges else 0),
     )

@@ -2,27 +2,15 @@
 
 from __future__ import annotations
 
-from bus.compiled.jit import compiled, jitable
+from bus.compiled.jit import compiled
 from skin.contact.describe import describe
-from skin.contact.slip_kernels import judge
+from skin.contact.slip.judge import judge
 from skin.contact.track import find_contacts
 
 __all__ = ["EARLY", "SAME", "step", "step_python"]
 
 SAME, EARLY = -1, -2
 """What a step returns where contacts neither came nor went, and where no time has passed."""
-
-
-@jitable
-def _judge(count, dt_s, now_ns, model, data):
-    """Slip of the contacts that `describe` has described."""
-    reading, arrays = data.reading, data.slip
-    judge(
-        count, dt_s, now_ns, model.slip, reading.force, reading.force_sigma,
-        reading.displacement, reading.displacement_sigma, arrays.geometry,
-        model.geometry.origin, arrays.units, arrays.slots, data.contacts, arrays.judged,
-        arrays.work,
-    )  # fmt: skip
 
 
 def step_python(model, data):
@@ -50,7 +38,7 @@ def step_python(model, data):
     if count > 0 and wants.total:
         describe(count if wants.each else 0, model, data)
         if wants.slip:
-            _judge(count, dt_s, now_ns, model, data)
+            judge(count, dt_s, now_ns, model, data)
     same = count == clock["present"]
     for k in range(count):
         same &= slots.before[k] == slots.present[k]

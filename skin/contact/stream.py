@@ -24,7 +24,6 @@ from skin.contact.model import (
 from skin.contact.record import BRIDGE, CONTACT, OPEN, Flag
 from skin.contact.shock import Shocks
 from skin.contact.slip import SlipSettings
-from skin.contact.slip_kernels import JUDGED, WORK_ROWS, work_length
 from skin.contact.step import EARLY, SAME, step
 from skin.contact.track import Tracker
 from skin.errors import OptionError, SkinError
@@ -138,12 +137,9 @@ class ContactStream:
             Gate(float(start_sigma), float(keep_sigma), 1e9 * memory_s, 1e9 * settle_s, slips),
             posed_units(position, rotation, area),
             Wants(bool(wanted), each, slips),
-            (slip or SlipSettings()).packed(),
+            (slip or SlipSettings()).model(),
         )
-        self.data = contact_data(
-            no_readings(n, self._dtype), self.model.geometry.pose, capacity,
-            np.zeros((n, JUDGED)), np.zeros((WORK_ROWS, work_length(n))),
-        )  # fmt: skip
+        self.data = contact_data(no_readings(n, self._dtype), capacity, judges=slips)
         self.tracker = Tracker(self.data)
         self.paths, self.records = self.data.paths, self.data.contacts
         self.shocks = (

@@ -81,13 +81,7 @@ class SampledScene:
         return count
 
     def truth_at(self, cycle: int) -> Truth:
-        """Truth of a remembered cycle.
-
-        Raises
-        ------
-        SkinError
-            The cycle has not come yet, was left out, or is forgotten.
-        """
+        """Truth of a remembered cycle; SkinError where it is not."""
         for number, truth in reversed(self.history):
             if number == cycle:
                 return truth

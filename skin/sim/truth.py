@@ -96,7 +96,10 @@ class Truth:
 
 
 def wrench_map(position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """The linear map from the forces of all units to their wrench about the origin.
+    """The linear map from forces to their wrench about the origin, shape (6, 3 n).
+
+    ``wrench_map(position, rotation) @ force.ravel()`` is the wrench of `force`, shape (3, n),
+    newton, unit frames.
 
     Parameters
     ----------
@@ -104,12 +107,6 @@ def wrench_map(position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
         Metre, skin frame.
     rotation : ndarray, shape (3, 3, n)
         Columns are the units' axes in the skin frame.
-
-    Returns
-    -------
-    ndarray, shape (6, 3 n)
-        ``wrench_map(position, rotation) @ force.ravel()`` is the wrench of `force`, shape (3, n),
-        newton, unit frames.
     """
     arm = np.cross(position[:, np.newaxis, :], rotation, axis=0)
     return np.concatenate([rotation, arm]).reshape(6, -1)

@@ -7,8 +7,9 @@ let in.
 
 import numpy as np
 
-from skin.contact import slip_kernels as kernels
 from skin.contact.record import SlipState, UnitSlip
+from skin.contact.slip.parameters import PARAMETERS
+from skin.contact.slip.pattern_test import FRICTIONS
 
 
 class NaiveSlip:
@@ -44,7 +45,7 @@ class NaiveSlip:
         self.anchor, self.lag = here.copy(), np.zeros((2, n))
         self.moved, self.known, self.slow, self.past = np.zeros((4, 2, n))
         self.gives, self.sure = np.zeros(n), np.full(n, 1.0 / self.settings.gain_error**2)
-        self.variance, self.anchor_variance = noise.copy(), kernels.UNSETTLED * noise
+        self.variance, self.anchor_variance = noise.copy(), PARAMETERS.new_anchor * noise
         self.score, self.clipped = np.zeros(n), np.zeros(n)
 
     @property
@@ -69,16 +70,18 @@ class NaiveSlip:
 
     def _body(self, load, here, noise, held):
         design = self._design(load)
-        weight = load * np.minimum(1.0, kernels.HUBER / np.maximum(self.score, 1e-9))
-        weight *= 1.0 - (1.0 - kernels.CLIPPED_WEIGHT) * self.clipped
-        weight /= noise + kernels.ALL_ALIKE * self.anchor_variance + self.settings.floor_mm**2
+        weight = load * np.minimum(1.0, PARAMETERS.huber_sigmas / np.maximum(self.score, 1e-9))
+        weight *= 1.0 - (1.0 - PARAMETERS.clipped_weight) * self.clipped
+        weight /= (
+            noise + PARAMETERS.anchor_correlation * self.anchor_variance + self.settings.floor_mm**2
+        )
         root = np.sqrt(held * weight / load[held].max())
-        self.yields = yields = held.sum() >= kernels.ENOUGH_TO_YIELD
+        self.yields = yields = held.sum() >= PARAMETERS.units_for_swelling
         self.design = design = design[..., : 4 if yields else 3]
         there = here - self.anchor - self.believed * self.way
         rows = [(root[:, np.newaxis] * design[c], root * there[c]) for c in range(2)]
         if yields:
-            rows.append((np.array([[0.0, 0.0, 0.0, 1.0 / kernels.SWELLING_MM]]), np.zeros(1)))
+            rows.append((np.array([[0.0, 0.0, 0.0, 1.0 / PARAMETERS.swelling_mm]]), np.zeros(1)))
         x, *_ = np.linalg.lstsq(*(np.concatenate(part) for part in zip(*rows, strict=True)))
         return design @ x
 
@@ -88,15 +91,15 @@ class NaiveSlip:
 
         heavy = held * load
         ahead = heavy @ ((moved - self.slow) ** 2).sum(axis=0) / heavy.sum()
-        columns = 4 if held.sum() >= kernels.ENOUGH_TO_TURN else 2
+        columns = 4 if held.sum() >= PARAMETERS.units_for_turn else 2
         ahead -= columns / held.sum() * (heavy @ noise) / heavy.sum()
         ahead = np.sqrt(max(ahead, 1e-12))
-        slow, fast = lowpass(self.settings.lowpass_hz), lowpass(kernels.FAST_HZ)
-        share = min(max(slow, 1.0 - kernels.STRETCH_MM / ahead), fast)
+        slow, fast = lowpass(self.settings.lowpass_hz), lowpass(PARAMETERS.fast_hz)
+        share = min(max(slow, 1.0 - PARAMETERS.lag_span_mm / ahead), fast)
         self.haste = (share - slow) / (fast - slow)
         self.moved = moved
         self.slow = (1.0 - share) * self.slow + share * moved
-        keep = np.exp(-self.dt_s / kernels.PAST_S)
+        keep = np.exp(-self.dt_s / PARAMETERS.recent_s)
         self.past = keep * self.past + (1.0 - keep) * moved
         self.raw = here - self.anchor - moved
         self.lag = (1.0 - share) * self.lag + share * (self.raw - self.believed * self.way)
@@ -104,7 +107,7 @@ class NaiveSlip:
         self.total = (
             self.variance + self.anchor_variance + self.settings.floor_mm**2
             + (self.way**2).sum(axis=0)
-            * (1.0 / self.sure + (kernels.DOUBT * np.minimum(self.gives, 0.0)) ** 2)
+            * (1.0 / self.sure + (PARAMETERS.lag_doubt * np.minimum(self.gives, 0.0)) ** 2)
         )  # fmt: skip
         self.score = np.hypot(*self.lag) / np.sqrt(self.total)
         asked = self.anchor + self.slow
@@ -116,20 +119,22 @@ class NaiveSlip:
         """All that may look like slip and is none, and what is known of it, as rows."""
         columns = [*self.design.transpose(2, 0, 1), self.far * self.along]
         known = (
-            [0.0] * 3 + [1.0 / kernels.SWELLING_MM] * int(self.yields) + [1.0 / kernels.SHARED_GAIN]
+            [0.0] * 3
+            + [1.0 / PARAMETERS.swelling_mm] * int(self.yields)
+            + [1.0 / PARAMETERS.shared_gain]
         )
         further = (self.way * self.along).sum(axis=0) / (self.settings.gain_error**2 * self.sure)
-        if held.sum() >= kernels.ENOUGH_TO_SHARE:
+        if held.sum() >= PARAMETERS.units_for_sharing:
             columns.append(further * (load / load[held].mean() - 1.0) * self.along)
-            known.append(1.0 / kernels.GROUND)
+            known.append(1.0 / PARAMETERS.soft_ground)
         if self.yields:
             columns.append(further * self.away * self.along)
-            known.append(1.0 / kernels.GROUND)
+            known.append(1.0 / PARAMETERS.soft_ground)
         white = np.array([(self.root * column).ravel() for column in columns]).T
         self.free = np.vstack([white, np.diag(known)])
         self.rest = self._without(self.lag)
         pace = ((self.root * (self.slow - self.past)) ** 2).sum()
-        self.moves = pace > kernels.MOVES**2 * load.size
+        self.moves = pace > PARAMETERS.moving_sigmas**2 * load.size
 
     def _without(self, lag):
         """A lag (2, n), in sigmas, without what is free."""
@@ -144,7 +149,7 @@ class NaiveSlip:
         if pull <= 0.0:
             return 1.0, 0.0
         softness = (here**2).sum() / pull
-        wrong = 1.0 + kernels.SHARED_GAIN**2 * ((self.root * self.way) ** 2).sum()
+        wrong = 1.0 + PARAMETERS.shared_gain**2 * ((self.root * self.way) ** 2).sum()
 
         def slips(friction):
             """Which units slip, their share of the load, and what that explains."""
@@ -152,7 +157,7 @@ class NaiveSlip:
             pattern, worth = self._without(-lack * self.along), 0.0
             whole = ((self.root * lack) ** 2).sum()
             along, square = pattern @ self.rest, pattern @ pattern
-            if along > 0.0 and square > kernels.LEFT_OVER * whole:
+            if along > 0.0 and square > PARAMETERS.least_pattern * whole:
                 left = self.rest - along / square * pattern
                 worth = self.rest @ self.rest - left @ left
             return lack > 0.0, load[lack > 0.0].sum() / load.sum(), worth
@@ -160,23 +165,23 @@ class NaiveSlip:
         def matters(pattern):
             return 1.0 - pattern[1] <= self.settings.incipient_ratio
 
-        patterns = [slips(friction) for friction in kernels.FRICTIONS]
+        patterns = [slips(friction) for friction in FRICTIONS]
         little = max((p[2] for p in patterns if not matters(p)), default=0.0)
         most = max((p[2] for p in patterns if matters(p)), default=0.0)
-        likely = [p[2] > 0.0 and p[2] >= most - kernels.ALIKE and matters(p) for p in patterns]
+        likely = [p[2] > 0.0 and p[2] >= most - PARAMETERS.alike and matters(p) for p in patterns]
         best = max(np.flatnonzero(likely), default=0)
         chosen = patterns[best]
         least = self.settings.slip_sigmas * np.sqrt(wrong)
         if self.moves and 1.0 - chosen[1] > self.settings.gross_ratio:
-            least *= kernels.MOVING + self.haste * (1.0 - kernels.MOVING)
+            least *= PARAMETERS.moving + self.haste * (1.0 - PARAMETERS.moving)
         elif self.moves:
-            least *= kernels.MOVING_GROSS
+            least *= PARAMETERS.moving_gross
         if most - little > least**2:
-            for part in np.arange(1, kernels.FINER) / kernels.FINER:
-                finer = slips(kernels.FRICTIONS[best] * kernels.STEP**part)
+            for part in np.arange(1, PARAMETERS.refinements) / PARAMETERS.refinements:
+                finer = slips(FRICTIONS[best] * PARAMETERS.friction_step**part)
                 if not matters(finer):
                     little = max(little, finer[2])
-                elif finer[2] >= most - kernels.ALIKE:
+                elif finer[2] >= most - PARAMETERS.alike:
                     most, chosen = max(most, finer[2]), finer
         sigmas = np.sqrt(max(most - little, 0.0))
         if sigmas <= least:
@@ -191,20 +196,20 @@ class NaiveSlip:
             alone = np.zeros_like(self.lag)
             alone[:, j] = -along / self.root[j] if self.root[j] else 0.0
             alone = self._without(alone)
-            late[j] = alone @ self.rest / np.sqrt(max(alone @ alone, kernels.LEAST_OWN))
+            late[j] = alone @ self.rest / np.sqrt(max(alone @ alone, PARAMETERS.least_redundancy))
         behind = -self.root * (self.lag * self.along).sum(axis=0)
-        late = np.maximum(late, kernels.FAR_BEHIND * behind)
+        late = np.maximum(late, PARAMETERS.raw_share * behind)
         late = late > self.settings.slip_sigmas
         self.state[(self.state != UnitSlip.SLIPPING) & late] = UnitSlip.SLIPPING
         held, way = self.state != UnitSlip.SLIPPING, self.way
         gain = self.anchor_variance / (self.anchor_variance + noise)
-        gain = held * np.maximum(gain, self.dt_s / kernels.LEAK_S)
+        gain = held * np.maximum(gain, self.dt_s / PARAMETERS.anchor_s)
         self.lag = self.lag - gain * (self.raw - self.believed * way)
         self.anchor = self.anchor + gain * self.raw
         self.known = self.known + gain * way
-        robust = np.minimum(1.0, kernels.HUBER / np.maximum(self.score, 1e-9)) ** 2
+        robust = np.minimum(1.0, PARAMETERS.huber_sigmas / np.maximum(self.score, 1e-9)) ** 2
         telling = held * (1.0 - gain) * robust / noise
-        forget = self.dt_s / kernels.LEARN_S * held
+        forget = self.dt_s / PARAMETERS.gain_s * held
         self.sure = (1.0 - forget) * self.sure + forget / self.settings.gain_error**2
         self.sure = self.sure + telling * (way**2).sum(axis=0)
         rest = (way * (self.raw - self.gives * way)).sum(axis=0)

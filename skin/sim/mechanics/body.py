@@ -139,21 +139,14 @@ def _positive(**sizes: float) -> None:
 
 
 def moved(pose: Pose, shift_m: np.ndarray) -> Pose:
-    """The pose after a translation, skin frame.
-
-    Parameters
-    ----------
-    pose : Pose
-    shift_m : ndarray, shape (3,) or (3, k)
-        Metre; one for all poses, or one for each.
-    """
+    """The pose after a translation in metre, skin frame: (3,) for all, or (3, k), one for each."""
     rotation, position = pose
     shift_m = np.asarray(shift_m, float)
     return rotation, position + (shift_m if shift_m.ndim == position.ndim else shift_m[:, None])
 
 
 def turned(pose: Pose, axis: np.ndarray, angle_rad: float, about: np.ndarray | None = None) -> Pose:
-    """The pose after a turn about `axis` through the point `about`; the body's origin if None.
+    """The pose after a turn about an axis through a point.
 
     Parameters
     ----------
@@ -163,7 +156,7 @@ def turned(pose: Pose, axis: np.ndarray, angle_rad: float, about: np.ndarray | N
         Skin frame, of any length but 0.
     angle_rad : float
     about : ndarray, shape (3,), optional
-        Metre, skin frame.
+        Metre, skin frame; the body's origin if not given.
     """
     x, y, z = np.asarray(axis, float) / np.linalg.norm(axis)
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
@@ -215,8 +208,8 @@ def reach(
     part : ndarray, shape (n,), int32, optional
         Which of several poses holds for each unit.
     face : str
-        Key of `FACES`. Where a face feels at several points the depth is their weighted mean, each
-        not less than 0.
+        Key of `FACES`, or an OptionError is raised. Where a face feels at several points the depth
+        is their weighted mean, each not less than 0.
     out : tuple of ndarray, optional
         Where to write what is returned.
 
@@ -227,11 +220,6 @@ def reach(
         the axis; -inf where it would pass beside the face or lies behind it.
     normal : ndarray, shape (3, n)
         Outward normal of the body where it reaches deepest, skin frame; NaN where nothing meets.
-
-    Raises
-    ------
-    OptionError
-        If there is no such face.
 
     Examples
     --------
@@ -268,7 +256,8 @@ def carried(
     Parameters
     ----------
     before, after : Pose
-    position, rotation, part
+        As many of the one as of the other, or an OptionError is raised.
+    position, rotation, part, out
         As for `reach`.
     depth_mm : ndarray, shape (n,)
         Depth at which the body meets the face after the motion.
@@ -277,11 +266,6 @@ def carried(
     -------
     ndarray, shape (2, n)
         Millimetre, along x and y of the unit; 0 where `depth_mm` is not above 0.
-
-    Raises
-    ------
-    OptionError
-        If there are more poses before than after, or fewer.
     """
     n = position.shape[1]
     shift_mm = np.empty((2, n)) if out is None else out

@@ -40,7 +40,7 @@ class Mechanics:
     topology : Topology
     body : Body
     foundation : Foundation, optional
-        A Winkler foundation if None.
+        A Winkler foundation if not given.
     friction : Friction, optional
     face : str
         Where a face feels the body: key of `skin.sim.mechanics.body.FACES`.
@@ -97,25 +97,13 @@ class Mechanics:
         self.truth = MechanicsTruth.at_rest(n)
 
     def share(self, force: np.ndarray) -> None:
-        """Let other bodies bear on the same foundation, until they are heard of again.
-
-        Parameters
-        ----------
-        force : ndarray, shape (3, n)
-            What they do to the units, newton, unit frames. Nothing follows on a Winkler foundation.
-        """
+        """Let other bodies bear on the same foundation, until they are heard of again, with forces
+        in newton, shape (3, n), unit frames. Nothing follows on a Winkler foundation."""
         if self.foundation.together:
             self._others_mm = self.foundation.spread(force)
 
     def step(self, time_s: float, pose: Pose) -> MechanicsTruth:
-        """Bring the body to a pose.
-
-        Parameters
-        ----------
-        time_s : float
-        pose : Pose
-            One for the skin, or one for each patch of the topology.
-        """
+        """Bring the body to a pose: one for the skin, or one for each patch of the topology."""
         self._press(pose)
         self._drag(time_s, pose)
         return self._commit(time_s, pose)
@@ -130,20 +118,11 @@ class Mechanics:
         time_s : float
         pose : Pose
         load_n : float
-            What the normal forces of the units have to add up to along `direction`.
+            What the normal forces of the units have to add up to along `direction`; SkinError if
+            there is no such load that way.
         direction : ndarray, shape (3,) or (3, k)
             Unit vector into the skin, along which the body is moved; one for each pose where there
             is one for each patch.
-
-        Returns
-        -------
-        MechanicsTruth
-            Its `pose` says where the body is.
-
-        Raises
-        ------
-        SkinError
-            If there is no such load that way.
         """
         along = self._along(direction)
 
@@ -200,11 +179,6 @@ class Mechanics:
             Unit vector into each patch, along which the fingers close on the body.
         damping_ns_per_m : float
             Force per speed of the body, N·s/m; fingers close at once.
-
-        Returns
-        -------
-        MechanicsTruth
-            Its `pose` says where the body is.
 
         Raises
         ------

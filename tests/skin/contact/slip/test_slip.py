@@ -7,7 +7,6 @@ from hypothesis import settings as profile
 from hypothesis import strategies as st
 
 import tests.naive.contact as naive
-from skin.contact import slip_kernels as kernels
 from skin.contact.graph import neighbour_graph
 from skin.contact.record import Flag, SlipState, UnitSlip
 from skin.contact.slip import SlipSettings

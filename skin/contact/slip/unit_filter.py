@@ -1,0 +1,246 @@
+"""The filter of each unit: its lag behind the rigid motion, its gain error and its anchor."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bus.compiled.intrinsics import assume_noalias
+from bus.compiled.jit import jitable
+from skin.contact.record import UnitSlip
+from skin.contact.slip.data import LANES, PLANE, SlipData, SlipScratch, UnitFilter, UnitRows
+from skin.contact.slip.parameters import PARAMETERS, SlipModel
+from skin.contact.slip.rigid_fit import design_motions
+
+__all__ = ["correct", "gather", "lowpass_share", "predict", "scatter"]
+
+
+@jitable(inline=True)
+def gather(record, reading, units, geometry, size, motions, slip: SlipData):
+    """Gather the units of a contact into rows, and start those that are new.
+
+    Returns the padded length, how many units stick, and how many are anchored to this body, be it
+    that they slip.
+    """
+    kept, history, scratch = slip.kept, slip.history, slip.scratch
+    unit, row = scratch.unit, scratch.row
+    displacement, sigma = reading.displacement, reading.displacement_sigma
+    first = record["begin"]
+    count = record["end"] - first
+    body, parent = np.float64(record["id"]), np.float64(record["parent"])
+    stuck, known = 0, 0
+    remembered = _remembered_share(first, count, displacement, units, kept)
+    for j in range(count):
+        i = units.members[first + j]
+        # An edge has gone past it: its film recovers, and is no judge of the body any more.
+        at_most = displacement[2, i] + PARAMETERS.depth_sigmas * sigma[2, i]
+        if at_most < remembered * kept.anchor_depth[i]:
+            units.slip[i] = UnitSlip.NO_CONTACT
+        new = units.slip[i] == UnitSlip.NO_CONTACT
+        if history.body[i] == parent:
+            history.body[i] = body
+        anchored = not new and history.body[i] == body
+        history.body[i] = body
+        _copy(kept, i, unit, j)
+        held = anchored and units.slip[i] != UnitSlip.SLIPPING
+        known += anchored
+        stuck += held
+        row.held[j] = 1.0 if held else 0.0
+        row.new[j] = 1.0 if new else 0.0
+        row.joined[j] = 1.0 if not (new or anchored) else 0.0
+        row.displacement[0, j] = displacement[0, i]
+        row.displacement[1, j] = displacement[1, i]
+        row.noise[j] = 0.5 * (np.float64(sigma[0, i]) ** 2 + np.float64(sigma[1, i]) ** 2)
+        row.load[j] = reading.force[2, i]
+        depth = np.float64(displacement[2, i])
+        if new:
+            unit.anchor_depth[j] = depth
+        row.deeper[j] = depth - unit.anchor_depth[j]
+        design_motions(geometry.pose[i], scratch.fit, size, motions, row, j)
+    return _pad(count, scratch), stuck, known
+
+
+@jitable(inline=True)
+def _remembered_share(first, count, displacement, units, kept: UnitFilter):
+    """Share of its depth at anchoring that a unit's film may remember without load."""
+    deep, was_deep = 0.0, 0.0
+    for j in range(count):
+        i = units.members[first + j]
+        if units.slip[i] != UnitSlip.NO_CONTACT:
+            deep += displacement[2, i]
+            was_deep += kept.anchor_depth[i]
+    return PARAMETERS.remembered_depth * deep / max(was_deep, 1e-9)
+
+
+@jitable(inline=True)
+def _pad(count, scratch: SlipScratch):
+    """Pad all rows with units that weigh nothing; returns the length in whole vectors."""
+    length = (count + LANES - 1) // LANES * LANES
+    for rows in (scratch.unit_rows, scratch.rows):
+        for k in range(rows.shape[0]):
+            for j in range(count, length):
+                rows[k, j] = 0.0
+    for j in range(count, length):
+        scratch.row.noise[j] = 1.0
+        scratch.unit.gain_information[j] = 1.0
+    return length
+
+
+@jitable(inline=True)
+def scatter(first, count, members, unit: UnitFilter, kept: UnitFilter):
+    """Keep what the rows hold of each unit."""
+    for j in range(count):
+        _copy(unit, j, kept, members[first + j])
+
+
+@jitable(inline=True)
+def _copy(source: UnitFilter, i, target: UnitFilter, j):
+    """Copy one unit."""
+    for c in range(2):
+        target.anchor[c, j] = source.anchor[c, i]
+        target.lag[c, j] = source.lag[c, i]
+        target.moved[c, j] = source.moved[c, i]
+        target.moved_slow[c, j] = source.moved_slow[c, i]
+        target.moved_recent[c, j] = source.moved_recent[c, i]
+        target.followed[c, j] = source.followed[c, i]
+        target.followed_out[c, j] = source.followed_out[c, i]
+    target.anchor_variance[j] = source.anchor_variance[i]
+    target.lag_variance[j] = source.lag_variance[i]
+    target.gain_error[j] = source.gain_error[i]
+    target.gain_information[j] = source.gain_information[i]
+    target.anchor_depth[j] = source.anchor_depth[i]
+    target.score[j] = source.score[i]
+    target.clipped[j] = source.clipped[i]
+
+
+@jitable(inline=True)
+def lowpass_share(length, motions, stuck, rates, unit: UnitFilter, row: UnitRows, motion):
+    """Share by which lags follow in this cycle: derivations.md, equation 5."""
+    assume_noalias()
+    square, load, noise = 0.0, 0.0, 0.0
+    slow_x, slow_y, design = unit.moved_slow[0], unit.moved_slow[1], row.design
+    for j in range(length):
+        ahead_x, ahead_y = -slow_x[j], -slow_y[j]
+        for a in range(motions):
+            ahead_x += design[0, a, j] * motion[a]
+            ahead_y += design[1, a, j] * motion[a]
+        heavy = row.held[j] * row.load[j]
+        load += heavy
+        square += heavy * (ahead_x * ahead_x + ahead_y * ahead_y)
+        noise += heavy * row.noise[j]
+    # A fit of so many motions to so many units is wrong by this share of a unit's noise.
+    square -= noise * motions / max(stuck, 1)
+    ahead = np.sqrt(square / load) if square > 0.0 else 0.0
+    span = PARAMETERS.lag_span_mm
+    return min(max(rates.slow, 1.0 - span / max(ahead, span)), rates.fast)
+
+
+@jitable(inline=True)
+def predict(
+    length, motions, share, recent, model: SlipModel, unit: UnitFilter, row: UnitRows, motion
+):
+    """Where the body asks each unit to be, and how far it lags: derivations.md, equations 6 to 9.
+
+    `share` and `recent` are the shares by which `moved_slow` and `moved_recent` follow.
+    """
+    assume_noalias()
+    for j in range(length):
+        unit.gain_error[j] *= 1.0 - row.new[j]
+        prior = 1.0 / model.gain_error**2
+        unit.gain_information[j] += row.new[j] * (prior - unit.gain_information[j])
+    for c in range(2):
+        moved, lag, anchor = unit.moved[c], unit.lag[c], unit.anchor[c]
+        here, followed, design = row.displacement[c], unit.followed[c], row.design[c]
+        slow, past = unit.moved_slow[c], unit.moved_recent[c]
+        out, out_now = unit.followed_out[c], row.moved_out[c]
+        for j in range(length):
+            now = 0.0
+            for a in range(PLANE, motions):
+                now += design[a, j] * motion[a]
+            out_now[j] = now
+            for a in range(min(motions, PLANE)):
+                now += design[a, j] * motion[a]
+            # From another contact that became part of this one: the same lag, another motion.
+            joined, new = row.joined[j], row.new[j]
+            anchor[j] += joined * (moved[j] - now)
+            anchor[j] += new * (here[j] - now - anchor[j])
+            followed[j] += joined * (now - moved[j])
+            followed[j] += new * (now - followed[j])
+            out[j] += max(new, joined) * (out_now[j] - out[j])
+            slow[j] += joined * (now - moved[j])
+            slow[j] += new * (now - slow[j])
+            slow[j] += share * (now - slow[j])
+            past[j] += joined * (now - moved[j])
+            past[j] += new * (now - past[j])
+            past[j] += recent * (now - past[j])
+            gain_error = max(unit.gain_error[j], 0.0)
+            behind = here[j] - anchor[j] - now - gain_error * (now - followed[j])
+            lag[j] = (1.0 - new) * (lag[j] + share * (behind - lag[j]))
+            moved[j] = now
+    _score(length, share, model, unit, row)
+
+
+@jitable(inline=True)
+def _score(length, share, model: SlipModel, unit: UnitFilter, row: UnitRows):
+    """Variance and score of the lags, and the imposed displacement: equations 7 to 9."""
+    assume_noalias()
+    floor = model.floor_mm**2
+    for j in range(length):
+        new, noise = row.new[j], row.noise[j]
+        variance = unit.lag_variance[j]
+        variance += share * (share * noise - (2.0 - share) * variance)
+        variance += new * (noise - variance)
+        unit.lag_variance[j] = variance
+        unsettled = max(new, row.joined[j]) * PARAMETERS.new_anchor * noise
+        anchor_variance = (1.0 - new) * unit.anchor_variance[j] + unsettled
+        unit.anchor_variance[j] = anchor_variance
+        square = (unit.moved[0, j] - unit.followed[0, j]) ** 2
+        square += (unit.moved[1, j] - unit.followed[1, j]) ** 2
+        doubt = PARAMETERS.lag_doubt * min(unit.gain_error[j], 0.0)
+        square *= 1.0 / unit.gain_information[j] + doubt * doubt
+        weight = 1.0 / (variance + anchor_variance + square + floor)
+        row.weight[j] = (1.0 - new) * weight
+        square = unit.lag[0, j] ** 2 + unit.lag[1, j] ** 2
+        unit.score[j] = np.sqrt(square * row.weight[j])
+        # Friction drags a unit along: one that slips lags against its own displacement.
+        x = unit.anchor[0, j] + unit.moved_slow[0, j]
+        y = unit.anchor[1, j] + unit.moved_slow[1, j]
+        far = np.sqrt(x * x + y * y)
+        row.imposed[j] = far
+        row.direction[0, j] = x / max(far, 1e-9)
+        row.direction[1, j] = y / max(far, 1e-9)
+        # Those that slip already are no judges.
+        row.root_weight[j] = np.sqrt(row.held[j] * row.weight[j])
+
+
+@jitable(inline=True)
+def correct(length, dt_s, model: SlipModel, unit: UnitFilter, row: UnitRows):
+    """Anchors and gain errors of the units that stick: derivations.md, equations 10 and 11.
+
+    An anchor is the mean of what was seen while the unit stuck, and forgets slowly: creep and a
+    drifting tare are no slip. The gain error is the slope of that line.
+    """
+    assume_noalias()
+    slowest, forget = dt_s / PARAMETERS.anchor_s, dt_s / PARAMETERS.gain_s
+    for j in range(length):
+        variance, held = unit.anchor_variance[j], row.held[j]
+        gain = held * max(variance / (variance + row.noise[j]), slowest)
+        rest, square = 0.0, 0.0
+        gain_error = max(unit.gain_error[j], 0.0)
+        for c in range(2):
+            way = unit.moved[c, j] - unit.followed[c, j]
+            lag = row.displacement[c, j] - unit.anchor[c, j] - unit.moved[c, j]
+            step = gain * lag
+            unit.anchor[c, j] += step
+            unit.lag[c, j] -= step - gain * gain_error * way
+            unit.followed[c, j] += gain * way
+            unit.followed_out[c, j] += gain * (row.moved_out[c, j] - unit.followed_out[c, j])
+            square += way * way
+            rest += way * (lag - unit.gain_error[j] * way)
+        unit.anchor_depth[j] += gain * row.deeper[j]
+        robust = min(1.0, PARAMETERS.huber_sigmas / max(unit.score[j], 1e-9))
+        telling = held * (1.0 - gain) * robust * robust / row.noise[j]
+        prior = 1.0 / model.gain_error**2
+        unit.gain_information[j] += held * forget * (prior - unit.gain_information[j])
+        unit.gain_information[j] += telling * square
+        unit.gain_error[j] += telling * rest / unit.gain_information[j]
+        unit.anchor_variance[j] += gain * (gain * row.noise[j] - (2.0 - gain) * variance)
