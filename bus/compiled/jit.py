@@ -64,8 +64,8 @@ def compiled(
     flags = set(fastmath)
     if not flags <= {"contract", "reassoc", "arcp"}:
         raise ValueError(f"fastmath: must be of 'contract', 'reassoc', 'arcp'; got {sorted(flags)}")
-    if not allocates:
-        options["_nrt"] = False
+    # Always said: what is compiled within another kernel takes over what is not.
+    options["_nrt"] = allocates
     kernel = njit(error_model="numpy", nogil=True, fastmath=flags or False, **options)(function)
     if not hasattr(kernel, "overloads"):
         return kernel
