@@ -328,10 +328,12 @@ def _table_end(*key: float) -> tuple[float, float]:
     angle = np.linspace(0.0, np.pi, 361)
     depth = np.linspace(0.0, deepest, 9)
     odd = angle[:, np.newaxis] ** (2 * np.arange(4) + 1)
-    reach = odd @ table @ (depth ** np.arange(4)[:, np.newaxis])
-    over = ((np.diff(reach, axis=0) <= 0.0) | (reach[1:] > OVERREACH * most)).any(axis=1)
+    displacement = odd @ table @ (depth ** np.arange(4)[:, np.newaxis])
+    over = ((np.diff(displacement, axis=0) <= 0.0) | (displacement[1:] > OVERREACH * most)).any(
+        axis=1
+    )
     last = int(np.argmax(over)) if over.any() else len(angle) - 1
-    return float(angle[last]), float(reach[last].min())
+    return float(angle[last]), float(displacement[last].min())
 
 
 def _refuse_impossible(topology: Topology) -> None:

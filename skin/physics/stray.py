@@ -185,7 +185,7 @@ def field_at_rest(topology: Topology) -> np.ndarray:
     """What resting neighbours add at every chip, shape (3, n)."""
     still = np.zeros((2, topology.n)), np.zeros(topology.n)
     warm = topology.parameters["film_reference_c"]
-    both, own = (HalbachField(topology, reach_m=reach) for reach in (HORIZON_M, 0.0))
+    both, own = (HalbachField(topology, reach_m=reach_m) for reach_m in (HORIZON_M, 0.0))
     return both(*still, warm) - own(*still, warm)
 
 

@@ -64,7 +64,7 @@ def lever_python(displacement_mm, depth_mm, table, reach_mm):
     cycles, n = displacement_mm.shape
     for t in range(cycles):
         for i in range(n):
-            reach = min(max(displacement_mm[t, i], NEAR_MM), reach_mm[i])
+            displacement = min(max(displacement_mm[t, i], NEAR_MM), reach_mm[i])
             h = min(max(depth_mm[t, i], -PULLED_MM), PRESSED_MM)
             a, b, c, d = 0.0, 0.0, 0.0, 0.0
             for j in range(3, -1, -1):
@@ -72,13 +72,13 @@ def lever_python(displacement_mm, depth_mm, table, reach_mm):
                 b = b * h + table[4 + j, i]
                 c = c * h + table[8 + j, i]
                 d = d * h + table[12 + j, i]
-            angle = reach / a
+            angle = displacement / a
             for _ in range(STEPS):
                 z = angle * angle
                 found = (((d * z + c) * z + b) * z + a) * angle
                 slope = ((7.0 * d * z + 5.0 * c) * z + 3.0 * b) * z + a
-                angle -= (found - reach) / slope
-            out[t, i] = reach / np.tan(angle)
+                angle -= (found - displacement) / slope
+            out[t, i] = displacement / np.tan(angle)
     return out
 
 
@@ -104,7 +104,7 @@ class SineField:
         self._reference_c = p["film_reference_c"]
         self._angle = p["field_angle_mm"]
         self._tabled = self._angle.any(axis=0)
-        self._reach = REACH_SHARE * p["field_angle_max_mm"]
+        self._longest_mm = REACH_SHARE * p["field_angle_max_mm"]
 
     def __call__(
         self, displacement_mm: np.ndarray, depth_mm: np.ndarray, film_temperature: np.ndarray
@@ -120,7 +120,7 @@ class SineField:
         flat = np.broadcast_to(displacement, lateral.shape).reshape(-1, n)
         deep = np.broadcast_to(depth_mm, lateral.shape).reshape(-1, n)
         up = field[..., 2, :]
-        up[...] = lever(flat, deep, self._angle, self._reach).reshape(lateral.shape)
+        up[...] = lever(flat, deep, self._angle, self._longest_mm).reshape(lateral.shape)
         up *= lateral
         if not self._tabled.all():
             up[...] = np.where(self._tabled, up, self._vertical * amplitude * np.cos(phase))

@@ -9,7 +9,7 @@ import numpy as np
 
 from bus.compiled.jit import compiled
 
-__all__ = ["Truth", "add_up", "add_up_python", "wrench_map"]
+__all__ = ["Truth", "sum_wrench", "sum_wrench_python", "wrench_map"]
 
 
 @dataclass(slots=True)
@@ -112,7 +112,7 @@ def wrench_map(position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
     return np.concatenate([rotation, arm]).reshape(6, -1)
 
 
-def add_up_python(to_wrench, position, force, wrench, centroid):
+def sum_wrench_python(to_wrench, position, force, wrench, centroid):
     """What forces on n units are together.
 
     Parameters
@@ -145,4 +145,4 @@ def add_up_python(to_wrench, position, force, wrench, centroid):
         centroid[r] = total / load if load > 0.0 else np.nan
 
 
-add_up = compiled(add_up_python, fastmath=("contract", "reassoc"))
+sum_wrench = compiled(sum_wrench_python, fastmath=("contract", "reassoc"))

@@ -50,9 +50,6 @@ TYPE_ONLY = {
 }
 """Edges allowed under ``if TYPE_CHECKING``, although the rooms' order is the other way."""
 
-FORMER = {"reader": "pipeline"}
-"""Rooms on their way to a new name."""
-
 
 class Import(NamedTuple):
     """A module that a file imports."""
@@ -102,8 +99,7 @@ def _modules(file: Path, node: ast.Import | ast.ImportFrom) -> Iterator[str]:
 def room_of(module: str) -> str:
     """The room of a module of `skin`: ``skin.decode.laws`` is in ``decode``."""
     parts = module.split(".")
-    room = parts[1] if len(parts) > 1 else "__init__"
-    return FORMER.get(room, room)
+    return parts[1] if len(parts) > 1 else "__init__"
 
 
 def package_errors() -> list[str]:

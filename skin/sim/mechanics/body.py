@@ -16,7 +16,7 @@ import numpy as np
 from bus.compiled.jit import compiled
 from skin.errors import OptionError
 
-__all__ = ["FACES", "Body", "Pose", "carried", "moved", "reach", "turned"]
+__all__ = ["FACES", "Body", "Pose", "carried", "moved", "penetration", "turned"]
 
 Pose = tuple[np.ndarray, np.ndarray]
 """Rotation, shape (3, 3) or (3, 3, k), and position in metre, shape (3,) or (3, k)."""
@@ -46,8 +46,8 @@ class Poses(NamedTuple):
 
 
 class _Units(NamedTuple):
-    """Faces as of `reach`: `part` (n,), int32, which pose holds for each; `size` (n,), the radius
-    of each face in metre, or how deep the body is in it in millimetre."""
+    """Faces as of `penetration`: `part` (n,), int32, which pose holds for each; `size` (n,), the
+    radius of each face in metre, or how deep the body is in it in millimetre."""
 
     position: np.ndarray
     rotation: np.ndarray
@@ -182,7 +182,7 @@ def _parts(part: np.ndarray | None, pose: Pose, n: int) -> np.ndarray:
 # -- contact of a body and faces -------------------------------------------------------------------
 
 
-def reach(
+def penetration(
     body: Body,
     pose: Pose,
     position: np.ndarray,
@@ -224,7 +224,8 @@ def reach(
     Examples
     --------
     >>> pose = np.eye(3), np.array([0.0, 0.0, -0.004])
-    >>> depth_mm, normal = reach(Body.sphere(0.005), pose, np.zeros((3, 1)), np.eye(3)[..., None])
+    >>> unit = np.zeros((3, 1)), np.eye(3)[..., None]
+    >>> depth_mm, normal = penetration(Body.sphere(0.005), pose, *unit)
     >>> depth_mm
     array([1.])
     """
@@ -234,7 +235,7 @@ def reach(
     depth_mm, normal = out or (np.empty(n), np.empty((3, n)))
     radius = np.zeros(n) if radius_m is None else radius_m
     units = _Units(position, rotation, _parts(part, pose, n), radius)
-    _reach(body.curvature, body.planes, _poses(pose), units, FACES[face], depth_mm, normal)
+    _penetration(body.curvature, body.planes, _poses(pose), units, FACES[face], depth_mm, normal)
     return depth_mm, normal
 
 
@@ -258,7 +259,7 @@ def carried(
     before, after : Pose
         As many of the one as of the other, or an OptionError is raised.
     position, rotation, part, out
-        As for `reach`.
+        As for `penetration`.
     depth_mm : ndarray, shape (n,)
         Depth at which the body meets the face after the motion.
 
@@ -278,8 +279,8 @@ def carried(
     return shift_mm
 
 
-def _reach_python(curvature, planes, poses, units, face, depth_mm, normal):
-    """`reach`, in place; see there."""
+def _penetration_python(curvature, planes, poses, units, face, depth_mm, normal):
+    """`penetration`, in place; see there."""
     body_rotation, body_position = poses
     position, rotation, part, radius = units
     g0, g1, g2 = curvature[0], curvature[1], curvature[2]
@@ -318,14 +319,14 @@ def _reach_python(curvature, planes, poses, units, face, depth_mm, normal):
                     first, last = np.inf, -np.inf
             for m in range(planes.shape[1]):
                 towards = planes[0, m] * d0 + planes[1, m] * d1 + planes[2, m] * d2
-                ahead = planes[3, m] - planes[0, m] * x0 - planes[1, m] * x1 - planes[2, m] * x2
+                distance = planes[3, m] - planes[0, m] * x0 - planes[1, m] * x1 - planes[2, m] * x2
                 if towards > 0.0:
-                    if ahead / towards < last:
-                        last = ahead / towards
+                    if distance / towards < last:
+                        last = distance / towards
                         leaves = m
                 elif towards < 0.0:
-                    first = max(first, ahead / towards)
-                elif ahead < 0.0:
+                    first = max(first, distance / towards)
+                elif distance < 0.0:
                     last = -np.inf
             if first >= min(last, 0.0):
                 continue
@@ -377,5 +378,5 @@ def _carry_python(poses_before, poses_after, units, shift_mm):
         shift_mm[1, i] = 1e3 * along_y
 
 
-_reach = compiled(_reach_python, fastmath=("contract",))
+_penetration = compiled(_penetration_python, fastmath=("contract",))
 _carry = compiled(_carry_python, fastmath=("contract",))

@@ -12,12 +12,12 @@ import numpy as np
 
 from skin.errors import OptionError, SkinError
 from skin.sim.mechanics.balance import balance, root
-from skin.sim.mechanics.body import Body, Pose, carried, moved, reach
+from skin.sim.mechanics.body import Body, Pose, carried, moved, penetration
 from skin.sim.mechanics.foundation import Foundation
 from skin.sim.mechanics.foundation_kernels import Faces
 from skin.sim.mechanics.friction import Friction, Slip
 from skin.sim.mechanics.truth import MechanicsTruth, mean_normal
-from skin.sim.truth import add_up, wrench_map
+from skin.sim.truth import sum_wrench, wrench_map
 from topology import Topology
 
 __all__ = ["Mechanics"]
@@ -265,7 +265,7 @@ class Mechanics:
                 f"pose: must be one, or one for each of {self._patches} patches; "
                 f"got positions of shape {pose[1].shape}"
             )
-        reach(
+        penetration(
             self.body, pose, self._position, self._rotation, radius_m=self._radius_m,
             part=self._patch, face=self._face, out=self._reached,
         )  # fmt: skip
@@ -319,7 +319,7 @@ class Mechanics:
         truth.slip_share, truth.onset_s = self._slip.share, self._slip.onset_s
         truth.dissipated_j = 1e-3 * float(np.vdot(truth.force[:2], truth.slip_mm))
         np.greater(load, 0.0, out=truth.contact)
-        add_up(self._to_wrench, self._position, truth.force, truth.wrench, truth.centroid)
+        sum_wrench(self._to_wrench, self._position, truth.force, truth.wrench, truth.centroid)
         mean_normal(load, self._reached[1], truth.normal)
         return truth
 

@@ -125,7 +125,7 @@ class Foundation:
         Parameters
         ----------
         depth_mm : ndarray, shape (n,)
-            As from `skin.sim.mechanics.body.reach`; not above 0 where nothing touches.
+            As from `skin.sim.mechanics.body.penetration`; not above 0 where nothing touches.
         load : ndarray, shape (n,)
             Newton; on entry where the sweeps start, on return the loads, none below 0.
         own_mm : ndarray, shape (n,)

@@ -27,7 +27,7 @@ from skin.sim.scenes.motion import Motion, Track, shape_of
 from skin.sim.scenes.script import HalfSpace, LoadTable, NonIdeal, SceneFile
 from skin.sim.scenes.tools import MovingTool
 from skin.sim.thermal import STEADY_SHARES, ThermalChain
-from skin.sim.truth import Truth, add_up, wrench_map
+from skin.sim.truth import Truth, sum_wrench, wrench_map
 from skin.sim.unit import UnitSimulator
 from topology import Topology
 from topology.pose import from_rpy
@@ -265,14 +265,14 @@ class ScriptedScene:
         """Go on to `time_s`; see `Scene`. SkinError if time runs backwards, or a body is where none
         can be."""
         start = self._time_s
-        ahead = time_s - start
-        if ahead < 0.0:
+        step_s = time_s - start
+        if step_s < 0.0:
             raise SkinError(f"time_s: must not be before {start:g}, the last one; got {time_s:g}")
-        if ahead > 0.0 or not self._began:
+        if step_s > 0.0 or not self._began:
             self._began = True
-            steps = max(1, int(np.ceil(ahead / STEP_S)))
+            steps = max(1, int(np.ceil(step_s / STEP_S)))
             for i in range(1, steps + 1):
-                self._step(start + ahead * (i / steps), ahead / steps)
+                self._step(start + step_s * (i / steps), step_s / steps)
         self._time_s = self._truth.time_s = time_s
         return self._truth
 
@@ -301,7 +301,7 @@ class ScriptedScene:
             if weights.warms and force[2] > 0.0:
                 source[weights.units] = weights.temperature(time_s)
         np.greater(truth.force[2], 0.0, out=truth.contact)
-        add_up(self._to_wrench, self._position, truth.force, truth.wrench, truth.centroid)
+        sum_wrench(self._to_wrench, self._position, truth.force, truth.wrench, truth.centroid)
         self._yield(dt_s)
         warm = self._chain.step(dt_s, truth.contact, source, room_c)
         truth.temperature[:] = warm[0]
