@@ -4,7 +4,7 @@ Units that stick to one rigid body move as it does: their displacements since th
 one rigid motion, seen in each unit's tangent plane. The stages of a cycle, composed by `judge`:
 
 1. `rigid_fit`: the body's motion from the units that stick, heavy ones first.
-2. `unit_filter`: how far each unit lags behind that motion, low-passed, with its variance; gains and
+2. `unit_filter`: how far each unit lags behind it, low-passed, with its variance; gains and
    anchors are learned while a unit sticks.
 3. `pattern_test`: lags that are each within the noise, tested along the patterns that slip makes.
 4. `friction`: what slipping units carry, the margin of the friction cone, the grip force.

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from bus.compiled.jit import jitable
-from skin.contact.record import Flag, SlipState, UnitSlip
+from skin.contact.cone import tangential_demand
+from skin.contact.record import NO_FRICTION, SlipState, UnitSlip
 from skin.contact.slip.data import UnitHistory
 from skin.contact.slip.parameters import PARAMETERS, SlipModel
 
@@ -66,15 +67,12 @@ def friction_margin(record, model: SlipModel):
     else:
         record["friction"] = model.friction
         record["friction_sigma"] = np.nan
-    demand = record["shear"] ** 2
-    if record["arm"] > 0.0:
-        demand += (record["torsion"] / record["arm"]) ** 2
-    demand = np.sqrt(demand)
+    demand = tangential_demand(record["shear"], record["torsion"], record["arm"])
     if record["friction"] > 0.0:
         record["margin"] = 1.0 - demand / (record["friction"] * record["load"])
         record["grip_force"] = model.safety * demand / record["friction"]
     else:
-        record["flags"] |= Flag.NO_FRICTION.value
+        record["flags"] |= NO_FRICTION
         record["margin"] = np.nan
         record["grip_force"] = np.nan
     return demand / record["load"]

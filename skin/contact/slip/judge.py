@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bus.compiled.jit import compiled, jitable
-from skin.contact.record import Event, Flag, SlipState, UnitKind, UnitSlip
+from skin.contact.record import BORN, BRIDGE, RESUMED, SILENT, WEAK, SlipState, UnitSlip
 from skin.contact.slip.data import MOTIONS, PLANE, SlipData
 from skin.contact.slip.friction import friction_margin, learn_friction
 from skin.contact.slip.parameters import PARAMETERS, SlipModel
@@ -87,7 +87,7 @@ def _judge_contact(record, dt_s, now_ns, rates, model, data):
     """Judge one contact and its units."""
     reading, units, slip = data.reading, data.units, data.slip
     first, last = record["begin"], record["end"]
-    if record["event"] & (Event.BORN.value | Event.RESUMED.value):
+    if record["event"] & (BORN | RESUMED):
         begin_contact(record)
     judging, sticks, pattern = _judge_lags(
         record, dt_s, rates, model.geometry, model.slip, reading, units, slip
@@ -133,15 +133,16 @@ def judge_python(count, dt_s, now_ns, model, data):
         if (
             units.slip[i] != UnitSlip.NO_CONTACT
             and units.label[i] < 0
-            and units.kind[i] != UnitKind.BRIDGE
-            and units.kind[i] != UnitKind.SILENT
+            and units.kind[i] != BRIDGE
+            and units.kind[i] != SILENT
         ):
             units.slip[i] = UnitSlip.NO_CONTACT
     rates = _rates(dt_s, model.slip)
     for k in range(count):
         record = data.contacts[data.slots.present[k]]
-        if not record["flags"] & Flag.WEAK.value:
+        if not record["flags"] & WEAK:
             _judge_contact(record, dt_s, now_ns, rates, model, data)
 
 
-judge = compiled(judge_python, fastmath={"contract", "reassoc"})
+# It allocates nothing, and counts no references to the hundred arrays that it is handed.
+judge = compiled(judge_python, fastmath={"contract", "reassoc"}, _nrt=False)

@@ -139,7 +139,8 @@ def _place(length, motions, peak, unit: UnitFilter, row: UnitRows, fit: BodyFit)
     design, placement = row.design, fit.placement_equations
     for a in range(PLANE, motions):
         at = a - PLANE
-        placement[at, : at + 1] = fit.equations[a, PLANE : a + 1]
+        for b in range(at + 1):
+            placement[at, b] = fit.equations[a, PLANE + b]
         placement[at, at] += 1.0 / PARAMETERS.placement_mm**2
         placement[at, MOTIONS] = _dot(row.weight, design[0, a], unit.followed_out[0], length)
         placement[at, MOTIONS] += _dot(row.weight, design[1, a], unit.followed_out[1], length)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bus.compiled.jit import jitable
-from skin.contact.record import Event, Flag, SlipState, UnitSlip
+from skin.contact.record import BORN, FEW_UNITS, SlipState, UnitSlip
 from skin.contact.slip.data import SlipData, UnitFilter, UnitHistory, UnitRows
 from skin.contact.slip.parameters import PARAMETERS, SlipModel
 
@@ -18,7 +18,7 @@ def begin_contact(record):
     record["slip"] = SlipState.NONE
     record["slip_cycles"] = 0
     record["onset_ns"] = 0
-    if record["event"] & Event.BORN.value:
+    if record["event"] & BORN:
         record["friction_information"] = 0.0
         record["friction_sum"] = 0.0
         record["friction_lower"] = 0.0
@@ -130,7 +130,7 @@ def _state(record, model: SlipModel, judging):
     """State of the contact by this cycle alone, but for hysteresis."""
     before, stick, used = record["slip"], record["stick_ratio"], 1.0 - record["margin"]
     if judging < PARAMETERS.least_units:
-        record["flags"] |= Flag.FEW_UNITS.value
+        record["flags"] |= FEW_UNITS
         if not np.isfinite(used):
             return SlipState.NONE
         if used > PARAMETERS.cone_gross:

@@ -10,6 +10,8 @@ import tests.naive.contact as naive
 from skin.contact.graph import neighbour_graph
 from skin.contact.record import Flag, SlipState, UnitSlip
 from skin.contact.slip import SlipSettings
+from skin.contact.slip.data import SlipData
+from skin.contact.slip.judge import judge, judge_python
 from skin.contact.stream import ContactStream
 from skin.errors import SkinError
 from tests.naive.slip import NaiveSlip
@@ -23,15 +25,15 @@ seeds = st.integers(0, 2**32)
 class Watch:
     """Slip of an array cycle by cycle, with one of the two kernels, on top of a stream."""
 
-    def __init__(self, position, rotation, kernel=kernels.judge, **settings):
+    def __init__(self, position, rotation, kernel=judge, **settings):
         n = position.shape[1]
         self.stream = ContactStream(
             position, rotation, AREA, *neighbour_graph(position, 0.018), want={"contacts"},
             dtype="float64",
         )  # fmt: skip
-        self.kernel, self.settings = kernel, SlipSettings(**settings).packed()
-        self.judged = np.zeros((n, kernels.JUDGED))
-        self.work = np.zeros((kernels.WORK_ROWS, kernels.work_length(n)))
+        self.kernel, self.kept = kernel, SlipData.zeros(n)
+        self.model = self.stream.model._replace(slip=SlipSettings(**settings).model())
+        self.data = self.stream.data._replace(slip=self.kept)
         self.now_ns = 0
         # as those of a decoder: always the same arrays
         self.force, self.force_sigma, self.moved, self.moved_sigma = np.zeros((4, 3, n))
@@ -46,16 +48,12 @@ class Watch:
         given = self.force, self.force_sigma, self.moved, self.moved_sigma
         stream = self.stream
         found = stream.update(*given, None, self.valid, stamp_ns=self.now_ns)
-        self.kernel(
-            len(found), DT_S, self.now_ns, self.settings, *given,
-            stream.geometry.packed, stream.geometry.origin, stream.tracker.units,
-            stream.tracker.slots, stream.records, self.judged, self.work,
-        )  # fmt: skip
+        self.kernel(len(found), DT_S, self.now_ns, self.model, self.data)
         return max((contact.record for contact in found), key=lambda r: r["load"])
 
     @property
     def units(self):
-        return self.stream.tracker.slip
+        return self.stream.unit_slip
 
 
 def dome(position, peak=2.5, reach_m=0.04):
@@ -141,7 +139,7 @@ def test_noise_of_few_units_is_not_taken_for_a_fast_body():
     variances = []
     for _ in range(200):
         watch.step(*readings(np.ones(4), np.zeros((2, 4)), rng, noise_mm), noise_mm)
-        variances.append(watch.judged[:, kernels.LAG_VARIANCE].mean() / noise_mm**2)
+        variances.append(watch.kept.kept.lag_variance[:4].mean() / noise_mm**2)
     assert np.mean(variances[50:]) == pytest.approx(share / (2.0 - share), rel=0.2)
 
 
@@ -410,7 +408,7 @@ def test_machine_code_is_the_python_code(seed):
     load = dome(position - position.mean(axis=1, keepdims=True), reach_m=0.03)
     one, one_units = sliding(Watch(position, rotation), position, load, cycles=110, seed=seed)
     other, other_units = sliding(
-        Watch(position, rotation, kernels.judge_python), position, load, cycles=110, seed=seed
+        Watch(position, rotation, judge_python), position, load, cycles=110, seed=seed
     )
     np.testing.assert_array_equal(one["slip"], other["slip"])
     np.testing.assert_array_equal(one_units, other_units)
@@ -441,8 +439,7 @@ def test_the_kernel_is_the_slow_algebra(seed):
             assert record["slip"] == slow.slip
             assert record["stick_ratio"] == pytest.approx(ratio, abs=1e-9)
             assert record["pattern"] == pytest.approx(pattern, rel=1e-5, abs=1e-5)
-            moved_by = watch.judged[:, [kernels.MOVED_X, kernels.MOVED_Y]].T
-            np.testing.assert_allclose(moved_by, slow.moved, atol=1e-6)
+            np.testing.assert_allclose(watch.kept.kept.moved[:, :n], slow.moved, atol=1e-6)
         if record["slip"] == SlipState.GROSS or (watch.units != UnitSlip.SLIPPING).sum() < 4:
             break
 
