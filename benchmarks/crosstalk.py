@@ -19,7 +19,8 @@ from pathlib import Path
 import numpy as np
 
 from skin.decode.crosstalk import ACCURATE_UT, LIVE_UT, CrossTalk
-from skin.decode.decoder import ESTIMATORS, Decoder
+from skin.decode.decoder import Decoder
+from skin.options import ESTIMATORS
 from skin.physics.halbach import HalbachField
 from skin.physics.stencil import Stencil
 from skin.sim.unit import UnitSimulator

@@ -20,7 +20,8 @@ import dataclasses
 import numpy as np
 from msgspec.structs import replace
 
-from skin.decode.decoder import ESTIMATORS, Decoder
+from skin.decode.decoder import Decoder
+from skin.options import ESTIMATORS
 from skin.sim.scenes.load import load_scene
 from skin.sim.scenes.play import ScriptedScene
 from skin.sim.scenes.script import NonIdeal

@@ -22,7 +22,7 @@ from topology import CHANNELS, Topology
 
 
 class Found(NamedTuple):
-    """One contact of `NumpyContacts`; names as in `skin.contact.stream.Contact`."""
+    """One contact of `NumpyContacts`; names as in `skin.contact.contact.Contact`."""
 
     id: int
     units: np.ndarray

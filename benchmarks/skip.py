@@ -128,10 +128,11 @@ def _differ(told: Reading, left_out: Reading) -> int:
 def cycles_of(decoder: Decoder, counts: np.ndarray):
     """All cycles, handed over as a bus does: in one array."""
     here = zeros(counts.shape[1:], np.int16)
+    decode = decoder.bind(here, zeros(counts.shape[2], np.uint16))
 
     def go() -> None:
         for raw in counts:
             here[:] = raw
-            decoder(here)
+            decode()
 
     return go

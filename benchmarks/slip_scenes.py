@@ -18,7 +18,7 @@ import numpy as np
 
 from skin.physics.elastic import Elastic
 from skin.physics.halbach import HalbachField
-from skin.sim.mechanics.body import Body, Pose, reach, turned
+from skin.sim.mechanics.body import Body, Pose, penetration, turned
 from skin.sim.mechanics.contact import Mechanics
 from skin.sim.mechanics.foundation import Foundation
 from skin.sim.mechanics.friction import Friction
@@ -269,7 +269,7 @@ def _foundation(skin: str, modulus_pa: float) -> Foundation:
 def _pressed(plan: Plan, depth_mm: float) -> tuple[np.ndarray, np.ndarray]:
     """Load and own depth of each unit under a body that has come down straight."""
     skin = skin_of(plan.skin)
-    depth, _ = reach(plan.body, _pose(plan, depth_mm, 0.0), skin.position, skin.rotation)
+    depth, _ = penetration(plan.body, _pose(plan, depth_mm, 0.0), skin.position, skin.rotation)
     load_n, own_mm = np.zeros(skin.n), np.zeros(skin.n)
     _foundation(plan.skin, plan.modulus_pa).press(depth, load_n, own_mm)
     return load_n, own_mm

@@ -160,7 +160,7 @@ def _unpack_all_python(views, per_cycle, tables, counts, codes):
             row += one
 
 
-_unpack_all = compiled(_unpack_all_python, cache=False, _nrt=False, forceinline=True)
+_unpack_all = compiled(_unpack_all_python, cache=False, allocates=False, forceinline=True)
 
 
 def _unpacker(topology: Topology, records: np.ndarray, cycles: int) -> Callable[[], np.ndarray]:

@@ -200,20 +200,23 @@ _codes_in = types.Array(types.uint8, 1, "A", readonly=True)
 # each use of a tuple, which costs several times the work itself. What kernels call goes into them,
 # since a call would hand over the insides of all arrays.
 crc16 = compiled(
-    crc16_python, [_int(_int, _data_in, _int, _int, _int)], _nrt=False, forceinline=True
+    crc16_python, [_int(_int, _data_in, _int, _int, _int)], allocates=False, forceinline=True
 )
 frame_crc = compiled(
-    frame_crc_python, [_int(_data_in, _int, from_dtype(EXPECTED))], _nrt=False, forceinline=True
+    frame_crc_python,
+    [_int(_data_in, _int, from_dtype(EXPECTED))],
+    allocates=False,
+    forceinline=True,
 )
 unpack_frame = compiled(
     unpack_frame_python,
     [types.void(_data_in, _int, _int, TABLES, _counts, _codes)],
-    _nrt=False,
+    allocates=False,
     forceinline=True,
 )
 pack = compiled(
     pack_python,
     [types.void(_int, _int, _int, _int, _counts_in, _codes_in, TABLES, _views)],
-    _nrt=False,
+    allocates=False,
     forceinline=True,
 )

@@ -316,7 +316,7 @@ def _heartbeat(node: int, names: _Names) -> _Message:
     name = names.message("heartbeat", f"_{node}")
     signals, start = [], 0
     for what, bits in FIELDS:
-        values = dict(enumerate(STATES)) if what == "state" else {}
+        values: dict[int, str] = dict(enumerate(STATES)) if what == "state" else {}
         unit = "s" if what == "uptime_s" else ""
         signals.append(_Signal(names.signal(name, what), start, bits, unit=unit, values=values))
         start += bits

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,8 @@ from bus.heartbeat import FIRST_ID, LAST_ID
 from bus.status import Status
 
 __all__ = ["LONG_SILENCE", "BusRules"]
+
+Row = int | np.integer | np.ndarray
 
 LONG_SILENCE = 20
 """Cycles without a reading that are more than losses in a row."""
@@ -67,21 +70,21 @@ class BusRules:
 
     # -- what the rows of this bus are ---------------------------------------------------------
 
-    def _units(self, row: int) -> np.ndarray:
+    def _units(self, row: Row) -> np.ndarray:
         units = self.skin.frames.units[row]
         return units[units >= 0]
 
-    def _is_enabled(self, row: int) -> bool:
+    def _is_enabled(self, row: Row) -> bool:
         return bool(self.skin.enabled[self._units(row)].any())
 
-    def _has_fallen(self, row: int) -> bool:
+    def _has_fallen(self, row: Row) -> bool:
         age = self.survey.age[self._units(row)]
         return age.size > 0 and bool((age >= STALE_CYCLES).all())
 
-    def _has_come_back(self, row: int) -> bool:
+    def _has_come_back(self, row: Row) -> bool:
         return self.survey.longest_age[self._units(row)].max(initial=0) >= LONG_SILENCE
 
-    def _frame(self, place: int) -> str:
+    def _frame(self, place: Row) -> str:
         """A frame of this bus in words, by its units."""
         units = [self.skin.unit_names[u] for u in self._units(self.rows[place])]
         names = units[0] if len(units) == 1 else f"{units[0]} … {units[-1]}"
@@ -217,7 +220,7 @@ class BusRules:
             "or the power of that branch",
         )  # fmt: skip
 
-    def _alive(self, places: list[int] | np.ndarray) -> str:
+    def _alive(self, places: Any) -> str:
         """The likely cause where silent frames are those of boards that live; else empty."""
         return self.boards.alive(np.isin(np.arange(self.rows.size), places))
 

@@ -12,10 +12,11 @@ frames, through the `Buffers` of its direction.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import numba
 import numpy as np
-from numba import carray, typeof, types
+from numba import typeof, types
 
 from bus.compiled.jit import compiled, jitable
 from bus.frame import CAN_ERR, ECHO, FD_BRS, FD_ESI, FD_FDF
@@ -141,11 +142,19 @@ def stage_python(count, first, words, buffers):
         buffers.messages[i]["control_size"] = 0
 
 
+carray: Any = getattr(numba, "carray")  # noqa: B009, numba's stubs lack it
 _int, _pointer, _unsigned = types.int32, types.intp, types.uint32
 _recvmmsg = types.ExternalFunction("recvmmsg", _int(_int, _pointer, _unsigned, _int, _pointer))
 _sendmmsg = types.ExternalFunction("sendmmsg", _int(_int, _pointer, _unsigned, _int))
 _ppoll = types.ExternalFunction("ppoll", _int(_pointer, types.uint64, _pointer, _pointer))
 _errno_place = types.ExternalFunction("__errno_location", types.CPointer(_int)())
+
+
+@jitable
+def _errno():
+    """Why the last call of this thread failed."""
+    return carray(_errno_place(), 1)[0]
+
 
 _long, _void = types.int64, types.void
 _rows, _flat = types.int64[:, ::1], types.int64[::1]
@@ -199,7 +208,7 @@ def _receive(fd, polled, timeout_ns, first, room, index, words, buffers):
             message["control_size"] = _CONTROL_BYTES
         got = _recvmmsg(fd, buffers.messages.ctypes.data, wanted, _MSG_DONTWAIT, 0)
         if got < 0:
-            errno = carray(_errno_place(), 1)[0]
+            errno = _errno()
             if errno == _EINTR:
                 continue
             if errno != _EAGAIN:
@@ -231,7 +240,7 @@ def _send(fd, first, count, words, buffers):
     stage_python(count, first, words, buffers)
     taken = _sendmmsg(fd, buffers.messages.ctypes.data, count, _MSG_DONTWAIT)
     if taken < 0:
-        report["errno"] = carray(_errno_place(), 1)[0]
+        report["errno"] = _errno()
         return 0
     return taken
 

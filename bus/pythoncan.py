@@ -97,7 +97,7 @@ class PythonCanTransport(Transport):
         start = batch.count
         until = time.monotonic() + timeout_s
         wait_s = min(timeout_s, _SLICE_S) if timeout_s > 0 else 0.0
-        view = memoryview(batch.records.view(np.uint8))
+        view = batch.records.view(np.uint8).data
         while batch.room:
             message = self._receive(wait_s, batch.count > start)
             if message is not None:

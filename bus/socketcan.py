@@ -16,7 +16,7 @@ import socket
 import struct
 import threading
 from difflib import get_close_matches
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -210,7 +210,7 @@ def _switch_on(bus: Bus) -> str:
     return f"sudo ip link set {bus.channel} up {settings}"
 
 
-def _checked_options(bus: Bus) -> dict[str, float]:
+def _checked_options(bus: Bus) -> dict[str, Any]:
     """Return the options of a bus, all known and positive numbers."""
     for option, value in bus.options.items():
         if option not in _OPTIONS:

@@ -16,7 +16,10 @@ from threading import Lock, Timer
 __all__ = ["Announcer", "announcer"]
 
 PATIENCE_S = 1.0
-"""Seconds of compiling without a word, and without compiling until it counts as over. [assumed]"""
+"""Seconds of compiling without a word. [assumed]"""
+
+PAUSE_S = 3.0
+"""Seconds without compiling until it counts as over, where nobody says so before. [assumed]"""
 
 _log = logging.getLogger("skin")
 _watching = ExitStack()
@@ -37,7 +40,7 @@ class Announcer:
         self._lock = Lock()
         self._depth = 0
         self._seconds = self._began = 0.0
-        self._said = False
+        self._said = self._held = False
         self._timer: Timer | None = None
 
     def begins(self, kernel: str) -> None:
@@ -55,11 +58,19 @@ class Announcer:
             self._depth = max(0, self._depth - 1)
             if self._depth == 0:
                 self._seconds += time.monotonic() - self._began
-                self._wait(PATIENCE_S, self.finish)
+                self._stop()
+                if not self._held:
+                    self._wait(PAUSE_S, self.finish)
+
+    def hold(self) -> Announcer:
+        """More may have to be compiled until `finish` is called, however long the pause."""
+        self._held = True
+        return self
 
     def finish(self) -> None:
         """All that is needed for now is compiled."""
         with self._lock:
+            self._held = False
             if self._depth:
                 return
             self._stop()

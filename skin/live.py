@@ -112,7 +112,7 @@ def open(
             slip=slip,
         )  # fmt: skip
         _check(sync, wait, deadline_s)
-        announcer()
+        undo.callback(announcer().hold().finish)
         if simulate is not False:
             nodes = _nodes(loaded, None if simulate is True else simulate, seed)
             undo.callback(nodes.close)
@@ -291,6 +291,7 @@ class Skin:
     def close(self) -> None:
         """Release the buses; closing twice is fine."""
         self._closed = True
+        announcer().finish()
         if self.nodes is not None:
             self.nodes.close()
         for transport in self.transports:

@@ -147,10 +147,13 @@ class Pipeline:
     def _show(self, stream: ContactStream) -> None:
         """Keep the arrays of the stream that every state shows."""
         want, total = self.options.quantities, stream.total
+        wrench: tuple[np.ndarray, np.ndarray] = (UNWANTED, UNWANTED)
+        centroid: tuple[np.ndarray, np.ndarray] = (UNWANTED, UNWANTED)
         if "wrench" in want:
-            self._total = (total.wrench, total.wrench_sigma, *self._total[2:])
+            wrench = total.wrench, total.wrench_sigma
         if "centroid" in want:
-            self._total = (*self._total[:2], total.centroid, total.centroid_covariance)
+            centroid = total.centroid, total.centroid_covariance
+        self._total = (*wrench, *centroid)
         if "slip" in want:
             self._slip = stream.unit_slip
         self._label = stream.tracker.label

@@ -168,6 +168,8 @@ class Draft:
             return
         name, units = placed.patch.name, placed.units.names
         calibration, parameters = read_calibration(name, units, at, source, report)
+        if calibration is None:
+            return
         for unit, given in parameters.items():
             entry = (calibration, ("units", units[unit]), given)
             self._given.setdefault(int(self.starts[index]) + unit, []).append(entry)

@@ -61,6 +61,7 @@ def load(file: str | os.PathLike[str], *, allow_overload: bool = False) -> Topol
     report = Report()
     source = _open(file, report)
     report.raise_if_any()
+    assert source is not None  # or the report had said why
     parts = resolve(read(File, source, report), source, report)
     draft = Draft(parts, place_patches(parts, report), report)
     known = draft.addressed
@@ -103,7 +104,7 @@ def _check_units(draft: Draft, parts: Parts, report: Report) -> None:
     check_clashes(
         Address(*(a[known] for a in vars(draft.address).values())),
         draft.layouts,
-        [draft.claims[unit] for unit in known],
+        [claim for unit in known if (claim := draft.claims[unit]) is not None],
         [bus.name if bus is not None else "" for bus in parts.file.buses or ()],
         parts.source,
         report,
@@ -116,7 +117,7 @@ def _check_load(frames: Frames, draft: Draft, parts: Parts, report: Report) -> N
         bus = parts.bus(key)
         if not report.sound(parts.source, key):
             continue
-        found = bus_load(key[1], bus, frames, tuple(draft.layouts))
+        found = bus_load(int(key[1]), bus, frames, tuple(draft.layouts))
         if found.load > bus.max_load:
             advice = f"at most {found.highest_rate_hz:.4g} Hz would do"
             report.add("overload", parts.source, key, limit=bus.max_load, rate=bus.cycle_rate_hz,

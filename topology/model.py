@@ -14,7 +14,7 @@ single unit, without effect until a calibration gives it.
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
 from msgspec import Meta
@@ -29,7 +29,7 @@ TABLES = {"theta_correction_rad": THETA_KNOTS, "field_angle_mm": FIELD_ANGLE_TER
 """Parameters that are tables, and how long; an empty one reads as zeros."""
 
 
-def _doc(text: str, **bounds: float) -> Meta:
+def _doc(text: str, **bounds: Any) -> Meta:
     return Meta(description=text, **bounds)
 
 

@@ -48,7 +48,7 @@ class Parts:
 
     def bus(self, key: Key) -> Bus:
         """The bus that stands at a key."""
-        return self.file.buses[key[1]]
+        return self.file.buses[int(key[1])]
 
 
 def resolve(file: File, source: Source, report: Report) -> Parts:

@@ -69,7 +69,8 @@ def open_source(path: Path, shown: str, report: Report) -> Source | None:
 
 def _syntax(message: str, raw: bytes) -> tuple[int, str]:
     """Line and reason of a message of `tomllib`."""
-    found = re.fullmatch(r"(.*) \(at (?:line (\d+), column \d+|end of document)\)", message, re.S)
+    pattern = r"(.*) \(at (?:line (\d+), column \d+|end of document)\)"
+    found: Any = re.fullmatch(pattern, message, re.S)
     last = raw.rstrip().count(b"\n") + 1
     line = int(found[2]) if found[2] else last
     return line, found[1][0].lower() + found[1][1:]
@@ -115,7 +116,7 @@ class _Reader:
         self.source = source
         self.report = report
 
-    def table(self, info: inspect.StructType, data: dict[str, Any], key: Key) -> Any:
+    def table(self, info: Any, data: dict[str, Any], key: Key) -> Any:
         fields = {field.encode_name: field for field in info.fields}
         values: dict[str, Any] = {}
         for name, value in data.items():
@@ -136,7 +137,7 @@ class _Reader:
                     values[name] = None
         return info.cls(**values)
 
-    def value(self, info: inspect.Type, value: Any, key: Key) -> Any:
+    def value(self, info: Any, value: Any, key: Key) -> Any:
         """The value converted, or None where it does not fit (and is reported)."""
         info = _plain(info)
         match info, value:
@@ -167,7 +168,8 @@ class _Reader:
                 return None
         if _fits(info, value):
             return float(value) if isinstance(info, inspect.FloatType) else value
-        hint = nearest(value, info.values, or_all=False) if _has_names(info) else ""
+        names: Any = info
+        hint = nearest(value, names.values, or_all=False) if _has_names(info) else ""
         self.report.add("value", self.source, key, hint, expected=describe(info), got=show(value))
         return None
 
@@ -176,7 +178,7 @@ class _Reader:
         tables = isinstance(_plain(kind), inspect.StructType | inspect.UnionType)
         return items if tables or None not in items else None
 
-    def tagged(self, info: inspect.UnionType, data: dict[str, Any], key: Key) -> Any:
+    def tagged(self, info: Any, data: dict[str, Any], key: Key) -> Any:
         """A table whose tag (`kind`) says which struct it is."""
         structs = {struct.tag: struct for struct in info.types}
         tag = info.types[0].tag_field

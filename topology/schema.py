@@ -6,7 +6,7 @@ commented example. Lengths are metres and angles degrees, and every name says so
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, Union, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_type_hints
 
 import msgspec
 from msgspec import Meta
@@ -122,17 +122,24 @@ class Scale(_Table, frozen=True, kw_only=True):
 PARAMETERS: tuple[str, ...] = UnitModel.__struct_fields__
 """Names of the parameters of a unit, in the order of `UnitModel`."""
 
-Overrides = msgspec.defstruct(
-    "Overrides",
-    [
-        (name, kind | None, None)
-        for name, kind in get_type_hints(UnitModel, include_extras=True).items()
-    ],
-    bases=(_Table,),
-    frozen=True,
-    kw_only=True,
-    module=__name__,
-)
+if TYPE_CHECKING:
+
+    class Overrides(_Table, frozen=True, kw_only=True):
+        """What is made below: a type checker knows no classes that are."""
+
+else:
+    Overrides = msgspec.defstruct(
+        "Overrides",
+        [
+            (name, kind | None, None)
+            for name, kind in get_type_hints(UnitModel, include_extras=True).items()
+        ],
+        bases=(_Table,),
+        frozen=True,
+        kw_only=True,
+        module=__name__,
+    )
+
 Overrides.__doc__ = "Any parameters of `UnitModel`; an absent one (None) is left as it is."
 
 

@@ -101,7 +101,7 @@ class _Scanner:
 
     def skip(self) -> int:
         """Past blanks, line ends and comments."""
-        self.at = _SPACE.match(self.text, self.at).end()
+        self.at = _end(_SPACE, self.text, self.at)
         return self.at
 
     def note(self, key: Key) -> None:
@@ -145,7 +145,7 @@ class _Scanner:
         while True:
             self.skip()
             quoted = _STRING.match(self.text, self.at)
-            found = quoted or _BARE.match(self.text, self.at)
+            found: Any = quoted or _BARE.match(self.text, self.at)
             parts.append(tomllib.loads(f"key = {found[0]}")["key"] if quoted else found[0])
             self.at = found.end()
             if self.text[self.skip()] != ".":
@@ -160,9 +160,9 @@ class _Scanner:
             case "{":
                 self.inline(key)
             case '"' | "'":
-                self.at = _STRING.match(self.text, self.at).end()
+                self.at = _end(_STRING, self.text, self.at)
             case _:
-                self.at = _SCALAR.match(self.text, self.at).end()
+                self.at = _end(_SCALAR, self.text, self.at)
 
     def items(self, key: Key) -> None:
         self.at += 1
@@ -182,3 +182,9 @@ class _Scanner:
             if self.text[self.skip()] == ",":
                 self.at += 1
         self.at += 1
+
+
+def _end(pattern: re.Pattern[str], text: str, at: int) -> int:
+    """Where the match of a pattern at a place ends; the place itself if there is none."""
+    found = pattern.match(text, at)
+    return at if found is None else found.end()

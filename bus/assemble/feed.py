@@ -73,7 +73,7 @@ def take_sync(bus, row, views, tables, memory):
     header = views.words[row, 1]
     length = (header >> 32) & 0xFF
     if length > 1 or (header >> 40) & FD_FDF:
-        memory.totals[Outcome.SHORT] += 1
+        memory.totals[Outcome.SHORT.value] += 1
         return True
     counter = np.int64(views.data[row, PAYLOAD]) if length else np.int64(-1)
     stamp = state["last_stamp"]
@@ -81,7 +81,7 @@ def take_sync(bus, row, views, tables, memory):
     is_new = number > state["synced"]
     if is_new and state["is_open"]:
         return False
-    memory.totals[Outcome.SYNC] += 1
+    memory.totals[Outcome.SYNC.value] += 1
     sync["number"] = number
     sync["stamp"] = stamp
     if is_new:
@@ -96,12 +96,12 @@ def take_data(f, row, views, tables, memory):
     data, header = views.data, views.words[row, 1]
     is_fd = ((header >> 40) & FD_FDF) != 0
     if (header >> 32) & 0xFF != expected["size"] or is_fd != (expected["is_fd"] != 0):
-        drop(memory, f, Outcome.SHORT)
+        drop(memory, f, Outcome.SHORT.value)
         return False
     if expected["crc"]["mask"] and (
         frame_crc_python(data, row, expected) != read_bits(data, row, expected["crc"])
     ):
-        drop(memory, f, Outcome.CRC)
+        drop(memory, f, Outcome.CRC.value)
         return False
     sequence = np.int64(-1)
     if expected["sequence"]["mask"]:
@@ -122,7 +122,7 @@ def take_data(f, row, views, tables, memory):
     source["taken_at"] = state["number"]
     for k in range(np.int64(expected["size"])):
         memory.last[f, k] = data[row, PAYLOAD + k]
-    count(memory, f, Outcome.DATA)
+    count(memory, f, Outcome.DATA.value)
     stage(f, sequence, stamp, row, data, tables, memory)
     if source["is_awaited"]:
         source["is_awaited"] = 0
@@ -139,16 +139,16 @@ def feed_python(row, views, tables, memory, shown):
         header = words[row, 1]
         can_id, bus = header & 0xFFFF_FFFF, (header >> 56) & 0xFF
         if can_id & CAN_ERR:
-            totals[Outcome.ERROR] += 1
+            totals[Outcome.ERROR.value] += 1
             # Class CRTL with RX_OVERFLOW in its second byte (linux/can/error.h).
             if can_id & 4 and (header >> 32) & 0xFF > 1 and views.data[row, PAYLOAD + 1] & 1:
-                totals[Outcome.CONTROLLER_OVERFLOW] += 1
+                totals[Outcome.CONTROLLER_OVERFLOW.value] += 1
         elif can_id & CAN_RTR:
-            totals[Outcome.REMOTE] += 1
+            totals[Outcome.REMOTE.value] += 1
         elif bus >= tables.standard.shape[0]:
-            totals[Outcome.FOREIGN] += 1
+            totals[Outcome.FOREIGN.value] += 1
         elif (header >> 48) & ECHO and can_id != memory.syncs[bus]["identifier"]:
-            totals[Outcome.ECHO] += 1
+            totals[Outcome.ECHO.value] += 1
         else:
             if 0 <= words[row, 0] < STAMP_MAX:
                 state["last_stamp"] = words[row, 0]
@@ -167,11 +167,11 @@ def feed_python(row, views, tables, memory, shown):
                     close_cycle_python(BY_COMPLETE, tables, memory, shown)
                     return row + 1
             elif FIRST_HEARTBEAT <= can_id <= LAST_HEARTBEAT:
-                totals[Outcome.HEARTBEAT] += 1
+                totals[Outcome.HEARTBEAT.value] += 1
             elif can_id == CONFIGURATION_ID:
-                totals[Outcome.CONFIGURATION] += 1
+                totals[Outcome.CONFIGURATION.value] += 1
             else:
-                totals[Outcome.FOREIGN] += 1
+                totals[Outcome.FOREIGN.value] += 1
         row += 1
     return row
 
@@ -203,12 +203,12 @@ _views_in = types.NamedTuple((_words_in, _data_in), FrameViews)
 close_cycle = compiled(
     close_cycle_python,
     [types.void(_int, TABLES, _memory, _shown)],
-    _nrt=False,
+    allocates=False,
     forceinline=True,
 )
 feed = compiled(
     feed_python,
     [_int(_int, _views_in, TABLES, _memory, _shown)],
-    _nrt=False,
+    allocates=False,
     forceinline=True,
 )

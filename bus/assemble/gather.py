@@ -20,9 +20,9 @@ def tear(g, tables, memory):
     for part in range(tables.groups.shape[1]):
         if (group["parts_in"] >> part) & 1:
             f = tables.groups[g, part]
-            memory.totals[Outcome.DATA] -= 1
-            memory.tallies[f, Outcome.DATA] -= 1
-            count(memory, f, Outcome.TORN)
+            memory.totals[Outcome.DATA.value] -= 1
+            memory.tallies[f, Outcome.DATA.value] -= 1
+            count(memory, f, Outcome.TORN.value)
     group["parts_in"] = 0
     group["torn_at"] = memory.state[0]["number"]
 

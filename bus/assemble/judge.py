@@ -43,7 +43,7 @@ def is_other_payload(f, row, data, tables, memory):
 @jitable
 def repeat(f, row, data, tables, memory):
     """Count a sequence number that came again; other bytes under it mean another sender."""
-    count(memory, f, Outcome.REPEATED)
+    count(memory, f, Outcome.REPEATED.value)
     if is_other_payload(f, row, data, tables, memory):
         memory.sources[f]["evidence"] += PIECE
 
@@ -54,8 +54,8 @@ def lose(f, gap, limit, memory):
     source = memory.sources[f]
     if 0 < gap < limit and not source["is_duplicate"]:
         lost = max(gap - source["dropped"], 0)
-        memory.totals[Outcome.LOST] += lost
-        memory.tallies[f, Outcome.LOST] += lost
+        memory.totals[Outcome.LOST.value] += lost
+        memory.tallies[f, Outcome.LOST.value] += lost
 
 
 @jitable
@@ -66,7 +66,7 @@ def accept_echo(f, sequence, row, data, tables, memory):
     number = state["number"]
     behind = (number - sequence) & (size - 1)
     if number < 0:
-        drop(memory, f, Outcome.LATE)
+        drop(memory, f, Outcome.LATE.value)
     elif behind == 0 and source["taken_at"] == number:
         repeat(f, row, data, tables, memory)
     elif behind == 0 and state["is_open"]:
@@ -77,11 +77,11 @@ def accept_echo(f, sequence, row, data, tables, memory):
     elif behind == 0:
         # Closed without waiting for it: the next cycle shall wait.
         source["missed"] = 0
-        drop(memory, f, Outcome.LATE)
+        drop(memory, f, Outcome.LATE.value)
     elif number - behind == source["heard"]:
         repeat(f, row, data, tables, memory)
     else:
-        drop(memory, f, Outcome.LATE)
+        drop(memory, f, Outcome.LATE.value)
     return False
 
 
@@ -100,7 +100,7 @@ def accept_count(f, sequence, row, data, tables, memory):
             return False
     if not state["is_open"]:
         source["missed"] = 0
-        drop(memory, f, Outcome.LATE)
+        drop(memory, f, Outcome.LATE.value)
         return False
     if not was_silent:
         if step < max((mask + 1) // 2, 2):
@@ -110,7 +110,7 @@ def accept_count(f, sequence, row, data, tables, memory):
             source["evidence"] += PIECE
         else:
             source["back"] = sequence
-            drop(memory, f, Outcome.LATE)
+            drop(memory, f, Outcome.LATE.value)
             return False
     source["heard"] = sequence
     return True
@@ -122,9 +122,9 @@ def accept_plain(f, memory):
     state, source = memory.state[0], memory.sources[f]
     if not state["is_open"]:
         source["missed"] = 0
-        drop(memory, f, Outcome.LATE)
+        drop(memory, f, Outcome.LATE.value)
         return False
     if not state["is_free"] and source["taken_at"] == state["number"]:
-        count(memory, f, Outcome.REPEATED)
+        count(memory, f, Outcome.REPEATED.value)
         return False
     return True

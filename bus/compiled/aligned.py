@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 __all__ = ["LINE", "zeros"]
@@ -10,7 +12,7 @@ LINE = 64
 """Bytes of a cache line, and of the widest vectors."""
 
 
-def zeros(shape: int | tuple[int, ...], dtype: object = float) -> np.ndarray:
+def zeros(shape: int | tuple[int, ...], dtype: Any = float) -> np.ndarray:
     """As `numpy.zeros`, for arrays that kernels walk: numpy begins large ones 16 bytes into a line,
     and nearly every vector that is read of them lies in two lines then.
 

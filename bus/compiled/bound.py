@@ -5,8 +5,8 @@ twenty of them is as long as its work on a hundred units. Here they are looked a
 down as the words that the compiled function takes, addresses among them; a call then has one
 argument.
 
-It stands on private parts of numba: how a function takes its arguments, and where it lies. Where a
-version lacks them, a bound kernel calls the kernel as anybody would.
+It stands on private parts of numba and llvmlite: how a function takes its arguments, and where it
+lies. Where a version lacks them, a bound kernel calls the kernel as anybody would.
 """
 
 from __future__ import annotations
@@ -18,20 +18,25 @@ from hashlib import blake2b
 from typing import Any
 
 import numpy as np
-from llvmlite import ir
 from numba import njit, typeof, types
 from numba.extending import intrinsic
 
 from bus.compiled.cache import cache_on_disk
 
 try:
+    from llvmlite import ir
     from numba.core import cgutils
-except ImportError:  # a numba of another version
-    cgutils = None
+    from numba.core.errors import NumbaError
+
+    OF_NUMBA: tuple[type[Exception], ...] = (NumbaError,)
+except ImportError:  # numba or llvmlite of another version
+    ir: Any = None
+    cgutils: Any = None
+    OF_NUMBA = ()
 
 __all__ = ["Bound", "direct"]
 
-WORD = ir.IntType(64)
+TUPLE: Any = types.BaseTuple
 DATA = 4
 """Which of an array's words is the address of its data."""
 _callers: dict[object, Callable] = {}
@@ -65,36 +70,47 @@ class Bound(functools.partial):
         Arrays, numbers, truth values, None, and tuples of these, named ones too. What a kernel is
         to be told anew with every call stands in an array.
 
-    Attributes
-    ----------
-    arguments : list
-        Kept, as a call reads and writes them by address.
     """
 
-    arguments: list[Any]
+    _arguments: list[Any]
+    _exchanged: dict[int | tuple[int | str, ...], np.ndarray]
+    """What `put` gave, by where, and is not yet in `_arguments`."""
     _words: np.ndarray | None
-    _places: list[int]
+    """What the compiled function takes; None where the kernel is called with `_arguments`."""
+    _places: dict[int | tuple[int | str, ...], int]
+    """Which of `_words` is the address of an array, by the path that leads to it."""
+    _kernel: Any
+    """Kept, or its code would go with it."""
 
     def __new__(cls, kernel: Any, *arguments: Any) -> Bound:
         kept = list(arguments)
-        if not hasattr(kernel, "overloads") or cgutils is None:
+        words, places, found = [0], {}, None
+        if hasattr(kernel, "overloads") and ir is not None and cgutils is not None:
+            kinds = tuple(typeof(argument) for argument in arguments)
+            for position, (kind, argument) in enumerate(zip(kinds, arguments, strict=True)):
+                places |= _places(kind, argument, (position,), len(words))
+                words += _words(kind, argument)
+            found = _found(kernel, kinds)
+        if found is None:
             self = super().__new__(cls, lambda: kernel(*kept))
-            self.arguments, self._words = kept, None
-            return self
-        kinds = tuple(typeof(argument) for argument in arguments)
-        kernel.compile(kinds)
-        found = kernel.overloads[kinds]
-        words = [found.library.get_pointer_to_function(found.fndesc.llvm_func_name)]
-        places = []
-        for kind, argument in zip(kinds, arguments, strict=True):
-            places.append(len(words))
-            words += _words(kind, argument)
-        kept_words = np.array(words, np.int64)
-        self = super().__new__(cls, _caller(found.signature), kept_words.ctypes.data)
-        self.arguments, self._words, self._places = kept, kept_words, places
-        self._kinds = kinds
-        self._kernel = kernel  # or its code would go with it
+            self._words = None
+        else:
+            words[0], caller = found
+            kept_words = np.array(words, np.int64)
+            self = super().__new__(cls, caller, kept_words.ctypes.data)
+            self._words = kept_words
+        self._arguments, self._exchanged, self._places, self._kernel = kept, {}, places, kernel
         return self
+
+    @property
+    def arguments(self) -> list[Any]:
+        """The arguments as of now; kept, as a call reads and writes them by address."""
+        while self._exchanged:
+            where, array = self._exchanged.popitem()
+            path = list(where) if isinstance(where, tuple) else [where]
+            position: Any = path.pop(0)
+            self._arguments[position] = _replaced(self._arguments[position], path, array)
+        return self._arguments
 
     def put(self, where: int | tuple[int | str, ...], array: np.ndarray) -> None:
         """Exchange an array for another of the same type, shape and strides, for which the caller
@@ -106,41 +122,54 @@ class Bound(functools.partial):
             Which argument; within named tuples the names that lead to it: ``(1, "counts")``.
         array : ndarray
         """
-        path = where if isinstance(where, tuple) else (where,)
-        position = int(path[0])
-        if self._words is not None:
-            place = self._places[position] + self._offset(position, path[1:])
-            self._words[place + DATA] = array.__array_interface__["data"][0]
-        self.arguments[position] = _replaced(self.arguments[position], path[1:], array)
-
-    def _offset(self, position: int, path: tuple[int | str, ...]) -> int:
-        """Words before the array that a path leads to, from those of its argument on."""
-        kind, value, offset = self._kinds[position], self.arguments[position], 0
-        for step in path:
-            index = step if isinstance(step, int) else value._fields.index(step)
-            parts = list(zip(kind, value, strict=True))
-            offset += sum(len(_words(*part)) for part in parts[:index])
-            kind, value = parts[index]
-        return offset
+        self._exchanged[where] = array
+        if self._words is None:
+            _ = self.arguments
+        else:
+            self._words[self._places[where]] = array.__array_interface__["data"][0]
 
     def __reduce__(self) -> str:
         raise TypeError("a bound kernel knows the addresses of its arrays: it cannot be copied")
 
 
-def _replaced(value: Any, path: tuple[int | str, ...], array: np.ndarray) -> Any:
-    """A tuple with one array exchanged, at any depth."""
+def _found(kernel: Any, kinds: tuple[types.Type, ...]) -> tuple[int, Callable] | None:
+    """Where the code of a kernel lies, and what calls it; None where numba does not tell."""
+    kernel.compile(kinds)
+    found = kernel.overloads[kinds]
+    try:
+        code = found.library.get_pointer_to_function(found.fndesc.llvm_func_name)
+        return code, _caller(found.signature)
+    except (AttributeError, *OF_NUMBA):  # private parts of another version
+        return None
+
+
+def _places(kind: Any, value: Any, path: tuple, first: int) -> dict[Any, int]:
+    """Which words are the addresses of arrays, for a value whose words begin at `first`."""
+    if isinstance(kind, types.Array):
+        return dict.fromkeys((path, path[0]) if len(path) == 1 else (path,), first + DATA)
+    places = {}
+    if isinstance(kind, TUPLE):
+        names = getattr(value, "_fields", range(len(value)))
+        for name, part, inner in zip(names, tuple(kind), value, strict=True):
+            places |= _places(part, inner, (*path, name), first)
+            first += len(_words(part, inner))
+    return places
+
+
+def _replaced(value: Any, path: list[Any], array: np.ndarray) -> Any:
+    """A named tuple with one array exchanged, at any depth."""
     if not path:
         return array
-    name = path[0] if isinstance(path[0], str) else value._fields[path[0]]
-    return value._replace(**{name: _replaced(getattr(value, name), path[1:], array)})
+    name, *rest = path
+    return value._replace(**{name: _replaced(getattr(value, name), rest, array)})
 
 
-def _words(kind: types.Type, value: Any) -> list[int]:
+def _words(kind: Any, value: Any) -> list[int]:
     """A value as the words that `_value` reads."""
     if isinstance(kind, types.Array):
         # neither a reference count nor an owner: both are the arguments' that are kept
         return [0, 0, value.size, value.itemsize, value.ctypes.data, *value.shape, *value.strides]
-    if isinstance(kind, types.BaseTuple):
+    if isinstance(kind, TUPLE):
         return [word for part in zip(kind, value, strict=True) for word in _words(*part)]
     if isinstance(kind, types.NoneType):
         return []
@@ -151,26 +180,26 @@ def _words(kind: types.Type, value: Any) -> list[int]:
     raise TypeError(f"a bound kernel takes no {kind}")
 
 
-def _value(context, builder, kind: types.Type, words: Iterator[ir.Value]) -> ir.Value:
+def _value(context: Any, builder: Any, kind: Any, words: Iterator[Any]) -> Any:
     """A value of a kind in compiled code, from its words."""
     if isinstance(kind, types.Array):
         array = context.make_array(kind)(context, builder)
         model = context.data_model_manager[kind]
         for name in ("meminfo", "parent", "nitems", "itemsize", "data", "shape", "strides"):
             of = model.get_member_fe_type(name)
-            member = next(words) if not isinstance(of, types.BaseTuple) else _value(
+            member = next(words) if not isinstance(of, TUPLE) else _value(
                 context, builder, of, words)  # fmt: skip
             if name in ("meminfo", "parent", "data"):
                 member = builder.inttoptr(member, context.get_value_type(of))
             setattr(array, name, member)
         return array._getvalue()
-    if isinstance(kind, types.BaseTuple):
+    if isinstance(kind, TUPLE):
         parts = [_value(context, builder, part, words) for part in kind]
         return context.make_tuple(builder, kind, parts)
     if isinstance(kind, types.NoneType):
         return context.get_dummy_value()
     if isinstance(kind, types.Boolean):
-        return builder.icmp_unsigned("!=", next(words), WORD(0))
+        return builder.icmp_unsigned("!=", next(words), ir.IntType(64)(0))
     if kind == types.float64:
         return builder.bitcast(next(words), ir.DoubleType())
     return next(words)
@@ -184,12 +213,11 @@ def _caller(signature) -> Callable:
         return _callers[key]
     result, kinds = key
 
-    @intrinsic
     def call_address(typing, place):
         def code(context, builder, given, arguments):
-            base = builder.inttoptr(arguments[0], WORD.as_pointer())
+            base = builder.inttoptr(arguments[0], ir.IntType(64).as_pointer())
             words = (
-                builder.load(builder.gep(base, [WORD(i)])) for i in range(2**31)
+                builder.load(builder.gep(base, [ir.IntType(64)(i)])) for i in range(2**31)
             )  # fmt: skip
             convention = context.call_conv
             function = convention.get_function_type(result, kinds).as_pointer()
@@ -202,13 +230,15 @@ def _caller(signature) -> Callable:
 
         return result(place), code
 
+    calling: Any = intrinsic(call_address)
+
     def call(place):
-        return call_address(place)
+        return calling(place)
 
     # a name, and so a file of the cache, for each signature: they are compiled side by side
     digest = blake2b(repr(key).encode(), digest_size=12).hexdigest()
     call.__qualname__ = f"{_caller.__qualname__}.{digest}"
-    kernel = njit(nogil=True)(call)
+    kernel: Any = njit(nogil=True)(call)
     cache_on_disk(kernel)
     kernel.compile((types.int64,))
     (found,) = kernel.overloads.values()

@@ -20,7 +20,7 @@ from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
 import numpy as np
-from numba.types import Type
+from numba import types
 
 try:
     from numba.core.caching import FunctionCache
@@ -63,7 +63,9 @@ def cache_on_disk(kernel: Any) -> None:
 
 @cache
 def _stamped_cache() -> type:
-    class StampedCache(FunctionCache):
+    base: Any = FunctionCache
+
+    class StampedCache(base):
         """Numba's cache, with `stamp` in its key."""
 
         _stamp: str | None = None
@@ -130,7 +132,8 @@ class _Walk:
         elif isinstance(value, np.dtype):
             self._add(value.descr, value.itemsize)
         elif isinstance(value, enum.EnumType):
-            self._add([(member.name, member.value) for member in value])
+            members: Any = value
+            self._add([(member.name, member.value) for member in members])
         elif isinstance(value, type):
             self._add(value.__qualname__, getattr(value, "_fields", ()))
         elif isinstance(value, tuple | list):
@@ -139,7 +142,7 @@ class _Walk:
                 self.value(part)
         elif isinstance(value, set | frozenset):
             self._add(sorted(map(repr, value)))
-        elif isinstance(value, Type):
+        elif isinstance(value, types.Type):
             self._add(repr(value))
         elif isinstance(value, bool | int | float | str | bytes | np.generic | None):
             self._add(repr(value))

@@ -64,9 +64,11 @@ def compiled(
     flags = set(fastmath)
     if not flags <= {"contract", "reassoc", "arcp"}:
         raise ValueError(f"fastmath: must be of 'contract', 'reassoc', 'arcp'; got {sorted(flags)}")
-    if not allocates:
-        options["_nrt"] = False
-    kernel = njit(error_model="numpy", nogil=True, fastmath=flags or False, **options)(function)
+    # Always said: what is compiled within another kernel takes over what is not.
+    options["_nrt"] = allocates
+    compile_it: Any = njit
+    flagged = compile_it(error_model="numpy", nogil=True, fastmath=flags or False, **options)
+    kernel = flagged(function)
     if not hasattr(kernel, "overloads"):
         return kernel
     if cache:

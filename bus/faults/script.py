@@ -99,61 +99,61 @@ class Fault(
     count: Annotated[_Count | None, Meta(description="At most so many times")] = None
 
 
-class Drop(Fault, tag="drop"):
+class Drop(Fault, frozen=True, tag="drop"):
     """The frame is lost."""
 
 
-class Kill(Fault, tag="kill"):
+class Kill(Fault, frozen=True, tag="kill"):
     """The sender is silent from `from_s`, and alive again at `to_s`."""
 
 
-class Delay(Fault, tag="delay"):
+class Delay(Fault, frozen=True, tag="delay"):
     """The frame comes later, with the stamp of then: with the first traffic after its time."""
 
     delay_s: Annotated[float, Meta(gt=0, le=60)]
 
 
-class Repeat(Fault, tag="repeat"):
+class Repeat(Fault, frozen=True, tag="repeat"):
     """The frame comes again at once."""
 
     copies: _Copies = 1
 
 
-class Reorder(Fault, tag="reorder"):
+class Reorder(Fault, frozen=True, tag="reorder"):
     """The frame comes after the next one of its identifier."""
 
 
-class Corrupt(Fault, tag="corrupt"):
+class Corrupt(Fault, frozen=True, tag="corrupt"):
     """Bits of the payload are inverted, behind the controller, whose own CRC saw nothing."""
 
     bits: Annotated[int, Meta(ge=1, le=64)] = 1
 
 
-class Truncate(Fault, tag="truncate"):
+class Truncate(Fault, frozen=True, tag="truncate"):
     """The frame is shorter."""
 
     length: Annotated[_Length | None, Meta(description="Bytes; any fewer if absent")] = None
 
 
-class Freeze(Fault, tag="freeze"):
+class Freeze(Fault, frozen=True, tag="freeze"):
     """The counts stay those of the frame before, while sequence number and CRC go on."""
 
 
-class Babble(Fault, tag="babble"):
+class Babble(Fault, frozen=True, tag="babble"):
     """A babbling node: frames of identifier `id` follow, with any bytes."""
 
     id: _Identifier
     copies: _Copies = 16
 
 
-class Duplicate(Fault, tag="duplicate"):
+class Duplicate(Fault, frozen=True, tag="duplicate"):
     """A second unit of the same identifier sends too: other counts, a CRC that fits."""
 
     offset: Annotated[int, Meta(ge=0, le=255, description="Of its sequence number")] = 0
     first: Annotated[bool, Meta(description="It sends before the right one")] = False
 
 
-class Error(Fault, tag="error"):
+class Error(Fault, frozen=True, tag="error"):
     """An error frame of the controller follows."""
 
     what: Literal[
@@ -167,11 +167,11 @@ class Error(Fault, tag="error"):
     ] = "bus-error"
 
 
-class Remote(Fault, tag="remote"):
+class Remote(Fault, frozen=True, tag="remote"):
     """A remote frame of the same identifier follows."""
 
 
-class ClockStep(Fault, tag="clock-step"):
+class ClockStep(Fault, frozen=True, tag="clock-step"):
     """The time stamps step, from this frame on."""
 
     step_s: Annotated[float, Meta(ge=-1e9, le=1e9)]
@@ -225,8 +225,7 @@ def load_script(path: str | Path, topology: Topology | None = None) -> FaultScri
         source = open_source(path, str(path), report)
         if source is not None:
             script = read(FaultScript, source, report)
-        if script is not None and not report.issues:
-            for i, key, hint, values in problems(script, topology):
+            for i, key, hint, values in () if report.issues else problems(script, topology):
                 report.add("value", source, ("faults", i, key), hint, **values)
     if script is None or report.issues:
         raise FaultScriptError("\n".join(map(str, report.issues)))

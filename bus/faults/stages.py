@@ -44,14 +44,15 @@ class _Stage:
         self, fault: Fault, topology: Topology | None, index: int, rng: np.random.Generator
     ) -> None:
         self.fault = fault
-        self.kind = fault.__struct_config__.tag
+        self.kind = str(fault.__struct_config__.tag)
         self.injected = 0
         self.rng = rng
         self._chance = rng.spawn(1)[0]
         self._frames = {} if topology is None else frames_of(topology, index)
         self._ids = self._targets(topology, index)
         self._passed = self._hits = 0
-        self._origin_ns: int | None = None
+        self._origin_ns = 0
+        self._has_begun = False
         once = fault.at_s is not None and fault.count is None
         self._most = 1 if once else fault.count
         self._from_s = fault.from_s if fault.at_s is None else fault.at_s
@@ -59,8 +60,8 @@ class _Stage:
     def __call__(self, frames: np.ndarray) -> np.ndarray:
         if not frames.size:
             return frames
-        if self._origin_ns is None:
-            self._origin_ns = int(frames["stamp_ns"][0])
+        if not self._has_begun:
+            self._has_begun, self._origin_ns = True, int(frames["stamp_ns"][0])
         return self.apply(frames, self._select(frames))
 
     def apply(self, frames: np.ndarray, hits: np.ndarray) -> np.ndarray:
@@ -93,7 +94,7 @@ class _Stage:
         if topology is not None and fault.bus not in (None, topology.buses[index].name):
             return np.zeros(0, np.uint32)
         ids = [can_id | (CAN_EFF if can_id > 0x7FF else 0) for can_id in fault.ids]
-        if fault.units:
+        if fault.units and topology is not None:
             patches = np.array(topology.patch_names)[topology.patch]
             is_named = np.isin(topology.unit_names, fault.units) | np.isin(patches, fault.units)
             self._units = set(np.flatnonzero(is_named).tolist())
@@ -184,6 +185,8 @@ class _Reorder(_Stage):
 
 
 class _Corrupt(_Stage):
+    fault: Corrupt
+
     def apply(self, frames: np.ndarray, hits: np.ndarray) -> np.ndarray:
         for i in hits:
             size = 8 * min(int(frames["length"][i]), 64)
@@ -197,6 +200,8 @@ class _Corrupt(_Stage):
 
 
 class _Truncate(_Stage):
+    fault: Truncate
+
     def apply(self, frames: np.ndarray, hits: np.ndarray) -> np.ndarray:
         for i in hits:
             shorter = [length for length in _LENGTHS if length < frames["length"][i]]
@@ -255,11 +260,15 @@ class _PutIn(_Stage):
 
 
 class _Repeat(_PutIn):
+    fault: Repeat
+
     def make(self, frame: np.ndarray) -> np.ndarray:
         return np.repeat(frame, self.fault.copies)
 
 
 class _Babble(_PutIn):
+    fault: Babble
+
     def make(self, frame: np.ndarray) -> np.ndarray:
         can_id = self.fault.id | (CAN_EFF if self.fault.id > 0x7FF else 0)
         made = _bare(frame, can_id, 8, self.fault.copies)
@@ -268,6 +277,8 @@ class _Babble(_PutIn):
 
 
 class _Duplicate(_PutIn):
+    fault: Duplicate
+
     def side(self) -> int:
         return -1 if self.fault.first else 1
 
@@ -285,6 +296,8 @@ class _Duplicate(_PutIn):
 
 
 class _Error(_PutIn):
+    fault: Error
+
     def make(self, frame: np.ndarray) -> np.ndarray:
         error_class, data = ERRORS[self.fault.what]
         made = _bare(frame, CAN_ERR | error_class, 8)
@@ -298,6 +311,8 @@ class _Remote(_PutIn):
 
 
 class _ClockStep(_Stage):
+    fault: ClockStep
+
     def __init__(self, *given) -> None:
         super().__init__(*given)
         self._steps = 0

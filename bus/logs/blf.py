@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Generator
 from concurrent.futures import Future, ThreadPoolExecutor
 from datetime import UTC, datetime, timedelta
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -19,9 +19,11 @@ from bus.logs import blf_kernels as kernels
 from bus.logs.reader import LogReader
 
 try:
-    from isal import isal_zlib as inflating  # the extra `blf`: inflates half as fast again
+    from isal import isal_zlib as _isal  # the extra `blf`: inflates half as fast again
 except ImportError:
-    inflating = zlib
+    _isal = None
+
+inflating: Any = _isal or zlib
 
 __all__ = ["CONTAINER_HEAD", "DEFLATED", "EPOCH", "FILE_HEAD", "BlfReader"]
 
@@ -68,7 +70,7 @@ class BlfReader(LogReader):
         finally:
             for kind in np.flatnonzero(self._types):
                 self.skipped[f"object of type {kind}"] = int(self._types[kind])
-            for channel in np.flatnonzero(self._left_out):
+            for channel in np.flatnonzero(self._left_out).tolist():
                 self.skipped[f"frame of {_name(channel)}"] = int(self._left_out[channel])
 
     def _read(self, file: BinaryIO, batch: FrameBatch) -> Generator[None]:

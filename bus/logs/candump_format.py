@@ -119,6 +119,6 @@ _names, _lengths = types.uint8[:, ::1], types.int64[::1]
 format_frames = compiled(
     format_frames_python,
     [types.int64(types.uint8[::1], _words_in, _data_in, _names, _lengths, types.int64)],
-    _nrt=False,
+    allocates=False,
     forceinline=True,
 )

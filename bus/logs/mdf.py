@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterator
 from datetime import UTC, datetime, timedelta
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -47,13 +48,13 @@ class MdfReader(LogReader):
         if beginning not in _BEGINNINGS:
             raise LogError(f"{self.path}: byte 0: must be 'MDF     '; got {beginning!r}")
         try:
-            from asammdf import MDF
+            asammdf = import_module("asammdf")
         except ImportError as error:
             raise LogError(
                 f"{self.path}: must have asammdf; not installed: pip install 'f3t-skin[mdf]'"
             ) from error
         try:
-            with MDF(self.path) as file:
+            with asammdf.MDF(self.path) as file:
                 for records in self._pieces(file):
                     taken = 0
                     while taken < records.size:

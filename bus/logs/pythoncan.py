@@ -9,6 +9,7 @@ from collections.abc import Generator, Iterator
 from typing import Any, BinaryIO
 
 import can
+from can.io.generic import MessageReader
 from can.util import dlc2len
 
 from bus.errors import LogError
@@ -19,7 +20,7 @@ from bus.logs.reader import LogReader
 __all__ = ["FORMATS", "PythonCanReader"]
 
 CSV_HEAD = b"timestamp,arbitration_id,extended,remote,error,dlc,data"
-FORMATS: dict[str, tuple[type[can.io.generic.MessageReader], re.Pattern[bytes], str]] = {
+FORMATS: dict[str, tuple[type[MessageReader], re.Pattern[bytes], str]] = {
     ".asc": (can.ASCReader, re.compile(rb"\s*(date|base|//)", re.I), "'date', 'base' or '//'"),
     ".csv": (can.CSVReader, re.compile(re.escape(CSV_HEAD)), f"{CSV_HEAD.decode()!r}"),
     ".db": (can.SqliteReader, re.compile(rb"SQLite format 3\0"), "'SQLite format 3'"),
@@ -57,7 +58,8 @@ class PythonCanReader(LogReader):
                 return
             file.seek(0)
             lines = _Lines(file, self.path)
-            with reader(lines) as messages:
+            text: Any = lines  # as good as a file of text to python-can
+            with reader(text) as messages:
                 yield from self._take(batch, iter(messages), lines)
 
     def _take(
@@ -75,7 +77,7 @@ class PythonCanReader(LogReader):
                     break
                 fields = self._fields(message)
                 if fields is not None:
-                    _RECORD.pack_into(batch.records, 80 * batch.count, *fields)
+                    _RECORD.pack_into(batch.records.data, 80 * batch.count, *fields)
                     batch.count += 1
             except LogError:
                 raise

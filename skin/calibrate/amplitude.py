@@ -92,22 +92,23 @@ def fit_amplitude(
 
 
 def _project(
-    lateral: np.ndarray, displacement: np.ndarray, powers: np.ndarray, sigma: float, names
-) -> np.ndarray:
+    lateral: np.ndarray, displacement: np.ndarray, powers: np.ndarray, sigma: float,
+    names: tuple[str, ...],
+) -> np.ndarray:  # fmt: skip
     """k, and what is best of the rest with it: the start of the fit."""
     strong = (lateral > 5.0 * sigma) & (displacement > 0.0)
     low, high = WAVENUMBER_RAD_PER_MM
     high = min(high, 0.95 * np.pi / displacement[strong].max())
-    best, least = None, np.inf
-    for k in np.linspace(low, high, 100):
-        sine = np.sin(k * displacement[strong])
-        fit = least_squares(
-            powers[strong], np.log(lateral[strong] / sine), sigma / lateral[strong], names
+    tried = np.linspace(low, high, 100)
+    fits = [
+        least_squares(
+            powers[strong], np.log(lateral[strong] / np.sin(k * displacement[strong])),
+            sigma / lateral[strong], names,
         )
-        cost = fit.chi2
-        if cost < least:
-            best, least = np.concatenate([[k], fit.values]), cost
-    return best
+        for k in tried
+    ]  # fmt: skip
+    best = min(range(len(fits)), key=lambda i: fits[i].chi2)
+    return np.concatenate([[tried[best]], fits[best].values])
 
 
 def fit_bare_chip(

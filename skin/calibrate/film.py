@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
+from scipy.optimize import root_scalar
 
 from skin.calibrate.field_angle import ANGLE_NAMES, angle_powers, angle_slope, field_angle
 from skin.errors import ScanError
@@ -128,7 +128,10 @@ def _spread(residual: np.ndarray, noise: np.ndarray, freedom: int) -> float:
     def excess(spread: float) -> float:
         return float(np.sum(residual**2 / (noise**2 + spread**2)) - freedom)
 
-    return brentq(excess, 0.0, 2.0 * np.abs(residual).max()) if excess(0.0) > 0.0 else 0.0
+    if excess(0.0) <= 0.0:
+        return 0.0
+    most = 2.0 * float(np.abs(residual).max())
+    return root_scalar(excess, bracket=(0.0, most), method="brentq").root
 
 
 def _range(table: np.ndarray, depth: np.ndarray, longest_mm: float) -> float:

@@ -126,7 +126,7 @@ class Tare:
             here = self.topology.patch == self.topology.patch_names.index(patch)
             for i in np.flatnonzero(self.taken & here):
                 unit = self.topology.unit_names[i].removeprefix(f"{patch}/")
-                units.setdefault(unit, []).append(self._fit(i))
+                units.setdefault(unit, []).append(self._fit(int(i)))
             path.parent.mkdir(parents=True, exist_ok=True)
             bench = TARED.sub("", before.get("bench", ""))
             how = f"tared in place, resting neighbours {self.neighbours}"

@@ -9,6 +9,7 @@ the same in every reading of the unit.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -133,7 +134,7 @@ def calibrate_unit(
     x, y, _ = map_field(field, film.fit).T
     way = place[1] * np.exp(1j * sheared["direction_rad"])
     way += film.fit["film_x_mm"] + 1j * film.fit["film_y_mm"]
-    lateral = (x * way.real + y * way.imag) / np.abs(way)
+    lateral = (x * np.real(way) + y * np.imag(way)) / np.abs(way)
     amplitude = _amplitude(lateral, place[0], np.abs(way), float(p["field_reference_mm"]), field_ut)
     shear = fit_shear(
         sheared["force_n"][:, 0], place[1], place[0],
@@ -181,10 +182,10 @@ def _amplitude(
     sigma_ut: float,
 ) -> Fit:  # fmt: skip
     """M0(H) and k, of what lies before the crest."""
-    known = {"reference_mm": reference_mm, "sigma_ut": sigma_ut}
-    first = fit_amplitude(lateral, depth, displacement, **known)
+    fit = functools.partial(fit_amplitude, reference_mm=reference_mm, sigma_ut=sigma_ut)
+    first = fit(lateral, depth, displacement)
     before = displacement <= 0.5 * np.pi / first["field_wavenumber_rad_per_mm"]
-    return fit_amplitude(lateral[before], depth[before], displacement[before], degree=2, **known)
+    return fit(lateral[before], depth[before], displacement[before], degree=2)
 
 
 def _of(scan: Scan, unit: int) -> dict[str, np.ndarray]:

@@ -110,7 +110,8 @@ def parameter_values(
             order = [entries[number] for number in sorted(entries)]
             found[key] = fit.values[order], float(fit.sigma[order].max())
     if "field_wavenumber_rad_per_mm" in found and "tangential_max_mm" not in found:
-        k, sigma_k = found["field_wavenumber_rad_per_mm"]
+        value, sigma_k = found["field_wavenumber_rad_per_mm"]
+        k = float(value)
         crest = float(np.floor(1e3 * 0.5 * np.pi / k) / 1e3)
         if crest < tangential_max_mm:
             found["tangential_max_mm"] = crest, crest * sigma_k / k
@@ -119,7 +120,7 @@ def parameter_values(
 
 def _line(name: str, value: float | np.ndarray, sigma: float) -> str:
     known = f"  # ± {sigma:.2g}" if np.isfinite(sigma) else ""
-    if np.ndim(value) == 0:
+    if not isinstance(value, np.ndarray):
         whole = isinstance(getattr(UnitModel(), name), int)
         return f"{name} = {int(value) if whole else value!r}{known}"
     values = ", ".join(repr(float(entry)) for entry in value)

@@ -133,7 +133,9 @@ def never_tared(topology: Topology) -> list[str]:
         return []
     tared = topology.parameters["frequency_sigma_hz"] > 0.0
     lacking: np.ndarray = topology.enabled & ~topology.counts_only & ~tared
-    return [name for name, lacks in zip(topology.unit_names, lacking, strict=True) if lacks]
+    return [
+        name for name, is_missing in zip(topology.unit_names, lacking, strict=True) if is_missing
+    ]
 
 
 def tare_hint(file: str, topology: Topology) -> str | None:

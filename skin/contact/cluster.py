@@ -24,6 +24,9 @@ from skin.contact.record import BRIDGE, OPEN, OUT, SILENT
 
 __all__ = ["contact_clusters", "join", "join_python"]
 
+TINY = 1e-200
+"""Least sigma, newton: numbers without noise."""
+
 
 @jitable
 def _gate(load, sigma, valid, keep_sigma, touching, kind):
@@ -96,15 +99,32 @@ def _spread(first, part, stored, graph, units):
 
 
 @jitable
-def _starts(load, sigma, start_sigma, touching, members):
-    """Whether one of some units starts a contact, or was in one."""
-    for i in members:
-        if touching[i] or load[i] > start_sigma * sigma[i]:
-            return True
-    return False
+def _weigh(load, sigma, loaded, cycle, evidence):
+    """Loads in sigmas of the units above the gate, now and a cycle ago."""
+    for i in loaded:
+        again = evidence.cycle[i] == cycle - 1
+        evidence.before[i] = evidence.level[i] if again else -np.inf
+        evidence.level[i] = np.float64(load[i]) / max(np.float64(sigma[i]), TINY)
+        evidence.cycle[i] = cycle
 
 
 @jitable
+def _starts(members, graph, gate, touching, evidence):
+    """Whether one of the units of a cluster starts a contact, alone, by the cycle before or with a
+    neighbour; or was in one."""
+    twice, both = np.sqrt(2.0) * gate.repeat_sigma, np.sqrt(2.0) * gate.pair_sigma
+    for i in members:
+        level = evidence.level[i]
+        if touching[i] or level > gate.start_sigma or level + evidence.before[i] > twice:
+            return True
+        for at in range(graph.start[i], graph.start[i + 1]):
+            j = graph.neighbour[at]
+            if evidence.cycle[j] == evidence.cycle[i] and level + evidence.level[j] > both:
+                return True
+    return False
+
+
+@jitable(inline=True)
 def join_python(model, data):
     """Join the units above the gate to clusters.
 
@@ -131,13 +151,17 @@ def join_python(model, data):
     begin[0] = 0
     if above > 0:
         above = _list_loaded(reading, model.gate.needs_displacement, units)
+    data.counters[0]["cycles"] += 1
+    loaded = units.loaded[:above]
+    _weigh(load, sigma, loaded, data.counters[0]["cycles"], data.evidence)
     parts = 0
-    for first in units.loaded[:above]:
+    for first in loaded:
         if kind[first] != OPEN or label[first] >= 0:
             continue
         stored = begin[parts]
         tail, end = _spread(first, parts, stored, model.graph, units)
-        if _starts(load, sigma, model.gate.start_sigma, touching, units.members[stored:end]):
+        members = units.members[stored:end]
+        if _starts(members, model.graph, model.gate, touching, data.evidence):
             parts += 1
             begin[parts] = end
             continue
@@ -148,7 +172,7 @@ def join_python(model, data):
     return parts
 
 
-join = compiled(join_python, fastmath={"contract"})
+join = compiled(join_python, fastmath={"contract"}, allocates=False)
 
 
 def contact_clusters(
@@ -183,7 +207,7 @@ def contact_clusters(
     touching : ndarray, shape (n,), bool, optional
         Units that were in contact a cycle ago.
     start_sigma, keep_sigma : float
-        Gate, with its hysteresis.
+        Gate, with its hysteresis; a start is told from one look at each unit alone.
 
     Returns
     -------
@@ -206,8 +230,8 @@ def contact_clusters(
     geometry = Geometry(np.zeros(n, POSE), np.zeros(3))
     model = ContactModel(
         checked_graph(n, neighbour_start, neighbour_index),
-        Gate(float(start_sigma), float(keep_sigma), 0.0, 0.0, False),
-        geometry, Wants(False, False, False), np.zeros(0),
+        Gate(float(start_sigma), np.inf, np.inf, float(keep_sigma), 0.0, 0.0, False),
+        geometry, Wants(False, False, False),
     )  # fmt: skip
     reading = Readings(loads, sigmas, loads, sigmas, load, used, np.zeros(1, GIVEN))
     data = contact_data(reading, 1)

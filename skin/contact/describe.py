@@ -131,4 +131,4 @@ def describe_python(count, model, data):
     _conclude(sums.rows[count + 1], data.contacts[data.contacts.size - 1], origin, data.scratch)
 
 
-describe = compiled(describe_python, fastmath={"contract", "reassoc", "arcp"})
+describe = compiled(describe_python, fastmath={"contract", "reassoc", "arcp"}, allocates=False)

@@ -8,6 +8,7 @@ from skin.contact.describe import describe
 from skin.contact.graph import checked_graph
 from skin.contact.model import (
     GIVEN,
+    ContactData,
     ContactModel,
     Gate,
     Readings,
@@ -15,7 +16,7 @@ from skin.contact.model import (
     contact_data,
     posed_units,
 )
-from skin.contact.record import BORN, SILENT
+from skin.contact.record import BORN, OUT, SILENT
 
 __all__ = ["contact_features"]
 
@@ -80,11 +81,7 @@ def contact_features(
     >>> contacts["coverage"].round(6).tolist()
     [0.666667]
     """
-    label = np.asarray(label)
-    n = label.size
-    count = int(label.max(initial=-1)) + 1
-    order = np.argsort(label, kind="stable")
-    ends = np.searchsorted(label[order], np.arange(count + 1))
+    n = np.size(label)
     dtype = np.result_type(force, np.float32)
 
     def row(values: np.ndarray | float | None, shape: tuple[int, ...]) -> np.ndarray:
@@ -98,18 +95,29 @@ def contact_features(
     if neighbour_start is None or neighbour_index is None:
         neighbour_start, neighbour_index = np.zeros(n + 1, np.int32), np.zeros(0, np.int32)
     model = ContactModel(
-        checked_graph(n, neighbour_start, neighbour_index), Gate(0.0, 0.0, 0.0, 0.0, False),
-        posed_units(position, rotation, area), Wants(True, True, False), np.zeros(0),
+        checked_graph(n, neighbour_start, neighbour_index), Gate(*(0.0,) * 6, False),
+        posed_units(position, rotation, area), Wants(True, True, False),
     )  # fmt: skip
+    count, data = _labelled(np.asarray(label), silent, reading)
+    describe(count, model, data)
+    return data.contacts[:count], data.contacts[-1]
+
+
+def _labelled(
+    label: np.ndarray, silent: np.ndarray | None, reading: Readings
+) -> tuple[int, ContactData]:
+    """Clusters as `find_contacts` leaves them, and how many."""
+    count = int(label.max(initial=-1)) + 1
+    order = np.argsort(label, kind="stable")
+    ends = np.searchsorted(label[order], np.arange(count + 1))
     data = contact_data(reading, count)
-    records, units = data.contacts, data.units
+    units, records = data.units, data.contacts
     records["begin"][:count], records["end"][:count] = ends[:-1] - ends[0], ends[1:] - ends[0]
     records["event"] = BORN
     units.label[:] = label
-    units.members[: n - ends[0]] = order[ends[0] :]
+    units.members[: label.size - ends[0]] = order[ends[0] :]
     if silent is not None:
-        units.kind[:] = np.where(silent, SILENT, 0)
+        units.kind[:] = np.where(silent, SILENT, OUT)
     data.slots.present[:] = np.arange(2 * count)
-    data.counters["touching_units"] = n - ends[0]
-    describe(count, model, data)
-    return records[:count], records[-1]
+    data.counters["touching_units"] = label.size - ends[0]
+    return count, data

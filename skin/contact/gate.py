@@ -1,15 +1,49 @@
-"""The gate: normal loads that start a contact, and that keep a unit in one."""
+"""The gate: normal loads that start a contact, and that keep a unit in one.
+
+What starts a contact follows from the false contacts that one is willing to bear. A unit may start
+one alone, by the mean of two successive cycles, or together with a neighbour; all three are normal
+deviates where there is noise alone, and share the false contacts evenly [derived]. Lone units that
+are pressed within a cycle must rise higher for that than by a fixed five sigmas; slow and wide
+contacts are seen as early.
+"""
 
 from __future__ import annotations
 
+import numpy as np
+
+from skin.contact.model import NeighbourGraph
 from skin.errors import SkinError
 
-__all__ = ["KEEP_SIGMA", "START_SIGMA", "start_sigma_for"]
+__all__ = [
+    "FALSE_CONTACTS_PER_DAY", "KEEP_SIGMA", "START_SIGMA", "start_sigma_for", "start_sigmas",
+]  # fmt: skip
 
 START_SIGMA = 5.0
-"""Normal load that starts a contact, in sigmas."""
+"""Normal load of one look at an array that is a contact, in sigmas [assumed]."""
 KEEP_SIGMA = 3.0
-"""Normal load that a unit must exceed to belong to a contact, in sigmas."""
+"""Normal load that a unit must exceed to belong to a contact, in sigmas [assumed]."""
+FALSE_CONTACTS_PER_DAY = 1.0
+"""Contacts that noise may start on the whole skin [assumed]."""
+
+
+def start_sigmas(
+    graph: NeighbourGraph, rate_hz: float, false_contacts_per_day: float
+) -> tuple[float, float, float]:
+    """Loads that start a contact: of a unit, of two cycles of it, of two neighbours; see `Gate`.
+
+    Parameters
+    ----------
+    graph : NeighbourGraph
+    rate_hz : float
+        Cycles a second.
+    false_contacts_per_day : float
+        On the whole skin, on white Gaussian noise.
+    """
+    per_hour = false_contacts_per_day / 24.0 / 3.0
+    n, pairs = graph.start.size - 1, graph.neighbour.size // 2
+    alone = start_sigma_for(per_hour, n, rate_hz)
+    both = start_sigma_for(per_hour, pairs, rate_hz) if pairs else np.inf
+    return alone, alone, both
 
 
 def start_sigma_for(false_alarms_per_hour: float, n: int, rate_hz: float) -> float:
@@ -21,7 +55,7 @@ def start_sigma_for(false_alarms_per_hour: float, n: int, rate_hz: float) -> flo
     ----------
     false_alarms_per_hour : float
     n : int
-        Number of units.
+        Number of units, or of what else is looked at in a cycle.
     rate_hz : float
         Cycles a second.
 

@@ -7,8 +7,6 @@ that the parts find their identities again when they separate.
 
 from __future__ import annotations
 
-import numpy as np
-
 from bus.compiled.jit import jitable
 from skin.contact.record import (
     ABSORBED,
@@ -31,29 +29,29 @@ NEARBY = 1e-3
 
 
 @jitable
-def keep_heaviest(load, units, parts, room):
+def keep_heaviest(load, units, parts, room, weight):
     """Keep the `room` heaviest clusters; the units of the others get label -1 and come last."""
     label, members, begin = units.label, units.members, units.begin
-    weight = np.empty(parts)
+    old_members, old_end = units.queue, units.loaded  # scratch by now
     for part in range(parts):
         total = 0.0
         for at in range(begin[part], begin[part + 1]):
             total += load[members[at]]
+            old_members[at] = members[at]
         weight[part] = total
-    keep = np.zeros(parts, np.bool_)
+        old_end[part] = begin[part + 1]
     for _ in range(room):
         best = -1
         for part in range(parts):
-            if not keep[part] and (best < 0 or weight[part] > weight[best]):
+            if weight[part] >= 0.0 and (best < 0 or weight[part] > weight[best]):
                 best = part
-        keep[best] = True
-    old_members, old_begin = members[: begin[parts]].copy(), begin[: parts + 1].copy()
+        weight[best] = -1.0  # kept
     stored, kept = 0, 0
     for wanted in (True, False):
         for part in range(parts):
-            if keep[part] != wanted:
+            if (weight[part] < 0.0) != wanted:
                 continue
-            for at in range(old_begin[part], old_begin[part + 1]):
+            for at in range(old_end[part - 1] if part else 0, old_end[part]):
                 members[stored] = old_members[at]
                 label[members[stored]] = kept if wanted else -1
                 stored += 1
@@ -192,17 +190,18 @@ def _own(load, graph, units, slot, contacts):
 @jitable
 def _claim(load, graph, now_ns, parts, contacts, data):
     """Clusters without a record: split from a contact, back from the lost, moved on, or new."""
-    shared, slots, owner = data.shared, data.slots, data.units.owner
-    slot_of, part_of = slots.slot_of, slots.part_of
-    parent = np.full(parts, -1)
+    shared, nearby, slots, owner = data.shared, data.nearby, data.slots, data.units.owner
+    slot_of, part_of, parent = slots.slot_of, slots.part_of, slots.parent
     for part in range(parts):
+        parent[part] = -1
+        for slot in range(shared.shape[1]):
+            nearby[part, slot] = shared[part, slot]
         if slot_of[part] >= 0:
             continue
         most = 0.0
         for slot in range(contacts.size):
             if shared[part, slot] > most and part_of[slot] >= 0:
                 most, parent[part] = shared[part, slot], slot
-    nearby = shared.copy()
     _share_nearby(load, graph, data.units, parts, slot_of, nearby)
     for part in range(parts):
         if parent[part] >= 0:
@@ -225,7 +224,7 @@ def _claim(load, graph, now_ns, parts, contacts, data):
         record["event"] = BORN
 
 
-@jitable
+@jitable(inline=True)
 def _match(load, model, now_ns, parts, contacts, data):
     """Give each cluster a record; returns how many records are in use."""
     units, slots, shared = data.units, data.slots, data.shared
@@ -256,7 +255,7 @@ def _match(load, model, now_ns, parts, contacts, data):
     return in_use
 
 
-@jitable
+@jitable(inline=True)
 def identify(load, model, parts, data):
     """Match clusters with records; begin, carry on and end contacts.
 

@@ -12,12 +12,12 @@ import numpy as np
 
 from skin.contact.record import CONTACT
 from skin.contact.slip.data import SlipData
-from skin.contact.slip.parameters import SlipModel
+from skin.contact.slip.parameters import SlipModel, SlipSettings
 from skin.errors import SkinError
 
 __all__ = [
     "ADDED", "CLOCK", "COUNTERS", "GIVEN", "POSE", "SUMS", "WAYPOINTS", "ContactData",
-    "ContactModel", "Gate", "Geometry", "NeighbourGraph", "Readings", "Scratch",
+    "ContactModel", "Evidence", "Gate", "Geometry", "NeighbourGraph", "Readings", "Scratch",
     "SlotData", "Sums", "UnitData", "Wants", "contact_data", "no_readings", "posed_units",
     "set_poses",
 ]  # fmt: skip
@@ -46,6 +46,7 @@ COUNTERS = np.dtype(
         ("last_id", np.int64),
         ("touching_units", np.int64),  # in any cluster
         ("in_use", np.int64),  # records from here on are free
+        ("cycles", np.int64),  # so far
     ]
 )
 
@@ -102,7 +103,9 @@ class NeighbourGraph(NamedTuple):
 class Gate(NamedTuple):
     """When units are in contact, and how long identities are remembered."""
 
-    start_sigma: float  # normal load that starts a contact, in sigmas
+    start_sigma: float  # normal load of one unit in one cycle that starts a contact, in sigmas
+    repeat_sigma: float  # mean of two successive cycles of a unit that does, in sigmas of the mean
+    pair_sigma: float  # mean of two neighbours that does, in sigmas of the mean
     keep_sigma: float  # normal load of every unit of a contact, in sigmas
     memory_ns: float  # how long a lost contact can return
     settle_ns: float  # how old a contact must be to outlive being absorbed
@@ -132,7 +135,7 @@ class ContactModel(NamedTuple):
     gate: Gate
     geometry: Geometry
     wants: Wants
-    slip: SlipModel
+    slip: SlipModel = SlipSettings().model()
 
 
 class Readings(NamedTuple):
@@ -161,6 +164,15 @@ class UnitData(NamedTuple):
     loaded: np.ndarray  # units above the gate, in order
 
 
+class Evidence(NamedTuple):
+    """How loaded units are that may start a contact; (n,), valid where `cycle` is the present."""
+
+    level: np.ndarray  # normal load in sigmas, float64
+    before: np.ndarray  # the same in the cycle before, -inf where it was not above the gate
+    weight: np.ndarray  # loads of clusters, newton, float64; scratch
+    cycle: np.ndarray  # when, int64
+
+
 class SlotData(NamedTuple):
     """Which record is whose; int32, (s,) unless said."""
 
@@ -169,6 +181,7 @@ class SlotData(NamedTuple):
     part_of: np.ndarray  # cluster of each record, -1
     ended: np.ndarray  # int64, identities that ended in this cycle
     before: np.ndarray  # (s // 2,), `present` of the cycle before
+    parent: np.ndarray  # (s // 2,), record that a cluster has split from, -1; scratch
 
 
 class Sums(NamedTuple):
@@ -196,10 +209,12 @@ class ContactData(NamedTuple):
     counters: np.ndarray  # (1,), COUNTERS
     clock: np.ndarray  # (1,), CLOCK
     shared: np.ndarray  # (s // 2, s), float64: load that a cluster shares with a record; scratch
+    nearby: np.ndarray  # (s // 2, s), float64: and with a record and its neighbours; scratch
     contacts: np.ndarray  # (s + 1,), CONTACT: the records, kept; the last is the total
     paths: np.ndarray  # (s, WAYPOINTS, 3), float64: last waypoints of each record, a ring buffer
     sums: Sums
     scratch: Scratch
+    evidence: Evidence
     slip: SlipData
 
 
@@ -244,8 +259,8 @@ def no_readings(n: int, dtype: np.dtype | type) -> Readings:
     )
 
 
-def contact_data(reading: Readings, capacity: int, *, slips: bool = False) -> ContactData:
-    """Arrays for so many contacts that can be told apart; `slips` where slip is wanted."""
+def contact_data(reading: Readings, capacity: int, *, judges: bool = False) -> ContactData:
+    """Arrays for so many contacts that can be told apart, with those of slip if it `judges`."""
     n, slots = reading.valid.size, 2 * capacity
     rows = np.zeros((len(UnitData._fields), n + 1), np.int32)
     units = UnitData(*rows[:, :n])._replace(begin=rows[UnitData._fields.index("begin")])
@@ -253,16 +268,24 @@ def contact_data(reading: Readings, capacity: int, *, slips: bool = False) -> Co
     units.owner[:] = -1
     of_slots = np.zeros((3, slots), np.int32)
     sums = np.zeros(capacity + 2, SUMS)
+    shared, nearby = np.zeros((2, capacity, slots))
     return ContactData(
         reading,
         units,
-        SlotData(*of_slots, ended=np.zeros(slots, np.int64), before=np.zeros(capacity, np.int32)),
+        SlotData(
+            *of_slots,
+            ended=np.zeros(slots, np.int64),
+            before=np.zeros(capacity, np.int32),
+            parent=np.zeros(capacity, np.int32),
+        ),
         np.zeros(1, COUNTERS),
         np.zeros(1, CLOCK),
-        np.zeros((capacity, slots)),
+        shared,
+        nearby,
         np.zeros(slots + 1, CONTACT),
         np.zeros((slots, WAYPOINTS, 3)),
         Sums(sums, sums.view(np.float64).reshape(sums.size, -1)),
         Scratch(np.zeros((6, 6)), *np.zeros((3, 3, 3))),
-        SlipData.zeros(n if slips else 0),
+        Evidence(*np.zeros((3, n)), cycle=np.full(n, -2)),
+        SlipData.zeros(n if judges else 0),
     )

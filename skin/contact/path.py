@@ -25,7 +25,8 @@ def walk(record, path):
     if not np.isfinite(centre[0]):
         return
     if record["waypoints"] == 0:
-        record["origin"][:] = centre
+        for a in range(3):
+            record["origin"][a] = centre[a]
     else:
         square, variance = 0.0, 0.0
         for a in range(3):
@@ -34,6 +35,7 @@ def walk(record, path):
         if square <= max(STEP_M**2, STEP_SIGMAS**2 * variance):
             return
         record["travel"] += np.sqrt(square)
-    waypoint[:] = centre
-    path[record["waypoints"] % WAYPOINTS] = centre
+    for a in range(3):
+        waypoint[a] = centre[a]
+        path[record["waypoints"] % WAYPOINTS, a] = centre[a]
     record["waypoints"] += 1

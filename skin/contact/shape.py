@@ -124,7 +124,9 @@ def orient(s, record, scratch):
     m, v, outward, major = scratch.first, scratch.second, scratch.vectors[0], scratch.vectors[1]
     axes, normal = record["axes"], record["normal"]
     _second_moments(s, m)
-    v[:] = axes
+    for a in range(3):
+        for b in range(3):
+            v[a, b] = axes[a, b]
     _eigen(m, v)
     large, middle, small = _sorted_axes(m)
     first, second = max(m[large, large], 0.0), max(m[middle, middle], 0.0)

@@ -47,4 +47,4 @@ def step_python(model, data):
     return SAME if same else count
 
 
-step = compiled(step_python)
+step = compiled(step_python, fastmath={"contract"}, allocates=False)

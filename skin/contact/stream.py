@@ -9,7 +9,7 @@ import numpy as np
 
 from bus.compiled.bound import Bound
 from skin.contact.contact import Contact
-from skin.contact.gate import KEEP_SIGMA, START_SIGMA
+from skin.contact.gate import FALSE_CONTACTS_PER_DAY, KEEP_SIGMA, start_sigmas
 from skin.contact.graph import checked_graph
 from skin.contact.model import (
     ContactModel,
@@ -55,14 +55,17 @@ class ContactStream:
     area : ndarray, shape (n,), or float
         Sensing area of a unit, m².
     neighbour_start, neighbour_index : ndarray, shape (n + 1,) and (m,)
-        Neighbour graph in compressed rows; `skin.contact.clusters.neighbour_graph` makes one.
+        Neighbour graph in compressed rows; `skin.contact.graph.neighbour_graph` makes one.
     want : collection of str
         Of `CONTACT_WANTS`.
     dtype : "float32" or "float64"
         Type of the readings; others are converted. Sums are float64 anyway.
     slip : SlipSettings, optional
-    start_sigma, keep_sigma : float
-        Gate of the normal load and its hysteresis, see `contact_clusters`.
+    start_sigma : float, optional
+        Normal load of one unit that starts a contact, in sigmas; if not given it follows from
+        `false_contacts_per_day`, see `skin.contact.gate`.
+    keep_sigma : float
+        Normal load that each unit of a contact must exceed.
     capacity : int
         Contacts that can be told apart; of more than that, the lightest have no identity and are
         counted in `tracker.untracked`.
@@ -70,8 +73,12 @@ class ContactStream:
         How long a lost contact can return.
     settle_s : float
         How old a contact must be to outlive being absorbed by another.
-    rate_hz, false_alarms_per_hour : float
+    rate_hz : float
+        Cycles a second.
+    false_alarms_per_hour : float
         For shocks, see `Shocks`.
+    false_contacts_per_day : float
+        Contacts that noise may start on the whole array.
 
     Attributes
     ----------
@@ -108,13 +115,14 @@ class ContactStream:
         want: Collection[str] = ("contacts",),
         dtype: str = "float32",
         slip: SlipSettings | None = None,
-        start_sigma: float = START_SIGMA,
+        start_sigma: float | None = None,
         keep_sigma: float = KEEP_SIGMA,
         capacity: int = 16,
         memory_s: float = 0.1,
         settle_s: float = 0.2,
         rate_hz: float = 250.0,
         false_alarms_per_hour: float = 1.0,
+        false_contacts_per_day: float = FALSE_CONTACTS_PER_DAY,
     ) -> None:
         wanted = {want} if isinstance(want, str) else set(want)
         for name in sorted(wanted.difference(CONTACT_WANTS)):
@@ -125,21 +133,27 @@ class ContactStream:
         self._dtype = np.dtype(dtype)
         slips = "slip" in wanted
         each = slips or not wanted.isdisjoint(("contacts", "shocks"))
-        if not 0.0 < keep_sigma <= start_sigma:
+        graph = checked_graph(n, neighbour_start, neighbour_index)
+        starts = (
+            start_sigmas(graph, rate_hz, false_contacts_per_day)
+            if start_sigma is None
+            else (float(start_sigma), np.inf, np.inf)
+        )
+        if not 0.0 < keep_sigma <= starts[0]:
             raise SkinError(
                 "keep_sigma, start_sigma: must be 0 < keep_sigma <= start_sigma; "
-                f"got {keep_sigma} and {start_sigma}"
+                f"got {keep_sigma} and {starts[0]}"
             )
         if capacity < 1:
             raise SkinError(f"capacity: must be at least 1; got {capacity}")
         self.model = ContactModel(
-            checked_graph(n, neighbour_start, neighbour_index),
-            Gate(float(start_sigma), float(keep_sigma), 1e9 * memory_s, 1e9 * settle_s, slips),
+            graph,
+            Gate(*starts, float(keep_sigma), 1e9 * memory_s, 1e9 * settle_s, slips),
             posed_units(position, rotation, area),
             Wants(bool(wanted), each, slips),
             (slip or SlipSettings()).model(),
         )
-        self.data = contact_data(no_readings(n, self._dtype), capacity, slips=slips)
+        self.data = contact_data(no_readings(n, self._dtype), capacity, judges=slips)
         self.tracker = Tracker(self.data)
         self.paths, self.records = self.data.paths, self.data.contacts
         self.shocks = (

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from bus.compiled.jit import compiled, jitable
+from bus.compiled.jit import jitable
 from skin.contact.cluster import join_python
 from skin.contact.identity import identify, keep_heaviest
 from skin.contact.model import ContactData
 from skin.contact.record import BRIDGE, OPEN
 
-__all__ = ["Tracker", "find_contacts", "find_contacts_python"]
+__all__ = ["Tracker", "find_contacts"]
 
 
 @jitable
@@ -35,7 +35,8 @@ def _order(parts, contacts, slots, units):
             units.label[units.members[at]] = k
 
 
-def find_contacts_python(model, data):
+@jitable(inline=True)
+def find_contacts(model, data):
     """Find the contacts of one cycle, at ``data.clock["now_ns"]``.
 
     Parameters
@@ -61,7 +62,7 @@ def find_contacts_python(model, data):
     room = data.shared.shape[0]
     counters["untracked"] = max(0, parts - room)
     if parts > room:
-        parts = keep_heaviest(load, units, parts, room)
+        parts = keep_heaviest(load, units, parts, room, data.evidence.weight)
     identify(load, model, parts, data)
     _order(parts, data.contacts, data.slots, units)
     for i in range(units.kind.size):
@@ -70,9 +71,6 @@ def find_contacts_python(model, data):
         units.label[i] = -1 if bridge else units.label[i]
     counters["present"] = parts
     return parts
-
-
-find_contacts = compiled(find_contacts_python, fastmath={"contract"})
 
 
 class Tracker:

@@ -71,10 +71,10 @@ def _cells(topology: Topology, units: np.ndarray) -> Cells | None:
     between = (place - place[:, :1])[:, near]
     first = between[:, 0]
     across = np.abs(first[0] * between[1] - first[1] * between[0])
-    apart = across > 0.1 * step[near] * step[near[0]]
-    if not apart.any():
+    oblique = across > 0.1 * step[near] * step[near[0]]
+    if not oblique.any():
         return None
-    basis = np.stack([between[:, int(np.argmax(apart))], first], axis=1)
+    basis = np.stack([between[:, int(np.argmax(oblique))], first], axis=1)
     steps = np.linalg.solve(basis, place - place[:, :1])
     whole = np.rint(steps)
     if np.abs(basis @ (steps - whole)).max() > ALIKE_MM:

@@ -106,7 +106,7 @@ def films_python(model, data):
     base, out = data.base, data.out
     real = out.field_ut.dtype.type
     nothing, one = real(0.0), real(1.0)
-    reach, highest = real(model.displacement_max_mm), real(model.depth_min_mm)
+    far, highest = real(model.displacement_max_mm), real(model.depth_min_mm)
     deepest, idle_depth = real(model.depth_max_mm), real(model.idle_depth_mm)
     idle_pull, idle_square = real(model.idle_pull_mm), real(model.idle_displacement_mm2)
     n = data.usable.size
@@ -121,11 +121,11 @@ def films_python(model, data):
         away = (h > idle_depth) | (h < -idle_pull) | (x * x + y * y > idle_square)
         counts = finite & away
         gain = one + model.drift_per_k[i] * above[i]
-        films.dx_mm[i] = min(max(x, -reach), reach) if counts else nothing
-        films.dy_mm[i] = min(max(y, -reach), reach) if counts else nothing
+        films.dx_mm[i] = min(max(x, -far), far) if counts else nothing
+        films.dy_mm[i] = min(max(y, -far), far) if counts else nothing
         films.depth_mm[i] = min(max(h, highest), deepest) if counts else nothing
         films.weight[i] = model.strength[i] * gain if counts else nothing
-        within = (max(abs(x), abs(y)) <= reach) & (h >= highest) & (h <= deepest)
+        within = (max(abs(x), abs(y)) <= far) & (h >= highest) & (h <= deepest)
         now = one if finite & within else nothing
         other = known.known[i] != now
         known.known[i] = now

@@ -114,7 +114,7 @@ def _multiply(model, rows, block):
 
 
 @jitable(inline=True)
-def _add_up(place, c, rows, sums, start):
+def _sum_terms(place, c, rows, sums, start):
     """Sums over the terms of all neighbours of the cells from `start` on, a block of them."""
     nothing = sums.dtype.type(0.0)
     for i in range(3 * BLOCK):
@@ -171,7 +171,7 @@ def lattice_python(model, data):
             near |= active[a]
         if not near:
             continue
-        _add_up(model.place, model.coefficients, data.rows, data.sums, start)
+        _sum_terms(model.place, model.coefficients, data.rows, data.sums, start)
         for r in range(model.first_run[b], model.first_run[b + 1]):
             unit = runs.unit[r] & NOT_NEGATIVE
             for axis in range(3):

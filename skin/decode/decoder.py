@@ -10,15 +10,17 @@ import numpy as np
 
 from bus.compiled.aligned import zeros
 from skin.decode import records, sharing
-from skin.decode.plan import TANGENTIAL, DecodeOptions, Plan
+from skin.decode.passes import Passes, check, plain
+from skin.decode.plan import DecodeOptions, Plan
+from skin.decode.results import Results, results_of
 from skin.errors import CountsError, OptionError
 from skin.state import Reading
 from topology import CHANNELS, Topology
 
 if TYPE_CHECKING:
-    from bus.compiled.bound import Bound
+    from skin.decode.ambient import Ambient
+    from skin.decode.crosstalk import CrossTalk
     from skin.decode.kernel import DecodeData
-    from skin.decode.parts import Parts
     from skin.physics.stencil import Stencil
 
 __all__ = ["Decoder"]
@@ -27,13 +29,6 @@ COPIED = 1 << 14
 """Units up to which the counts of a call are copied: to exchange addresses takes as long."""
 FAR = 1 << 17
 """Units from which on the next block is loaded ahead: they do not fit the second cache."""
-
-_QUANTITIES = ("temperature", "force", "tangential", "theta", "displacement")
-_FIELDS = {
-    "displacement": "displacement_mm", "displacement_sigma": "displacement_sigma_mm",
-    "field": "field_ut",
-}  # fmt: skip
-"""Names of a `Reading` that differ from those of the kernel's rows."""
 
 
 class Decoder:
@@ -103,11 +98,13 @@ class Decoder:
             want, estimator, dtype, consistency, temperature_every, skip, sweeps, ambient
         )
         self.topology = topology
+        self._check = functools.partial(check, topology)
         self.plan = plan = Plan.of(topology, options)
         self.dtype = np.dtype(plan.dtype)
         if workers is not None and workers < 1:
             raise OptionError(f"workers: must be 1 or more; got {workers}")
-        self.crosstalk = self.ambient = None
+        self.crosstalk: CrossTalk | None = None
+        self.ambient: Ambient | None = None
         felt_ut = rest_ut
         if sweeps:
             from skin.decode.crosstalk import ACCURATE_UT, LIVE_UT, CrossTalk
@@ -130,25 +127,14 @@ class Decoder:
     def _make_kernel(self, rest_ut: np.ndarray | None, felt_ut: np.ndarray | None) -> None:
         """The kernel and its model."""
         from skin.decode import kernel
-        from skin.decode.model import records_of
+        from skin.decode.model import model_of
         from skin.decode.parts import Parts
 
-        plan, topology = self.plan, self.topology
-        silent = ~topology.enabled | topology.counts_only
-        warm = bool((topology.wired[CHANNELS.index("gel")] | silent).all())
-        self._names = _names(plan, warm)
-        self._kernel = kernel.decode(_parts(plan, self._names, topology.n >= FAR, Parts))
+        self._names = results_of(self.plan, self.topology)
+        parts = Parts.of(self.plan, self._names, prefetch=self.topology.n >= FAR)
+        self._kernel = kernel.decode(parts)
         self._data_of: type[DecodeData] = kernel.DecodeData
-        angle = plan.estimator == "field-angle"
-        rows = [row for name in self._names for row in records.tile_rows(name)]
-        self._model = kernel.DecodeModel(
-            *records_of(
-                topology, self.dtype, angle=angle, vertical=angle or plan.consistency,
-                every=plan.temperature_every, rest_ut=rest_ut, felt_ut=felt_ut,
-            ),
-            np.array(rows, np.int64),
-            plan.temperature_every,
-        )  # fmt: skip
+        self._model = model_of(self.topology, self.plan, self._names, rest_ut, felt_ut)
 
     def _make_buffers(self, workers: int) -> None:
         """All that cycles are read from, written to and remembered in."""
@@ -156,35 +142,23 @@ class Decoder:
         blocks = -(-n // records.LANES)
         self._state = zeros(blocks, records.state(real, self.plan.temperature_every > 1))
         self._seen = zeros(blocks, records.SEEN)
-        # Scratch: the first for all blocks; if they can be shared, one for each share besides.
-        shares = min(workers, blocks)
-        bounds = np.arange(shares + 1) * blocks // shares
-        self._control = zeros(1 + shares if shares > 1 else 1, records.CONTROL)
-        self._control["first"][1:], self._control["last"][1:] = bounds[:-1], bounds[1:]
-        self._control["last"][0] = blocks
-        self._scratch = [
-            {
-                "flag": zeros(records.LANES, np.int16),
-                "loaded": zeros(records.LANES, np.int16),
-                "tile": zeros(1, records.tile(real)),
-                "control": self._control[i : i + 1],
-            }
-            for i in range(self._control.size)
-        ]
-        self._live = self._share(1)
+        self._shares = sharing.Shares(n, real, workers)
+        self._control = self._shares.control
+        self._live = self._shares.of(1)
         self._background = zeros((1, 5, n), real)
         self._taken = self._background[0]
         self._base = np.zeros((5, n), real)
         self._known = np.zeros((5, n), real) if self.ambient is None else self.ambient.taken
-        self._out = self._outputs(1)
-        self._whole = self._view(*self._out, 0, self._names)
-        self._film_above = self._out[0][0, -1] if "film_above" in self._names else None
+        self._out = Results(self._names, 1, n, real)
+        self._whole = self._out.reading(0, {*self._names} - {"film_above"})
+        self._film_above = self._out.values[0, -1] if "film_above" in self._names else None
         self._predict: dict[bool, Callable[[], object]] = {}
-        self._reading = self._view(*self._out, 0, self._wanted())
+        self._follow: Callable[[], None] | None = None
+        self._reading = self._out.reading(0, self.plan.quantities)
         self._shape = (len(CHANNELS), n)
         self._none_known = zeros(n, np.uint16)
         self._inputs = zeros((1, *self._shape), np.int16), zeros((1, n), np.uint16)
-        self._own = _Passes(self, *self._inputs)
+        self._own = self._passes(*self._inputs)
 
     @property
     def want(self) -> frozenset[str]:
@@ -205,12 +179,12 @@ class Decoder:
         """Forget all temperatures, displacements and drifts: the next cycle is the first."""
         self._state["last_temperature"] = np.nan
         self._state["film_lag"] = self._state["chip_lag"] = 0.0
-        for name in self._state.dtype.names[3:]:
+        for name in records.HELD if self.plan.temperature_every > 1 else ():
             self._state[name] = np.nan
         self._control["phase"] = 0
         self._mode: tuple[bool, bool] | None = None
         self._background[:] = 0.0
-        for array in self._out:
+        for array in self._out.arrays:
             array[:] = 0
         if self.ambient is not None:
             self.ambient.reset()
@@ -226,7 +200,7 @@ class Decoder:
         self._own.at(not (background or self._looped))
         if self.crosstalk is not None:
             self.crosstalk.warmup()
-            self._bind_prediction(False)
+            self._bind_prediction(self.crosstalk, False)
         if self.ambient is not None:
             self.ambient.warmup(self._whole)
 
@@ -251,15 +225,11 @@ class Decoder:
         CountsError
             An array of another shape or type, or one that lies scattered in memory.
         """
-        for where, array, kind, shape in (("raw", counts, np.int16, self._shape),
-                                          ("status", status, np.uint16, self._shape[1:])):  # fmt: skip
-            self._check(where, array, kind, shape)
-            if _plain(array) is not array:
-                raise CountsError(
-                    f"{self.topology.name}: {where}: must be contiguous and writeable to be bound; "
-                    "got an array that is not"
-                )
-        passes = _Passes(self, counts[np.newaxis], status[np.newaxis])
+        self._check("raw", counts, np.int16, self._shape)
+        self._check("status", status, np.uint16, self._shape[1:])
+        if plain(counts) is not counts or plain(status) is not status:
+            raise CountsError(f"{self.topology.name}: must be contiguous and writeable to be bound")
+        passes = self._passes(counts[np.newaxis], status[np.newaxis])
         if self._looped:
             return functools.partial(self._loop, passes, False, True)
         return functools.partial(self._decode_cycle, passes, True, True)
@@ -314,52 +284,51 @@ class Decoder:
             self._taken[: len(background)] = background
         return self._decode_cycle(self._own, not told, advance)
 
-    def _loop(self, passes: _Passes, told: bool, advance: bool) -> Reading:
-        """Decode a cycle, taking off what the cycles before tell of neighbours and drifts, and what
-        the caller has `told`, which stands in `_base`."""
+    def _loop(self, passes: Passes, told: bool, advance: bool) -> Reading:
+        """Decode a cycle without what the cycles before tell of neighbours and drifts, and what was
+        `told`, which stands in `_base`."""
         if self.crosstalk is None:
             self._taken[:] = self._base if told else self._known
             self._decode_cycle(passes, False, advance)
-        for sweep in range(self.plan.sweeps):
-            predict = self._predict.get(told) or self._bind_prediction(told)
-            predict()
-            self._decode_cycle(passes, False, advance and sweep == 0)
+        else:
+            predict = self._predict.get(told) or self._bind_prediction(self.crosstalk, told)
+            for sweep in range(self.plan.sweeps):
+                predict()
+                self._decode_cycle(passes, False, advance and sweep == 0)
         if self.ambient is not None and advance:
-            self._follow()
+            self._follow = follow = self._follow or self.ambient.bound(self._whole)
+            follow()
         return self._reading
 
-    @functools.cached_property
-    def _follow(self) -> Callable[[], None]:
-        """The update of the ambient field from the arrays of a cycle."""
-        return self.ambient.bound(self._whole)
-
-    def _bind_prediction(self, told: bool) -> Callable[[], object]:
+    def _bind_prediction(self, crosstalk: CrossTalk, told: bool) -> Callable[[], object]:
         """The prediction of cross-talk on top of a background that is told, or not."""
-        base = self._base if told else self._known
-        whole = self._whole
-        predict = self.crosstalk.bound(
+        whole, base = self._whole, self._base if told else self._known
+        predict = self._predict[told] = crosstalk.bound(
             whole.displacement_mm, whole.valid, self._taken, base, self._film_above
         )
-        self._predict[told] = predict
         return predict
 
-    def _share(self, cycles: int) -> slice:
-        """Scratch in which so many cycles are decoded: the first, or all others together."""
-        shared = len(self._scratch) > 1 and cycles * self.topology.n >= sharing.ENOUGH
-        return slice(1, None) if shared else slice(1)
-
-    def _data(self, share: slice, counts, status, background, out) -> list[DecodeData]:
+    def _data(self, share: slice, counts, status, background, out: Results) -> list[DecodeData]:
         """What changes between cycles, for each share of the units."""
-        values, flags, valid = out
         return [
             self._data_of(
                 counts=counts, status=status, background=background, state=self._state,
-                seen=self._seen, out=values, flags=flags, valid=valid, **scratch,
+                seen=self._seen, out=out.values, flags=out.flags, valid=out.valid, **scratch,
             )
-            for scratch in self._scratch[share]
+            for scratch in self._shares.scratch[share]
         ]  # fmt: skip
 
-    def _decode_cycle(self, passes: _Passes, bare: bool, advance: bool) -> Reading:
+    def _passes(self, counts: np.ndarray, status: np.ndarray) -> Passes:
+        """The kernel on the arrays of one cycle."""
+        return Passes(
+            self._kernel, self._model,
+            lambda counts, status, bare: self._data(
+                self._live, counts, status, None if bare else self._background, self._out
+            ),
+            counts, status,
+        )  # fmt: skip
+
+    def _decode_cycle(self, passes: Passes, bare: bool, advance: bool) -> Reading:
         """Decode the cycle that stands in the inputs, `bare` without a background."""
         call = passes.calls.get(bare) or passes.at(bare)
         if (bare, advance) != self._mode:
@@ -376,7 +345,7 @@ class Decoder:
 
     def _decode_batch(self, counts, status, background, advance, out) -> None:
         """Decode consecutive cycles of arrays of the caller's."""
-        share, phase = self._share(counts.shape[0]), self._control["phase"]
+        share, phase = self._shares.of(counts.shape[0]), self._control["phase"]
         self._mode = None
         self._tell(background is None, advance)
         phase[share] = phase[self._live.start or 0]
@@ -396,10 +365,10 @@ class Decoder:
             rows = 5 if isinstance(background, np.ndarray) and len(background) == 5 else 4
             self._check("background", background, self.dtype, (rows, self.topology.n))
         known = self._none_known if status is None else status
-        if self.topology.n <= COPIED:
+        if known.size <= COPIED:
             self._inputs[0][0], self._inputs[1][0] = raw, known
         else:
-            self._own.put(_plain(raw)[np.newaxis], _plain(known)[np.newaxis])
+            self._own.put(plain(raw)[np.newaxis], plain(known)[np.newaxis])
 
     def _batch(self, raw, status, background, advance: bool) -> Reading:
         """Decode consecutive cycles into new arrays."""
@@ -413,136 +382,17 @@ class Decoder:
         if background is not None:
             rows = background.shape[1] if np.ndim(background) == 3 else 4
             self._check("background", background, self.dtype, (*cycles, max(rows, 4), known[-1]))
-        out = self._outputs(raw.shape[0])
+        out = Results(self._names, raw.shape[0], self.topology.n, self.dtype)
         if self._looped:
             for t in range(raw.shape[0]):
                 self(raw[t], status[t], None if background is None else background[t],
                      advance=advance)  # fmt: skip
-                for whole, array in zip(out, self._out, strict=True):
+                for whole, array in zip(out.arrays, self._out.arrays, strict=True):
                     whole[t] = array[0]
         else:
             if background is not None:
                 taken = np.zeros((*cycles, 5, known[-1]), self.dtype)
                 taken[:, : background.shape[1]] = background
                 background = taken
-            self._decode_batch(_plain(raw), _plain(status), background, advance, out)
-        return self._view(*out, slice(None), self._wanted())
-
-    def _outputs(self, cycles: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What the kernel writes: quantities one below the other, status, validity."""
-        n = self.topology.n
-        rows = self._model.rows.size
-        return (
-            zeros((cycles, rows, n), self.dtype),
-            zeros((cycles, n), np.uint16),
-            zeros((cycles, n), bool),
-        )
-
-    def _wanted(self) -> tuple[str, ...]:
-        """Those of `_names` that a reading shows."""
-        return tuple(name for name in self._names
-                     if name.removesuffix("_sigma") in self.plan.quantities)  # fmt: skip
-
-    def _view(
-        self, out: np.ndarray, status: np.ndarray, valid: np.ndarray, at, shown: Collection[str]
-    ) -> Reading:
-        """A reading of the kernel's arrays at a cycle, or at all of them."""
-        found: dict[str, np.ndarray | None] = dict.fromkeys(
-            ("temperature", "force", "tangential", "theta", "displacement_mm")
-        )
-        row = 0
-        for name in self._names:
-            size = records.TILE_ROWS[name]
-            if name in shown and name != "film_above":
-                found[_FIELDS.get(name, name)] = (
-                    out[at, row] if size == 1 else out[at, row : row + size]
-                )
-            row += size
-        return Reading(**found, status=status[at], valid=valid[at])
-
-    def _check(self, where: str, got: object, kind: type, shape: tuple[int, ...]) -> None:
-        """Raise CountsError unless `got` is an array of that kind and shape."""
-        is_array = isinstance(got, np.ndarray)
-        if is_array and got.dtype == kind and got.shape == shape:
-            return
-        what = f"{got.dtype}, shape {got.shape}" if is_array else type(got).__name__
-        expected = f"shape {shape}"
-        if where == "raw":
-            units = ", ".join(map(str, self._shape))
-            expected = f"shape ({units}) or shape (t, {units})"
-        raise CountsError(
-            f"{self.topology.name}: {where}: must be an array of {np.dtype(kind).name}, "
-            f"{expected}; got {what}"
-        )
-
-
-class _Passes:
-    """The kernel on the arrays of one cycle, with a background and without.
-
-    Attributes
-    ----------
-    calls : dict
-        Of those that were needed, by whether they are without.
-    """
-
-    def __init__(self, decoder: Decoder, counts: np.ndarray, status: np.ndarray) -> None:
-        self._decoder = decoder
-        self._inputs = counts, status
-        self.calls: dict[bool, Bound | sharing.Shared] = {}
-
-    def at(self, bare: bool) -> Bound | sharing.Shared:
-        """The kernel, `bare` without a background; compiled, or loaded, if it was not."""
-        from bus.compiled.bound import Bound
-
-        of = self._decoder
-        background = None if bare else of._background
-        calls = [
-            Bound(of._kernel, of._model, data)
-            for data in of._data(of._live, *self._inputs, background, of._out)
-        ]
-        call = self.calls[bare] = calls[0] if len(calls) == 1 else sharing.Shared(calls)
-        return call
-
-    def put(self, counts: np.ndarray, status: np.ndarray) -> None:
-        """Decode other arrays from now on."""
-        self._inputs = counts, status
-        for call in self.calls.values():
-            call.put((1, "counts"), counts)
-            call.put((1, "status"), status)
-
-
-def _names(plan: Plan, warm: bool) -> tuple[str, ...]:
-    """Results in the order of the kernel's rows, sigmas among them.
-
-    What the loop over cycles feeds on is there, wanted or not; zeros are followed only while the
-    temperature is steady, where the wire tells it (`warm`).
-    """
-    needed = set(plan.quantities)
-    if plan.sweeps or plan.ambient:
-        needed |= {"displacement"}
-    if plan.ambient:
-        needed |= {"field", "temperature"} if warm else {"field"}
-    plain = tuple(name for name in _QUANTITIES if name in needed)
-    sigmas = tuple(f"{name}_sigma" for name in plain) if plan.sigma else ()
-    last = [("field", "field" in needed), ("film_above", plan.sweeps and plan.film_compensation)]
-    return (*plain, *sigmas, *(name for name, wanted in last if wanted))
-
-
-def _parts(plan: Plan, names: Collection[str], far: bool, parts: type[Parts]) -> Parts:
-    """The plan as the kernel takes it."""
-    chosen = {name: getattr(plan, name) for name in parts._fields if hasattr(plan, name)}
-    chosen |= {name: True for name in names if name in parts._fields}
-    chosen |= {
-        "angle": plan.estimator == "field-angle" and not set(names).isdisjoint(TANGENTIAL),
-        "hold": plan.temperature_every > 1,
-        "look": plan.skip and plan.ambient,
-        "prefetch": far,
-    }
-    return parts(**{name: bool(wanted) for name, wanted in chosen.items()})
-
-
-def _plain(array: np.ndarray) -> np.ndarray:
-    """`array` as the kernel is compiled for: contiguous and writeable; a copy if it is not."""
-    array = np.asarray(array)
-    flags = array.flags
-    return array if flags.c_contiguous and flags.writeable else array.copy()
+            self._decode_batch(plain(raw), plain(status), background, advance, out)
+        return out.reading(slice(None), self.plan.quantities)

@@ -14,7 +14,7 @@ from skin.decode.functions import OCTAVES_MAX, asin, atan, exp2, sinc
 from skin.decode.parts import Parts
 from skin.decode.records import BX, BY, BZ, MAGNETIC_ANOMALY, SATURATED
 
-__all__ = ["FIELD_MIN", "GAIN_MIN", "field_law", "film_gain", "inversion"]
+__all__ = ["FIELD_MIN", "GAIN_MIN", "field_law", "inversion"]
 
 GAIN_MIN = 0.1
 """Bound of the gain; only a temperature of a unit that is OUT_OF_RANGE reaches it."""
@@ -30,45 +30,31 @@ def field_law(parts: Parts) -> Callable:
     with_z = parts.angle or parts.consistency or parts.field
 
     @jitable(inline=True)
-    def field(unit, counts, background, span, chip_above, j):
-        """Lateral field, Bz, and the chip's gain, which is left in them."""
+    def field(unit, counts, background, cycle, i, chip_above, j):
+        """Lateral field and Bz of a unit, which is unit i of all, and the chip's gain, which is
+        left in them."""
         real = type(chip_above)
-        i = span.first + j
-        bx, by = real(counts[span.cycle, BX, i]), real(counts[span.cycle, BY, i])
+        bx, by = real(counts[cycle, BX, i]), real(counts[cycle, BY, i])
         x = unit["x_bx"][j] * bx + unit["x_by"][j] * by + unit["x_offset"][j]
         y = unit["y_bx"][j] * bx + unit["y_by"][j] * by + unit["y_offset"][j]
         z = real(0.0)
         gain = real(1.0)
         if with_z:
-            z = unit["z_bz"][j] * real(counts[span.cycle, BZ, i]) + unit["z_offset"][j]
+            z = unit["z_bz"][j] * real(counts[cycle, BZ, i]) + unit["z_offset"][j]
         if with_chip:
             x += unit["x_drift"][j] * chip_above
             y += unit["y_drift"][j] * chip_above
             z += unit["z_drift"][j] * chip_above
             gain = max(gain + unit["chip_gain"][j] * chip_above, real(GAIN_MIN))
         if background is not None:
-            bx = gain * background[span.cycle, 1, i]
-            by = gain * background[span.cycle, 2, i]
+            bx = gain * background[cycle, 1, i]
+            by = gain * background[cycle, 2, i]
             x -= unit["map_xx"][j] * bx + unit["map_xy"][j] * by
             y -= unit["map_yx"][j] * bx + unit["map_yy"][j] * by
-            z -= gain * background[span.cycle, 3, i]
+            z -= gain * background[cycle, 3, i]
         return x, y, z, gain
 
     return field
-
-
-def film_gain(parts: Parts) -> Callable:
-    """The gain of the film's field by its temperature."""
-    with_film = parts.film_compensation
-
-    @jitable(inline=True)
-    def gain(film_above, unit, j):
-        real = type(film_above)
-        if with_film:
-            return max(real(1.0) + unit["film_drift"][j] * film_above, real(GAIN_MIN))
-        return real(1.0)
-
-    return gain
 
 
 @jitable(inline=True)
@@ -144,17 +130,11 @@ def strength_law(parts: Parts) -> Callable:
 
 @jitable(inline=True)
 def _cubic(factor, i, h, j):
-    """Factor of psi^(2 i + 1) in R(psi, H), a cubic in H."""
-    q = factor[4 * i + 3, j] * h + factor[4 * i + 2, j]
-    return (q * h + factor[4 * i + 1, j]) * h + factor[4 * i, j]
-
-
-@jitable(inline=True)
-def _slope(factor, i, h, j):
-    """Its derivative by H."""
+    """Factor of psi^(2 i + 1) in R(psi, H), a cubic in H, and its derivative by H."""
     real = type(h)
-    q = real(3.0) * factor[4 * i + 3, j] * h + real(2.0) * factor[4 * i + 2, j]
-    return q * h + factor[4 * i + 1, j]
+    c1, c2, c3 = factor[4 * i + 1, j], factor[4 * i + 2, j], factor[4 * i + 3, j]
+    slope = (real(3.0) * c3 * h + real(2.0) * c2) * h + c1
+    return ((c3 * h + c2) * h + c1) * h + factor[4 * i, j], slope
 
 
 def angle_law(parts: Parts) -> Callable:
@@ -177,15 +157,15 @@ def angle_law(parts: Parts) -> Callable:
         p2 = p * p
         h = min(max(depth, real(DEPTH_MIN)), real(DEPTH_MAX))
         factor = unit["angle"]
-        q0, q1 = _cubic(factor, 0, h, j), _cubic(factor, 1, h, j)
-        q2, q3 = _cubic(factor, 2, h, j), _cubic(factor, 3, h, j)
+        q0, d0 = _cubic(factor, 0, h, j)
+        q1, d1 = _cubic(factor, 1, h, j)
+        q2, d2 = _cubic(factor, 2, h, j)
+        q3, d3 = _cubic(factor, 3, h, j)
         radius = p * (((q3 * p2 + q2) * p2 + q1) * p2 + q0)
         sigma = real(0.0)
         if with_sigma:
             slope = ((real(7.0) * q3 * p2 + real(5.0) * q2) * p2 + real(3.0) * q1) * p2 + q0
-            d3 = _slope(factor, 3, h, j) * p2 + _slope(factor, 2, h, j)
-            d1 = (d3 * p2 + _slope(factor, 1, h, j)) * p2 + _slope(factor, 0, h, j)
-            deeper = p * d1 * depth_sigma
+            deeper = p * (((d3 * p2 + d2) * p2 + d1) * p2 + d0) * depth_sigma
             further = slope * (psi - p)
             turned2 = variance / (solid * solid + z * z + variance)
             sigma = np.sqrt(

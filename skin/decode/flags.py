@@ -9,12 +9,14 @@ from collections.abc import Callable
 
 import numpy as np
 
+from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
 from skin.decode.parts import Parts
+from skin.decode.span import lanes_of
 
 from skin.decode.records import (  # isort: skip
-    ALL_FLAGS, BX, BY, BZ, CHIP, EXTRAPOLATED, FREQUENCY, GEL, IDLE, OUT_OF_RANGE, SATURATED,
-    SILENT,
+    ALL_FLAGS, BX, BY, BZ, CHIP, EXTRAPOLATED, FREQUENCY, GEL, IDLE, LANES, OUT_OF_RANGE,
+    SATURATED, SILENT, TANGENTIAL_ROWS,
 )  # fmt: skip
 
 __all__ = ["changes", "flags_stage", "judge", "rest"]
@@ -23,12 +25,7 @@ __all__ = ["changes", "flags_stage", "judge", "rest"]
 @jitable(inline=True)
 def outside(count, limits, j):
     """Whether a count is outside a range: one comparison modulo 2^16."""
-    return beyond(count, limits["low"][j], limits["width"][j])
-
-
-@jitable(inline=True)
-def beyond(count, low, width):
-    return (int(count) - int(low)) & 0xFFFF > int(width) & 0xFFFF
+    return (int(count) - int(limits["low"][j])) & 0xFFFF > int(limits["width"][j]) & 0xFFFF
 
 
 @jitable(inline=True)
@@ -76,43 +73,22 @@ def flags_stage(parts: Parts) -> Callable:
     with_skip = parts.skip
 
     @jitable(inline=True)
-    def judge_all(counts, status, limits, span, flag, loaded):
-        """Flags of each unit, and which are under load."""
-        touched = np.int16(0)
-        for j in range(span.count):
-            i = span.first + j
-            count = (
-                counts[span.cycle, GEL, i], counts[span.cycle, FREQUENCY, i],
-                counts[span.cycle, BX, i], counts[span.cycle, BY, i], counts[span.cycle, BZ, i],
-                counts[span.cycle, CHIP, i],
-            )  # fmt: skip
-            flags = np.int16(judge(status[span.cycle, i], count, limits, j))
-            flag[j] = flags
-            if with_skip:
-                loaded[j] = np.int16(loaded[j] if flags & SILENT == 0 else 0)
-                touched = np.int16(touched | loaded[j])
-        return touched
-
-    @jitable(inline=True)
     def flags(counts, status, limits, span, flag, loaded):
         """Whether any unit of a block may have a flag, and whether any is under load."""
+        assume_noalias()
+        first, _, size = lanes_of(span)
         doubt = touched = np.int16(0)
         cycle = span.cycle
-        # lane 0 of channels whose usual counts are those of all units
-        low_x, width_x = limits["usual_bx"]["low"][0], limits["usual_bx"]["width"][0]
-        low_y, width_y = limits["usual_by"]["low"][0], limits["usual_by"]["width"][0]
-        low_z, width_z = limits["usual_bz"]["low"][0], limits["usual_bz"]["width"][0]
-        low_chip, width_chip = limits["usual_chip"]["low"][0], limits["usual_chip"]["width"][0]
-        for j in range(span.count):
-            i = span.first + j
+        for j in range(size):
+            i = first + j
             frequency = counts[cycle, FREQUENCY, i]
             unusual = (
                 outside(counts[cycle, GEL, i], limits["usual_gel"], j)
                 | outside(frequency, limits["usual_frequency"], j)
-                | beyond(counts[cycle, BX, i], low_x, width_x)
-                | beyond(counts[cycle, BY, i], low_y, width_y)
-                | beyond(counts[cycle, BZ, i], low_z, width_z)
-                | beyond(counts[cycle, CHIP, i], low_chip, width_chip)
+                | outside(counts[cycle, BX, i], limits["usual_bx"], 0)
+                | outside(counts[cycle, BY, i], limits["usual_by"], 0)
+                | outside(counts[cycle, BZ, i], limits["usual_bz"], 0)
+                | outside(counts[cycle, CHIP, i], limits["usual_chip"], 0)
             )
             known = np.int16(status[cycle, i]) | limits["status"][j]
             doubt = np.int16(doubt | known | np.int16(1 if unusual else 0))
@@ -122,7 +98,18 @@ def flags_stage(parts: Parts) -> Callable:
                 loaded[j] = np.int16(1 if pressed else 0)
                 touched = np.int16(touched | loaded[j])
         if doubt != 0:
-            touched = judge_all(counts, status, limits, span, flag, loaded)
+            touched = np.int16(0)
+            for j in range(size):
+                i = first + j
+                count = (
+                    counts[cycle, GEL, i], counts[cycle, FREQUENCY, i], counts[cycle, BX, i],
+                    counts[cycle, BY, i], counts[cycle, BZ, i], counts[cycle, CHIP, i],
+                )  # fmt: skip
+                found = np.int16(judge(status[cycle, i], count, limits, j))
+                flag[j] = found
+                if with_skip:
+                    loaded[j] = np.int16(loaded[j] if found & SILENT == 0 else 0)
+                    touched = np.int16(touched | loaded[j])
         return doubt, touched
 
     return flags
@@ -134,26 +121,36 @@ def changes(counts, status, background, seen, span):
 
     With a background, which changes unseen, something always is.
     """
+    assume_noalias()
+    first, _, size = lanes_of(span)
     heard = np.int16(0)
-    for j in range(span.count):
-        now = np.int16(status[span.cycle, span.first + j])
+    for j in range(size):
+        now = np.int16(status[span.cycle, first + j])
         heard = np.int16(heard | (now ^ seen["flags"][j]))
         seen["flags"][j] = now
     changed = np.int16(1)
     if background is None:
         changed = heard
         for channel in range(counts.shape[1]):
-            for j in range(span.count):
-                now = counts[span.cycle, channel, span.first + j]
+            for j in range(size):
+                now = counts[span.cycle, channel, first + j]
                 changed = np.int16(changed | (now ^ seen["counts"][channel, j]))
                 seen["counts"][channel, j] = now
     return heard, changed
 
 
 @jitable(inline=True)
-def rest(flag, span):
-    """Flag units as IDLE."""
-    for j in range(span.count):
+def rest(flag, span, values, rested):
+    """Flag units as IDLE; they show nothing tangential, of the tile's `values`, unless `rested`
+    says that they do already."""
+    assume_noalias()
+    _, _, size = lanes_of(span)
+    nothing = values.dtype.type(np.nan)
+    if not rested:
+        for row in TANGENTIAL_ROWS:
+            for j in range(LANES):
+                values[row * LANES + j] = nothing
+    for j in range(size):
         flags = flag[j]
         flag[j] = flags if flags & SILENT else flags | IDLE
 
@@ -161,10 +158,12 @@ def rest(flag, span):
 @jitable(inline=True)
 def wake(flag, loaded, span):
     """Whether any of some units is under load; none of them is IDLE then."""
+    assume_noalias()
+    _, start, size = lanes_of(span)
     busy = np.int16(0)
-    for lane in range(span.count):
-        busy = np.int16(busy | loaded[span.start + lane])
+    for lane in range(size):
+        busy = np.int16(busy | loaded[start + lane])
     if busy != 0:
-        for lane in range(span.count):
-            flag[span.start + lane] &= ~np.int16(IDLE)
+        for lane in range(size):
+            flag[start + lane] &= ~np.int16(IDLE)
     return busy != 0

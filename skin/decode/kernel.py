@@ -25,59 +25,29 @@ from skin.decode.records import (
     LANES,
     NOT_NEGATIVE,
     SKIP,
+    TANGENTIAL_ROWS,
     UNKNOWN,
-    Span,
     tile_rows,
 )
+from skin.decode.span import Span, lanes_of
 from skin.decode.tangential import tangential_stage
 from skin.decode.temperature import (
     lost,
     recall_stage,
-    temperature_sigma_stage,
     temperature_stage,
 )
 
-__all__ = ["DecodeData", "DecodeModel", "decode", "decode_python"]
+__all__ = ["DecodeData", "decode", "decode_python"]
 
 LOOK_CYCLES = 4
 """Cycles, at least, from one look at units without load to the next."""
 
-TANGENTIAL = (
-    "tangential", "theta", "tangential_sigma", "theta_sigma", "field",
-    "force", "displacement", "force_sigma", "displacement_sigma",
-)  # fmt: skip
-TANGENTIAL_ROWS = tuple(
-    row for name in TANGENTIAL
-    for row in (tile_rows(name) if name == "field" else tile_rows(name)[:2])
-)  # fmt: skip
-"""What a block without load does not show."""
 TANGENTIAL_BITS = sum(1 << row for row in TANGENTIAL_ROWS)
 HELD_BITS = sum(
     1 << row
     for name in ("temperature", "film_above", "temperature_sigma")
     for row in tile_rows(name)
 )
-
-
-class DecodeModel(NamedTuple):
-    """What does not change between cycles.
-
-    Attributes
-    ----------
-    coefficients : ndarray, shape (b,) or (1,), records of `skin.decode.records.coefficients`
-        Calibration, a block for every `LANES` units, or a single block that all share.
-    limits : ndarray, shape (b,) or (1,), records of `LIMITS`
-        Ranges of counts.
-    rows : ndarray, shape (r,), int64
-        Rows of the tile that go out, in this order.
-    temperature_every : int
-        Temperatures are new where the number of the cycle is a multiple of this. Only with `hold`.
-    """
-
-    coefficients: np.ndarray
-    limits: np.ndarray
-    rows: np.ndarray
-    temperature_every: int
 
 
 class DecodeData(NamedTuple):
@@ -144,73 +114,23 @@ def prefetch_block(data, span, state):
     _prefetch_row(state["film_lag"], 0)
 
 
-def skip_stage(parts: Parts) -> Callable:
-    """The stage that decodes what is tangential, where a block may be left out, or a part of it."""
-    with_skip, tangential = parts.skip, tangential_stage(parts)
-
-    @jitable(inline=True)
-    def stage(unit, data, background, span, tile, touched, look):
-        together = LANES
-        if with_skip and touched != 0:
-            together = SKIP
-        for part in range((span.count + together - 1) // together):
-            start = (part * together) & NOT_NEGATIVE
-            size = min(together, span.count - start) & (2 * LANES - 1)
-            some = Span(span.cycle, span.first, start, size)
-            if with_skip and not look and not wake(data.flag, data.loaded, some):
-                continue
-            tangential(unit, data.counts, background, some, tile, data.flag)
-
-    return stage
-
-
 @jitable(inline=True)
-def hand_out(rows, values, data, span, doubt, kept):
-    """Rows of the tile, given as its `values` one after the other; not those whose bit is `kept`,
-    which show the same already."""
-    nothing = data.out.dtype.type(np.nan)
+def hand_out(rows, values, flag, span, out, doubt, kept):
+    """Show rows of the tile, given as its `values` one after the other; not those whose bit is
+    `kept`, which show the same already."""
+    assume_noalias()
+    first, _, size = lanes_of(span)
+    nothing = out.dtype.type(np.nan)
     for r in range(rows.size):
         if (kept >> rows[r]) & 1:
             continue
         at = (rows[r] * LANES) & NOT_NEGATIVE
-        for j in range(span.count):
-            data.out[span.cycle, r, span.first + j] = values[at + j]
+        for j in range(size):
+            out[span.cycle, r, first + j] = values[at + j]
         if doubt != 0:
-            for j in range(span.count):
-                if data.flag[j] & UNKNOWN != 0:
-                    data.out[span.cycle, r, span.first + j] = nothing
-    for j in range(span.count):
-        data.flags[span.cycle, span.first + j] = data.flag[j] & ALL_FLAGS
-        data.valid[span.cycle, span.first + j] = data.flag[j] & INVALID == 0
-
-
-def temperatures_stage(parts: Parts) -> Callable:
-    """The stage of all that is about temperatures."""
-    with_hold, with_skip = parts.hold, parts.skip
-    with_sigma = parts.sigma and parts.temperature
-    warm = parts.temperature or parts.film_compensation or parts.chip_compensation
-    recall, decode_now = recall_stage(parts), temperature_stage(parts)
-    decode_sigma = temperature_sigma_stage(parts)
-
-    @jitable(inline=True)
-    def temperatures(unit, data, span, state, tile, due, advance, kept):
-        """Whether what is shown of temperatures stays as it is; `kept` are whether it may, and
-        whether nothing else needs them."""
-        steady = False
-        if warm:
-            fresh = True
-            if with_hold:
-                fresh = due or lost(state, span, data.flag)
-                if with_skip:
-                    steady = kept[0] and not fresh
-                recall(state, span, tile, not steady, not (steady and kept[1]))
-            if fresh:
-                decode_now(unit, data.counts, span, state, tile, data.flag, due, advance)
-                if with_sigma:
-                    decode_sigma(unit, data.counts, span, state, tile, data.flag, due)
-        return steady
-
-    return temperatures
+            for j in range(size):
+                if flag[j] & UNKNOWN != 0:
+                    out[span.cycle, r, first + j] = nothing
 
 
 def rest_stage(parts: Parts) -> Callable:
@@ -236,24 +156,21 @@ def rest_stage(parts: Parts) -> Callable:
 
 def decode_python(parts: Parts) -> Callable:
     """The function that decodes what `parts` say, not compiled: ``decode(model, data)``."""
-    with_skip, with_shear, with_prefetch = parts.skip, parts.shear, parts.prefetch
+    with_skip, with_hold, with_shear, with_prefetch = (
+        parts.skip, parts.hold, parts.shear, parts.prefetch
+    )  # fmt: skip
     with_tangential = parts.shear or parts.field
-    judge, temperatures, normal = flags_stage(parts), temperatures_stage(parts), normal_stage(parts)
-    resting, tangential = rest_stage(parts), skip_stage(parts)
+    warm = parts.temperature or parts.film_compensation or parts.chip_compensation
+    judge, normal, resting = flags_stage(parts), normal_stage(parts), rest_stage(parts)
+    recall, temperature = recall_stage(parts), temperature_stage(parts)
+    tangential = tangential_stage(parts)
 
     def decode(model, data):
-        """Decode t cycles of n units, one cycle after the other.
-
-        Parameters
-        ----------
-        model : DecodeModel
-        data : DecodeData
-        """
+        """Decode the cycles of a `DecodeData` by a `skin.decode.model.DecodeModel`, in turn."""
         assume_noalias()
-        control, tile = data.control[0], data.tile[0]
+        counts, status, background, flag = data.counts, data.status, data.background, data.flag
+        control, tile, every = data.control[0], data.tile[0], model.temperature_every
         values = data.tile.view(data.out.dtype)
-        nothing = data.out.dtype.type(np.nan)
-        counts, background, every = data.counts, data.background, model.temperature_every
         unit_step = 0 if model.coefficients.size == 1 else 1
         limit_step = 0 if model.limits.size == 1 else 1
         advance, reuse = control["advance"] != 0, control["reuse"] != 0
@@ -268,32 +185,41 @@ def decode_python(parts: Parts) -> Callable:
                 limits = model.limits[(block * limit_step) & NOT_NEGATIVE]
                 state = data.state[block & NOT_NEGATIVE]
                 seen = data.seen[block & NOT_NEGATIVE]
+                heard, steady = np.int16(0), False
                 if with_prefetch:
                     prefetch_block(data, span, data.state[(block + 1) & NOT_NEGATIVE])
-                heard = np.int16(0)
                 if with_skip:
-                    heard, changed = changes(counts, data.status, background, seen, span)
+                    heard, changed = changes(counts, status, background, seen, span)
                     if reuse and not due and changed == 0:
                         continue
-                doubt, touched = judge(
-                    counts, data.status, limits, span, data.flag, data.loaded
-                )  # fmt: skip
+                doubt, touched = judge(counts, status, limits, span, flag, data.loaded)
                 look, rests, rested = resting(seen, touched, phase + cycle + block, every, reuse)
-                steady = temperatures(
-                    unit, data, span, state, tile, due, advance, (reuse and heard == 0, rests)
-                )
+                if warm:
+                    fresh = True
+                    if with_hold:
+                        fresh = due or lost(state, span, flag)
+                        steady = with_skip and reuse and heard == 0 and not fresh
+                        recall(state, span, tile, not steady, not (steady and rests))
+                    if fresh:
+                        temperature(unit, counts, span, state, tile, flag, due, advance)
                 if with_shear:
                     normal(unit, counts, background, span, tile)
                 if with_skip and with_tangential and not look:
-                    if not rested:
-                        for row in TANGENTIAL_ROWS:
-                            for j in range(LANES):
-                                values[row * LANES + j] = nothing
-                    rest(data.flag, span)
+                    rest(flag, span, values, rested)
                 if with_tangential and not rests:
-                    tangential(unit, data, background, span, tile, touched, look)
+                    together = SKIP if with_skip and touched != 0 else LANES
+                    for part in range((size + together - 1) // together):
+                        start = (part * together) & NOT_NEGATIVE
+                        lanes = min(together, size - start) & (2 * LANES - 1)
+                        some = Span(cycle, first, start, lanes)
+                        if with_skip and not look and not wake(flag, data.loaded, some):
+                            continue
+                        tangential(unit, counts, background, some, tile, flag)
                 kept = (HELD_BITS if steady else 0) | (TANGENTIAL_BITS if rested else 0)
-                hand_out(model.rows, values, data, span, doubt, kept)
+                hand_out(model.rows, values, flag, span, data.out, doubt, kept)
+                for j in range(size):
+                    data.flags[cycle, first + j] = flag[j] & ALL_FLAGS
+                    data.valid[cycle, first + j] = flag[j] & INVALID == 0
         control["phase"] = phase + (counts.shape[0] if advance else 1)
         control["reuse"] = 1
 

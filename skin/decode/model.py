@@ -5,20 +5,21 @@ Scales, offsets and maps are multiplied out here, once, in float64.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from bus.compiled.aligned import zeros
 from skin.decode import records as k
 from skin.decode.field import GAIN_MIN
 from skin.decode.functions import OCTAVES_MAX
 from skin.decode.limits import STEP_SIGMA, frequency_sigma_hz, limits_of, tidy_drop
+from skin.decode.plan import Plan
 from skin.errors import CalibrationError
 from topology import THETA_KNOTS, Topology
 
-__all__ = ["field_angle_ends", "records_of"]
+__all__ = ["DecodeModel", "field_angle_ends", "model_of"]
 
 Values = Mapping[str, "np.ndarray | Values"]
 
@@ -40,40 +41,47 @@ OCTAVES_MARGIN = 0.9
 """Share of `OCTAVES_MAX` that a calibration may need [assumed]."""
 
 
-def records_of(
+class DecodeModel(NamedTuple):
+    """What does not change between cycles.
+
+    Attributes
+    ----------
+    coefficients : ndarray, shape (b,) or (1,), records of `skin.decode.records.coefficients`
+        Calibration, a block for every `LANES` units, or a single block that all share.
+    limits : ndarray, shape (b,) or (1,), records of `LIMITS`
+        Ranges of counts.
+    rows : ndarray, shape (r,), int64
+        Rows of the tile that go out, in this order.
+    temperature_every : int
+        Temperatures are new where the number of the cycle is a multiple of this. Only with `hold`.
+    """
+
+    coefficients: np.ndarray
+    limits: np.ndarray
+    rows: np.ndarray
+    temperature_every: int
+
+
+def model_of(
     topology: Topology,
-    real: npt.DTypeLike,
-    *,
-    angle: bool = False,
-    vertical: bool = False,
-    every: int = 1,
+    plan: Plan,
+    results: Collection[str],
     rest_ut: np.ndarray | None = None,
     felt_ut: np.ndarray | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients and limits of a topology.
+) -> DecodeModel:
+    """What a decoder of a topology must know.
 
     Parameters
     ----------
     topology : Topology
-    real : dtype-like
-        Of the arithmetic, float32 or float64.
-    angle : bool
-        Whether R comes from the angle of the field.
-    vertical : bool
-        Whether Bz is used at all, and so has rails to be held to.
-    every : int
-        Cycles from one temperature to the next.
+    plan : Plan
+    results : collection of str
+        Of `skin.decode.records.TILE_ROWS`, in the order in which they go out.
     rest_ut : ndarray, shape (3, n), optional
         Field that resting neighbours add, axes of the chips, and that the offsets do not hold.
         Without it the model of the field is held to less.
     felt_ut : ndarray, shape (3, n), optional
         The same, whether the offsets hold it or not: it is read with the chip's gain as it is.
-
-    Returns
-    -------
-    coefficients, limits : ndarray, shape (b,)
-        Records of `skin.decode.records`, one for every `LANES` units, the last one filled up with
-        the last unit; a single one where all units are alike.
 
     Raises
     ------
@@ -81,18 +89,25 @@ def records_of(
         A parameter is not one that a working unit can have.
     """
     _refuse_impossible(topology)
+    angle = plan.estimator == "field-angle"
     found = {
-        **_temperature(topology, every),
+        **_temperature(topology, plan.temperature_every),
         **_normal(topology),
         **_field(topology, rest_ut, felt_ut),
         **_tangential(topology, angle),
     }
     found |= _uncertainty(topology, found, angle, rest_ut is not None)
-    return _blocks(found, k.coefficients(real)), _blocks(limits_of(topology, vertical), k.LIMITS)
+    return DecodeModel(
+        _blocks(found, k.coefficients(plan.dtype)),
+        _blocks(limits_of(topology, vertical=angle or plan.consistency), k.LIMITS),
+        np.array([row for name in results for row in k.tile_rows(name)], np.int64),
+        plan.temperature_every,
+    )
 
 
 def _blocks(values: Values, record: np.dtype) -> np.ndarray:
-    """Values of units, shape (n,) or (rows, n) each, as records of blocks."""
+    """Values of units, shape (n,) or (rows, n) each, as records, one for every `LANES` units; the
+    last one is filled up with the last unit. A single one where all units are alike."""
     each = _cast(values, record)
     n = max(value.shape[-1] for value in each.values())
     alike = all(
@@ -313,10 +328,12 @@ def _table_end(*key: float) -> tuple[float, float]:
     angle = np.linspace(0.0, np.pi, 361)
     depth = np.linspace(0.0, deepest, 9)
     odd = angle[:, np.newaxis] ** (2 * np.arange(4) + 1)
-    reach = odd @ table @ (depth ** np.arange(4)[:, np.newaxis])
-    over = ((np.diff(reach, axis=0) <= 0.0) | (reach[1:] > OVERREACH * most)).any(axis=1)
+    displacement = odd @ table @ (depth ** np.arange(4)[:, np.newaxis])
+    over = ((np.diff(displacement, axis=0) <= 0.0) | (displacement[1:] > OVERREACH * most)).any(
+        axis=1
+    )
     last = int(np.argmax(over)) if over.any() else len(angle) - 1
-    return float(angle[last]), float(reach[last].min())
+    return float(angle[last]), float(displacement[last].min())
 
 
 def _refuse_impossible(topology: Topology) -> None:
@@ -333,7 +350,7 @@ def _refuse_impossible(topology: Topology) -> None:
 
     for name, values in p.items():
         wrong = ~np.isfinite(values)
-        refuse(wrong.any(axis=0) if wrong.ndim > 1 else wrong, name, "finite")
+        refuse(np.atleast_2d(wrong).any(axis=0), name, "finite")
     low, high = p["temperature_min_c"], p["temperature_max_c"]
     refuse(high <= low, "temperature_max_c", "above temperature_min_c")
     span = 0.5 * (high - low)

@@ -6,9 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 
+from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
 from skin.decode.parts import Parts
 from skin.decode.records import FREQUENCY
+from skin.decode.span import lanes_of
 from skin.decode.temperature import EXTRAPOLATION
 
 __all__ = ["bent", "normal_stage"]
@@ -20,45 +22,33 @@ def bent(x, soft, knee, stiffer):
     return soft * x + stiffer * max(x - knee, type(x)(0.0))
 
 
-@jitable(inline=True)
-def normal_law(depth, unit, j):
-    """Normal force at a depth."""
-    return bent(depth, unit["normal_soft"][j], unit["normal_break"][j], unit["normal_stiffer"][j])
-
-
-@jitable(inline=True)
-def depth_sigma(depth, unit, j):
-    real = type(depth)
-    over = max(depth - unit["depth_high"][j], unit["depth_low"][j] - depth)
-    return unit["depth_sigma"][j] + real(EXTRAPOLATION) * max(over, real(0.0))
-
-
-@jitable(inline=True)
-def normal_sigma(depth, sigma, force, unit, j):
-    """Half of what the force changes over the interval of the depth, and of the law itself."""
-    half = normal_law(depth + sigma, unit, j) - normal_law(depth - sigma, unit, j)
-    half *= type(depth)(0.5)
-    return np.sqrt(half * half + unit["normal_variance"][j] * (force * force))
-
-
 def normal_stage(parts: Parts) -> Callable:
     """The stage that decodes depth and normal force, and their one-sigma."""
     with_sigma = parts.sigma
 
     @jitable(inline=True)
     def normal(unit, counts, background, span, tile):
+        assume_noalias()
+        first, _, size = lanes_of(span)
         real = tile["force"].dtype.type
-        for j in range(span.count):
-            frequency = real(counts[span.cycle, FREQUENCY, span.first + j])
+        for j in range(size):
+            frequency = real(counts[span.cycle, FREQUENCY, first + j])
             depth = unit["depth_scale"][j] * frequency + unit["depth_offset"][j]
             if background is not None:
-                depth -= unit["depth_per_hz"][j] * background[span.cycle, 0, span.first + j]
-            force = normal_law(depth, unit, j)
+                depth -= unit["depth_per_hz"][j] * background[span.cycle, 0, first + j]
+            soft, knee = unit["normal_soft"][j], unit["normal_break"][j]
+            stiffer = unit["normal_stiffer"][j]
+            force = bent(depth, soft, knee, stiffer)
             tile["displacement"][2, j] = depth
             tile["force"][2, j] = force
             if with_sigma:
-                sigma = depth_sigma(depth, unit, j)
+                over = max(depth - unit["depth_high"][j], unit["depth_low"][j] - depth)
+                sigma = unit["depth_sigma"][j] + real(EXTRAPOLATION) * max(over, real(0.0))
                 tile["displacement_sigma"][2, j] = sigma
-                tile["force_sigma"][2, j] = normal_sigma(depth, sigma, force, unit, j)
+                # half of what the force changes over the interval of the depth, and of the law
+                half = bent(depth + sigma, soft, knee, stiffer)
+                half = (half - bent(depth - sigma, soft, knee, stiffer)) * real(0.5)
+                relative2 = unit["normal_variance"][j]
+                tile["force_sigma"][2, j] = np.sqrt(half * half + relative2 * (force * force))
 
     return normal

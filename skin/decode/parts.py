@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import NamedTuple
+
+from skin.decode.plan import TANGENTIAL, Plan
 
 __all__ = ["Parts"]
 
@@ -46,6 +49,19 @@ class Parts(NamedTuple):
     skip: bool = False
     look: bool = False
     prefetch: bool = False
+
+    @classmethod
+    def of(cls, plan: Plan, results: Collection[str], *, prefetch: bool) -> Parts:
+        """What a plan needs whose kernel has these results."""
+        chosen = {name: getattr(plan, name) for name in cls._fields if hasattr(plan, name)}
+        chosen |= {name: True for name in results if name in cls._fields}
+        chosen |= {
+            "angle": plan.estimator == "field-angle" and not set(results).isdisjoint(TANGENTIAL),
+            "hold": plan.temperature_every > 1,
+            "look": plan.skip and plan.ambient,
+            "prefetch": prefetch,
+        }
+        return cls(**{name: bool(wanted) for name, wanted in chosen.items()})
 
     @property
     def shear(self) -> bool:

@@ -101,7 +101,7 @@ class Plan:
     ambient: bool
 
     @classmethod
-    def of(cls, topology: Topology, options: DecodeOptions = DecodeOptions()) -> Plan:
+    def of(cls, topology: Topology, options: DecodeOptions) -> Plan:
         """The shortest plan for a scene.
 
         Raises

@@ -7,8 +7,6 @@ never fetched. Those of the results are of the type `real`, float32 or float64.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 import numpy.typing as npt
 
@@ -129,24 +127,6 @@ TILE_ROWS = {
 """
 
 
-class Span(NamedTuple):
-    """Lanes of a block, of a cycle: what a stage works on.
-
-    Attributes
-    ----------
-    cycle : int
-    first : int
-        Unit in lane 0.
-    start, count : int
-        Lanes.
-    """
-
-    cycle: int
-    first: int
-    start: int
-    count: int
-
-
 def _record(rows: dict[str, int], real: npt.DTypeLike) -> np.dtype:
     return np.dtype([
         (name, real, (count, LANES) if count > 1 else (LANES,)) for name, count in rows.items()
@@ -173,3 +153,14 @@ def tile_rows(name: str) -> range:
     names = list(TILE_ROWS)
     first = sum(TILE_ROWS[before] for before in names[: names.index(name)])
     return range(first, first + TILE_ROWS[name])
+
+
+TANGENTIAL = (
+    "tangential", "theta", "tangential_sigma", "theta_sigma", "field",
+    "force", "displacement", "force_sigma", "displacement_sigma",
+)  # fmt: skip
+TANGENTIAL_ROWS = tuple(
+    row for name in TANGENTIAL
+    for row in (tile_rows(name) if name == "field" else tile_rows(name)[:2])
+)  # fmt: skip
+"""What a block without load does not show."""

@@ -8,12 +8,15 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    import numpy as np
+import numpy as np
 
+from bus.compiled.aligned import zeros
+from skin.decode import records
+
+if TYPE_CHECKING:
     from bus.compiled.bound import Bound
 
-__all__ = ["ENOUGH", "Shared", "processors", "together"]
+__all__ = ["ENOUGH", "Shared", "Shares", "processors", "together"]
 
 ENOUGH = 1 << 18
 """Units times cycles from which on work is shared: about a millisecond of it, where to hand over to
@@ -58,6 +61,51 @@ class Shared:
     def __call__(self) -> None:
         """Call all of them, and wait."""
         together(self._calls)
+
+
+class Shares:
+    """Scratch of the decode kernel: the first for all blocks of units; if they can be shared, one
+    for each share besides.
+
+    Parameters
+    ----------
+    n : int
+        Units.
+    real : dtype
+        Of the arithmetic.
+    workers : int
+        Shares at most.
+
+    Attributes
+    ----------
+    control : ndarray, records of `skin.decode.records.CONTROL`
+    scratch : list of dict
+        Arrays by their names in `skin.decode.kernel.DecodeData`.
+    """
+
+    def __init__(self, n: int, real: np.dtype, workers: int) -> None:
+        self._n = n
+        blocks = -(-n // records.LANES)
+        shares = min(workers, blocks)
+        bounds = np.arange(shares + 1) * blocks // shares
+        self.control = zeros(1 + shares if shares > 1 else 1, records.CONTROL)
+        self.control["last"][0] = blocks
+        if shares > 1:
+            self.control["first"][1:], self.control["last"][1:] = bounds[:-1], bounds[1:]
+        self.scratch = [
+            {
+                "flag": zeros(records.LANES, np.int16),
+                "loaded": zeros(records.LANES, np.int16),
+                "tile": zeros(1, records.tile(real)),
+                "control": self.control[i : i + 1],
+            }
+            for i in range(self.control.size)
+        ]
+
+    def of(self, cycles: int) -> slice:
+        """Those that decode so many cycles: the first, or all others together."""
+        shared = len(self.scratch) > 1 and cycles * self._n >= ENOUGH
+        return slice(1, None) if shared else slice(1)
 
 
 @functools.cache

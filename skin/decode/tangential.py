@@ -7,12 +7,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
-from skin.decode.field import FIELD_MIN, field_law, film_gain, inversion
+from skin.decode.field import FIELD_MIN, GAIN_MIN, field_law, inversion
 from skin.decode.functions import atan2, sin_cos
 from skin.decode.normal import bent
 from skin.decode.parts import Parts
 from skin.decode.records import EXTRAPOLATED, KNOTS, SILENT
+from skin.decode.span import lanes_of
 from skin.decode.temperature import EXTRAPOLATION
 
 __all__ = ["tangential_stage"]
@@ -43,15 +45,11 @@ class Shear(NamedTuple):
 
 
 @jitable(inline=True)
-def shear_law(radius, unit, j):
-    """Tangential force at a tangential displacement at the reference depth."""
-    return bent(radius, unit["shear_soft"][j], unit["shear_break"][j], unit["shear_stiffer"][j])
-
-
-@jitable(inline=True)
 def shear_variance(shear, along, depth_sigma, unit, j):
     """Variance of the tangential force along its direction."""
-    half = shear_law(shear.radius + along, unit, j) - shear_law(shear.radius - along, unit, j)
+    soft, knee, stiffer = unit["shear_soft"][j], unit["shear_break"][j], unit["shear_stiffer"][j]
+    half = bent(shear.radius + along, soft, knee, stiffer)
+    half -= bent(shear.radius - along, soft, knee, stiffer)
     half *= type(along)(0.5) * shear.stiffening
     deeper = shear.law * unit["shear_gain"][j] * depth_sigma
     force = shear.law * shear.stiffening
@@ -79,24 +77,40 @@ def correct(x, y, unit, j):
 
 
 def shear_of(parts: Parts) -> Callable:
-    """Direction, displacement and force of a unit from its R."""
+    """Direction, displacement and force of a unit from its R; what is wanted, into the tile."""
     with_correction, with_centre = parts.theta_correction, parts.film_centre
+    with_force, with_tangential = parts.force, parts.tangential
+    with_theta, with_displacement = parts.theta, parts.displacement
 
     @jitable(inline=True)
-    def shear(x, y, outer, along, depth, unit, j):
+    def shear(x, y, outer, along, strength, tile, unit, j):
+        real = type(x)
+        zero, one = real(0.0), real(1.0)
         if with_correction:
             x, y = correct(x, y, unit, j)
-        radius = outer
+        radius, share = outer, one if strength > zero else zero
         if with_centre:
-            real = type(x)
             dx = outer * x - unit["film_x"][j]
             dy = outer * y - unit["film_y"][j]
-            radius = np.sqrt(dx * dx + dy * dy)
-            away = real(1.0) / max(radius, real(FIELD_MIN))
+            radius, share = np.sqrt(dx * dx + dy * dy), one
+            away = one / max(radius, real(FIELD_MIN))
             x = dx * away
             y = dy * away
-        law = shear_law(radius, unit, j)
+        soft, knee = unit["shear_soft"][j], unit["shear_break"][j]
+        law = bent(radius, soft, knee, unit["shear_stiffer"][j])
+        depth = tile["displacement"][2, j]
         stiffening = unit["shear_gain"][j] * depth + unit["shear_gain_offset"][j]
+        force = law * stiffening
+        if with_force:
+            tile["force"][0, j] = force * x
+            tile["force"][1, j] = force * y
+        if with_tangential:
+            tile["tangential"][j] = force * share
+        if with_theta:
+            tile["theta"][j] = atan2(y, x)
+        if with_displacement:
+            tile["displacement"][0, j] = radius * x
+            tile["displacement"][1, j] = radius * y
         return Shear(x, y, radius, outer, along, law, stiffening)
 
     return shear
@@ -140,44 +154,23 @@ def sigma_of(parts: Parts) -> Callable:
     return sigma
 
 
-def show_of(parts: Parts) -> Callable:
-    """What is wanted of a unit's tangential displacement and force, into the tile."""
-    with_force, with_tangential = parts.force, parts.tangential
-    with_theta, with_displacement = parts.theta, parts.displacement
-    with_centre = parts.film_centre
-
-    @jitable(inline=True)
-    def show(shear, strength, tile, j):
-        real = type(strength)
-        force = shear.law * shear.stiffening
-        if with_force:
-            tile["force"][0, j] = force * shear.x
-            tile["force"][1, j] = force * shear.y
-        if with_tangential:
-            share = real(1.0) if with_centre or strength > real(0.0) else real(0.0)
-            tile["tangential"][j] = force * share
-        if with_theta:
-            tile["theta"][j] = atan2(shear.y, shear.x)
-        if with_displacement:
-            tile["displacement"][0, j] = shear.radius * shear.x
-            tile["displacement"][1, j] = shear.radius * shear.y
-
-    return show
-
-
 def tangential_stage(parts: Parts) -> Callable:
     """The stage that decodes the field, the tangential displacement and the tangential force."""
     with_field, with_shear, with_sigma = parts.field, parts.shear, parts.sigma
-    field, invert, gain_of = field_law(parts), inversion(parts), film_gain(parts)
-    shear_from, sigma, show = shear_of(parts), sigma_of(parts), show_of(parts)
+    with_film = parts.film_compensation
+    field, invert = field_law(parts), inversion(parts)
+    shear_from, sigma = shear_of(parts), sigma_of(parts)
 
     @jitable(inline=True)
     def tangential(unit, counts, background, span, tile, flag):
+        assume_noalias()
+        first, start, size = lanes_of(span)
         real = tile["force"].dtype.type
-        for lane in range(span.count):
-            j = span.start + lane
+        for lane in range(size):
+            j = start + lane
+            i = first + j
             chip_above = tile["chip_above"][j]
-            x, y, z, gain = field(unit, counts, background, span, chip_above, j)
+            x, y, z, gain = field(unit, counts, background, span.cycle, i, chip_above, j)
             if with_field:
                 each = real(1.0) / gain
                 tile["field"][0, j] = x * each
@@ -186,17 +179,17 @@ def tangential_stage(parts: Parts) -> Callable:
             if with_shear:
                 variance = unit["field_variance"][j]
                 if background is not None:
-                    variance += background[span.cycle, 4, span.first + j]
-                gain *= gain_of(tile["film_above"][j], unit, j)
+                    variance += background[span.cycle, 4, i]
+                if with_film:
+                    warmer = unit["film_drift"][j] * tile["film_above"][j]
+                    gain *= max(real(1.0) + warmer, real(GAIN_MIN))
                 strength = np.sqrt(x * x + y * y)
                 solid = max(strength, real(FIELD_MIN))
                 radius, along, found, each = invert(solid, z, variance, gain, tile, unit, j)
                 found |= EXTRAPOLATED if radius > unit["displacement_max"][j] else 0
                 flags = flag[j]
                 flag[j] = flags if flags & SILENT else flags | found
-                depth = tile["displacement"][2, j]
-                shear = shear_from(x * each, y * each, radius, along, depth, unit, j)
-                show(shear, strength, tile, j)
+                shear = shear_from(x * each, y * each, radius, along, strength, tile, unit, j)
                 if with_sigma:
                     sigma(shear, each, variance, tile, unit, j)
 

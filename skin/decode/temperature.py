@@ -11,12 +11,14 @@ from collections.abc import Callable
 
 import numpy as np
 
+from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
 from skin.decode.functions import log2
 from skin.decode.parts import Parts
 from skin.decode.records import CHIP, GEL, INVALID, UNKNOWN
+from skin.decode.span import lanes_of
 
-__all__ = ["EXTRAPOLATION", "recall_stage", "temperature_sigma_stage", "temperature_stage"]
+__all__ = ["EXTRAPOLATION", "lost", "recall_stage", "temperature_stage"]
 
 CURRENT_MIN = 1e-6
 """Bound of the gel current over its value at 20 °C."""
@@ -31,15 +33,6 @@ def gel_law(gel, unit, j):
     real = type(gel)
     current = max(unit["gel_scale"][j] * gel + unit["gel_offset"][j], real(CURRENT_MIN))
     return real(20.0) + unit["gel_octave"][j] * log2(current), current
-
-
-@jitable(inline=True)
-def gel_sigma(t, current, unit, j):
-    real = type(t)
-    step = unit["gel_step"][j] / current
-    over = max(t - unit["gel_high"][j], unit["gel_low"][j] - t)
-    beyond = real(EXTRAPOLATION) * max(over, real(0.0))
-    return np.sqrt(unit["gel_variance"][j] + step * step) + beyond
 
 
 def lag_law(parts: Parts) -> Callable:
@@ -80,8 +73,10 @@ def lag_law(parts: Parts) -> Callable:
 @jitable(inline=True)
 def lost(state, span, flag):
     """Whether a unit is known that was not when temperatures were due: it is decoded now."""
+    assume_noalias()
+    _, _, size = lanes_of(span)
     unheard = np.int16(0)
-    for j in range(span.count):
+    for j in range(size):
         t = state["temperature"][j]
         missing = (t != t) & (flag[j] & UNKNOWN == 0)  # noqa: PLR0124
         unheard = np.int16(unheard | (1 if missing else 0))
@@ -95,16 +90,18 @@ def recall_stage(parts: Parts) -> Callable:
     @jitable(inline=True)
     def recall(state, span, tile, shown, needed):
         """From the state, what is `shown` and what further stages need."""
+        assume_noalias()
+        _, _, size = lanes_of(span)
         if shown:
-            for j in range(span.count):
+            for j in range(size):
                 tile["temperature"][j] = state["temperature"][j]
             if with_sigma:
-                for j in range(span.count):
+                for j in range(size):
                     tile["temperature_sigma"][j] = state["temperature_sigma"][j]
         if needed:
-            for j in range(span.count):
+            for j in range(size):
                 tile["film_above"][j] = state["film_above"][j]
-            for j in range(span.count):
+            for j in range(size):
                 tile["chip_above"][j] = state["chip_above"][j]
 
     return recall
@@ -113,14 +110,17 @@ def recall_stage(parts: Parts) -> Callable:
 def temperature_stage(parts: Parts) -> Callable:
     """The stage that decodes temperatures; those that are held and not `due` stay as they are."""
     with_hold, follow = parts.hold, lag_law(parts)
+    with_sigma = parts.sigma and parts.temperature
 
     @jitable(inline=True)
     def temperature(unit, counts, span, state, tile, flag, due, advance):
+        assume_noalias()
+        first, _, size = lanes_of(span)
         real = tile["temperature"].dtype.type
         nothing = real(np.nan)
-        for j in range(span.count):
+        for j in range(size):
             flags = flag[j]
-            i = span.first + j
+            i = first + j
             t, _ = gel_law(real(counts[span.cycle, GEL, i]), unit, j)
             keep = flags & INVALID == 0
             held = False
@@ -141,26 +141,19 @@ def temperature_stage(parts: Parts) -> Callable:
             tile["temperature"][j] = t
             tile["film_above"][j] = film_above
             tile["chip_above"][j] = chip_above
+        if with_sigma:
+            for j in range(size):
+                t = tile["temperature"][j]
+                _, current = gel_law(real(counts[span.cycle, GEL, first + j]), unit, j)
+                step = unit["gel_step"][j] / current
+                over = max(t - unit["gel_high"][j], unit["gel_low"][j] - t)
+                sigma = np.sqrt(unit["gel_variance"][j] + step * step)
+                sigma += real(EXTRAPOLATION) * max(over, real(0.0))
+                if with_hold:
+                    old = tile["temperature_sigma"][j]
+                    held = (not due) & (old == old)  # noqa: PLR0124
+                    sigma = old if held else sigma
+                    state["temperature_sigma"][j] = sigma if flag[j] & UNKNOWN == 0 else nothing
+                tile["temperature_sigma"][j] = sigma
 
     return temperature
-
-
-def temperature_sigma_stage(parts: Parts) -> Callable:
-    """The stage that tells one-sigma of temperatures that were decoded."""
-    with_hold = parts.hold
-
-    @jitable(inline=True)
-    def temperature_sigma(unit, counts, span, state, tile, flag, due):
-        real = tile["temperature"].dtype.type
-        nothing = real(np.nan)
-        for j in range(span.count):
-            _, current = gel_law(real(counts[span.cycle, GEL, span.first + j]), unit, j)
-            sigma = gel_sigma(tile["temperature"][j], current, unit, j)
-            if with_hold:
-                old = tile["temperature_sigma"][j]
-                held = (not due) & (old == old)  # noqa: PLR0124
-                sigma = old if held else sigma
-                state["temperature_sigma"][j] = sigma if flag[j] & UNKNOWN == 0 else nothing
-            tile["temperature_sigma"][j] = sigma
-
-    return temperature_sigma

@@ -48,22 +48,16 @@ def film_field_ut(
     sector_angle_rad: np.ndarray | float = 0.0,
     sector_strength: np.ndarray | float = 1.0,
 ) -> np.ndarray:
-    """Field of a whole film.
+    """Field of a whole film, µT, film frame, shape (3, p).
 
     Parameters
     ----------
     film : Film
     points_mm : ndarray, shape (3, p)
         Film frame, outside the film.
-    sector_angle_rad : ndarray, shape (sectors,)
-        How far each sector is turned about the film's middle from its place.
-    sector_strength : ndarray, shape (sectors,)
-        Factor of each sector's remanence.
-
-    Returns
-    -------
-    ndarray, shape (3, p)
-        Microtesla, film frame.
+    sector_angle_rad, sector_strength : ndarray, shape (sectors,)
+        How far each sector is turned about the film's middle from its place, and the factor of its
+        remanence.
     """
     place = 2.0 * np.pi / film.sectors * np.arange(film.sectors)
     field = np.zeros(points_mm.shape)
@@ -149,14 +143,7 @@ def calibrated(film: Film) -> Film:
 
 
 def build_table(film: Film, progress: Callable[[float], None] | None = None) -> FilmTable:
-    """Tabulate the field of a film.
-
-    Parameters
-    ----------
-    film : Film
-    progress : callable, optional
-        Called with the share that is done.
-    """
+    """Tabulate the field of a film; `progress` is called with the share that is done."""
     near_grid = np.meshgrid(RHO.nodes, Z.nodes, _half_circle(NEAR_AZIMUTHS), indexing="ij")
     far_grid = np.meshgrid(INVERSE_R.nodes, THETA.nodes, _half_circle(FAR_AZIMUTHS), indexing="ij")
     total, done = near_grid[0].size + far_grid[0].size, 0

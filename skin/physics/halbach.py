@@ -116,22 +116,14 @@ class HalbachField:
         *,
         tilt_rad: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Field in µT in the axes of the chips (`CHIP_AXES`).
+        """Field in µT in the axes of the chips (`CHIP_AXES`), shape (..., 3, n), float64.
 
         Parameters
         ----------
-        displacement_mm : ndarray, shape (..., 2, n)
-            Tangential displacement of the films, unit frame.
-        depth_mm : ndarray, shape (..., n)
-            Pressed depth H.
-        film_temperature : ndarray, shape (..., n)
-            Degree Celsius.
+        displacement_mm, depth_mm, film_temperature : ndarray, shape (..., 2, n), (..., n), (..., n)
+            Tangential displacement of the films, unit frame; pressed depth H; degree Celsius.
         tilt_rad : ndarray, shape (..., 2, n), optional
             Rotation vector of each film about its middle, unit frame, on top of its fabrication.
-
-        Returns
-        -------
-        ndarray, shape (..., 3, n), float64
 
         Raises
         ------
@@ -207,13 +199,7 @@ class HalbachField:
 
 
 def crest_ut(table: FilmTable, depth_mm: np.ndarray) -> np.ndarray:
-    """Largest lateral field within 3.5 mm of a perfect film: M0(H), µT, of the shape of `depth_mm`.
-
-    Parameters
-    ----------
-    table : FilmTable
-    depth_mm : ndarray, shape (d,)
-    """
+    """Largest lateral field within 3.5 mm of a perfect film at depths (d,): M0(H), µT, (d,)."""
     lateral = np.linspace(1.5, 3.5, 401)
     n = lateral.size
     displacement = np.zeros((depth_mm.size, 2, n))

@@ -90,17 +90,17 @@ def check_samples(least: int, **arrays: np.ndarray) -> int:
     return length
 
 
-def check_levels(name: str, values: np.ndarray, least: int, apart: float) -> None:
-    """Raise ScanError unless `values` has that many levels, at least `apart` from each other."""
+def check_levels(name: str, values: np.ndarray, least: int, distance: float) -> None:
+    """Raise ScanError unless `values` has that many levels, at least `distance` from each other."""
     ordered = np.sort(np.ravel(values))
     levels, last = 0, -np.inf
     for value in ordered:
-        if value - last >= apart:
+        if value - last >= distance:
             levels, last = levels + 1, value
     if levels < least:
         raise ScanError(
-            f"{name}: must have {least} levels or more, {apart:g} apart, to tell its effect; got "
-            f"{levels} between {ordered[0]:.4g} and {ordered[-1]:.4g}"
+            f"{name}: must have {least} levels or more, {distance:g} apart, to tell its effect; "
+            f"got {levels} between {ordered[0]:.4g} and {ordered[-1]:.4g}"
         )
 
 

@@ -247,15 +247,15 @@ class Stencil:
         gram = _gram(depth_max_mm, displacement_max_mm, degree)
         known = np.array([[np.sum(axis.covariance * gram) for axis in fit] for fit in fits])
         missed = np.array([[_missed(axis) for axis in fit] for fit in fits])
-        apart = _distance(topology, i, j)
+        distance = _distance(topology, i, j)
         separated = _frames_separated(_with_films(topology))
         bound, rms = left_out(separated, i, j, depth_max_mm, displacement_max_mm)
-        residual = [axis.residual_rms for axis in fits[int(np.argmin(apart))]]
-        worst = [axis.residual_max for axis in fits[int(np.argmin(apart))]]
+        residual = [axis.residual_rms for axis in fits[int(np.argmin(distance))]]
+        worst = [axis.residual_max for axis in fits[int(np.argmin(distance))]]
         return cls(
-            start.astype(np.int32), j, np.arange(len(fits), dtype=np.int32), apart,
+            start.astype(np.int32), j, np.arange(len(fits), dtype=np.int32), distance,
             values, np.sqrt(known + missed), np.ones(topology.n), field_at_rest(separated), degree,
-            float(apart.max()), depth_max_mm, displacement_max_mm, bound, rms, max(residual),
+            float(distance.max()), depth_max_mm, displacement_max_mm, bound, rms, max(residual),
             max(worst), 0,
         )  # fmt: skip
 

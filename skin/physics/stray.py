@@ -123,9 +123,9 @@ def scan_poses(depth_max_mm: float, displacement_max_mm: float) -> tuple[np.ndar
     """
     around = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
     area = np.linspace(0.0, 1.0, 6)[1:]
-    reach = displacement_max_mm * np.sqrt(area)
-    x = np.concatenate([[0.0], *[r * np.cos(around + r) for r in reach]])
-    y = np.concatenate([[0.0], *[r * np.sin(around + r) for r in reach]])
+    radius = displacement_max_mm * np.sqrt(area)
+    x = np.concatenate([[0.0], *[r * np.cos(around + r) for r in radius]])
+    y = np.concatenate([[0.0], *[r * np.sin(around + r) for r in radius]])
     ring = np.where(area < 1.0, 1.0, 0.5) / around.size
     depth = np.linspace(0.0, depth_max_mm, 6)
     moved = np.stack([np.tile(x, 6), np.tile(y, 6), np.repeat(depth, x.size)], axis=1)
@@ -185,7 +185,7 @@ def field_at_rest(topology: Topology) -> np.ndarray:
     """What resting neighbours add at every chip, shape (3, n)."""
     still = np.zeros((2, topology.n)), np.zeros(topology.n)
     warm = topology.parameters["film_reference_c"]
-    both, own = (HalbachField(topology, reach_m=reach) for reach in (HORIZON_M, 0.0))
+    both, own = (HalbachField(topology, reach_m=reach_m) for reach_m in (HORIZON_M, 0.0))
     return both(*still, warm) - own(*still, warm)
 
 

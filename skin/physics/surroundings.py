@@ -69,7 +69,7 @@ class Surroundings:
 
 
 def dipole_field_ut(moment: np.ndarray, offset_mm: np.ndarray) -> np.ndarray:
-    """Field of a dipole at n points.
+    """Field of a dipole at n points, µT, shape (..., 3, n).
 
     Parameters
     ----------
@@ -77,11 +77,6 @@ def dipole_field_ut(moment: np.ndarray, offset_mm: np.ndarray) -> np.ndarray:
         µT mm³: the moment times mu0 / 4 pi.
     offset_mm : ndarray, shape (3, n)
         From the dipole to the points.
-
-    Returns
-    -------
-    ndarray, shape (..., 3, n)
-        Microtesla.
     """
     distance = np.sqrt(np.sum(offset_mm**2, axis=0))
     along = offset_mm / distance

@@ -7,9 +7,11 @@ from typing import Protocol
 import numpy as np
 
 from bus.compiled.jit import compiled
+from skin.physics.halbach import CHIP_AXES
+from skin.physics.surroundings import Surroundings
 from topology import Topology
 
-__all__ = ["Field", "SineField"]
+__all__ = ["Field", "SineField", "StrayField"]
 
 
 class Field(Protocol):
@@ -62,7 +64,7 @@ def lever_python(displacement_mm, depth_mm, table, reach_mm):
     cycles, n = displacement_mm.shape
     for t in range(cycles):
         for i in range(n):
-            reach = min(max(displacement_mm[t, i], NEAR_MM), reach_mm[i])
+            displacement = min(max(displacement_mm[t, i], NEAR_MM), reach_mm[i])
             h = min(max(depth_mm[t, i], -PULLED_MM), PRESSED_MM)
             a, b, c, d = 0.0, 0.0, 0.0, 0.0
             for j in range(3, -1, -1):
@@ -70,13 +72,13 @@ def lever_python(displacement_mm, depth_mm, table, reach_mm):
                 b = b * h + table[4 + j, i]
                 c = c * h + table[8 + j, i]
                 d = d * h + table[12 + j, i]
-            angle = reach / a
+            angle = displacement / a
             for _ in range(STEPS):
                 z = angle * angle
                 found = (((d * z + c) * z + b) * z + a) * angle
                 slope = ((7.0 * d * z + 5.0 * c) * z + 3.0 * b) * z + a
-                angle -= (found - reach) / slope
-            out[t, i] = reach / np.tan(angle)
+                angle -= (found - displacement) / slope
+            out[t, i] = displacement / np.tan(angle)
     return out
 
 
@@ -102,7 +104,7 @@ class SineField:
         self._reference_c = p["film_reference_c"]
         self._angle = p["field_angle_mm"]
         self._tabled = self._angle.any(axis=0)
-        self._reach = REACH_SHARE * p["field_angle_max_mm"]
+        self._longest_mm = REACH_SHARE * p["field_angle_max_mm"]
 
     def __call__(
         self, displacement_mm: np.ndarray, depth_mm: np.ndarray, film_temperature: np.ndarray
@@ -118,7 +120,7 @@ class SineField:
         flat = np.broadcast_to(displacement, lateral.shape).reshape(-1, n)
         deep = np.broadcast_to(depth_mm, lateral.shape).reshape(-1, n)
         up = field[..., 2, :]
-        up[...] = lever(flat, deep, self._angle, self._reach).reshape(lateral.shape)
+        up[...] = lever(flat, deep, self._angle, self._longest_mm).reshape(lateral.shape)
         up *= lateral
         if not self._tabled.all():
             up[...] = np.where(self._tabled, up, self._vertical * amplitude * np.cos(phase))
@@ -129,3 +131,22 @@ class SineField:
         growth = np.exp(self._growth * (depth_mm - self._reference_mm))
         drift = 1.0 + self._drift * (film_temperature - self._reference_c)
         return self._amplitude * growth * drift
+
+
+class StrayField:
+    """A `Field` plus the ambient field of surroundings, which may change between calls; their tools
+    are left out."""
+
+    def __init__(self, topology: Topology, field: Field, surroundings: Surroundings) -> None:
+        self._field, self._surroundings = field, surroundings
+        # to_chip[a, n, b]: component a of chip n from component b of the skin frame
+        to_chip = CHIP_AXES[:, np.newaxis, np.newaxis] * topology.rotation.transpose(1, 2, 0)
+        self._to_chip = np.ascontiguousarray(to_chip)
+
+    def __call__(
+        self, displacement_mm: np.ndarray, depth_mm: np.ndarray, film_temperature: np.ndarray
+    ) -> np.ndarray:
+        """Field in µT, shape (..., 3, n); see `Field`."""
+        field = self._field(displacement_mm, depth_mm, film_temperature)
+        field += self._to_chip @ self._surroundings.in_skin()
+        return field

@@ -72,9 +72,8 @@ class Nodes:
     noise : bool
         False: only quantisation.
     units : UnitSimulator, optional
-        The units, in place of those of `topology`, `seed` and `noise`, whose films are Halbach
-        films that feel each other. A scene that has `units` of its own, as a
-        `skin.sim.scenes.play.ScriptedScene` does, brings them along.
+        In place of those that the scene brings along, or else of `topology`, `seed` and `noise`,
+        whose films are Halbach films that feel each other.
     history : int or None
         Cycles that `truth_at` remembers; None remembers all, 0 none.
     """
@@ -118,13 +117,7 @@ class Nodes:
         return self._sampled.history[-1][1]
 
     def truth_at(self, cycle: int) -> Truth:
-        """Truth of a cycle among the last `history` ones.
-
-        Raises
-        ------
-        SkinError
-            The cycle has not come yet, was left out, or is forgotten.
-        """
+        """Truth of a cycle among the last `history` ones; SkinError if it is not among them."""
         return self._sampled.truth_at(cycle)
 
     @property
@@ -142,14 +135,9 @@ class Nodes:
         records : ndarray, shape (m,), FRAME_DTYPE
             Frames of one bus.
         out : FrameBatch
-            Appended to; the answers bear the time stamp of their SYNC.
+            Appended to; the answers bear the time stamp of their SYNC. IndexError if it is full.
         bus : int
             Index of the bus.
-
-        Raises
-        ------
-        IndexError
-            `out` has not room for the answers.
         """
         count = out.count
         for record in records[self._is_heard(records, bus)]:
@@ -178,20 +166,8 @@ class Nodes:
         return out.count - count
 
     def foresee(self, cycle: int, cycles: int) -> int:
-        """Sample the next cycles together, for whoever goes through them without waiting.
-
-        Parameters
-        ----------
-        cycle : int
-            The first of them, after all that were sampled.
-        cycles : int
-            Wanted, at least 1.
-
-        Returns
-        -------
-        int
-            How many were sampled.
-        """
+        """Sample up to `cycles` cycles together, from `cycle` on, which is after all that were
+        sampled, for whoever goes through them without waiting; return how many."""
         with self._lock:
             count = self._sampled.foresee(cycle, cycles)
             self.served.cycles = self._sampled.cycles
@@ -235,11 +211,7 @@ class Nodes:
 
         There is no waiting and no other thread, so a skin runs as fast as it asks. On buses without
         SYNC the units send at their own pace, from a thread of their own, until `close`.
-
-        Parameters
-        ----------
-        transports : sequence of MemoryTransport
-            The units' end of each bus, in order.
+        `transports` are the units' end of each bus, in order.
         """
         self._check(transports)
         self._stop = threading.Event()
@@ -279,10 +251,8 @@ class Nodes:
 
         Raises
         ------
-        BusClosedError
-            A bus is gone.
-        SkinError
-            Not as many transports as buses.
+        BusClosedError, SkinError
+            A bus is gone; not as many transports as buses.
         """
         self._check(transports)
         self._stop = stop or threading.Event()

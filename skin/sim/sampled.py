@@ -47,7 +47,7 @@ class SampledScene:
         self._rate_hz = units.topology.cycle_rate_hz
         self._counts = np.zeros((RECENT, len(CHANNELS), n), np.int16)
         self._cycles: list[int | None] = [None] * RECENT
-        self._ahead = Truth.room(RECENT, n)
+        self._next = Truth.room(RECENT, n)
         self._at_once = RECENT if getattr(scene, "steady", True) else 1
 
     def counts(self, cycle: int) -> np.ndarray:
@@ -75,19 +75,13 @@ class SampledScene:
             self._sample(cycle)
             return 1
         for k in range(count):
-            self._ahead.put(k, self._go_on(cycle + k))
+            self._next.put(k, self._go_on(cycle + k))
         slots = (cycle + np.arange(count)) % RECENT
-        self._counts[slots] = self.units.counts(self._ahead.first(count))
+        self._counts[slots] = self.units.counts(self._next.first(count))
         return count
 
     def truth_at(self, cycle: int) -> Truth:
-        """Truth of a remembered cycle.
-
-        Raises
-        ------
-        SkinError
-            The cycle has not come yet, was left out, or is forgotten.
-        """
+        """Truth of a remembered cycle; SkinError where it is not."""
         for number, truth in reversed(self.history):
             if number == cycle:
                 return truth

@@ -121,22 +121,15 @@ class ThermalChain:
         source: float | np.ndarray,
         ambient: float | np.ndarray,
     ) -> np.ndarray:
-        """Go on by `dt_s` seconds.
+        """Go on by `dt_s` seconds; return `temperature`, which is updated in place.
 
         Parameters
         ----------
         dt_s : float
         contact : ndarray, shape (n,), bool
             Which units are touched during the step.
-        source : float or ndarray, shape (n,)
-            Temperature of what touches them, degree Celsius.
-        ambient : float or ndarray, shape (n,)
-            Temperature of the room.
-
-        Returns
-        -------
-        ndarray, shape (4, n)
-            `temperature`, which is updated in place.
+        source, ambient : float or ndarray, shape (n,)
+            Temperature of what touches them, and of the room, degree Celsius.
         """
         # differences of times are never the same to the last bit
         if not math.isclose(dt_s, self._dt_s, rel_tol=1e-9):

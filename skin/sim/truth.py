@@ -9,7 +9,7 @@ import numpy as np
 
 from bus.compiled.jit import compiled
 
-__all__ = ["Truth", "add_up", "add_up_python", "wrench_map"]
+__all__ = ["Truth", "sum_wrench", "sum_wrench_python", "wrench_map"]
 
 
 @dataclass(slots=True)
@@ -96,7 +96,10 @@ class Truth:
 
 
 def wrench_map(position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """The linear map from the forces of all units to their wrench about the origin.
+    """The linear map from forces to their wrench about the origin, shape (6, 3 n).
+
+    ``wrench_map(position, rotation) @ force.ravel()`` is the wrench of `force`, shape (3, n),
+    newton, unit frames.
 
     Parameters
     ----------
@@ -104,18 +107,12 @@ def wrench_map(position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
         Metre, skin frame.
     rotation : ndarray, shape (3, 3, n)
         Columns are the units' axes in the skin frame.
-
-    Returns
-    -------
-    ndarray, shape (6, 3 n)
-        ``wrench_map(position, rotation) @ force.ravel()`` is the wrench of `force`, shape (3, n),
-        newton, unit frames.
     """
     arm = np.cross(position[:, np.newaxis, :], rotation, axis=0)
     return np.concatenate([rotation, arm]).reshape(6, -1)
 
 
-def add_up_python(to_wrench, position, force, wrench, centroid):
+def sum_wrench_python(to_wrench, position, force, wrench, centroid):
     """What forces on n units are together.
 
     Parameters
@@ -148,4 +145,4 @@ def add_up_python(to_wrench, position, force, wrench, centroid):
         centroid[r] = total / load if load > 0.0 else np.nan
 
 
-add_up = compiled(add_up_python, fastmath=("contract", "reassoc"))
+sum_wrench = compiled(sum_wrench_python, fastmath=("contract", "reassoc"))

@@ -96,8 +96,8 @@ class UnitSimulator:
             Pressed depth H.
         displacement_mm : ndarray, shape (..., 2, n)
             Tangential displacement, unit frame.
-        temperature : ndarray, shape (..., n)
-            Degree Celsius, of the gel; also of film and Hall chip where theirs are not given.
+        temperature, film_temperature, hall_temperature : ndarray, shape (..., n)
+            Degree Celsius; film and Hall chip are as warm as the gel where theirs are not given.
 
         Returns
         -------
@@ -136,17 +136,8 @@ class UnitSimulator:
         return values
 
     def quantise(self, values: np.ndarray) -> np.ndarray:
-        """Counts as the wire carries them: rounded, and held at the rails.
-
-        Parameters
-        ----------
-        values : ndarray, shape (..., c, n)
-            Physical values of the channels.
-
-        Returns
-        -------
-        ndarray, shape (..., c, n), int16
-        """
+        """Counts as the wire carries them, int16: rounded, and held at the rails. From and to
+        shape (..., c, n)."""
         counts = np.rint((values - self._offset) / self._scale)
         return np.clip(counts, self.lowest, self.highest).astype(np.int16)
 
@@ -171,12 +162,9 @@ class UnitSimulator:
             Physical values of the channels.
         """
         values = self.quantities(
-            truth.depth_mm,
-            truth.displacement_mm,
-            truth.temperature,
-            truth.film_temperature,
+            truth.depth_mm, truth.displacement_mm, truth.temperature, truth.film_temperature,
             truth.hall_temperature,
-        )
+        )  # fmt: skip
         if self._gate is not None:
             frequency = values[..., FREQUENCY, :]
             values[..., FREQUENCY, :] = self._gate(truth.time_s, frequency)

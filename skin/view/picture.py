@@ -107,7 +107,7 @@ def _draw_maps(figure: Any, topology: Topology, run: Run) -> None:
     top = max(float(run.force[chosen, 2].max()), 1.0)
     shear = np.einsum("ijn,tjn->tin", topology.rotation[:, :2], run.force[chosen, :2])
     longest = max(float(np.sqrt((shear[:, flat] ** 2).sum(axis=1)).max()), 0.2)
-    reach = 1.4 * float(np.median(size)) / longest
+    scale = 1.4 * float(np.median(size)) / longest
     discs = None
     for axis, k, tangential in zip(axes, chosen, shear, strict=True):
         discs = EllipseCollection(
@@ -119,7 +119,7 @@ def _draw_maps(figure: Any, topology: Topology, run: Run) -> None:
         axis.add_collection(discs)
         touched = run.force[k, 2] > 0.02 * top
         axis.quiver(
-            x[touched], y[touched], *(tangential[flat][:, touched] * reach), angles="xy",
+            x[touched], y[touched], *(tangential[flat][:, touched] * scale), angles="xy",
             scale_units="xy", scale=1.0, color=HUES[1], width=0.008,
         )  # fmt: skip
         centre = run.centroid[k, flat] * 1e3

@@ -7,8 +7,8 @@ others imply is left out: where a imports b, and b imports c, none goes from a t
 
 from __future__ import annotations
 
-from tests.house.imports import COMMON, edges
-from tests.house.sources import ROOT
+from tests.house.imports import COMMON, edges, room_of
+from tests.house.sources import ROOT, module_of, sources
 
 PICTURE = ROOT / "docs" / "imports.svg"
 
@@ -20,7 +20,8 @@ PLACES = {
     "calibrate": (1.8, 2),
     "contact": (0.0, 3),
     "decode": (1.0, 3),
-    "sim": (2.5, 3),
+    "compiling": (2.76, 2),
+    "sim": (2.3, 3),
     "physics": (1.25, 4),
     "bus": (1.25, 5.15),
     "topology": (1.25, 6.05),
@@ -32,6 +33,7 @@ NOTES = {
     "live": "buses, pacing",
     "pipeline": "the spine",
     "calibrate": "fits, tare",
+    "compiling": "says what takes long",
     "contact": "clusters, slip",
     "decode": "counts to forces",
     "sim": "bodies, chips",
@@ -39,8 +41,8 @@ NOTES = {
     "bus": "counts from wires",
     "topology": "what hangs where",
 }
-COLUMN, LAYER, LEFT, TOP = 190, 96, 114, 64
-BOX, TALL, WIDE = 148, 48, 620
+COLUMN, LAYER, LEFT, TOP = 190, 96, 134, 64
+BOX, TALL, WIDE = 148, 48, 660
 
 
 def imported() -> set[tuple[str, str]]:
@@ -77,13 +79,14 @@ def picture() -> str:
     below = _place("bus")[1] + TALL / 2, _place("topology")[1] - TALL / 2
     parts.append(_line(middle, below[0], middle, below[1]))
     parts += [_arrow(a, b) for a, b in reduced(arrows)]
-    parts += [_box(name) for name in PLACES]
+    there = {room_of(module_of(file)) for file in sources("skin")} | {"bus", "topology"}
+    parts += [_box(name) for name in PLACES if name in there]
     common = " · ".join(sorted(COMMON))
     x, y = LEFT + 2.48 * COLUMN, TOP + 4 * LAYER
     parts.append(_rectangle(x, y, 168, TALL, "#f4f4f4", "4 3"))
     parts.append(_text(x, y - 4, common, 13, "#333"))
     parts.append(_text(x, y + 13, "every room may import these", 11, "#777"))
-    width, height = LEFT + 2.62 * COLUMN + 120, TOP + 6.05 * LAYER + 44
+    width, height = LEFT + 2.62 * COLUMN + 110, TOP + 6.05 * LAYER + 44
     head = (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {height:g}" '
         f'width="{width:g}" height="{height:g}" font-family="Helvetica, Arial, sans-serif">\n'

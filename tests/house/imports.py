@@ -30,8 +30,9 @@ ROOMS: dict[str, frozenset[str]] = {
     "contact": COMMON | {"physics"},
     "calibrate": COMMON | {"physics", "decode"},
     "sim": COMMON | {"physics"},
+    "compiling": frozenset({"errors"}),
     "pipeline": COMMON | {"physics", "decode", "contact"},
-    "live": COMMON | {"physics", "decode", "contact", "pipeline", "sim"},
+    "live": COMMON | {"physics", "decode", "contact", "pipeline", "compiling", "sim"},
     "view": COMMON | {"live"},
 }
 """What each room may import of `skin`, beside itself. `live` starts simulated units when a skin is
@@ -48,9 +49,6 @@ TYPE_ONLY = {
     ("options", "contact"),  # Options may hold the parameters of slip
 }
 """Edges allowed under ``if TYPE_CHECKING``, although the rooms' order is the other way."""
-
-FORMER = {"reader": "pipeline"}
-"""Rooms on their way to a new name."""
 
 
 class Import(NamedTuple):
@@ -101,8 +99,7 @@ def _modules(file: Path, node: ast.Import | ast.ImportFrom) -> Iterator[str]:
 def room_of(module: str) -> str:
     """The room of a module of `skin`: ``skin.decode.laws`` is in ``decode``."""
     parts = module.split(".")
-    room = parts[1] if len(parts) > 1 else "__init__"
-    return FORMER.get(room, room)
+    return parts[1] if len(parts) > 1 else "__init__"
 
 
 def package_errors() -> list[str]:

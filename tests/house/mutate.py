@@ -21,12 +21,13 @@ import sys
 import threading
 import time
 import tomllib
+from collections import Counter, defaultdict
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from tests.house.mutants import Mutant, mutants
-from tests.house.sources import ROOT, Definition, definitions, relative, text_of
+from tests.house.sources import ROOT, Definition, definitions, relative
 
 HERE = Path(__file__).parent
 KEPT = ROOT / "build" / "mutate"
@@ -127,6 +128,8 @@ def in_parallel(servers: list[Server], questions: Iterable[dict[str, Any]], done
         try:
             while not waiting.empty():
                 question = waiting.get_nowait()
+                if "_first" in question:  # what has killed mutants of this function, then the quick
+                    question["tests"].sort(key=lambda test: -question["_first"][test])
                 told = {key: value for key, value in question.items() if not key.startswith("_")}
                 answers.put((question, server.ask(**told)))
         except queue.Empty:
@@ -145,12 +148,7 @@ def in_parallel(servers: list[Server], questions: Iterable[dict[str, Any]], done
 
 def profiles(target: Target, servers: list[Server]) -> dict[str, dict[str, Any]]:
     """Which functions each test calls and how long it takes; kept until code or tests change."""
-    texts = [text_of(file) for file in target.files]
-    texts += [
-        file.read_text(encoding="utf-8") for place in target.tests for file in _python(ROOT / place)
-    ]
-    digest = hashlib.blake2b("\0".join(texts).encode(), digest_size=8).hexdigest()
-    kept = KEPT / f"{target.name}-{digest}.jsonl"
+    kept = KEPT / f"{target.name}-{_digest(target)}.jsonl"
     known = {one["test"]: one for one in _lines(kept)}
     folders = sorted({relative(file) for file in target.files})
     questions = [{"profile": test, "folders": folders} for test in servers[0].tests
@@ -165,6 +163,13 @@ def profiles(target: Target, servers: list[Server]) -> dict[str, dict[str, Any]]
 
     in_parallel(servers, questions, done)
     return known
+
+
+def _digest(target: Target) -> str:
+    """Changes with the code and the tests of a target."""
+    tests = [file for place in target.tests for file in _python(ROOT / place)]
+    texts = "\0".join(file.read_text(encoding="utf-8") for file in [*target.files, *tests])
+    return hashlib.blake2b(texts.encode(), digest_size=8).hexdigest()
 
 
 def _lines(file: Path) -> list[dict[str, Any]]:
@@ -209,13 +214,17 @@ def run(target: Target, wanted: list[Mutant], say: Any) -> list[Result]:
     """Show mutants of a target to its tests."""
     servers = [Server(target, number) for number in range(WORKERS)]
     known = profiles(target, servers)
-    tests = hashlib.blake2b(repr(sorted(known)).encode(), digest_size=8).hexdigest()
+    told = [(name, one["passed"]) for name, one in sorted(known.items())]
+    tests = hashlib.blake2b(repr((told, _digest(target))).encode(), digest_size=8).hexdigest()
+    killers: dict[tuple[str, str], Counter[str]] = defaultdict(Counter)
     kept = KEPT / "results.jsonl"
     before = {one["key"]: one for one in _lines(kept)}
     results, questions = [], []
 
     def done(question: dict[str, Any], answer: dict[str, Any]) -> None:
         mutant = question["_mutant"]
+        if answer["by"]:
+            killers[mutant.file, mutant.function][answer["by"]] += 1
         result = Result(mutant, answer["outcome"], answer["seconds"])
         results.append(result)
         _append(kept, {"key": mutant.key, "tests": tests, **answer})
@@ -236,6 +245,7 @@ def run(target: Target, wanted: list[Mutant], say: Any) -> list[Result]:
         questions.append({
             "file": mutant.file, "source": mutant.source(), "limit_s": 10.0 + 3.0 * seconds,
             "tests": [one["test"] for one in chosen], "_mutant": mutant,
+            "_first": killers[mutant.file, mutant.function],
         })  # fmt: skip
     in_parallel(servers, questions, done)
     for server in servers:

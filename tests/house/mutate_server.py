@@ -26,7 +26,8 @@ import pytest
 
 SLOWEST_S = 12.0
 """A test that takes longer, interpreted, is left out."""
-SURVIVED, KILLED, NEVER_RUN = 0, 1, 3
+SURVIVED, KILLED, NEVER_RUN, BY_TEST = 0, 1, 3, 10
+"""Exit statuses of a fork; from the last on, which of its tests has failed."""
 
 
 class TooSlow(BaseException):
@@ -149,8 +150,10 @@ class Server:
                 exchanged = exchange(self._root + asked["file"], asked["source"])
                 status = NEVER_RUN if not exchanged else SURVIVED
                 with limited(asked["limit_s"]):
-                    if exchanged and not all(map(self._run, asked["tests"])):
-                        status = KILLED
+                    for position, test in enumerate(asked["tests"] if exchanged else ()):
+                        if not self._run(test):
+                            status = min(BY_TEST + position, 255)
+                            break
             os._exit(status)
         deadline = start + 10.0 * asked["limit_s"]
         while True:
@@ -165,7 +168,8 @@ class Server:
             time.sleep(0.005)
         code = os.waitstatus_to_exitcode(status)
         outcome = {SURVIVED: "survived", NEVER_RUN: "never run"}.get(code, "killed")
-        return {"outcome": outcome, "seconds": time.perf_counter() - start}
+        by = asked["tests"][code - BY_TEST] if code >= BY_TEST else ""
+        return {"outcome": outcome, "by": by, "seconds": time.perf_counter() - start}
 
 
 def exchange(file: str, source: str) -> int:

@@ -75,7 +75,7 @@ def test_columns_with_numbers_for_names_are_found(file_of):
     "text",
     [
         "X, Y = range(2)\ndef f(kind):\n    return kind == Y\n",
-        "BX, BY = range(len(CHANNELS))\ndef f(counts, j):\n    return counts[BY, j]\n",
+        "GEL, FREQUENCY, BX, BY, BZ, CHIP = range(6)\ndef f(counts):\n    return counts[BY]\n",
         "def f(work, j):\n    return work['y'][j]\n",
     ],
 )

@@ -63,7 +63,7 @@ def run_tests(nodeids, root):
 def replay(tmp_path):
     """Run a folder of tests against a stand-in guest; give its output and status."""
 
-    def replay(unavailable=None, limit=None, came_up=True):
+    def replay(unavailable=None, limit=None, came_up=True, ci=None):
         conftest = (VCAN / "conftest.py").read_text()
         hidden = conftest.replace('("vcan0", "vcan1")', '("too-long-for-an-interface",)')
         assert hidden != conftest
@@ -73,7 +73,10 @@ def replay(tmp_path):
         )
         (tmp_path / "test_away.py").write_text(TESTS)
         (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers = vcan\naddopts = -ra -vv\n")
-        environment = {key: value for key, value in os.environ.items() if key != "VCAN_REPORTS"}
+        unset = ("VCAN_REPORTS", "CI")
+        environment = {key: value for key, value in os.environ.items() if key not in unset}
+        if ci is not None:
+            environment["CI"] = ci
         command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider"]
         done = subprocess.run(
             command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
@@ -101,18 +104,27 @@ def test_what_the_guest_has_not_finished_fails_with_its_console(replay):
     assert status == 1
 
 
-def test_a_machine_that_boots_no_guest_skips_and_says_why(replay):
-    output, status = replay(came_up=False)
-    assert "5 skipped in" in output.splitlines()[-1]
-    assert "User-Mode Linux does not start on this machine" in output
-    assert status == 0
+def test_a_guest_that_is_installed_and_does_not_boot_fails_with_its_console(replay):
+    output, status = replay(came_up=False, limit=0)
+    assert "5 errors in" in output.splitlines()[-1]
+    assert "User-Mode Linux is installed but does not start on this machine" in output
+    assert "the console's last words" in output
+    assert status == 1
 
 
-def test_a_machine_without_the_packages_skips_and_names_them(replay):
-    output, status = replay(unavailable=guest_of("/nowhere").unavailable())
+@pytest.mark.parametrize("ci", [None, "", "false"])
+def test_a_machine_without_the_packages_skips_and_names_them(replay, ci):
+    output, status = replay(unavailable=guest_of("/nowhere").unavailable(), ci=ci)
     assert "5 skipped in" in output.splitlines()[-1]
     assert "sudo apt-get install user-mode-linux kmod iproute2 can-utils" in output
     assert status == 0
+
+
+def test_in_ci_the_packages_are_required(replay):
+    output, status = replay(unavailable=guest_of("/nowhere").unavailable(), ci="true")
+    assert "5 errors in" in output.splitlines()[-1]
+    assert "sudo apt-get install user-mode-linux kmod iproute2 can-utils" in output
+    assert status == 1
 
 
 def test_a_machine_with_the_programs_can_boot(tmp_path):

@@ -3,8 +3,10 @@ read when it ends, so that they share the processors."""
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -12,6 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
 
+from tests.house.imports import imports_of
 from tests.house.sources import PACKAGES, ROOT, relative
 
 
@@ -58,7 +61,10 @@ class Ruff:
 
     def __init__(self) -> None:
         check = ("-m", "ruff", "check", "--output-format=concise", "--quiet")
-        self._tools = Tool(*check), Tool("-m", "ruff", "format", "--check", "--quiet")
+        self._tools = (
+            Tool(*check),
+            Tool("-m", "ruff", "format", "--check", "--output-format=concise", "--quiet"),
+        )
 
     def outcome(self) -> Outcome:
         """One error a line; the count is that of errors."""
@@ -118,4 +124,15 @@ class Doctests:
             suite = ElementTree.parse(self._report).getroot().find("testsuite")
         assert suite is not None
         ran = int(suite.get("tests", 0)) - int(suite.get("skipped", 0))
-        return Outcome([output.strip()] if status else [], ran)
+        errors = [output.strip()] if status else []
+        told = [skip.text or "" for skip in suite.iter("skipped")]
+        return Outcome([*errors, *filter(_is_error, told)], ran)
+
+
+def _is_error(skipped: str) -> bool:
+    """Whether a file was left out although every library that it imports is installed."""
+    found = re.search(r"unable to import module .*'(.+\.py)'", skipped)
+    if found is None:
+        return False
+    libraries = {one.module.split(".")[0] for one in imports_of(Path(found[1]))}
+    return all(importlib.util.find_spec(name) for name in libraries)

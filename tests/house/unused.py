@@ -18,6 +18,8 @@ SURE = 80
 KINDS = {"class", "function", "method", "property"}
 """What counts from `LIKELY` on."""
 LIKELY = 60
+REGISTERS = ["@overload*", "@type_callable*", "@lower_builtin*"]
+"""Decorators by which numba finds a function that nobody names."""
 WHITELIST = Path(__file__).with_name("unused.txt")
 
 
@@ -32,7 +34,7 @@ def unused_errors() -> Iterator[str]:
     """What nothing uses, and names of the whitelist that are used or gone."""
     from vulture import Vulture
 
-    finder = Vulture()
+    finder = Vulture(ignore_decorators=REGISTERS)
     finder.scavenge([str(ROOT / name) for name in PACKAGES])
     excused, seen = whitelist(), set()
     for item in finder.get_unused_code(min_confidence=LIKELY):

@@ -12,7 +12,8 @@ from skin import compiling
 
 @pytest.fixture
 def announcer(monkeypatch, caplog):
-    monkeypatch.setattr(compiling, "PATIENCE_S", 0.2)
+    for name in ("PATIENCE_S", "PAUSE_S"):
+        monkeypatch.setattr(compiling, name, 0.2)
     caplog.set_level(logging.INFO, "skin")
     return compiling.Announcer()
 
@@ -66,3 +67,16 @@ def test_who_forgets_to_finish_hears_of_the_end_all_the_same(announcer, caplog):
     until(lambda: len(said(caplog)) == 1)
     announcer.ends("slow")
     until(lambda: len(said(caplog)) == 2)
+
+
+def test_pauses_are_no_end_while_more_is_to_come(announcer, caplog):
+    announcer.hold()
+    announcer.begins("one")
+    until(lambda: len(said(caplog)) == 1)
+    announcer.ends("one")
+    time.sleep(0.5)
+    announcer.begins("other")
+    announcer.ends("other")
+    assert len(said(caplog)) == 1
+    announcer.finish()
+    assert len(said(caplog)) == 2

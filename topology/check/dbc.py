@@ -56,6 +56,7 @@ def from_dbc(
         report.add("value", source, (*key, "signals"),
                    expected="a table of channels and the DBC's signals",
                    got=show(list(names)))  # fmt: skip
+    assert layout.dbc is not None
     path = source.path.parent / layout.dbc
     shown = str(Path(source.shown).parent / layout.dbc)
     if not path.exists():

@@ -97,7 +97,7 @@ def place_patches(parts: Parts, report: Report) -> list[Placed]:
         if len(set(units.names)) < len(units.names):
             _check_unit_names(units.names, key, source, report)
         known_pose = own is not None and base is not None
-        at = pose.compose(base, own) if known_pose else pose.IDENTITY
+        at = pose.IDENTITY if own is None or base is None else pose.compose(base, own)
         rotation, position = pose.compose(at, (units.rotation, units.position))
         units = Placement(units.names, position, rotation)
         placed.append(Placed(key, sane, units, fixed & known_pose, at[0]))

@@ -224,11 +224,11 @@ def _test_patterns(
                 most = max(most, explains)
                 friction, share = finer, less
     found = np.sqrt(max(most - little, 0.0))
-    sure = found > least
-    limit = friction * test.softness if sure else np.inf
+    is_found = found > least
+    limit = friction * test.softness if is_found else np.inf
     for j in range(length):
         unit.clipped[j] = 1.0 if row.imposed[j] > limit * row.load[j] else 0.0
-    return 1.0 - share if sure else 1.0, found
+    return 1.0 - share if is_found else 1.0, found
 
 
 @jitable(inline=True)

@@ -129,9 +129,9 @@ def lowpass_share(length, motions, stuck, rates, unit: UnitFilter, row: UnitRows
         noise += heavy * row.noise[j]
     # A fit of so many motions to so many units is wrong by this share of a unit's noise.
     square -= noise * motions / max(stuck, 1)
-    ahead = np.sqrt(square / load) if square > 0.0 else 0.0
+    rms = np.sqrt(square / load) if square > 0.0 else 0.0
     span = PARAMETERS.lag_span_mm
-    return min(max(rates.slow, 1.0 - span / max(ahead, span)), rates.fast)
+    return min(max(rates.slow, 1.0 - span / max(rms, span)), rates.fast)
 
 
 @jitable(inline=True)

@@ -1,4 +1,8 @@
-"""Where a quantity that is measured by trying becomes 0: in one unknown, or in a few."""
+"""Root finding in one unknown, or in a few, each trial of which is a step of the mechanics.
+
+Not by scipy: its methods for one unknown ask for a bracket, where the step before tells a place and
+a slope; its hybrid method for several gives up where faces begin to slip.
+"""
 
 from __future__ import annotations
 
@@ -30,10 +34,8 @@ def root(
     Parameters
     ----------
     function : callable
-    x : float
-        First guess.
-    slope : float
-        First guess; 0 if there is none.
+    x, slope : float
+        First guesses; a slope of 0 if there is none.
     tolerance : float
         Of the function's value.
     first_step : float
@@ -97,16 +99,13 @@ def balance(
         The stiffness to begin with, from an earlier balance nearby.
     unknowns : int
         m.
-    tolerance : float
-        Of everything that is lacking.
-    longest : float
-        Longest step.
+    tolerance, longest : float
+        Of everything that is lacking; longest step.
 
     Returns
     -------
     tuple of ndarray, shapes (m,) and (m, m), or None
-        Displacements and stiffness; None if nothing was found. The last call of `lacking` was at
-        what is returned.
+        Displacements, of which `lacking` was asked last, and stiffness; None if none were found.
 
     Examples
     --------

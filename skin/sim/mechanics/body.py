@@ -16,7 +16,7 @@ import numpy as np
 from bus.compiled.jit import compiled
 from skin.errors import OptionError
 
-__all__ = ["FACES", "Body", "Pose", "carried", "moved", "reach", "turned"]
+__all__ = ["FACES", "Body", "Pose", "carried", "moved", "penetration", "turned"]
 
 Pose = tuple[np.ndarray, np.ndarray]
 """Rotation, shape (3, 3) or (3, 3, k), and position in metre, shape (3,) or (3, k)."""
@@ -46,8 +46,8 @@ class Poses(NamedTuple):
 
 
 class _Units(NamedTuple):
-    """Faces as of `reach`: `part` (n,), int32, which pose holds for each; `size` (n,), the radius
-    of each face in metre, or how deep the body is in it in millimetre."""
+    """Faces as of `penetration`: `part` (n,), int32, which pose holds for each; `size` (n,), the
+    radius of each face in metre, or how deep the body is in it in millimetre."""
 
     position: np.ndarray
     rotation: np.ndarray
@@ -139,21 +139,14 @@ def _positive(**sizes: float) -> None:
 
 
 def moved(pose: Pose, shift_m: np.ndarray) -> Pose:
-    """The pose after a translation, skin frame.
-
-    Parameters
-    ----------
-    pose : Pose
-    shift_m : ndarray, shape (3,) or (3, k)
-        Metre; one for all poses, or one for each.
-    """
+    """The pose after a translation in metre, skin frame: (3,) for all, or (3, k), one for each."""
     rotation, position = pose
     shift_m = np.asarray(shift_m, float)
     return rotation, position + (shift_m if shift_m.ndim == position.ndim else shift_m[:, None])
 
 
 def turned(pose: Pose, axis: np.ndarray, angle_rad: float, about: np.ndarray | None = None) -> Pose:
-    """The pose after a turn about `axis` through the point `about`; the body's origin if None.
+    """The pose after a turn about an axis through a point.
 
     Parameters
     ----------
@@ -163,7 +156,7 @@ def turned(pose: Pose, axis: np.ndarray, angle_rad: float, about: np.ndarray | N
         Skin frame, of any length but 0.
     angle_rad : float
     about : ndarray, shape (3,), optional
-        Metre, skin frame.
+        Metre, skin frame; the body's origin if not given.
     """
     x, y, z = np.asarray(axis, float) / np.linalg.norm(axis)
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
@@ -189,7 +182,7 @@ def _parts(part: np.ndarray | None, pose: Pose, n: int) -> np.ndarray:
 # -- contact of a body and faces -------------------------------------------------------------------
 
 
-def reach(
+def penetration(
     body: Body,
     pose: Pose,
     position: np.ndarray,
@@ -215,8 +208,8 @@ def reach(
     part : ndarray, shape (n,), int32, optional
         Which of several poses holds for each unit.
     face : str
-        Key of `FACES`. Where a face feels at several points the depth is their weighted mean, each
-        not less than 0.
+        Key of `FACES`, or an OptionError is raised. Where a face feels at several points the depth
+        is their weighted mean, each not less than 0.
     out : tuple of ndarray, optional
         Where to write what is returned.
 
@@ -228,15 +221,11 @@ def reach(
     normal : ndarray, shape (3, n)
         Outward normal of the body where it reaches deepest, skin frame; NaN where nothing meets.
 
-    Raises
-    ------
-    OptionError
-        If there is no such face.
-
     Examples
     --------
     >>> pose = np.eye(3), np.array([0.0, 0.0, -0.004])
-    >>> depth_mm, normal = reach(Body.sphere(0.005), pose, np.zeros((3, 1)), np.eye(3)[..., None])
+    >>> unit = np.zeros((3, 1)), np.eye(3)[..., None]
+    >>> depth_mm, normal = penetration(Body.sphere(0.005), pose, *unit)
     >>> depth_mm
     array([1.])
     """
@@ -246,7 +235,7 @@ def reach(
     depth_mm, normal = out or (np.empty(n), np.empty((3, n)))
     radius = np.zeros(n) if radius_m is None else radius_m
     units = _Units(position, rotation, _parts(part, pose, n), radius)
-    _reach(body.curvature, body.planes, _poses(pose), units, FACES[face], depth_mm, normal)
+    _penetration(body.curvature, body.planes, _poses(pose), units, FACES[face], depth_mm, normal)
     return depth_mm, normal
 
 
@@ -268,8 +257,9 @@ def carried(
     Parameters
     ----------
     before, after : Pose
-    position, rotation, part
-        As for `reach`.
+        As many of the one as of the other, or an OptionError is raised.
+    position, rotation, part, out
+        As for `penetration`.
     depth_mm : ndarray, shape (n,)
         Depth at which the body meets the face after the motion.
 
@@ -277,11 +267,6 @@ def carried(
     -------
     ndarray, shape (2, n)
         Millimetre, along x and y of the unit; 0 where `depth_mm` is not above 0.
-
-    Raises
-    ------
-    OptionError
-        If there are more poses before than after, or fewer.
     """
     n = position.shape[1]
     shift_mm = np.empty((2, n)) if out is None else out
@@ -294,8 +279,8 @@ def carried(
     return shift_mm
 
 
-def _reach_python(curvature, planes, poses, units, face, depth_mm, normal):
-    """`reach`, in place; see there."""
+def _penetration_python(curvature, planes, poses, units, face, depth_mm, normal):
+    """`penetration`, in place; see there."""
     body_rotation, body_position = poses
     position, rotation, part, radius = units
     g0, g1, g2 = curvature[0], curvature[1], curvature[2]
@@ -334,14 +319,14 @@ def _reach_python(curvature, planes, poses, units, face, depth_mm, normal):
                     first, last = np.inf, -np.inf
             for m in range(planes.shape[1]):
                 towards = planes[0, m] * d0 + planes[1, m] * d1 + planes[2, m] * d2
-                ahead = planes[3, m] - planes[0, m] * x0 - planes[1, m] * x1 - planes[2, m] * x2
+                distance = planes[3, m] - planes[0, m] * x0 - planes[1, m] * x1 - planes[2, m] * x2
                 if towards > 0.0:
-                    if ahead / towards < last:
-                        last = ahead / towards
+                    if distance / towards < last:
+                        last = distance / towards
                         leaves = m
                 elif towards < 0.0:
-                    first = max(first, ahead / towards)
-                elif ahead < 0.0:
+                    first = max(first, distance / towards)
+                elif distance < 0.0:
                     last = -np.inf
             if first >= min(last, 0.0):
                 continue
@@ -393,5 +378,5 @@ def _carry_python(poses_before, poses_after, units, shift_mm):
         shift_mm[1, i] = 1e3 * along_y
 
 
-_reach = compiled(_reach_python, fastmath=("contract",))
+_penetration = compiled(_penetration_python, fastmath=("contract",))
 _carry = compiled(_carry_python, fastmath=("contract",))

@@ -12,12 +12,12 @@ import numpy as np
 
 from skin.errors import OptionError, SkinError
 from skin.sim.mechanics.balance import balance, root
-from skin.sim.mechanics.body import Body, Pose, carried, moved, reach
+from skin.sim.mechanics.body import Body, Pose, carried, moved, penetration
 from skin.sim.mechanics.foundation import Foundation
 from skin.sim.mechanics.foundation_kernels import Faces
 from skin.sim.mechanics.friction import Friction, Slip
 from skin.sim.mechanics.truth import MechanicsTruth, mean_normal
-from skin.sim.truth import add_up, wrench_map
+from skin.sim.truth import sum_wrench, wrench_map
 from topology import Topology
 
 __all__ = ["Mechanics"]
@@ -40,7 +40,7 @@ class Mechanics:
     topology : Topology
     body : Body
     foundation : Foundation, optional
-        A Winkler foundation if None.
+        A Winkler foundation if not given.
     friction : Friction, optional
     face : str
         Where a face feels the body: key of `skin.sim.mechanics.body.FACES`.
@@ -97,25 +97,13 @@ class Mechanics:
         self.truth = MechanicsTruth.at_rest(n)
 
     def share(self, force: np.ndarray) -> None:
-        """Let other bodies bear on the same foundation, until they are heard of again.
-
-        Parameters
-        ----------
-        force : ndarray, shape (3, n)
-            What they do to the units, newton, unit frames. Nothing follows on a Winkler foundation.
-        """
+        """Let other bodies bear on the same foundation, until they are heard of again, with forces
+        in newton, shape (3, n), unit frames. Nothing follows on a Winkler foundation."""
         if self.foundation.together:
             self._others_mm = self.foundation.spread(force)
 
     def step(self, time_s: float, pose: Pose) -> MechanicsTruth:
-        """Bring the body to a pose.
-
-        Parameters
-        ----------
-        time_s : float
-        pose : Pose
-            One for the skin, or one for each patch of the topology.
-        """
+        """Bring the body to a pose: one for the skin, or one for each patch of the topology."""
         self._press(pose)
         self._drag(time_s, pose)
         return self._commit(time_s, pose)
@@ -130,20 +118,11 @@ class Mechanics:
         time_s : float
         pose : Pose
         load_n : float
-            What the normal forces of the units have to add up to along `direction`.
+            What the normal forces of the units have to add up to along `direction`; SkinError if
+            there is no such load that way.
         direction : ndarray, shape (3,) or (3, k)
             Unit vector into the skin, along which the body is moved; one for each pose where there
             is one for each patch.
-
-        Returns
-        -------
-        MechanicsTruth
-            Its `pose` says where the body is.
-
-        Raises
-        ------
-        SkinError
-            If there is no such load that way.
         """
         along = self._along(direction)
 
@@ -200,11 +179,6 @@ class Mechanics:
             Unit vector into each patch, along which the fingers close on the body.
         damping_ns_per_m : float
             Force per speed of the body, N·s/m; fingers close at once.
-
-        Returns
-        -------
-        MechanicsTruth
-            Its `pose` says where the body is.
 
         Raises
         ------
@@ -291,7 +265,7 @@ class Mechanics:
                 f"pose: must be one, or one for each of {self._patches} patches; "
                 f"got positions of shape {pose[1].shape}"
             )
-        reach(
+        penetration(
             self.body, pose, self._position, self._rotation, radius_m=self._radius_m,
             part=self._patch, face=self._face, out=self._reached,
         )  # fmt: skip
@@ -345,7 +319,7 @@ class Mechanics:
         truth.slip_share, truth.onset_s = self._slip.share, self._slip.onset_s
         truth.dissipated_j = 1e-3 * float(np.vdot(truth.force[:2], truth.slip_mm))
         np.greater(load, 0.0, out=truth.contact)
-        add_up(self._to_wrench, self._position, truth.force, truth.wrench, truth.centroid)
+        sum_wrench(self._to_wrench, self._position, truth.force, truth.wrench, truth.centroid)
         mean_normal(load, self._reached[1], truth.normal)
         return truth
 

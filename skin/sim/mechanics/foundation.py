@@ -97,13 +97,9 @@ class Foundation:
         patch of 1024 would take tens of them, more than a cycle at 250 Hz.
         """
         normal, shear = influence(
-            topology.position,
-            topology.rotation,
-            topology.area,
-            patch=topology.patch,
-            modulus_pa=modulus_pa,
-            poisson=poisson,
-        )
+            topology.position, topology.rotation, topology.area, patch=topology.patch,
+            modulus_pa=modulus_pa, poisson=poisson,
+        )  # fmt: skip
         return cls(Springs.of(topology), normal, shear)
 
     @property
@@ -124,23 +120,18 @@ class Foundation:
         *,
         body_mm_per_n: float = 0.0,
     ) -> int:
-        """Normal loads under a body that reaches `depth_mm` into the unloaded faces.
+        """Normal loads under a body that reaches into the unloaded faces; return the sweeps needed.
 
         Parameters
         ----------
         depth_mm : ndarray, shape (n,)
-            As from `skin.sim.mechanics.body.reach`; not above 0 where nothing touches.
+            As from `skin.sim.mechanics.body.penetration`; not above 0 where nothing touches.
         load : ndarray, shape (n,)
             Newton; on entry where the sweeps start, on return the loads, none below 0.
         own_mm : ndarray, shape (n,)
             Written: the unit's own part of the depth, which is what its electronics feel.
         body_mm_per_n : float
             What the body itself yields at each unit.
-
-        Returns
-        -------
-        int
-            Sweeps that were needed.
 
         Raises
         ------
@@ -154,7 +145,7 @@ class Foundation:
         return _settled("normal loads", sweeps)
 
     def drag(self, faces: Faces, *, body_mm_per_n: float = 0.0) -> int:
-        """Tangential forces of faces that a body takes along, each as far as friction holds it.
+        """Tangential forces of faces that a body takes along; return the sweeps needed.
 
         The Coulomb return map: a face that would need more than it can be held with gives way
         along its own force, until the force is what the friction of motion bears.
@@ -166,11 +157,6 @@ class Foundation:
         body_mm_per_n : float
             What the body itself yields at each unit.
 
-        Returns
-        -------
-        int
-            Sweeps that were needed.
-
         Raises
         ------
         SkinError
@@ -180,32 +166,16 @@ class Foundation:
         return _settled("tangential forces", sweeps)
 
     def surface(self, units: np.ndarray, traction: np.ndarray) -> np.ndarray:
-        """Tangential displacement of faces that nothing touches, shape (2, m), millimetre.
-
-        Parameters
-        ----------
-        units : ndarray, shape (m,), int64
-        traction : ndarray, shape (2, n)
-            Newton, on the others.
-        """
+        """Tangential displacement in mm of faces that nothing touches, shape (2, m), by their
+        indices (m,), under tractions on the others in newton, shape (2, n)."""
         if self.shear.shape[1] == 0:
             return np.zeros((2, units.size))
         rows = self.shear.reshape(2, self.n, 2 * self.n)[:, units]
         return rows @ traction.reshape(-1)
 
     def spread(self, force: np.ndarray) -> np.ndarray:
-        """How far the half space alone yields to forces, at every face.
-
-        Parameters
-        ----------
-        force : ndarray, shape (3, n)
-            Newton, unit frames.
-
-        Returns
-        -------
-        ndarray, shape (3, n)
-            Millimetre, unit frames.
-        """
+        """How far the half space alone yields at every face under forces in newton: mm, both of
+        shape (3, n), unit frames."""
         moved_mm = np.zeros((3, self.n))
         loaded = np.flatnonzero(force.any(axis=0))
         if self.normal.shape[1]:
@@ -228,9 +198,7 @@ class Foundation:
 
         Parameters
         ----------
-        load : ndarray, shape (n,)
-        traction : ndarray, shape (2, n)
-        own_depth_mm : ndarray, shape (n,)
+        load, traction, own_depth_mm : ndarray, shapes (n,), (2, n), (n,)
             As from `press` and `drag`.
         body_mm_per_n, shear_body_mm_per_n : float
             What the body itself yields.

@@ -39,11 +39,6 @@ class Prony:
     terms : ndarray, shape (j, ...)
         The q_j, newton.
 
-    Raises
-    ------
-    OptionError
-        If there are not as many times as weights, or one of them is impossible.
-
     Examples
     --------
     >>> prony = Prony((1,), weights=[0.5], times_s=[1.0])
@@ -63,14 +58,12 @@ class Prony:
             raise OptionError(
                 f"times_s: must be as many as weights, {len(weights)}; got {len(times_s)}"
             )
-        for name, values, fine in (
-            ("weights", weights, lambda value: value >= 0.0),
-            ("times_s", times_s, lambda value: value > 0.0),
-        ):
-            for value in values:
-                if not fine(value):
-                    least = "at least" if name == "weights" else "more than"
-                    raise OptionError(f"{name}: must be {least} 0; got {value:g}")
+        for weight in weights:
+            if not weight >= 0.0:
+                raise OptionError(f"weights: must be at least 0; got {weight:g}")
+        for time_s in times_s:
+            if not time_s > 0.0:
+                raise OptionError(f"times_s: must be more than 0; got {time_s:g}")
         column = (-1,) + (1,) * len(shape)
         self._weights = np.reshape(np.asarray(weights, float), column)
         self._times_s = np.reshape(np.asarray(times_s, float), column)
@@ -133,11 +126,6 @@ class Hysteresis:
     stops : ndarray, shape (j, ...)
         The e_j, newton.
 
-    Raises
-    ------
-    OptionError
-        If a parameter is impossible.
-
     Examples
     --------
     >>> pressing = Hysteresis((1,), width_n=0.2, span_n=4.0)
@@ -154,10 +142,7 @@ class Hysteresis:
         one_sided: bool = True,
         operators: int = 5,
     ) -> None:
-        for name, value, least in (
-            ("width_n", width_n, 0.0),
-            ("operators", operators, 1),
-        ):
+        for name, value, least in (("width_n", width_n, 0.0), ("operators", operators, 1)):
             if not value >= least:
                 raise OptionError(f"{name}: must be at least {least:g}; got {value:g}")
         if not span_n > 0.0:

@@ -23,7 +23,7 @@ def play(
     ----------
     nodes : Nodes
     seconds : float
-        Of the scene.
+        Of the scene; SkinError if it holds no cycle.
     script : FaultScript, optional
         Faults that are done to the frames.
 
@@ -33,11 +33,6 @@ def play(
         Its frames are those that are left by the faults.
     injected : list of dict
         What the faults have done, for each bus.
-
-    Raises
-    ------
-    SkinError
-        If the time holds no cycle.
     """
     topology = nodes.topology
     cycles = round(seconds * topology.cycle_rate_hz)

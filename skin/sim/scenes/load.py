@@ -71,11 +71,7 @@ def load_scene(file: str | os.PathLike[str], topology: Topology) -> SceneFile:
 
 
 def open_scene(
-    file: str | os.PathLike[str],
-    topology: Topology,
-    *,
-    seed: int | None = None,
-    noise: bool = True,
+    file: str | os.PathLike[str], topology: Topology, *, seed: int | None = None, noise: bool = True
 ) -> ScriptedScene:
     """Load a scene and prepare to play it, with other noise than the file asks for.
 

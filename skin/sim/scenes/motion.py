@@ -128,22 +128,18 @@ def shape_of(shape: Shape, compliance_mm_per_n: float = 0.0) -> Body:
 def frame_of(topology: Topology, on: str | None) -> Pose:
     """Frame of a patch or unit, as a scene file has it: x along the units' x, z out of the skin.
 
+    The origin is in the middle of the patch, at the height of its outermost face.
+
     Parameters
     ----------
     topology : Topology
     on : str or None
-        Name of a patch or unit; None: the first patch.
+        Name of a patch or unit, or KeyError is raised; None: the first patch.
 
     Returns
     -------
     Pose
-        Coordinates of the frame to coordinates of the skin. The origin is in the middle of the
-        patch, at the height of its outermost face.
-
-    Raises
-    ------
-    KeyError
-        If there is neither patch nor unit of that name.
+        Coordinates of the frame to coordinates of the skin.
     """
     if on in topology.unit_names and on not in topology.patch_names:
         units = np.array([topology.unit_index(on)])

@@ -17,7 +17,7 @@ from skin.errors import SceneError, SkinError
 from skin.physics.fabrication import Fabrication
 from skin.physics.halbach import FELT_M, HalbachField
 from skin.physics.surroundings import EARTH_UT, Surroundings
-from skin.sim.field import Field, SineField
+from skin.sim.field import Field, SineField, StrayField
 from skin.sim.mechanics.contact import Mechanics
 from skin.sim.mechanics.foundation import Foundation
 from skin.sim.mechanics.friction import Friction
@@ -26,9 +26,8 @@ from skin.sim.mechanics.viscoelastic import Hysteresis, Prony
 from skin.sim.scenes.motion import Motion, Track, shape_of
 from skin.sim.scenes.script import HalfSpace, LoadTable, NonIdeal, SceneFile
 from skin.sim.scenes.tools import MovingTool
-from skin.sim.stray import StrayField
 from skin.sim.thermal import STEADY_SHARES, ThermalChain
-from skin.sim.truth import Truth, add_up, wrench_map
+from skin.sim.truth import Truth, sum_wrench, wrench_map
 from skin.sim.unit import UnitSimulator
 from topology import Topology
 from topology.pose import from_rpy
@@ -59,8 +58,6 @@ class PlayedBody:
     name : str
     force : ndarray, shape (3, n)
         What it does to each unit, newton, unit frame; 0 where another body bears on the unit.
-    slip_share : float
-        Share of its load on faces that have slipped since the contact began to stick.
     """
 
     def __init__(
@@ -86,7 +83,7 @@ class PlayedBody:
 
     @property
     def slip_share(self) -> float:
-        """See the class."""
+        """Share of its load on faces that have slipped since the contact began to stick."""
         return self.mechanics.truth.slip_share
 
     @property
@@ -99,13 +96,7 @@ class PlayedBody:
         return to_wrench @ self.force.ravel()
 
     def go(self, time_s: float, dt_s: float) -> None:
-        """Go on to a time.
-
-        Raises
-        ------
-        SceneError
-            If it is where no body can be, or cannot bear what it has to.
-        """
+        """Go on to a time; SceneError if no body can be there, or bear what it has to."""
         motion = self.motion
         axes, _ = motion.frame(time_s)
         rotation, place = motion.pose(time_s)
@@ -171,13 +162,7 @@ class _Weights:
 
 
 def loaded_units(names: tuple[str, ...], topology: Topology) -> np.ndarray:
-    """Indices of units by names of units and patches; `*` is all of them.
-
-    Raises
-    ------
-    KeyError
-        If there is neither unit nor patch of a name.
-    """
+    """Indices of units by names of units and patches, or KeyError; `*` is all of them."""
     chosen = np.zeros(topology.n, bool)
     for name in names:
         if name == "*":
@@ -277,22 +262,17 @@ class ScriptedScene:
         self._time_s, self._began = 0.0, False
 
     def at(self, time_s: float) -> Truth:
-        """Go on to `time_s`; see `Scene`.
-
-        Raises
-        ------
-        SkinError
-            If time runs backwards, or a body is where it cannot be.
-        """
+        """Go on to `time_s`; see `Scene`. SkinError if time runs backwards, or a body is where none
+        can be."""
         start = self._time_s
-        ahead = time_s - start
-        if ahead < 0.0:
+        step_s = time_s - start
+        if step_s < 0.0:
             raise SkinError(f"time_s: must not be before {start:g}, the last one; got {time_s:g}")
-        if ahead > 0.0 or not self._began:
+        if step_s > 0.0 or not self._began:
             self._began = True
-            steps = max(1, int(np.ceil(ahead / STEP_S)))
+            steps = max(1, int(np.ceil(step_s / STEP_S)))
             for i in range(1, steps + 1):
-                self._step(start + ahead * (i / steps), ahead / steps)
+                self._step(start + step_s * (i / steps), step_s / steps)
         self._time_s = self._truth.time_s = time_s
         return self._truth
 
@@ -321,7 +301,7 @@ class ScriptedScene:
             if weights.warms and force[2] > 0.0:
                 source[weights.units] = weights.temperature(time_s)
         np.greater(truth.force[2], 0.0, out=truth.contact)
-        add_up(self._to_wrench, self._position, truth.force, truth.wrench, truth.centroid)
+        sum_wrench(self._to_wrench, self._position, truth.force, truth.wrench, truth.centroid)
         self._yield(dt_s)
         warm = self._chain.step(dt_s, truth.contact, source, room_c)
         truth.temperature[:] = warm[0]

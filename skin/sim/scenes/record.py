@@ -66,19 +66,9 @@ class Recorder:
     Parameters
     ----------
     scene : ScriptedScene
+        Its `units` and `steady` are also those of the recorder.
     path : str or Path
-        Replaced if it exists.
-
-    Attributes
-    ----------
-    units : UnitSimulator
-    steady : bool
-        Those of the scene.
-
-    Raises
-    ------
-    SkinError
-        If nothing can be written there.
+        Replaced if it exists; SkinError if nothing can be written there.
     """
 
     def __init__(self, scene: ScriptedScene, path: str | Path) -> None:
@@ -171,7 +161,7 @@ def _row(scene: ScriptedScene, truth: Truth) -> Iterator[tuple[str, np.ndarray]]
 
 
 def read_truth(path: str | Path) -> tuple[Truth, dict[str, np.ndarray]]:
-    """Read a truth file.
+    """Read a truth file; SkinError if it is none, or one of a later format.
 
     Returns
     -------
@@ -179,11 +169,6 @@ def read_truth(path: str | Path) -> tuple[Truth, dict[str, np.ndarray]]:
         Its arrays have a leading axis t.
     more : dict of str to ndarray
         Everything else in the file; see the module.
-
-    Raises
-    ------
-    SkinError
-        If it is no truth file, or one of a later format.
     """
     try:
         with np.load(path, allow_pickle=False) as stored:

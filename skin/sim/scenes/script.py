@@ -19,7 +19,8 @@ skin, the origin in the middle of the patch at the height of its outermost face.
 the lowest point of the body is, as it lies before it is turned by `rpy_deg` about its own origin.
 With `press_n` the body is not held at a height but sunk until the skin bears that much; with
 `drag_n` it is not held along x and y but dragged. Each quantity runs through the keys that name it,
-and stays as it is before the first and after the last.
+and stays as it is before the first and after the last. With `repeat` the scene begins anew at its
+end, and a body that is on `"*"` goes on to the next patch. Where nothing is named nothing happens.
 
 `[[loads]]` are weights glued to units, `[[tools]]` spheres of iron that pass by, `[[room]]` the air
 and how the skin lies in the field of the Earth. `[non_ideal]` switches on what real units do and

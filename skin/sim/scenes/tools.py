@@ -10,7 +10,7 @@ import numpy as np
 from skin.errors import SceneError
 from skin.physics.film_table import load_film_table
 from skin.physics.surroundings import Tool
-from skin.sim.mechanics.body import Body, reach
+from skin.sim.mechanics.body import Body, penetration
 from skin.sim.scenes.motion import Track, frame_of
 from skin.sim.scenes.script import SceneFile
 from topology import Topology
@@ -58,7 +58,7 @@ class MovingTool:
         It touches no unit, and stays as far from the film of each as `HalbachField` asks for.
         """
         topology, position = self._topology, self._position(time_s)
-        depth_mm, _ = reach(
+        depth_mm, _ = penetration(
             self._body, (np.eye(3), position), topology.position, topology.rotation,
             radius_m=topology.parameters["radius_m"], face="disc",
         )  # fmt: skip

@@ -21,7 +21,6 @@ from skin.contact.slip import SlipSettings
 from skin.contact.slip.judge import judge_python
 from skin.contact.step import step_python
 from skin.contact.stream import CONTACT_WANTS, ContactStream
-from skin.contact.track import find_contacts_python
 from skin.errors import OptionError, SkinError
 
 ROWS, COLUMNS, PITCH, AREA = 8, 10, 0.012, 1.1e-4
@@ -559,7 +558,6 @@ def test_machine_code_and_python_tell_alike(monkeypatch):
 
     machine = told()
     monkeypatch.setattr(module, "step", step_python)
-    monkeypatch.setattr(step, "find_contacts", find_contacts_python)
     monkeypatch.setattr(step, "describe", describe_python)
     monkeypatch.setattr(step, "judge", judge_python)
     monkeypatch.setattr(shock, "shock", shock_python)

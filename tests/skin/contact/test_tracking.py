@@ -6,13 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import tests.naive.contact as naive
-from skin.contact import step as step_module
 from skin.contact import stream as module
 from skin.contact.graph import neighbour_graph
 from skin.contact.record import Event, TrackState
 from skin.contact.step import step_python
 from skin.contact.stream import ContactStream
-from skin.contact.track import find_contacts_python
 from skin.errors import SkinError
 
 ROWS, COLUMNS, PITCH = 8, 24, 0.012
@@ -207,7 +205,6 @@ def test_machine_code_and_python_find_alike(monkeypatch):
         compiled.see(*bumps)
         with monkeypatch.context() as patch:
             patch.setattr(module, "step", step_python)
-            patch.setattr(step_module, "find_contacts", find_contacts_python)
             python.see(*bumps)
         assert compiled.tracker.contacts.tobytes() == python.tracker.contacts.tobytes()
         np.testing.assert_array_equal(compiled.tracker.label, python.tracker.label)

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from bus.status import Status
-from skin.decode import laws, layout
+from skin.decode import records
 from skin.decode.decoder import Decoder
+from skin.decode.flags import judge
 from skin.errors import CalibrationError, CountsError, OptionError, SkinError
 from tests.fixtures.decode import calibrated, row_of, sensible_counts, sine, with_parameters
 
@@ -385,25 +386,21 @@ def test_flags_are_those_of_a_unit_alone_at_every_end_of_every_range():
     enabled = np.arange(skin.n) != 140
     skin = dataclasses.replace(skin, enabled=enabled)
     decoder = sine(skin, {"temperature"})
-    limits = decoder._calibration[1]
+    limits = decoder._model.limits
     tidy = sensible_counts(skin, 1)[0]
-    tidy[layout.BX :] = 0
-    lanes, seen = layout.LANES, set()
+    tidy[records.BX :] = 0
+    lanes, seen = records.LANES, set()
     for unit in (0, 5, 127, 128, 139, 140):
-        at = unit // lanes * layout.LIMIT_ROWS * lanes + unit % lanes
-        rows = limits[at : at + layout.LIMIT_ROWS * lanes : lanes].astype(int)
-        ends = {channel: [layout.LIMIT_RAIL + 2 * channel] for channel in range(layout.CHANNELS)}
-        for i, channel in enumerate((layout.GEL, layout.FREQUENCY, layout.CHIP)):
-            ends[channel].append(layout.LIMIT_POSSIBLE + 2 * i)
-        ends[layout.GEL].append(layout.LIMIT_CALIBRATED)
-        ends[layout.FREQUENCY].append(layout.LIMIT_CALIBRATED + 2)
-        for channel, starts in ends.items():
-            for row in starts:
-                low, high = rows[row], rows[row] + (rows[row + 1] & 0xFFFF)
+        block, lane = limits[unit // lanes], unit % lanes
+        kinds = ("rail", "possible", "calibrated")
+        for channel, name in enumerate(records.CHANNEL_NAMES):
+            for row in {f"{kind}_{name}" for kind in kinds}.intersection(block.dtype.names):
+                low = int(block[row]["low"][lane])
+                high = low + (int(block[row]["width"][lane]) & 0xFFFF)
                 for count in (low - 1, low, high, high + 1):
                     raw = tidy.copy()
                     raw[channel, unit] = np.array(count).astype(np.int16)
-                    flags = laws.judge(0, *raw[:, unit], limits, at)
+                    flags = judge(0, raw[:, unit], block, lane)
                     shown = int(decoder(raw).status[unit])
                     assert shown == flags, (unit, channel, count)
                     others = np.delete(decoder.reading.status, [unit, 140])

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from mpmath import mp, mpf
 
 from bus.status import Status
-from skin.decode.coefficients import field_angle_ends
 from skin.decode.decoder import Decoder
+from skin.decode.model import field_angle_ends
 from skin.errors import CalibrationError, OptionError
 from tests.fixtures.decode import (
     amplitude_of,

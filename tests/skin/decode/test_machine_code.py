@@ -18,8 +18,6 @@ def assembly():
     from llvmlite import binding
     from numba import njit
 
-    from skin.decode.functions import FLAGS
-
     if platform.machine().lower() not in ("x86_64", "amd64"):
         pytest.skip(f"reads x86-64 machine code; this is {platform.machine()}")
     features = binding.get_host_cpu_features()
@@ -28,8 +26,8 @@ def assembly():
     decoder = Decoder(row_of(3), {"force"}, "field-angle", consistency=False)
     decoder(np.zeros((6, 3), np.int16))
     plain = decoder._kernel.py_func
-    fresh = njit(plain, nogil=True, **FLAGS)
-    fresh(*decoder._passes[True].arguments)
+    fresh = njit(plain, nogil=True, error_model="numpy", fastmath={"contract"})
+    fresh(*decoder._own.calls[True].arguments)
     (text,) = fresh.inspect_asm().values()
     names = re.findall(r"^([A-Za-z_]\S*decode_python\S*):$", text, re.MULTILINE)
     body = text[text.index(f"\n{names[0]}:") :]

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from bus.status import Status
 from skin.decode.decoder import Decoder
-from skin.decode.plan import Plan
+from skin.decode.plan import DecodeOptions, Plan
 from skin.errors import CountsError, OptionError
 from tests.fixtures.decode import calibrated, row_of, sensible_counts, with_parameters
 from tests.skin.decode.test_field_angle import counts_at
@@ -44,49 +44,53 @@ def scene(n, seed, cycles=24, quiet=0.6):
     return skin, raw, status
 
 
+def plan_of(skin, want=None, **options):
+    return Plan.of(skin, DecodeOptions(want, **options))
+
+
 # -- the plan --------------------------------------------------------------------------------------
 
 
 def test_a_plan_is_no_longer_than_the_scene():
-    nominal = Plan.of(row_of(3))
+    nominal = plan_of(row_of(3))
     assert nominal.quantities == (
         "temperature", "force", "tangential", "theta", "displacement", "field",
     )  # fmt: skip
     assert nominal.sigma
     assert nominal.film_compensation  # the check of the field needs M0
-    assert not nominal.theta_table
-    short = Plan.of(row_of(3), {"force"}, consistency=False)
+    assert not nominal.theta_correction
+    short = plan_of(row_of(3), {"force"}, consistency=False)
     assert not short.film_compensation  # the angle does not
     assert not short.chip_compensation  # no offset drifts, and the gain cancels
-    assert Plan.of(row_of(3), {"force"}, estimator="sine", consistency=False).film_compensation
+    assert plan_of(row_of(3), {"force"}, estimator="sine", consistency=False).film_compensation
     drifting = with_parameters(row_of(3), hall_drift_z_ut_per_k=1.0)
-    assert Plan.of(drifting, {"force"}, consistency=False).chip_compensation
-    heat = Plan.of(row_of(3), {"temperature"})
+    assert plan_of(drifting, {"force"}, consistency=False).chip_compensation
+    heat = plan_of(row_of(3), {"temperature"})
     assert not any((heat.film_compensation, heat.chip_compensation, heat.consistency))
-    assert Plan.of(row_of(3, "f3t-classic")).chip_lags
-    assert Plan.of(calibrated(row_of(3), turn_rad=0.1)).theta_table
+    assert plan_of(row_of(3, "f3t-classic")).chip_lags
+    assert plan_of(calibrated(row_of(3), turn_rad=0.1)).theta_correction
 
 
 def test_a_plan_can_be_read():
-    text = str(Plan.of(row_of(3), {"force", "sigma"}, skip=True))
+    text = str(plan_of(row_of(3), {"force", "sigma"}, skip=True))
     told = dict(re.split(" {2,}", line) for line in text.splitlines())
     assert told["quantities"] == "force"
     assert told["sigma"] == "yes"
     assert told["estimator"] == "field-angle"
     assert told["temperature every"] == "1"
-    assert dataclasses.asdict(Plan.of(row_of(3)))["dtype"] == "float32"
+    assert dataclasses.asdict(plan_of(row_of(3)))["dtype"] == "float32"
 
 
 def test_skipping_holds_temperatures_for_a_twentieth_of_a_second():
     for rate, every in ((10.0, 1), (100.0, 5), (1000.0, 50)):
-        assert Plan.of(row_of(3, rate_hz=rate), skip=True).temperature_every == every
-        assert Plan.of(row_of(3, rate_hz=rate)).temperature_every == 1
+        assert plan_of(row_of(3, rate_hz=rate), skip=True).temperature_every == every
+        assert plan_of(row_of(3, rate_hz=rate)).temperature_every == 1
 
 
 @pytest.mark.parametrize("sweeps", [3, -1])
 def test_other_numbers_of_sweeps_are_refused(sweeps):
     with pytest.raises(OptionError, match=f"sweeps: must be 0, 1 or 2; got {sweeps}"):
-        Plan.of(row_of(3), sweeps=sweeps)
+        plan_of(row_of(3), sweeps=sweeps)
 
 
 # -- skipping --------------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.optimize import curve_fit
 from scipy.spatial.transform import Rotation
 
-import skin.sim
+import skin
 from skin.errors import SkinError
 from skin.physics import magnet
 from skin.physics.fabrication import Fabrication, Tolerances
@@ -535,6 +535,6 @@ def test_without_magpylib_only_the_exact_model_asks_for_it(monkeypatch):
     with pytest.raises(SkinError, match=r"pip install 'f3t-skin\[sim\]'"):
         film_field_ut(FILM, np.array([[0.0], [0.0], [3.0]]))
     assert np.isfinite(radial_scan(np.linspace(0.0, 1.0, 3), 1.0)).all()
-    room = Path(skin.sim.__file__).parent
-    users = [file.name for file in room.glob("*.py") if "import magpylib" in file.read_text()]
+    room = Path(skin.__file__).parent
+    users = [file.name for file in room.rglob("*.py") if "import magpylib" in file.read_text()]
     assert users == ["film.py"]

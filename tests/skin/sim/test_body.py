@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from skin.errors import OptionError
 from skin.sim.mechanics import body as room
-from skin.sim.mechanics.body import FACES, Body, carried, moved, reach, turned
+from skin.sim.mechanics.body import FACES, Body, carried, moved, penetration, turned
 from tests.naive.mechanics import inside, jaws, rolled, sphere_reach, square
 from topology import load
 
@@ -44,7 +44,7 @@ def test_the_axis_leaves_the_body_where_the_body_ends(name: str, seed: int) -> N
     position = rng.uniform(-0.03, 0.03, (3, n))
     rotation = np.stack([rotation_of(rng) for _ in range(n)], axis=-1)
     pose = turn, rng.uniform(-0.01, 0.01, 3)
-    depth_mm, normal = reach(body, pose, position, rotation)
+    depth_mm, normal = penetration(body, pose, position, rotation)
 
     def is_in(depth: np.ndarray) -> np.ndarray:
         points = turn.T @ (position + depth * rotation[:, 2] - pose[1][:, np.newaxis])
@@ -77,7 +77,7 @@ def test_a_sphere_reaches_as_deep_as_the_formula_of_the_sphere(seed: int) -> Non
     centre = centre + rng.normal(0.0, 0.002, 3)
     touched, depth = sphere_reach(centre, radius, hand.position, hand.rotation[:, 2])
     pose = rotation_of(rng), centre
-    depth_mm, normal = reach(Body.sphere(radius), pose, hand.position, hand.rotation)
+    depth_mm, normal = penetration(Body.sphere(radius), pose, hand.position, hand.rotation)
     np.testing.assert_allclose(np.maximum(depth_mm, 0.0), 1e3 * depth, atol=1e-9)
     points = hand.position + depth * hand.rotation[:, 2]
     radial = (points - centre[:, np.newaxis]) / radius
@@ -89,7 +89,7 @@ def test_an_edge_reaches_less_deep_beside_its_ridge(
     depth: float, aside: float, angle: float
 ) -> None:
     pose = np.eye(3), np.array([0.0, 1e-3 * aside, -1e-3 * depth])
-    depth_mm, _ = reach(Body.edge(0.1, angle), pose, *ONE)
+    depth_mm, _ = penetration(Body.edge(0.1, angle), pose, *ONE)
     expected = depth - abs(aside) / np.tan(angle / 2.0)
     assert depth_mm[0] == pytest.approx(expected, abs=1e-9)
 
@@ -104,7 +104,7 @@ def test_a_cylinder_reaches_as_deep_along_its_axis_and_less_across(
     for way in (-0.09, 0.0, 0.05):
         centre = way * along + 1e-3 * aside * across + np.array([0.0, 0.0, 0.02 - 1e-3 * depth])
         pose = turned((np.eye(3), centre), np.array([0.0, 0.0, 1.0]), angle)
-        depth_mm, _ = reach(body, pose, *ONE)
+        depth_mm, _ = penetration(body, pose, *ONE)
         assert depth_mm[0] == pytest.approx(depth - (20.0 - np.sqrt(400.0 - aside**2)), abs=1e-9)
 
 
@@ -113,8 +113,8 @@ def test_a_disc_feels_a_plane_as_its_middle_does(depth: float, tilt: float) -> N
     """The mean of a plane over a disc is its value in the middle, as long as all of it touches."""
     pose = turned((np.eye(3), np.array([0.0, 0.0, -1e-3 * depth])), np.array([1.0, 2.0, 0.0]), tilt)
     body, radius = Body.plate(0.1, 0.1), np.array([0.006])
-    point, _ = reach(body, pose, *ONE)
-    disc, _ = reach(body, pose, *ONE, radius_m=radius, face="disc")
+    point, _ = penetration(body, pose, *ONE)
+    disc, _ = penetration(body, pose, *ONE, radius_m=radius, face="disc")
     if depth > 6.0 * np.tan(abs(tilt)) + 1e-6:
         assert disc[0] == pytest.approx(point[0], abs=1e-9)
     assert disc[0] >= point[0] - 1e-9
@@ -123,15 +123,15 @@ def test_a_disc_feels_a_plane_as_its_middle_does(depth: float, tilt: float) -> N
 def test_a_disc_feels_the_mean_of_a_bowl() -> None:
     """Over a disc of radius a the mean of r²/2R is a²/4R."""
     pose = np.eye(3), np.array([0.0, 0.0, 0.997])
-    disc, _ = reach(Body.sphere(1.0), pose, *ONE, radius_m=np.array([0.006]), face="disc")
+    disc, _ = penetration(Body.sphere(1.0), pose, *ONE, radius_m=np.array([0.006]), face="disc")
     assert disc[0] == pytest.approx(3.0 - 36.0 / 4000.0, abs=1e-5)
 
 
 def test_only_a_disc_feels_an_edge_beside_its_middle() -> None:
     pose = np.eye(3), np.array([0.0, 0.004, -0.001])
     body, radius = Body.edge(0.1), np.array([0.006])
-    point, _ = reach(body, pose, *ONE)
-    disc, _ = reach(body, pose, *ONE, radius_m=radius, face="disc")
+    point, _ = penetration(body, pose, *ONE)
+    disc, _ = penetration(body, pose, *ONE, radius_m=radius, face="disc")
     assert point[0] < 0.0 < disc[0] < 1.0
 
 
@@ -156,7 +156,7 @@ def test_where_the_skin_lies_in_space_does_not_matter(seed: int, name: str, face
         position = move @ skin.position + by[:, np.newaxis]
         rotation = np.ascontiguousarray(np.einsum("ij,jkn->ikn", move, skin.rotation))
         radius = skin.parameters["radius_m"]
-        depth, out = reach(BODIES[name], last, position, rotation, radius_m=radius, face=face)
+        depth, out = penetration(BODIES[name], last, position, rotation, radius_m=radius, face=face)
         return depth, out, carried(first, last, position, rotation, depth)
 
     here, there = both(np.eye(3), np.zeros(3)), both(turn, shift)
@@ -222,7 +222,7 @@ def test_fingers_see_the_block_between_them_each_from_its_own_side() -> None:
     block = Body.block(0.1, 0.1, 0.028)
     close = np.array([[0.0, 0.0], [0.0, 0.0], [-0.002, 0.002]])
     pose = np.repeat(np.eye(3)[..., np.newaxis], 2, axis=2), close
-    depth_mm, _ = reach(block, pose, skin.position, skin.rotation, part=skin.patch)
+    depth_mm, _ = penetration(block, pose, skin.position, skin.rotation, part=skin.patch)
     np.testing.assert_allclose(depth_mm, 1.0, atol=1e-9)
     way = carried(
         (pose[0], np.zeros((3, 2))), pose, skin.position, skin.rotation, depth_mm, part=skin.patch
@@ -245,7 +245,7 @@ def test_compiled_and_plain_python_agree(monkeypatch: pytest.MonkeyPatch) -> Non
     def everything() -> list[np.ndarray]:
         found = []
         for body in BODIES.values():
-            depth, normal = reach(
+            depth, normal = penetration(
                 body, pose, skin.position, skin.rotation,
                 radius_m=skin.parameters["radius_m"], face="disc",
             )  # fmt: skip
@@ -253,7 +253,7 @@ def test_compiled_and_plain_python_agree(monkeypatch: pytest.MonkeyPatch) -> Non
         return found
 
     compiled = everything()
-    monkeypatch.setattr(room, "_reach", room._reach_python)
+    monkeypatch.setattr(room, "_penetration", room._penetration_python)
     monkeypatch.setattr(room, "_carry", room._carry_python)
     with np.errstate(divide="ignore"):
         for a, b in zip(compiled, everything(), strict=True):
@@ -272,4 +272,4 @@ def test_what_cannot_be_a_body_is_refused() -> None:
     with pytest.raises(
         OptionError, match=r"^face: must be one of .*; got 'disk' \(nearest: 'disc'"
     ):
-        reach(Body.sphere(1.0), UP, *ONE, face="disk")
+        penetration(Body.sphere(1.0), UP, *ONE, face="disk")

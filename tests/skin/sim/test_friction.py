@@ -13,12 +13,12 @@ from scipy.stats import spearmanr
 from skin.errors import OptionError, SkinError
 from skin.sim.mechanics import contact as mechanics_file
 from skin.sim.mechanics import friction as rubbing
-from skin.sim.mechanics.body import Body, Pose, moved, reach, turned
+from skin.sim.mechanics.body import Body, Pose, moved, penetration, turned
 from skin.sim.mechanics.contact import Mechanics
 from skin.sim.mechanics.foundation import Foundation
 from skin.sim.mechanics.friction import ONSETS, Friction, Slip
 from skin.sim.mechanics.truth import mean_normal_python
-from skin.sim.truth import add_up_python
+from skin.sim.truth import sum_wrench_python
 from tests.naive.mechanics import jaws, rolled, square
 from topology import load
 
@@ -526,7 +526,8 @@ def test_two_bodies_on_one_half_space_bear_what_both_together_would() -> None:
             body.step(0.1 * k, pose)
     palm = load("palm")
     depth_mm = np.max(
-        [reach(bodies[0].body, pose, palm.position, palm.rotation)[0] for pose in poses], axis=0
+        [penetration(bodies[0].body, pose, palm.position, palm.rotation)[0] for pose in poses],
+        axis=0,
     )
     together, own_mm = np.zeros(64), np.zeros(64)
     carrier.press(depth_mm, together, own_mm)
@@ -584,7 +585,7 @@ def test_compiled_and_plain_python_agree(monkeypatch: pytest.MonkeyPatch) -> Non
         return found
 
     compiled = dragged()
-    monkeypatch.setattr(mechanics_file, "add_up", add_up_python)
+    monkeypatch.setattr(mechanics_file, "sum_wrench", sum_wrench_python)
     monkeypatch.setattr(mechanics_file, "mean_normal", mean_normal_python)
     monkeypatch.setattr(rubbing, "_share", rubbing._share_python)
     with np.errstate(invalid="ignore"):  # no load, no share

@@ -1,0 +1,92 @@
+"""The arrays that are decoded: what they must be, and the kernel bound to those of one cycle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from skin.decode import sharing
+from skin.errors import CountsError
+from topology import CHANNELS, Topology
+
+if TYPE_CHECKING:
+    from bus.compiled.bound import Bound
+    from skin.decode.kernel import DecodeData
+
+__all__ = ["Passes", "check", "plain"]
+
+
+class Passes:
+    """The kernel on the arrays of one cycle, with a background and without.
+
+    Parameters
+    ----------
+    kernel, model
+        As of `skin.decode.kernel`.
+    data : callable
+        The data of each share of the units, given counts, status, and whether without background.
+    counts, status : ndarray
+        As of `skin.decode.kernel.DecodeData`.
+
+    Attributes
+    ----------
+    calls : dict
+        Of those that were needed, by whether they are without a background.
+    """
+
+    def __init__(
+        self,
+        kernel: Callable[..., None],
+        model: tuple,
+        data: Callable[[np.ndarray, np.ndarray, bool], list[DecodeData]],
+        counts: np.ndarray,
+        status: np.ndarray,
+    ) -> None:
+        self._kernel, self._model, self._data = kernel, model, data
+        self._inputs = counts, status
+        self.calls: dict[bool, Bound | sharing.Shared] = {}
+
+    def at(self, bare: bool) -> Bound | sharing.Shared:
+        """The kernel, `bare` without a background; compiled, or loaded, if it was not."""
+        from bus.compiled.bound import Bound
+
+        calls = [
+            Bound(self._kernel, self._model, data) for data in self._data(*self._inputs, bare)
+        ]  # fmt: skip
+        call = self.calls[bare] = calls[0] if len(calls) == 1 else sharing.Shared(calls)
+        return call
+
+    def put(self, counts: np.ndarray, status: np.ndarray) -> None:
+        """Decode other arrays from now on."""
+        self._inputs = counts, status
+        for call in self.calls.values():
+            call.put((1, "counts"), counts)
+            call.put((1, "status"), status)
+
+
+def plain(array: np.ndarray) -> np.ndarray:
+    """`array` as the kernel is compiled for: contiguous and writeable; a copy if it is not."""
+    array = np.asarray(array)
+    flags = array.flags
+    return array if flags.c_contiguous and flags.writeable else array.copy()
+
+
+def check(
+    topology: Topology, where: str, got: object, kind: npt.DTypeLike, shape: tuple[int, ...]
+) -> None:
+    """Raise CountsError unless `got` is an array of that kind and shape; `where` names it."""
+    is_array = isinstance(got, np.ndarray)
+    if is_array and got.dtype == kind and got.shape == shape:
+        return
+    what = f"{got.dtype}, shape {got.shape}" if is_array else type(got).__name__
+    expected = f"shape {shape}"
+    if where == "raw":
+        units = f"{len(CHANNELS)}, {topology.n}"
+        expected = f"shape ({units}) or shape (t, {units})"
+    raise CountsError(
+        f"{topology.name}: {where}: must be an array of {np.dtype(kind).name}, "
+        f"{expected}; got {what}"
+    )

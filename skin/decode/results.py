@@ -1,0 +1,81 @@
+"""The results of the kernel, one below the other, and the `Reading` that they make."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import numpy as np
+
+from bus.compiled.aligned import zeros
+from skin.decode import records
+from skin.decode.plan import Plan
+from skin.state import UNWANTED, Reading
+from topology import CHANNELS, Topology
+
+__all__ = ["Results", "results_of"]
+
+QUANTITIES = ("temperature", "force", "tangential", "theta", "displacement")
+FIELDS = {
+    "displacement": "displacement_mm", "displacement_sigma": "displacement_sigma_mm",
+    "field": "field_ut",
+}  # fmt: skip
+"""Names of a `Reading` that differ from those of the kernel's rows."""
+
+
+class Results:
+    """What a kernel writes: arrays of t cycles.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Results in the order of the kernel's rows, of `records.TILE_ROWS`.
+    cycles, units : int
+    real : dtype
+
+    Attributes
+    ----------
+    values : ndarray, shape (t, r, n), float32 or float64
+    flags : ndarray, shape (t, n), uint16
+    valid : ndarray, shape (t, n), bool
+    """
+
+    def __init__(self, names: tuple[str, ...], cycles: int, units: int, real: np.dtype) -> None:
+        self.names = names
+        rows = sum(records.TILE_ROWS[name] for name in names)
+        self.values = zeros((cycles, rows, units), real)
+        self.flags = zeros((cycles, units), np.uint16)
+        self.valid = zeros((cycles, units), bool)
+        self.arrays = self.values, self.flags, self.valid
+
+    def reading(self, at: int | slice, shown: Collection[str]) -> Reading:
+        """Views of a cycle, or of all of them; of quantities that are `shown`, and their sigmas."""
+        found: dict[str, np.ndarray] = dict.fromkeys(
+            ("temperature", "force", "tangential", "theta", "displacement_mm"), UNWANTED
+        )
+        row = 0
+        for name in self.names:
+            size = records.TILE_ROWS[name]
+            if name.removesuffix("_sigma") in shown:
+                rows = self.values[at, row] if size == 1 else self.values[at, row : row + size]
+                found[FIELDS.get(name, name)] = rows
+            row += size
+        return Reading(**found, status=self.flags[at], valid=self.valid[at])
+
+
+def results_of(plan: Plan, topology: Topology) -> tuple[str, ...]:
+    """Results in the order of the kernel's rows, sigmas among them.
+
+    What the loop over cycles feeds on is there, wanted or not; zeros are followed only while the
+    temperature is steady, where the wire of all units tells it.
+    """
+    needed = set(plan.quantities)
+    if plan.sweeps or plan.ambient:
+        needed |= {"displacement"}
+    if plan.ambient:
+        silent = ~topology.enabled | topology.counts_only
+        warm = (topology.wired[CHANNELS.index("gel")] | silent).all()
+        needed |= {"field", "temperature"} if warm else {"field"}
+    plain = tuple(name for name in QUANTITIES if name in needed)
+    sigmas = tuple(f"{name}_sigma" for name in plain) if plan.sigma else ()
+    last = [("field", "field" in needed), ("film_above", plan.sweeps and plan.film_compensation)]
+    return (*plain, *sigmas, *(name for name, wanted in last if wanted))

@@ -1,0 +1,89 @@
+"""The documents speak of what is there: files, functions, commands and words."""
+
+import re
+
+import pytest
+
+from tests.house.rules import LIMITS
+from tests.house.sources import ROOT, definitions, sources, text_of
+from tests.house.words import PARAPHRASES
+
+DOCUMENTS = [ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+ARCHITECTURE = ROOT / "docs" / "architecture.md"
+LINK = re.compile(r"\[([^\]]+)\]\(([^)#\s]+)\)")
+FUNCTION = re.compile(r"`([\w.]+)`$")
+NAMED = re.compile(r"`([\w./-]+\.(?:py|toml|md|txt|svg|yaml))`")
+
+
+def links(document):
+    return LINK.findall(document.read_text())
+
+
+def steps():
+    """Links of the walk that name a function."""
+    return [
+        (found[1], place) for told, place in links(ARCHITECTURE) if (found := FUNCTION.match(told))
+    ]
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda document: document.name)
+def test_every_relative_link_leads_to_a_file(document):
+    here = [place for _, place in links(document) if "://" not in place]
+    assert [place for place in here if not (document.parent / place).exists()] == []
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda document: document.name)
+def test_every_file_that_is_named_is_there(document):
+    named = {place for place in NAMED.findall(document.read_text()) if "/" in place}
+    assert sorted(place for place in named if not (ROOT / place).exists()) == []
+
+
+@pytest.mark.parametrize(("function", "place"), steps(), ids=str)
+def test_every_step_of_the_walk_is_a_function_of_its_file(function, place):
+    file = (ARCHITECTURE.parent / place).resolve()
+    names = {one.name for one in definitions(file)}
+    assert function in names or f"{function}_python" in names
+
+
+def test_the_walk_goes_through_all_rooms_of_a_cycle():
+    places = " ".join(place for _, place in steps())
+    for room in ("bus/assemble", "skin/pipeline", "skin/decode/", "skin/contact/", "contact/slip/"):
+        assert room in places
+
+
+def test_every_rule_of_the_house_has_its_limit_in_the_guide():
+    text = (ROOT / "CONTRIBUTING.md").read_text()
+    for name in ("arguments", "function", "file"):
+        assert re.search(rf"\b{LIMITS[name]}\b", text)
+
+
+def test_every_forbidden_word_stands_in_the_glossary():
+    text = (ROOT / "docs" / "glossary.md").read_text().split("must not come back")[1]
+    plain = {word.replace("_", " ") for word in PARAPHRASES} - {
+        "looking back", "matter", "with turning",
+    }  # fmt: skip
+    assert sorted(word for word in plain if word not in text) == []
+
+
+def test_every_command_of_make_that_is_named_is_there():
+    makefile = (ROOT / "Makefile").read_text()
+    named = {
+        name for file in DOCUMENTS for name in re.findall(r"`make ([\w-]+)`", file.read_text())
+    }
+    assert sorted(name for name in named if f"\n{name}:" not in makefile) == []
+
+
+def test_the_names_of_the_guide_are_those_of_the_code():
+    text = (ROOT / "CONTRIBUTING.md").read_text()
+    code = "\n".join(text_of(file) for file in sources())
+    code += "".join(file.read_text() for file in (ROOT / "tests" / "house").glob("*.py"))
+    for name in (
+        "UnitModel",
+        "parameter_faults",
+        "WireLayout",
+        "LAYOUTS",
+        "ROOMS",
+        "ONE_FILE_EACH",
+    ):
+        assert name in text
+        assert re.search(rf"\b{name}\b", code)

@@ -1,0 +1,123 @@
+"""The gate: as few false contacts as were asked for, and real ones seen in time."""
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+import tests.naive.contact as naive
+from skin.contact.gate import start_sigma_for
+from skin.contact.graph import neighbour_graph
+from skin.contact.stream import ContactStream
+from skin.errors import SkinError
+
+ROWS, PITCH, RATE_HZ = 8, 0.012, 250.0
+N, DAY_S = ROWS * ROWS, 86_400.0
+SIGMA = 0.02
+MIDDLE, NEXT, FAR = 3 * ROWS + 3, 3 * ROWS + 4, 6 * ROWS + 6
+
+
+class Skin:
+    """64 units side by side that are shown their loads in sigmas."""
+
+    def __init__(self, **options):
+        position = naive.grid(ROWS, ROWS)
+        self.stream = ContactStream(
+            position, naive.facing_down(N), 1e-4, *neighbour_graph(position, 1.5 * PITCH), want=(),
+            dtype="float64", rate_hz=RATE_HZ, **options,
+        )  # fmt: skip
+        self.now = 0
+
+    def see(self, level):
+        """Number of contacts; a dict of units or all 64."""
+        force = np.zeros((3, N))
+        if isinstance(level, dict):
+            force[2, list(level)] = list(level.values())
+        else:
+            force[2] = level
+        self.now += 4_000_000
+        return len(self.stream.update(SIGMA * force, SIGMA, stamp_ns=self.now))
+
+    def begun(self):
+        """Contacts so far."""
+        return int(self.stream.records["id"].max())
+
+
+def test_noise_starts_no_more_contacts_than_were_asked_for():
+    cycles, wanted = 20_000, 200
+    per_day = wanted / cycles * RATE_HZ * DAY_S
+    skin = Skin(false_contacts_per_day=per_day, keep_sigma=1.5, memory_s=0.0)
+    rng = np.random.default_rng(2)
+    for _ in range(cycles):
+        skin.see(rng.standard_normal(N))
+    assert wanted / 3 < skin.begun() < wanted + 4.0 * np.sqrt(wanted)
+
+
+@pytest.mark.parametrize("per_day", [0.1, 1.0, 24.0])
+def test_a_third_of_the_false_contacts_falls_to_each_way_to_start(per_day):
+    gate = Skin(false_contacts_per_day=per_day).stream.model.gate
+    cycles = RATE_HZ * DAY_S
+    pairs = 2 * ROWS * (ROWS - 1) + 2 * (ROWS - 1) ** 2
+    for level, looks in ((gate.start_sigma, N), (gate.repeat_sigma, N), (gate.pair_sigma, pairs)):
+        assert norm.sf(level) * cycles * looks == pytest.approx(per_day / 3.0, rel=1e-6)
+
+
+def test_a_lone_unit_needs_more_than_one_that_lasts_or_has_a_neighbour():
+    gate = Skin().stream.model.gate
+    alone, twice, both = gate[:3] * np.array([1.0, np.sqrt(2.0), np.sqrt(2.0)])
+    assert alone > 6.0
+    less, more = -0.01, 0.01
+    for off, found in ((less, 0), (more, 1)):
+        assert Skin().see({MIDDLE: alone + off}) == found
+        assert Skin().see({MIDDLE: 0.5 * both + off, NEXT: 0.5 * both + off}) == found
+        assert Skin().see({MIDDLE: 0.5 * both + off, FAR: 0.5 * both + off}) == 0
+        lasting = Skin()
+        assert lasting.see({MIDDLE: 0.5 * twice + off}) == 0
+        assert lasting.see({MIDDLE: 0.5 * twice + off}) == found
+        interrupted = Skin()
+        assert [interrupted.see({MIDDLE: level * (0.5 * twice + off)}) for level in (1, 0, 1)] == [
+            0, 0, 0,
+        ]  # fmt: skip
+        elsewhere = Skin()
+        assert elsewhere.see({MIDDLE: 0.5 * twice + off}) == 0
+        assert elsewhere.see({FAR: 0.5 * twice + off}) == 0
+
+
+@pytest.mark.parametrize("rise", [0.25, 1.0, 4.0])
+@pytest.mark.parametrize("pattern", [{MIDDLE: 1.0}, {MIDDLE: 1.0, NEXT: 1.0, NEXT + ROWS: 0.8}])
+def test_light_presses_are_seen_as_early_as_by_five_sigmas(pattern, rise):
+    """Presses that rise by so many sigmas a cycle; in the mean within a third of a cycle, and the
+    slowest twentieth no later."""
+    rng = np.random.default_rng(5)
+    onsets, shares = {5.0: [], None: []}, np.array(list(pattern.values()))
+    for _ in range(150):
+        ramp = rise * np.outer(np.arange(60) + rng.random(), shares)
+        levels = ramp + rng.standard_normal(ramp.shape)
+        for start_sigma, told in onsets.items():
+            skin = Skin(start_sigma=start_sigma)
+            found = (skin.see(dict(zip(pattern, level, strict=True))) for level in levels)
+            told.append(next(t for t, count in enumerate(found) if count))
+    before, now = onsets[5.0], onsets[None]
+    assert np.mean(now) < np.mean(before) + 0.34
+    assert np.percentile(now, 95) <= np.percentile(before, 95) + 0.5
+
+
+def test_what_is_given_is_the_gate():
+    gate = Skin(start_sigma=5.0).stream.model.gate
+    assert gate[:4] == (5.0, np.inf, np.inf, 3.0)
+    one = ContactStream(
+        np.zeros((3, 1)), naive.facing_down(1), 1e-4, [0, 0], [], want=(), rate_hz=RATE_HZ
+    )
+    assert one.model.gate.pair_sigma == np.inf
+    with pytest.raises(SkinError, match=r"a chance between 0 and 0\.5; got 0"):
+        Skin(false_contacts_per_day=0.0)
+    with pytest.raises(SkinError, match="keep_sigma, start_sigma: must be"):
+        Skin(keep_sigma=9.0)
+
+
+def test_noise_starts_contacts_at_the_rate_that_was_asked_for():
+    n, rate, cycles = 64, 250.0, 1000
+    false_per_hour = 3600.0 * rate / 20.0
+    gate = start_sigma_for(false_per_hour, n, rate)
+    noise = np.random.default_rng(1).standard_normal((cycles, n))
+    count = np.count_nonzero(noise > gate)
+    assert count == pytest.approx(cycles / 20.0, abs=4.0 * np.sqrt(cycles / 20.0))
