@@ -143,5 +143,4 @@ def judge_python(count, dt_s, now_ns, model, data):
             _judge_contact(record, dt_s, now_ns, rates, model, data.reading, units, slip)
 
 
-# It allocates nothing, and counts no references to the hundred arrays that it is handed.
-judge = compiled(judge_python, fastmath={"contract", "reassoc"}, _nrt=False)
+judge = compiled(judge_python, fastmath={"contract", "reassoc"}, allocates=False)
