@@ -95,7 +95,8 @@ def contact_features(
     if neighbour_start is None or neighbour_index is None:
         neighbour_start, neighbour_index = np.zeros(n + 1, np.int32), np.zeros(0, np.int32)
     model = ContactModel(
-        checked_graph(n, neighbour_start, neighbour_index), Gate(*(0.0,) * 6, False),
+        checked_graph(n, neighbour_start, neighbour_index),
+        Gate(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False),
         posed_units(position, rotation, area), Wants(True, True, False),
     )  # fmt: skip
     count, data = _labelled(np.asarray(label), silent, reading)

@@ -350,7 +350,7 @@ def _refuse_impossible(topology: Topology) -> None:
 
     for name, values in p.items():
         wrong = ~np.isfinite(values)
-        refuse(np.atleast_2d(wrong).any(axis=0), name, "finite")
+        refuse(np.asarray(np.atleast_2d(wrong).any(axis=0)), name, "finite")
     low, high = p["temperature_min_c"], p["temperature_max_c"]
     refuse(high <= low, "temperature_max_c", "above temperature_min_c")
     span = 0.5 * (high - low)

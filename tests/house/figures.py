@@ -29,12 +29,15 @@ class Figure(NamedTuple):
         Most that is allowed.
     where : str
         What has this value.
+    is_goal : bool
+        Whether the limit is where the house is to go, and being over it fails no check yet.
     """
 
     name: str
     value: int | None
     limit: int | None = None
     where: str = ""
+    is_goal: bool = False
 
     @property
     def over(self) -> bool:
@@ -45,7 +48,9 @@ class Figure(NamedTuple):
 def size_figures() -> list[Figure]:
     """Lines, longest file and function, most arguments, thresholds of slip."""
     figures = [
-        Figure(f"lines of {name}", sum(map(line_count, sources(name))), LIMITS.get(name))
+        Figure(
+            f"lines of {name}", sum(map(line_count, sources(name))), LIMITS.get(name), is_goal=True
+        )
         for name in PACKAGES
     ]
     file = max(sources(), key=line_count)
