@@ -39,7 +39,7 @@ def test_plain_arrays_have_the_contacts_of_the_whole_pass():
     skin = contact.plate(64)
     one, stream = contact._Pass(skin, contact.FULL), contact.plain(skin)
     for counts in contact.counts_of(skin, 3)[:20]:
-        state = one.reader(one.load(counts))
+        state = one.pipeline.state(one.load(counts))
         found = stream(*(array.copy() for array in contact._shown(state.units)))
         assert [c.id for c in found] == [c.id for c in state.contacts] == [1, 2, 3]
         for a, b in zip(found, state.contacts, strict=True):

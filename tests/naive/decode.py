@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bus.status import INVALID, Status
-from skin.decode.coefficients import field_angle_ends
+from skin.decode.model import field_angle_ends
 from topology import CHANNELS, THETA_KNOTS
 
 

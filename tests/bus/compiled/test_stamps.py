@@ -106,6 +106,7 @@ from topology import load
 
 skin = load("strip")
 memory, shown = new_memory(skin, FrameTable(skin), 5), new_shown(skin.n)
+memory.state["number"] = 0  # a cycle is open
 compiled(show_units, allocates=False)(memory, shown)
 print(shown.valid.any())  # of units that were never heard
 """
