@@ -94,11 +94,12 @@ def contact_features(
     )  # fmt: skip
     if neighbour_start is None or neighbour_index is None:
         neighbour_start, neighbour_index = np.zeros(n + 1, np.int32), np.zeros(0, np.int32)
-    model = ContactModel(
-        checked_graph(n, neighbour_start, neighbour_index),
+    gate, geometry = (
         Gate(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False),
-        posed_units(position, rotation, area), Wants(True, True, False),
-    )  # fmt: skip
+        posed_units(position, rotation, area),
+    )
+    graph, wants = checked_graph(n, neighbour_start, neighbour_index), Wants(True, True, False)
+    model = ContactModel(graph, gate, geometry, wants)
     count, data = _labelled(np.asarray(label), silent, reading)
     describe(count, model, data)
     return data.contacts[:count], data.contacts[-1]
