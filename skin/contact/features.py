@@ -21,6 +21,10 @@ from skin.contact.record import BORN, OUT, SILENT
 __all__ = ["contact_features"]
 
 
+_NO_GATE = Gate(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, needs_displacement=False)
+_ALL = Wants(total=True, each=True, slip=False)
+
+
 def contact_features(
     label: np.ndarray,
     force: np.ndarray,
@@ -94,12 +98,8 @@ def contact_features(
     )  # fmt: skip
     if neighbour_start is None or neighbour_index is None:
         neighbour_start, neighbour_index = np.zeros(n + 1, np.int32), np.zeros(0, np.int32)
-    gate, geometry = (
-        Gate(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False),
-        posed_units(position, rotation, area),
-    )
-    graph, wants = checked_graph(n, neighbour_start, neighbour_index), Wants(True, True, False)
-    model = ContactModel(graph, gate, geometry, wants)
+    graph = checked_graph(n, neighbour_start, neighbour_index)
+    model = ContactModel(graph, _NO_GATE, posed_units(position, rotation, area), _ALL)
     count, data = _labelled(np.asarray(label), silent, reading)
     describe(count, model, data)
     return data.contacts[:count], data.contacts[-1]
