@@ -48,9 +48,9 @@ check: install
 
 test: install
 	@.ci/debian-packages
-	@$(BIN)/python -m pytest -m "not long" tests/vcan; vcan=$$?; \
-	$(BIN)/python -m pytest -m "not long" --ignore=tests/vcan -n auto --dist worksteal; \
-	tests=$$?; exit $$((vcan ? vcan : tests))
+	@$(BIN)/python -m pytest -m "not long" --ignore=tests/vcan -n auto --dist worksteal; \
+	tests=$$?; $(BIN)/python -m pytest -m "not long" tests/vcan; \
+	vcan=$$?; exit $$((tests ? tests : vcan))
 
 test-long: install
 	@.ci/debian-packages
