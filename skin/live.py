@@ -57,6 +57,7 @@ def open(
     ambient: bool = True,
     skip: bool = False,
     slip: SlipSettings | None = None,
+    false_contacts_per_day: float = 1.0,
     sync: Sync = "host",
     wait: Wait = "event",
     pace: bool = True,
@@ -71,7 +72,7 @@ def open(
     ----------
     source : Topology, str or Path
         A loaded topology, a file, or the name of a built-in one ("palm", "fingertip", …).
-    want, estimator, dtype, sweeps, ambient, skip, slip
+    want, estimator, dtype, sweeps, ambient, skip, slip, false_contacts_per_day
         What is computed, and how: see `skin.options.Options`.
     sync : "host" or "bus"
         Who sends SYNC: this host, or another node (then this end only listens).
@@ -80,8 +81,7 @@ def open(
     pace : bool
         Keep the cycle rate of the topology; False asks for the next cycle as soon as one is done.
     deadline_s : float, optional
-        How long after its SYNC a cycle waits for missing frames; 0.9 of the cycle's period if not
-        given.
+        How long after its SYNC a cycle waits for missing frames; 0.9 periods if not given.
     simulate : bool or Scene
         Attach simulated units, in this process, instead of opening the buses of the file.
     transports : iterable of Transport, optional
@@ -109,7 +109,7 @@ def open(
         ends = [undo.enter_context(end) for end in transports or ()]
         options = Options(
             want=want, estimator=estimator, dtype=dtype, sweeps=sweeps, ambient=ambient, skip=skip,
-            slip=slip,
+            slip=slip, false_contacts_per_day=false_contacts_per_day,
         )  # fmt: skip
         _check(sync, wait, deadline_s)
         undo.callback(announcer().hold().finish)

@@ -45,6 +45,8 @@ class Options:
         often.
     slip : SlipSettings or None
         What is known of the friction, the safety that grip forces are to have, what counts as slip.
+    false_contacts_per_day : float
+        Contacts that noise alone may start on the whole skin; see `skin.contact.gate`.
 
     Raises
     ------
@@ -64,6 +66,7 @@ class Options:
     ambient: bool = True
     skip: bool = False
     slip: SlipSettings | None = None
+    false_contacts_per_day: float = 1.0
 
     def __post_init__(self) -> None:
         want = WANTS if self.want is None else self.want
@@ -76,6 +79,11 @@ class Options:
             raise OptionError.unknown("dtype", self.dtype, DTYPES)
         if self.sweeps not in (0, 1, 2):
             raise OptionError(f"sweeps: must be 0, 1 or 2; got {self.sweeps}")
+        if not 0.0 < self.false_contacts_per_day < float("inf"):
+            raise OptionError(
+                "false_contacts_per_day: must be above 0 and finite; "
+                f"got {self.false_contacts_per_day}"
+            )
 
     @property
     def quantities(self) -> frozenset[str]:

@@ -129,6 +129,7 @@ class Pipeline:
             topology.neighbour_start, topology.neighbour_index,
             want=want, dtype=self.options.dtype, slip=self.options.slip,
             rate_hz=topology.cycle_rate_hz,
+            false_contacts_per_day=self.options.false_contacts_per_day,
         )  # fmt: skip
 
     def _bind_decoder(self) -> Callable[[], Reading]:

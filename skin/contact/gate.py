@@ -13,6 +13,7 @@ import numpy as np
 
 from skin.contact.model import NeighbourGraph
 from skin.errors import SkinError
+from skin.options import Options
 
 __all__ = [
     "FALSE_CONTACTS_PER_DAY", "KEEP_SIGMA", "START_SIGMA", "start_sigma_for", "start_sigmas",
@@ -22,8 +23,8 @@ START_SIGMA = 5.0
 """Normal load of one look at an array that is a contact, in sigmas [assumed]."""
 KEEP_SIGMA = 3.0
 """Normal load that a unit must exceed to belong to a contact, in sigmas [assumed]."""
-FALSE_CONTACTS_PER_DAY = 1.0
-"""Contacts that noise may start on the whole skin [assumed]."""
+FALSE_CONTACTS_PER_DAY = Options.false_contacts_per_day
+"""Contacts that noise may start on the whole skin, a day [assumed]."""
 
 
 def start_sigmas(

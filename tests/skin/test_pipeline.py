@@ -125,3 +125,11 @@ def test_a_cycle_of_another_skin_is_refused(counts, status):
 def test_it_is_at_hand_by_name():
     assert skin.Pipeline is Pipeline
     assert skin.Options is Options
+
+
+def test_how_often_noise_may_start_a_contact_reaches_the_gate():
+    gates = [
+        Pipeline(STRIP, Options(want="contacts", false_contacts_per_day=rate)).contacts.model.gate
+        for rate in (1.0, 100.0)
+    ]
+    assert gates[0].start_sigma > gates[1].start_sigma > gates[1].keep_sigma
