@@ -48,7 +48,7 @@ check: install
 
 test: install
 	@.ci/debian-packages
-	@$(BIN)/python -m pytest -m "not long" --ignore=tests/vcan -n auto --dist worksteal; \
+	@$(BIN)/python -m pytest -m "not long" --ignore=tests/vcan -n auto; \
 	tests=$$?; $(BIN)/python -m pytest -m "not long" tests/vcan; \
 	vcan=$$?; exit $$((tests ? tests : vcan))
 
