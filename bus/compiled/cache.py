@@ -4,13 +4,20 @@ Numba's own cache looks at the kernel's file and at nothing else. Here the key o
 stamp of all that the kernel stands on: the files of all functions that it calls, at any depth, and
 the values of all constants that these name, wherever they were imported from.
 
-Stands on private parts of numba (`FunctionCache`); where a version lacks them, kernels are compiled
-anew in every process.
+Numba numbers the files of a kernel and keeps an index of them; two processes that compile two
+variants at the same time may give both the same number, and the index of one leads to the code of
+the other from then on. Here the name of a file follows from its key, and there is no index.
+
+Stands on private parts of numba (`FunctionCache`, `IndexDataCacheFile`); where a version lacks
+them, kernels are compiled anew in every process.
 """
 
 from __future__ import annotations
 
+import contextlib
 import enum
+import os
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -23,14 +30,18 @@ import numpy as np
 from numba import types
 
 try:
-    from numba.core.caching import FunctionCache
+    from numba.core.caching import FunctionCache, IndexDataCacheFile
 except ImportError:  # a numba of another version
-    FunctionCache = None
+    FunctionCache = IndexDataCacheFile = None
 
 __all__ = ["cache_on_disk", "stamp", "watch"]
 
 OUTSIDE = frozenset({"builtins", "llvmlite", "math", "numba", "numpy"})
 """Packages whose versions numba's cache, or ours, does not look at."""
+UNUSED_S = 30 * 24 * 3600.0
+"""Files of a kernel that nobody has read for so long go when another one is written [assumed]."""
+PRIVATE = ((FunctionCache, "_index_key"), (IndexDataCacheFile, "_load_data"),
+           (IndexDataCacheFile, "_save_data"))  # fmt: skip
 
 _watchers: list[tuple[Callable[[str], None], Callable[[str], None]]] = []
 
@@ -57,18 +68,51 @@ def watch(
 
 def cache_on_disk(kernel: Any) -> None:
     """Keep what a dispatcher compiles from now on on disk, and look there first."""
-    if FunctionCache is not None and hasattr(FunctionCache, "_index_key"):
+    if all(hasattr(holder, name) for holder, name in PRIVATE):
         kernel._cache = _stamped_cache()(kernel.py_func)
 
 
 @cache
 def _stamped_cache() -> type:
-    base: Any = FunctionCache
+    cache: Any = FunctionCache
+    files: Any = IndexDataCacheFile
 
-    class StampedCache(base):
+    class KeyedFiles(files):
+        """A file for each key, named by it: processes may write at once."""
+
+        def __init__(self, path, kernel):
+            super().__init__(path, kernel, None)
+            self._folder, self._kernel = Path(path), kernel
+
+        def load(self, key):
+            name = self._name(key)
+            try:
+                found = self._load_data(name)
+            except OSError:
+                return None
+            with contextlib.suppress(OSError):  # a folder that may be read only
+                os.utime(self._folder / name)
+            return found
+
+        def save(self, key, data):
+            self._save_data(self._name(key), data)
+            for file in self._folder.glob(f"{self._kernel}.*.nbc"):
+                with contextlib.suppress(OSError):
+                    if time.time() - file.stat().st_mtime > UNUSED_S:
+                        file.unlink()
+
+        def _name(self, key):
+            told = blake2b(repr((self._version, key)).encode(), digest_size=16).hexdigest()
+            return f"{self._kernel}.{told}.nbc"
+
+    class StampedCache(cache):
         """Numba's cache, with `stamp` in its key."""
 
         _stamp: str | None = None
+
+        def __init__(self, function):
+            super().__init__(function)
+            self._cache_file = KeyedFiles(self._cache_path, self._impl.filename_base)
 
         def _index_key(self, sig, codegen):
             if self._stamp is None:

@@ -18,6 +18,7 @@ from typing import Any
 from numba import njit
 from numba.extending import register_jitable
 
+from bus.compiled import nested
 from bus.compiled.cache import cache_on_disk
 
 __all__ = ["compiled", "jitable"]
@@ -98,4 +99,6 @@ def jitable(
         return lambda wrapped: jitable(wrapped, inline=inline, **options)
     if inline:
         options = {"forceinline": True, **options}
+    if nested.pipeline is not None:
+        options = {"pipeline_class": nested.pipeline, **options}
     return register_jitable(**options)(function) if options else register_jitable(function)

@@ -17,6 +17,9 @@ from skin.contact.wrench import centre, total_wrench
 
 __all__ = ["describe", "describe_python"]
 
+REORDERED = {"contract", "reassoc", "arcp"}
+"""Sums over the units of a contact bear another order."""
+
 
 @jitable
 def _temperatures(s, record, m):
@@ -95,6 +98,7 @@ def _forget(record):
     record["grip_force"] = np.nan
 
 
+@jitable(fastmath=REORDERED)
 def describe_python(count, model, data):
     """Describe the contacts that `find_contacts` has found, and their total.
 
@@ -131,4 +135,4 @@ def describe_python(count, model, data):
     _conclude(sums.rows[count + 1], data.contacts[data.contacts.size - 1], origin, data.scratch)
 
 
-describe = compiled(describe_python, fastmath={"contract", "reassoc", "arcp"}, allocates=False)
+describe = compiled(describe_python, fastmath=REORDERED, allocates=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bus.compiled.jit import compiled
-from skin.contact.describe import describe
+from skin.contact.describe import describe_python
 from skin.contact.slip.judge import judge
 from skin.contact.track import find_contacts
 
@@ -36,7 +36,7 @@ def step_python(model, data):
     clock["begun"], clock["last_ns"] = True, now_ns
     count = find_contacts(model, data)
     if count > 0 and wants.total:
-        describe(count if wants.each else 0, model, data)
+        describe_python(count if wants.each else 0, model, data)
         if wants.slip:
             judge(count, dt_s, now_ns, model, data)
     same = count == clock["present"]

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bus.compiled.jit import compiled, jitable
+from bus.compiled.jit import jitable
 from skin.contact.record import BORN, BRIDGE, RESUMED, SILENT, WEAK, SlipState, UnitSlip
 from skin.contact.slip.data import MOTIONS, PLANE, SlipArrays, slip_arrays
 from skin.contact.slip.friction import friction_margin, learn_friction
@@ -22,7 +22,7 @@ from skin.contact.slip.state_machine import (
 )
 from skin.contact.slip.unit_filter import correct, gather, lowpass_share, predict, scatter
 
-__all__ = ["judge", "judge_python"]
+__all__ = ["judge"]
 
 
 class _Rates(NamedTuple):
@@ -108,7 +108,8 @@ def _judge_contact(record, dt_s, now_ns, rates, model, reading, units, slip: Sli
             units.slip[units.members[at]] = UnitSlip.NO_CONTACT
 
 
-def judge_python(count, dt_s, now_ns, model, data):
+@jitable(fastmath={"contract", "reassoc"})
+def judge(count, dt_s, now_ns, model, data):
     """Judge the units of the contacts that have been described.
 
     Parameters
@@ -141,6 +142,3 @@ def judge_python(count, dt_s, now_ns, model, data):
         record = data.contacts[data.slots.present[k]]
         if not record["flags"] & WEAK:
             _judge_contact(record, dt_s, now_ns, rates, model, data.reading, units, slip)
-
-
-judge = compiled(judge_python, fastmath={"contract", "reassoc"}, allocates=False)

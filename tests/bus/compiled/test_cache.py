@@ -1,10 +1,13 @@
 """The cache of kernels: compiled anew when anything changes that a kernel is made of."""
 
+import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import bus
+from bus.compiled.cache import UNUSED_S
 
 ROOT = Path(bus.__file__).parent.parent
 CALLER = """
@@ -50,3 +53,71 @@ def test_a_changed_constant_is_compiled_anew_wherever_it_stands(tmp_path, monkey
         ["11.0", "kernel_python"],
         ["11.0"],
     ]
+
+
+TWICE = """
+import sys, time
+from pathlib import Path
+from bus.compiled.cache import watch
+from bus.compiled.jit import compiled
+
+FACTOR = float(sys.argv[1])
+
+def kernel_python(x):
+    return FACTOR * x
+
+kernel = compiled(kernel_python)
+dump, told = kernel._cache._cache_file._dump, []
+
+def wait_for_the_other(data):
+    Path(sys.argv[1]).touch()
+    until = time.monotonic() + 20.0
+    while len(sys.argv) > 2 and not Path(sys.argv[2]).exists() and time.monotonic() < until:
+        time.sleep(0.01)
+    return dump(data)
+
+kernel._cache._cache_file._dump = wait_for_the_other
+with watch(told.append):
+    print(kernel(2.0), *told)
+"""
+
+
+def test_processes_that_compile_variants_at_once_keep_both(tmp_path, monkeypatch):
+    """Numba's own index gives both files one number: one of them then runs the other's code."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    tmp_path.joinpath("twice.py").write_text(TWICE)
+
+    def start(*factors):
+        command = [sys.executable, "-B", "twice.py", *factors]
+        return subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, text=True)
+
+    at_once = [start("3.0", "5.0"), start("5.0", "3.0")]
+    said = [process.communicate()[0].split() for process in at_once]
+    assert said == [["6.0", "kernel_python"], ["10.0", "kernel_python"]]
+    assert [start(factor).communicate()[0].split() for factor in ("3.0", "5.0")] == [
+        ["6.0"],
+        ["10.0"],
+    ]
+
+
+def test_files_that_nobody_reads_go(tmp_path, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    tmp_path.joinpath("twice.py").write_text(TWICE)
+
+    def run(factor):
+        command = [sys.executable, "-B", "twice.py", factor]
+        subprocess.run(command, cwd=tmp_path, capture_output=True, check=True)
+        return set(tmp_path.glob("cache/**/*.nbc"))
+
+    old = run("3.0")
+    for file in old:
+        os.utime(file, (0, time.time() - UNUSED_S - 60.0))
+    used = run("4.0") - old
+    assert len(used) == 1
+    assert not any(file.exists() for file in old)
+    for file in used:
+        os.utime(file, (0, time.time() - UNUSED_S - 60.0))
+    run("4.0")  # reads it
+    assert run("6.0") > used

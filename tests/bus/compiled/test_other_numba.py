@@ -40,6 +40,7 @@ for name in sys.argv[1:]:
 from bus.compiled.bound import Bound, direct
 from bus.compiled.intrinsics import assume_noalias, prefetch
 from bus.compiled.jit import compiled, jitable
+from bus.compiled import nested
 
 for function, *arguments in back:
     function(*arguments)
@@ -61,29 +62,31 @@ call()
 call.put(1, other)
 call()
 direct(weigh)(values, values)
-print(call._words is not None, weigh._cache.__class__.__name__)
+print(call._words is not None, weigh._cache.__class__.__name__, nested.pipeline is not None)
 print(*out, *other, *values)
 """
 NUMBERS = 3 * "0.0 3.0 6.0 9.0 12.0 "
 
 
 @pytest.mark.parametrize(
-    ("removed", "is_bound", "is_cached"),
+    ("removed", "is_bound", "is_cached", "is_nested"),
     [
-        ([], True, True),
-        (["numba.core.caching"], True, False),
-        (["numba.core.caching.FunctionCache"], True, False),
-        (["numba.core.caching.Cache._index_key"], True, False),
-        (["numba.core.cgutils"], False, True),
-        (["numba.core.errors"], False, True),
-        (["llvmlite.ir"], False, True),
-        (["numba.extending.lower_builtin"], True, True),
-        (["numba.extending.type_callable"], True, True),
+        ([], True, True, True),
+        (["numba.core.caching"], True, False, True),
+        (["numba.core.caching.FunctionCache"], True, False, True),
+        (["numba.core.caching.Cache._index_key"], True, False, True),
+        (["numba.core.cgutils"], False, True, True),
+        (["numba.core.errors"], False, True, True),
+        (["llvmlite.ir"], False, True, True),
+        (["numba.extending.lower_builtin"], True, True, True),
+        (["numba.extending.type_callable"], True, True, True),
+        (["numba.core.typed_passes.NativeLowering"], True, True, False),
+        (["numba._dynfunc"], True, True, False),
     ],
     ids=lambda value: ",".join(value) or "nothing" if isinstance(value, list) else None,
 )
 def test_without_private_parts_kernels_give_the_same(
-    removed, is_bound, is_cached, tmp_path, monkeypatch
+    removed, is_bound, is_cached, is_nested, tmp_path, monkeypatch
 ):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
@@ -94,7 +97,7 @@ def test_without_private_parts_kernels_give_the_same(
     assert done.stderr == ""
     found, numbers = done.stdout.splitlines()
     assert numbers == NUMBERS.strip()
-    assert found == f"{is_bound} {'StampedCache' if is_cached else 'NullCache'}"
+    assert found == f"{is_bound} {'StampedCache' if is_cached else 'NullCache'} {is_nested}"
 
 
 def test_a_kernel_that_does_not_tell_where_it_lies_is_called_as_it_is(monkeypatch):

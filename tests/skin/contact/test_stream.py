@@ -12,13 +12,11 @@ from scipy.spatial.transform import Rotation
 import tests.naive.contact as naive
 from skin.contact import shock, step
 from skin.contact import stream as module
-from skin.contact.describe import describe_python
 from skin.contact.features import contact_features
 from skin.contact.graph import neighbour_graph
 from skin.contact.record import Event, Flag, SlipState, UnitSlip
 from skin.contact.shock import shock_python
 from skin.contact.slip import SlipSettings
-from skin.contact.slip.judge import judge_python
 from skin.contact.step import step_python
 from skin.contact.stream import CONTACT_WANTS, ContactStream
 from skin.errors import OptionError, SkinError
@@ -121,7 +119,7 @@ def test_what_is_not_wanted_is_not_computed(monkeypatch, want, spared):
     called = set()
     monkeypatch.setattr(module, "step", step_python)
     for home, name, what in (
-        (step, "describe", "describe"),
+        (step, "describe_python", "describe"),
         (step, "judge", "judge"),
         (module.Shocks, "update", "shock"),
     ):
@@ -558,8 +556,6 @@ def test_machine_code_and_python_tell_alike(monkeypatch):
 
     machine = told()
     monkeypatch.setattr(module, "step", step_python)
-    monkeypatch.setattr(step, "describe", describe_python)
-    monkeypatch.setattr(step, "judge", judge_python)
     monkeypatch.setattr(shock, "shock", shock_python)
     with np.errstate(invalid="ignore"):
         np.testing.assert_allclose(told(), machine, rtol=1e-6, atol=1e-9)

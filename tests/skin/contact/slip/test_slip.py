@@ -7,16 +7,18 @@ from hypothesis import settings as profile
 from hypothesis import strategies as st
 
 import tests.naive.contact as naive
+from bus.compiled.jit import compiled
 from skin.contact.graph import neighbour_graph
 from skin.contact.record import Flag, SlipState, UnitSlip
 from skin.contact.slip import SlipSettings
 from skin.contact.slip.data import SlipData, unit_filter
-from skin.contact.slip.judge import judge, judge_python
+from skin.contact.slip.judge import judge
 from skin.contact.stream import ContactStream
 from skin.errors import SkinError
 from tests.naive.slip import NaiveSlip
 
 AREA, DT_S = 1.1e-4, 0.004
+machine_code = compiled(judge, allocates=False)
 STIFFNESS = 0.5
 """N/mm, tangential."""
 seeds = st.integers(0, 2**32)
@@ -25,7 +27,7 @@ seeds = st.integers(0, 2**32)
 class Watch:
     """Slip of an array cycle by cycle, with one of the two kernels, on top of a stream."""
 
-    def __init__(self, position, rotation, kernel=judge, **settings):
+    def __init__(self, position, rotation, kernel=machine_code, **settings):
         n = position.shape[1]
         self.stream = ContactStream(
             position, rotation, AREA, *neighbour_graph(position, 0.018), want={"contacts"},
@@ -409,7 +411,7 @@ def test_machine_code_is_the_python_code(seed):
     load = dome(position - position.mean(axis=1, keepdims=True), reach_m=0.03)
     one, one_units = sliding(Watch(position, rotation), position, load, cycles=110, seed=seed)
     other, other_units = sliding(
-        Watch(position, rotation, judge_python), position, load, cycles=110, seed=seed
+        Watch(position, rotation, judge), position, load, cycles=110, seed=seed
     )
     np.testing.assert_array_equal(one["slip"], other["slip"])
     np.testing.assert_array_equal(one_units, other_units)

@@ -1,0 +1,86 @@
+"""Compile a function that only kernels call: once, within its callers.
+
+Numba compiles every function as if Python might call it: it optimises the function together with
+all that it calls, makes machine code of it and wraps it twice. A kernel of many small functions in
+many levels is optimised as often as it has levels. Here a function that only kernels call stays
+intermediate code, which is optimised where it ends up: in the kernel.
+
+It stands on numba's interface for compilers of one's own, and on private parts (the library of
+code, and how a compiled function is made known); where a version lacks them, `pipeline` is None and
+numba's own way is used.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+__all__ = ["pipeline"]
+
+pipeline: Any = None
+"""The class for numba's option ``pipeline_class``; None where this numba has not what it needs."""
+
+
+def _build() -> Any:
+    from numba import _dynfunc
+    from numba.core.codegen import JITCodeLibrary
+    from numba.core.compiler import CompilerBase, DefaultPassBuilder
+    from numba.core.compiler_machinery import register_pass
+    from numba.core.typed_passes import NativeLowering
+
+    base_library: Any = JITCodeLibrary
+    for name in ("_optimize_final_module", "_finalize_final_module", "_finalize_dynamic_globals"):
+        getattr(base_library, name)
+
+    class NestedLibrary(base_library):
+        """Code that is linked into its callers and never run by itself."""
+
+        def _optimize_final_module(self):
+            """Left to the library of the kernel."""
+
+        def _finalize_final_module(self):
+            self._finalize_dynamic_globals()
+            self._finalized = True
+
+    @register_pass(mutates_CFG=True, analysis_only=False)
+    class NestedLowering(NativeLowering):
+        """Lower to intermediate code, without machine code and wrappers."""
+
+        _name = "nested_lowering"
+
+        def run_pass(self, state):
+            name = state.func_id.func_qualname
+            state.library = NestedLibrary(state.targetctx.codegen(), name)
+            state.library.enable_object_caching()
+            flags = state.flags
+            flags.no_compile = flags.no_cfunc_wrapper = flags.no_cpython_wrapper = True
+            super().run_pass(state)
+            lowered, library = state["cr"], state.library
+            library.finalize()
+            # names the function where callers look for its code; not to be called
+            entry = _dynfunc.make_function(
+                lowered.fndesc.lookup_module(), name, "", 0, lowered.env, (library,)
+            )
+            state.targetctx.insert_user_function(entry, lowered.fndesc, [library])
+            state["cr"] = lowered._replace(cfunc=entry)
+            return True
+
+    class Nested(CompilerBase):
+        """Numba's passes, `NestedLowering` instead of its own."""
+
+        def define_pipelines(self):
+            build = DefaultPassBuilder
+            passes = build.define_nopython_pipeline(self.state)
+            passes.passes = [
+                (NestedLowering, told) if one is NativeLowering else (one, told)
+                for one, told in passes.passes
+            ]
+            passes.finalize()
+            return [passes]
+
+    return Nested
+
+
+try:
+    pipeline = _build()
+except (ImportError, AttributeError):  # a numba of another version
+    pipeline = None
