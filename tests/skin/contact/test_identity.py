@@ -75,6 +75,9 @@ def test_identities_are_those_of_the_rules(seed, shape, capacity):
         known = {one.id: one for one in slow.known if one}
         records = units.tracker.contacts
         assert set(records["id"][records["track"] != TrackState.FREE]) == set(known)
+        owner = units.stream.data.units.owner
+        owners = {i: int(records["id"][owner[i]]) for i in range(n) if owner[i] >= 0}
+        assert owners == {i: one.id for i, one in slow.owner.items()}
         for one in slow.present:
             record = units.record(one.id)
             assert record["event"] == one.event, one
@@ -89,17 +92,20 @@ def mirrored(level, flip):
     return level[::-1] if flip else level
 
 
-@pytest.mark.parametrize(("times", "speaker"), [(3.97, 2), (4.03, 1)])
-def test_an_absorbed_contact_speaks_again_when_it_bears_four_times_the_other(times, speaker):
+@pytest.mark.parametrize("flip", [False, True])
+@pytest.mark.parametrize(("times", "is_back"), [(3.97, False), (4.03, True)])
+def test_an_absorbed_contact_speaks_again_when_it_bears_four_times_the_other(times, is_back, flip):
     units = Units(1, 3)
-    assert set(units.see(10, 0, 20, cycles=60)) == {1, 2}
-    assert units.see(10, 4, 20, cycles=5) == {2: [0, 1, 2]}
-    assert units.record(2)["event"] == Event.NONE
+    light, heavy = (2, 1) if flip else (1, 2)
+    assert set(units.see(*mirrored([10, 0, 20], flip), cycles=60)) == {light, heavy}
+    assert units.see(*mirrored([10, 4, 20], flip), cycles=5) == {heavy: [0, 1, 2]}
+    assert units.record(heavy)["event"] == Event.NONE
     # The unit between them has become that of its heavier neighbour.
-    assert units.see(times * 24, 4, 20) == {speaker: [0, 1, 2]}
-    assert bool(units.record(speaker)["event"] & Event.RESUMED) == (speaker == 1)
-    other = units.record(3 - speaker)
-    assert (other["track"], other["seen_ns"]) == (TrackState.ABSORBED, units.now)
+    speaker, other = (light, heavy) if is_back else (heavy, light)
+    assert units.see(*mirrored([times * 24, 4, 20], flip)) == {speaker: [0, 1, 2]}
+    assert bool(units.record(speaker)["event"] & Event.RESUMED) == is_back
+    record = units.record(other)
+    assert (record["track"], record["seen_ns"]) == (TrackState.ABSORBED, units.now)
 
 
 @pytest.mark.parametrize("flip", [False, True])
@@ -124,6 +130,41 @@ def test_a_full_table_forgets_who_has_been_away_longest(flip):
         assert units.see(*nothing) == {}
         assert units.tracker.ended.tolist() == [identity]
     assert list(units.see(*mirrored(there, flip))) == [5]
+
+
+def at(n, *places, flip=False):
+    """A row of units of which some are loaded."""
+    return mirrored([9 * (i in places) for i in range(n)], flip)
+
+
+@pytest.mark.parametrize("flip", [False, True])
+@pytest.mark.parametrize(
+    ("again", "returns", "gone"), [((), 0, 1), ((), 1, 0), ((0,), 1, 2), ((0, 1), 0, 2)]
+)
+def test_who_is_just_back_is_not_forgotten_however_long_away(again, returns, gone, flip):
+    units = Units(1, 12, capacity=2, memory_s=1.0)
+    for k in (0, 1, 2, 3, *again):
+        assert list(units.see(*at(12, 3 * k, flip=flip))) == [k + 1]
+        units.see(*at(12))
+    assert set(units.see(*at(12, 3 * returns, 11, flip=flip))) == {returns + 1, 5}
+    for k in {0, 1, 2, 3} - {gone}:
+        units.see(*at(12))
+        assert list(units.see(*at(12, 3 * k, flip=flip))) == [k + 1]
+    units.see(*at(12))
+    assert list(units.see(*at(12, 3 * gone, flip=flip))) == [6]
+
+
+def test_who_is_lost_in_this_cycle_is_not_forgotten_before_those_it_spoke_for():
+    units = Units(1, 12, capacity=2, memory_s=1.0, settle_s=0.004)
+    loads = [90, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    for place in (2, 4, 6):
+        loads[place] = 10
+        assert 1 in units.see(*loads, cycles=2)
+        loads[place - 1] = 5
+        assert list(units.see(*loads)) == [1]
+    assert list(units.see(*at(12, 11))) == [5]
+    assert units.see(*at(12)) == {}
+    assert list(units.see(*at(12, 0))) == [1]
 
 
 def test_an_identity_returns_until_its_memory_is_over_and_absorbed_ones_as_long_as_they_are():
