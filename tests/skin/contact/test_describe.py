@@ -81,6 +81,15 @@ def test_of_units_that_are_equal_the_first_is_named():
     assert (total["peak_unit"], total["hot_unit"]) == (0, 0)
 
 
+def test_units_that_bear_nothing_have_no_most_loaded_one():
+    (contact,), total = contact_features(
+        np.zeros(2, int), np.zeros((3, 2)), 0.01, naive.grid(1, 2), naive.facing_down(2), 1e-4
+    )
+    for record in (contact, total):
+        assert (record["peak_unit"], record["peak_pressure"], record["hot_unit"]) == (-1, 0.0, -1)
+        assert record["flags"] & Flag.WEAK
+
+
 @pytest.mark.parametrize(("share", "spans"), [(0.049, False), (0.051, True)])
 def test_a_gradient_needs_units_that_span_a_plane_by_a_twentieth_of_their_length(share, spans):
     corners = 0.01 * np.array([[1, 1, -1, -1], [share, -share, share, -share], [0.0] * 4])
@@ -159,7 +168,7 @@ def test_each_silent_unit_counts_once_for_every_contact_beside_it(seed):
     position, n = naive.grid(3, 5), 15
     start, index = neighbour_graph(position, 0.0175)
     area, label = rng.uniform(0.5, 2.0, n), rng.integers(-1, 3, n)
-    label[:3] = 0, 1, 2
+    label[[4, 7, 10]] = 0, 1, 2
     silent = (label < 0) & (rng.random(n) < 0.6)
     contacts, total = contact_features(
         label, np.ones((3, n)), 0.01, position, naive.facing_down(n), area, silent=silent,
