@@ -2,7 +2,7 @@
 
 A mutant keeps every line where it is, so that functions can be told by their first line. Messages,
 annotations, decorators, docstrings and options of compilation are left alone: to break them breaks
-no value. So are layouts of records: who has imported one keeps it.
+no value.
 """
 
 from __future__ import annotations
@@ -33,9 +33,7 @@ NAMES = {
 }  # fmt: skip
 WITHOUT = {"sqrt", "abs", "fabs", "hypot", "copysign"}
 """Calls that a mutant replaces by their first argument."""
-UNTOUCHED_CALLS = {
-    "compiled", "jitable", "njit", "assume_noalias", "prefetch", "cast", "TypeVar", "dtype",
-}  # fmt: skip
+UNTOUCHED_CALLS = {"compiled", "jitable", "njit", "assume_noalias", "prefetch", "cast", "TypeVar"}
 FACTOR = 1.5
 """What a number is multiplied by; far more than rounding, far less than nonsense."""
 
