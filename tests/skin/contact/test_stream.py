@@ -215,6 +215,22 @@ def test_a_number_that_is_none_makes_its_unit_silent_and_spoils_no_other(row):
 
 
 @pytest.mark.parametrize("row", [0, 1, 2])
+@pytest.mark.parametrize("which", [0, 1, 2, 3])
+def test_a_loaded_unit_is_silent_while_a_number_that_is_needed_is_none(which, row):
+    """Forces and their sigmas always; displacements and theirs where slip is wanted."""
+    unit = 2 * COLUMNS + 2
+    given = [BOTH.copy(), np.full((3, N), 0.01), 0.3 * BOTH, np.full((3, N), 0.01)]
+    given[which][row, unit] = np.nan
+    for want in ("slip", "contacts"):
+        stream = plate(want=want)
+        stream.update(*given, stamp_ns=0)
+        silent = want == "slip" or which < 2
+        assert (stream.tracker.label[unit] < 0) == silent
+        assert stream.coverage == pytest.approx(1.0 - silent / N)
+        assert np.isfinite(stream.total.wrench).all()
+
+
+@pytest.mark.parametrize("row", [0, 1, 2])
 def test_a_displacement_that_is_none_for_a_cycle_does_not_blind_slip(row):
     stream, unit = plate(want={"slip"}), 2 * COLUMNS + 2
     for number in range(1, 12):
@@ -407,15 +423,20 @@ def test_readings_of_the_last_cycle_live_as_long_as_they_are_read():
 def test_before_anything_is_brought_nothing_touches():
     stream = plate(want=CONTACT_WANTS)
     assert stream.contacts == []
-    total = stream.total
-    nothing = (total.load, total.load_sigma, total.area, total.shear)
-    assert nothing == (0.0,) * 4
-    assert not total.wrench.any()
-    assert not total.wrench_covariance.any()
-    unknown = (*total.centroid, *total.normal, total.temperature, total.coverage, total.margin)
-    assert np.isnan(unknown).all()
-    assert (total.peak_unit, total.hot_unit, total.flags) == (-1, -1, Flag.WEAK)
     assert stream.bind(*np.zeros((4, 3, N)))(1) == []
+
+
+def test_where_nothing_touches_there_is_no_load_and_the_rest_is_not_known():
+    for record in (plate(want=CONTACT_WANTS).total.record, module._untouched()[0]):
+        zero = ("load", "load_sigma", "wrench", "wrench_covariance", "wrench_sigma", "area",
+                "shear")  # fmt: skip
+        for name in record.dtype.names:
+            if record.dtype[name].base == np.float64:
+                known = np.zeros_like(record[name]) if name in zero else np.nan
+                np.testing.assert_array_equal(record[name], known, name)
+        assert record["peak_unit"] == record["hot_unit"] == -1
+        assert record["flags"] == Flag.WEAK
+        assert record["id"] == record["cycles"] == 0
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
