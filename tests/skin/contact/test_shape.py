@@ -137,6 +137,18 @@ def test_one_point_has_no_extent_and_the_axes_of_its_units(seed, n):
     assert contact["axes"][:, 0] == pytest.approx(along / np.linalg.norm(along))
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_what_rounding_makes_of_one_point_is_no_extent(axis):
+    rng = np.random.default_rng(axis)
+    place = np.zeros((3, 6))
+    place[axis] = 1.1, 1.1, 1.1, -1.1, -1.1, -1.1
+    label = np.array([0, 0, 0, -1, -1, -1])
+    for load in rng.uniform(0.1, 2.0, (40, 6)):
+        force = np.array([0.0 * load, 0.0 * load, load])
+        (contact,), _ = contact_features(label, force, 1e-3, place, naive.facing_down(6), AREA)
+        assert contact["extent"].tolist() == [0.0, 0.0]
+
+
 def test_points_a_micrometre_apart_at_a_metre_are_two():
     far = np.array([[1.0, 1.0, -2.0], [0.0, 1e-6, 0.0], [0.0, 0.0, 0.0]])
     force = np.array([[0.0] * 3, [0.0] * 3, [1.0] * 3])

@@ -44,6 +44,15 @@ def test_shocks_are_second_differences_in_their_variances(begins):
     assert not shocks.impact[:2].any()
 
 
+def test_before_there_are_three_samples_there_is_no_shock():
+    shocks, told = Shocks(1, 250.0), []
+    for force in ([0.0, 0.0, 0.0], [5.0, 0.0, 0.0], [0.0, 0.0, 0.0]):
+        none = np.zeros(1, np.int32)
+        shocks.update(1, none, none, np.array([force]), np.ones((1, 3)))
+        told.append(shocks.impact[0])
+    assert told == pytest.approx([0.0, 0.0, 100.0 / 6.0])
+
+
 @pytest.mark.parametrize(("rate_hz", "per_hour", "time_s"), [(250.0, 1.0, 0.1), (50.0, 9.0, 0.4)])
 def test_limits_are_those_of_chi_square_and_of_its_average(rate_hz, per_hour, time_s):
     shocks = Shocks(1, rate_hz, false_alarms_per_hour=per_hour, time_s=time_s)
