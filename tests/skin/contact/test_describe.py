@@ -181,3 +181,29 @@ def test_each_silent_unit_counts_once_for_every_contact_beside_it(seed):
         assert contacts["coverage"][k] == pytest.approx(used / (used + missing[k]))
     used = area[label >= 0].sum()
     assert total["coverage"] == pytest.approx(used / (used + sum(missing)))
+
+
+def test_a_record_tells_nothing_of_the_slip_of_the_contact_that_had_it_before():
+    position = naive.grid(1, 3)
+    stream = ContactStream(
+        position, naive.facing_down(3), 1e-4, *neighbour_graph(position, 0.001), want={"slip"},
+        dtype="float64", start_sigma=4.0, memory_s=0.001,
+    )  # fmt: skip
+    numbers = ("slip", "slip_units", "body_units", "onset_ns", "friction_lower")
+    unknown = ("stick_ratio", "pattern", "motion", "rotation", "friction", "friction_sigma",
+               "margin", "grip_force")  # fmt: skip
+    force = np.zeros((3, 3))
+    for number, (unit, load) in enumerate(((0, 9.0), (0, 9.0), (1, 0.0), (1, 0.0), (2, 0.045))):
+        force[:] = 0.0
+        force[2, unit] = load
+        found = stream.update(force, 0.01, 0.3 * force, 0.01, stamp_ns=number * 4_000_000)
+        if number == 1:
+            for name in numbers + unknown:
+                stream.records[name][0] = 2
+    (contact,) = found
+    assert contact.flags & Flag.WEAK, "too light to be judged"
+    record = stream.records[0]
+    assert (contact.id, record["id"]) == (2, 2)
+    assert [record[name] for name in numbers] == [0] * 5
+    for name in unknown:
+        assert np.isnan(record[name]).all(), name
