@@ -63,6 +63,14 @@ def test_axes_are_those_of_the_covariance_of_the_touched_points(seed, n):
     check_axes(contact, points, load, -rotation[:, 2] @ load)
 
 
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_axes_do_not_depend_on_the_unit_of_length(scale):
+    rng = np.random.default_rng(7)
+    for _ in range(5):
+        points = scale * (rng.normal(size=(3, 6)) * [[0.02], [0.01], [0.005]])
+        check_axes(touch(points), points, 1.0, np.array([0.0, 0.0, 1.0]))
+
+
 @pytest.mark.parametrize("order", [(0, 1, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0), (0, 2, 1)])
 @pytest.mark.parametrize("angle", [0.0, 0.5, np.pi / 4, -0.7])
 def test_axes_of_points_along_the_axes_of_the_skin(order, angle):
