@@ -54,7 +54,7 @@ def _temperatures(s, record, m):
                         both += axes[b, k] * axes[a, j]
                     m[k, j] += both * spread
     det = m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]
-    if det <= ROUND**4 * (m[0, 0] + m[1, 1]) ** 2:
+    if det <= ROUND**2 * (m[0, 0] + m[1, 1]) ** 2:
         return
     first = (rhs[0] * m[1, 1] - rhs[1] * m[0, 1]) / det
     second = (rhs[1] * m[0, 0] - rhs[0] * m[1, 0]) / det

@@ -41,9 +41,9 @@ def keep_heaviest(load, units, parts, room, weight):
         weight[part] = total
         old_end[part] = begin[part + 1]
     for _ in range(room):
-        best = -1
-        for part in range(parts):
-            if weight[part] >= 0.0 and (best < 0 or weight[part] > weight[best]):
+        best = 0
+        for part in range(1, parts):
+            if weight[part] > weight[best]:
                 best = part
         weight[best] = -1.0  # kept
     stored, kept = 0, 0
@@ -194,8 +194,6 @@ def _claim(load, graph, now_ns, parts, contacts, data):
     slot_of, part_of, parent = slots.slot_of, slots.part_of, slots.parent
     for part in range(parts):
         parent[part] = -1
-        for slot in range(shared.shape[1]):
-            nearby[part, slot] = shared[part, slot]
         if slot_of[part] >= 0:
             continue
         most = 0.0

@@ -246,6 +246,8 @@ def main() -> None:
     questions, answers = os.fdopen(os.dup(0)), os.fdopen(int(sys.argv[2]), "w")
     options = ["-q", "-x", "-p", "no:cacheprovider", "--tb=no", "-o", "addopts=",
                "--import-mode=importlib", "-m", "not long and not vcan"]  # fmt: skip
+    # Compiled kernels compute with infinity and NaN in silence; so must they, interpreted.
+    options += ["-W", "ignore::RuntimeWarning"]
     status = pytest.main([*options, *sys.argv[3:]], plugins=[Server(root, questions, answers)])
     sys.exit(int(status))
 

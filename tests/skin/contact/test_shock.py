@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.stats import chi2, gamma
 
 from skin.contact import shock
 from skin.contact.shock import Shocks, shock_python
@@ -18,6 +19,56 @@ def shocks_of(shocks, forces, sigma, events=()):
         shocks.update(1, np.zeros(1, np.int32), event, force[None], np.full((1, 3), sigma))
         seen.append((shocks.impact[0], shocks.vibration[0]))
     return np.transpose(seen)
+
+
+@pytest.mark.parametrize("begins", [0, 7])
+def test_shocks_are_second_differences_in_their_variances(begins):
+    """From the third sample of a contact on, whatever went before; smoothed over 0.1 s."""
+    rng = np.random.default_rng(1)
+    force, sigma = rng.normal(size=(30, 3)), rng.uniform(0.5, 2.0, (30, 3))
+    shocks, smoothed = Shocks(3, 100.0), 3.0
+    for t in range(30):
+        events = np.array([0, 0, BEGIN if t in (0, begins) else 0], np.int32)
+        told = [np.zeros((3, 3)), np.ones((3, 3))]
+        told[0][2], told[1][2] = force[t], sigma[t]
+        shocks.update(1, np.array([2, 0, 1], np.int32), events, *told)
+        if t < begins:
+            continue
+        square = 0.0
+        if t >= begins + 2:
+            jump = force[t] - 2.0 * force[t - 1] + force[t - 2]
+            square = (jump**2 / (6.0 * sigma[t] ** 2)).sum()
+            smoothed += (1.0 - np.exp(-0.1)) * (square - smoothed)
+        assert shocks.impact[2] == pytest.approx(square)
+        assert shocks.vibration[2] == pytest.approx(smoothed)
+    assert not shocks.impact[:2].any()
+
+
+def test_before_there_are_three_samples_there_is_no_shock():
+    shocks, told = Shocks(1, 250.0), []
+    for force in ([0.0, 0.0, 0.0], [5.0, 0.0, 0.0], [0.0, 0.0, 0.0]):
+        none = np.zeros(1, np.int32)
+        shocks.update(1, none, none, np.array([force]), np.ones((1, 3)))
+        told.append(shocks.impact[0])
+    assert told == pytest.approx([0.0, 0.0, 100.0 / 6.0])
+
+
+@pytest.mark.parametrize(("rate_hz", "per_hour", "time_s"), [(250.0, 1.0, 0.1), (50.0, 9.0, 0.4)])
+def test_limits_are_those_of_chi_square_and_of_its_average(rate_hz, per_hour, time_s):
+    shocks = Shocks(1, rate_hz, false_alarms_per_hour=per_hour, time_s=time_s)
+    samples = 3600.0 * rate_hz
+    assert chi2.sf(shocks.impact_limit, 3) * samples == pytest.approx(per_hour)
+    # The average over squares of differences that are correlated -2/3 and 1/6 with the next two.
+    weight = (1.0 - np.exp(-1.0 / (time_s * rate_hz))) * np.exp(
+        -np.arange(5000) / (time_s * rate_hz)
+    )
+    variance = 6.0 * sum(
+        share * (weight[lag:] @ weight[: weight.size - lag])
+        for lag, share in ((0, 1.0), (1, 2.0 * 4 / 9), (2, 2.0 / 36))
+    )
+    average = gamma(9.0 / variance, scale=variance / 3.0)
+    assert (average.mean(), average.var()) == pytest.approx((3.0, variance))
+    assert average.sf(shocks.vibration_limit) * samples == pytest.approx(per_hour, rel=1e-4)
 
 
 @pytest.mark.parametrize("kind", ["impact", "vibration"])

@@ -213,6 +213,22 @@ def test_a_number_that_is_none_makes_its_unit_silent_and_spoils_no_other(row):
 
 
 @pytest.mark.parametrize("row", [0, 1, 2])
+@pytest.mark.parametrize("which", [0, 1, 2, 3])
+def test_a_loaded_unit_is_silent_while_a_number_that_is_needed_is_none(which, row):
+    """Forces and their sigmas always; displacements and theirs where slip is wanted."""
+    unit = 2 * COLUMNS + 2
+    given = [BOTH.copy(), np.full((3, N), 0.01), 0.3 * BOTH, np.full((3, N), 0.01)]
+    given[which][row, unit] = np.nan
+    for want in ("slip", "contacts"):
+        stream = plate(want=want)
+        stream.update(*given, stamp_ns=0)
+        silent = want == "slip" or which < 2
+        assert (stream.tracker.label[unit] < 0) == silent
+        assert stream.coverage == pytest.approx(1.0 - silent / N)
+        assert np.isfinite(stream.total.wrench).all()
+
+
+@pytest.mark.parametrize("row", [0, 1, 2])
 def test_a_displacement_that_is_none_for_a_cycle_does_not_blind_slip(row):
     stream, unit = plate(want={"slip"}), 2 * COLUMNS + 2
     for number in range(1, 12):
@@ -348,7 +364,7 @@ def test_it_does_not_matter_how_readings_are_handed_over(dtype, how):
     rng = np.random.default_rng(8)
     same, other = (plate(want=CONTACT_WANTS, dtype=dtype) for _ in range(2))
     kept = [np.zeros((3, N), dtype) for _ in range(4)] + [np.zeros(N, dtype), np.zeros(N, bool)]
-    for number in range(1, 25):
+    for number in range(1, 10):
         given = in_place(kept, moving_scene(number, rng))
         same.update(*given, stamp_ns=number * CYCLE_NS)
         turned = [HANDED_OVER[how](a.copy()) for a in given]
@@ -406,6 +422,19 @@ def test_before_anything_is_brought_nothing_touches():
     stream = plate(want=CONTACT_WANTS)
     assert stream.contacts == []
     assert stream.bind(*np.zeros((4, 3, N)))(1) == []
+
+
+def test_where_nothing_touches_there_is_no_load_and_the_rest_is_not_known():
+    for record in (plate(want=CONTACT_WANTS).total.record, module._untouched()[0]):
+        zero = ("load", "load_sigma", "wrench", "wrench_covariance", "wrench_sigma", "area",
+                "shear")  # fmt: skip
+        for name in record.dtype.names:
+            if record.dtype[name].base == np.float64:
+                known = np.zeros_like(record[name]) if name in zero else np.nan
+                np.testing.assert_array_equal(record[name], known, name)
+        assert record["peak_unit"] == record["hot_unit"] == -1
+        assert record["flags"] == Flag.WEAK
+        assert record["id"] == record["cycles"] == 0
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
@@ -486,6 +515,75 @@ def test_a_new_contact_knows_nothing_of_the_one_whose_record_it_takes():
     assert new.friction_lower == 0.0
     assert np.isnan(new.onset_s)
     assert new.travel == 0.0
+
+
+def test_a_contact_tells_its_record_and_the_seconds_since_its_birth_and_its_slip():
+    stream = plate(want={"slip"})
+    cycle(stream, BOTH, 1)
+    (contact, _) = cycle(stream, BOTH, 6)
+    record = contact.record
+    assert contact.age_s == pytest.approx(0.02)
+    assert np.isnan(contact.onset_s)
+    record["onset_ns"] = 3 * CYCLE_NS
+    assert contact.onset_s == pytest.approx(0.012)
+    record["slip"], record["motion"], record["friction"] = SlipState.GROSS, [1.0, 2.0, 3.0], 0.4
+    for name in record.dtype.names:
+        if hasattr(contact, name):
+            np.testing.assert_array_equal(getattr(contact, name), record[name], name)
+    assert sorted(contact.units.tolist()) == np.flatnonzero(stream.tracker.label == 0).tolist()
+    assert (type(contact.slip), type(contact.event), type(contact.flags)) == (
+        SlipState, Event, Flag,
+    )  # fmt: skip
+
+
+def test_coverage_is_the_share_of_the_area_that_is_heard():
+    rng = np.random.default_rng(2)
+    position, area = naive.grid(2, 4), rng.uniform(1e-4, 3e-4, 8)
+    stream = ContactStream(
+        position, naive.facing_down(8), area, *neighbour_graph(position, 0.0125), dtype="float64"
+    )
+    force, valid = np.zeros((3, 8)), np.ones(8, bool)
+    assert stream.update(force, 0.01, stamp_ns=0) == []
+    assert stream.coverage == pytest.approx(1.0)
+    force[2, :3] = 1.0
+    stream.update(force, 0.01, stamp_ns=1)
+    assert stream.touching.tolist() == [True] * 3 + [False] * 5
+    # one that was touching, one that was not, one that says no number
+    valid[[1, 5]], force[2, 7] = False, np.nan
+    (contact,) = stream.update(force, 0.01, valid=valid, stamp_ns=2)
+    heard = valid & np.isfinite(force[2])
+    assert stream.coverage == pytest.approx(area[heard].sum() / area.sum())
+    assert sorted(contact.units.tolist()) == [0, 2]
+    used, beside = area[[0, 2]].sum(), area[1]  # 5 lies beside the silent one, 7 elsewhere
+    assert contact.coverage == pytest.approx(used / (used + beside))
+
+
+def test_warmup_leaves_everything_as_it_was():
+    stream, other = plate(want=CONTACT_WANTS), plate(want=CONTACT_WANTS)
+    stream.warmup()
+    assert told_by(stream) == told_by(other)
+    cycle(stream, BOTH, 1)
+    cycle(other, BOTH, 1)
+    assert told_by(stream) == told_by(other)
+
+
+def test_options_reach_the_kernels_in_their_units():
+    stream = plate(memory_s=0.3, settle_s=0.5, capacity=5, want="slip", dtype="float32")
+    assert (stream.model.gate.memory_ns, stream.model.gate.settle_ns) == (3e8, 5e8)
+    assert stream.model.gate.needs_displacement
+    assert (stream.tracker.contacts.size, stream.records.size) == (10, 11)
+    assert stream.data.reading.force.dtype == np.float32
+    gate = plate(start_sigma=4, keep_sigma=4).model.gate
+    assert (gate.start_sigma, gate.keep_sigma, gate.needs_displacement) == (4.0, 4.0, False)
+    assert plate(capacity=1).records.size == 3
+    with pytest.raises(SkinError, match="keep_sigma, start_sigma: must be"):
+        plate(keep_sigma=0.0)
+    shocks = plate(want="shocks", rate_hz=500.0, false_alarms_per_hour=2.0).shocks
+    same = shock.Shocks(32, 500.0, false_alarms_per_hour=2.0)
+    assert (shocks.impact_limit, shocks.vibration_limit) == (
+        same.impact_limit, same.vibration_limit,
+    )  # fmt: skip
+    assert shocks.impact.shape == (32,)
 
 
 def test_slip_that_is_not_wanted_is_not_a_number():

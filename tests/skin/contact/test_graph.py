@@ -1,0 +1,53 @@
+"""Neighbour graphs against all distances."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import tests.naive.contact as naive
+from skin.contact.graph import checked_graph, neighbour_graph
+from skin.errors import SkinError
+
+
+@given(st.integers(0, 2**32), st.integers(1, 12))
+def test_neighbours_are_who_lies_within_reach(seed, n):
+    rng = np.random.default_rng(seed)
+    position = rng.random((3, n))
+    reach = rng.uniform(0.05, 1.0)
+    distance = np.linalg.norm(position[:, :, None] - position[:, None, :], axis=0)
+    beside = (distance <= reach) & ~np.eye(n, dtype=bool)
+    start, index = neighbour_graph(position, reach)
+    assert (start.dtype, index.dtype) == (np.int32, np.int32)
+    told = [index[start[i] : start[i + 1]].tolist() for i in range(n)]
+    assert told == [np.flatnonzero(row).tolist() for row in beside]
+    checked = checked_graph(n, start, index)
+    assert checked.start.tolist() == start.tolist()
+    assert checked.neighbour.tolist() == index.tolist()
+
+
+def test_reach_is_up_to_rounding_and_no_further():
+    start, index = neighbour_graph(naive.grid(1, 3, 0.1), 0.1)
+    assert (start.tolist(), index.tolist()) == ([0, 1, 3, 4], [1, 0, 2, 1])
+    assert neighbour_graph(naive.grid(1, 3, 0.1), 0.1 * (1 - 1e-6))[1].size == 0
+    for reach in (0.0, -1.0, np.nan, np.inf):
+        with pytest.raises(SkinError, match="reach_m: must be a positive number of metres"):
+            neighbour_graph(np.zeros((3, 2)), reach)
+
+
+@pytest.mark.parametrize(
+    ("start", "index", "words"),
+    [
+        ([0, 1, 2], [0], "neighbour_index: must be 2 numbers"),
+        ([0, 1, 2, 2], [1, 0], "neighbour_start: must be 3 numbers"),
+        ([1, 1, 2], [1, 0], "neighbour_start: .* that begin with 0 and do not fall"),
+        ([0, 2, 1], [1], "neighbour_start: .* that begin with 0 and do not fall"),
+        ([0, 1, 2], [1, -1], "neighbour_index: must be units 0 to 1; got -1 to 1"),
+        ([0, 1, 2], [2, 0], "neighbour_index: must be units 0 to 1; got 0 to 2"),
+    ],
+)
+def test_what_is_no_graph_is_refused(start, index, words):
+    assert checked_graph(2, [0, 1, 2], [1, 0]).neighbour.tolist() == [1, 0]
+    assert checked_graph(2, [0, 0, 0], []).neighbour.size == 0
+    with pytest.raises(SkinError, match=words):
+        checked_graph(2, start, index)

@@ -1,0 +1,193 @@
+"""Identities against slow and obvious ones, and the rules that need a scene of their own."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import tests.naive.contact as naive
+from skin.contact.graph import neighbour_graph
+from skin.contact.record import Event, TrackState
+from skin.contact.stream import ContactStream
+from tests.naive.tracking import NaiveTracker
+
+PITCH, SIGMA, CYCLE_NS = 0.012, 0.01, 4_000_000
+
+
+class Units:
+    """A few units, loads in sigmas, with a cycle every 4 ms."""
+
+    def __init__(self, rows, columns, **options):
+        position = naive.grid(rows, columns)
+        self.graph = neighbour_graph(position, 1.01 * PITCH)
+        n = rows * columns
+        self.stream = ContactStream(
+            position, naive.facing_down(n), 1e-4, *self.graph, want=(), dtype="float64",
+            start_sigma=5.0, **options,
+        )  # fmt: skip
+        self.tracker = self.stream.tracker
+        self.now = 0
+
+    def see(self, *level, cycles=1):
+        """Identities and their units, with which loads; silent units say NaN."""
+        level = np.array(level, float)
+        for _ in range(cycles):
+            self.now += CYCLE_NS
+            force = SIGMA * np.array([0.0 * level, 0.0 * level, level])
+            self.stream.update(force, SIGMA, stamp_ns=self.now)
+        return {c.id: sorted(c.units.tolist()) for c in self.stream.contacts}
+
+    def record(self, identity):
+        records = self.tracker.contacts
+        known = (records["id"] == identity) & (records["track"] != TrackState.FREE)
+        (at,) = np.flatnonzero(known)
+        return records[at]
+
+
+@pytest.mark.parametrize("capacity", [1, 2, 3])
+@pytest.mark.parametrize("shape", [(1, 16), (3, 5)])
+@given(seed=st.integers(0, 2**32))
+@settings(max_examples=8)
+def test_identities_are_those_of_the_rules(shape, capacity, seed):
+    """Units come, go and fall silent one by one, under loads from light to heavy."""
+    rng = np.random.default_rng(seed)
+    memory, settle = rng.integers(1, [12, 5]) * CYCLE_NS
+    units = Units(*shape, capacity=capacity, memory_s=1e-9 * memory, settle_s=1e-9 * settle)
+    start, index = units.graph
+    n = start.size - 1
+    slow = NaiveTracker(
+        [index[start[i] : start[i + 1]] for i in range(n)], capacity, memory, settle
+    )
+    level = np.zeros(n)
+    for _ in range(40):
+        new = np.where(rng.random(n) < 0.7, 0.0, 10 ** rng.uniform(0.4, 4.0, n))
+        level = np.where(rng.random(n) < 0.3, new, level * rng.uniform(0.97, 1.03, n))
+        shown = np.where(rng.random(n) < 0.05, np.nan, level)
+        found = units.see(*shown)
+        slow.see(shown, units.now, 5.0, 3.0)
+        assert found == {one.id: sorted(one.units) for one in slow.present}
+        assert list(found) == sorted(found)
+        assert units.tracker.ended.tolist() == slow.ended
+        assert units.tracker.untracked == slow.untracked
+        label = np.full(n, -1)
+        for k, one in enumerate(slow.present):
+            label[one.units] = k
+        assert units.tracker.label.tolist() == label.tolist()
+        assert units.tracker.touching_units == np.count_nonzero(units.stream.touching)
+        known = {one.id: one for one in slow.known if one}
+        records = units.tracker.contacts
+        assert set(records["id"][records["track"] != TrackState.FREE]) == set(known)
+        owner = units.stream.data.units.owner
+        owners = {i: int(records["id"][owner[i]]) for i in range(n) if owner[i] >= 0}
+        assert owners == {i: one.id for i, one in slow.owner.items()}
+        for one in slow.present:
+            record = units.record(one.id)
+            assert record["event"] == one.event, one
+            told = [int(record[name]) for name in ("parent", "born_ns", "seen_ns", "cycles")]
+            assert told == [one.parent, one.born, one.seen, one.cycles]
+        for one in known.values():
+            assert units.record(one.id)["track"] == one.track
+
+
+def mirrored(level, flip):
+    """Loads of a row of units, from the other end if `flip`."""
+    return level[::-1] if flip else level
+
+
+@pytest.mark.parametrize("flip", [False, True])
+@pytest.mark.parametrize(("times", "is_back"), [(3.97, False), (4.03, True)])
+def test_an_absorbed_contact_speaks_again_when_it_bears_four_times_the_other(times, is_back, flip):
+    units = Units(1, 3)
+    light, heavy = (2, 1) if flip else (1, 2)
+    assert set(units.see(*mirrored([10, 0, 20], flip), cycles=60)) == {light, heavy}
+    assert units.see(*mirrored([10, 4, 20], flip), cycles=5) == {heavy: [0, 1, 2]}
+    assert units.record(heavy)["event"] == Event.NONE
+    # The unit between them has become that of its heavier neighbour.
+    speaker, other = (light, heavy) if is_back else (heavy, light)
+    assert units.see(*mirrored([times * 24, 4, 20], flip)) == {speaker: [0, 1, 2]}
+    assert bool(units.record(speaker)["event"] & Event.RESUMED) == is_back
+    record = units.record(other)
+    assert (record["track"], record["seen_ns"]) == (TrackState.ABSORBED, units.now)
+
+
+@pytest.mark.parametrize("flip", [False, True])
+@pytest.mark.parametrize(("heavy", "returns"), [(9900, 1), (10100, 2)])
+def test_a_unit_counts_a_thousandth_beside_one_that_a_lost_contact_has_owned(heavy, returns, flip):
+    units = Units(1, 6)
+    units.see(*mirrored([0, 9, 0, 0, 0, 0], flip))
+    units.see(*mirrored([0, 0, 0, 0, 0, 9], flip))
+    units.see(*mirrored([0, 0, 0, 0, 0, 0], flip))
+    level = mirrored([0, 10, 5, 5, heavy, 0], flip)
+    assert list(units.see(*level)) == [returns]
+    assert units.record(returns)["event"] == Event.RESUMED
+
+
+@pytest.mark.parametrize("flip", [False, True])
+def test_a_full_table_forgets_who_has_been_away_longest(flip):
+    units = Units(1, 7, capacity=1, memory_s=1.0)
+    here, there, beyond = ([9, 0, 0, 0, 0, 0, 0], [0, 0, 0, 9, 0, 0, 0], [0, 0, 0, 0, 0, 0, 9])
+    nothing = [0] * 7
+    for level, identity in ((here, 1), (there, 2), (beyond, 3), (here, 4), (beyond, 3), (here, 4)):
+        assert list(units.see(*mirrored(level, flip))) == [identity]
+        assert units.see(*nothing) == {}
+        assert units.tracker.ended.tolist() == [identity]
+    assert list(units.see(*mirrored(there, flip))) == [5]
+
+
+def at(n, *places, flip=False):
+    """A row of units of which some are loaded."""
+    return mirrored([9 * (i in places) for i in range(n)], flip)
+
+
+@pytest.mark.parametrize("flip", [False, True])
+@pytest.mark.parametrize(
+    ("again", "returns", "gone"), [((), 0, 1), ((), 1, 0), ((0,), 1, 2), ((0, 1), 0, 2)]
+)
+def test_who_is_just_back_is_not_forgotten_however_long_away(again, returns, gone, flip):
+    units = Units(1, 12, capacity=2, memory_s=1.0)
+    for k in (0, 1, 2, 3, *again):
+        assert list(units.see(*at(12, 3 * k, flip=flip))) == [k + 1]
+        units.see(*at(12))
+    assert set(units.see(*at(12, 3 * returns, 11, flip=flip))) == {returns + 1, 5}
+    for k in {0, 1, 2, 3} - {gone}:
+        units.see(*at(12))
+        assert list(units.see(*at(12, 3 * k, flip=flip))) == [k + 1]
+    units.see(*at(12))
+    assert list(units.see(*at(12, 3 * gone, flip=flip))) == [6]
+
+
+def test_who_is_lost_in_this_cycle_is_not_forgotten_before_those_it_spoke_for():
+    units = Units(1, 12, capacity=2, memory_s=1.0, settle_s=0.004)
+    loads = [90, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    for place in (2, 4, 6):
+        loads[place] = 10
+        assert 1 in units.see(*loads, cycles=2)
+        loads[place - 1] = 5
+        assert list(units.see(*loads)) == [1]
+    assert list(units.see(*at(12, 11))) == [5]
+    assert units.see(*at(12)) == {}
+    assert list(units.see(*at(12, 0))) == [1]
+
+
+def test_an_identity_returns_until_its_memory_is_over_and_absorbed_ones_as_long_as_they_are():
+    units = Units(1, 3, memory_s=0.02)
+    units.see(9, 0, 0)
+    for away, identity in ((5, 1), (6, 2)):
+        units.see(0, 0, 0, cycles=away - 1)
+        assert list(units.see(9, 0, 0)) == [identity]
+    units = Units(1, 3, memory_s=0.02, settle_s=0.04)
+    units.see(9, 0, 20, cycles=11)
+    units.see(9, 5, 20, cycles=30)
+    assert units.see(9, 0, 20) == {1: [0], 2: [2]}
+    assert units.record(1)["event"] == Event.RESUMED
+    assert units.record(1)["cycles"] == 12
+
+
+@pytest.mark.parametrize(("cycles", "settled"), [(10, False), (11, True)])
+def test_a_contact_outlives_being_absorbed_once_it_has_settled(cycles, settled):
+    units = Units(1, 3, settle_s=0.04)
+    units.see(9, 0, 20, cycles=cycles)
+    units.see(9, 5, 20)
+    assert units.record(2)["event"] == Event.MERGED
+    assert list(units.see(9, 0, 20)) == ([1, 2] if settled else [2, 3])
+    assert bool(units.record(2)["event"] & Event.SPLIT) != settled

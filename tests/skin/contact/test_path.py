@@ -1,0 +1,69 @@
+"""The way of a contact: steps that count, and the last of them."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import tests.naive.contact as naive
+from skin.contact.graph import neighbour_graph
+from skin.contact.model import WAYPOINTS
+from skin.contact.path import walk
+from skin.contact.record import BORN, CONTACT
+from skin.contact.stream import ContactStream
+
+
+def walked(centres, sigma_m, born=(0,)):
+    """Waypoints and travel of a record whose centre goes along; sigma of each coordinate."""
+    record, path = np.zeros(1, CONTACT)[0], np.zeros((WAYPOINTS, 3))
+    record["travel"], record["waypoints"] = 7.0, 5  # of another contact
+    record["centroid_covariance"] = np.diag(np.square(sigma_m))
+    for t, centre in enumerate(centres):
+        record["event"] = BORN if t in born else 0
+        record["centroid"] = centre
+        walk(record, path)
+    return record, path
+
+
+@given(st.integers(0, 2**32), st.floats(1e-5, 2e-4))
+def test_a_step_counts_from_three_sigmas_and_a_fifth_of_a_millimetre_on(seed, sigma_m):
+    rng = np.random.default_rng(seed)
+    sigmas = sigma_m * rng.uniform(0.5, 1.5, 3)
+    centres = np.cumsum(rng.normal(0.0, 2e-4, (80, 3)), axis=0)
+    centres[rng.random(80) < 0.1] = np.nan
+    least = max(2e-4, 3.0 * np.linalg.norm(sigmas))
+    kept = []
+    for centre in centres[np.isfinite(centres[:, 0])]:
+        if not kept or np.linalg.norm(centre - kept[-1]) > least:
+            kept.append(centre)
+    record, path = walked(centres, sigmas)
+    assert record["waypoints"] == len(kept)
+    assert path[: len(kept)].tolist() == np.array(kept).tolist()
+    assert record["waypoint"].tolist() == kept[-1].tolist()
+    assert record["origin"].tolist() == kept[0].tolist()
+    lengths = np.linalg.norm(np.diff(kept, axis=0), axis=1)
+    assert record["travel"] == pytest.approx(lengths.sum(), abs=1e-15)
+
+
+def test_a_new_contact_has_not_gone_anywhere():
+    record, path = walked([[0, 0, 0], [1, 0, 0], [2, 0, 0], [9, 5, 0]], [0.0] * 3, born=(0, 3))
+    assert (record["waypoints"], record["travel"]) == (1, 0.0)
+    assert path[0].tolist() == record["origin"].tolist() == [9.0, 5.0, 0.0]
+
+
+@pytest.mark.parametrize("steps", [WAYPOINTS - 1, WAYPOINTS, WAYPOINTS + 1, 2 * WAYPOINTS + 3])
+def test_path_holds_the_last_waypoints_oldest_first(steps):
+    position = naive.grid(1, 2)
+    stream = ContactStream(
+        position, naive.facing_down(2), 1e-4, *neighbour_graph(position, 0.02), dtype="float64"
+    )
+    ways = np.arange(steps) * 1e-3
+    for number, x in enumerate(ways):
+        stream.move(position + np.array([[x], [0.0], [0.0]]), naive.facing_down(2))
+        (contact,) = stream.update(np.ones((3, 2)), 1e-3, stamp_ns=number)
+    expected = ways[-128:] + 0.006
+    assert contact.path[:, 0] == pytest.approx(expected)
+    assert not contact.path[:, 1:].any()
+    assert contact.travel == pytest.approx(ways[-1])
+    contact.path[:] = np.nan  # a copy
+    assert np.isfinite(contact.path).all()

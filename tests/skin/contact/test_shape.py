@@ -1,0 +1,179 @@
+"""Axes, extents and normal of what touches: against eigenvectors, and at the bounds."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+import tests.naive.contact as naive
+from skin.contact.features import contact_features
+from skin.contact.graph import neighbour_graph
+from skin.contact.record import Flag
+from skin.contact.stream import ContactStream
+
+AREA = 1e-4
+seeds = st.integers(0, 2**32)
+
+
+def touch(position, load=1.0, rotation=None, depth_mm=None):
+    """The one contact of some units; position (3, n)."""
+    n = position.shape[1]
+    force = np.zeros((3, n))
+    force[2] = load
+    moved = None if depth_mm is None else np.array([np.zeros(n), np.zeros(n), depth_mm])
+    rotation = naive.facing_down(n) if rotation is None else rotation
+    (contact,), _ = contact_features(
+        np.zeros(n, int), force, 1e-3, position, rotation, AREA, displacement_mm=moved
+    )
+    return contact
+
+
+def tilted(n, rng, by=0.3):
+    """Rotations (3, 3, n) of units that face +z, more or less."""
+    turn = Rotation.from_rotvec(rng.normal(0.0, by, (n, 3))).as_matrix()
+    return np.einsum("nij,jkn->ikn", turn, naive.facing_down(n))
+
+
+def check_axes(contact, points, load, outward):
+    """Hold axes, extents and normal to the covariance of the touched points."""
+    covariance = np.cov(points, aweights=np.broadcast_to(load, points.shape[1]), ddof=0)
+    square = np.linalg.eigvalsh(covariance)[::-1].clip(0.0)
+    near = 1e-9 * square[0]
+    assert contact["extent"] ** 2 == pytest.approx(square[:2], rel=1e-8, abs=near)
+    assert contact["normal_condition"] ** 2 == pytest.approx(square[1] / square[0], abs=1e-9)
+    major, minor, normal = contact["axes"].T
+    assert np.cross(normal, major) == pytest.approx(minor, abs=1e-12)
+    assert contact["axes"].T @ contact["axes"] == pytest.approx(np.eye(3), abs=1e-12)
+    assert normal.tolist() == contact["normal"].tolist()
+    assert normal @ outward >= 0.0
+    if not contact["flags"] & Flag.NORMAL_ASSUMED:
+        assert covariance @ major == pytest.approx(square[0] * major, abs=near)
+        assert covariance @ normal == pytest.approx(square[2] * normal, abs=near)
+
+
+@given(seeds, st.integers(3, 9))
+def test_axes_are_those_of_the_covariance_of_the_touched_points(seed, n):
+    rng = np.random.default_rng(seed)
+    turn = Rotation.random(rng=rng).as_matrix()
+    points = turn @ (rng.normal(size=(3, n)) * [[0.02], [0.01], [0.004 * rng.random()]])
+    rotation, load = tilted(n, rng, 0.5), rng.uniform(0.1, 3.0, n)
+    depth = rng.uniform(-2.0, 2.0, n)
+    contact = touch(points - 1e-3 * depth * rotation[:, 2], load, rotation, depth)
+    check_axes(contact, points, load, -rotation[:, 2] @ load)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_axes_do_not_depend_on_the_unit_of_length(scale):
+    rng = np.random.default_rng(7)
+    for _ in range(5):
+        points = scale * (rng.normal(size=(3, 6)) * [[0.02], [0.01], [0.005]])
+        check_axes(touch(points), points, 1.0, np.array([0.0, 0.0, 1.0]))
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0), (0, 2, 1)])
+@pytest.mark.parametrize("angle", [0.0, 0.5, np.pi / 4, -0.7])
+def test_axes_of_points_along_the_axes_of_the_skin(order, angle):
+    """A matrix that has zeros from the start, turned about one axis or not at all."""
+    about_z = Rotation.from_rotvec([0.0, 0.0, angle]).as_matrix()
+    points = about_z @ (0.01 * np.array([[3, -3, 0, 0, 0, 0], [0, 0, 2, -2, 0, 0], [0] * 6]))
+    points[2, 4:] = 0.002, -0.002
+    points = points[list(order)]
+    check_axes(touch(points), points, 1.0, np.array([0.0, 0.0, 1.0]))
+
+
+def test_axes_go_on_from_those_before_as_what_touches_turns_and_tumbles():
+    rng = np.random.default_rng(3)
+    points = rng.normal(size=(3, 6)) * [[0.02], [0.01], [0.003]]
+    graph = neighbour_graph(points, 1.0)
+    stream = ContactStream(points, naive.facing_down(6), AREA, *graph, dtype="float64")
+    load = rng.uniform(1.0, 2.0, 6)
+    force = np.array([0.0 * load, 0.0 * load, load])
+    before = None
+    for number in range(120):
+        turn = Rotation.from_rotvec([0.0, 0.3 * np.sin(0.05 * number), 0.12 * number])
+        moved = turn.as_matrix() @ points
+        stream.move(moved, naive.facing_down(6))
+        (contact,) = stream.update(force, 0.01, stamp_ns=number)
+        check_axes(contact.record, moved, load, np.array([0.0, 0.0, 1.0]))
+        if before is not None:
+            assert contact.axes[:, 0] @ before > 0.9, "the major axis keeps its sense"
+        before = contact.axes[:, 0].copy()
+
+
+@pytest.mark.parametrize(("share", "spans"), [(0.049, False), (0.051, True)])
+def test_points_span_a_plane_above_a_twentieth_of_their_length(share, spans):
+    turn = Rotation.from_rotvec([0.4, -0.2, 0.1]).as_matrix()
+    corners = [[1, 1, -1, -1, 0], [share, -share, share, -share, 0], [0] * 5]
+    across = turn @ (0.01 * np.array(corners))
+    rotation, load = tilted(5, np.random.default_rng(1)), np.array([1.0, 1.0, 1.0, 1.0, 3.0])
+    contact = touch(across, load, rotation)
+    assert bool(contact["flags"] & Flag.NORMAL_ASSUMED) != spans
+    mean = -rotation[:, 2] @ load
+    normal = turn[:, 2] if spans else mean / np.linalg.norm(mean)
+    assert contact["normal"] == pytest.approx(normal, abs=1e-9)
+    check_axes(contact, across, load, mean)
+
+
+def test_two_units_span_no_plane_and_three_do():
+    triangle = 0.01 * np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
+    assert not touch(triangle)["flags"] & Flag.NORMAL_ASSUMED
+    assert touch(triangle)["normal"] == pytest.approx(np.array([0, -1, 1]) / np.sqrt(2.0))
+    two = touch(triangle[:, :2])
+    assert two["flags"] & Flag.NORMAL_ASSUMED
+    assert two["normal"].tolist() == [0.0, 0.0, 1.0]
+    assert abs(two["axes"][0, 0]) == pytest.approx(1.0)
+
+
+@given(seeds, st.integers(1, 3))
+def test_one_point_has_no_extent_and_the_axes_of_its_units(seed, n):
+    """Even far from the middle of the array, where a spread is a difference of large numbers."""
+    rng = np.random.default_rng(seed)
+    place = np.hstack([np.repeat(rng.normal(size=(3, 1)), n, axis=1), rng.normal(size=(3, 4))])
+    rotation, load = tilted(n + 4, rng), rng.uniform(0.1, 2.0, n + 4)
+    force = np.array([0.0 * load, 0.0 * load, load])
+    label = np.where(np.arange(n + 4) < n, 0, -1)
+    (contact,), _ = contact_features(label, force, 1e-3, place, rotation, AREA)
+    assert contact["extent"].tolist() == [0.0, 0.0]
+    assert contact["normal_condition"] == 0.0
+    assert contact["flags"] & Flag.NORMAL_ASSUMED
+    normal = -rotation[:, 2, :n] @ load[:n]
+    normal /= np.linalg.norm(normal)
+    along = rotation[:, 0, :n] @ load[:n]
+    along -= normal * (normal @ along)
+    assert contact["normal"] == pytest.approx(normal)
+    assert contact["axes"][:, 0] == pytest.approx(along / np.linalg.norm(along))
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_what_rounding_makes_of_one_point_is_no_extent(axis):
+    rng = np.random.default_rng(axis)
+    place = np.zeros((3, 6))
+    place[axis] = 1.1, 1.1, 1.1, -1.1, -1.1, -1.1
+    label = np.array([0, 0, 0, -1, -1, -1])
+    for load in rng.uniform(0.1, 2.0, (40, 6)):
+        force = np.array([0.0 * load, 0.0 * load, load])
+        (contact,), _ = contact_features(label, force, 1e-3, place, naive.facing_down(6), AREA)
+        assert contact["extent"].tolist() == [0.0, 0.0]
+
+
+def test_points_a_micrometre_apart_at_a_metre_are_two():
+    far = np.array([[1.0, 1.0, -2.0], [0.0, 1e-6, 0.0], [0.0, 0.0, 0.0]])
+    force = np.array([[0.0] * 3, [0.0] * 3, [1.0] * 3])
+    (contact,), _ = contact_features(
+        np.array([0, 0, -1]), force, 1e-3, far, naive.facing_down(3), AREA
+    )
+    assert contact["extent"] == pytest.approx([0.5e-6, 0.0], rel=1e-3, abs=1e-9)
+    assert abs(contact["axes"][1, 0]) == pytest.approx(1.0, abs=1e-6)
+
+
+@given(seeds, st.integers(2, 8))
+def test_arm_is_the_mean_distance_from_the_line_through_the_centre(seed, n):
+    rng = np.random.default_rng(seed)
+    position, load = rng.normal(0.0, 0.02, (3, n)) + 0.3, rng.uniform(0.5, 3.0, n)
+    rotation = tilted(n, rng)
+    contact = touch(position, load, rotation)
+    arm = naive.torsion_arm(load, position, contact["normal"])
+    assert contact["arm"] == pytest.approx(arm, rel=1e-9)
+    alone = touch(position[:, :1], 1.0, rotation[:, :, :1])
+    assert alone["arm"] == 0.0
