@@ -67,7 +67,7 @@ class ThermalChain:
     >>> chain = ThermalChain(load("palm"), ambient=20.0)
     >>> warm = chain.step(4.0, contact=np.ones(64, bool), source=80.0, ambient=20.0)
     >>> warm[:, 0].round(1)
-    array([57.5, 30.2, 20.3, 20. ])
+    array([57.5, 30.1, 20.2, 20. ])
     """
 
     def __init__(self, topology: Topology, *, ambient: float, direct: bool = False) -> None:
