@@ -109,12 +109,9 @@ def _errors(non_ideal: NonIdeal, estimator: str, rate_hz: float) -> dict:
     times = np.arange(round(script.seconds * rate_hz)) / rate_hz
     read, true = np.empty((2, times.size, 3, palm.n))
     warm, valid = np.empty((times.size, palm.n)), np.empty((times.size, palm.n), bool)
-    many = Truth.room(AT_ONCE, palm.n)
     for start in range(0, times.size, AT_ONCE):
         rows = slice(start, min(start + AT_ONCE, times.size))
-        for i, time_s in enumerate(times[rows]):
-            many.put(i, scene.at(float(time_s)))
-        truth = many.first(rows.stop - start)
+        truth = Truth.stack(scene.at(float(time_s)).copy() for time_s in times[rows])
         reading = decoder(scene.units.counts(truth))
         read[rows], true[rows] = reading.force, truth.force
         warm[rows], valid[rows] = reading.temperature - truth.temperature, reading.valid

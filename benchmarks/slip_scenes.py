@@ -8,6 +8,7 @@ skins, and the elastomer relaxes. What units see of it is for `benchmarks.slip_s
 
 from __future__ import annotations
 
+import math
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -18,7 +19,7 @@ import numpy as np
 
 from skin.physics.elastic import Elastic
 from skin.physics.halbach import HalbachField
-from skin.sim.mechanics.body import Body, Pose, penetration, turned
+from skin.sim.mechanics.body import Body, Pose, penetration
 from skin.sim.mechanics.contact import Mechanics
 from skin.sim.mechanics.foundation import Foundation
 from skin.sim.mechanics.friction import Friction
@@ -226,10 +227,10 @@ def _drawn(rng: np.random.Generator, kind: str) -> Plan:
     else:
         body, height = Body.plate(*rng.uniform(0.03, 0.09, 2)), 0.0
     middle = np.append(rng.uniform(-0.012, 0.012, 2), height)
-    lean = turned((np.eye(3), middle), np.array([0.0, 0.0, 1.0]), rng.uniform(-np.pi, np.pi))
+    lean = _turned((np.eye(3), middle), np.array([0.0, 0.0, 1.0]), rng.uniform(-np.pi, np.pi))
     tilt_about = np.append(rng.standard_normal(2), 0.0)
     foot = np.append(middle[:2], 0.0)
-    lean = turned(lean, tilt_about, np.radians(rng.uniform(0.0, 1.5)), about=foot)
+    lean = _turned(lean, tilt_about, np.radians(rng.uniform(0.0, 1.5)), about=foot)
     coefficient = rng.uniform(0.3, 0.9)
     friction = coefficient * (1.0 + 0.03 * rng.standard_normal(skin.n))
     way = rng.choice(["slide", "both", "spin"], p=[0.55, 0.3, 0.15])
@@ -269,10 +270,22 @@ def _foundation(skin: str, modulus_pa: float) -> Foundation:
 def _pressed(plan: Plan, depth_mm: float) -> tuple[np.ndarray, np.ndarray]:
     """Load and own depth of each unit under a body that has come down straight."""
     skin = skin_of(plan.skin)
-    depth, _ = penetration(plan.body, _pose(plan, depth_mm, 0.0), skin.position, skin.rotation)
+    depth = penetration(plan.body, _pose(plan, depth_mm, 0.0), skin.position, skin.rotation)
     load_n, own_mm = np.zeros(skin.n), np.zeros(skin.n)
     _foundation(plan.skin, plan.modulus_pa).press(depth, load_n, own_mm)
     return load_n, own_mm
+
+
+def _turned(
+    pose: Pose, axis: np.ndarray, angle_rad: float, about: np.ndarray | None = None
+) -> Pose:
+    """The pose after a turn about an axis through a point; the body's origin if not given."""
+    x, y, z = np.asarray(axis, float) / np.linalg.norm(axis)
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    turn = np.eye(3) + math.sin(angle_rad) * cross + (1.0 - math.cos(angle_rad)) * cross @ cross
+    rotation, position = pose
+    centre = position if about is None else np.asarray(about, float)
+    return turn @ rotation, centre + turn @ (position - centre)
 
 
 def _pose(plan: Plan, depth_mm: float, travel_mm: float) -> Pose:
@@ -281,7 +294,7 @@ def _pose(plan: Plan, depth_mm: float, travel_mm: float) -> Pose:
     shift = 1e-3 * (plan.slide * travel_mm * heading - depth_mm * np.array([0.0, 0.0, 1.0]))
     angle = plan.turn_rad_per_mm * travel_mm
     pivot = np.append(plan.pivot_m, 0.0)
-    rotation, place = turned((rotation, place), np.array([0.0, 0.0, 1.0]), angle, about=pivot)
+    rotation, place = _turned((rotation, place), np.array([0.0, 0.0, 1.0]), angle, about=pivot)
     return rotation, place + shift
 
 

@@ -21,7 +21,7 @@ from skin.decode.decoder import Decoder
 from skin.decode.plan import TANGENTIAL
 from skin.errors import CountsError
 from skin.options import Options
-from skin.state import ARRAY_WANTS, UNIT_WANTS, UNWANTED, Reading, State
+from skin.state import ARRAY_WANTS, UNIT_WANTS, UNWANTED, State
 from topology import CHANNELS, Topology
 
 if TYPE_CHECKING:
@@ -84,13 +84,17 @@ class Pipeline:
         self._period_ns = round(1e9 / topology.cycle_rate_hz)
         self._now_ns = -1
         self.decoder = self._make_decoder()
-        self._decode = self._bind_decoder()
+        self._decode = self.decoder.bind(self.counts, self.status)
         self.contacts = self._make_contacts()
         self._describe: Callable[[int], list[Contact]] | None = None
         self._total = (UNWANTED, UNWANTED, UNWANTED, UNWANTED)
         self._label = self._slip = UNWANTED
         if self.contacts is not None:
-            self._describe = self._bind_contacts(self.contacts, self.decoder.reading)
+            reading = self.decoder.reading
+            self._describe = self.contacts.bind(
+                reading.force, reading.force_sigma, reading.displacement_mm,
+                reading.displacement_sigma_mm, reading.temperature, reading.valid,
+            )  # fmt: skip
             self._show(self.contacts)
 
     # -- stages, made and bound once ---------------------------------------------------------------
@@ -130,19 +134,6 @@ class Pipeline:
             want=want, dtype=self.options.dtype, slip=self.options.slip,
             rate_hz=topology.cycle_rate_hz,
             false_contacts_per_day=self.options.false_contacts_per_day,
-        )  # fmt: skip
-
-    def _bind_decoder(self) -> Callable[[], Reading]:
-        """Decode `counts` and `status`."""
-        return self.decoder.bind(self.counts, self.status)
-
-    def _bind_contacts(
-        self, stream: ContactStream, reading: Reading
-    ) -> Callable[[int], list[Contact]]:
-        """Find the contacts in the decoder's arrays, given the time in ns."""
-        return stream.bind(
-            reading.force, reading.force_sigma, reading.displacement_mm,
-            reading.displacement_sigma_mm, reading.temperature, reading.valid,
         )  # fmt: skip
 
     def _show(self, stream: ContactStream) -> None:

@@ -1,4 +1,4 @@
-"""What the sine estimator needs of a unit: M0(H), k, drifts, and its direction."""
+"""What the sine estimator needs of a unit: M0(H), k and drifts."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from skin.physics.least_squares import Fit, check_levels, check_samples, gauss_n
 __all__ = [
     "fit_amplitude",
     "fit_bare_chip",
-    "fit_direction",
     "fit_drift",
     "map_field",
 ]
@@ -18,8 +17,6 @@ __all__ = [
 WAVENUMBER_RAD_PER_MM = (0.05, 1.5)
 """Where k is looked for; R must stay within one period of the sine [assumed]."""
 AXES = "xyz"
-MAP = ("field_xx", "field_xy", "field_yx", "field_yy")
-OFFSET = ("hall_offset_x_ut", "hall_offset_y_ut")
 
 
 def fit_amplitude(
@@ -239,69 +236,16 @@ def _drifted(
     return np.concatenate(predicted), np.concatenate(rows)
 
 
-def fit_direction(
-    field_ut: np.ndarray,
-    direction_rad: np.ndarray,
-    strength_ut: np.ndarray | float = 1.0,
-    *,
-    sigma_ut: float = 105.0,
-) -> Fit:
-    """2x2 map and offset of the lateral field from circular shears.
-
-    The map undoes ``(Bx, By) = offset + C strength (cos, sin)`` up to its size, which is the
-    amplitude's: its determinant is 1. Fit the amplitude to the mapped field.
+def map_field(field_ut: np.ndarray, film: Fit) -> np.ndarray:
+    """Lateral field without offset, and mapped, as `skin.calibrate.film.fit_film` has both.
 
     Parameters
     ----------
-    field_ut : ndarray, shape (t, 2) or (t, 3)
-    direction_rad : ndarray, shape (t,)
-        Commanded direction.
-    strength_ut : ndarray, shape (t,), or float
-        Lateral field of each sample up to a common factor; a number for a single circle.
+    field_ut : ndarray, shape (t, 3)
 
     Returns
     -------
-    Fit
-        ``field_xx`` to ``field_yy``, ``hall_offset_x_ut``, ``hall_offset_y_ut``.
-
-    Raises
-    ------
-    ScanError
-        Too few samples or directions, a map that has no inverse, or a value that is not finite.
+    ndarray, shape (2, t)
     """
-    samples = check_samples(4, field_ut=field_ut, direction_rad=direction_rad)
-    strength = np.broadcast_to(np.asarray(strength_ut, float), (samples,))
-    check_samples(4, strength_ut=strength)
-    around = np.stack([np.cos(direction_rad), np.sin(direction_rad)])
-    check_levels("direction_rad", np.arctan2(around[1], around[0]), 4, 0.2)
-    block = np.stack([*(around * strength), np.ones(samples)], axis=1)
-    raw = ("C[0][0]", "C[0][1]", OFFSET[0], "C[1][0]", "C[1][1]", OFFSET[1])
-    values = np.asarray(field_ut, float)[:, :2].T.ravel()
-    fit = least_squares(np.kron(np.eye(2), block), values, sigma_ut, raw)
-
-    def told(at: np.ndarray) -> np.ndarray:
-        forward = np.array([[at[0], at[1]], [at[3], at[4]]])
-        size = np.sqrt(abs(np.linalg.det(forward)))
-        return np.concatenate([size * np.linalg.inv(forward).ravel(), at[[2, 5]]])
-
-    forward = fit.values[[0, 1, 3, 4]].reshape(2, 2)
-    if np.linalg.cond(forward) > 1e3:
-        raise ScanError(
-            "field_ut: must go around as the direction does; got a lateral field along one line"
-        )
-    jacobian = np.empty((6, 6))
-    scale = np.abs(forward).max()
-    for column, step in enumerate(1e-6 * np.array([scale, scale, 1.0, scale, scale, 1.0])):
-        moved = np.zeros(6)
-        moved[column] = step
-        jacobian[:, column] = (told(fit.values + moved) - told(fit.values - moved)) / (2.0 * step)
-    return fit.derived((*MAP, *OFFSET), told(fit.values), jacobian)
-
-
-def map_field(field_ut: np.ndarray, direction: Fit) -> np.ndarray:
-    """Lateral field without offset and mapped by `fit_direction`, Bz as it is; shape (t, 3)."""
-    out = np.array(field_ut, float)
-    xx, xy, yx, yy, x0, y0 = (direction[name] for name in (*MAP, *OFFSET))
-    x, y = out[:, 0] - x0, out[:, 1] - y0
-    out[:, 0], out[:, 1] = xx * x + xy * y, yx * x + yy * y
-    return out
+    x, y = (field_ut[:, i] - film[f"hall_offset_{axis}_ut"] for i, axis in enumerate("xy"))
+    return np.stack([film[f"field_{row}x"] * x + film[f"field_{row}y"] * y for row in "xy"])

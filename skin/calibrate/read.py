@@ -58,6 +58,4 @@ def read_calibration(path: Path | None) -> tuple[dict[str, Any], dict[str, list[
 def as_fit(values: Mapping[str, tuple[float, float]], samples: int) -> Fit:
     """Values with their sigma, independent of each other, as a fit."""
     known = np.array(list(values.values()), float).reshape(-1, 2)
-    return Fit(
-        tuple(values), known[:, 0], np.diag(known[:, 1] ** 2), np.nan, np.nan, 1.0, samples
-    )  # fmt: skip
+    return Fit(tuple(values), known[:, 0], np.diag(known[:, 1] ** 2), np.nan, 1.0, samples)

@@ -20,7 +20,6 @@ def fit_shear(
     *,
     reference_mm: float = 2.0,
     sigma_n: float = 0.005,
-    with_depth: bool = True,
 ) -> Fit:
     """Fit ``Ft = (soft R + stiff max(R - break, 0)) (1 + gain (H - reference))``.
 
@@ -33,8 +32,6 @@ def fit_shear(
     reference_mm : float
         Depth at which the gain is 1: `field_reference_mm`.
     sigma_n : float
-    with_depth : bool
-        False: a scan at a single depth; the gain is left out.
 
     Returns
     -------
@@ -47,13 +44,10 @@ def fit_shear(
         Too few samples or depths, no samples on one side of the break, or a value that is not
         finite.
     """
-    check_samples(
-        6 if with_depth else 5, force_n=force_n, displacement_mm=displacement_mm, depth_mm=depth_mm
-    )
+    check_samples(6, force_n=force_n, displacement_mm=displacement_mm, depth_mm=depth_mm)
     check_levels("displacement_mm", displacement_mm, 5, 0.02)
-    if with_depth:
-        check_levels("depth_mm", depth_mm, 2, 0.1)
-    above = np.asarray(depth_mm, float) - reference_mm if with_depth else None
+    check_levels("depth_mm", depth_mm, 2, 0.1)
+    above = np.asarray(depth_mm, float) - reference_mm
     way = np.asarray(displacement_mm, float)
     try:
         fit = fit_hinge(np.asarray(force_n, float), way, sigma_n, above)
@@ -62,4 +56,4 @@ def fit_shear(
             "displacement_mm: must reach beyond the break, where the law stiffens, to tell "
             f"shear_break_mm; got {way.min():.3g} to {way.max():.3g} mm ({error})"
         ) from None
-    return fit.derived(NAMES[: len(fit.names)], fit.values, np.eye(len(fit.names)))
+    return fit.derived(NAMES, fit.values, np.eye(len(NAMES)))

@@ -21,6 +21,7 @@ from skin.calibrate.amplitude import fit_amplitude, fit_bare_chip, fit_drift, ma
 from skin.calibrate.film import FilmFit, fit_film
 from skin.calibrate.gel import fit_gel
 from skin.calibrate.normal import fit_frequency, fit_normal
+from skin.calibrate.read import as_fit
 from skin.calibrate.shear import fit_shear
 from skin.calibrate.write import parameter_values, write_calibration
 from skin.errors import ScanError
@@ -131,7 +132,7 @@ def calibrate_unit(
     film = fit_film(
         field, *place, sheared["direction_rad"], offset_ut=tuple(offset), sigma_ut=field_ut
     )
-    x, y, _ = map_field(field, film.fit).T
+    x, y = map_field(field, film.fit)
     way = place[1] * np.exp(1j * sheared["direction_rad"])
     way += film.fit["film_x_mm"] + 1j * film.fit["film_y_mm"]
     lateral = (x * np.real(way) + y * np.imag(way)) / np.abs(way)
@@ -151,7 +152,9 @@ def calibrate_unit(
         "field_amplitude_sigma_relative": _left(amplitude, field_ut) / strength_ut,
         "shear_sigma_relative": _left(shear, force_n) / _rms(force[1]),
     }
-    told = _as_fit(spread, film.fit.samples)
+    # a spread of t samples is known to a share of 1 / sqrt(2 t)
+    relative = 1.0 / np.sqrt(2.0 * film.fit.samples)
+    told = as_fit({name: (s, relative * s) for name, s in spread.items()}, film.fit.samples)
     return (gel, frequency, normal, drift, chip, film.fit, amplitude, shear, told), film
 
 
@@ -168,13 +171,6 @@ def _left(fit: Fit, noise: float) -> float:
 
 def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2)))
-
-
-def _as_fit(values: Mapping[str, float], samples: int) -> Fit:
-    """Spreads as a fit: that of t samples is known to a share of 1 / sqrt(2 t)."""
-    told = np.array(list(values.values()))
-    covariance = np.diag(told**2 / (2.0 * samples))
-    return Fit(tuple(values), told, covariance, 0.0, 0.0, 1.0, samples)
 
 
 def _amplitude(

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import csv
 import json as json_text
-import os
 import sys
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple, TextIO
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
 import tyro
 
 from skin.cli import options
 from skin.cli.table import counted
+from topology.files import whole_file
 
 if TYPE_CHECKING:
     from bus.frame import FrameBatch
@@ -137,18 +136,17 @@ class _Row(NamedTuple):
 def _write(path: Path, topology: Topology, rows: list[_Row]) -> None:
     start_ns = rows[0].stamp_ns
     if path.suffix == ".npz":
-        beside = path.with_name(f".{path.name}.part.npz")
         stamp_ns, temperature, force, status, _, wrench, centroid, contact = map(
             np.stack, zip(*rows, strict=True)
         )
-        np.savez_compressed(
-            beside, time_s=(stamp_ns - start_ns) * 1e-9, temperature_c=temperature, force_n=force,
-            status=status, wrench=wrench, centroid_m=centroid, contact=contact,
-            unit=np.array(topology.unit_names),
-        )  # fmt: skip
-        os.replace(beside, path)
+        with whole_file(path) as file:
+            np.savez_compressed(
+                file, time_s=(stamp_ns - start_ns) * 1e-9, temperature_c=temperature, force_n=force,
+                status=status, wrench=wrench, centroid_m=centroid, contact=contact,
+                unit=np.array(topology.unit_names),
+            )  # fmt: skip
         return
-    with _replacing(path) as file:
+    with whole_file(path, "w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
         table.writerow("time_s unit temperature_c fx_n fy_n fz_n status valid contact".split())
         for row in rows:
@@ -159,12 +157,3 @@ def _write(path: Path, topology: Topology, rows: list[_Row]) -> None:
                      *(f"{value:.4f}" for value in row.force_n[:, i]), int(row.status[i]),
                      int(row.valid[i]), int(row.contact[i])]
                 )  # fmt: skip
-
-
-@contextmanager
-def _replacing(path: Path) -> Iterator[TextIO]:
-    """A text file beside `path` that takes its place once it is whole."""
-    beside = path.with_name(f".{path.name}.part")
-    with beside.open("w", newline="", encoding="utf-8") as file:
-        yield file
-    os.replace(beside, path)

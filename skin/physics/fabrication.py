@@ -6,21 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["Fabrication", "Tolerances"]
+__all__ = ["Fabrication"]
 
 
-@dataclass(frozen=True)
-class Tolerances:
-    """Bounds within which every error lies, evenly spread."""
-
-    sector_angle_deg: float = 2.0
-    """Turn of each sector about the film's middle, away from its place."""
-    sector_strength: float = 0.05
-    """Share by which each sector's remanence is off."""
-    centre_mm: float = 0.1
-    """Offset of the film from the chip's axis, along x and along y."""
-    tilt_deg: float = 1.0
-    """Tilt of the film about x and about y."""
+SECTOR_ANGLE_DEG, SECTOR_STRENGTH, CENTRE_MM, TILT_DEG = 2.0, 0.05, 0.1, 1.0
+"""Bounds within which every error lies, evenly spread [assumed]: turn of each sector about the
+film's middle, away from its place; share by which its remanence is off; offset of the film from the
+chip's axis, along x and along y; tilt of the film about x and about y."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,9 +42,7 @@ class Fabrication:
         )
 
     @classmethod
-    def draw(
-        cls, n: int, seed: int, tolerances: Tolerances | None = None, sectors: int = 16
-    ) -> Fabrication:
+    def draw(cls, n: int, seed: int, sectors: int = 16) -> Fabrication:
         """n films with errors; unit i is the same for every n > i.
 
         Examples
@@ -61,16 +51,15 @@ class Fabrication:
         >>> bool((few.centre_mm == many.centre_mm[:, :2]).all())
         True
         """
-        within = tolerances or Tolerances()
         errors = np.random.default_rng(seed).uniform(-1.0, 1.0, (n, 2 * sectors + 4))
         angle, strength, centre, tilt = np.split(
             errors, [sectors, 2 * sectors, 2 * sectors + 2], axis=1
         )
         return cls(
-            np.radians(within.sector_angle_deg) * angle,
-            1.0 + within.sector_strength * strength,
-            np.ascontiguousarray(within.centre_mm * centre.T),
-            np.ascontiguousarray(np.radians(within.tilt_deg) * tilt.T),
+            np.radians(SECTOR_ANGLE_DEG) * angle,
+            1.0 + SECTOR_STRENGTH * strength,
+            np.ascontiguousarray(CENTRE_MM * centre.T),
+            np.ascontiguousarray(np.radians(TILT_DEG) * tilt.T),
         )
 
     def coefficients(self, orders: np.ndarray) -> np.ndarray:

@@ -7,11 +7,8 @@ the table that this file makes of it.
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 
@@ -68,9 +65,7 @@ def film_field_ut(
     return field
 
 
-def sector_field_ut(
-    film: Film, points_mm: np.ndarray, progress: Callable[[int], None] | None = None
-) -> np.ndarray:
+def sector_field_ut(film: Film, points_mm: np.ndarray) -> np.ndarray:
     """Field of the sector that points along x, µT, shape (3, p); see `film_field_ut`."""
     core = _magpylib().core
     vertices, polarisation = _sector(film)
@@ -84,8 +79,6 @@ def sector_field_ut(
             np.tile(polarisation, (len(points), 1)),
         )
         field[:, start : start + at_once] = each.reshape(len(points), -1, 3).sum(axis=1).T
-        if progress is not None:
-            progress(len(points))
     return 1e6 * field
 
 
@@ -142,21 +135,14 @@ def calibrated(film: Film) -> Film:
     return replace(film, remanence_t=AMPLITUDE_UT / crest)
 
 
-def build_table(film: Film, progress: Callable[[float], None] | None = None) -> FilmTable:
-    """Tabulate the field of a film; `progress` is called with the share that is done."""
+def build_table(film: Film) -> FilmTable:
+    """Tabulate the field of a film."""
     near_grid = np.meshgrid(RHO.nodes, Z.nodes, _half_circle(NEAR_AZIMUTHS), indexing="ij")
     far_grid = np.meshgrid(INVERSE_R.nodes, THETA.nodes, _half_circle(FAR_AZIMUTHS), indexing="ij")
-    total, done = near_grid[0].size + far_grid[0].size, 0
-
-    def count(points: int) -> None:
-        nonlocal done
-        done += points
-        if progress is not None:
-            progress(done / total)
 
     def fields(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
         points = np.stack([x, y, z]).reshape(3, -1)
-        return sector_field_ut(film, points, count).reshape(3, *x.shape)
+        return sector_field_ut(film, points).reshape(3, *x.shape)
 
     rho, z, phi = near_grid
     c, s = np.cos(phi), np.sin(phi)
@@ -198,17 +184,10 @@ def _harmonics(
     return np.ascontiguousarray(scale * np.stack([*cosines, sines], axis=-2), np.float32)
 
 
-def main(path: Path = TABLE_PATH) -> None:
+def main() -> None:
     """Compute the table that ships with the package and write it."""
-
-    def progress(share: float) -> None:
-        sys.stdout.write(f"\r{path.name}: {100.0 * share:5.1f} %")
-        sys.stdout.flush()
-
-    table = build_table(calibrated(Film()), progress)
-    table.save(path)
-    sys.stdout.write(f"\r{path}: {path.stat().st_size / 1024:.0f} KiB, remanence "
-                     f"{table.film.remanence_t:.4f} T\n")  # fmt: skip
+    table = build_table(calibrated(Film()))
+    table.save(TABLE_PATH)
 
 
 if __name__ == "__main__":

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import os
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, astuple, dataclass, fields
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
+
+from topology.files import whole_file
 
 __all__ = ["TABLE_PATH", "Axis", "Film", "FilmTable", "load_film_table"]
 
@@ -119,20 +120,15 @@ class FilmTable:
         return 1.0 / self.inverse_r.last
 
     def save(self, path: Path) -> None:
-        """Write to `path`: beside it first, then renamed over it."""
-        axes = {f"axis_{name}": _axis_row(getattr(self, name)) for name in AXES}
+        """Write to `path`, whole or not at all."""
+        axes = {f"axis_{name}": np.array(astuple(getattr(self, name))) for name in AXES}
         film = {f"film_{name}": value for name, value in asdict(self.film).items()}
         path.parent.mkdir(parents=True, exist_ok=True)
-        beside = path.with_name(path.name + ".part")
-        try:
-            with beside.open("wb") as out:
-                np.savez_compressed(
-                    out, amplitude_ut=self.amplitude_ut, source=self.source,
-                    **{name: getattr(self, name) for name in ARRAYS}, **axes, **film,
-                )  # fmt: skip
-            os.replace(beside, path)
-        finally:
-            beside.unlink(missing_ok=True)
+        with whole_file(path) as out:
+            np.savez_compressed(
+                out, amplitude_ut=self.amplitude_ut, source=self.source,
+                **{name: getattr(self, name) for name in ARRAYS}, **axes, **film,
+            )  # fmt: skip
 
     @classmethod
     def read(cls, path: Path) -> FilmTable:
@@ -149,10 +145,6 @@ class FilmTable:
 
 AXES = ("rho", "z", "inverse_r", "theta")
 ARRAYS = ("near_orders", "near", "far_orders", "far")
-
-
-def _axis_row(axis: Axis) -> np.ndarray:
-    return np.array([axis.first, axis.step, axis.count])
 
 
 def _axis(row: np.ndarray) -> Axis:

@@ -50,8 +50,6 @@ class HalbachField:
         Films are felt by units whose centres are nearer than this; 0: only the own film.
     surroundings : Surroundings, optional
         Ambient field and tools; none if not given.
-    table : FilmTable, optional
-        The shipped table if not given.
 
     Attributes
     ----------
@@ -78,9 +76,8 @@ class HalbachField:
         fabrication: Fabrication | None = None,
         reach_m: float = 0.03,
         surroundings: Surroundings | None = None,
-        table: FilmTable | None = None,
     ) -> None:
-        table = table or load_film_table()
+        table = load_film_table()
         fabrication = fabrication or Fabrication.perfect(topology.n, table.film.sectors)
         if len(fabrication.sector_angle_rad) != topology.n:
             raise SkinError(

@@ -7,7 +7,7 @@ well as a simulated one.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,7 +32,7 @@ class Fit:
     covariance : ndarray, shape (p, p)
         Of the values, from the noise that was stated; where the residuals are larger than that
         noise explains, scaled up to what they show.
-    residual_rms, residual_max : float
+    residual_rms : float
         Measured minus fitted over all samples, in the unit of the measured quantity.
     chi2 : float
         Sum of squared residuals over their variances, per degree of freedom: 1 where the model
@@ -44,7 +44,6 @@ class Fit:
     values: np.ndarray
     covariance: np.ndarray
     residual_rms: float
-    residual_max: float
     chi2: float
     samples: int
 
@@ -60,7 +59,7 @@ class Fit:
         """The same fit told in other parameters, `jacobian` being d values / d self.values."""
         return Fit(
             tuple(names), np.asarray(values, float), jacobian @ self.covariance @ jacobian.T,
-            self.residual_rms, self.residual_max, self.chi2, self.samples,
+            self.residual_rms, self.chi2, self.samples,
         )  # fmt: skip
 
 
@@ -160,7 +159,7 @@ def least_squares(
     chi2 = float(np.sum((residual * weight) ** 2) / freedom) if freedom else 1.0
     return Fit(
         tuple(names), solution, spread @ spread.T * max(chi2, 1.0),
-        float(np.sqrt(np.mean(residual**2))), float(np.abs(residual).max()), chi2, samples,
+        float(np.sqrt(np.mean(residual**2))), chi2, samples,
     )  # fmt: skip
 
 
@@ -204,10 +203,7 @@ def gauss_newton(
         # a thousandth of its own sigma is no step worth taking
         if share <= 1e-6 or np.all(np.abs(share * step.values) <= 1e-3 * step.sigma + 1e-15):
             final = least_squares(model(found)[1], values - model(found)[0], sigma, names)
-            return Fit(
-                final.names, found, final.covariance, final.residual_rms, final.residual_max,
-                final.chi2, final.samples,
-            )  # fmt: skip
+            return replace(final, values=found)
     raise ScanError(
         f"scan: must settle on {', '.join(names)}; got steps that do not come to rest after "
         f"{STEPS} (last: {dict(zip(names, found.tolist(), strict=True))})"

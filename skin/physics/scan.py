@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["Recordings", "Scan", "circles", "strokes"]
+__all__ = ["Recordings", "Scan", "strokes"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,11 +84,3 @@ def strokes(
         depths_mm, displacements_mm, directions_rad, indexing="ij"
     )
     return depth.ravel(), displacement.ravel(), direction.ravel()
-
-
-def circles(
-    samples: int, depth_mm: float = 2.0, displacement_mm: float = 1.5
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A circular shear, once around: three arrays of shape (samples,)."""
-    around = 2.0 * np.pi * np.arange(samples) / samples - np.pi
-    return np.full(samples, depth_mm), np.full(samples, displacement_mm), around

@@ -5,14 +5,13 @@ chip from the film's axis and its height along it alone: one fit serves all pair
 on flat, curved and irregular skins, once it is turned to where the chip really is.
 
 Units of different frames move against each other, so what one adds at the other is no constant of
-the skin: such pairs are left out, and counted (`Stencil.moving_pairs`). For frames that stand
-still, build the stencil of the topology in that pose with ``rigid=True``.
+the skin: such pairs are left out. For frames that stand still, build the stencil of the topology in
+that pose with ``rigid=True``.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import os
 import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -35,6 +34,7 @@ from skin.physics.stray import (
     scan_stray,
 )
 from topology import Topology
+from topology.files import whole_file
 from topology.neighbours import compressed_rows
 
 __all__ = ["Stencil"]
@@ -80,16 +80,10 @@ class Stencil:
         Neighbours nearer than this are in.
     depth_max_mm, displacement_max_mm : float
         Range of the scan.
-    left_out_ut : float
-        What farther neighbours add to any axis of the worst unit, if all of them, each as strong
-        as the strongest, moved at once to where on a flat skin they add most.
     left_out_rms_ut : ndarray, shape (n,)
-        What they add to one axis of each unit if they move at random through the range of the
-        scan: root of the mean square, over the axes too. A skin pressed all over is about that.
-    residual_rms_ut, residual_max_ut : float
-        Of the fits, of one neighbour at the nearest distance.
-    moving_pairs : int
-        Pairs within the reach that are left out because their frames move against each other.
+        What farther neighbours add to one axis of each unit if they move at random through the
+        range of the scan: root of the mean square, over the axes too. A skin pressed all over is
+        about that.
     """
 
     start: np.ndarray
@@ -104,11 +98,7 @@ class Stencil:
     reach_m: float
     depth_max_mm: float
     displacement_max_mm: float
-    left_out_ut: float
     left_out_rms_ut: np.ndarray
-    residual_rms_ut: float
-    residual_max_ut: float
-    moving_pairs: int
 
     @property
     def n(self) -> int:
@@ -157,13 +147,10 @@ class Stencil:
         return out
 
     def save(self, path: str | Path) -> None:
-        """Write all of it to a file, as numpy's .npz: written beside, then renamed."""
-        path = Path(path)
-        beside = path.with_name(path.name + ".part")
+        """Write all of it to a file, as numpy's .npz, whole or not at all."""
         values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        with beside.open("wb") as file:
+        with whole_file(Path(path)) as file:
             np.savez_compressed(file, format=FORMAT, **values)
-        os.replace(beside, path)
 
     @classmethod
     def load(cls, path: str | Path, topology: Topology) -> Stencil:
@@ -249,14 +236,11 @@ class Stencil:
         missed = np.array([[_missed(axis) for axis in fit] for fit in fits])
         distance = _distance(topology, i, j)
         separated = _frames_separated(_with_films(topology))
-        bound, rms = left_out(separated, i, j, depth_max_mm, displacement_max_mm)
-        residual = [axis.residual_rms for axis in fits[int(np.argmin(distance))]]
-        worst = [axis.residual_max for axis in fits[int(np.argmin(distance))]]
+        beyond = left_out(separated, i, j, depth_max_mm, displacement_max_mm)
         return cls(
             start.astype(np.int32), j, np.arange(len(fits), dtype=np.int32), distance,
             values, np.sqrt(known + missed), np.ones(topology.n), field_at_rest(separated), degree,
-            float(distance.max()), depth_max_mm, displacement_max_mm, bound, rms, max(residual),
-            max(worst), 0,
+            float(distance.max()), depth_max_mm, displacement_max_mm, beyond,
         )  # fmt: skip
 
     @classmethod
@@ -266,7 +250,6 @@ class Stencil:
         *,
         degree: int = 4,
         reach_m: float = 0.039,
-        sigma_ut: float = 0.0,
         rigid: bool = False,
     ) -> Stencil:
         """Scan one neighbour for every kind of pair of a skin, from magnet theory, and fit.
@@ -278,8 +261,6 @@ class Stencil:
             1 to 4.
         reach_m : float
             Between unit centres.
-        sigma_ut : float
-            One-sigma noise of the scans, after averaging; 0: exact ones.
         rigid : bool
             Whether the frames stay where the file puts them: then their units' pairs are in too.
 
@@ -294,34 +275,22 @@ class Stencil:
             raise ScanError(f"degree: must be 1, 2, 3 or 4; got {degree}")
         topology = _with_films(topology)
         separated = topology if rigid else _frames_separated(topology)
-        start, neighbour = _rows(separated, reach_m)
-        moving = 0 if rigid else (_rows(topology, reach_m)[1].size - neighbour.size) // 2
+        start, neighbour = compressed_rows(topology.n, *near(separated, reach_m))
         unit = np.repeat(np.arange(topology.n), np.diff(start))
         pairs = Pairs.of(topology, unit, neighbour)
         moved, share = scan_poses(DEPTH_MAX_MM, DISPLACEMENT_MAX_MM)
         stray = scan_stray(topology, pairs.seen, moved)
-        stray += sigma_ut * np.random.default_rng(0).standard_normal(stray.shape)
         terms = monomials(moved.T, degree)
         q, r = np.linalg.qr(terms.T)
         values = np.einsum("kta,tp->kap", stray, np.linalg.solve(r, q.T).T)
         residual = stray - np.einsum("kap,pt->kta", values, terms)
-        rms = np.sqrt(np.einsum("t,kta->ka", share, residual**2))
-        # this share of the noise is fitted, the rest stays in the residual
-        fitted = np.sum(share * np.sum(q**2, axis=1))
-        missed = np.maximum(rms**2 - (1.0 - fitted) * sigma_ut**2, 0.0)
-        sigma = np.sqrt(missed + fitted * sigma_ut**2)
-        strength = topology.parameters["field_amplitude_ut"]
-        bound, beyond = left_out(separated, unit, neighbour, DEPTH_MAX_MM, DISPLACEMENT_MAX_MM)
-        nearest = int(np.argmin(pairs.seen[0])) if len(stray) else None
-        worst = (0.0, 0.0) if nearest is None else (
-            float(strength.max() * rms[nearest].max()),
-            float(strength.max() * np.abs(residual[nearest]).max()),
-        )  # fmt: skip
+        sigma = np.sqrt(np.einsum("t,kta->ka", share, residual**2))
+        beyond = left_out(separated, unit, neighbour, DEPTH_MAX_MM, DISPLACEMENT_MAX_MM)
         return cls(
             start, neighbour, pairs.kind, _distance(topology, unit, neighbour),
-            pairs.turned(values, degree), pairs.spread(sigma), strength.copy(),
-            field_at_rest(separated), degree, reach_m, DEPTH_MAX_MM, DISPLACEMENT_MAX_MM, bound,
-            beyond, *worst, moving,
+            pairs.turned(values, degree), pairs.spread(sigma),
+            topology.parameters["field_amplitude_ut"].copy(), field_at_rest(separated), degree,
+            reach_m, DEPTH_MAX_MM, DISPLACEMENT_MAX_MM, beyond,
         )  # fmt: skip
 
 
@@ -358,8 +327,3 @@ def _frames_separated(topology: Topology) -> Topology:
 def _distance(topology: Topology, unit: np.ndarray, neighbour: np.ndarray) -> np.ndarray:
     """Distances of the centres of pairs, metre."""
     return np.linalg.norm(topology.position[:, unit] - topology.position[:, neighbour], axis=0)
-
-
-def _rows(topology: Topology, reach_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Neighbours nearer than `reach_m`, compressed rows."""
-    return compressed_rows(topology.n, *near(topology, reach_m))

@@ -195,8 +195,8 @@ def left_out(
     neighbour: np.ndarray,
     depth_max_mm: float,
     displacement_max_mm: float,
-) -> tuple[float, np.ndarray]:
-    """`Stencil.left_out_ut` and `Stencil.left_out_rms_ut`.
+) -> np.ndarray:
+    """`Stencil.left_out_rms_ut`.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ def left_out(
     missing = ~np.isin(at * n + by, np.asarray(unit, np.int64) * n + neighbour)
     at, by = at[missing], by[missing]
     if not at.size:
-        return 0.0, np.zeros(n)
+        return np.zeros(n)
     between = topology.position[:, at] - topology.position[:, by]
     d = np.linalg.norm(between, axis=0)
     x, y, _ = np.einsum("abp,ap->bp", topology.rotation[:, :, at], between)
@@ -233,17 +233,11 @@ def left_out(
     def added(values: np.ndarray) -> np.ndarray:
         return np.bincount(at, values, minlength=n)
 
-    # along the line between the two, across it, along z
-    along, across, up = (told(row, 4) for row in np.abs(stray).max(axis=1).T)
-    bound = max(
-        float(added(farthest).max()) * float(strength.max())
-        for farthest in (np.abs(x) * along + np.abs(y) * across,
-                         np.abs(y) * along + np.abs(x) * across, up)
-    )  # fmt: skip
+    # along the line between the two, and along z
     along, _, up = (strength[by] * told(row, 4) for row in middle.T)
     square = sum(added(pull) ** 2 for pull in (x * along, y * along, up))
     square += added(strength[by] ** 2 * told(spread, 8))
-    return bound, np.sqrt(square / 3.0)
+    return np.sqrt(square / 3.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from skin.errors import ScanError
 from skin.physics.elastic import Elastic
 from skin.physics.fabrication import Fabrication
 from skin.physics.halbach import HalbachField
@@ -19,6 +18,11 @@ from skin.sim.unit import UnitSimulator
 from topology import CHANNELS, Topology
 
 __all__ = ["Bench", "record"]
+
+FORCE_SIGMA_N = 0.005
+"""One-sigma of the reference cell, one reading [assumed]."""
+DEPTH_MAX_MM, DISPLACEMENT_MAX_MM = 2.0, 3.0
+"""End of the range that is recorded, where the calibration ends too."""
 
 FREQUENCY, BX = CHANNELS.index("frequency"), CHANNELS.index("bx")
 
@@ -38,8 +42,6 @@ class Bench:
         False: exact readings.
     quantised : bool
         Whether readings are rounded as on the wire.
-    force_noise_n : float
-        One-sigma of the reference cell.
     reach_m : float
         As of `HalbachField`; 0: every unit alone on the bench.
     counter, divider, converter
@@ -54,7 +56,6 @@ class Bench:
         seed: int = 0,
         noise: bool = True,
         quantised: bool = False,
-        force_noise_n: float = 0.005,
         reach_m: float = 0.0,
         counter: Counter | None = None,
         divider: Divider | None = None,
@@ -68,7 +69,7 @@ class Bench:
         )  # fmt: skip
         self._quantised = quantised
         self._elastic = Elastic(topology)
-        self._force_noise = force_noise_n if noise else 0.0
+        self._force_noise = FORCE_SIGMA_N if noise else 0.0
         self._random = np.random.default_rng((seed, 1))
 
     def scan(
@@ -93,32 +94,23 @@ class Bench:
         readings : int
             Readings of a pose, of which frequency, field and force are the mean: their noise falls
             with the root of it.
-
-        Raises
-        ------
-        ScanError
-            No reading, or arrays of different lengths.
         """
-        if readings < 1:
-            raise ScanError(f"readings: must be 1 or more; got {readings}")
         film = gel_temperature if film_temperature is None else film_temperature
         chip = gel_temperature if chip_temperature is None else chip_temperature
-        try:
-            poses = np.broadcast_arrays(
-                np.atleast_1d(depth_mm), displacement_mm, direction_rad, gel_temperature, film, chip
-            )
-        except ValueError:
-            raise ScanError("poses: must be arrays of one length; got several lengths") from None
+        poses = np.broadcast_arrays(
+            np.atleast_1d(depth_mm), displacement_mm, direction_rad, gel_temperature, film, chip
+        )
         poses = [np.repeat(np.array(p, float)[:, np.newaxis], self.topology.n, 1) for p in poses]
         depth, displacement, direction, gel, film, chip = poses
         along = np.stack([np.cos(direction), np.sin(direction)], axis=1)
         vector = displacement[:, np.newaxis] * along
         exact = self._unit.quantities(depth, vector, gel, film, chip)
         total = np.zeros_like(exact)
+        scale, offset = self.topology.scale, self.topology.offset
         for _ in range(readings):
             values = self._unit.measure(self._unit.disturb(exact.copy()))
             counts = self._unit.quantise(values)
-            total += self._rounded(counts) if self._quantised else values
+            total += scale * counts + offset if self._quantised else values
         mean = total / readings
         force = np.stack(
             [self._elastic.tangential(displacement, depth), self._elastic.normal(depth)], axis=1
@@ -130,19 +122,8 @@ class Bench:
             mean[:, BX : BX + 3], force, counts,
         )  # fmt: skip
 
-    def _rounded(self, counts: np.ndarray) -> np.ndarray:
-        return counts * self.topology.scale + self.topology.offset
 
-
-def record(
-    bench: Bench,
-    bare: Bench,
-    *,
-    readings: int = 16,
-    force_sigma_n: float = 0.005,
-    depth_max_mm: float = 2.0,
-    displacement_max_mm: float = 3.0,
-) -> Recordings:
+def record(bench: Bench, bare: Bench, *, readings: int = 16) -> Recordings:
     """Go through the poses that `skin.calibrate.unit.calibrate` needs.
 
     Parameters
@@ -152,24 +133,20 @@ def record(
         The same chips without films.
     readings : int
         Readings of a pose.
-    force_sigma_n : float
-        Of the bench's reference cell.
-    depth_max_mm, displacement_max_mm : float
-        End of the range, where the calibration ends too.
     """
     warming = np.repeat(np.linspace(20.0, 60.0, 9), 16)
-    depth = np.linspace(0.0, depth_max_mm, 7)
-    length = np.linspace(0.2, displacement_max_mm, 10)
+    depth = np.linspace(0.0, DEPTH_MAX_MM, 7)
+    length = np.linspace(0.2, DISPLACEMENT_MAX_MM, 10)
     around = np.linspace(-np.pi, np.pi, 16, endpoint=False)
     film, chip = (t.ravel() for t in np.meshgrid([20.0, 50.0, 80.0], [20.0, 40.0, 60.0]))
-    poses = np.array([[0.0, 0.0, 0.0], [depth_max_mm, 0.0, 0.0],
-                      [depth_max_mm, 1.5, 0.0], [depth_max_mm, 1.5, 0.5 * np.pi]])  # fmt: skip
+    poses = np.array([[0.0, 0.0, 0.0], [DEPTH_MAX_MM, 0.0, 0.0],
+                      [DEPTH_MAX_MM, 1.5, 0.0], [DEPTH_MAX_MM, 1.5, 0.5 * np.pi]])  # fmt: skip
     warm = {
         "gel_temperature": np.tile(film, len(poses)),
         "chip_temperature": np.tile(chip, len(poses)),
     }
     held = np.repeat(poses, film.size, axis=0).T
-    pressed = np.repeat(np.linspace(0.0, depth_max_mm, 41), 2)
+    pressed = np.repeat(np.linspace(0.0, DEPTH_MAX_MM, 41), 2)
     many = {"readings": readings}
     return Recordings(
         bare=bare.scan(0.0, 0.0, gel_temperature=warming, **many),
@@ -177,5 +154,5 @@ def record(
         pressed=bench.scan(pressed, 0.0, **many),
         sheared=bench.scan(*strokes(depth, length, around), **many),
         readings=readings,
-        force_sigma_n=force_sigma_n,
+        force_sigma_n=FORCE_SIGMA_N,
     )

@@ -66,14 +66,12 @@ class Nodes:
     ----------
     topology : Topology
     scene : Scene, optional
-        What happens to the skin; the ready-made "demo" if not given.
+        What happens to the skin; the ready-made "demo" if not given. It may bring along its
+        `units`; else they have Halbach films that feel each other.
     seed : int
         Seed of the noise.
     noise : bool
         False: only quantisation.
-    units : UnitSimulator, optional
-        In place of those that the scene brings along, or else of `topology`, `seed` and `noise`,
-        whose films are Halbach films that feel each other.
     history : int or None
         Cycles that `truth_at` remembers; None remembers all, 0 none.
     """
@@ -85,13 +83,11 @@ class Nodes:
         *,
         seed: int = 0,
         noise: bool = True,
-        units: UnitSimulator | None = None,
         history: int | None = 256,
     ) -> None:
         self.topology = topology
         self.scene = scene or open_scene("demo", topology, seed=seed, noise=noise)
-        own = units or getattr(self.scene, "units", None)
-        self.units = own or UnitSimulator(
+        self.units = getattr(self.scene, "units", None) or UnitSimulator(
             topology, seed=seed, noise=noise, field=HalbachField(topology, reach_m=FELT_M)
         )
         self.served = Served()

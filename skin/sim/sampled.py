@@ -47,7 +47,6 @@ class SampledScene:
         self._rate_hz = units.topology.cycle_rate_hz
         self._counts = np.zeros((RECENT, len(CHANNELS), n), np.int16)
         self._cycles: list[int | None] = [None] * RECENT
-        self._next = Truth.room(RECENT, n)
         self._at_once = RECENT if getattr(scene, "steady", True) else 1
 
     def counts(self, cycle: int) -> np.ndarray:
@@ -74,10 +73,8 @@ class SampledScene:
         if count == 1:
             self._sample(cycle)
             return 1
-        for k in range(count):
-            self._next.put(k, self._go_on(cycle + k))
-        slots = (cycle + np.arange(count)) % RECENT
-        self._counts[slots] = self.units.counts(self._next.first(count))
+        truths = Truth.stack(self._go_on(cycle + k).copy() for k in range(count))
+        self._counts[(cycle + np.arange(count)) % RECENT] = self.units.counts(truths)
         return count
 
     def truth_at(self, cycle: int) -> Truth:

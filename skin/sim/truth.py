@@ -71,24 +71,6 @@ class Truth:
         many = list(truths)
         return cls(*(np.stack([getattr(t, field.name) for t in many]) for field in fields(cls)))
 
-    @classmethod
-    def room(cls, instants: int, n: int) -> Truth:
-        """Room for the truth of many instants, to be filled by `put`."""
-        one = cls.at_rest(n, 0.0)
-        shapes = (
-            (np.shape(v), np.asarray(v).dtype) for v in (getattr(one, f.name) for f in fields(cls))
-        )
-        return cls(*(np.zeros((instants, *shape), kind) for shape, kind in shapes))
-
-    def put(self, index: int, truth: Truth) -> None:
-        """Write the truth of one instant to a place of many."""
-        for name in self.__slots__:
-            getattr(self, name)[index] = getattr(truth, name)
-
-    def first(self, instants: int) -> Truth:
-        """The first of many instants; views."""
-        return Truth(*(getattr(self, name)[:instants] for name in self.__slots__))
-
     def copy(self) -> Truth:
         """A truth of its own, that the scene no longer writes to."""
         values = (getattr(self, field.name) for field in fields(self))

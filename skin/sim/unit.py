@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from skin.sim.electronics.capacitor import Capacitor, Timer
+from skin.sim.electronics.capacitor import Timer
 from skin.sim.electronics.counter import Counter, Gate
 from skin.sim.electronics.divider import Divider
 from skin.sim.electronics.hall import HallChip, HallConverter
@@ -31,8 +31,6 @@ class UnitSimulator:
         Seed of the noise.
     noise : bool
         False: only quantisation.
-    capacitor : Capacitor, optional
-        The capacitor of every unit.
     field : Field, optional
         The film's field; the paper's sine law if not given.
     counter : Counter, optional
@@ -54,7 +52,6 @@ class UnitSimulator:
         *,
         seed: int = 0,
         noise: bool = True,
-        capacitor: Capacitor | None = None,
         field: Field | None = None,
         counter: Counter | None = None,
         divider: Divider | None = None,
@@ -64,7 +61,7 @@ class UnitSimulator:
         self.topology = topology
         self._gel_20c = p["gel_current_20c_ua"]
         self._gel_rate = np.log(p["gel_current_ratio"]) / 60.0
-        self._timer = Timer(topology, capacitor or Capacitor())
+        self._timer = Timer(topology)
         self._field = field or SineField(topology)
         self._hall = HallChip(topology)
         self._counter = counter

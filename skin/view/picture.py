@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +10,7 @@ import numpy as np
 
 from skin.errors import SkinError
 from topology import Topology
+from topology.files import whole_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -75,25 +75,19 @@ def save_run(path: Path, topology: Topology, run: Run) -> None:
         maps, lines = figure.subfigures(2, 1, height_ratios=(1.1, 1.0))
         _draw_maps(maps, topology, run)
         _draw_lines(lines, run)
-        beside = path.with_name(f".{path.name}.part")
-        figure.savefig(beside, dpi=120, format="png")
-        os.replace(beside, path)
+        with whole_file(path) as file:
+            figure.savefig(file, dpi=120, format="png")
 
 
-def moments(run: Run, count: int = 3) -> np.ndarray:
-    """Indices of `count` cycles to show: pressed, half way and at the end of the longest contact.
-
-    Returns
-    -------
-    ndarray, shape (count,), int
-    """
+def moments(run: Run) -> np.ndarray:
+    """Indices of three cycles to show, from the longest contact, shape (3,), int."""
     load = np.abs(run.true_wrench[:, :3]).sum(axis=1)
     touching = np.concatenate([[False], load > 0.5 * load.max(), [False]])
     if not touching.any():
-        return np.linspace(0, load.size - 1, count).astype(int)
+        return np.linspace(0, load.size - 1, 3).astype(int)
     edges = np.flatnonzero(np.diff(touching.astype(np.int8)))
     start, end = max(edges.reshape(-1, 2), key=lambda pair: pair[1] - pair[0])
-    return np.linspace(start, end - 1, count + 2)[1:-1].astype(int)
+    return np.linspace(start, end - 1, 5)[1:-1].astype(int)
 
 
 def _draw_maps(figure: Any, topology: Topology, run: Run) -> None:

@@ -23,6 +23,9 @@ SHADES = " .:-=+*#%@"
 RAMP = (236, 23, 29, 35, 71, 107, 143, 179, 173, 167, 161)
 """Colours of the 256-colour terminal palette, from no load to full load."""
 
+FULL_SCALE_N = 6.0
+"""Load of the brightest cell."""
+
 CONTACTS = 3
 """Contacts that are shown."""
 
@@ -76,17 +79,12 @@ class LiveTable:
     Parameters
     ----------
     topology : Topology
-    full_scale_n : float
-        Load of the brightest cell.
     stream : text file
         Where to draw; standard output if not given.
     """
 
-    def __init__(
-        self, topology: Topology, *, full_scale_n: float = 6.0, stream: TextIO | None = None
-    ) -> None:
+    def __init__(self, topology: Topology, *, stream: TextIO | None = None) -> None:
         self._topology = topology
-        self._full_scale = full_scale_n
         self._stream = sys.stdout if stream is None else stream
         self._cells, self._shape = unit_map(topology)
         self._next = 0.0
@@ -127,7 +125,7 @@ class LiveTable:
         bad[row, column] = (state.units.status & int(INVALID)) != 0
         if state.units.force is not None:
             load[row, column] = np.where(bad[row, column], 0.0, state.units.force[2])
-        level = np.nan_to_num(load / self._full_scale).clip(0.0, 1.0)
+        level = np.nan_to_num(load / FULL_SCALE_N).clip(0.0, 1.0)
         shade = np.rint(level * (len(SHADES) - 1)).astype(int)
         colour = np.rint(level * (len(RAMP) - 1)).astype(int)
         lines = []

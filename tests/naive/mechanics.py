@@ -7,8 +7,9 @@ from functools import cache
 
 import numpy as np
 from scipy.optimize import nnls
+from scipy.spatial.transform import Rotation
 
-from skin.sim.mechanics.body import Pose, moved, turned
+from skin.sim.mechanics.body import Pose, moved
 from topology import Topology, load
 
 
@@ -29,33 +30,15 @@ def square(side: int, pitch_m: float = 0.012) -> Topology:
     )
 
 
-@cache
-def jaws(width_m: float = 0.03) -> Topology:
-    """Two flat patches of 3 x 3 units that face each other across the plane z = 0."""
-    one = square(3)
-    up, down = one.rotation, np.diag([1.0, -1.0, -1.0]) @ one.rotation.transpose(2, 0, 1)
-    away = np.array([[0.0], [0.0], [0.5 * width_m]])
-    return replace(
-        one,
-        unit_names=tuple(f"{jaw}{i}" for jaw in ("low", "high") for i in range(9)),
-        patch_names=("low", "high"),
-        patch=np.repeat(np.arange(2, dtype=np.int32), 9),
-        position=np.concatenate([one.position - away, one.position + away], axis=1),
-        rotation=np.concatenate([up, down.transpose(1, 2, 0)], axis=2),
-        area=np.tile(one.area, 2),
-        parameters={k: np.tile(v, 2) for k, v in one.parameters.items()},
-    )
-
-
 def sphere_reach(
     centre: np.ndarray, radius: float, position: np.ndarray, axis: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Which faces have their middle in a sphere, and how deep it reaches into them, shape (n,)."""
+) -> np.ndarray:
+    """How deep a sphere reaches into faces, metre, shape (n,); 0 where it holds no middle."""
     away = centre[:, np.newaxis] - position
     along = np.einsum("in,in->n", away, axis)
     inside = radius * radius - np.einsum("in,in->n", away, away)
     depth = along + np.sqrt(np.maximum(inside + along * along, 0.0))
-    return inside > 0.0, np.where(inside > 0.0, depth, 0.0)
+    return np.where(inside > 0.0, depth, 0.0)
 
 
 def inside(
@@ -99,6 +82,12 @@ def held_tractions(
         size = np.hypot(*force)
         force *= np.minimum(1.0, limit / np.where(size > 0.0, size, 1.0))
     return force
+
+
+def turned(pose: Pose, axis: np.ndarray, angle_rad: float) -> Pose:
+    """The pose after a turn of the body about an axis through its origin, of any length but 0."""
+    turn = Rotation.from_rotvec(angle_rad * axis / np.linalg.norm(axis)).as_matrix()
+    return turn @ pose[0], pose[1]
 
 
 def rolled(pose: Pose, shift_m: np.ndarray, radius_m: float, outward: np.ndarray) -> Pose:

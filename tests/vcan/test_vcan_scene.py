@@ -15,8 +15,9 @@ from skin import Decoder
 from skin.sim.node import Nodes
 from skin.sim.scenes.load import load_scene
 from skin.sim.scenes.play import ScriptedScene
-from skin.sim.scenes.record import Recorder, read_truth
+from skin.sim.scenes.record import Recorder
 from skin.sim.scenes.script import NonIdeal
+from tests.fixtures.truth import read_truth
 
 CYCLES = 60
 SCENE = """

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from topology import Topology
 
-__all__ = ["Capacitor", "Timer"]
+__all__ = ["PERMITTIVITY", "Timer", "picofarad"]
 
 COULOMB_CONSTANT = 8.9875517862e9
 """k of Coulomb's law, N·m²/C²."""
@@ -18,71 +17,56 @@ TIMER_CONSTANT = 1.44
 """f = 1.44 / ((R1 + 2 R2) C) of the astable NE555."""
 
 
-@dataclass(frozen=True)
-class Capacitor:
-    """Four soft discs, one above the other, two of each polarity (supplement S4, Fig. S3).
+RADII_MM = (2.25, 3.0, 3.75)
+"""The facing plates S1, S2, S3 of the three gaps: the smaller disc of each pair of the 4.5, 6, 7.5
+and 9 mm discs."""
 
-    Attributes
-    ----------
-    radii_mm : tuple of float
-        The facing plates S1, S2, S3 of the three gaps: the smaller disc of each pair of the 4.5, 6,
-        7.5 and 9 mm discs.
-    gap_mm : float
-        Distance of the discs at rest.
-    permittivity : float
-        Relative permittivity of the ionic elastomer between them. The paper does not say it; only
-        its product with the timer's resistors shows, and those are chosen by the rest frequency.
-    parasitic_pf : float
-        Capacitance of tracks and chip in parallel, which no press changes. It bends f(H).
+GAP_MM = 1.0
+"""Distance of the discs at rest."""
+
+PERMITTIVITY = 150.0
+"""Relative, of the ionic elastomer between them [assumed]. The paper does not say it; only its
+product with the timer's resistors shows, and those are chosen by the rest frequency."""
+
+
+def picofarad(compression: np.ndarray | float = 0.0) -> np.ndarray | float:
+    """Capacitance of four soft discs, one above the other, two of each polarity, in pF, with every
+    gap narrowed by the fraction `compression` (supplement S4, Fig. S3).
+
+    C = eps_r (3 S1 + 2 S2 + 2 S3) / (8 pi k d).
+
+    Examples
+    --------
+    >>> round(picofarad() / PERMITTIVITY, 3)
+    0.853
     """
-
-    radii_mm: tuple[float, float, float] = (2.25, 3.0, 3.75)
-    gap_mm: float = 1.0
-    permittivity: float = 150.0
-    parasitic_pf: float = 0.0
-
-    def picofarad(self, compression: np.ndarray | float = 0.0) -> np.ndarray | float:
-        """Capacitance in pF with every gap narrowed by the fraction `compression`.
-
-        C = eps_r (3 S1 + 2 S2 + 2 S3) / (8 pi k d), and what is parasitic.
-
-        Examples
-        --------
-        >>> round(Capacitor(permittivity=1.0).picofarad(), 3)
-        0.853
-        """
-        s1, s2, s3 = (math.pi * (1e-3 * r) ** 2 for r in self.radii_mm)
-        gap = 1e-3 * self.gap_mm * (1.0 - compression)
-        area = 3.0 * s1 + 2.0 * s2 + 2.0 * s3
-        farad = self.permittivity * area / (8.0 * math.pi * COULOMB_CONSTANT * gap)
-        return farad * 1e12 + self.parasitic_pf
+    s1, s2, s3 = (math.pi * (1e-3 * r) ** 2 for r in RADII_MM)
+    gap = 1e-3 * GAP_MM * (1.0 - compression)
+    area = 3.0 * s1 + 2.0 * s2 + 2.0 * s3
+    return PERMITTIVITY * area / (8.0 * math.pi * COULOMB_CONSTANT * gap) * 1e12
 
 
 class Timer:
     """Pressed depth to frequency for n units.
 
-    The layer that carries the discs is as high as makes the ideal capacitor fall by
-    `frequency_slope_hz_per_mm`, and the resistors are as large as make the unloaded unit, parasitic
-    capacitance included, run at `frequency_rest_hz`.
+    The layer that carries the discs is as high as makes the frequency fall by
+    `frequency_slope_hz_per_mm`, and the resistors are as large as make the unloaded unit run at
+    `frequency_rest_hz`.
 
     Parameters
     ----------
     topology : Topology
-    capacitor : Capacitor
     """
 
     SQUEEZED = 0.999
     """Compression at which the discs meet: beyond it the frequency stays at its lowest."""
 
-    def __init__(self, topology: Topology, capacitor: Capacitor) -> None:
+    def __init__(self, topology: Topology) -> None:
         rest_hz = topology.parameters["frequency_rest_hz"]
-        self.capacitor = capacitor
         self.layer_mm = rest_hz / topology.parameters["frequency_slope_hz_per_mm"]
-        self.resistance_ohm = TIMER_CONSTANT / (rest_hz * capacitor.picofarad() * 1e-12)
+        self.resistance_ohm = TIMER_CONSTANT / (rest_hz * picofarad() * 1e-12)
 
     def frequency(self, depth_mm: np.ndarray) -> np.ndarray:
         """Frequency in Hz at a pressed depth H, shape (..., n)."""
         compression = np.minimum(depth_mm / self.layer_mm, self.SQUEEZED)
-        return TIMER_CONSTANT / (
-            self.resistance_ohm * self.capacitor.picofarad(compression) * 1e-12
-        )
+        return TIMER_CONSTANT / (self.resistance_ohm * picofarad(compression) * 1e-12)

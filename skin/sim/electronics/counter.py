@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skin.errors import SkinError
-
 __all__ = ["Counter", "Gate"]
 
 
@@ -34,11 +32,6 @@ class Counter:
 
     gate_s: float = 0.01
     clock_hz: float = 1e6
-
-    def __post_init__(self) -> None:
-        for name in ("gate_s", "clock_hz"):
-            if not 0.0 < getattr(self, name) < np.inf:
-                raise SkinError(f"{name}: must be above 0; got {getattr(self, name)}")
 
     def read(self, frequency_hz: np.ndarray, phase: np.ndarray | float) -> np.ndarray:
         """What is counted of a frequency that is steady over the gate.

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skin.errors import SkinError
-
 __all__ = ["Divider"]
 
 
@@ -37,13 +35,6 @@ class Divider:
     reference_v: float = 3.3
     series_ohm: float = 95_000.0
     bits: int = 12
-
-    def __post_init__(self) -> None:
-        for name in ("reference_v", "series_ohm"):
-            if not 0.0 < getattr(self, name) < np.inf:
-                raise SkinError(f"{name}: must be above 0; got {getattr(self, name)}")
-        if not 1 <= self.bits <= 32:
-            raise SkinError(f"bits: must be 1 to 32; got {self.bits}")
 
     def code(self, current_ua: np.ndarray) -> np.ndarray:
         """What the converter gives, 0 to 2^bits - 1, for a gel of this current.

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skin.errors import CalibrationError, SkinError
+from skin.errors import CalibrationError
+from skin.physics.rest import inverse_map
 from topology import THETA_KNOTS, Topology
 
 __all__ = ["HallChip", "HallConverter"]
@@ -26,11 +27,6 @@ class HallConverter:
 
     lsb_ut: float = 98.0
     range_ut: float = 130_000.0
-
-    def __post_init__(self) -> None:
-        for name in ("lsb_ut", "range_ut"):
-            if not 0.0 < getattr(self, name) < np.inf:
-                raise SkinError(f"{name}: must be above 0; got {getattr(self, name)}")
 
     def read(self, field_ut: np.ndarray) -> np.ndarray:
         """The field in whole steps, shape as given.
@@ -116,15 +112,14 @@ def _turn(field_ut: np.ndarray, corrected: np.ndarray) -> None:
 def _inverse_map(topology: Topology) -> np.ndarray | None:
     """Inverse of the 2x2 map, shape (2, 2, n); None where every map is the identity."""
     p = topology.parameters
-    xx, xy, yx, yy = (p[f"field_{entry}"] for entry in ("xx", "xy", "yx", "yy"))
-    determinant = xx * yy - xy * yx
+    determinant = p["field_xx"] * p["field_yy"] - p["field_xy"] * p["field_yx"]
     if np.any(determinant == 0.0):
         unit = topology.unit_names[int(np.argmax(determinant == 0.0))]
         raise CalibrationError(
             f"{unit}: field_xx, field_xy, field_yx, field_yy: must be a map that has an inverse; "
             "got determinant 0"
         )
-    inverse = np.array([[yy, -xy], [-yx, xx]]) / determinant
+    inverse = inverse_map(topology)
     return None if np.all(inverse == np.eye(2)[..., np.newaxis]) else inverse
 
 

@@ -37,7 +37,7 @@ class Foundation:
     normal : ndarray, shape (n, n), optional
         A, mm/N: depth of unit i under the normal force of unit j.
     shear : ndarray, shape (2 n, 2 n), optional
-        B, mm/N: rows and columns are x of all units, then y.
+        B, mm/N: rows and columns are x of all units, then y; given where A is.
     tolerance : float
         Largest change in the last sweep, as a share of the largest force.
 
@@ -68,15 +68,22 @@ class Foundation:
         self.n = springs.gain_per_mm.size
         self.springs = springs
         self.tolerance = tolerance
-        self.normal = _square("normal", normal, springs.normal[:2])
-        self.shear = _square("shear", shear, np.tile(springs.shear[:2], 2))
-        self._group = _groups(self.normal, self.shear)
+        self.together = normal is not None
+        """Whether units yield to forces on others."""
+        self.normal = np.zeros((0, 0)) if normal is None else np.ascontiguousarray(normal, float)
+        self.shear = np.zeros((0, 0)) if shear is None else np.ascontiguousarray(shear, float)
+        # number of the group of units that each rests with
+        self._group = np.arange(self.n)
+        if self.together:
+            linked = csr_array(self.normal != 0.0)
+            self._group = connected_components(linked, directed=False)[1]
         # units that rest together, one group after the other
         self._order = np.argsort(self._group, kind="stable")
-        bounds = np.searchsorted(self._group[self._order], np.arange(self._group.max() + 2))
-        for units in np.split(self._order, bounds[1:-1]):
-            _check_definite("normal", self.normal, units)
-            _check_definite("shear", self.shear, np.concatenate([units, self.n + units]))
+        if self.together:
+            bounds = np.searchsorted(self._group[self._order], np.arange(self._group.max() + 2))
+            for units in np.split(self._order, bounds[1:-1]):
+                _check_definite("normal", self.normal, units)
+                _check_definite("shear", self.shear, np.concatenate([units, self.n + units]))
         self._parts: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
         self._touched = Touched(np.empty(0, np.int64), np.zeros(1, np.int64), *2 * [np.empty(0)])
 
@@ -101,11 +108,6 @@ class Foundation:
             modulus_pa=modulus_pa, poisson=poisson,
         )  # fmt: skip
         return cls(Springs.of(topology), normal, shear)
-
-    @property
-    def together(self) -> bool:
-        """Whether units yield to forces on others."""
-        return self.normal.shape[1] + self.shear.shape[1] > 0
 
     @property
     def coupling_error(self) -> float:
@@ -168,7 +170,7 @@ class Foundation:
     def surface(self, units: np.ndarray, traction: np.ndarray) -> np.ndarray:
         """Tangential displacement in mm of faces that nothing touches, shape (2, m), by their
         indices (m,), under tractions on the others in newton, shape (2, n)."""
-        if self.shear.shape[1] == 0:
+        if not self.together:
             return np.zeros((2, units.size))
         rows = self.shear.reshape(2, self.n, 2 * self.n)[:, units]
         return rows @ traction.reshape(-1)
@@ -177,48 +179,12 @@ class Foundation:
         """How far the half space alone yields at every face under forces in newton: mm, both of
         shape (3, n), unit frames."""
         moved_mm = np.zeros((3, self.n))
-        loaded = np.flatnonzero(force.any(axis=0))
-        if self.normal.shape[1]:
-            moved_mm[2] = self.normal[:, loaded] @ force[2, loaded]
-        if self.shear.shape[1]:
+        if self.together:
+            loaded = np.flatnonzero(force.any(axis=0))
             both = np.concatenate([loaded, self.n + loaded])
+            moved_mm[2] = self.normal[:, loaded] @ force[2, loaded]
             moved_mm[:2] = (self.shear[:, both] @ force[:2, loaded].ravel()).reshape(2, self.n)
         return moved_mm
-
-    def stiffness(
-        self,
-        load: np.ndarray,
-        traction: np.ndarray,
-        own_depth_mm: np.ndarray,
-        *,
-        body_mm_per_n: float = 0.0,
-        shear_body_mm_per_n: float = 0.0,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """What a unit resists a small motion of the body with, the others being held.
-
-        Parameters
-        ----------
-        load, traction, own_depth_mm : ndarray, shapes (n,), (2, n), (n,)
-            As from `press` and `drag`.
-        body_mm_per_n, shear_body_mm_per_n : float
-            What the body itself yields.
-
-        Returns
-        -------
-        normal, shear : ndarray, shape (n,)
-            N/mm; 0 without load.
-        """
-        s = self.springs
-        stiff = 1.0 + s.gain_per_mm * (own_depth_mm - s.reference_mm)
-        size = np.hypot(traction[0], traction[1])
-        normal = np.where(load > s.normal[2], s.normal[1], s.normal[0]) + body_mm_per_n
-        shear = np.where(size > s.shear[2] * stiff, s.shear[1], s.shear[0]) / stiff
-        shear += shear_body_mm_per_n
-        if self.normal.shape[1]:
-            normal += np.diag(self.normal)
-        if self.shear.shape[1]:
-            shear += np.diag(self.shear)[: self.n]
-        return (load > 0.0) / normal, (load > 0.0) / shear
 
     def _touch(self, units: np.ndarray) -> Touched:
         """The touched units and their influences, kept as long as they stay the same."""
@@ -240,15 +206,10 @@ class Foundation:
         group = int(self._group[units[0]])
         known = self._parts.get(group)
         if known is None or not np.array_equal(known[0], units):
-            normal = _among(self.normal, units)
-            shear = _among(self.shear, np.concatenate([units, self.n + units]))
-            known = self._parts[group] = units, normal, shear
+            both = np.concatenate([units, self.n + units])
+            normal, shear = self.normal[np.ix_(units, units)], self.shear[np.ix_(both, both)]
+            known = self._parts[group] = units, normal.ravel(), shear.ravel()
         return known[1], known[2]
-
-
-def _among(matrix: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Influences among some rows, flat; none where there is no matrix."""
-    return matrix[np.ix_(rows, rows)].ravel() if matrix.shape[1] else np.empty(0)
 
 
 def _settled(what: str, sweeps: int) -> int:
@@ -257,33 +218,8 @@ def _settled(what: str, sweeps: int) -> int:
     return sweeps
 
 
-def _square(name: str, matrix: np.ndarray | None, own: np.ndarray) -> np.ndarray:
-    """The matrix in C order, (size, 0) for none."""
-    size = own.shape[1]
-    if matrix is None:
-        if size and own.min() <= 0.0:
-            raise SkinError(f"{name}: must yield somewhere; got rigid springs and no half space")
-        return np.empty((size, 0))
-    if matrix.shape != (size, size):
-        raise SkinError(f"{name}: must be of shape {(size, size)}; got {matrix.shape}")
-    return np.ascontiguousarray(matrix, float)
-
-
-def _groups(normal: np.ndarray, shear: np.ndarray) -> np.ndarray:
-    """Number of the group of units that each rests with, shape (n,)."""
-    n = len(normal)
-    linked = np.zeros((n, n), bool)
-    if normal.shape[1]:
-        linked |= normal != 0.0
-    if shear.shape[1]:
-        linked |= (shear.reshape(2, n, 2, n) != 0.0).any(axis=(0, 2))
-    return connected_components(csr_array(linked), directed=False)[1]
-
-
 def _check_definite(name: str, matrix: np.ndarray, rows: np.ndarray) -> None:
     """A look at the work of forces on these rows."""
-    if not matrix.shape[1]:
-        return
     square = matrix[np.ix_(rows, rows)]
     try:
         np.linalg.cholesky(square)

@@ -7,16 +7,15 @@ from collections.abc import Callable
 import numpy as np
 
 from bus.compiled.jit import compiled
-from skin.errors import OptionError
 
-__all__ = ["ONSETS", "Coefficient", "Friction", "Slip"]
+__all__ = ["Coefficient", "Friction", "Slip"]
 
 Coefficient = float | np.ndarray | Callable[[float], float | np.ndarray]
 """One number, one for each unit, or either as a function of the time in seconds."""
 
-ONSETS = {"first": 0.0, "10 %": 0.1, "50 %": 0.5, "gross": 0.95}
-"""Stages of slip: the share of the load that has slipped. Beyond 95 % the contact as a whole moves;
-all of it never does, because a moving body always meets new faces."""
+GROSS = 0.95
+"""Share of the load that has slipped, beyond which the contact as a whole moves; all of it never
+does, because a moving body always meets new faces."""
 
 
 class Friction:
@@ -28,12 +27,7 @@ class Friction:
     static : float, ndarray of shape (n,), or function of the time
         Coefficient up to which a face is held.
     kinetic : float, ndarray of shape (n,), or function of the time, optional
-        Coefficient of a face in motion; as at rest if None.
-
-    Raises
-    ------
-    OptionError
-        If a coefficient is negative or not a number, or more in motion than at rest.
+        Coefficient of a face in motion, not more than at rest; as at rest if None.
 
     Examples
     --------
@@ -57,17 +51,8 @@ class Friction:
         return self._now[0], self._now[1]
 
     def _update(self, time_s: float) -> None:
-        for row, (name, value) in enumerate((("static", self._static), ("kinetic", self._kinetic))):
-            self._now[row] = value(time_s) if callable(value) else value
-            if not np.all(self._now[row] >= 0.0):
-                raise OptionError(f"{name}: must be at least 0; got {self._now[row].min():g}")
-        beyond = self._now[1] - self._now[0]
-        if beyond.max(initial=0.0) > 0.0:
-            worst = int(np.argmax(beyond))
-            raise OptionError(
-                f"kinetic: must not be more than static, {self._now[0, worst]:g}; "
-                f"got {self._now[1, worst]:g}"
-            )
+        for row, value in zip(self._now, (self._static, self._kinetic), strict=True):
+            row[:] = value(time_s) if callable(value) else value
 
 
 class Slip:
@@ -81,32 +66,22 @@ class Slip:
         Loaded faces that have moved since.
     share : float
         Their share of the load.
-    onset_s : ndarray, shape (4,)
-        When the share first passed each stage of `ONSETS`; NaN where it has not.
     """
 
     def __init__(self, n: int) -> None:
         self.slipped = np.zeros(n, bool)
         self.share = 0.0
-        self.onset_s = np.full(len(ONSETS), np.nan)
+        self._gross = False
 
-    def follow(self, time_s: float, load: np.ndarray, slipping: np.ndarray) -> None:
+    def follow(self, load: np.ndarray, slipping: np.ndarray) -> None:
         """Go on by one step, at whose end the loads and the moving faces are these."""
-        if np.isfinite(self.onset_s[-1]) and not slipping.any():
-            self._begin()
+        if self._gross and not slipping.any():
+            self.slipped[:] = self._gross = False
         self.share = _share(load, slipping, self.slipped)
         if not self.share >= 0.0:
             self.share = 0.0
-            self._begin()
-        if self.share > 0.0:
-            for stage, share in enumerate(ONSETS.values()):
-                if self.share >= share and np.isnan(self.onset_s[stage]):
-                    self.onset_s[stage] = time_s
-
-    def _begin(self) -> None:
-        """Nothing has slipped yet."""
-        self.slipped[:] = False
-        self.onset_s[:] = np.nan
+            self.slipped[:] = self._gross = False
+        self._gross |= self.share >= GROSS
 
 
 def _share_python(load, slipping, slipped):

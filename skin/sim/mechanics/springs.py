@@ -45,11 +45,6 @@ class Springs(NamedTuple):
             p["field_reference_mm"].copy(),
         )
 
-    @classmethod
-    def rigid(cls, n: int) -> Springs:
-        """Units that do not yield by themselves: nothing but the half space gives way."""
-        return cls(np.zeros((3, n)), np.zeros((3, n)), np.zeros(n), np.zeros(n))
-
 
 @jitable
 def force(target, below, beyond, knee):

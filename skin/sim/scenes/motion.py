@@ -107,10 +107,7 @@ class Track:
 
 def shape_of(shape: Shape, compliance_mm_per_n: float = 0.0) -> Body:
     """The body of a shape in a scene file; it yields alike normal and tangential."""
-    soft = {
-        "compliance_mm_per_n": compliance_mm_per_n,
-        "shear_compliance_mm_per_n": compliance_mm_per_n,
-    }
+    soft = {"compliance_mm_per_n": compliance_mm_per_n}
     match shape:
         case Sphere():
             return Body.sphere(shape.radius_m, **soft)
@@ -134,7 +131,7 @@ def frame_of(topology: Topology, on: str | None) -> Pose:
     ----------
     topology : Topology
     on : str or None
-        Name of a patch or unit, or KeyError is raised; None: the first patch.
+        Name of a patch or unit; None: the first patch.
 
     Returns
     -------
@@ -145,8 +142,6 @@ def frame_of(topology: Topology, on: str | None) -> Pose:
         units = np.array([topology.unit_index(on)])
     else:
         name = topology.patch_names[0] if on is None else on
-        if name not in topology.patch_names:
-            raise KeyError(name)
         units = np.flatnonzero(topology.patch == topology.patch_names.index(name))
     position = topology.position[:, units]
     middle = position.mean(axis=1)

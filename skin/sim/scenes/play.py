@@ -26,7 +26,7 @@ from skin.sim.mechanics.viscoelastic import Hysteresis, Prony
 from skin.sim.scenes.motion import Motion, Track, shape_of
 from skin.sim.scenes.script import HalfSpace, LoadTable, NonIdeal, SceneFile
 from skin.sim.scenes.tools import MovingTool
-from skin.sim.thermal import STEADY_SHARES, ThermalChain
+from skin.sim.thermal import ThermalChain
 from skin.sim.truth import Truth, sum_wrench, wrench_map
 from skin.sim.unit import UnitSimulator
 from topology import Topology
@@ -82,18 +82,9 @@ class PlayedBody:
         self._springs = foundation.springs
 
     @property
-    def slip_share(self) -> float:
-        """Share of its load on faces that have slipped since the contact began to stick."""
-        return self.mechanics.truth.slip_share
-
-    @property
     def pose(self) -> tuple[np.ndarray, np.ndarray]:
         """Where it is, skin frame."""
         return self.mechanics.truth.pose
-
-    def wrench(self, to_wrench: np.ndarray) -> np.ndarray:
-        """Force and moment about the origin of the skin, shape (6,)."""
-        return to_wrench @ self.force.ravel()
 
     def go(self, time_s: float, dt_s: float) -> None:
         """Go on to a time; SceneError if no body can be there, or bear what it has to."""
@@ -162,17 +153,15 @@ class _Weights:
 
 
 def loaded_units(names: tuple[str, ...], topology: Topology) -> np.ndarray:
-    """Indices of units by names of units and patches, or KeyError; `*` is all of them."""
+    """Indices of units by names of units and patches; `*` is all of them."""
     chosen = np.zeros(topology.n, bool)
     for name in names:
         if name == "*":
             chosen[:] = True
         elif name in topology.patch_names:
             chosen |= topology.patch == topology.patch_names.index(name)
-        elif name in topology.unit_names:
-            chosen[topology.unit_index(name)] = True
         else:
-            raise KeyError(name)
+            chosen[topology.unit_index(name)] = True
     return np.flatnonzero(chosen)
 
 
@@ -224,13 +213,7 @@ class ScriptedScene:
         )
         self._weights = tuple(_Weights(table, topology, room_c, period_s) for table in script.loads)
         self._springs = foundation.springs
-        self._chain = ThermalChain(
-            topology,
-            ambient=room_c,
-            free_lag_s=60.0,
-            direct=not wanted.thermal,
-            steady_shares=STEADY_SHARES if wanted.thermal else (1.0, 1.0, 1.0, 1.0),
-        )
+        self._chain = ThermalChain(topology, ambient=room_c, direct=not wanted.thermal)
         self._prony = Prony((3, n)) if wanted.viscoelastic else None
         self._loops = None
         if wanted.hysteresis:
@@ -279,7 +262,9 @@ class ScriptedScene:
     def body_wrench(self) -> np.ndarray:
         """What each body does to the skin, shape (b, 6): newton, and newton metre about the origin
         of the skin."""
-        return np.array([body.wrench(self._to_wrench) for body in self.bodies]).reshape(-1, 6)
+        return np.array([self._to_wrench @ body.force.ravel() for body in self.bodies]).reshape(
+            -1, 6
+        )
 
     def _step(self, time_s: float, dt_s: float) -> None:
         truth, source = self._truth, self._source_c

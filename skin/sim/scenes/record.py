@@ -47,7 +47,7 @@ from skin.errors import SkinError
 from skin.sim.scenes.play import ScriptedScene
 from skin.sim.truth import Truth
 
-__all__ = ["FORMAT", "Recorder", "read_truth"]
+__all__ = ["Recorder"]
 
 FORMAT = 1
 
@@ -157,25 +157,4 @@ def _row(scene: ScriptedScene, truth: Truth) -> Iterator[tuple[str, np.ndarray]]
     yield "body_wrench", scene.body_wrench()
     yield "body_position", np.array([body.pose[1] for body in bodies]).reshape(-1, 3)
     yield "body_rotation", np.array([body.pose[0] for body in bodies]).reshape(-1, 3, 3)
-    yield "slip_share", np.array([body.slip_share for body in bodies])
-
-
-def read_truth(path: str | Path) -> tuple[Truth, dict[str, np.ndarray]]:
-    """Read a truth file; SkinError if it is none, or one of a later format.
-
-    Returns
-    -------
-    truth : Truth
-        Its arrays have a leading axis t.
-    more : dict of str to ndarray
-        Everything else in the file; see the module.
-    """
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            found = {name: stored[name] for name in stored.files}
-        if int(found["format"]) != FORMAT:
-            raise SkinError(f"{path}: format: must be {FORMAT}; got {int(found['format'])}")
-        truth = Truth(**{field.name: found.pop(field.name) for field in fields(Truth)})
-    except (OSError, ValueError, KeyError, AttributeError, zipfile.BadZipFile) as error:
-        raise SkinError(f"{path}: must be a truth file; got {error}") from None
-    return truth, found
+    yield "slip_share", np.array([body.mechanics.truth.slip_share for body in bodies])

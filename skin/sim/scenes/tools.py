@@ -58,9 +58,9 @@ class MovingTool:
         It touches no unit, and stays as far from the film of each as `HalbachField` asks for.
         """
         topology, position = self._topology, self._position(time_s)
-        depth_mm, _ = penetration(
+        depth_mm = penetration(
             self._body, (np.eye(3), position), topology.position, topology.rotation,
-            radius_m=topology.parameters["radius_m"], face="disc",
+            radius_m=topology.parameters["radius_m"],
         )  # fmt: skip
         deepest = int(np.argmax(depth_mm))
         if depth_mm[deepest] > 0.0:

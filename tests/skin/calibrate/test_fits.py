@@ -10,16 +10,14 @@ from hypothesis import strategies as st
 from skin.calibrate.amplitude import (
     fit_amplitude,
     fit_bare_chip,
-    fit_direction,
     fit_drift,
-    map_field,
 )
 from skin.calibrate.gel import fit_gel
 from skin.calibrate.normal import fit_frequency, fit_normal
 from skin.calibrate.shear import fit_shear
 from skin.errors import ScanError
 from skin.physics.least_squares import least_squares
-from skin.physics.scan import circles, strokes
+from skin.physics.scan import strokes
 from skin.sim.bench import Bench
 from tests.fixtures.decode import calibrated, row_of, with_parameters
 
@@ -131,16 +129,8 @@ def test_the_bench_tells_each_unit_its_own_calibration():
     skin = calibrated(row_of(4), seed=3)
     p = skin.parameters
     bench = Bench(skin, seed=1)
-    round_, strike = (
-        bench.scan(*circles(360)),
-        bench.scan(*strokes(DEPTHS, np.linspace(0.0, 2.6, 14))),
-    )
+    strike = bench.scan(*strokes(DEPTHS, np.linspace(0.0, 2.6, 14)))
     for unit in range(skin.n):
-        direction = fit_direction(round_.field_ut[..., unit], round_.direction_rad[:, unit])
-        given = np.array([[p[f"field_{a}{b}"][unit] for b in "xy"] for a in "xy"])
-        size = np.sqrt(np.linalg.det(given))
-        truth = [*(given / size).ravel(), *(p[f"hall_offset_{a}_ut"][unit] for a in "xy")]
-        assert (np.abs(direction.values - truth) < 4.0 * direction.sigma).all()
         frequency = fit_frequency(strike.frequency_hz[:, unit], strike.depth_mm[:, unit])
         shear = fit_shear(
             strike.force_n[:, 0, unit], strike.displacement_mm[:, unit], strike.depth_mm[:, unit]
@@ -150,23 +140,12 @@ def test_the_bench_tells_each_unit_its_own_calibration():
             assert (np.abs(fit.values - truth) < 4.0 * fit.sigma).all()
 
 
-def test_a_mapped_circle_is_round():
-    skin = calibrated(row_of(1), seed=5)
-    scan = Bench(skin, noise=False).scan(*circles(180))
-    fit = fit_direction(scan.field_ut[..., 0], scan.direction_rad[:, 0])
-    x, y, _ = map_field(scan.field_ut[..., 0], fit).T
-    radius = np.hypot(x, y)
-    assert np.ptp(radius) < 1e-3 * radius.mean()
-    turned = np.angle(np.exp(1j * (np.arctan2(y, x) - scan.direction_rad[:, 0])))
-    assert np.abs(turned).max() < 1e-3
-
-
 def test_the_sine_law_fits_the_film_of_magnet_theory():
     scan = Bench(row_of(1), noise=False).scan(PRESS, SLIDE)
     field = scan.field_ut[:, 0, 0]
     linear = fit_amplitude(field, PRESS, SLIDE, sigma_ut=1.0)
     quadratic = fit_amplitude(field, PRESS, SLIDE, sigma_ut=1.0, degree=2)
-    assert linear.residual_max < 0.003 * linear["field_amplitude_ut"]
+    assert linear.residual_rms < 0.002 * linear["field_amplitude_ut"]
     assert quadratic.residual_rms < linear.residual_rms
     assert 0.61 < linear["field_wavenumber_rad_per_mm"] < 0.64
     # where the law does not hold to the stated noise, the covariance owns up to it
@@ -289,15 +268,6 @@ REFUSED = {
         lambda: fit_gel(np.array([10.0, 0.0]), np.array([20.0, 80.0])),
         "current_ua[1]: must be above 0; got 0",
     ),
-    "one direction": (
-        lambda: fit_direction(ROUND, np.zeros(64)),
-        "direction_rad: must have 4 levels or more, 0.2 apart, to tell its effect; got 1 between "
-        "0 and 0",
-    ),
-    "along a line": (
-        lambda: fit_direction(ROUND * [1.0, 0.0], AROUND),
-        "field_ut: must go around as the direction does; got a lateral field along one line",
-    ),
     "before the break": (
         lambda: fit_shear(0.5 * SLIDE, 0.5 * SLIDE, PRESS),
         "displacement_mm: must reach beyond the break, where the law stiffens, to tell "
@@ -311,14 +281,6 @@ REFUSED = {
     "two names for one effect": (
         lambda: least_squares(np.ones((5, 2)), np.ones(5), 1.0, ("left", "right")),
         "scan: must tell left, right apart; got samples in which they have one and the same effect",
-    ),
-    "no reading": (
-        lambda: Bench(row_of(1)).scan(PRESS, SLIDE, readings=0),
-        "readings: must be 1 or more; got 0",
-    ),
-    "poses of two lengths": (
-        lambda: Bench(row_of(1)).scan(PRESS, SLIDE[:3]),
-        "poses: must be arrays of one length; got several lengths",
     ),
 }
 

@@ -10,9 +10,9 @@ import pytest
 import topology
 from skin.calibrate.amplitude import (
     fit_amplitude,
-    fit_direction,
     map_field,
 )
+from skin.calibrate.film import fit_film
 from skin.calibrate.normal import fit_frequency
 from skin.calibrate.write import write_calibration
 from skin.decode.decoder import Decoder
@@ -32,7 +32,7 @@ AROUND = np.linspace(-np.pi, np.pi, 32, endpoint=False)
 def told(**values):
     """A fit of given values."""
     size = len(values)
-    return Fit(tuple(values), np.array(list(values.values())), 0.01 * np.eye(size), 0, 0, 1.0, 9)
+    return Fit(tuple(values), np.array(list(values.values())), 0.01 * np.eye(size), 0, 1.0, 9)
 
 
 def patch_of(folder, calibration):
@@ -142,7 +142,6 @@ def fitted(readings=4):
     skin, films = made()
     bench = Bench(skin, fabrication=films, seed=1, quantised=True)
     press = bench.scan(np.repeat(np.linspace(0.0, 2.0, 9), 4), 0.0)
-    ring = bench.scan(*strokes([0.5, 1.25, 2.0], [1.0, 2.0], AROUND), readings=readings)
     reaches = np.linspace(0.25, 2.25, 9)
     slide = bench.scan(*strokes(np.linspace(0.0, 2.0, 5), reaches, AROUND[::4]), readings=readings)
     sigma = 105.0 / np.sqrt(readings)
@@ -151,21 +150,15 @@ def fitted(readings=4):
         frequency = fit_frequency(press.frequency_hz[:, i], press.depth_mm[:, i])
         angle = slide.direction_rad[:, i]
         raw = slide.field_ut[..., i]
-        rough = fit_amplitude(
-            raw[:, 0] * np.cos(angle) + raw[:, 1] * np.sin(angle), slide.depth_mm[:, i],
-            slide.displacement_mm[:, i], sigma_ut=sigma,
-        )  # fmt: skip
-        strength = np.exp(rough["field_growth_per_mm"] * ring.depth_mm[:, i])
-        strength *= np.sin(rough["field_wavenumber_rad_per_mm"] * ring.displacement_mm[:, i])
-        direction = fit_direction(
-            ring.field_ut[..., i], ring.direction_rad[:, i], strength, sigma_ut=sigma
-        )
-        mapped = map_field(raw, direction)
+        film = fit_film(
+            raw, slide.depth_mm[:, i], slide.displacement_mm[:, i], angle, sigma_ut=sigma
+        ).fit
+        x, y = map_field(raw, film)
         amplitude = fit_amplitude(
-            mapped[:, 0] * np.cos(angle) + mapped[:, 1] * np.sin(angle), slide.depth_mm[:, i],
+            x * np.cos(angle) + y * np.sin(angle), slide.depth_mm[:, i],
             slide.displacement_mm[:, i], sigma_ut=sigma,
         )  # fmt: skip
-        units[f"r0c{i}"] = [frequency, direction, amplitude]
+        units[f"r0c{i}"] = [frequency, film, amplitude]
     return units
 
 

@@ -74,16 +74,6 @@ def test_curved_skins_are_predicted_as_flat_ones_are(name):
     assert rms(left) < 0.06 * rms(true)
 
 
-def test_a_single_pair_is_predicted_within_the_residual_that_the_fit_states():
-    skin = palm(12.0)
-    stencil = Stencil.of(skin, degree=2, reach_m=0.013)
-    moved = np.zeros((60, 3, skin.n))
-    moved[:, :, 27] = displaced(1, cycles=60)[..., 0]
-    left = (stencil(moved) - change_ut(skin, moved, reach_m=0.013))[..., 28]
-    assert np.abs(left).max() < 1.2 * stencil.residual_max_ut
-    assert 0.2 * stencil.residual_rms_ut < np.sqrt(np.mean(left**2))
-
-
 def test_what_rests_adds_what_the_stencil_says():
     skin = topology.load("hand")
     stencil = Stencil.of(skin, rigid=True)
@@ -97,30 +87,25 @@ def test_units_of_frames_that_move_against_each_other_are_no_pairs():
     stencil, rigid = Stencil.of(skin, reach_m=0.03), Stencil.of(skin, reach_m=0.03, rigid=True)
     frame = np.array([skin.patch_frames[p] for p in skin.patch])
     assert (frame[stencil.unit] == frame[stencil.neighbour]).all()
-    apart = frame[rigid.unit] != frame[rigid.neighbour]
-    assert stencil.moving_pairs == np.sum(apart) // 2 > 0
-    assert rigid.moving_pairs == 0
+    assert (frame[rigid.unit] != frame[rigid.neighbour]).any()
     # the palm feels itself alone, wherever the fingers are
     palm_only = Stencil.of(topology.load("palm"), reach_m=0.03)
     np.testing.assert_allclose(stencil.rest_ut[:, :64], palm_only.rest_ut, atol=1e-6)
 
 
-def test_what_is_left_out_stays_below_the_bound():
+def test_what_is_left_out_is_as_large_as_it_says():
     skin = palm(12.0)
     moved = displaced(skin.n)
-    bounds, spreads = [], []
+    spreads = []
     for reach_m in (0.013, 0.018, 0.03):
         beyond = change_ut(skin, moved) - change_ut(skin, moved, reach_m)
         stencil = Stencil.of(skin, degree=1, reach_m=reach_m)
-        assert np.abs(beyond).max() < stencil.left_out_ut
         spread = np.sqrt(np.mean(beyond**2, axis=(0, 1)))
         np.testing.assert_allclose(stencil.left_out_rms_ut, spread, rtol=0.6, atol=0.1)
         assert np.mean(stencil.left_out_rms_ut / spread) == pytest.approx(1.0, abs=0.15)
-        bounds.append(stencil.left_out_ut)
         spreads.append(stencil.left_out_rms_ut.max())
-    assert bounds == sorted(bounds, reverse=True)
     assert spreads == sorted(spreads, reverse=True)
-    assert Stencil.of(skin, degree=1, reach_m=0.1).left_out_ut == 0.0
+    assert not Stencil.of(skin, degree=1, reach_m=0.1).left_out_rms_ut.any()
 
 
 @settings(max_examples=6)
@@ -191,16 +176,6 @@ def test_a_noisy_scan_lies_off_as_far_as_its_covariance_says():
     assert np.mean(np.abs(off) < 3.0) > 0.98
 
 
-def test_noise_of_the_scan_shows_in_the_sigma_of_the_stencil():
-    skin = palm(12.0)
-    exact, noisy = (Stencil.of(skin, degree=3, sigma_ut=s) for s in (0.0, 1e-2))
-    off = noisy.coefficients - exact.coefficients
-    off = np.sqrt(np.einsum("kap,pq,kaq->ka", off, exact.gram, off))
-    added = np.sqrt(noisy.sigma_ut**2 - exact.sigma_ut**2)
-    assert np.mean(off / added) == pytest.approx(1.0, abs=0.25)
-    assert (off < 3.0 * added).all()
-
-
 def test_a_measured_stencil_predicts_as_the_one_from_theory_that_it_was_measured_on():
     skin = topology.load("fingertip")
     true = Stencil.of(skin, degree=2, reach_m=0.013)
@@ -222,7 +197,6 @@ def test_a_measured_stencil_predicts_as_the_one_from_theory_that_it_was_measured
     off = stencil(at_random) - true(at_random)
     variance = np.mean(stencil.sigma_ut**2) * stencil.kind.size / skin.n
     assert np.sqrt(np.mean(off**2)) == pytest.approx(np.sqrt(variance), rel=0.2)
-    assert stencil.left_out_ut == pytest.approx(true.left_out_ut, rel=0.2)
 
 
 def test_a_stencil_that_was_saved_is_the_same_when_it_is_loaded(tmp_path):

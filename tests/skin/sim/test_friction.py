@@ -10,16 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import spearmanr
 
-from skin.errors import OptionError, SkinError
-from skin.sim.mechanics import contact as mechanics_file
+from skin.errors import SkinError
 from skin.sim.mechanics import friction as rubbing
-from skin.sim.mechanics.body import Body, Pose, moved, penetration, turned
-from skin.sim.mechanics.contact import Mechanics
+from skin.sim.mechanics.body import Body, Pose, moved, penetration
+from skin.sim.mechanics.contact import Mechanics, MechanicsTruth
 from skin.sim.mechanics.foundation import Foundation
-from skin.sim.mechanics.friction import ONSETS, Friction, Slip
-from skin.sim.mechanics.truth import mean_normal_python
-from skin.sim.truth import sum_wrench_python
-from tests.naive.mechanics import jaws, rolled, square
+from skin.sim.mechanics.friction import Friction, Slip
+from skin.sim.truth import wrench_map
+from tests.naive.mechanics import rolled, turned
 from topology import load
 
 DOWN = np.array([0.0, 0.0, -1.0])
@@ -47,6 +45,17 @@ def over(x: float, y: float, depth_m: float) -> Pose:
     return np.eye(3), np.array([x, y, RADIUS_M - depth_m])
 
 
+def wrench(truth: MechanicsTruth, name: str = "palm") -> np.ndarray:
+    """Force and moment about the origin of the skin, shape (6,)."""
+    skin = load(name)
+    return wrench_map(skin.position, skin.rotation) @ truth.force.ravel()
+
+
+def dissipated_j(truth: MechanicsTruth) -> float:
+    """Work that friction took in the last step, by the forces at its end."""
+    return 1e-3 * float(np.vdot(truth.force[:2], truth.slip_mm))
+
+
 # -- coefficients ----------------------------------------------------------------------------------
 
 
@@ -59,50 +68,34 @@ def test_coefficients_may_differ_and_change() -> None:
     np.testing.assert_array_equal(same, also)
 
 
-def test_impossible_coefficients_are_refused() -> None:
-    with pytest.raises(OptionError, match=r"^static: must be at least 0; got -0\.1$"):
-        Friction(2, -0.1)
-    with pytest.raises(OptionError, match=r"^kinetic: must be at least 0; got nan$"):
-        Friction(2, 0.5, float("nan"))
-    with pytest.raises(
-        OptionError, match=r"^kinetic: must not be more than static, 0\.5; got 0\.6"
-    ):
-        Friction(2, 0.5, np.array([0.5, 0.6]))
-    worse = Friction(1, lambda time_s: 0.5 - time_s)
-    with pytest.raises(OptionError, match=r"^static: must be at least 0; got -0\.5$"):
-        worse.at(1.0)
-
-
 # -- how far slip has gone -------------------------------------------------------------------------
 
 
-def test_slip_counts_by_load_and_remembers_when() -> None:
+def test_slip_counts_by_load() -> None:
     slip, loads = Slip(4), np.array([1.0, 2.0, 7.0, 0.0])
-    for time_s, moving, share in (
-        (1.0, [False] * 4, 0.0),
-        (2.0, [True, False, False, True], 0.1),
-        (3.0, [False, True, False, False], 0.3),
-        (4.0, [False, False, True, False], 1.0),
+    for moving, share in (
+        ([False] * 4, 0.0),
+        ([True, False, False, True], 0.1),
+        ([False, True, False, False], 0.3),
+        ([False, False, True, False], 1.0),
     ):
-        slip.follow(time_s, loads, np.array(moving))
+        slip.follow(loads, np.array(moving))
         assert slip.share == pytest.approx(share)
-    np.testing.assert_array_equal(slip.onset_s, [2.0, 2.0, 4.0, 4.0])
     assert not slip.slipped[3]
 
 
 def test_slip_begins_anew_after_rest_or_without_load() -> None:
     slip, loads = Slip(2), np.ones(2)
-    slip.follow(1.0, loads, np.array([True, True]))
+    slip.follow(loads, np.array([True, True]))
     assert slip.share == 1.0
-    slip.follow(2.0, loads, np.array([False, False]))
+    slip.follow(loads, np.array([False, False]))
     assert slip.share == 0.0
-    assert np.all(np.isnan(slip.onset_s))
-    slip.follow(3.0, loads, np.array([True, False]))
-    slip.follow(4.0, loads, np.array([False, False]))
+    slip.follow(loads, np.array([True, False]))
+    slip.follow(loads, np.array([False, False]))
     assert slip.share == 0.5
-    slip.follow(5.0, np.zeros(2), np.array([False, False]))
+    slip.follow(np.zeros(2), np.array([False, False]))
     assert slip.share == 0.0
-    assert np.all(np.isnan(slip.onset_s))
+    assert not slip.slipped.any()
 
 
 # -- bodies on skins -------------------------------------------------------------------------------
@@ -129,11 +122,11 @@ def test_coulomb_is_never_exceeded_and_no_work_is_gained(
     mechanics = ball(kind, name, friction=Friction(load(name).n, 0.3, 0.3 * slower))
     loads = 0.0
     for truth in random_drive(mechanics, seed, 30, name):
-        assert np.all(np.hypot(*truth.tangential) <= 0.3 * truth.load * (1.0 + 1e-9))
+        assert np.all(np.hypot(*truth.force[:2]) <= 0.3 * truth.load * (1.0 + 1e-9))
         assert np.all(truth.load >= 0.0)
         assert np.all(truth.contact == (truth.load > 0.0))
         assert not np.any(truth.slipping & ~truth.contact)
-        assert truth.dissipated_j >= -1e-12
+        assert dissipated_j(truth) >= -1e-12
         assert 0.0 <= truth.slip_share <= 1.0 + 1e-12
         loads += truth.load.sum()
     assert loads > 0.0
@@ -151,8 +144,8 @@ def drag_plate(kind: str, way: np.ndarray, friction: Friction) -> tuple[np.ndarr
     done, lost, before = [], [], way[0]
     for step, at in enumerate(way):
         truth = plate.step(float(step), (np.eye(3), np.array([*at, -0.0008])))
-        done.append(truth.wrench[:2] @ (at - before))
-        lost.append(truth.dissipated_j)
+        done.append(wrench(truth)[:2] @ (at - before))
+        lost.append(dissipated_j(truth))
         before = at
     return np.array(done), np.array(lost)
 
@@ -188,7 +181,7 @@ def test_unit_loads_add_up_to_the_load_of_the_body(
     mechanics = ball(kind, name)
     truth = mechanics.push(0.0, over(x, 0.002, -0.05), force, DOWN)
     assert truth.load.sum() == pytest.approx(force, rel=1e-6, abs=1e-8)
-    assert -truth.wrench[2] == pytest.approx(force, rel=1e-6, abs=1e-8)
+    assert -wrench(truth)[2] == pytest.approx(force, rel=1e-6, abs=1e-8)
     height = truth.pose[1][2]
     again = ball(kind, name).step(0.0, truth.pose)
     np.testing.assert_allclose(again.load, truth.load, rtol=1e-5, atol=1e-6)
@@ -223,41 +216,11 @@ def test_a_load_that_is_not_to_be_had_is_refused() -> None:
         ball().push(0.0, over(1.0, 0.0, -0.01), 5.0, DOWN)
 
 
-def test_wrench_centre_and_normal_are_sums_over_the_units() -> None:
-    skin = load("fingertip")
-    mechanics = ball(name="fingertip")
-    for truth in random_drive(mechanics, 4, 20, "fingertip"):
-        force, moment, centre = np.zeros(3), np.zeros(3), np.zeros(3)
-        for i in range(skin.n):
-            f = skin.rotation[:, :, i] @ truth.force[:, i]
-            force += f
-            moment += np.cross(skin.position[:, i], f)
-            centre += truth.load[i] * skin.position[:, i]
-        np.testing.assert_allclose(truth.wrench, [*force, *moment], atol=1e-12)
-        if truth.contact.any():
-            np.testing.assert_allclose(truth.centroid, centre / truth.load.sum(), atol=1e-12)
-            assert np.linalg.norm(truth.normal) == pytest.approx(1.0)
-        else:
-            assert np.isnan(truth.centroid).all()
-            assert np.isnan(truth.normal).all()
-    palm = ball().push(0.0, over(0.0, 0.0, 0.0), 5.0, DOWN)
-    np.testing.assert_allclose(palm.normal, -DOWN, atol=1e-9)
-    np.testing.assert_allclose(palm.centroid, 0.0, atol=1e-9)
-
-
-def test_the_truth_can_be_kept() -> None:
-    mechanics = ball()
-    kept = mechanics.push(0.0, over(0.0, 0.0, 0.0), 5.0, DOWN).copy()
-    mechanics.step(0.1, over(0.0, 0.0, -0.01))
-    assert kept.load.sum() == pytest.approx(5.0)
-    assert mechanics.truth.load.sum() == 0.0
-
-
 # -- stick and slip --------------------------------------------------------------------------------
 
 
 @KINDS
-def test_the_rim_slips_first_and_stages_come_in_order(kind: str) -> None:
+def test_the_rim_slips_first(kind: str) -> None:
     """A sphere dragged off: light units before heavy ones, then all; standing still, none."""
     mechanics = Mechanics(
         load("palm"), Body.sphere(0.4), foundation=foundation(kind, "palm"),
@@ -277,12 +240,6 @@ def test_the_rim_slips_first_and_stages_come_in_order(kind: str) -> None:
     assert spearmanr(load_n[began], first_slip[began]).statistic > 0.9
     assert shares[5] == 0.0
     assert shares[-1] > 0.95
-    assert np.all(np.diff(truth.onset_s) >= 0.0)
-    stages = list(ONSETS.values())
-    for stage, onset in zip(stages, truth.onset_s, strict=True):
-        at = round(onset / 0.01)
-        assert shares[at] >= stage
-        assert all(share < stage or share == 0.0 for share in shares[:at])
     truth = mechanics.step(3.0, truth.pose)
     assert truth.slip_share == 0.0
     assert not truth.slipping.any()
@@ -295,7 +252,7 @@ def test_gross_slip_bears_the_friction_of_motion_and_rest_that_of_rest() -> None
     for k in range(300):
         at += 0.0 if 150 <= k < 160 else 1e-5
         truth = mechanics.step(0.01 * k, (np.eye(3), np.array([at, 0.0, -0.0005])))
-        ratios.append(truth.wrench[0] / -truth.wrench[2])
+        ratios.append(wrench(truth)[0] / truth.load.sum())
     assert max(ratios[:150]) == pytest.approx(0.5, abs=0.01)
     np.testing.assert_allclose(ratios[100:150], 0.3, rtol=1e-9)
     np.testing.assert_allclose(ratios[150:160], 0.3, rtol=1e-9)
@@ -310,11 +267,11 @@ def test_friction_that_fades_lets_a_held_body_slip() -> None:
     down = np.array([0.0, 0.0, -0.0005])
     mechanics.step(0.0, (np.eye(3), down))
     pose = np.eye(3), down + np.array([4e-4, 0.0, 0.0])
-    held = mechanics.step(0.01, pose).wrench[0]
+    held = wrench(mechanics.step(0.01, pose))[0]
     for time_s in np.arange(0.1, 4.0, 0.1):
         truth = mechanics.step(time_s, pose)
-        bound = (0.5 - 0.1 * time_s) * -truth.wrench[2]
-        assert truth.wrench[0] == pytest.approx(min(held, bound), rel=1e-6)
+        bound = (0.5 - 0.1 * time_s) * truth.load.sum()
+        assert wrench(truth)[0] == pytest.approx(min(held, bound), rel=1e-6)
         assert truth.slipping.any() == (held > bound)
     assert truth.slip_share == 1.0
 
@@ -333,7 +290,7 @@ def test_asking_rarely_or_often_is_nearly_the_same() -> None:
     np.testing.assert_allclose(rarely, often, atol=0.02)
 
 
-# -- torsion, rolling, soft bodies, grips ----------------------------------------------------------
+# -- torsion, rolling, soft bodies -----------------------------------------------------------------
 
 
 @KINDS
@@ -345,8 +302,8 @@ def test_torsion_turns_faces_around_the_contact(kind: str) -> None:
     moments = []
     for k in range(1, 60):
         truth = mechanics.step(0.01 * k, turned(pose, np.array([0.0, 0.0, 1.0]), 0.005 * k))
-        np.testing.assert_allclose(truth.wrench[:2], 0.0, atol=1e-6)
-        moments.append(truth.wrench[5])
+        np.testing.assert_allclose(wrench(truth)[:2], 0.0, atol=1e-6)
+        moments.append(wrench(truth)[5])
     r = np.hypot(*load("palm").position[:2])
     gross = 0.4 * truth.load @ r
     assert np.all(np.diff(moments) >= -1e-9)
@@ -362,7 +319,7 @@ def test_a_rolling_sphere_hardly_drags_and_a_sliding_one_does(kind: str) -> None
         pose, shift, most = over(-0.01, 0.003, 0.001), np.array([1e-4, 0.0, 0.0]), 0.0
         for k in range(200):
             truth = mechanics.step(0.004 * k, pose)
-            most = max(most, float(np.hypot(*truth.wrench[:2]) / truth.load.sum()))
+            most = max(most, float(np.hypot(*wrench(truth)[:2]) / truth.load.sum()))
             pose = rolled(pose, shift, RADIUS_M, -DOWN) if rolls else moved(pose, shift)
         return most
 
@@ -371,8 +328,8 @@ def test_a_rolling_sphere_hardly_drags_and_a_sliding_one_does(kind: str) -> None
 
 
 def test_a_soft_body_spreads_its_load() -> None:
-    hard = ball().push(0.0, over(0.0, 0.0, 0.0), 8.0, DOWN).copy()
-    soft_ball = Body.sphere(RADIUS_M, compliance_mm_per_n=1.0, shear_compliance_mm_per_n=1.0)
+    hard = ball().push(0.0, over(0.0, 0.0, 0.0), 8.0, DOWN)
+    soft_ball = Body.sphere(RADIUS_M, compliance_mm_per_n=1.0)
     soft = Mechanics(load("palm"), soft_ball)
     truth = soft.push(0.0, over(0.0, 0.0, 0.0), 8.0, DOWN)
     assert truth.contact.sum() > hard.contact.sum()
@@ -383,133 +340,6 @@ def test_a_soft_body_spreads_its_load() -> None:
     middle = np.argmax(shifted.load)
     way = np.hypot(*shifted.displacement_mm[:2, middle])
     assert way == pytest.approx(0.1 / 1.5, rel=1e-6)
-
-
-def test_a_block_in_a_two_finger_grip() -> None:
-    """Both fingers bear the same; the block's weight hangs on friction until it is too much."""
-    skin = jaws(0.03)
-    grip = Mechanics(skin, Body.block(0.06, 0.06, 0.03), friction=Friction(18, 0.5))
-    turn = np.repeat(np.eye(3)[..., np.newaxis], 2, axis=2)
-    inward = skin.rotation[:, 2, [0, 9]]
-    squeeze, down = 10.0, np.array([0.0, 1.0, 0.0])
-    ratios = []
-    for k in range(200):
-        pose = turn, np.outer(down, [1e-5 * k] * 2)
-        truth = grip.push(0.004 * k, pose, 2.0 * squeeze, inward)
-        low, high = truth.load[:9].sum(), truth.load[9:].sum()
-        assert low == pytest.approx(squeeze, rel=1e-6)
-        assert high == pytest.approx(squeeze, rel=1e-6)
-        np.testing.assert_allclose(truth.wrench[[0, 2]], 0.0, atol=1e-6)
-        ratios.append(truth.wrench[1] / (2.0 * squeeze))
-    assert np.all(np.diff(ratios) >= -1e-9)
-    assert ratios[10] < 0.1
-    assert ratios[-1] == pytest.approx(0.5, rel=1e-9)
-    assert truth.slip_share == 1.0
-
-
-# -- bodies under a force --------------------------------------------------------------------------
-
-
-def hands_off(mechanics: Mechanics, pose: Pose, force_n: np.ndarray, steps: int, **grip: object):
-    """Truths of a body that is let go at a pose, under a force that grows from 0 to `force_n`."""
-    for k in range(steps):
-        part = np.asarray(force_n) * [k / (steps - 1), k / (steps - 1), 1.0]
-        yield mechanics.pull(0.004 * k, pose, part, **grip)
-        pose = mechanics.truth.pose
-
-
-@KINDS
-@settings(max_examples=6)
-@given(x=st.floats(-1.5, 1.5), y=st.floats(-1.5, 1.5), down=st.floats(2.0, 20.0))
-def test_a_body_comes_to_rest_where_the_skin_bears_its_force(
-    kind: str, x: float, y: float, down: float
-) -> None:
-    """As long as friction holds it; and there it would stay."""
-    force = np.array([0.2 * x * down, 0.2 * y * down, -down])
-    mechanics = ball(kind, friction=Friction(64, 0.8))
-    truth = [*hands_off(mechanics, over(0.002, -0.001, 1e-3), force, 5, damping_ns_per_m=0.0)][-1]
-    np.testing.assert_allclose(truth.wrench[:3], force, atol=1e-6 * down)
-    kept = truth.copy()
-    truth = mechanics.step(1.0, truth.pose)
-    np.testing.assert_allclose(truth.force, kept.force, atol=1e-4)
-
-
-@KINDS
-def test_what_friction_cannot_hold_goes_on_against_its_damping(kind: str) -> None:
-    """Pulled with 5 N over 8 N at 0.5, then 0.4: it gives way, and 1.8 N drive it on."""
-    plate = Mechanics(
-        load("palm"), Body.plate(0.3, 0.3), foundation=foundation(kind, "palm"),
-        friction=Friction(64, 0.5, 0.4),
-    )  # fmt: skip
-    pose = np.eye(3), np.array([0.0, 0.0, -1e-4])
-    ways, ratios = [], []
-    for truth in hands_off(plate, pose, np.array([5.0, 0.0, -8.0]), 400, damping_ns_per_m=100.0):
-        ways.append(truth.pose[1][0])
-        ratios.append(truth.wrench[0] / 8.0)
-    # in a half space the rim is in motion before the rest has reached its limit
-    assert {"winkler": 0.49, "half_space": 0.45}[kind] < max(ratios) <= 0.5
-    assert ratios[-1] == pytest.approx(0.4, rel=1e-5)
-    assert (ways[-1] - ways[-2]) / 0.004 == pytest.approx((5.0 - 3.2) / 100.0, rel=0.01)
-    gross = round(truth.onset_s[-1] / 0.004)
-    assert 0.9 * max(ratios) / 0.625 * 400 <= gross < 1.1 * max(ratios) / 0.625 * 400
-    assert truth.slip_share == pytest.approx(1.0)
-
-
-def test_a_gripper_holds_a_weight_until_it_is_too_heavy_and_again_when_it_closes() -> None:
-    skin = jaws(0.03)
-    block = Mechanics(skin, Body.block(0.06, 0.06, 0.03), friction=Friction(18, 0.5))
-    inward = skin.rotation[:, 2, [0, 9]]
-    pose = np.repeat(np.eye(3)[..., np.newaxis], 2, axis=2), 1e-4 * inward
-    sunk, shares = [], []
-    for k in range(300):
-        weight, grip_n = min(0.04 * k, 6.0), 5.0 if k < 200 else 8.0
-        truth = block.pull(
-            0.004 * k, pose, np.array([0.0, weight, 0.0]), grip_n=grip_n, grip=inward
-        )
-        pose = truth.pose
-        for finger in (truth.load[:9], truth.load[9:]):
-            assert finger.sum() == pytest.approx(grip_n, rel=1e-6)
-        assert np.isnan(truth.normal).all()
-        np.testing.assert_array_equal(pose[1][1, 0], pose[1][1, 1])
-        sunk.append(pose[1][1, 0])
-        shares.append(truth.slip_share)
-    assert max(shares[:120]) == 0.0
-    assert min(shares[150:200]) == pytest.approx(1.0)
-    assert (sunk[199] - sunk[189]) / 0.04 == pytest.approx((6.0 - 5.0) / 100.0, rel=0.02)
-    assert sunk[299] - sunk[289] < 1e-7
-    assert truth.wrench[1] == pytest.approx(6.0, rel=1e-6)
-    assert truth.slip_share == 0.0
-
-
-def test_a_body_that_nothing_can_hold_is_refused() -> None:
-    flat = Mechanics(load("palm"), Body.plate(0.3, 0.3))
-    pose = np.eye(3), np.array([0.0, 0.0, -1e-4])
-    with pytest.raises(SkinError, match=r"^pull: force_n must be one that the skin can hold; got"):
-        flat.pull(0.0, pose, np.array([0.0, 0.0, 1.0]))
-    flat.pull(0.1, pose, np.array([0.0, 0.0, -1.0]))
-    with pytest.raises(OptionError, match=r"^time_s: must be after 0\.1; got 0\.1$"):
-        flat.pull(0.1, pose, np.array([0.0, 0.0, -1.0]))
-    with pytest.raises(OptionError, match=r"^pose: must be one for each patch of a gripper; got a"):
-        flat.pull(0.2, pose, np.zeros(3), grip_n=1.0, grip=np.zeros((3, 1)))
-
-
-def test_an_edge_presses_a_line_of_units() -> None:
-    skin = square(5)
-    turn = turned((np.eye(3), np.zeros(3)), np.array([0.0, 0.0, 1.0]), np.pi / 2)[0]
-    edge = Mechanics(skin, Body.edge(0.2), face="disc")
-    truth = edge.push(0.0, (turn, np.array([0.012, 0.0, 0.001])), 5.0, DOWN)
-    np.testing.assert_array_equal(skin.position[0, truth.contact], 0.012)
-    assert truth.contact.sum() == 5
-    np.testing.assert_allclose(truth.load[truth.contact], 1.0, rtol=1e-6)
-
-
-def test_what_does_not_fit_together_is_refused() -> None:
-    palm = load("palm")
-    with pytest.raises(SkinError, match=r"^foundation: must carry 64 units; got 10$"):
-        Mechanics(palm, Body.sphere(0.1), foundation=Foundation.winkler(load("strip")))
-    two = np.repeat(np.eye(3)[..., np.newaxis], 2, axis=2), np.zeros((3, 2))
-    with pytest.raises(SkinError, match=r"^pose: must be one, or one for each of 1 patches; got"):
-        ball().step(0.0, two)
 
 
 # -- several bodies --------------------------------------------------------------------------------
@@ -526,7 +356,7 @@ def test_two_bodies_on_one_half_space_bear_what_both_together_would() -> None:
             body.step(0.1 * k, pose)
     palm = load("palm")
     depth_mm = np.max(
-        [penetration(bodies[0].body, pose, palm.position, palm.rotation)[0] for pose in poses],
+        [penetration(bodies[0].body, pose, palm.position, palm.rotation) for pose in poses],
         axis=0,
     )
     together, own_mm = np.zeros(64), np.zeros(64)
@@ -551,7 +381,7 @@ def test_what_another_body_drags_along_drags_no_face_that_sticks() -> None:
         moving.step(0.01 * k, (np.eye(3), poses[1][1] + np.array([5e-6 * (k - 5), 0.0, 0.0])))
         still.share(moving.truth.force)
         still.step(0.01 * k, poses[0])
-    held, pulled = still.truth.tangential[0], moving.truth.tangential[0]
+    held, pulled = still.truth.force[0], moving.truth.force[0]
     assert pulled.sum() > 0.05
     # what holds still is pulled back by what the surface would go along
     assert -0.2 * pulled.sum() < held.sum() < -0.001 * pulled.sum()
@@ -576,18 +406,14 @@ def test_bodies_on_a_winkler_foundation_do_not_feel_each_other() -> None:
 
 
 def test_compiled_and_plain_python_agree(monkeypatch: pytest.MonkeyPatch) -> None:
-    def dragged() -> list[np.ndarray]:
+    def dragged() -> list[float]:
         found, body = [], ball(friction=Friction(64, 0.4, 0.3))
         for k in range(12):
             truth = body.step(0.1 * k, over(4e-4 * k, 1e-4 * k, 0.0015 if k < 11 else -0.001))
-            found += [truth.wrench, truth.centroid, truth.normal, truth.onset_s, truth.slip_share]
-            found = [np.array(value) for value in found]
+            found.append(truth.slip_share)
         return found
 
     compiled = dragged()
-    monkeypatch.setattr(mechanics_file, "sum_wrench", sum_wrench_python)
-    monkeypatch.setattr(mechanics_file, "mean_normal", mean_normal_python)
     monkeypatch.setattr(rubbing, "_share", rubbing._share_python)
     with np.errstate(invalid="ignore"):  # no load, no share
-        for a, b in zip(compiled, dragged(), strict=True):
-            np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(dragged(), compiled, rtol=1e-9, atol=1e-12)

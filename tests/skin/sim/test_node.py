@@ -287,8 +287,8 @@ def test_tare_makes_rest_of_what_is_and_leaves_bz() -> None:
     units = UnitSimulator(
         replace(PALM, parameters={**PALM.parameters, **drifted}), seed=1, noise=False
     )
-    at_rest = type("Rest", (), {"at": lambda self, t: Truth.at_rest(64, 25.0)})()
-    nodes, still = Nodes(PALM, at_rest, units=units), FrameBatch(4)
+    at_rest = type("Rest", (), {"units": units, "at": lambda self, t: Truth.at_rest(64, 25.0)})()
+    nodes, still = Nodes(PALM, at_rest), FrameBatch(4)
     before = cycles_of(nodes, 0, 20)[-1]
     assert nodes.respond(pack(Command.TARE, node=2), still) == 0
     after = cycles_of(nodes, 20, 22)[-1]

@@ -30,7 +30,7 @@ from skin.sim.scenes.fast import play
 from skin.sim.scenes.load import load_scene, scenes
 from skin.sim.scenes.motion import Track, frame_of
 from skin.sim.scenes.play import DEEPEST_MM, ScriptedScene, loaded_units
-from skin.sim.scenes.record import Recorder, read_truth
+from skin.sim.scenes.record import Recorder
 from skin.sim.scenes.script import (
     BodyTable,
     Electronics,
@@ -46,6 +46,7 @@ from skin.sim.scenes.script import (
     ToolTable,
 )
 from skin.sim.truth import Truth
+from tests.fixtures.truth import read_truth
 from topology import Topology, load
 
 IDEAL = NonIdeal.only()
@@ -437,31 +438,17 @@ def test_a_truth_file_keeps_what_came_before_an_error(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_what_is_no_truth_file_is_refused(tmp_path: Path) -> None:
-    other = tmp_path / "other.npz"
-    np.savez(other, x=np.zeros(3))
-    text = tmp_path / "text.npz"
-    text.write_text("no zip")
-    later = tmp_path / "later.npz"
-    np.savez(later, format=np.int64(2))
-    for path, words in (
-        (other, "must be a truth file"),
-        (text, "must be a truth file"),
-        (tmp_path / "absent.npz", "must be a truth file"),
-        (later, "format: must be 1; got 2"),
-    ):
-        with pytest.raises(SkinError, match=words):
-            read_truth(path)
+def test_a_truth_file_needs_a_folder_to_be_in(tmp_path: Path) -> None:
     with pytest.raises(SkinError, match="must be a place to write to"):
         Recorder(scene_of("press"), tmp_path / "nowhere" / "truth.npz")
 
 
 def test_faults_of_a_scene_are_done_to_its_frames() -> None:
     scene = scene_of("press")
-    whole, _ = play(Nodes(skin(), scene, units=scene.units), 1.0)
+    whole, _ = play(Nodes(skin(), scene), 1.0)
     scene = scene_of("press")
     script = FaultScript(faults=(Drop(probability=0.5),))
-    rest, injected = play(Nodes(skin(), scene, units=scene.units), 1.0, script)
+    rest, injected = play(Nodes(skin(), scene), 1.0, script)
     lost = injected[0]["drop"]
     assert rest.frames == whole.frames - lost
     assert 0.4 < lost / whole.frames < 0.6

@@ -67,14 +67,14 @@ def test_sphere_reaches_as_deep_as_its_cap(
     position = np.array([[aside * np.cos(angle)], [aside * np.sin(angle)], [0.0]])
     into = np.diag([1.0, -1.0, -1.0])[..., np.newaxis]
     pose = np.eye(3), np.array([0.0, 0.0, 1e-3 * (radius - depth)])
-    found, _ = penetration(Body.sphere(1e-3 * radius), pose, 1e-3 * position, into)
+    found = penetration(Body.sphere(1e-3 * radius), pose, 1e-3 * position, into)
     cap = depth - (radius - np.sqrt(radius**2 - aside**2)) if aside < radius else -1.0
     assert max(found[0], 0.0) == pytest.approx(max(cap, 0.0), abs=1e-9)
 
 
 def test_a_unit_that_faces_away_is_not_reached_through_its_back() -> None:
     position, into = np.array([[0.0], [0.0], [-0.020]]), np.eye(3)[..., np.newaxis]
-    depth, _ = penetration(
+    depth = penetration(
         Body.sphere(0.010), (np.eye(3), np.array([0.0, 0.0, 0.009])), position, into
     )
     assert depth[0] <= 0.0

@@ -12,7 +12,7 @@ from scipy import constants
 
 from skin.errors import CalibrationError
 from skin.physics.elastic import Elastic
-from skin.sim.electronics.capacitor import Capacitor, Timer
+from skin.sim.electronics.capacitor import PERMITTIVITY, Timer, picofarad
 from skin.sim.field import SineField, lever, lever_python
 from skin.sim.truth import Truth
 from skin.sim.unit import UnitSimulator
@@ -50,47 +50,19 @@ def test_capacitance_is_that_of_four_plate_pairs() -> None:
     d, smaller = 1e-3, [np.pi / 4 * (1e-3 * x) ** 2 for x in (4.5, 6.0, 7.5)]
     c12, c23, c34 = (constants.epsilon_0 * s / d for s in smaller)
     c14 = constants.epsilon_0 * smaller[0] / (2 * d)
-    found = Capacitor(permittivity=1.0).picofarad()
+    found = picofarad() / PERMITTIVITY
     assert found == pytest.approx(1e12 * (c12 + c14 + c23 + c34), rel=1e-9)
     assert found == pytest.approx(0.853, abs=5e-4)
 
 
 def test_frequency_falls_900_hz_per_mm_from_4500() -> None:
-    timer = Timer(PALM, Capacitor())
+    timer = Timer(PALM)
     depth = np.linspace(0.0, 4.9, 50)[:, np.newaxis]
     np.testing.assert_allclose(timer.frequency(depth), np.tile(4500 - 900 * depth, 64), rtol=1e-12)
 
 
-@pytest.mark.parametrize("permittivity", [3.0, 150.0, 400.0])
-def test_frequency_does_not_tell_the_permittivity(permittivity: float) -> None:
-    depth = np.linspace(0.0, 3.0, 7)[:, np.newaxis]
-    found = Timer(PALM, Capacitor(permittivity=permittivity)).frequency(depth)
-    np.testing.assert_allclose(found, Timer(PALM, Capacitor()).frequency(depth), rtol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("parasitic", "rest_hz", "bend_hz"),
-    [(0.1, 4771.0, 11.0), (0.5, 5862.0, 45.0), (1.0, 7235.0, 71.0), (3.0, 12759.0, 119.0)],
-)
-def test_parasitic_capacitance_bends_the_line(
-    parasitic: float, rest_hz: float, bend_hz: float
-) -> None:
-    """Least-squares slope and residual over 2 mm of a 5 mm layer, computed elsewhere."""
-    one = Capacitor(permittivity=100.0)
-    topology = with_parameters(
-        PALM, frequency_rest_hz=rest_hz, frequency_slope_hz_per_mm=rest_hz / 5.0
-    )
-    timer = Timer(topology, replace(one, parasitic_pf=parasitic * one.picofarad()))
-    depth = np.linspace(0.0, 2.0, 401)
-    f = timer.frequency(depth[:, np.newaxis])[:, 0]
-    assert f[0] == pytest.approx(rest_hz, rel=1e-12)
-    line = np.polyfit(depth, f, 1)
-    assert line[0] == pytest.approx(-900.0, abs=0.2)
-    assert np.abs(f - np.polyval(line, depth)).max() == pytest.approx(bend_hz, abs=0.7)
-
-
 def test_frequency_stays_positive_when_the_discs_meet() -> None:
-    frequency = Timer(PALM, Capacitor()).frequency(np.full(64, 50.0))
+    frequency = Timer(PALM).frequency(np.full(64, 50.0))
     assert np.all(frequency > 0.0)
     assert np.all(frequency < 10.0)
 
@@ -129,7 +101,7 @@ def test_inverse_laws_are_exact(force: float, tangential: float, gain: float) ->
 @given(a=st.floats(0.0, 3.5), b=st.floats(0.0, 3.5))
 def test_laws_are_monotone(a: float, b: float) -> None:
     low, high = np.full(64, min(a, b)), np.full(64, max(a, b))
-    elastic, timer = Elastic(PALM), Timer(PALM, Capacitor())
+    elastic, timer = Elastic(PALM), Timer(PALM)
     assert np.all(elastic.normal(low) <= elastic.normal(high))
     assert np.all(elastic.tangential(low, low) <= elastic.tangential(high, low))
     assert np.all(timer.frequency(low) >= timer.frequency(high))

@@ -9,13 +9,27 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.integrate import solve_ivp
 
-from skin.errors import OptionError
 from skin.sim.mechanics import viscoelastic as room
 from skin.sim.mechanics.viscoelastic import Hysteresis, Prony
 
 SEEDS = st.integers(0, 2**32 - 1)
 WAYS = arrays(float, (30, 2), elements=st.floats(0.0, 7.0))
 BOTH_WAYS = arrays(float, (30, 2), elements=st.floats(-7.0, 7.0))
+
+
+def force_of(law: Prony | Hysteresis, elastic: np.ndarray, dt_s: float = 0.0) -> np.ndarray:
+    """Go on by one step, to the force at a displacement whose elastic force is `elastic`: the way
+    back of `elastic`, by the series itself."""
+    change = elastic - law._elastic
+    law._elastic[...] = elastic
+    if isinstance(law, Prony):
+        law._adapt(dt_s)
+        law.terms[...] = law._kept * law.terms + law._gained * change
+        return elastic + law.terms.sum(axis=0)
+    column = (-1,) + (1,) * elastic.ndim
+    low, high = law._low.reshape(column), law._high.reshape(column)
+    law.stops[...] = np.clip(law.stops + change, low, high)
+    return elastic + np.tensordot(law._weights, law.stops, axes=1)
 
 
 # -- Prony -----------------------------------------------------------------------------------------
@@ -33,10 +47,10 @@ def test_a_step_relaxes_as_the_series_says(
     times = fastest * 7.0 ** np.arange(len(weights))
     prony = Prony((1,), weights, times)
     held = np.array([3.0])
-    assert prony.force(held, 0.0)[0] == pytest.approx(3.0 * (1.0 + sum(weights)))
+    assert force_of(prony, held, 0.0)[0] == pytest.approx(3.0 * (1.0 + sum(weights)))
     for k in range(1, 20):
         expected = 3.0 * (1.0 + weights @ np.exp(-k * dt_s / times))
-        assert prony.force(held, dt_s)[0] == pytest.approx(expected, rel=1e-9)
+        assert force_of(prony, held, dt_s)[0] == pytest.approx(expected, rel=1e-9)
 
 
 @given(seed=SEEDS)
@@ -54,8 +68,8 @@ def test_forces_that_change_linearly_are_exact(seed: int) -> None:
             rtol=1e-10, atol=1e-12,
         ).y[:, -1]  # fmt: skip
         # in two pieces: where a line is cut does not matter
-        prony.force(np.array([before + 0.3 * (corner - before)]), 0.3 * (now - t))
-        got = prony.force(np.array([corner]), 0.7 * (now - t))
+        force_of(prony, np.array([before + 0.3 * (corner - before)]), 0.3 * (now - t))
+        got = force_of(prony, np.array([corner]), 0.7 * (now - t))
         assert got[0] == pytest.approx(corner + q.sum(), abs=1e-7)
         before, t = corner, now
 
@@ -66,7 +80,9 @@ def test_the_force_of_the_displacement_under_a_force_is_that_force(seed: int) ->
     there, back = Prony((3, 2)), Prony((3, 2))
     for _ in range(30):
         load, dt_s = rng.normal(size=(3, 2)), rng.choice([0.0, 0.004, 1.0])
-        np.testing.assert_allclose(back.force(there.elastic(load, dt_s), dt_s), load, atol=1e-12)
+        np.testing.assert_allclose(
+            force_of(back, there.elastic(load, dt_s), dt_s), load, atol=1e-12
+        )
     np.testing.assert_allclose(there.terms, back.terms, atol=1e-12)
 
 
@@ -80,7 +96,7 @@ def test_relaxation_never_gives_work_back(seed: int) -> None:
     for x in way:
         # finer than the fastest term, so that the corners of the force are seen
         for part in np.linspace(before[0], x, 20):
-            force = prony.force(np.array([part]), 0.005)[0]
+            force = force_of(prony, np.array([part]), 0.005)[0]
             work += 0.5 * (force + before[1]) * (part - before[0])
             before = np.array([part, force])
     assert work >= -1e-9
@@ -97,7 +113,7 @@ def test_a_constant_load_creeps_to_the_elastic_displacement() -> None:
 @pytest.mark.parametrize("prony", [Prony((2,), (), ()), Prony((2,), (0.0,), (1.0,))])
 def test_without_weight_there_is_no_relaxation(prony: Prony) -> None:
     for load in np.random.default_rng(0).normal(size=(10, 2)):
-        np.testing.assert_array_equal(prony.force(load, 0.1), load)
+        np.testing.assert_array_equal(force_of(prony, load, 0.1), load)
         np.testing.assert_array_equal(prony.elastic(load, 0.1), load)
 
 
@@ -105,20 +121,17 @@ def test_without_weight_there_is_no_relaxation(prony: Prony) -> None:
 
 
 @given(
-    width=st.floats(0.01, 1.0), span=st.floats(0.5, 20.0), operators=st.integers(1, 10),
-    one_sided=st.booleans(),
+    width=st.floats(0.01, 1.0), span=st.floats(0.5, 20.0), one_sided=st.booleans(),
 )  # fmt: skip
-def test_the_loop_is_as_wide_as_it_was_set(
-    width: float, span: float, operators: int, one_sided: bool
-) -> None:
-    loop = Hysteresis((1,), width_n=width, span_n=span, one_sided=one_sided, operators=operators)
+def test_the_loop_is_as_wide_as_it_was_set(width: float, span: float, one_sided: bool) -> None:
+    loop = Hysteresis((1,), width_n=width, span_n=span, one_sided=one_sided)
     ends = (0.0, span) if one_sided else (-0.5 * span, 0.5 * span)
     middle = 0.5 * sum(ends)
-    loop.force(np.array([ends[1]]))
-    loop.force(np.array([ends[0]]))
-    up = loop.force(np.array([middle]))[0]
-    loop.force(np.array([ends[1]]))
-    down = loop.force(np.array([middle]))[0]
+    force_of(loop, np.array([ends[1]]))
+    force_of(loop, np.array([ends[0]]))
+    up = force_of(loop, np.array([middle]))[0]
+    force_of(loop, np.array([ends[1]]))
+    down = force_of(loop, np.array([middle]))[0]
     assert up - down == pytest.approx(width, rel=1e-9)
     if not one_sided:
         assert up - middle == pytest.approx(middle - down, abs=1e-9)
@@ -129,8 +142,8 @@ def test_pressing_leaves_no_force_behind(way: np.ndarray) -> None:
     """At 0 it is 0, whatever was before, and never below it."""
     loop = Hysteresis((2,), width_n=0.3, span_n=7.2)
     for at in way:
-        assert np.all(loop.force(at) >= at - 1e-12)
-    np.testing.assert_allclose(loop.force(np.zeros(2)), 0.0, atol=1e-12)
+        assert np.all(force_of(loop, at) >= at - 1e-12)
+    np.testing.assert_allclose(force_of(loop, np.zeros(2)), 0.0, atol=1e-12)
     np.testing.assert_allclose(loop.stops, 0.0, atol=1e-12)
 
 
@@ -144,23 +157,20 @@ def test_loops_never_give_work_back(way: np.ndarray, one_sided: bool) -> None:
     )
     work, before = np.zeros(2), None
     for k, x in enumerate(np.concatenate([fine, fine])):
-        force = loop.force(x)
+        force = force_of(loop, x)
         if before is not None and k >= len(fine):
             work += 0.5 * (force + before[1]) * (x - before[0])
         before = x, force
     assert np.all(work >= -0.02)
 
 
-@given(way=BOTH_WAYS, one_sided=st.booleans(), operators=st.integers(1, 8))
+@given(way=BOTH_WAYS, one_sided=st.booleans())
 def test_the_force_of_the_elastic_force_under_a_force_is_that_force(
-    way: np.ndarray, one_sided: bool, operators: int
+    way: np.ndarray, one_sided: bool
 ) -> None:
-    there, back = (
-        Hysteresis((2,), width_n=0.8, span_n=7.2, one_sided=one_sided, operators=operators)
-        for _ in range(2)
-    )
+    there, back = (Hysteresis((2,), width_n=0.8, span_n=7.2, one_sided=one_sided) for _ in range(2))
     for load in way:
-        np.testing.assert_allclose(back.force(there.elastic(load)), load, atol=1e-9)
+        np.testing.assert_allclose(force_of(back, there.elastic(load)), load, atol=1e-9)
     np.testing.assert_allclose(there.stops, back.stops, atol=1e-9)
 
 
@@ -168,7 +178,7 @@ def test_the_force_of_the_elastic_force_under_a_force_is_that_force(
 def test_without_width_there_is_no_loop(way: np.ndarray) -> None:
     loop = Hysteresis((2,), width_n=0.0, span_n=7.2)
     for at in way:
-        np.testing.assert_array_equal(loop.force(at), at)
+        np.testing.assert_array_equal(force_of(loop, at), at)
         np.testing.assert_allclose(loop.elastic(at), at, atol=1e-12)
 
 
@@ -207,19 +217,3 @@ def test_loops_and_lags_are_one_displacement_seen_twice(way: np.ndarray) -> None
     order = np.argsort(elastic)
     assert (np.diff(lagging[order]) >= -1e-12).all()
     assert (lagging >= elastic - 1e-12).all()
-
-
-# -- the rest --------------------------------------------------------------------------------------
-
-
-def test_impossible_parameters_are_refused() -> None:
-    for refused, message in (
-        (lambda: Prony((1,), [0.1], [1.0, 2.0]), r"times_s: must be as many as weights, 1; got 2"),
-        (lambda: Prony((1,), [-0.1], [1.0]), r"weights: must be at least 0; got -0\.1"),
-        (lambda: Prony((1,), [0.1], [0.0]), r"times_s: must be more than 0; got 0"),
-        (lambda: Hysteresis((1,), width_n=-1.0, span_n=1.0), r"width_n: must be at least 0; got"),
-        (lambda: Hysteresis((1,), width_n=1.0, span_n=0.0), r"span_n: must be more than 0; got 0"),
-        (lambda: Hysteresis((1,), width_n=1.0, span_n=1.0, operators=0), r"operators: must be at"),
-    ):
-        with pytest.raises(OptionError, match=f"^{message}"):
-            refused()

@@ -1,0 +1,72 @@
+"""Root finding in one unknown, each trial of which is a step of the mechanics.
+
+Not by scipy: its methods ask for a bracket, where the step before tells a place and a slope.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+__all__ = ["root"]
+
+TRIALS = 100
+"""More trials than any contact needs."""
+
+
+def root(
+    function: Callable[[float], float],
+    x: float,
+    slope: float,
+    *,
+    tolerance: float,
+    first_step: float,
+    furthest: float,
+) -> tuple[float, float] | None:
+    """Zero of a function that never falls, and its slope there: secants within a bracket.
+
+    Parameters
+    ----------
+    function : callable
+    x, slope : float
+        First guesses; a slope of 0 if there is none.
+    tolerance : float
+        Of the function's value.
+    first_step : float
+        Where nothing is known of the slope; doubled as long as that is so.
+    furthest : float
+        Where the search ends.
+
+    Returns
+    -------
+    tuple of float, or None
+        None if there is no zero within reach.
+
+    Examples
+    --------
+    >>> found = root(
+    ...     lambda x: max(x - 1, 0) - 2, 0.5, 0.0, tolerance=1e-9, first_step=0.1, furthest=10
+    ... )
+    >>> round(found[0], 6)
+    3.0
+    """
+    low, high = -math.inf, math.inf
+    x_before, y_before = math.nan, math.nan
+    for _ in range(TRIALS):
+        y = function(x)
+        if abs(y) <= tolerance:
+            return x, slope
+        if math.isfinite(x_before):
+            slope = max((y - y_before) / (x - x_before), 0.0)
+        low, high = (x, high) if y < 0.0 else (low, x)
+        x_before, y_before = x, y
+        new = x - y / slope if slope > 0.0 else math.inf
+        if not low < new < high:
+            new = 0.5 * (low + high)
+        if not math.isfinite(new):
+            new = x - math.copysign(first_step, y)
+            first_step *= 2.0
+        if new == x or abs(new) > furthest:
+            return None
+        x = new
+    return None

@@ -1,0 +1,31 @@
+"""Files that are there whole or not at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from topology.files import whole_file
+
+
+def test_a_file_takes_its_place_when_it_is_whole(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    with whole_file(path, "w", encoding="utf-8") as file:
+        file.write("new")
+        assert path.read_text() == "old"
+    assert path.read_text() == "new"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def fill(path: Path) -> None:
+    with whole_file(path) as file:
+        file.write(b"half")
+        raise OSError("disk full")
+
+
+def test_an_error_leaves_what_was_there(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match="disk full"):
+        fill(tmp_path / "a.npz")
+    assert not list(tmp_path.iterdir())
