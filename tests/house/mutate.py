@@ -5,7 +5,7 @@ it takes; then each mutant is shown to the tests that call what it breaks, the q
 `BUDGET_S` at most. Two processes work; what they find is kept in ``build/mutate``, and a run that
 was stopped goes on where it was.
 
-``python -m tests.house.mutate [--only TARGET] [--count N] [--seed N] [--json] [FILE …]``
+``python -m tests.house.mutate [--only TARGET] [--count N] [--seed N] [--workers N] [FILE …]``
 """
 
 from __future__ import annotations
@@ -210,9 +210,9 @@ def _holds(one: Definition, mutant: Mutant) -> bool:
     return one.name == mutant.function and is_inside
 
 
-def run(target: Target, wanted: list[Mutant], say: Any) -> list[Result]:
+def run(target: Target, wanted: list[Mutant], say: Any, workers: int = WORKERS) -> list[Result]:
     """Show mutants of a target to its tests."""
-    servers = [Server(target, number) for number in range(WORKERS)]
+    servers = [Server(target, number) for number in range(workers)]
     known = profiles(target, servers)
     told = [(name, one["passed"]) for name, one in sorted(known.items())]
     tests = hashlib.blake2b(repr((told, _digest(target))).encode(), digest_size=8).hexdigest()
@@ -315,6 +315,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--only", help="one target of mutate.toml")
     parser.add_argument("--count", type=int, default=300)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--workers", type=int, default=WORKERS, help="processes at a time")
     parser.add_argument("--json", action="store_true", help="one JSON object as the last line")
     given = parser.parse_args(arguments)
     found = targets(given.only)
@@ -330,7 +331,7 @@ def main(arguments: list[str] | None = None) -> int:
     results, start = [], time.monotonic()
     for target in found:
         if chosen[target.name]:
-            results += run(target, chosen[target.name], say)
+            results += run(target, chosen[target.name], say, given.workers)
     print(f"{time.monotonic() - start:.0f} s")
     return report(results, given.json)
 
