@@ -147,16 +147,19 @@ def in_parallel(servers: list[Server], questions: Iterable[dict[str, Any]], done
 
 
 def profiles(target: Target, servers: list[Server]) -> dict[str, dict[str, Any]]:
-    """Which functions each test calls and how long it takes; kept until code or tests change."""
-    kept = KEPT / f"{target.name}-{_digest(target)}.jsonl"
-    known = {one["test"]: one for one in _lines(kept)}
+    """Which functions each test calls and how long it takes; kept until the code or the test's file
+    changes."""
+    kept = KEPT / f"{target.name}.jsonl"
+    now = {test: _digest([*target.files, ROOT / test.partition("::")[0]])
+           for test in servers[0].tests}  # fmt: skip
+    known = {one["test"]: one for one in _lines(kept) if one["digest"] == now.get(one["test"])}
     folders = sorted({relative(file) for file in target.files})
     questions = [{"profile": test, "folders": folders} for test in servers[0].tests
                  if test not in known]  # fmt: skip
 
     def done(question: dict[str, Any], answer: dict[str, Any]) -> None:
         known[answer["test"]] = answer
-        _append(kept, answer)
+        _append(kept, answer | {"digest": now[answer["test"]]})
         if sys.stderr.isatty() or len(known) % 50 == 0:
             print(f"{target.name}: {len(known)} of {len(servers[0].tests)} tests looked at",
                   file=sys.stderr)  # fmt: skip
@@ -165,10 +168,9 @@ def profiles(target: Target, servers: list[Server]) -> dict[str, dict[str, Any]]
     return known
 
 
-def _digest(target: Target) -> str:
-    """Changes with the code and the tests of a target."""
-    tests = [file for place in target.tests for file in _python(ROOT / place)]
-    texts = "\0".join(file.read_text(encoding="utf-8") for file in [*target.files, *tests])
+def _digest(files: Iterable[Path]) -> str:
+    """Changes with files."""
+    texts = "\0".join(file.read_text(encoding="utf-8") for file in files)
     return hashlib.blake2b(texts.encode(), digest_size=8).hexdigest()
 
 
@@ -215,7 +217,9 @@ def run(target: Target, wanted: list[Mutant], say: Any, workers: int = WORKERS) 
     servers = [Server(target, number) for number in range(workers)]
     known = profiles(target, servers)
     told = [(name, one["passed"]) for name, one in sorted(known.items())]
-    tests = hashlib.blake2b(repr((told, _digest(target))).encode(), digest_size=8).hexdigest()
+    files = [file for place in target.tests for file in _python(ROOT / place)]
+    digest = _digest([*target.files, *files])
+    tests = hashlib.blake2b(repr((told, digest)).encode(), digest_size=8).hexdigest()
     killers: dict[tuple[str, str], Counter[str]] = defaultdict(Counter)
     kept = KEPT / "results.jsonl"
     before = {one["key"]: one for one in _lines(kept)}
