@@ -42,8 +42,10 @@ def tumbled(rate_hz=250.0):
 def any_state(ambient, naive, rng):
     """Memories on both sides of every bound, of units that may be pressed or not."""
     memory, bodies, n = ambient._data.memory, ambient._data.bodies, UNITS
-    pressed = rng.random(n) < rng.choice([0.0, 0.1, 0.6])  # none, few or most
-    memory.fast_hz[:] = naive.sigma_hz * rng.uniform(-2.9, 2.9, n) * (1.0 + 1.2 * pressed)
+    pressed = rng.random(n) < rng.choice([0.0, 0.1, 0.6])  # none, few, or most, side by side
+    pressed = np.arange(n) < rng.integers(7, n) if rng.random() < 0.2 else pressed
+    load = np.where(pressed, rng.uniform(2.5, 8.0, n), rng.uniform(0.0, 2.9, n))
+    memory.fast_hz[:] = naive.sigma_hz * load * rng.choice([-1.0, 1.0], n)
     memory.slow_hz[:] = naive.sigma_hz * rng.choice([0.6, 3.5], n) * rng.uniform(-1.0, 1.0, n)
     memory.long_ut[:] = rng.choice([3.0, 30.0, 300.0], n, p=[0.6, 0.2, 0.2]) * rng.uniform(
         -1.0, 1.0, (3, n)

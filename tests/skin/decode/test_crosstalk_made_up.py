@@ -16,13 +16,16 @@ from tests.skin.decode.test_crosstalk import part_of, plane, predict
 
 
 def made_up(skin, degree, reach_mm=13.0, *, own=False, seed=0):
-    """A stencil of all pairs within reach, those of one offset alike, or each its `own`."""
+    """A stencil of all pairs within reach, those of one offset alike, or each its `own`, or those
+    its own whose film stands on one side (`own` "half")."""
     rng, place = np.random.default_rng(seed), 1e3 * skin.position
     apart = np.linalg.norm(place[:, :, None] - place[:, None], axis=0)
     unit, film = np.nonzero((apart < reach_mm) & (apart > 0.0))
     step = np.rint(place[:, film] - place[:, unit]).astype(int)
     _, kind = np.unique(step, axis=1, return_inverse=True)
-    kind = np.arange(kind.size) if own else kind.ravel()
+    apart_kind = np.arange(kind.size) + (0 if own is True else kind.max(initial=-1) + 1)
+    alone = step[0] > 0 if own == "half" else np.full(kind.size, own)
+    _, kind = np.unique(np.where(alone, apart_kind, kind.ravel()), return_inverse=True)
     exponents = powers(degree)
     shape = (kind.max(initial=-1) + 1, 3, len(exponents))
     size = 2e-3 * 0.5 ** exponents.sum(axis=1) * rng.choice([0.03, 0.3, 1.0], shape)
@@ -60,13 +63,16 @@ LATTICES = {
 }
 
 
-@pytest.mark.parametrize("own", [False, True])
+@pytest.mark.parametrize("own", [False, True, "half"])
 @pytest.mark.parametrize("name", LATTICES)
 def test_sum_of_all_terms_is_that_of_the_stencil(name, own):
     skin, degree, reach_mm = LATTICES[name]
     stencil = made_up(skin, degree, reach_mm, own=own)
     crosstalk = crosstalk_of(skin, stencil)
-    assert crosstalk.on_lattice == (0 if own else stencil.kind.size)
+    if own == "half":
+        assert 0 < crosstalk.on_lattice < stencil.kind.size
+    else:
+        assert crosstalk.on_lattice == (0 if own else stencil.kind.size)
     moved, base = anywhere(skin.n), np.random.default_rng(1).normal(0.0, 9.0, (3, skin.n))
     expected = stencil(moved)
     assert np.abs(expected).max() > 20.0
