@@ -39,6 +39,8 @@ HINTS = "prefetch", "NOT_NEGATIVE"
 number has. Broken, they cost time, or every test."""
 FACTOR = 1.5
 """What a number is multiplied by; far more than rounding, far less than nonsense."""
+INDEX_MAX = 1000
+"""An integer from here on is no index: one more of it would be lost in rounding."""
 
 
 class Mutant(NamedTuple):
@@ -206,8 +208,9 @@ class _Finder:
         if isinstance(value, bool):
             yield self._mutant(node, path, "number", repr(not value))
         elif isinstance(value, int):
-            # an integer of a module is a setting, one of a function an index or a bound
-            new = value + 1 if path or value < 3 else round(FACTOR * value)
+            # an integer of a module is a setting, a small one of a function an index or a bound
+            is_index = value < INDEX_MAX and bool(path)
+            new = value + 1 if is_index or value < 3 else round(FACTOR * value)
             yield self._mutant(node, path, "number", repr(new))
         elif isinstance(value, float):
             yield self._mutant(node, path, "number", repr(FACTOR * value if value else 1.0))
