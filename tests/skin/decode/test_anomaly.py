@@ -10,7 +10,7 @@ import pytest
 
 from bus.status import Status
 from skin.decode.decoder import Decoder
-from tests.fixtures.decode import amplitude_of, angle_of, row_of, with_parameters
+from tests.fixtures.decode import amplitude_of, angle_of, row_of, sine, with_parameters
 from tests.skin.decode.test_field_angle import counts_at
 
 UNITS = 6
@@ -55,3 +55,24 @@ def test_a_field_is_an_anomaly_beyond_its_tolerance(part, known, estimator):
             found = reading.status & Status.MAGNETIC_ANOMALY != 0
             assert (found == odd).all(), (way, times, most)
             assert (reading.valid == (not odd)).all()
+
+
+CRESTS = {
+    # parameters; share of the crest, at which the field and its sigma reach it
+    "noise": ({"field_noise_ut": 400.0}, lambda m0: 1.0 - 400.0 / m0),
+    "amplitude": ({"field_amplitude_sigma_relative": 0.3}, lambda m0: 1.0 / 1.3),
+    "depth": ({"frequency_sigma_hz": 180.0}, lambda m0: 1.0 / (1.0 + 0.72 * 0.2)),
+}
+
+
+@pytest.mark.parametrize("part", CRESTS)
+def test_a_field_that_may_have_reached_the_crest_is_saturated(part):
+    """Where one sigma of it, of M0 or of the depth is enough to."""
+    parameters, share_of = CRESTS[part]
+    skin = with_parameters(row_of(UNITS), **(EXACT | parameters))
+    m0 = amplitude_of(skin, np.full(UNITS, DEPTH))[0]
+    for times, saturated in ((0.99, False), (1.01, True)):
+        ratio = times * share_of(m0)
+        reach = np.arcsin(ratio) / skin.parameters["field_wavenumber_rad_per_mm"]
+        reading = sine(skin, dtype="float64")(counts_at(skin, DEPTH, reach, 0.0))
+        assert ((reading.status & Status.SATURATED != 0) == saturated).all()

@@ -11,6 +11,7 @@ from skin.decode import sharing
 from skin.decode.decoder import Decoder
 from skin.errors import CountsError, OptionError
 from tests.fixtures.decode import calibrated, row_of, sensible_counts
+from tests.skin.decode.test_field_angle import counts_at
 
 NAMES = ("temperature", "force", "displacement_mm", "status", "valid")
 
@@ -34,6 +35,26 @@ def test_many_units_are_read_where_their_counts_lie(monkeypatch):
         )
         for name, value in zip(NAMES, expected[t], strict=True):
             np.testing.assert_array_equal(getattr(found, name), value, name)
+
+
+@pytest.mark.parametrize("background", [None, np.zeros((4, 150), np.float32)])
+def test_sixteen_units_side_by_side_are_idle_together(background):
+    """Where none of them is pressed by 2.9 sigma; a unit that is not heard of is not pressed."""
+    skin = row_of(150, rate_hz=100.0)
+    sigma_mm = np.hypot(6.0, 0.25 * 12.0**-0.5) / 900.0
+    decoder = Decoder(skin, {"force"}, skip=True)
+    cases = (
+        ({}, []), ({5: 3.0}, [0]), ({16: 2.8, 127: 3.1, 128: 3.1}, [7, 8]),
+        ({149: 9.0, 31: 2.8}, [9]), ({40: 99.0}, []), ({47: 3.0}, [2]),
+    )  # fmt: skip
+    for load, pressed in cases:
+        depth, status = np.zeros(150), np.zeros(150, np.uint16)
+        for unit, sigmas in load.items():
+            depth[unit] = sigmas * sigma_mm
+            status[unit] = Status.NEVER if sigmas == 99.0 else 0
+        idle = decoder(counts_at(skin, depth, 0.0, 0.0), status, background).status == Status.IDLE
+        expected = ~np.isin(np.arange(150) // 16, pressed)
+        np.testing.assert_array_equal(idle, expected & (status == 0))
 
 
 def test_a_fifth_row_of_the_background_is_a_variance():
