@@ -12,6 +12,7 @@ from skin.decode.crosstalk import CrossTalk
 from skin.decode.crosstalk_cells import find_lattices
 from skin.physics.stencil import Stencil
 from skin.physics.stray import monomials, powers, scan_poses
+from tests.fixtures.decode import with_parameters
 from tests.skin.decode.test_crosstalk import part_of, plane, predict
 
 
@@ -253,6 +254,28 @@ def test_contraction_is_the_largest_eigenvalue_over_the_depths():
     assert min(radius) < 0.9 * max(radius)
 
 
+@pytest.mark.parametrize("own", [False, True])
+def test_warm_films_are_weaker_displaced_and_at_rest(own):
+    """By their own temperatures; the rest of the neighbours by that of the unit."""
+    skin = with_parameters(plane(6, 6), film_drift_per_k=np.linspace(-2e-3, -1e-3, 36))
+    stencil, moved = made_up(skin, 2, own=own), anywhere(36)
+    above = np.random.default_rng(2).uniform(-10.0, 55.0, 36)
+    above[[4, 9]] = np.nan  # not heard of
+    gain = skin.parameters["film_drift_per_k"] * np.where(np.isnan(above), 0.0, above)
+    weaker = dataclasses.replace(stencil, strength=stencil.strength * (1.0 + gain))
+    out, base = np.empty((3, 36)), np.random.default_rng(3).normal(0.0, 9.0, (3, 36))
+    crosstalk_of(skin, stencil).predict(moved, np.ones(36, bool), out, base, above)
+    np.testing.assert_allclose(out, base + stencil.rest_ut * gain + weaker(moved), atol=1e-9)
+
+
+def test_warming_up_predicts_nothing():
+    skin = plane(6, 6)
+    crosstalk = crosstalk_of(skin, made_up(skin, 1))
+    crosstalk.warmup()
+    np.testing.assert_allclose(crosstalk.residue_ut2, crosstalk.residue_ut**2)
+    assert (predict(crosstalk, np.zeros((3, 36))) == 0.0).all()
+
+
 # -- which units stand on lattices -----------------------------------------------------------------
 
 
@@ -268,6 +291,17 @@ def test_rows_and_columns_are_whole_steps():
     assert [row[0], column[0]] == [0, 0]
     assert np.array_equal(row, np.arange(42) // 7)
     assert np.array_equal(column, np.arange(42) % 7)
+
+
+def test_columns_go_the_way_of_the_numbers():
+    """So that units that follow each other stand in cells that do."""
+    whole, number = plane(6, 7), np.arange(42).reshape(6, 7)
+    for order in (number, number[::-1], number[:, ::-1], number.T, number.T[::-1]):
+        ((units, row, column),) = cells_of(part_of(whole, order.ravel()))
+        assert units == list(range(42))
+        assert np.array_equal(column, np.tile(np.arange(order.shape[1]), order.shape[0]))
+        assert set(np.abs(np.diff(row))) == {0, 1}
+        assert min(row) == 0
 
 
 def test_few_units_uneven_ones_and_sparse_ones_are_no_lattice():

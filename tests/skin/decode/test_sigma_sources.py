@@ -100,8 +100,8 @@ def test_stiffness_by_depth():
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 @pytest.mark.parametrize("reach", [0.3, 1.5])
 def test_field(estimator, reach):
-    """Along the direction, and across it."""
-    skin, raw = pose(silent(field_noise_ut=40.0), reach=reach)
+    """Along the direction, and across it, of a force that is softer at this depth."""
+    skin, raw = pose(silent(field_noise_ut=40.0, shear_gain_per_mm=0.2), depth=0.5, reach=reach)
     found = sigma_of(skin, raw, estimator)
     axes = (BX, BY, BZ) if estimator == "field-angle" else (BX, BY)
     each = [spread(skin, raw, axis, 40.0, estimator) for axis in axes]
