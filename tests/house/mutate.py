@@ -32,7 +32,7 @@ from tests.house.sources import ROOT, Definition, definitions, relative
 HERE = Path(__file__).parent
 KEPT = ROOT / "build" / "mutate"
 WORKERS = 2
-BUDGET_S = 30.0
+BUDGET_S = 60.0
 """Seconds of tests that a mutant is shown at most, as they took without it."""
 WANTED = 0.95
 """Share of mutants that tests must kill, those accepted in survivors.txt apart."""

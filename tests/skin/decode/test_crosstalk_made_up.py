@@ -49,10 +49,12 @@ def crosstalk_of(skin, stencil, tolerance_ut=0.0, **options):
 
 
 def anywhere(n, seed=0, rest=0.2):
-    """Films displaced and pressed at random, and some at rest."""
+    """Films displaced and pressed at random, and some at rest, of which the last is none."""
     rng = np.random.default_rng(seed)
     moved = rng.uniform([[-2.0], [-2.0], [0.0]], [[2.0], [2.0], [2.0]], (3, n))
-    return np.where(rng.random(n) < rest, 0.0, moved)
+    at_rest = rng.random(n) < rest
+    at_rest[-1] = False
+    return np.where(at_rest, 0.0, moved)
 
 
 LATTICES = {
