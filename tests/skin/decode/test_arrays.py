@@ -37,6 +37,7 @@ def test_many_units_are_read_where_their_counts_lie(monkeypatch):
             np.testing.assert_array_equal(getattr(found, name), value, name)
 
 
+@pytest.mark.usefixtures("interpreted")
 @pytest.mark.parametrize("background", [None, np.zeros((4, 150), np.float32)])
 def test_sixteen_units_side_by_side_are_idle_together(background):
     """Where none of them is pressed by 2.9 sigma; a unit that is not heard of is not pressed."""

@@ -17,6 +17,8 @@ from tests.skin.decode.test_crosstalk import plane
 from tests.skin.decode.test_crosstalk_made_up import made_up
 from tests.skin.decode.test_field_angle import counts_at
 
+pytestmark = pytest.mark.usefixtures("interpreted")
+
 WANT = {"displacement", "field", "temperature", "force", "sigma"}
 SHOWN = ("displacement_mm", "displacement_sigma_mm", "field_ut", "temperature", "force",
          "force_sigma", "status", "valid")  # fmt: skip
@@ -148,12 +150,13 @@ def test_a_batch_and_bound_arrays_go_through_the_loop_as_cycles_do():
         same(call(), one(raw[t], status[t]))
 
 
+@pytest.mark.parametrize("loop", [{"sweeps": 2}, {"ambient": True}, {"sweeps": 1, "ambient": True}])
 @pytest.mark.parametrize("want", [{"force"}, {"displacement", "sigma"}, {"field"}])
-def test_the_loop_needs_what_is_not_wanted(want):
+def test_the_loop_needs_what_is_not_wanted(want, loop):
     """It is decoded, and not shown; what is wanted is the same."""
     skin = square()
     stencil, (raw, status) = made_up(skin, 1), scene(skin)
-    options = {"sweeps": 2, "ambient": True, "stencil": stencil, "dtype": "float64"}
+    options = {"stencil": stencil, "dtype": "float64"} | loop
     every, some = Decoder(skin, WANT - {"sigma"} | want, **options), Decoder(skin, want, **options)
     for t in range(4):
         whole, part = every(raw[t], status[t]), some(raw[t], status[t])

@@ -16,6 +16,8 @@ from tests.naive.decode import naive_decode
 from tests.skin.decode.test_field_angle import counts_at
 from tests.skin.decode.test_sigma import naive_rows, rows_of
 
+pytestmark = pytest.mark.usefixtures("interpreted")
+
 UNITS = 6
 GEL, FREQUENCY, BX, BY, BZ, CHIP = range(6)
 STEP = 12.0**-0.5
