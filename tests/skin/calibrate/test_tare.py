@@ -172,6 +172,21 @@ def test_every_other_value_is_kept(tmp_path):
     assert loaded.parameters["frequency_rest_hz"][0] == found.frequency_hz[0]
 
 
+def test_a_range_that_the_model_ends_before_a_crest_stays_there(tmp_path):
+    """A tare measures no crest: what it writes is what it took, and what was there."""
+    pair(tmp_path, BEFORE)
+    (tmp_path / "left.toml").write_text(BEFORE.replace("= 0.62 ", "= 2.0 "))
+    text = (tmp_path / "pair.toml").read_text()
+    text = text.replace(
+        'name = "coarse"', 'name = "coarse"\ntangential_max_mm = 0.7\nshear_break_mm = 0.6'
+    )
+    (tmp_path / "pair.toml").write_text(text)
+    skin = topology.load(tmp_path / "pair.toml")
+    tare(skin, simulated(skin), leave_out=["right/r0c0", "right/r0c1"]).write()
+    assert "tangential_max_mm" not in (tmp_path / "left.toml").read_text()
+    assert topology.load(tmp_path / "pair.toml").parameters["tangential_max_mm"][0] == 0.7
+
+
 def test_second_tare_of_the_same_counts_changes_nothing(tmp_path):
     skin = pair(tmp_path, BEFORE)
     counts, left_out = simulated(skin), ["right/r0c0", "right/r0c1"]
@@ -561,6 +576,7 @@ def test_field_of_resting_neighbours_that_is_known_is_left_out():
     assert (included.neighbours, left_out.neighbours) == ("included", "left out")
     assert included.offset_ut - left_out.offset_ut == pytest.approx(rest_ut[:2])
     assert included.axial_ut - left_out.axial_ut == pytest.approx(rest_ut[2])
+    assert included.axial_ut == pytest.approx(2.0 * counts[:, BZ].mean(axis=0))
     blind = tare(without_bz(skin), counts, rest_ut=rest_ut)
     assert blind.offset_ut == pytest.approx(left_out.offset_ut)
     assert np.isnan(blind.axial_ut).all()

@@ -122,6 +122,16 @@ def test_what_was_written_is_read_as_the_same_fits(tmp_path):
     assert read_calibration(None) == ({}, {})
 
 
+def test_a_write_that_fails_says_why_though_its_file_is_gone(tmp_path, monkeypatch):
+    def full(beside, _):
+        os.unlink(beside)
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr("os.replace", full)
+    with pytest.raises(OSError, match="no space"):
+        write_calibration(tmp_path / "row.toml", "patch", {})
+
+
 @pytest.mark.parametrize("mask", [0o022, 0o077, 0o000])
 def test_a_file_is_as_readable_as_any_other(mask, tmp_path):
     before = os.umask(mask)
