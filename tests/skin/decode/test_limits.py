@@ -45,3 +45,30 @@ def test_a_scale_may_be_negative(way):
     raw[[GEL, FREQUENCY, CHIP]] *= int(way)
     found = sine(skin)(raw).status.astype(int) & ~int(Status.SATURATED)
     assert found.tolist() == [0, Status.EXTRAPOLATED, Status.EXTRAPOLATED]
+
+
+@pytest.mark.parametrize(("channel", "value"), [(GEL, 13.0), (FREQUENCY, 4500.0), (CHIP, 55.0)])
+@pytest.mark.parametrize("count", [-60, 0, 60])
+def test_steps_may_be_so_fine_that_all_counts_are_possible(channel, value, count):
+    """A thousandth of the usual ones: no count is out of a range that is wider than 16 bits."""
+    skin = row_of(1)
+    scale, offset = skin.scale.copy(), skin.offset.copy()
+    scale[channel] *= 1e-3
+    offset[channel] = value - scale[channel] * count
+    skin = dataclasses.replace(skin, scale=scale, offset=offset)
+    raw = np.array([1430, 18000, 0, 0, 0, 0], np.int16)[:, np.newaxis]
+    raw[channel] = count
+    assert sine(skin)(raw).status[0] == Status.OK
+
+
+@pytest.mark.parametrize("offset_hz", [20_000.0, -20_000.0])
+@pytest.mark.parametrize("count", [-32000, 0, 32000])
+def test_a_range_that_the_wire_does_not_reach_holds_no_count(offset_hz, count):
+    """Frequencies of more than 12 kHz, or below zero."""
+    skin = row_of(1)
+    offset = skin.offset.copy()
+    offset[FREQUENCY] = offset_hz
+    raw = np.array([1430, count, 0, 0, 0, 0], np.int16)[:, np.newaxis]
+    status = sine(dataclasses.replace(skin, offset=offset))(raw).status[0]
+    assert status & Status.OUT_OF_RANGE
+    assert status & Status.EXTRAPOLATED
