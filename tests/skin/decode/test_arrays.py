@@ -74,6 +74,18 @@ def test_a_fifth_row_of_the_background_is_a_variance():
     np.testing.assert_array_equal(Decoder(skin)(raw).force, bare.force)
 
 
+def test_cycles_are_counted_on_through_batches():
+    """Temperatures that are held for four cycles are new in the same ones."""
+    skin = row_of(3)
+    raw = sensible_counts(skin, 14, 2)
+    each = Decoder(skin)(raw).temperature
+    held, found = Decoder(skin, temperature_every=4), []
+    for first, last in ((0, 1), (1, 8), (8, 10), (10, 11), (11, 14)):
+        given = raw[first] if last == first + 1 else raw[first:last]
+        found.append(held(given).temperature.reshape(-1, 3).copy())
+    np.testing.assert_array_equal(np.concatenate(found), each[np.arange(14) // 4 * 4])
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [
