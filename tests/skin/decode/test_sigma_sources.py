@@ -74,7 +74,7 @@ def test_frequency(source, estimator):
         "rest": (silent(frequency_sigma_hz=8.0), 8.0),
     }
     skin, sigma = given[source]
-    skin, raw = pose(skin)
+    skin, raw = pose(skin, depth=1.4)
     expected, found = spread(skin, raw, FREQUENCY, sigma, estimator), sigma_of(skin, raw, estimator)
     for name in ("h", "fz", "tangential"):
         np.testing.assert_allclose(found[name], expected[name], rtol=0.01, err_msg=name)
