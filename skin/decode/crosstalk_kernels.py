@@ -120,7 +120,9 @@ def films_python(model, data):
         finite = data.usable[i] & ((x + y + h) * nothing == nothing)
         away = (h > idle_depth) | (h < -idle_pull) | (x * x + y * y > idle_square)
         counts = finite & away
-        gain = one + model.drift_per_k[i] * above[i]
+        # NaN: a unit that has not been heard of
+        warmer = above[i] if above[i] == above[i] else nothing
+        gain = one + model.drift_per_k[i] * warmer
         films.dx_mm[i] = min(max(x, -far), far) if counts else nothing
         films.dy_mm[i] = min(max(y, -far), far) if counts else nothing
         films.depth_mm[i] = min(max(h, highest), deepest) if counts else nothing
@@ -134,7 +136,8 @@ def films_python(model, data):
         changed = np.int32(changed | np.int32(other))
     for axis in range(3):
         for i in range(n):
-            more = model.rest_ut[axis, i] * (model.drift_per_k[i] * above[i])
+            warmer = above[i] if above[i] == above[i] else nothing
+            more = model.rest_ut[axis, i] * (model.drift_per_k[i] * warmer)
             out.field_ut[axis, i] = base.field_ut[axis, i] + more
     for i in range(n):
         out.frequency_hz[i] = base.frequency_hz[i]

@@ -380,8 +380,8 @@ class Decoder:
         else:
             self._check("status", status, np.uint16, known)
         if background is not None:
-            rows = background.shape[1] if np.ndim(background) == 3 else 4
-            self._check("background", background, self.dtype, (*cycles, max(rows, 4), known[-1]))
+            rows = 5 if np.ndim(background) == 3 and background.shape[1] == 5 else 4
+            self._check("background", background, self.dtype, (*cycles, rows, known[-1]))
         out = Results(self._names, raw.shape[0], self.topology.n, self.dtype)
         if self._looped:
             for t in range(raw.shape[0]):

@@ -33,9 +33,14 @@ NAMES = {
 }  # fmt: skip
 WITHOUT = {"sqrt", "abs", "fabs", "hypot", "copysign"}
 """Calls that a mutant replaces by their first argument."""
-UNTOUCHED_CALLS = {"compiled", "jitable", "njit", "assume_noalias", "prefetch", "cast", "TypeVar"}
+UNTOUCHED_CALLS = {"compiled", "jitable", "njit", "assume_noalias", "cast", "TypeVar"}
+HINTS = "prefetch", "NOT_NEGATIVE"
+"""In names of what changes no value by design: what is loaded ahead, and a mask of all bits that a
+number has. Broken, they cost time, or every test."""
 FACTOR = 1.5
 """What a number is multiplied by; far more than rounding, far less than nonsense."""
+INDEX_MAX = 1000
+"""An integer from here on is no index: one more of it would be lost in rounding."""
 
 
 class Mutant(NamedTuple):
@@ -104,6 +109,8 @@ class _Finder:
 
     def _statement(self, node: ast.stmt, path: tuple[str, ...]) -> Iterator[Mutant]:
         if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            if _is_hint(node.name):
+                return
             for default in getattr(getattr(node, "args", None), "defaults", []):
                 yield from self._expression(default, path)
             for child in node.body:
@@ -113,8 +120,10 @@ class _Finder:
             return
         if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
             return
-        if isinstance(node, ast.Assign) and "__all__" in ast.unparse(node.targets[0]):
-            return
+        if isinstance(node, ast.Assign):
+            target = ast.unparse(node.targets[0])
+            if "__all__" in target or target in HINTS:
+                return
         is_text = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
         if is_text or (isinstance(node, ast.Expr) and self._is_untouched(node.value)):
             return
@@ -148,10 +157,17 @@ class _Finder:
             yield self._mutant(node.test, path, "condition", turned)
 
     def _is_untouched(self, node: ast.AST) -> bool:
-        return isinstance(node, ast.Call) and _name(node.func) in UNTOUCHED_CALLS
+        name = _name(node.func) if isinstance(node, ast.Call) else ""
+        return name in UNTOUCHED_CALLS or _is_hint(name)
 
     def _expression(self, node: ast.AST, path: tuple[str, ...]) -> Iterator[Mutant]:
         if isinstance(node, ast.JoinedStr) or self._is_untouched(node):
+            return
+        if isinstance(node, ast.BinOp) and _is_hint(_name(node.right)):
+            yield from self._expression(node.left, path)
+            return
+        # what `zip` would raise with `strict`, no working code does
+        if isinstance(node, ast.keyword) and node.arg == "strict":
             return
         yield from self._of_expression(node, path)
         children = list(ast.iter_child_nodes(node))
@@ -192,8 +208,9 @@ class _Finder:
         if isinstance(value, bool):
             yield self._mutant(node, path, "number", repr(not value))
         elif isinstance(value, int):
-            # an integer of a module is a setting, one of a function an index or a bound
-            new = value + 1 if path or value < 3 else round(FACTOR * value)
+            # an integer of a module is a setting, a small one of a function an index or a bound
+            is_index = value < INDEX_MAX and bool(path)
+            new = value + 1 if is_index or value < 3 else round(FACTOR * value)
             yield self._mutant(node, path, "number", repr(new))
         elif isinstance(value, float):
             yield self._mutant(node, path, "number", repr(FACTOR * value if value else 1.0))
@@ -235,6 +252,10 @@ def _name(function: ast.AST) -> str:
     if isinstance(function, ast.Attribute):
         return function.attr
     return function.id if isinstance(function, ast.Name) else ""
+
+
+def _is_hint(name: str) -> bool:
+    return any(hint in name for hint in HINTS)
 
 
 def _is_text(node: ast.BinOp) -> bool:

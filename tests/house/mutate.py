@@ -5,7 +5,7 @@ it takes; then each mutant is shown to the tests that call what it breaks, the q
 `BUDGET_S` at most. Two processes work; what they find is kept in ``build/mutate``, and a run that
 was stopped goes on where it was.
 
-``python -m tests.house.mutate [--only TARGET] [--count N] [--seed N] [--json] [FILE …]``
+``python -m tests.house.mutate [--only TARGET] [--count N] [--seed N] [--workers N] [FILE …]``
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from tests.house.sources import ROOT, Definition, definitions, relative
 HERE = Path(__file__).parent
 KEPT = ROOT / "build" / "mutate"
 WORKERS = 2
-BUDGET_S = 15.0
+BUDGET_S = 60.0
 """Seconds of tests that a mutant is shown at most, as they took without it."""
 WANTED = 0.95
 """Share of mutants that tests must kill, those accepted in survivors.txt apart."""
@@ -147,16 +147,19 @@ def in_parallel(servers: list[Server], questions: Iterable[dict[str, Any]], done
 
 
 def profiles(target: Target, servers: list[Server]) -> dict[str, dict[str, Any]]:
-    """Which functions each test calls and how long it takes; kept until code or tests change."""
-    kept = KEPT / f"{target.name}-{_digest(target)}.jsonl"
-    known = {one["test"]: one for one in _lines(kept)}
+    """Which functions each test calls and how long it takes; kept until the code or the test's file
+    changes."""
+    kept = KEPT / f"{target.name}.jsonl"
+    now = {test: _digest([*target.files, ROOT / test.partition("::")[0]])
+           for test in servers[0].tests}  # fmt: skip
+    known = {one["test"]: one for one in _lines(kept) if one["digest"] == now.get(one["test"])}
     folders = sorted({relative(file) for file in target.files})
     questions = [{"profile": test, "folders": folders} for test in servers[0].tests
                  if test not in known]  # fmt: skip
 
     def done(question: dict[str, Any], answer: dict[str, Any]) -> None:
         known[answer["test"]] = answer
-        _append(kept, answer)
+        _append(kept, answer | {"digest": now[answer["test"]]})
         if sys.stderr.isatty() or len(known) % 50 == 0:
             print(f"{target.name}: {len(known)} of {len(servers[0].tests)} tests looked at",
                   file=sys.stderr)  # fmt: skip
@@ -165,10 +168,9 @@ def profiles(target: Target, servers: list[Server]) -> dict[str, dict[str, Any]]
     return known
 
 
-def _digest(target: Target) -> str:
-    """Changes with the code and the tests of a target."""
-    tests = [file for place in target.tests for file in _python(ROOT / place)]
-    texts = "\0".join(file.read_text(encoding="utf-8") for file in [*target.files, *tests])
+def _digest(files: Iterable[Path]) -> str:
+    """Changes with files."""
+    texts = "\0".join(file.read_text(encoding="utf-8") for file in files)
     return hashlib.blake2b(texts.encode(), digest_size=8).hexdigest()
 
 
@@ -210,12 +212,14 @@ def _holds(one: Definition, mutant: Mutant) -> bool:
     return one.name == mutant.function and is_inside
 
 
-def run(target: Target, wanted: list[Mutant], say: Any) -> list[Result]:
+def run(target: Target, wanted: list[Mutant], say: Any, workers: int = WORKERS) -> list[Result]:
     """Show mutants of a target to its tests."""
-    servers = [Server(target, number) for number in range(WORKERS)]
+    servers = [Server(target, number) for number in range(workers)]
     known = profiles(target, servers)
     told = [(name, one["passed"]) for name, one in sorted(known.items())]
-    tests = hashlib.blake2b(repr((told, _digest(target))).encode(), digest_size=8).hexdigest()
+    files = [file for place in target.tests for file in _python(ROOT / place)]
+    digest = _digest([*target.files, *files])
+    tests = hashlib.blake2b(repr((told, digest)).encode(), digest_size=8).hexdigest()
     killers: dict[tuple[str, str], Counter[str]] = defaultdict(Counter)
     kept = KEPT / "results.jsonl"
     before = {one["key"]: one for one in _lines(kept)}
@@ -315,6 +319,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--only", help="one target of mutate.toml")
     parser.add_argument("--count", type=int, default=300)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--workers", type=int, default=WORKERS, help="processes at a time")
     parser.add_argument("--json", action="store_true", help="one JSON object as the last line")
     given = parser.parse_args(arguments)
     found = targets(given.only)
@@ -330,7 +335,7 @@ def main(arguments: list[str] | None = None) -> int:
     results, start = [], time.monotonic()
     for target in found:
         if chosen[target.name]:
-            results += run(target, chosen[target.name], say)
+            results += run(target, chosen[target.name], say, given.workers)
     print(f"{time.monotonic() - start:.0f} s")
     return report(results, given.json)
 

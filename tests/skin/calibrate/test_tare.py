@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+import datetime
 import json
 import tomllib
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 import topology
 from bus.status import Status
-from skin.calibrate.tare import tare
+from skin.calibrate.read import read_calibration
+from skin.calibrate.tare import calibration_files, chosen, tare
 from skin.cli import main
 from skin.decode.ambient import Ambient
 from skin.decode.decoder import Decoder
@@ -21,7 +24,8 @@ from skin.physics.halbach import CHIP_AXES, HalbachField
 from skin.physics.stencil import Stencil
 from skin.physics.surroundings import Surroundings
 from skin.sim.unit import UnitSimulator
-from tests.fixtures.decode import calibrated, with_parameters
+from tests.fixtures.ambient import without_bz
+from tests.fixtures.decode import calibrated, row_of, with_parameters
 
 CYCLES = 500
 GEL, FREQUENCY, BX, BY, BZ, CHIP = range(6)
@@ -168,6 +172,21 @@ def test_every_other_value_is_kept(tmp_path):
     assert loaded.parameters["frequency_rest_hz"][0] == found.frequency_hz[0]
 
 
+def test_a_range_that_the_model_ends_before_a_crest_stays_there(tmp_path):
+    """A tare measures no crest: what it writes is what it took, and what was there."""
+    pair(tmp_path, BEFORE)
+    (tmp_path / "left.toml").write_text(BEFORE.replace("= 0.62 ", "= 2.0 "))
+    text = (tmp_path / "pair.toml").read_text()
+    text = text.replace(
+        'name = "coarse"', 'name = "coarse"\ntangential_max_mm = 0.7\nshear_break_mm = 0.6'
+    )
+    (tmp_path / "pair.toml").write_text(text)
+    skin = topology.load(tmp_path / "pair.toml")
+    tare(skin, simulated(skin), leave_out=["right/r0c0", "right/r0c1"]).write()
+    assert "tangential_max_mm" not in (tmp_path / "left.toml").read_text()
+    assert topology.load(tmp_path / "pair.toml").parameters["tangential_max_mm"][0] == 0.7
+
+
 def test_second_tare_of_the_same_counts_changes_nothing(tmp_path):
     skin = pair(tmp_path, BEFORE)
     counts, left_out = simulated(skin), ["right/r0c0", "right/r0c1"]
@@ -175,6 +194,104 @@ def test_second_tare_of_the_same_counts_changes_nothing(tmp_path):
     once = (tmp_path / "left.toml").read_text()
     tare(topology.load(tmp_path / "pair.toml"), counts, leave_out=left_out).write(date="2026-02-02")
     assert (tmp_path / "left.toml").read_text() == once
+
+
+def test_what_changes_is_told_with_its_sigma_and_what_was_before():
+    """Of the sigma of the offsets, the larger; the file has it so, too."""
+    skin = with_parameters(
+        topology.load("fingertip"), hall_offset_x_ut=20.0, hall_offset_y_ut=-30.0
+    )
+    counts = simulated(skin)
+    counts[:, BY] += (8 * (counts[:, BY] % 16)).astype(np.int16)  # more noise
+    found = tare(skin, counts, leave_out=[skin.unit_names[0]])
+    told = found.changes()
+    assert list(told) == list(skin.unit_names[1:])
+    assert (found.offset_sigma_ut[1] > found.offset_sigma_ut[0]).all()
+    for i, change in enumerate(told.values(), 1):
+        assert change == {
+            "frequency_hz": found.frequency_hz[i],
+            "frequency_sigma_hz": found.frequency_sigma_hz[i],
+            "frequency_before_hz": 4500.0,
+            "offset_x_ut": found.offset_ut[0, i],
+            "offset_y_ut": found.offset_ut[1, i],
+            "offset_sigma_ut": found.offset_sigma_ut[1, i],
+            "offset_x_before_ut": 20.0,
+            "offset_y_before_ut": -30.0,
+            "axial_ut": found.axial_ut[i],
+        }
+
+
+def test_sigmas_of_a_tare_stand_in_the_file(tmp_path):
+    skin = pair(tmp_path, BEFORE)
+    counts = simulated(skin)
+    counts[:, BY] += (8 * (counts[:, BY] % 16)).astype(np.int16)  # more noise
+    found = tare(skin, counts)
+    found.write(tmp_path / "a" / "b")
+    found.write(tmp_path / "a" / "b", date="2026-02-02")
+    table, fits = read_calibration(tmp_path / "a" / "b" / "right.toml")
+    assert table["date"] == "2026-02-02"
+    assert table["bench"] == "tared in place, resting neighbours included"
+    assert sorted(fits) == ["r0c0", "r0c1"]
+    known = {name: (fit.values[0], fit.sigma[0]) for fit in fits["r0c1"] for name in fit.names}
+    sigma_hz, (sigma_x, sigma_y) = found.frequency_sigma_hz[4], found.offset_sigma_ut[:, 4]
+    expected = {
+        "frequency_rest_hz": (found.frequency_hz[4], sigma_hz),
+        "frequency_sigma_hz": (sigma_hz, np.nan),
+        "hall_offset_x_ut": (found.offset_ut[0, 4], sigma_x),
+        "hall_offset_y_ut": (found.offset_ut[1, 4], sigma_y),
+        "field_sigma_ut": (max(sigma_x, sigma_y), np.nan),
+    }
+    assert known.keys() == expected.keys()
+    for name, (value, sigma) in expected.items():
+        assert known[name][0] == value
+        assert known[name][1] == pytest.approx(sigma, rel=0.05, nan_ok=True)  # two digits
+
+
+def test_a_file_is_dated_by_the_day(tmp_path):
+    skin = pair(tmp_path, BEFORE)
+    tare(skin, simulated(skin)).write(tmp_path / "out")
+    written = tomllib.loads((tmp_path / "out" / "left.toml").read_text())["date"]
+    assert abs(datetime.date.fromisoformat(written) - datetime.date.today()).days <= 1
+
+
+def test_one_patch_goes_to_a_file_or_into_a_folder(tmp_path):
+    skin = pair(tmp_path, BEFORE)
+    left, both = np.arange(5) < 3, np.ones(5, bool)
+    file, folder = tmp_path / "new.toml", tmp_path / "folder"
+    assert calibration_files(skin, left, file) == {"left": file}
+    folder.mkdir()
+    assert calibration_files(skin, left, folder) == {"left": folder / "left.toml"}
+    assert calibration_files(skin, both, file) == {
+        "left": file / "left.toml", "right": file / "right.toml"
+    }  # fmt: skip
+    assert calibration_files(skin, left) == {"left": tmp_path / "left.toml"}
+
+
+def test_units_that_are_off_or_of_another_kind_keep_what_they_have():
+    """Nor are they looked at: whatever they read is no fault."""
+    skin = row_of(4)
+    layout = np.where(np.arange(4) == 2, 1, 0).astype(np.int32)
+    foreign = structs.replace(skin.layouts[0], counts_only=True)
+    skin = dataclasses.replace(
+        skin, enabled=np.array([True, False, True, True]), layouts=(skin.layouts[0], foreign),
+        frames=dataclasses.replace(skin.frames, layout=layout),
+    )  # fmt: skip
+    counts, status = simulated(skin), np.zeros((CYCLES, 4), np.uint16)
+    counts[:, FREQUENCY, 1:3] = 9
+    for good in range(3):
+        status[good:, 1] = Status.LATE
+        found = tare(skin, counts, status)
+        assert found.taken.tolist() == [True, False, False, True]
+        assert np.isnan(found.frequency_hz[1]) == (good < 2)
+        status[:] = 0
+    assert chosen(skin, ["row/r0c0"]).tolist() == [False, False, False, True]
+
+
+def test_flags_that_are_no_harm_do_not_count():
+    skin = row_of(2)
+    status = np.full((CYCLES, 2), Status.EXTRAPOLATED, np.uint16)
+    status[7, 1] |= Status.TORN
+    assert tare(skin, simulated(skin), status).cycles.tolist() == [CYCLES, CYCLES - 1]
 
 
 def test_larger_sigma_of_the_field_is_kept(tmp_path):
@@ -252,6 +369,145 @@ def test_unit_that_is_not_at_rest_is_refused_by_name(change, message):
     assert np.flatnonzero(~left.taken).tolist() == [1]
 
 
+ALTERNATELY = np.where(np.arange(CYCLES) % 2, 1, -1)
+LATER = np.arange(CYCLES) >= CYCLES // 2
+
+
+def calm(skin, temperature=24.0):
+    """Counts of untouched units whose noise is what the model says, one way and the other."""
+    counts = simulated(skin, temperature=temperature, noise=False)
+    counts[:, FREQUENCY] += 24 * ALTERNATELY[:, np.newaxis]  # 6 Hz
+    counts[:, BX:CHIP] += 52 * ALTERNATELY[:, np.newaxis, np.newaxis]  # 104 µT
+    return counts
+
+
+def shaken(channel, least):
+    def change(skin, share):
+        counts = calm(skin)
+        counts[:, channel, 1] = counts[:, channel, 1].mean() + round(least * share) * ALTERNATELY
+        return counts
+
+    return change
+
+
+def shifted(channel, least, when=True):
+    def change(skin, share):
+        counts = calm(skin)
+        counts[:, channel, 1] += np.where(when, round(least * share), 0).astype(np.int16)
+        return counts
+
+    return change
+
+
+def warmed(skin, share):
+    return calm(skin, 24.0 + 0.5 * share * LATER[:, np.newaxis])
+
+
+LIMITS = {
+    "noise of the frequency": (shaken(FREQUENCY, 4 * 12.0), "frequency: must have noise"),
+    "noise of the field": (shaken(BY, 210.0 / 2), "by: must have noise"),
+    "five sigmas of a mean, Hz": (shifted(FREQUENCY, 4 * 2.68, LATER), "frequency: must hold"),
+    "five sigmas of a mean, µT": (shifted(BX, 47.0 / 2, LATER), "bx: must hold"),
+    "half a degree": (warmed, "temperature: must be steady"),
+    "3 % of the rest": (shifted(FREQUENCY, 4 * 135.0), "frequency: must be within 135 Hz"),
+    "2 mT": (shifted(BX, 2000.0 / 2), "bx: must be within 2000 µT"),
+}
+"""What a unit at rest may differ by, and how it is told of more."""
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+@pytest.mark.parametrize("limit", LIMITS)
+def test_what_is_below_its_limit_is_tared_and_what_is_above_is_refused(limit, way):
+    skin = row_of(2)
+    change, message = LIMITS[limit]
+    tare(skin, change(skin, 0.93 * way))
+    with pytest.raises(ScanError) as raised:
+        tare(skin, change(skin, 1.07 * way))
+    assert str(raised.value).splitlines()[-1].split(": ", 1)[1].startswith(message)
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_limits_of_what_is_known_are_narrower(way):
+    """60 Hz from the zero of an earlier tare, 1 mT from the field of known neighbours."""
+    tared = with_parameters(row_of(2), frequency_sigma_hz=0.3)
+    rest_ut = np.array([[300.0], [-500.0], [0.0]]) * np.ones(2)
+    cases = (
+        (tared, None, lambda share: shifted(FREQUENCY, 4 * 60.0)(tared, share), "within 60 Hz of"),
+        (row_of(2), rest_ut, lambda share: near(share, 0), "bx: must be within 1000 µT of 300 µT"),
+        (row_of(2), rest_ut, lambda share: near(share, 1), "by: must be within 1000 µT of -500 µT"),
+    )
+
+    def near(share, axis):
+        counts = calm(row_of(2))
+        counts[:, BX : BZ + 1] += (rest_ut / 2).astype(np.int16)
+        counts[:, BX + axis, 1] += round(share * 1000 / 2)
+        return counts
+
+    for skin, rest, counts, message in cases:
+        tare(skin, counts(0.93 * way), rest_ut=rest)
+        with pytest.raises(ScanError, match=message):
+            tare(skin, counts(1.07 * way), rest_ut=rest)
+
+
+def test_a_hundred_readings_are_enough():
+    skin = row_of(2)
+    assert tare(skin, calm(skin)[:100]).cycles.tolist() == [100, 100]
+    with pytest.raises(ScanError, match="must have 100 good readings or more; got 99"):
+        tare(skin, calm(skin)[:99])
+
+
+def test_sigma_of_a_zero_is_that_of_a_mean():
+    skin = row_of(3)
+    counts = simulated(skin, 120)
+    values = (counts * skin.scale + skin.offset)[:, FREQUENCY:BZ]
+    expected = values.std(axis=0, ddof=1) / np.sqrt(120)
+    found = tare(skin, counts)
+    sigma = np.vstack([found.frequency_sigma_hz, found.offset_sigma_ut])
+    assert sigma == pytest.approx(expected, rel=1e-9)
+
+
+def test_readings_all_alike_are_those_of_a_quiet_unit_on_a_coarse_wire():
+    """Below a step, noise is not seen, and a mean tells no more than a step does. A step may be
+    negative."""
+    skin = dataclasses.replace(row_of(2), scale=row_of(2).scale * [1.0, -1.0])
+    skin = with_parameters(skin, frequency_noise_hz=0.05, field_noise_ut=np.array([1.9, 0.1]))
+    counts = simulated(skin, noise=False)
+    found = tare(skin, counts)
+    assert found.frequency_sigma_hz == pytest.approx(0.25 / np.sqrt(12.0))
+    assert found.offset_sigma_ut == pytest.approx(2.0 / np.sqrt(12.0))
+    with pytest.raises(ScanError, match=r"row/r0c0: bx: .* 2.18 µT; got readings all alike"):
+        tare(with_parameters(skin, field_noise_ut=np.array([2.1, 0.1])), counts)
+    noisy = counts.copy()
+    noisy[:, BX, 0] += ALTERNATELY  # 2 µT: the mean of such readings tells more than a step
+    noisy[:, BY, 1] += ALTERNATELY > 0  # 1 µT: as half a step does, that rounding makes
+    found = tare(skin, noisy)
+    assert found.offset_sigma_ut[0, 0] == pytest.approx(2.0 / np.sqrt(CYCLES), rel=2e-3)
+    assert found.offset_sigma_ut[1, 1] == pytest.approx(1.0 / np.sqrt(CYCLES), rel=2e-3)
+
+
+@pytest.mark.parametrize("layout", ["f3t-fd16", "f3t-classic"])
+def test_a_warm_skin_has_the_zeros_of_a_cold_one(layout):
+    """Offsets are at the chip's reference: its drift comes off, and the field of a film beside the
+    chip as weak as film and chip make it. The classic wire tells the gel's temperature alone."""
+    skin = with_parameters(
+        row_of(2, layout), film_x_mm=0.5, film_y_mm=-0.7, hall_offset_x_ut=150.0,
+        hall_offset_y_ut=-90.0, hall_offset_z_ut=400.0, hall_drift_x_ut_per_k=3.0,
+        hall_drift_y_ut_per_k=-2.0, hall_drift_z_ut_per_k=5.0, hall_gain_per_k=-0.003,
+        hall_reference_c=18.0, film_drift_per_k=-0.004, film_reference_c=33.0,
+        gel_current_ratio=5.5, gel_current_20c_ua=27.0, field_noise_ut=20.0,
+    )  # fmt: skip
+    beside = np.broadcast_to([[0.5], [-0.7]], (CYCLES, 2, 2))
+    still, upright = np.zeros((CYCLES, 2)), []
+    for gel_c, chip_c in ((25.0, 25.0), (60.0, 60.0), (40.0, 70.0 if skin.wired[CHIP, 0] else 40)):
+        units = UnitSimulator(skin, seed=4)
+        values = units.quantities(still, beside, still + gel_c, still + gel_c, still + chip_c)
+        found = tare(skin, units.quantise(units.disturb(values)))
+        assert found.offset_ut == pytest.approx(np.array([[150.0], [-90.0]]) * np.ones(2), abs=9.0)
+        gain = (1.0 - 0.004 * (gel_c - 33.0)) * (1.0 - 0.003 * (chip_c - 18.0))
+        upright.append(found.axial_ut / gain)  # told as it is, its gains in it
+    assert np.ptp(upright, axis=0).max() < 9.0
+
+
 def test_invalid_units_are_all_named():
     skin = topology.load("fingertip")
     status = np.zeros((CYCLES, skin.n), np.uint16)
@@ -311,6 +567,19 @@ def test_neighbours_of_a_curved_skin_are_no_shear():
     counts[:, BX, 0] += 600
     with pytest.raises(ScanError, match=r"tip/r0c0: bx: must be within 1000 µT of -?\d+.* µT"):
         tare(skin, counts, rest_ut=rest_ut)
+
+
+def test_field_of_resting_neighbours_that_is_known_is_left_out():
+    skin = row_of(2)
+    counts, rest_ut = simulated(skin), np.array([[30.0, -50.0], [70.0, 20.0], [-200.0, 90.0]])
+    included, left_out = tare(skin, counts), tare(skin, counts, rest_ut=rest_ut)
+    assert (included.neighbours, left_out.neighbours) == ("included", "left out")
+    assert included.offset_ut - left_out.offset_ut == pytest.approx(rest_ut[:2])
+    assert included.axial_ut - left_out.axial_ut == pytest.approx(rest_ut[2])
+    assert included.axial_ut == pytest.approx(2.0 * counts[:, BZ].mean(axis=0))
+    blind = tare(without_bz(skin), counts, rest_ut=rest_ut)
+    assert blind.offset_ut == pytest.approx(left_out.offset_ut)
+    assert np.isnan(blind.axial_ut).all()
 
 
 def test_film_beside_its_chip_is_in_the_offsets_only_if_not_known():

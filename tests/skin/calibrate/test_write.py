@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import os
 
 import numpy as np
 import pytest
@@ -14,7 +15,8 @@ from skin.calibrate.amplitude import (
 )
 from skin.calibrate.film import fit_film
 from skin.calibrate.normal import fit_frequency
-from skin.calibrate.write import write_calibration
+from skin.calibrate.read import as_fit, read_calibration
+from skin.calibrate.write import parameter_values, write_calibration
 from skin.decode.decoder import Decoder
 from skin.errors import CalibrationError, OptionError
 from skin.physics.fabrication import Fabrication
@@ -77,6 +79,73 @@ def test_a_crest_before_the_end_of_the_range_ends_the_range(tmp_path):
 def test_the_sigma_of_a_value_stands_beside_it(tmp_path):
     write_calibration(tmp_path / "row.toml", "patch", {"r0c1": [told(frequency_rest_hz=4000.0)]})
     assert "\nfrequency_rest_hz = 4000.0  # ± 0.1\n" in (tmp_path / "row.toml").read_text()
+
+
+def test_a_crest_at_the_end_of_the_range_leaves_the_range_alone(tmp_path):
+    """A later fit of the range itself stands above the crest's."""
+    (fit,) = [told(field_wavenumber_rad_per_mm=0.5 * np.pi / 2.5001)]
+    assert "tangential_max_mm" not in parameter_values("r0c0", [fit], 2.5)
+    assert parameter_values("r0c0", [fit], 2.6)["tangential_max_mm"] == pytest.approx(
+        (2.5, 2.5 * 0.1 / (0.5 * np.pi / 2.5001))
+    )
+    own = told(tangential_max_mm=2.2)
+    assert parameter_values("r0c0", [own, fit], 2.6)["tangential_max_mm"] == (2.2, 0.1)
+
+
+def test_the_sigma_of_a_table_is_the_largest_of_its_entries():
+    names = tuple(f"theta_correction_rad[{k}]" for k in reversed(range(THETA_KNOTS)))
+    sigma = np.linspace(0.1, 0.4, THETA_KNOTS)
+    fit = Fit(names, np.arange(float(THETA_KNOTS)), np.diag(sigma**2), 0, 0, 1.0, 9)
+    value, largest = parameter_values("r0c0", [fit], 2.5)["theta_correction_rad"]
+    assert value.tolist() == list(range(THETA_KNOTS))[::-1]
+    assert largest == pytest.approx(0.4)
+
+
+def test_what_was_written_is_read_as_the_same_fits(tmp_path):
+    """Indented or not, with a sigma or without; of a table the largest."""
+    given = {"frequency_rest_hz": (4480.0, 1.5), "field_sigma_ut": (30.0, np.nan)}
+    table = {f"theta_correction_rad[{k}]": (0.1 * k, 0.2) for k in range(THETA_KNOTS)}
+    fits = [as_fit(given, 7), as_fit(table, 7)]
+    write_calibration(tmp_path / "row.toml", "patch", {"r0c1": fits, "r0c 2": fits[:1]})
+    text = (tmp_path / "row.toml").read_text()
+    (tmp_path / "row.toml").write_text(text.replace("\n", "\n  "))
+    _, units = read_calibration(tmp_path / "row.toml")
+    assert list(units) == ["r0c1", "r0c 2"]
+    known = {}
+    for fit in units["r0c1"]:
+        assert fit.samples == 0  # of whoever measured it
+        assert fit.covariance.shape == 2 * (len(fit.names),)
+        known |= dict(zip(fit.names, zip(fit.values, fit.sigma, strict=True), strict=True))
+    assert known == pytest.approx({name: pytest.approx(v, nan_ok=True)
+                                   for name, v in (given | table).items()})  # fmt: skip
+    assert [fit.names for fit in units["r0c 2"]] == [(name,) for name in given]
+    assert read_calibration(None) == ({}, {})
+
+
+def test_a_write_that_fails_says_why_though_its_file_is_gone(tmp_path, monkeypatch):
+    def full(beside, _):
+        os.unlink(beside)
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr("os.replace", full)
+    with pytest.raises(OSError, match="no space"):
+        write_calibration(tmp_path / "row.toml", "patch", {})
+
+
+@pytest.mark.parametrize("mask", [0o022, 0o077, 0o000])
+def test_a_file_is_as_readable_as_any_other(mask, tmp_path):
+    before = os.umask(mask)
+    try:
+        write_calibration(tmp_path / "row.toml", "patch", {})
+        assert os.umask(mask) == mask  # as it was
+    finally:
+        os.umask(before)
+    assert (tmp_path / "row.toml").stat().st_mode & 0o777 == 0o666 & ~mask
+
+
+def test_words_stand_in_the_file_as_they_are_written(tmp_path):
+    write_calibration(tmp_path / "row.toml", "patch", {}, bench="Prüfstand, 25 °C")
+    assert 'bench = "Prüfstand, 25 °C"\n' in (tmp_path / "row.toml").read_text(encoding="utf-8")
 
 
 REFUSED = {

@@ -100,7 +100,17 @@ def test_other_numbers_of_sweeps_are_refused(sweeps):
 @given(seeds, st.sampled_from([5, 64, 128, 150, 300]), st.sampled_from(["sine", "field-angle"]))
 def test_skipping_changes_no_bit_of_what_it_shows(seed, n, estimator):
     """Cycle by cycle against the full pass; what is idle is NaN where it was not looked at."""
-    skin, raw, status = scene(n, seed)
+    assert idle_beside_full(*scene(n, seed), estimator) > 0
+
+
+@pytest.mark.parametrize(("n", "seed"), [(20, 1), (20, 2), (40, 3), (150, 4)])
+def test_a_few_cycles_skip_as_many_do(n, seed):
+    """Of one group of units, of some, and of more than a block."""
+    idle_beside_full(*scene(n, seed, cycles=10), "field-angle")
+
+
+def idle_beside_full(skin, raw, status, estimator):
+    """How often a unit was idle, in cycles that are compared with the full pass."""
     skipping = Decoder(skin, None, estimator, skip=True)
     full = Decoder(skin, None, estimator, temperature_every=skipping.plan.temperature_every)
     idle = 0
@@ -122,7 +132,7 @@ def test_skipping_changes_no_bit_of_what_it_shows(seed, n, estimator):
             assert np.isnan((values if rows is None else values[rows])[..., resting]).all()
         limit = 2.9 * 6.01 / 900.0 + 1e-3
         assert np.all(every.displacement_mm[2][resting] <= limit)
-    assert idle > 0
+    return idle
 
 
 def test_a_batch_skips_as_its_cycles_do():

@@ -26,9 +26,9 @@ def told(reading):
     return [value.tobytes() for value in values]
 
 
-def decoded(workers, **options):
+def decoded(workers, units=UNITS, **options):
     """Cycles one by one, a batch, the last cycle once more, and cycles again."""
-    skin, raw, status = scene(UNITS, 7)
+    skin, raw, status = scene(units, 7)
     decoder = Decoder(skin, workers=workers, **options)
     seen = [told(decoder(counts, flags)) for counts, flags in zip(raw[:7], status, strict=False)]
     seen.append(told(decoder(raw, status)))
@@ -42,6 +42,10 @@ def decoded(workers, **options):
 @pytest.mark.parametrize("options", [{}, {"skip": True}, {"skip": True, "sweeps": 1}])
 def test_threads_change_no_result(always_shared, options, workers):
     assert decoded(workers, **options) == decoded(1, **options)
+
+
+def test_two_threads_have_a_block_each(always_shared):
+    assert decoded(2, 130, skip=True) == decoded(1, 130, skip=True)
 
 
 def test_batches_are_shared_where_cycles_are_not(monkeypatch):

@@ -24,8 +24,18 @@ from tests.skin.decode.test_plan import FIELDS, scene
 @given(st.integers(0, 2**32 - 1), st.sampled_from([64, 128, 300]), st.booleans())
 def test_backgrounds_and_units_that_come_and_go_are_of_their_own_cycle(seed, n, twice):
     """Backgrounds are told now and then, units are heard of and not, cycles decoded once more."""
+    assert rested_beside_full(seed, n, twice) > 0
+
+
+@pytest.mark.parametrize(("n", "seed"), [(20, 3), (40, 5), (140, 7)])
+def test_a_few_cycles_do_not_mix_either(n, seed):
+    rested_beside_full(seed, n, True, cycles=9)
+
+
+def rested_beside_full(seed, n, twice, cycles=24):
+    """Cycles in which a unit was idle; all are compared with the full pass."""
     rng = np.random.default_rng(seed)
-    skin, raw, status = scene(n, seed)
+    skin, raw, status = scene(n, seed, cycles)
     for unit in rng.integers(0, n, 3):
         status[:, unit] = np.where(rng.random(len(raw)) < 0.5, Status.NEVER, 0)
     skipping = Decoder(skin, skip=True)
@@ -49,7 +59,7 @@ def test_backgrounds_and_units_that_come_and_go_are_of_their_own_cycle(seed, n, 
         np.testing.assert_array_equal(some.temperature_sigma, every.temperature_sigma)
         np.testing.assert_array_equal(some.force[2], every.force[2])
         np.testing.assert_array_equal(some.status[~idle], every.status[~idle])
-    assert rested > 0
+    return rested
 
 
 @pytest.mark.parametrize("between", ["batch", "reset"])

@@ -1,0 +1,168 @@
+"""Ambient field and zeros as `skin.decode.ambient` has them: numpy, one unit after the other."""
+
+from __future__ import annotations
+
+import copy
+from types import SimpleNamespace
+
+import numpy as np
+
+from bus.status import Status
+from skin.physics.rest import film_at_rest_ut
+
+PRIOR_UT2 = 2500.0
+MEMORY = ("fast_hz", "slow_hz", "long_ut", "gel_c", "film_c", "age_s", "alone_s", "calm_s",
+          "rest_ut", "rest_film_c", "rest_s")  # fmt: skip
+
+
+class NaiveAmbient:
+    """Units of a topology, `body` says of each which field it sees.
+
+    Its state has the names of `skin.decode.ambient_model`.
+    """
+
+    def __init__(self, skin, body, *, guard_m=0.03, near_votes=False):
+        p, n = skin.parameters, skin.n
+        step = np.abs(skin.scale) / np.sqrt(12.0)
+        self.body, self.near_votes, self.skin = body, near_votes, skin
+        self.sigma_hz = np.sqrt(p["frequency_noise_hz"] ** 2 + step[1] ** 2)
+        self.lateral_ut2 = p["field_noise_ut"] ** 2 + (step[2] ** 2 + step[3] ** 2) / 2.0
+        self.axial_ut2 = p["field_noise_ut"] ** 2 + step[4] ** 2
+        self.upright, self.drift = skin.wired[4], p["film_drift_per_k"]
+        own = film_at_rest_ut(skin)
+        self.own_ut = own[:2]
+        # Bz grows with the depth: what half a sigma of the frequency makes of it
+        per_mm = own[2] * p["field_growth_per_mm"]
+        self.witness_ut = 0.5 * self.sigma_hz / p["frequency_slope_hz_per_mm"] * per_mm
+        self.turn = [skin.rotation[:, :, i] @ np.diag([-1.0, -1.0, 1.0]) for i in range(n)]
+        self.unmap = [
+            np.linalg.inv([[p["field_xx"][i], p["field_xy"][i]],
+                           [p["field_yx"][i], p["field_yy"][i]]]) for i in range(n)
+        ]  # fmt: skip
+        apart = np.linalg.norm(skin.position[:, :, None] - skin.position[:, None], axis=0)
+        self.near = apart < guard_m
+        self.slow_s = max(1.0, 100.0 / skin.cycle_rate_hz)
+        self.period_s = 1.0 / skin.cycle_rate_hz
+
+    def axial(self, state, i, z):
+        """Bz beyond that at rest, the film as warm as it is."""
+        if not self.upright[i]:
+            return 0.0
+        if np.isnan(state.rest_ut[i]):
+            return z
+        warmer = state.film_c[i] - state.rest_film_c[i]
+        return z - state.rest_ut[i] * (1.0 + (0.0 if np.isnan(warmer) else self.drift[i] * warmer))
+
+    def step(self, state, reading, dt_s):
+        """The state after a cycle, with `background` and `residue_ut2`; the old one stays."""
+        state = copy.deepcopy(state)
+        for i in range(self.skin.n):
+            self.average(state, reading, i, dt_s)
+        loaded = (np.abs(state.fast_hz) > 3.0 * self.sigma_hz) & (state.age_s > 0.0)
+        near = (self.near & loaded).any(axis=1)
+        disturbed = loaded if self.near_votes else near
+        state.alone_s[disturbed] = 0.0
+        votes = ~disturbed & (state.age_s > 0.0)
+        for g in range(self.body.max() + 1):
+            self.filter(state, reading, g, votes, dt_s)
+        state.followed = np.zeros(self.skin.n, bool)
+        for i in range(self.skin.n):
+            self.follow(state, i, votes[i] and not near[i], dt_s)
+        self.compose(state)
+        return state
+
+    def average(self, state, reading, i, dt_s):
+        drop = reading.displacement_mm[2, i] * self.skin.parameters["frequency_slope_hz_per_mm"][i]
+        t, harmless = reading.temperature[i], int(Status.EXTRAPOLATED | Status.IDLE)
+        field = reading.field_ut[:, i] - [*self.own_ut[:, i], 0.0]
+        field[2] = self.axial(state, i, field[2])
+        if int(reading.status[i]) & ~harmless or not np.isfinite([drop, t]).all():
+            state.age_s[i] = state.alone_s[i] = 0.0
+            return
+        state.age_s[i] += dt_s
+
+        def share(lag_s, since_s):  # of a low-pass that begins as a mean
+            return max(dt_s / (lag_s + dt_s), dt_s / since_s)
+
+        slow, age = self.slow_s, state.age_s[i]
+        state.fast_hz[i] += share(0.05 * slow, age) * (drop - state.fast_hz[i])
+        state.slow_hz[i] += share(slow, age) * (drop - state.slow_hz[i])
+        state.gel_c[i] += share(slow, age) * (t - state.gel_c[i])
+        state.film_c[i] += share(10.0 * slow, age) * (t - state.film_c[i])
+        if np.isfinite(field).all():
+            state.alone_s[i] += dt_s
+            new = share(10.0 * slow, state.alone_s[i])
+            state.long_ut[:, i] += new * (field - state.long_ut[:, i])
+
+    def filter(self, state, reading, g, votes, dt_s):
+        information, told, voters = np.zeros((3, 3)), np.zeros(3), 0
+        for i in np.flatnonzero(votes & (self.body == g)):
+            z = self.axial(state, i, reading.field_ut[2, i])
+            seen = np.array([*(reading.field_ut[:2, i] - self.own_ut[:, i]), z])
+            if not np.isfinite(seen).all():
+                continue
+            voters += 1
+            sigma = np.sqrt(self.lateral_ut2[i])
+            known = not np.isnan(state.rest_ut[i])
+            off = state.long_ut[:, i] * [1.0, 1.0, known]
+            trust = 1.0 / (1.0 + off @ off / sigma**2) ** 2
+            tells = known and self.upright[i]
+            tells = tells and abs(state.slow_hz[i]) < 0.5 * self.sigma_hz[i]
+            weight = trust / np.array([sigma**2, sigma**2, self.axial_ut2[i]]) * [1.0, 1.0, tells]
+            turn = self.turn[i]
+            information += turn @ np.diag(weight) @ turn.T
+            told += turn @ (weight * np.clip(seen, -5.0 * sigma, 5.0 * sigma))
+        state.voters[g] = voters
+        walk = min(dt_s * (400.0 + 2.0 * 833.0 * state.held_s[g]) / PRIOR_UT2, 1.0)
+        covariance = (1.0 - walk) * state.covariance_ut2[g] + walk * PRIOR_UT2 * np.eye(3)
+        if voters < 4:
+            state.held_s[g] += dt_s
+        else:
+            state.held_s[g] = 0.0
+            covariance = np.linalg.inv(np.linalg.inv(covariance) + information)
+            state.field_ut[g] += covariance @ told
+        state.covariance_ut2[g] = covariance
+
+    def follow(self, state, i, undisturbed, dt_s):
+        slow, load = self.slow_s, abs(state.slow_hz[i])
+        known = self.upright[i] and not np.isnan(state.rest_ut[i])
+        calm = undisturbed and load < (3.0 if known else 0.5) * self.sigma_hz[i]
+        calm = calm and abs(state.gel_c[i] - state.film_c[i]) < 0.3
+        calm = calm and not (known and abs(state.long_ut[2, i]) > self.witness_ut[i])
+        state.calm_s[i] = state.calm_s[i] + min(dt_s, 2.0 * self.period_s) if calm else 0.0
+        learning = self.upright[i] and state.rest_s[i] < 5.0 * slow
+        watched = min(state.calm_s[i], state.alone_s[i])
+        if learning and watched >= 2.0 * slow:
+            state.rest_ut[i] = state.long_ut[2, i] + (state.rest_ut[i] if known else 0.0)
+            state.rest_film_c[i], state.rest_s[i] = state.film_c[i], watched
+            state.long_ut[2, i] = 0.0
+        if learning or state.calm_s[i] < 5.0 * slow:
+            return
+        state.followed[i] = True
+        off = [state.slow_hz[i] / max(30.0, 4.0 * slow), *state.long_ut[:2, i] / (40.0 * slow)]
+        for row, (rate, most, span) in enumerate(
+            zip(off, (1.0 / 60.0, 0.1, 0.1), (60.0, 200.0, 200.0), strict=True)
+        ):
+            gone = state.zero[row, i] + dt_s * np.clip(rate, -most, most)
+            state.zero[row, i] = np.clip(gone, -span, span)
+        if self.upright[i] and load < 0.5 * self.sigma_hz[i]:
+            rate = state.long_ut[2, i] / (40.0 * slow)
+            state.rest_ut[i] += dt_s * np.clip(rate, -0.005, 0.005)
+
+    def compose(self, state):
+        state.background = np.zeros((4, self.skin.n))
+        state.residue_ut2 = np.zeros(self.skin.n)
+        for i, g in enumerate(self.body):
+            field = self.turn[i].T @ state.field_ut[g]
+            lateral = self.unmap[i] @ (field[:2] + state.zero[1:, i])
+            state.background[:, i] = state.zero[0, i], *lateral, field[2]
+            state.residue_ut2[i] = np.trace(state.covariance_ut2[g]) / 3.0
+
+
+def state_of(ambient):
+    """A copy of what an `Ambient` remembers."""
+    data = ambient._data
+    bodies = {name: getattr(data.bodies, name)
+              for name in ("held_s", "voters", "field_ut", "covariance_ut2")}  # fmt: skip
+    memory = {name: getattr(data.memory, name) for name in MEMORY}
+    return copy.deepcopy(SimpleNamespace(zero=data.zero, **bodies, **memory))

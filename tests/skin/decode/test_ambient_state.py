@@ -1,0 +1,144 @@
+"""What the ambient loop tells of itself, saves, and forgets; two bodies, units of any attitude."""
+
+from __future__ import annotations
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from skin.decode.ambient import Ambient
+from tests.naive.ambient import PRIOR_UT2, NaiveAmbient, state_of
+from tests.skin.decode.test_ambient_naive import BODY, UNITS, any_reading, any_state, tumbled
+
+
+def anyhow(seed=0):
+    """An `Ambient` in any state."""
+    skin = tumbled()
+    ambient, naive = Ambient(skin, dtype="float64"), NaiveAmbient(skin, BODY)
+    any_state(ambient, naive, np.random.default_rng(seed))
+    return ambient, naive
+
+
+def test_saved_state_is_that_of_all_bodies(tmp_path):
+    """Averages begin anew; what is to be taken off is worked out from what was saved."""
+    ambient, naive = anyhow()
+    before = state_of(ambient)
+    naive.compose(before)
+    ambient.save(tmp_path / "state.npz")
+    other = Ambient(tumbled(), dtype="float64")
+    other.restore(tmp_path / "state.npz")
+    found = state_of(other)
+    for name in ("zero", "held_s", "voters", "field_ut", "covariance_ut2", "rest_ut",
+                 "rest_film_c", "rest_s"):  # fmt: skip
+        np.testing.assert_array_equal(getattr(found, name), getattr(before, name), name)
+    for name in ("fast_hz", "slow_hz", "long_ut", "age_s", "calm_s", "alone_s"):
+        assert not getattr(found, name).any(), name
+    np.testing.assert_allclose(other.background, before.background)
+    np.testing.assert_allclose(other.residue_ut2, before.residue_ut2)
+
+
+def test_a_save_that_fails_leaves_the_old_state(tmp_path, monkeypatch):
+    ambient, _ = anyhow()
+    file = tmp_path / "state.npz"
+    file.write_text("old")
+
+    def full(*_):
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr("os.replace", full)
+    with pytest.raises(OSError, match="no space"):
+        ambient.save(file)
+    assert [path.name for path in tmp_path.iterdir()] == ["state.npz"]
+    assert file.read_text() == "old"
+
+
+def test_nothing_is_known_at_first_and_after_a_reset():
+    ambient, _ = anyhow()
+    ambient.reset()
+    for one in (ambient, Ambient(tumbled())):
+        state = state_of(one)
+        for name, value in vars(state).items():
+            if name == "covariance_ut2":
+                np.testing.assert_array_equal(value, [PRIOR_UT2 * np.eye(3)] * 2)
+            elif name in ("rest_ut", "rest_film_c"):
+                assert np.isnan(value).all()
+            else:
+                assert not value.any(), name
+        assert not one.background.any()
+        assert (one.residue_ut2 == PRIOR_UT2).all()
+        assert not one.followed.any()
+        assert not one.wants_tare.any()
+
+
+def test_units_whose_zero_has_gone_to_its_end_want_a_tare():
+    ambient, _ = anyhow()
+    zero = ambient._data.zero
+    zero[:] = 0.0
+    for unit, (row, value) in enumerate([(0, 60.0), (0, -60.0), (1, 200.0), (2, -200.0),
+                                         (0, 59.9), (1, -199.9), (2, 61.0)]):  # fmt: skip
+        zero[row, unit] = value
+    assert np.flatnonzero(ambient.wants_tare).tolist() == [0, 1, 2, 3]
+    told = json.loads(json.dumps(ambient.report()))
+    names = ambient.topology.unit_names
+    assert told["wants_tare"] == list(names[:4])
+    assert told["zeros"] == {names[i]: zero[:, i].tolist() for i in range(7)}
+
+
+def test_the_report_is_of_each_body():
+    ambient, _ = anyhow(1)
+    state = state_of(ambient)
+    ambient._data.bodies.voters[:] = 3.0, 5.0
+    told = ambient.report()
+    for g, body in enumerate(("a", "b")):
+        assert told["ambient"][body]["field_ut"] == pytest.approx(state.field_ut[g])
+        sigma = np.sqrt(np.diag(state.covariance_ut2[g]))
+        assert told["ambient"][body]["sigma_ut"] == pytest.approx(sigma)
+        assert told["ambient"][body]["voters"] == (3, 5)[g]
+    assert ambient.field_ut.shape == (3, 2)
+    assert ambient.covariance_ut2[0, 1, 1] == state.covariance_ut2[1, 0, 1]
+    ambient._data.marks[:] = np.where(np.arange(UNITS) == 4, 8, 4)
+    assert told is not ambient.report()
+    assert ambient.report()["followed"] == [ambient.topology.unit_names[4]]
+
+
+@pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")
+@pytest.mark.parametrize(("given", "seconds"), [(None, 0.004), (0.05, 0.05)])
+def test_a_cycle_lasts_a_period_if_nobody_says_otherwise(given, seconds):
+    ambient, naive = anyhow()
+    before = state_of(ambient)
+    reading = any_reading(naive, before, np.random.default_rng(0))
+    ambient.update(reading, given)
+    expected = naive.step(before, reading, seconds)
+    for name, value in vars(state_of(ambient)).items():
+        np.testing.assert_allclose(
+            value, getattr(expected, name), rtol=1e-7, atol=1e-7, err_msg=name
+        )
+
+
+@pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")
+def test_a_clock_that_goes_back_stands_still():
+    ambient, naive = anyhow()
+    before = state_of(ambient)
+    ambient.update(any_reading(naive, before, np.random.default_rng(0)), -3.0)
+    found = state_of(ambient)
+    usable = found.age_s > 0.0
+    assert usable.any()
+    np.testing.assert_array_equal(found.age_s[usable], before.age_s[usable])
+    np.testing.assert_array_equal(found.zero, before.zero)
+
+
+def test_temperatures_that_are_not_told_are_steady():
+    ambient, _ = anyhow()
+    ambient.reset()
+    field, depth = np.zeros((3, UNITS)), np.zeros((3, UNITS))
+    reading = SimpleNamespace(
+        field_ut=field, displacement_mm=depth, temperature=None, status=np.zeros(UNITS, np.uint16)
+    )
+    for _ in range(3):
+        ambient.update(reading)
+    state = state_of(ambient)
+    assert not state.gel_c.any()
+    assert not state.film_c.any()
+    assert (state.calm_s > 0.0).any()

@@ -1,0 +1,181 @@
+"""The loop over cycles beside the same steps done one by one by hand, to the bit."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from bus.status import Status
+from skin.decode.ambient import Ambient
+from skin.decode.crosstalk import ACCURATE_UT, LIVE_UT, CrossTalk
+from skin.decode.decoder import Decoder
+from tests.fixtures.ambient import apart
+from tests.fixtures.decode import calibrated, row_of, sensible_counts
+from tests.skin.decode.test_crosstalk import plane
+from tests.skin.decode.test_crosstalk_made_up import made_up
+from tests.skin.decode.test_field_angle import counts_at
+
+pytestmark = pytest.mark.usefixtures("interpreted")
+
+WANT = {"displacement", "field", "temperature", "force", "sigma"}
+SHOWN = ("displacement_mm", "displacement_sigma_mm", "field_ut", "temperature", "force",
+         "force_sigma", "status", "valid")  # fmt: skip
+
+
+def square():
+    """Nine units, each with a calibration of its own."""
+    skin = calibrated(row_of(9), seed=2)
+    return dataclasses.replace(skin, position=plane(3, 3).position)
+
+
+def scene(skin, cycles=5, late=Status.LATE):
+    """Presses, a unit that is late once, one that is not heard of from the beginning."""
+    raw = sensible_counts(skin, cycles, 3, most=0.7)
+    status = np.zeros((cycles, skin.n), np.uint16)
+    status[2, 1] = late
+    status[:3, 3] = Status.NEVER
+    return raw, status
+
+
+def same(found, expected):
+    for name in SHOWN:
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), name)
+
+
+def told(skin, rng):
+    return rng.normal(0.0, [[5.0], [60.0], [60.0], [60.0]], (4, skin.n))
+
+
+@pytest.mark.parametrize("estimator", ["sine", "field-angle"])
+@pytest.mark.parametrize("sweeps", [1, 2])
+def test_sweeps_are_decodings_with_the_prediction_as_background(sweeps, estimator):
+    """The first of a cycle with the displacements of the cycle before, the second with its own;
+    temperatures move on once."""
+    skin, rng = square(), np.random.default_rng(4)
+    stencil = made_up(skin, 2, seed=1)
+    looped = Decoder(skin, WANT, estimator, dtype="float64", sweeps=sweeps, stencil=stencil)
+    plain = Decoder(skin, WANT, estimator, dtype="float64", rest_ut=stencil.rest_ut)
+    crosstalk = CrossTalk(
+        skin, stencil, dtype="float64", tolerance_ut=LIVE_UT if sweeps == 1 else ACCURATE_UT
+    )
+    place, valid, above = np.zeros((3, 9)), np.zeros(9, bool), np.zeros(9)
+    taken, most = np.zeros((5, 9)), 0.0
+    for t, (counts, status) in enumerate(zip(*scene(skin, late=0), strict=True)):
+        given, base = told(skin, rng) if t % 2 else None, np.zeros((5, 9))
+        base[:4] += 0.0 if given is None else given
+        for sweep in range(sweeps):
+            crosstalk.predict(place, valid, taken, base, above)
+            reading = plain(counts, status, taken, advance=sweep == 0)
+            place, valid = reading.displacement_mm.copy(), reading.valid.copy()
+            above[:] = film_above(plain)
+        same(looped(counts, status, given), reading)
+        assert np.isfinite(reading.force[:, status == 0]).all()
+        most = max(most, np.abs(taken[1:4] - base[1:4]).max())
+    assert most > 20.0
+    looped.reset()
+    same(looped(*(each[0] for each in scene(skin))), first(skin, stencil, sweeps, estimator))
+
+
+def film_above(decoder):
+    """Temperature of the films above that of their calibration, as the decoder remembers it."""
+    p, state = decoder.topology.parameters, decoder._state
+    above = decoder.reading.temperature - p["film_reference_c"]
+    lag = state["film_lag"].ravel()[: above.size]
+    return np.where(np.isnan(above), 0.0, above + lag)
+
+
+def first(skin, stencil, sweeps, estimator):
+    fresh = Decoder(skin, WANT, estimator, dtype="float64", sweeps=sweeps, stencil=stencil)
+    return fresh(*(each[0] for each in scene(skin)))
+
+
+def test_what_is_known_of_resting_neighbours_may_lie_in_the_offsets():
+    """Then it is not taken off again, but the chip's gain is on it all the same."""
+    skin = square()
+    stencil, (raw, _) = made_up(skin, 1), scene(skin)
+    tared = Decoder(
+        skin, WANT, dtype="float64", sweeps=1, stencil=stencil, rest_ut=np.zeros((3, 9))
+    )
+    known = Decoder(skin, WANT, dtype="float64", sweeps=1, stencil=stencil)
+    p, rest = skin.parameters, stencil.rest_ut.copy()
+    off = tared(raw[0]).field_ut - known(raw[0]).field_ut
+    chip = skin.scale[5] * raw[0, 5] + skin.offset[5] - p["hall_reference_c"]
+    gain = 1.0 + p["hall_gain_per_k"] * chip
+    lateral = p["field_xx"] * rest[0] + p["field_xy"] * rest[1]
+    np.testing.assert_allclose(off[0], lateral / gain, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(off[2], rest[2] / gain, rtol=1e-6, atol=1e-6)
+
+
+def test_ambient_field_comes_off_the_next_cycle():
+    skin, rng = apart(6), np.random.default_rng(1)
+    looped = Decoder(skin, WANT, dtype="float64", ambient=True)
+    plain, ambient = Decoder(skin, WANT, dtype="float64"), Ambient(skin, "float64")
+    raw, status = np.tile(counts_at(skin, np.zeros(6), 0.0, 0.0), (6, 1, 1)), scene(skin, 6)[1]
+    raw[:, 2:4] += rng.integers(10, 80, (6, 2, 6)).astype(np.int16)
+    for t in range(6):
+        given = told(skin, rng) if t % 3 == 1 else None
+        base = ambient.taken.copy()
+        base[:4] += 0.0 if given is None else given
+        expected = plain(raw[t], status[t], base)
+        ambient.update(expected)
+        same(looped(raw[t], status[t], given), expected)
+        np.testing.assert_array_equal(looped.ambient.taken, ambient.taken)
+    assert np.abs(ambient.background[1:]).max() > 1.0
+    before = ambient.taken.copy()
+    looped(raw[0], status[0], advance=False)  # once more: nothing new is learnt
+    np.testing.assert_array_equal(looped.ambient.taken, before)
+    looped.reset()
+    assert not looped.ambient.background.any()
+
+
+def test_a_batch_and_bound_arrays_go_through_the_loop_as_cycles_do():
+    skin = square()
+    stencil, (raw, status) = made_up(skin, 1), scene(skin)
+    options = {"sweeps": 1, "ambient": True, "stencil": stencil, "dtype": "float64"}
+    background = np.random.default_rng(2).normal(0.0, 9.0, (5, 4, 9))
+    for given in (None, background):
+        one, batch = Decoder(skin, WANT, **options), Decoder(skin, WANT, **options)
+        found = batch(raw, status, given)
+        for t in range(5):
+            reading = one(raw[t], status[t], None if given is None else given[t])
+            for name in SHOWN:
+                np.testing.assert_array_equal(getattr(found, name)[t], getattr(reading, name), name)
+    counts, flags = np.zeros((6, 9), np.int16), np.zeros(9, np.uint16)
+    one, bound = Decoder(skin, WANT, **options), Decoder(skin, WANT, **options)
+    call = bound.bind(counts, flags)
+    for t in range(5):
+        counts[:], flags[:] = raw[t], status[t]
+        same(call(), one(raw[t], status[t]))
+
+
+@pytest.mark.parametrize("loop", [{"sweeps": 2}, {"ambient": True}, {"sweeps": 1, "ambient": True}])
+@pytest.mark.parametrize("want", [{"force"}, {"displacement", "sigma"}, {"field"}])
+def test_the_loop_needs_what_is_not_wanted(want, loop):
+    """It is decoded, and not shown; what is wanted is the same."""
+    skin = square()
+    stencil, (raw, status) = made_up(skin, 1), scene(skin)
+    options = {"stencil": stencil, "dtype": "float64"} | loop
+    every, some = Decoder(skin, WANT - {"sigma"} | want, **options), Decoder(skin, want, **options)
+    for t in range(4):
+        whole, part = every(raw[t], status[t]), some(raw[t], status[t])
+        for name in SHOWN[:6]:
+            shown = getattr(part, name)
+            asked = name.removesuffix("_mm").removesuffix("_ut").removesuffix("_sigma")
+            if asked in want or ("sigma" in name and "sigma" in want and "force" not in name):
+                np.testing.assert_array_equal(shown, getattr(whole, name), name)
+            else:
+                assert shown is None, name
+
+
+def test_looks_at_units_without_load_are_spread_over_cycles_and_blocks():
+    """Every fifth cycle at 100 Hz, but every fourth at least; blocks of 128 one after the other."""
+    for rate_hz, every in ((100.0, 5), (10.0, 4)):
+        skin = row_of(140, rate_hz=rate_hz)
+        still = counts_at(skin, np.zeros(140), 0.0, 0.0)
+        decoder = Decoder(skin, {"displacement"}, skip=True, ambient=True)
+        for t in range(9):
+            idle = decoder(still).status & Status.IDLE != 0
+            assert idle[:128].all() == idle[:128].any() == (t % every != 0)
+            assert idle[128:].all() == idle[128:].any() == ((t + 1) % every != 0)

@@ -1,0 +1,270 @@
+"""What a decoder refuses, from both sides of each bound; and which units it does not look at."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from msgspec import structs
+
+from skin.decode.decoder import Decoder
+from skin.decode.model import field_angle_ends
+from skin.decode.parts import Parts
+from skin.decode.plan import DecodeOptions, Plan
+from skin.decode.results import results_of
+from skin.errors import CalibrationError, OptionError
+from tests.fixtures.decode import row_of, with_parameters
+
+LOW, HIGH = 15.0 - 40.0, 95.0 + 40.0
+"""Temperatures that a working unit may have, °C."""
+OCTAVES = 0.9 * 24.0 * np.log(2.0)
+"""Logarithm of M0 in µT, at most."""
+
+
+def knots(at, value):
+    table = np.zeros((16, 2))
+    table[at, 1] = value
+    return table
+
+
+def growing(slope, curve=0.0, reference=1.0, size=0.0):
+    return {"field_growth_per_mm": slope, "field_growth_per_mm2": curve,
+            "field_reference_mm": reference, "field_amplitude_ut": np.exp(size)}  # fmt: skip
+
+
+BOUNDS = {
+    # parameters by how near they are to the bound, 1 being at it; the parameter that is named
+    "correction": (lambda x: {"theta_correction_rad": knots(3, x)}, "theta_correction_rad"),
+    "correction, other way": (lambda x: {"theta_correction_rad": knots(15, -x)},
+                              "theta_correction_rad"),
+    "film, hot": (lambda x: {"film_drift_per_k": -0.9 * x / (HIGH - 25.0)}, "film_drift_per_k"),
+    "film, cold": (lambda x: {"film_drift_per_k": 0.9 * x / (25.0 - LOW)}, "film_drift_per_k"),
+    "film, other reference": (
+        lambda x: {"film_drift_per_k": -0.9 * x / (HIGH - 60.0), "film_reference_c": 60.0},
+        "film_drift_per_k",
+    ),
+    "chip, hot": (lambda x: {"hall_gain_per_k": -0.9 * x / (HIGH - 25.0)}, "hall_gain_per_k"),
+    "chip, cold": (lambda x: {"hall_gain_per_k": 0.9 * x / (25.0 - LOW)}, "hall_gain_per_k"),
+    "strong": (lambda x: growing(0.0, size=x * OCTAVES), "field_growth_per_mm"),
+    "weak": (lambda x: growing(0.0, size=-x * OCTAVES), "field_growth_per_mm"),
+    "growing, at rest": (lambda x: growing(x * OCTAVES, reference=1.0), "field_growth_per_mm"),
+    "growing, 2 mm deep": (lambda x: growing(x * OCTAVES, reference=1.0), "field_growth_per_mm"),
+    "curved": (lambda x: growing(0.5, curve=x * (OCTAVES - 0.5), reference=1.0),
+               "field_growth_per_mm"),
+    "deep beyond the reference": (lambda x: growing(x * OCTAVES / 1.5, reference=0.5),
+                                  "field_growth_per_mm"),
+    "shallow of the reference": (lambda x: growing(-x * OCTAVES / 1.5, reference=1.5),
+                                 "field_growth_per_mm"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("bound", BOUNDS)
+def test_a_calibration_is_refused_from_its_bound_on(bound):
+    given, name = BOUNDS[bound]
+    options = {"want": {"force"}, "estimator": "sine", "consistency": False}
+    Decoder(with_parameters(row_of(2), **given(0.98)), **options)
+    with pytest.raises(CalibrationError, match=rf"row/r0c[01]: {name}: must be "):
+        Decoder(with_parameters(row_of(2), **given(1.02)), **options)
+
+
+def test_a_range_of_temperatures_has_two_ends():
+    with pytest.raises(CalibrationError, match="temperature_max_c: must be above temperature_min"):
+        Decoder(with_parameters(row_of(2), temperature_max_c=15.0))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_no_entry_of_a_table_may_be_infinite(value):
+    with pytest.raises(CalibrationError, match="row/r0c1: theta_correction_rad: must be finite"):
+        Decoder(with_parameters(row_of(2), theta_correction_rad=knots(4, value)))
+
+
+# -- tables of angles ------------------------------------------------------------------------------
+
+
+def linear(per_rad, deeper=0.0, bend=0.0):
+    """R = per_rad psi + deeper psi H + bend psi³."""
+    table = np.zeros((16, 2))
+    table[0], table[1], table[4] = per_rad, deeper, bend
+    return table
+
+
+@pytest.mark.parametrize("deeper", [0.0, 0.25, -0.1])
+def test_a_table_ends_where_it_has_passed_its_range_by_a_tenth(deeper):
+    """At the first of all depths to 2 mm; R that is told there is the least of them."""
+    skin = with_parameters(row_of(2), field_angle_mm=linear(1.0, deeper), field_angle_max_mm=1.5)
+    steepest, flattest = max(1.0, 1.0 + 2.0 * deeper), min(1.0, 1.0 + 2.0 * deeper)
+    angle, reach = field_angle_ends(skin)
+    np.testing.assert_allclose(angle, 1.65 / steepest, atol=np.pi / 360.0)
+    assert (angle * steepest <= 1.65 + 1e-9).all()
+    np.testing.assert_allclose(reach, angle * flattest)
+
+
+def test_a_table_ends_where_it_turns_back_or_at_a_half_turn():
+    skin = with_parameters(row_of(2), field_angle_mm=linear(1.0, 0.0, -0.2), field_angle_max_mm=9.0)
+    angle, reach = field_angle_ends(skin)  # 1 = 0.6 psi²
+    np.testing.assert_allclose(angle, np.sqrt(1.0 / 0.6), atol=np.pi / 360.0)
+    np.testing.assert_allclose(reach, angle - 0.2 * angle**3)
+    skin = with_parameters(row_of(2), field_angle_mm=linear(0.1), field_angle_max_mm=9.0)
+    angle, reach = field_angle_ends(skin)
+    np.testing.assert_allclose(angle, np.pi)
+    np.testing.assert_allclose(reach, 0.1 * np.pi)
+    untold = with_parameters(row_of(2), field_angle_mm=linear(0.0))
+    assert field_angle_ends(untold)[1].tolist() == [0.0, 0.0]
+
+
+def test_units_have_each_their_own_table():
+    table, most = np.hstack([linear(1.0)[:, :1], linear(2.0)[:, :1]]), np.array([1.0, 3.0])
+    skin = with_parameters(row_of(2), field_angle_mm=table, field_angle_max_mm=most)
+    angle, _ = field_angle_ends(skin)
+    np.testing.assert_allclose(angle, [1.1, 1.65], atol=np.pi / 360.0)
+    short = with_parameters(row_of(2), field_angle_mm=table, field_angle_max_mm=[1.0, 7.0])
+    with pytest.raises(
+        CalibrationError,
+        match=r"row/r0c1: field_angle_mm: must be a polynomial that grows with the angle to "
+        r"field_angle_max_mm = 7; got one that ends at 6.28",
+    ):
+        Decoder(short, estimator="field-angle")
+    Decoder(with_parameters(short, field_angle_max_mm=[1.0, 6.2]), estimator="field-angle")
+    Decoder(dataclasses.replace(short, enabled=np.array([True, False])), estimator="field-angle")
+
+
+# -- units that are not looked at ------------------------------------------------------------------
+
+
+def odd_one(how, channel):
+    """Three units, of which the last one is off or of another kind and lacks a channel."""
+    skin = row_of(3)
+    wired = skin.wired.copy()
+    wired[channel, 2] = False
+    skin = dataclasses.replace(skin, wired=wired)
+    if how == "off":
+        return dataclasses.replace(skin, enabled=np.array([True, True, False]))
+    if how == "foreign":
+        layouts = (skin.layouts[0], structs.replace(skin.layouts[0], counts_only=True))
+        layout = np.array([0, 0, 1], np.int32)
+        frames = dataclasses.replace(skin.frames, layout=layout)
+        return dataclasses.replace(skin, layouts=layouts, frames=frames)
+    return skin
+
+
+@pytest.mark.parametrize("channel", range(5))
+def test_channels_of_units_that_are_off_or_foreign_are_not_needed(channel):
+    options = {"want": None, "estimator": "field-angle", "consistency": True}
+    for how in ("off", "foreign"):
+        assert Decoder(odd_one(how, channel), **options).estimator == "field-angle"
+        assert Decoder(odd_one(how, channel)).plan.consistency
+    with pytest.raises(OptionError, match="row/r0c2: must have "):
+        Decoder(odd_one("working", channel), **options)
+
+
+def test_tables_of_units_that_are_off_are_not_needed():
+    table = row_of(3).parameters["field_angle_mm"].copy()
+    table[:, 2] = 0.0
+    for how in ("off", "foreign"):
+        untold = with_parameters(odd_one(how, 5), field_angle_mm=table)
+        assert Decoder(untold, consistency=True).estimator == "field-angle"
+    untold = with_parameters(row_of(3), field_angle_mm=table)
+    with pytest.raises(OptionError, match="row/r0c2: must have 'field_angle_mm' for consistency"):
+        Decoder(untold, consistency=True)
+
+
+def test_the_loop_follows_zeros_where_all_that_work_tell_their_temperature():
+    def needed(skin):
+        plan = Plan.of(skin, DecodeOptions({"force"}, ambient=True))
+        return results_of(plan, skin)
+
+    assert "temperature" in needed(row_of(3))
+    assert "temperature" in needed(odd_one("off", 0))
+    assert "temperature" in needed(odd_one("foreign", 0))
+    assert "temperature" not in needed(odd_one("working", 0))
+    assert "field" in needed(odd_one("working", 0))
+
+
+# -- no more than is wanted ------------------------------------------------------------------------
+
+
+def parts_of(skin, want, **options):
+    plan = Plan.of(skin, DecodeOptions(want, **options))
+    return Parts.of(plan, results_of(plan, skin), prefetch=False)
+
+
+def test_what_is_not_wanted_is_not_compiled():
+    skin = row_of(3)
+    warm = parts_of(skin, {"temperature"}, estimator="sine")
+    assert warm == parts_of(skin, {"temperature"}) == Parts(temperature=True)
+    assert not warm.shear
+    assert parts_of(skin, {"field"}).angle is False
+    for name in ("force", "tangential", "theta", "displacement"):
+        assert parts_of(skin, {name}).angle
+        assert parts_of(skin, {name}).shear
+    assert parts_of(skin, {"force"}, skip=True).look is False
+    assert parts_of(skin, {"force"}, skip=True, ambient=True).look
+    assert parts_of(skin, {"force"}, ambient=True).look is False
+    assert not parts_of(skin, {"force"}, temperature_every=1).hold
+    assert parts_of(skin, {"force"}, temperature_every=2).hold
+
+
+def test_compensations_are_those_of_drifts_that_matter():
+    """No drift, no compensation; one in a single unit is enough."""
+    still = {name: 0.0 for name in row_of(3).parameters if "_per_k" in name}
+    plain = with_parameters(row_of(3), **still)
+    sine = {"estimator": "sine", "consistency": False}
+
+    def plan(want, options, **drifts):
+        return Plan.of(with_parameters(plain, **drifts), DecodeOptions(want, **options))
+
+    one = np.array([0.0, 0.0, 1e-3])
+    assert not plan({"force"}, sine).film_compensation
+    assert not plan({"force"}, sine).chip_compensation
+    assert plan({"force"}, sine, film_drift_per_k=one).film_compensation
+    assert not plan({"temperature"}, sine, film_drift_per_k=one).film_compensation
+    assert not plan({"field"}, sine, film_drift_per_k=one).film_compensation
+    assert plan(
+        {"force"}, {"sweeps": 1, "consistency": False}, film_drift_per_k=one
+    ).film_compensation
+    assert plan({"force"}, sine, hall_gain_per_k=one).chip_compensation
+    assert plan({"field"}, sine, hall_gain_per_k=one).chip_compensation
+    angle = {"estimator": "field-angle", "consistency": False}
+    assert not plan({"force"}, angle, hall_gain_per_k=one).chip_compensation
+    assert plan({"force"}, angle | {"ambient": True}, hall_gain_per_k=one).chip_compensation
+    assert plan({"force"}, angle | {"sweeps": 2}, hall_gain_per_k=one).chip_compensation
+    for axis in "xyz":
+        drift = {f"hall_drift_{axis}_ut_per_k": one}
+        assert plan({"force"}, angle, **drift).chip_compensation
+        assert plan({"field"}, angle, **drift).chip_compensation
+        assert not plan({"temperature"}, angle, **drift).chip_compensation
+        assert not plan({"force"}, angle, **drift).chip_lags
+    for name, value in (("film_x_mm", one), ("film_y_mm", one)):
+        assert plan({"force"}, sine, **{name: value}).film_centre
+        assert not plan({"temperature"}, sine, **{name: value}).film_centre
+    assert not plan({"force"}, sine).film_centre
+    table = np.zeros((16, 3))
+    table[5, 1] = 0.1
+    assert plan({"force"}, sine, theta_correction_rad=table).theta_correction
+    assert not plan({"temperature"}, sine, theta_correction_rad=table).theta_correction
+    assert not plan({"force"}, sine).theta_correction
+
+
+def test_a_chip_follows_the_gel_only_where_its_own_temperature_is_not_told():
+    drift = {"hall_drift_x_ut_per_k": 1.0}
+    classic = with_parameters(row_of(3, "f3t-classic"), **drift)
+
+    def lags(skin):
+        return Plan.of(skin, DecodeOptions({"force"}, "sine", consistency=False)).chip_lags
+
+    assert lags(classic)
+    assert not lags(with_parameters(row_of(3), **drift))
+    wired = classic.wired.copy()
+    wired[0] = False
+    assert not lags(dataclasses.replace(classic, wired=wired))
+    untold = with_parameters(row_of(3), **drift)
+    own = untold.wired & (np.arange(6) != 5)[:, np.newaxis]
+    assert lags(dataclasses.replace(untold, wired=own))
+
+
+@pytest.mark.parametrize("every", [0, -3])
+def test_temperatures_come_at_least_once(every):
+    with pytest.raises(OptionError, match=f"temperature_every: must be 1 or more; got {every}"):
+        Plan.of(row_of(3), DecodeOptions(temperature_every=every))
+    assert Plan.of(row_of(3), DecodeOptions(temperature_every=1)).temperature_every == 1
