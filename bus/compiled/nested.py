@@ -21,7 +21,7 @@ pipeline: Any = None
 
 
 def _build() -> Any:
-    from numba import _dynfunc
+    from numba import _dynfunc  # pyright: ignore[reportAttributeAccessIssue]
     from numba.core.codegen import JITCodeLibrary
     from numba.core.compiler import CompilerBase, DefaultPassBuilder
     from numba.core.compiler_machinery import register_pass

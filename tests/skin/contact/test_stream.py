@@ -131,8 +131,9 @@ def test_what_is_not_wanted_is_not_computed(monkeypatch, want, spared):
 
         monkeypatch.setattr(home, name, note)
     stream = plate(want=want)
-    for number in range(1, 4):
-        assert len(cycle(stream, BOTH, number)) == 2
+    with np.errstate(invalid="ignore"):  # as machine code computes
+        for number in range(1, 4):
+            assert len(cycle(stream, BOTH, number)) == 2
     assert called == {"describe", "judge", "shock"} - spared
     called.clear()
     for number in range(4, 60):
