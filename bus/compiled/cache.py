@@ -146,9 +146,12 @@ def stamp(function: Callable[..., Any]) -> str:
     -------
     str
         Changes with the file of any function that it calls, at any depth, and with the value of any
-        constant that one of them names. Modules of `OUTSIDE` are not looked into.
+        constant that one of them names, and with how this package compiles. Modules of `OUTSIDE`
+        are not looked into.
     """
     walk = _Walk()
+    for file in ("jit.py", "nested.py"):
+        walk.file(str(Path(__file__).with_name(file)))
     walk.value(function)
     return walk.digest.hexdigest()
 
@@ -193,6 +196,10 @@ class _Walk:
         else:
             self._add(type(value).__qualname__)
 
+    def file(self, path: str) -> None:
+        """Add the text of a file."""
+        self._add(_file_digest(path))
+
     def _named(self, name: str, value: Any, names: tuple[str, ...]) -> None:
         self._add(name)
         self.value(value, names)
@@ -205,7 +212,7 @@ class _Walk:
         if key in self._seen:
             return
         self._seen.add(key)
-        self._add(_file_digest(function.__code__.co_filename))
+        self.file(function.__code__.co_filename)
         self._add(function.__code__.co_code)
         names = tuple(_names(function.__code__))
         for name in names:

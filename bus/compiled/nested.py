@@ -3,7 +3,8 @@
 Numba compiles every function as if Python might call it: it optimises the function together with
 all that it calls, makes machine code of it and wraps it twice. A kernel of many small functions in
 many levels is optimised as often as it has levels. Here a function that only kernels call stays
-intermediate code, which is optimised where it ends up: in the kernel.
+intermediate code, which is optimised where it ends up: in the kernel. Those that are put into every
+caller are optimised before, for vectors are found in small loops only.
 
 It stands on numba's interface for compilers of one's own, and on private parts (the library of
 code, and how a compiled function is made known); where a version lacks them, `pipeline` is None and
@@ -34,8 +35,11 @@ def _build() -> Any:
     class NestedLibrary(base_library):
         """Code that is linked into its callers and never run by itself."""
 
+        optimized = False
+
         def _optimize_final_module(self):
-            """Left to the library of the kernel."""
+            if self.optimized:
+                super()._optimize_final_module()
 
         def _finalize_final_module(self):
             self._finalize_dynamic_globals()
@@ -52,6 +56,8 @@ def _build() -> Any:
             state.library = NestedLibrary(state.targetctx.codegen(), name)
             state.library.enable_object_caching()
             flags = state.flags
+            # its loops become vectors before they are part of a larger loop
+            state.library.optimized = flags.forceinline
             flags.no_compile = flags.no_cfunc_wrapper = flags.no_cpython_wrapper = True
             super().run_pass(state)
             lowered, library = state["cr"], state.library
