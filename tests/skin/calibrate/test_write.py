@@ -95,7 +95,7 @@ def test_a_crest_at_the_end_of_the_range_leaves_the_range_alone(tmp_path):
 def test_the_sigma_of_a_table_is_the_largest_of_its_entries():
     names = tuple(f"theta_correction_rad[{k}]" for k in reversed(range(THETA_KNOTS)))
     sigma = np.linspace(0.1, 0.4, THETA_KNOTS)
-    fit = Fit(names, np.arange(float(THETA_KNOTS)), np.diag(sigma**2), 0, 0, 1.0, 9)
+    fit = Fit(names, np.arange(float(THETA_KNOTS)), np.diag(sigma**2), 0, 1.0, 9)
     value, largest = parameter_values("r0c0", [fit], 2.5)["theta_correction_rad"]
     assert value.tolist() == list(range(THETA_KNOTS))[::-1]
     assert largest == pytest.approx(0.4)
