@@ -25,13 +25,14 @@ from skin.options import DType, Estimator, Options, Sweeps
 from skin.pipeline import Pipeline
 from skin.state import State, Status, trouble
 from topology import Topology
+from topology.pose import pose_fault
 
 if TYPE_CHECKING:
     from skin.contact.slip import SlipSettings
     from skin.sim.node import Nodes
     from skin.sim.scene import Scene
 
-__all__ = ["Skin", "Timing", "in_process", "open"]
+__all__ = ["Skin", "Timing", "open"]
 
 Sync = Literal["host", "bus"]
 Wait = Literal["event", "drain"]
@@ -62,7 +63,7 @@ def open(
     wait: Wait = "event",
     pace: bool = True,
     deadline_s: float | None = None,
-    simulate: bool | Scene = False,
+    simulate: bool | str | Path | Scene | None = False,
     transports: Iterable[Transport] | None = None,
     seed: int = 0,
 ) -> Skin:
@@ -82,8 +83,9 @@ def open(
         Keep the cycle rate of the topology; False asks for the next cycle as soon as one is done.
     deadline_s : float, optional
         How long after its SYNC a cycle waits for missing frames; 0.9 periods if not given.
-    simulate : bool or Scene
-        Attach simulated units, in this process, instead of opening the buses of the file.
+    simulate : bool, str, Path or Scene
+        Attach simulated units instead of opening the buses: True for the scene "demo", the name of
+        a scene, its file, or a scene. False, None and "" open the buses.
     transports : iterable of Transport, optional
         Transports to use instead of opening the file's buses, one for each bus, in order.
     seed : int
@@ -113,16 +115,15 @@ def open(
         )  # fmt: skip
         _check(sync, wait, deadline_s)
         undo.callback(announcer().hold().finish)
-        if simulate is not False:
-            nodes = _nodes(loaded, None if simulate is True else simulate, seed)
+        if simulate:
+            from skin.sim.attached import in_process, nodes_of
+
+            nodes = nodes_of(loaded, simulate, seed)
             undo.callback(nodes.close)
             ends = [undo.enter_context(end) for end in in_process(nodes)]
         elif transports is None:
             ends = [undo.enter_context(open_transport(b, i)) for i, b in enumerate(loaded.buses)]
-        if len(ends) != len(loaded.buses):
-            raise SkinError(
-                f"transports: must be one for each of {len(loaded.buses)} buses; got {len(ends)}"
-            )
+        _check_ends(ends, loaded)
         pipeline = Pipeline(loaded, options, deadline_s=deadline_s)
         opened = Skin(pipeline, ends, sync=sync, wait=wait, pace=pace, nodes=nodes)
         undo.pop_all()  # all is well: the skin closes them
@@ -137,19 +138,9 @@ def _check(sync: str, wait: str, deadline_s: float | None) -> None:
         raise OptionError(f"deadline_s: must be above 0; got {deadline_s}")
 
 
-def _nodes(topology: Topology, scene: Scene | None, seed: int) -> Nodes:
-    from skin.sim.node import Nodes
-
-    return Nodes(topology, scene, seed=seed)
-
-
-def in_process(nodes: Nodes) -> list[Transport]:
-    """Let simulated units answer on buses within the process; the host's end of each."""
-    from bus.memory import MemoryTransport
-
-    pairs = [MemoryTransport.pair(index=i) for i in range(len(nodes.topology.buses))]
-    nodes.attach([far for _, far in pairs])
-    return [near for near, _ in pairs]
+def _check_ends(ends: list[Transport], topology: Topology) -> None:
+    if len(ends) != (buses := len(topology.buses)):
+        raise SkinError(f"transports: must be one for each of {buses} buses; got {len(ends)}")
 
 
 class Skin:
@@ -190,6 +181,16 @@ class Skin:
         self._sends_sync = sync == "host" and topology.buses[0].sync_id is not None
         self._sync_frames = _sync_frames(topology)
         self._closed = False
+
+    def __repr__(self) -> str:
+        """The skin, and whether its units are simulated."""
+        units = "simulated units" if self.simulated else "units"
+        return f"<Skin {self.topology.name!r}: {self.topology.n} {units}>"
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the units are simulated ones that `skin.open` has attached: no force is real."""
+        return self.nodes is not None
 
     @property
     def bus_changes(self) -> list[tuple[str, BusChange]]:
@@ -242,7 +243,7 @@ class Skin:
         Raises
         ------
         SkinError
-            An array of another shape.
+            An array of another shape, a position that is not finite, or no rotation.
         """
         self.pipeline.move(position, rotation)
         self._position, self._rotation = np.array(position), np.array(rotation)
@@ -262,6 +263,8 @@ class Skin:
         ------
         OptionError
             There is no such patch.
+        SkinError
+            An array of another shape, a translation that is not finite, or no rotation.
         """
         at = self.topology
         if name not in at.patch_names:
@@ -273,6 +276,8 @@ class Skin:
                 "rotation, translation: must have shapes (3, 3) and (3,); "
                 f"got {turn.shape} and {shift.shape}"
             )
+        if (fault := pose_fault(shift[:, np.newaxis], turn[:, :, np.newaxis])) is not None:
+            raise SkinError(fault[1].replace("position", "translation"))
         position, turned = self._position.copy(), self._rotation.copy()
         position[:, units] = turn @ at.position[:, units] + shift[:, np.newaxis]
         turned[:, :, units] = np.einsum("ij,jkn->ikn", turn, at.rotation[:, :, units])

@@ -17,6 +17,7 @@ __all__ = [
     "from_axes",
     "from_quaternion",
     "from_rpy",
+    "pose_fault",
     "rotate",
 ]
 
@@ -24,6 +25,13 @@ Transform = tuple[np.ndarray, np.ndarray]
 
 IDENTITY: Transform = (np.eye(3), np.zeros(3))
 """The transform of a frame onto itself."""
+
+ROTATION_TOLERANCE = 1e-6
+"""How far the scalar products of a rotation's columns may be off [assumed: above the rounding of
+float32, far below what an angle is measured to]."""
+
+FARTHEST_M = 1000.0
+"""No unit of a robot is farther from its frame [assumed]."""
 
 
 def from_rpy(roll: float, pitch: float, yaw: float) -> np.ndarray:
@@ -113,3 +121,34 @@ def apply(transform: Transform, points: np.ndarray) -> np.ndarray:
 def rotate(rotation: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Vectors of shape (3, ...) turned by one rotation."""
     return np.tensordot(rotation, vectors, axes=1)
+
+
+def pose_fault(position: np.ndarray, rotation: np.ndarray) -> tuple[int, str] | None:
+    """The first of m poses that is none, and what is wrong with it; None if all are fine.
+
+    Parameters
+    ----------
+    position : ndarray, shape (3, m)
+        Metre.
+    rotation : ndarray, shape (3, 3, m)
+
+    Examples
+    --------
+    >>> pose_fault(np.zeros((3, 1)), 2.0 * np.eye(3)[:, :, np.newaxis])
+    (0, 'rotation: must be orthonormal within 1e-06; got columns that are off by 3')
+    """
+    far = np.abs(position).max(axis=0)
+    turns = np.moveaxis(np.asarray(rotation, float), 2, 0)
+    with np.errstate(invalid="ignore", over="ignore"):
+        off = np.abs(np.matmul(turns.transpose(0, 2, 1), turns) - np.eye(3)).max(axis=(1, 2))
+        mirrored = np.linalg.det(turns) < 0.0
+    # NaN is not within bounds
+    near, orthonormal = far <= FARTHEST_M, off <= ROTATION_TOLERANCE
+    for i in np.flatnonzero(~(near & orthonormal) | mirrored)[:1]:
+        if not near[i]:
+            return int(i), f"position: must be within {FARTHEST_M:g} m; got {far[i]:g}"
+        if not orthonormal[i]:
+            told = f"must be orthonormal within {ROTATION_TOLERANCE:g}; got columns that are off"
+            return int(i), f"rotation: {told} by {off[i]:g}"
+        return int(i), "rotation: must be right-handed; got a mirror"
+    return None

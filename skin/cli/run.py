@@ -114,7 +114,7 @@ def _simulated(
 ) -> tuple[list[Transport], float | None]:
     """This host's ends of buses with simulated units, and how many seconds the scene lasts."""
     from bus.faults import FaultyTransport
-    from skin.live import in_process
+    from skin.sim.attached import in_process
     from skin.sim.node import Nodes
     from skin.sim.scenes.load import open_scene
 

@@ -137,7 +137,7 @@ def _listen(
     from bus.discover import listen
     from bus.errors import BusClosedError
     from bus.open import open_transport
-    from skin.live import in_process
+    from skin.sim.attached import in_process
     from topology import CHANNELS
 
     # simulated units answer at once: nobody need wait for them, but where they send on their own

@@ -185,15 +185,22 @@ class ContactStream:
         return self.tracker.kind == OPEN
 
     def move(self, position: np.ndarray, rotation: np.ndarray) -> None:
-        """Set new poses, for patches that move against each other; as often as they change."""
+        """Set new poses, for patches that move against each other; as often as they change.
+
+        Raises
+        ------
+        SkinError
+            Not as many poses as units, a position that is not finite, or no rotation.
+        """
         set_poses(self.model.geometry, position, rotation)
 
     def warmup(self) -> None:
         """Load or compile the kernels, so that the first cycle is not late."""
         pose = self.model.geometry.pose
+        rotation = np.moveaxis(pose["rotation"], 0, 2)
         fresh = ContactStream(
-            pose["position"].T, np.zeros((3, 3, pose.size)), pose["area"], *self.model.graph,
-            want=CONTACT_WANTS, dtype=self._dtype.name,
+            pose["position"].T, rotation, pose["area"], *self.model.graph, want=CONTACT_WANTS,
+            dtype=self._dtype.name,
         )  # fmt: skip
         none = np.zeros((3, pose.size), self._dtype)
         fresh.update(none + 1, 0.01, none, 0.01, none[0], stamp_ns=0)

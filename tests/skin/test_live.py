@@ -224,6 +224,38 @@ def test_wrong_option_is_refused(options, message):
         skin.open("strip", simulate="transports" not in options, **options)
 
 
+@pytest.mark.parametrize("simulate", [False, None, "", 0])
+def test_what_is_false_opens_the_buses_and_invents_no_forces(simulate):
+    near, far = MemoryTransport.pair()
+    with skin.open("strip", simulate=simulate, transports=[near]) as opened:
+        assert opened.transports == [near]
+        assert not opened.simulated
+        assert repr(opened) == "<Skin 'strip': 10 units>"
+    far.close()
+
+
+def test_simulated_units_say_so_and_play_a_scene_by_its_name_or_file(tmp_path):
+    file = tmp_path / "still.toml"
+    file.write_text('format = 1\nname = "nothing"\nseconds = 1.0\n')
+    for simulate in (True, "press", file):
+        with skin.open("strip", simulate=simulate, pace=False) as opened:
+            assert opened.simulated
+            assert repr(opened) == "<Skin 'strip': 10 simulated units>"
+            assert next(iter(opened)).units.valid.all()
+
+
+@pytest.mark.parametrize(
+    ("simulate", "message"),
+    [
+        ("pres", r"a ready-made scene .*nearest: 'press'"),
+        (2, "simulate: must be True, a scene, or the name or file of one; got 2"),
+    ],
+)
+def test_what_is_no_scene_is_refused(simulate, message):
+    with pytest.raises(ValueError, match=message):
+        skin.open("strip", simulate=simulate)
+
+
 def test_refused_skin_closes_its_buses():
     near, far = MemoryTransport.pair()
     with pytest.raises(SkinError):

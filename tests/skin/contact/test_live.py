@@ -105,6 +105,26 @@ def test_moved_patches_carry_their_forces_along():
             opened.move_patch(name, turn, shift[:2])
         with pytest.raises(SkinError, match="position, rotation: must have shapes"):
             opened.move(position[:, 1:], rotation)
+        before = state.wrench.copy()
+        for wrong, told in (
+            (2.0 * np.eye(3), "rotation: must be orthonormal within 1e-06"),
+            (np.zeros((3, 3)), "rotation: must be orthonormal"),
+            (np.full((3, 3), np.nan), "rotation: must be orthonormal"),
+            (np.diag([1e300, 1.0, 1.0]), "rotation: must be orthonormal"),
+            (np.diag([1.0, 1.0, -1.0]), "rotation: must be right-handed"),
+        ):
+            with pytest.raises(SkinError, match=told):
+                opened.move_patch(name, wrong, shift)
+            rotation[:, :, 7] = wrong
+            with pytest.raises(SkinError, match=f"{told}.*, of unit 7"):
+                opened.move(hand.position, rotation)
+        for place in (np.nan, np.inf, 1e300):
+            with pytest.raises(SkinError, match="translation: must be within 1000 m; got "):
+                opened.move_patch(name, turn, np.array([0.0, place, 0.0]))
+        used = state.label >= 0
+        still = wrench(state.units.force, hand.position, hand.rotation, valid=used)
+        assert before == pytest.approx(still, abs=1e-9)
+        assert next(states).coverage == 1.0
 
 
 def test_a_unit_that_falls_silent_leaves_its_contact_which_stays_itself():

@@ -1,0 +1,43 @@
+"""Simulated units on buses within the process."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from bus.memory import MemoryTransport
+from bus.transport import Transport
+from skin.errors import OptionError
+from skin.sim.node import Nodes
+from skin.sim.scene import Scene
+from skin.sim.scenes.load import open_scene
+from topology import Topology
+
+__all__ = ["in_process", "nodes_of"]
+
+
+def nodes_of(topology: Topology, scene: Literal[True] | str | Path | Scene, seed: int) -> Nodes:
+    """Units that play a scene: True for "demo", a name, a file, or a scene.
+
+    Raises
+    ------
+    OptionError
+        `scene` is none.
+    topology.TopologyError
+        There is no such file, or it cannot be played.
+    """
+    if scene is True:
+        return Nodes(topology, seed=seed)
+    if isinstance(scene, str | Path):
+        return Nodes(topology, open_scene(scene, topology, seed=seed), seed=seed)
+    if not hasattr(scene, "at"):
+        told = "True, a scene, or the name or file of one"
+        raise OptionError(f"simulate: must be {told}; got {scene!r}")
+    return Nodes(topology, scene, seed=seed)
+
+
+def in_process(nodes: Nodes) -> list[Transport]:
+    """Let units answer on buses within the process; the host's end of each."""
+    pairs = [MemoryTransport.pair(index=i) for i in range(len(nodes.topology.buses))]
+    nodes.attach([far for _, far in pairs])
+    return [near for near, _ in pairs]
