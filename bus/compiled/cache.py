@@ -23,6 +23,7 @@ from contextlib import contextmanager
 from functools import cache
 from hashlib import blake2b
 from pathlib import Path
+from pickle import UnpicklingError
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
@@ -38,6 +39,8 @@ __all__ = ["cache_on_disk", "stamp", "watch"]
 
 OUTSIDE = frozenset({"builtins", "llvmlite", "math", "numba", "numpy"})
 """Packages whose versions numba's cache, or ours, does not look at."""
+DAMAGED = (AttributeError, EOFError, ImportError, IndexError, UnpicklingError, ValueError)
+"""What a file raises that was cut off, as by a loss of power."""
 UNUSED_S = 30 * 24 * 3600.0
 """Files of a kernel that nobody has read for so long go when another one is written [assumed]."""
 PRIVATE = ((FunctionCache, "_index_key"), (IndexDataCacheFile, "_load_data"),
@@ -90,6 +93,10 @@ def _stamped_cache() -> type:
                 found = self._load_data(name)
             except OSError:
                 return None
+            except DAMAGED:
+                with contextlib.suppress(OSError):
+                    (self._folder / name).unlink()
+                return None
             with contextlib.suppress(OSError):  # a folder that may be read only
                 os.utime(self._folder / name)
             return found
@@ -117,7 +124,7 @@ def _stamped_cache() -> type:
         def _index_key(self, sig, codegen):
             if self._stamp is None:
                 self._stamp = stamp(self._py_func)
-            return sig, codegen.magic_tuple(), self._stamp
+            return sig, _layout(sig), codegen.magic_tuple(), self._stamp
 
         def load_overload(self, sig, target_context):
             found = super().load_overload(sig, target_context)
@@ -156,6 +163,17 @@ def stamp(function: Callable[..., Any]) -> str:
     return walk.digest.hexdigest()
 
 
+def _layout(kind: Any) -> object:
+    """Names of the fields of all named tuples in a type. Compiled code knows a field by its place;
+    numba's own name of the type tells the class and the types of the fields, not their names."""
+    if isinstance(kind, types.BaseNamedTuple):
+        whose = kind.instance_class
+        return whose.__module__, whose.__qualname__, kind.fields, _layout(tuple(kind.types))
+    if isinstance(kind, types.BaseTuple):
+        return _layout(tuple(kind.types))
+    return tuple(map(_layout, kind)) if isinstance(kind, tuple) else None
+
+
 class _Walk:
     """Visits what a function stands on, and adds it to a digest."""
 
@@ -184,14 +202,14 @@ class _Walk:
         elif isinstance(value, type):
             self._add(value.__qualname__, getattr(value, "_fields", ()))
         elif isinstance(value, tuple | list):
-            self._add(type(value).__name__, len(value))
+            self._add(type(value).__name__, len(value), getattr(value, "_fields", ()))
             for part in value:
                 self.value(part)
         elif isinstance(value, set | frozenset):
             self._add(sorted(map(repr, value)))
         elif isinstance(value, types.Type):
-            self._add(repr(value))
-        elif isinstance(value, bool | int | float | str | bytes | np.generic | None):
+            self._add(repr(value), _layout(value))
+        elif isinstance(value, bool | int | float | str | bytes | np.generic | enum.Enum | None):
             self._add(repr(value))
         else:
             self._add(type(value).__qualname__)
@@ -218,8 +236,8 @@ class _Walk:
         for name in names:
             if name in function.__globals__:
                 self._named(name, function.__globals__[name], names)
-        for cell in cells:
-            self.value(cell, names)
+        for given in (*cells, *(function.__defaults__ or ())):
+            self.value(given, names)
 
     def _add(self, *parts: object) -> None:
         for part in parts:

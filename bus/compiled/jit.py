@@ -67,6 +67,8 @@ def compiled(
         raise ValueError(f"fastmath: must be of 'contract', 'reassoc', 'arcp'; got {sorted(flags)}")
     # Always said: what is compiled within another kernel takes over what is not.
     options["_nrt"] = allocates
+    if nested.kernel_pipeline is not None:
+        options["pipeline_class"] = nested.kernel_pipeline
     compile_it: Any = njit
     flagged = compile_it(error_model="numpy", nogil=True, fastmath=flags or False, **options)
     kernel = flagged(function)

@@ -13,12 +13,16 @@ numba's own way is used.
 
 from __future__ import annotations
 
+import contextlib
 from typing import Any
 
-__all__ = ["pipeline"]
+__all__ = ["kernel_pipeline", "pipeline"]
 
 pipeline: Any = None
-"""The class for numba's option ``pipeline_class``; None where this numba has not what it needs."""
+"""Of functions that only kernels call: numba's option ``pipeline_class``; None where this numba has
+not what it needs."""
+kernel_pipeline: Any = None
+"""Of the kernels that call them, likewise."""
 
 
 def _build() -> Any:
@@ -26,6 +30,7 @@ def _build() -> Any:
     from numba.core.codegen import JITCodeLibrary
     from numba.core.compiler import CompilerBase, DefaultPassBuilder
     from numba.core.compiler_machinery import register_pass
+    from numba.core.environment import lookup_environment
     from numba.core.typed_passes import NativeLowering
 
     base_library: Any = JITCodeLibrary
@@ -70,23 +75,38 @@ def _build() -> Any:
             state["cr"] = lowered._replace(cfunc=entry)
             return True
 
-    class Nested(CompilerBase):
-        """Numba's passes, `NestedLowering` instead of its own."""
+    @register_pass(mutates_CFG=True, analysis_only=False)
+    class KernelLowering(NativeLowering):
+        """As numba's, and set what `print` and errors with arguments of nested functions use."""
 
-        def define_pipelines(self):
-            build = DefaultPassBuilder
-            passes = build.define_nopython_pipeline(self.state)
-            passes.passes = [
-                (NestedLowering, told) if one is NativeLowering else (one, told)
-                for one, told in passes.passes
-            ]
-            passes.finalize()
-            return [passes]
+        _name = "kernel_lowering"
 
-    return Nested
+        def run_pass(self, state):
+            super().run_pass(state)
+            for variable in state.library._final_module.global_variables:
+                environment = lookup_environment(variable.name)
+                if environment is not None:
+                    state.library.codegen.set_env(variable.name, environment)
+            return True
+
+    def compiler(lowering: Any) -> Any:
+        class Compiler(CompilerBase):
+            """Numba's passes, another lowering instead of its own."""
+
+            def define_pipelines(self):
+                build = DefaultPassBuilder
+                passes = build.define_nopython_pipeline(self.state)
+                passes.passes = [
+                    (lowering, told) if one is NativeLowering else (one, told)
+                    for one, told in passes.passes
+                ]
+                passes.finalize()
+                return [passes]
+
+        return Compiler
+
+    return compiler(NestedLowering), compiler(KernelLowering)
 
 
-try:
-    pipeline = _build()
-except (ImportError, AttributeError):  # a numba of another version
-    pipeline = None
+with contextlib.suppress(ImportError, AttributeError):  # a numba of another version
+    pipeline, kernel_pipeline = _build()

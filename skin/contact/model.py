@@ -14,7 +14,6 @@ from skin.contact.record import CONTACT
 from skin.contact.slip.data import SlipData
 from skin.contact.slip.parameters import SlipModel, SlipSettings
 from skin.errors import SkinError
-from topology.pose import pose_fault
 
 __all__ = [
     "ADDED", "CLOCK", "COUNTERS", "GIVEN", "POSE", "SUMS", "WAYPOINTS", "ContactData",
@@ -236,7 +235,7 @@ def set_poses(geometry: Geometry, position: np.ndarray, rotation: np.ndarray) ->
     Raises
     ------
     SkinError
-        Not as many as there are units, or no poses.
+        Not as many as there are units.
     """
     pose, origin = geometry
     n = pose.size
@@ -245,8 +244,6 @@ def set_poses(geometry: Geometry, position: np.ndarray, rotation: np.ndarray) ->
             f"position, rotation: must have shapes (3, {n}) and (3, 3, {n}); "
             f"got {np.shape(position)} and {np.shape(rotation)}"
         )
-    if (fault := pose_fault(position, rotation)) is not None:
-        raise SkinError("{1}, of unit {0}".format(*fault))
     np.mean(position, axis=1, out=origin)
     np.subtract(np.transpose(position), origin, out=pose["position"])
     pose["rotation"] = np.moveaxis(rotation, 2, 0)

@@ -29,3 +29,14 @@ def test_an_error_leaves_what_was_there(tmp_path: Path) -> None:
     with pytest.raises(OSError, match="disk full"):
         fill(tmp_path / "a.npz")
     assert not list(tmp_path.iterdir())
+
+
+def test_of_two_writers_the_last_one_stays(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    with whole_file(path, "w", encoding="utf-8") as first:
+        first.write("first")
+        with whole_file(path, "w", encoding="utf-8") as second:
+            second.write("second, and longer")
+        assert path.read_text() == "second, and longer"
+    assert path.read_text() == "first"
+    assert list(tmp_path.iterdir()) == [path]

@@ -6,8 +6,12 @@ import sys
 import time
 from pathlib import Path
 
+import pytest
+
 import bus
+from bus.compiled import cache
 from bus.compiled.cache import UNUSED_S
+from bus.compiled.jit import compiled
 
 ROOT = Path(bus.__file__).parent.parent
 CALLER = """
@@ -121,3 +125,78 @@ def test_files_that_nobody_reads_go(tmp_path, monkeypatch):
         os.utime(file, (0, time.time() - UNUSED_S - 60.0))
     run("4.0")  # reads it
     assert run("6.0") > used
+
+
+ORDERED = """
+from typing import NamedTuple
+import numpy as np
+import order
+from bus.compiled.jit import compiled
+
+def kernel_python(data, among):
+    return data.x[0] - data.y[0] + 10.0 * (among[0].x[0] - among[0].y[0])
+
+kernel = compiled(kernel_python)
+data = order.Data(x=np.array([3.0]), y=np.array([1.0]))
+print(kernel(data, (data,)))
+"""
+
+
+def test_fields_of_a_named_tuple_may_change_places(tmp_path, monkeypatch):
+    """Compiled code knows them by their places, and their types are the same."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    tmp_path.joinpath("ordered.py").write_text(ORDERED)
+    said = []
+    for first, second in (("x", "y"), ("y", "x")):
+        fields = "".join(f"    {name}: np.ndarray\n" for name in (first, second))
+        head = "from typing import NamedTuple\nimport numpy as np\nclass Data(NamedTuple):\n"
+        tmp_path.joinpath("order.py").write_text(head + fields)
+        command = [sys.executable, "-B", "ordered.py"]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+        said.append(done.stdout.strip())
+    assert said == ["22.0", "22.0"]
+
+
+@pytest.mark.parametrize("left", [0, 100])
+def test_a_damaged_file_is_compiled_anew(left, tmp_path, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    tmp_path.joinpath("twice.py").write_text(TWICE)
+
+    def run():
+        command = [sys.executable, "-B", "twice.py", "3.0"]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+        return done.stdout.split()
+
+    assert run() == ["6.0", "kernel_python"]
+    (file,) = tmp_path.glob("cache/**/*.nbc")
+    file.write_bytes(file.read_bytes()[:left])
+    assert run() == ["6.0", "kernel_python"]
+    assert run() == ["6.0"]
+
+
+def shift(values, by=1.0):
+    return values + by
+
+
+def test_every_part_of_the_key_counts(monkeypatch):
+    """The machine's processor, how this package compiles, defaults, members, numba's version."""
+    kernel = compiled(shift)
+    codegen = kernel.targetctx.codegen()
+    key = kernel._cache._index_key((), codegen)
+    name = kernel._cache._cache_file._name(key)
+    monkeypatch.setattr(type(codegen), "magic_tuple", lambda self: ("another", "processor"))
+    assert kernel._cache._index_key((), codegen) != key
+    monkeypatch.setattr(kernel._cache._cache_file, "_version", "another")
+    assert kernel._cache._cache_file._name(key) != name
+    before = cache.stamp(shift)
+    monkeypatch.setattr(shift, "__defaults__", (2.0,))
+    assert cache.stamp(shift) != before
+    before = cache.stamp(shift)
+    monkeypatch.setattr(cache, "_file_digest", lambda path: Path(path).name.encode())
+    of_names = cache.stamp(shift)
+    monkeypatch.setattr(
+        cache, "_file_digest", lambda path: Path(path).name.replace("nested", "other").encode()
+    )
+    assert len({before, of_names, cache.stamp(shift)}) == 3

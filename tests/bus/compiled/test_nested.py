@@ -54,6 +54,25 @@ def test_an_error_within_a_nested_function_reaches_python(monkeypatch):
 
 
 @needs
+def test_errors_with_arguments_and_print_work_in_nested_functions(capfd):
+    @jit.jitable
+    def refuse(i):
+        if i > 2:
+            raise ValueError("too many", i)
+        print("fine", i)
+        return i
+
+    def kernel_python(i):
+        return refuse(i) + 1
+
+    kernel = jit.compiled(kernel_python, cache=False)
+    assert kernel(2) == 3
+    assert capfd.readouterr().out == "fine 2\n"
+    with pytest.raises(ValueError, match="'too many', 3"):
+        kernel(3)
+
+
+@needs
 def test_machine_code_is_made_of_the_kernel_alone(monkeypatch):
     made = []
     context = jit.njit(lambda: 0).targetctx
