@@ -163,13 +163,17 @@ def stamp(function: Callable[..., Any]) -> str:
     return walk.digest.hexdigest()
 
 
+TUPLE: Any = types.BaseTuple
+NAMED_TUPLE: Any = types.BaseNamedTuple
+
+
 def _layout(kind: Any) -> object:
     """Names of the fields of all named tuples in a type. Compiled code knows a field by its place;
     numba's own name of the type tells the class and the types of the fields, not their names."""
-    if isinstance(kind, types.BaseNamedTuple):
+    if isinstance(kind, NAMED_TUPLE):
         whose = kind.instance_class
         return whose.__module__, whose.__qualname__, kind.fields, _layout(tuple(kind.types))
-    if isinstance(kind, types.BaseTuple):
+    if isinstance(kind, TUPLE):
         return _layout(tuple(kind.types))
     return tuple(map(_layout, kind)) if isinstance(kind, tuple) else None
 

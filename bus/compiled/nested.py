@@ -94,8 +94,7 @@ def _build() -> Any:
             """Numba's passes, another lowering instead of its own."""
 
             def define_pipelines(self):
-                build = DefaultPassBuilder
-                passes = build.define_nopython_pipeline(self.state)
+                passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
                 passes.passes = [
                     (lowering, told) if one is NativeLowering else (one, told)
                     for one, told in passes.passes
