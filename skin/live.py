@@ -276,8 +276,9 @@ class Skin:
                 "rotation, translation: must have shapes (3, 3) and (3,); "
                 f"got {turn.shape} and {shift.shape}"
             )
-        if (fault := pose_fault(shift[:, np.newaxis], turn[:, :, np.newaxis])) is not None:
-            raise SkinError(fault[1].replace("position", "translation"))
+        fault = pose_fault(shift[:, np.newaxis], turn[:, :, np.newaxis], "translation")
+        if fault is not None:
+            raise SkinError(fault[1])
         position, turned = self._position.copy(), self._rotation.copy()
         position[:, units] = turn @ at.position[:, units] + shift[:, np.newaxis]
         turned[:, :, units] = np.einsum("ij,jkn->ikn", turn, at.rotation[:, :, units])

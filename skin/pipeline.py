@@ -227,7 +227,11 @@ class Pipeline:
 
     def move(self, position: np.ndarray, rotation: np.ndarray) -> None:
         """Set the poses of the units for the cycles to come; see `skin.live.Skin.move`."""
-        if self.contacts is not None:
+        if self.contacts is None:
+            from skin.contact.model import check_poses
+
+            check_poses(self.topology.n, position, rotation)
+        else:
             self.contacts.move(position, rotation)
 
     def state(self, cycle: RawCycle) -> State:

@@ -123,7 +123,9 @@ def rotate(rotation: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     return np.tensordot(rotation, vectors, axes=1)
 
 
-def pose_fault(position: np.ndarray, rotation: np.ndarray) -> tuple[int, str] | None:
+def pose_fault(
+    position: np.ndarray, rotation: np.ndarray, name: str = "position"
+) -> tuple[int, str] | None:
     """The first of m poses that is none, and what is wrong with it; None if all are fine.
 
     Parameters
@@ -131,6 +133,8 @@ def pose_fault(position: np.ndarray, rotation: np.ndarray) -> tuple[int, str] | 
     position : ndarray, shape (3, m)
         Metre.
     rotation : ndarray, shape (3, 3, m)
+    name : str
+        What the position is called where it is given.
 
     Examples
     --------
@@ -146,7 +150,7 @@ def pose_fault(position: np.ndarray, rotation: np.ndarray) -> tuple[int, str] | 
     near, orthonormal = far <= FARTHEST_M, off <= ROTATION_TOLERANCE
     for i in np.flatnonzero(~(near & orthonormal) | mirrored)[:1]:
         if not near[i]:
-            return int(i), f"position: must be within {FARTHEST_M:g} m; got {far[i]:g}"
+            return int(i), f"{name}: must be within {FARTHEST_M:g} m; got {far[i]:g}"
         if not orthonormal[i]:
             told = f"must be orthonormal within {ROTATION_TOLERANCE:g}; got columns that are off"
             return int(i), f"rotation: {told} by {off[i]:g}"

@@ -7,8 +7,8 @@ intermediate code, which is optimised where it ends up: in the kernel. Those tha
 caller are optimised before, for vectors are found in small loops only.
 
 It stands on numba's interface for compilers of one's own, and on private parts (the library of
-code, and how a compiled function is made known); where a version lacks them, `pipeline` is None and
-numba's own way is used.
+code, and how a compiled function is made known); where a version lacks them, `pipeline` and
+`kernel_pipeline` are None, and numba's own way is used.
 """
 
 from __future__ import annotations

@@ -14,12 +14,13 @@ from skin.contact.record import CONTACT
 from skin.contact.slip.data import SlipData
 from skin.contact.slip.parameters import SlipModel, SlipSettings
 from skin.errors import SkinError
+from topology.pose import pose_fault
 
 __all__ = [
     "ADDED", "CLOCK", "COUNTERS", "GIVEN", "POSE", "SUMS", "WAYPOINTS", "ContactData",
     "ContactModel", "Evidence", "Gate", "Geometry", "NeighbourGraph", "Readings", "Scratch",
-    "SlotData", "Sums", "UnitData", "Wants", "contact_data", "no_readings", "posed_units",
-    "set_poses",
+    "SlotData", "Sums", "UnitData", "Wants", "check_poses", "contact_data", "no_readings",
+    "posed_units", "set_poses",
 ]  # fmt: skip
 
 WAYPOINTS = 128
@@ -225,28 +226,38 @@ def posed_units(position: np.ndarray, rotation: np.ndarray, area: np.ndarray | f
         raise SkinError(f"area: must be positive, one or {n} of them; got shape {area.shape}")
     geometry = Geometry(np.zeros(n, POSE), np.zeros(3))
     geometry.pose["area"] = area
+    _check_shapes(n, position, rotation)
     set_poses(geometry, position, rotation)
     return geometry
 
 
 def set_poses(geometry: Geometry, position: np.ndarray, rotation: np.ndarray) -> None:
-    """Set new poses, in place; allocates nothing of size n.
+    """Set new poses, in place, as many as units; allocates nothing of size n."""
+    pose, origin = geometry
+    np.mean(position, axis=1, out=origin)
+    np.subtract(np.transpose(position), origin, out=pose["position"])
+    pose["rotation"] = np.moveaxis(rotation, 2, 0)
+
+
+def check_poses(n: int, position: np.ndarray, rotation: np.ndarray) -> None:
+    """Refuse what is not the poses of n units.
 
     Raises
     ------
     SkinError
-        Not as many as there are units.
+        Not as many poses as units, a position that is not finite, or no rotation.
     """
-    pose, origin = geometry
-    n = pose.size
+    _check_shapes(n, position, rotation)
+    if (fault := pose_fault(position, rotation)) is not None:
+        raise SkinError("{1}, of unit {0}".format(*fault))
+
+
+def _check_shapes(n: int, position: np.ndarray, rotation: np.ndarray) -> None:
     if np.shape(position) != (3, n) or np.shape(rotation) != (3, 3, n):
         raise SkinError(
             f"position, rotation: must have shapes (3, {n}) and (3, 3, {n}); "
             f"got {np.shape(position)} and {np.shape(rotation)}"
         )
-    np.mean(position, axis=1, out=origin)
-    np.subtract(np.transpose(position), origin, out=pose["position"])
-    pose["rotation"] = np.moveaxis(rotation, 2, 0)
 
 
 def no_readings(n: int, dtype: np.dtype | type) -> Readings:

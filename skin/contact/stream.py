@@ -16,6 +16,7 @@ from skin.contact.model import (
     Gate,
     Readings,
     Wants,
+    check_poses,
     contact_data,
     no_readings,
     posed_units,
@@ -27,7 +28,6 @@ from skin.contact.slip import SlipSettings
 from skin.contact.step import EARLY, SAME, step
 from skin.contact.track import Tracker
 from skin.errors import OptionError, SkinError
-from topology.pose import pose_fault
 
 __all__ = ["CONTACT_WANTS", "Contact", "ContactStream"]
 
@@ -193,10 +193,7 @@ class ContactStream:
         SkinError
             Not as many poses as units, a position that is not finite, or no rotation.
         """
-        count = self.model.geometry.pose.size
-        fits = np.shape(position) == (3, count) and np.shape(rotation) == (3, 3, count)
-        if fits and (fault := pose_fault(position, rotation)) is not None:
-            raise SkinError("{1}, of unit {0}".format(*fault))
+        check_poses(self.model.geometry.pose.size, position, rotation)
         set_poses(self.model.geometry, position, rotation)
 
     def warmup(self) -> None:

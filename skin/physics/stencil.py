@@ -44,8 +44,8 @@ DEPTH_MAX_MM, DISPLACEMENT_MAX_MM = 2.0, 2.5
 SAME_SKIN_M = 2e-4
 """Units that are this much nearer or farther than in a saved stencil are other units [assumed:
 how well units are placed]."""
-FORMAT = 1
-"""Of the file that a stencil is saved to."""
+FORMAT, READ = 2, (1, 2)
+"""Of the file that a stencil is saved to, and those that can be read: 1 holds more than is used."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,8 +169,10 @@ class Stencil:
         """
         try:
             with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-                if int(file["format"]) != FORMAT:
-                    raise SkinError(f"{path}: format: must be {FORMAT}; got {int(file['format'])}")
+                if int(file["format"]) not in READ:
+                    raise SkinError(
+                        f"{path}: format: must be one of {READ}; got {int(file['format'])}"
+                    )
                 values = {
                     field.name: file[field.name][()] for field in dataclasses.fields(cls)
                 }  # fmt: skip

@@ -272,3 +272,15 @@ def test_closed_skin_ends():
     opened.close()
     opened.close()
     assert list(states) == []
+
+
+def test_poses_are_checked_where_no_contacts_are_wanted_too():
+    with skin.open("strip", simulate=True, want={"force"}) as strip:
+        here = strip.topology
+        strip.move(here.position, here.rotation)
+        with pytest.raises(SkinError, match="rotation: must be orthonormal .*, of unit 0"):
+            strip.move(here.position, 2.0 * here.rotation)
+        with pytest.raises(SkinError, match="position, rotation: must have shapes"):
+            strip.move(here.position[:, 1:], here.rotation)
+        with pytest.raises(SkinError, match="translation: must be within 1000 m; got nan"):
+            strip.move_patch(here.patch_names[0], np.eye(3), np.full(3, np.nan))

@@ -5,7 +5,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import tests.naive.contact as naive
-from skin.contact.model import POSE, WAYPOINTS, contact_data, no_readings, posed_units, set_poses
+from skin.contact.model import (
+    POSE,
+    WAYPOINTS,
+    check_poses,
+    contact_data,
+    no_readings,
+    posed_units,
+    set_poses,
+)
 from skin.contact.record import CONTACT
 from skin.errors import SkinError
 
@@ -80,10 +88,11 @@ def test_an_area_that_is_none_is_refused(area):
 
 
 def test_poses_of_another_number_of_units_are_refused():
-    geometry = posed_units(np.ones((3, 3)), naive.facing_down(3), 1.0)
     right = np.zeros((3, 3)), naive.facing_down(3)
     wrong = np.zeros((3, 4)), naive.facing_down(4)
     for position, rotation in ((right[0], wrong[1]), (wrong[0], right[1]), wrong):
         with pytest.raises(SkinError, match=r"position, rotation: must have shapes \(3, 3\)"):
-            set_poses(geometry, position, rotation)
-    assert geometry.origin.tolist() == [1.0, 1.0, 1.0]
+            check_poses(3, position, rotation)
+    check_poses(3, *right)
+    with pytest.raises(SkinError, match=r"position, rotation: must have shapes \(3, 3\)"):
+        posed_units(right[0], wrong[1], 1.0)
