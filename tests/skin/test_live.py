@@ -278,7 +278,7 @@ def test_poses_are_checked_where_no_contacts_are_wanted_too():
     with skin.open("strip", simulate=True, want={"force"}) as strip:
         here = strip.topology
         strip.move(here.position, here.rotation)
-        with pytest.raises(SkinError, match="rotation: must be orthonormal .*, of unit 0"):
+        with pytest.raises(SkinError, match=r"rotation: must be orthonormal .*, of unit 0"):
             strip.move(here.position, 2.0 * here.rotation)
         with pytest.raises(SkinError, match="position, rotation: must have shapes"):
             strip.move(here.position[:, 1:], here.rotation)
