@@ -129,7 +129,7 @@ def square(side: int, pitch_m: float, rate_hz: float = 100.0) -> Topology:
             'layout = "f3t-fd64"\nfirst_id = 0x100\n',
             encoding="utf-8",
         )
-        return topology.load(file, allow_overload=True)
+        return topology.load(file, allow_overload=True).exact()
 
 
 @cache

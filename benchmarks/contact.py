@@ -106,7 +106,7 @@ def _nb_columns(row: dict) -> str:
 def plate(n: int, kind: str = "grid") -> Topology:
     """A skin of n units, 12 mm apart: one patch, as square as can be, on a bus that is too slow."""
     rows = max(r for r in range(1, int(np.sqrt(n)) + 1) if n % r == 0)
-    text = (topology.load("palm").path).read_text(encoding="utf-8")
+    text = (topology.load("palm").exact().path).read_text(encoding="utf-8")
     bent = "\nradius_m = 0.15" if kind == "cylinder" else ""
     columns = f"columns = {n // rows}"
     for old, new in (("rows = 8", f"rows = {rows}{bent}"), ("columns = 8", columns),
@@ -115,7 +115,7 @@ def plate(n: int, kind: str = "grid") -> Topology:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "plate.toml")
         file.write_text(text, encoding="utf-8")
-        return topology.load(file, allow_overload=True)
+        return topology.load(file, allow_overload=True).exact()
 
 
 def pressed(skin: Topology, centres: np.ndarray, radius_m: float, depth_mm: float) -> Truth:
@@ -259,7 +259,7 @@ def assert_same(skin: Topology, counts: list[np.ndarray], touches: int) -> None:
 
 def centre_of_pressure(trials: int, cycles: int = 25) -> list[dict]:
     """Error and covariance coverage of the centre by place and load."""
-    skin = topology.load("palm")
+    skin = topology.load("palm").exact()
     one = _Pass(skin, {"centroid"})
     simulator = UnitSimulator(skin, seed=3)
     rng = np.random.default_rng(4)

@@ -233,7 +233,7 @@ def _lattice() -> Topology:
             'layout = "f3t-fd64"\nfirst_id = 0x100\n',
             encoding="utf-8",
         )
-        return topology.load(file, allow_overload=True)
+        return topology.load(file, allow_overload=True).exact()
 
 
 def _row(seconds: tuple[float, float], n: int, error: dict[str, float]) -> dict[str, float]:

@@ -51,7 +51,7 @@ class _Unit:
 
     def __init__(self, points: int) -> None:
         self.points = points
-        self.topology = topology.load("palm")
+        self.topology = topology.load("palm").exact()
         field = HalbachField(self.topology, reach_m=0.0)
         self.simulator = UnitSimulator(self.topology, noise=False, field=field)
         self.material = Elastic(self.topology)

@@ -32,7 +32,7 @@ SPREAD = {
 
 def array_of(n: int, *, alike: bool, seed: int = 0) -> Topology:
     """A skin of n units: the ready-made palm, repeated."""
-    palm = topology.load("palm")
+    palm = topology.load("palm").exact()
     times = -(-n // palm.n)
     frames = palm.frames
     units = frames.units[np.newaxis] + palm.n * np.arange(times)[:, np.newaxis, np.newaxis]
@@ -59,6 +59,8 @@ def array_of(n: int, *, alike: bool, seed: int = 0) -> Topology:
         scale=repeat(palm.scale),
         offset=repeat(palm.offset),
         wired=repeat(palm.wired),
+        calibrated=repeat(palm.calibrated),
+        tared=repeat(palm.tared),
     )  # fmt: skip
 
 

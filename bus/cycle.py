@@ -83,6 +83,8 @@ class RawCycle:
         The unit's own status field.
     counters : FrameCounters
         Totals up to this cycle.
+    stuck : ndarray, shape (n,), uint8
+        Bit c: channel c stands still, by which the unit is FROZEN; see `bus.assemble.still`.
     """
 
     number: int
@@ -95,3 +97,4 @@ class RawCycle:
     sequence: np.ndarray
     fault_code: np.ndarray
     counters: FrameCounters = field(default_factory=FrameCounters)
+    stuck: np.ndarray = field(default_factory=lambda: np.zeros(0, np.uint8))

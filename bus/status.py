@@ -22,7 +22,7 @@ class Status(IntFlag):
     STALE = 1 << 2
     """Missing for `stale_cycles` or longer."""
     FROZEN = 1 << 3
-    """Bit-identical counts for longer than noise allows."""
+    """Counts of a channel, or of all, stand still for longer than noise allows."""
     FAULT = 1 << 4
     """The unit reports a fault of its own."""
     DUPLICATE = 1 << 5
@@ -45,6 +45,9 @@ class Status(IntFlag):
     the unit is not the one that was calibrated. What is tangential is wrong."""
     IDLE = 1 << 13
     """Without load, and so not looked at any further: what is tangential reads NaN, not zero."""
+    UNCALIBRATED = 1 << 14
+    """The unit's constants are those of its model, its sigma holds the spread from unit to unit. A
+    note: the reading is valid."""
 
 
 INVALID = (

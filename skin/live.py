@@ -85,7 +85,8 @@ def open(
         How long after its SYNC a cycle waits for missing frames; 0.9 periods if not given.
     simulate : bool, str, Path or Scene
         Attach simulated units instead of opening the buses: True for the scene "demo", the name of
-        a scene, its file, or a scene. False, None and "" open the buses.
+        a scene, its file, or a scene. Their constants are known exactly, unless the scene has
+        errors of fabrication. False, None and "" open the buses.
     transports : iterable of Transport, optional
         Transports to use instead of opening the file's buses, one for each bus, in order.
     seed : int
@@ -119,6 +120,7 @@ def open(
             from skin.sim.attached import in_process, nodes_of
 
             nodes = nodes_of(loaded, simulate, seed)
+            loaded = loaded.exact() if nodes.exact else loaded
             undo.callback(nodes.close)
             ends = [undo.enter_context(end) for end in in_process(nodes)]
         elif transports is None:
@@ -180,6 +182,7 @@ class Skin:
         self._period_ns = round(1e9 / topology.cycle_rate_hz)
         self._sends_sync = sync == "host" and topology.buses[0].sync_id is not None
         self._sync_frames = _sync_frames(topology)
+        self._started_ns, self._epoch_ns = time.monotonic_ns(), time.time_ns()
         self._closed = False
 
     def __repr__(self) -> str:
@@ -319,16 +322,17 @@ class Skin:
     def _host_cycles(self) -> Iterator[State]:
         """This host sends SYNC: one cycle for each."""
         pipeline, deadline_ns = self.pipeline, self.pipeline.assembler.deadline_ns
-        counter = 0
+        number = 0
         due = time.monotonic_ns()
         while not self._closed:
             if self._pace:
                 due, skipped = _wait_until(due, self._period_ns)
                 self.timing.overruns += skipped
+                number += skipped
             else:
                 due = time.monotonic_ns()
-            yield from self._feed(self._sync(counter))
-            counter = (counter + 1) & 0xFF
+            yield from self._feed(self._sync(number))
+            number += 1
             while not self._closed and pipeline.pending:
                 self._receive(due + deadline_ns - time.monotonic_ns())
                 yield from self._feed(self._batch.frames)
@@ -345,11 +349,19 @@ class Skin:
             yield from self._feed(self._batch.frames)
             yield from self._timed(now_ns, self.pipeline.expire, self.pipeline.silence)
 
-    def _sync(self, counter: int) -> np.ndarray:
-        """Send SYNC on every bus and return the frames, as a log would show them."""
+    def _sync(self, number: int) -> np.ndarray:
+        """Send SYNC on every bus and return the frames, as a log would show them.
+
+        Their stamps are of a clock that nobody sets. Simulated units that need not wait live in a
+        time of their own, a period a cycle.
+        """
         frames = self._sync_frames
-        frames["data"][:, 0] = counter
-        frames["stamp_ns"] = time.time_ns()
+        frames["data"][:, 0] = number & 0xFF
+        if self.simulated and not self._pace:
+            since_ns = number * self._period_ns
+        else:
+            since_ns = time.monotonic_ns() - self._started_ns
+        frames["stamp_ns"] = self._epoch_ns + since_ns
         for transport, frame in zip(self.transports, frames, strict=True):
             transport.send(np.asarray(frame)[np.newaxis])
         return frames

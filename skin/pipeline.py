@@ -17,6 +17,7 @@ import numpy as np
 
 from bus.assemble import Assembler
 from bus.cycle import FrameCounters, RawCycle
+from skin.clock import Clock
 from skin.decode.decoder import Decoder
 from skin.decode.plan import TANGENTIAL
 from skin.errors import CountsError
@@ -46,6 +47,8 @@ class Pipeline:
     topology : Topology
     options : Options
     assembler : Assembler
+    clock : Clock
+        Time of the cycles, by which the filters run.
     decoder : Decoder
     contacts : ContactStream or None
         None where no feature of the array is wanted.
@@ -81,8 +84,7 @@ class Pipeline:
         self.assembler = Assembler(topology, deadline_s=deadline_s)
         self.counts, self.status = self.assembler.counts, self.assembler.status
         self._area_share = topology.area / topology.area.sum()
-        self._period_ns = round(1e9 / topology.cycle_rate_hz)
-        self._now_ns = -1
+        self.clock = Clock(round(1e9 / topology.cycle_rate_hz))
         self.decoder = self._make_decoder()
         self._decode = self.decoder.bind(self.counts, self.status)
         self.contacts = self._make_contacts()
@@ -236,14 +238,15 @@ class Pipeline:
 
     def state(self, cycle: RawCycle) -> State:
         """The state of a cycle whose counts and flags lie in `counts` and `status` already."""
+        clock = self.clock
+        clock.tick(cycle.number, cycle.stamp_ns)
+        self.decoder.elapse(1e-9 * clock.elapsed_ns)
         reading = self._decode()
         heard = reading.valid
         everywhere = np.count_nonzero(heard) == heard.size
         contacts = UNWANTED
         if self._describe is not None:
-            # Stamps of a bus may step back, the number of a cycle does not: contacts live by it.
-            self._now_ns = now_ns = max(cycle.number * self._period_ns, self._now_ns + 1)
-            contacts = self._describe(now_ns)
+            contacts = self._describe(clock.now_ns)
         return State(
             cycle.number,
             cycle.stamp_ns,
@@ -255,4 +258,5 @@ class Pipeline:
             contacts if self._lists_contacts else UNWANTED,
             self._label,
             self._slip,
+            clock.overruns,
         )

@@ -113,6 +113,9 @@ class State:
         the array.
     slip : ndarray, shape (n,), int32, or None
         `skin.contact.record.UnitSlip` of each unit.
+    overruns : int
+        Cycle periods, so far, that have no state: the consumer or the host was late, or SYNCs were
+        lost.
     """
 
     cycle: int
@@ -128,6 +131,7 @@ class State:
     contacts: list[Contact] = UNWANTED
     label: np.ndarray = UNWANTED
     slip: np.ndarray = UNWANTED
+    overruns: int = 0
 
 
 def trouble(topology: Topology, status: np.ndarray) -> dict[str, Status]:

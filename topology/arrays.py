@@ -10,6 +10,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from topology.errors import MESSAGES, Issue, TopologyError, unknown_unit
+from topology.model import SIGMAS
 from topology.schema import Bus
 from topology.wire import WireLayout
 
@@ -82,6 +83,9 @@ class Topology:
     parameters : dict of str to ndarray, shape (n,), float64
         Every parameter of `UnitModel` for each unit, calibration files applied;
         those of `topology.model.TABLES` have shape (length, n).
+    calibrated, tared : ndarray, shape (n,), bool
+        Whether a file gives the laws of the unit, and its zeros; else they are those of its model,
+        and their sigma is the spread from unit to unit.
     scale, offset : ndarray, shape (c, n), float64
         Physical value = scale * count + offset, channels as in `topology.CHANNELS`. A count is the
         integer on the wire, but for 16 bits unsigned, which are 32768 above it.
@@ -108,6 +112,8 @@ class Topology:
     rotation: np.ndarray
     area: np.ndarray
     parameters: dict[str, np.ndarray]
+    calibrated: np.ndarray
+    tared: np.ndarray
     scale: np.ndarray
     offset: np.ndarray
     wired: np.ndarray
@@ -133,6 +139,13 @@ class Topology:
         found = np.zeros(self.n, bool)
         found[carried[carried >= 0]] = True
         return found
+
+    def exact(self) -> Topology:
+        """The same skin, of units whose constants are exactly its parameters, as simulated ones."""
+        none, known = np.zeros(self.n), np.ones(self.n, bool)
+        none.flags.writeable = known.flags.writeable = False
+        parameters = self.parameters | dict.fromkeys(SIGMAS, none)
+        return dataclasses.replace(self, parameters=parameters, calibrated=known, tared=known)
 
     def on(self, *, interface: str | None = None, channel: str | None = None) -> Topology:
         """The same skin on another interface, or on other channels; None keeps the file's.

@@ -12,7 +12,7 @@ from topology.check.addresses import Claim, check_ids
 from topology.check.models import given_parameters, parameter_faults, to_arrays
 from topology.check.names import all_named, entries, refer
 from topology.check.patches import Placed
-from topology.model import MODELS
+from topology.model import MODELS, ZEROS
 from topology.parts import Parts
 from topology.pose import rotate
 from topology.report import Report
@@ -69,6 +69,8 @@ class Draft:
         self.rotation = np.concatenate(turns, axis=-1)
         self.model = [placed[p].patch.model for p in self.patch]
         self._given: dict[int, list[tuple[Source, Key, dict[str, Any]]]] = {}
+        self.calibrated = np.zeros(len(self.names), bool)
+        self.tared = np.zeros(len(self.names), bool)
 
         self.layouts: list[WireLayout] = []
         nowhere = np.full(len(self.names), -1)
@@ -233,6 +235,8 @@ class Draft:
         parameters = {name: values[..., kind] for name, values in table.items()}
         for unit, changes in self._given.items():
             for _, _, given in changes:
+                self.calibrated[unit] |= not given.keys() <= {*ZEROS}
+                self.tared[unit] |= "frequency_rest_hz" in given
                 for name, value in given.items():
                     parameters[name][..., unit] = 0.0 if value == () else value
         single = np.zeros(len(self.names), bool)

@@ -149,6 +149,8 @@ def _finish(frames: Frames, draft: Draft, parts: Parts) -> Topology:
         rotation=np.ascontiguousarray(draft.rotation),
         area=np.pi * draft.parameters["radius_m"] ** 2,
         parameters=draft.parameters,
+        calibrated=draft.calibrated,
+        tared=draft.tared,
         scale=scale,
         offset=offset,
         wired=wired,

@@ -19,7 +19,15 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta
 
-__all__ = ["FIELD_ANGLE_TERMS", "MODELS", "TABLES", "THETA_KNOTS", "UnitModel"]
+__all__ = [
+    "FIELD_ANGLE_TERMS",
+    "MODELS",
+    "SIGMAS",
+    "TABLES",
+    "THETA_KNOTS",
+    "ZEROS",
+    "UnitModel",
+]
 
 THETA_KNOTS = 16
 """Knots of the direction-correction table, equally spaced over [-pi, pi), periodic."""
@@ -191,20 +199,47 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         ),
     ] = ()
 
-    # -- one-sigma of the calibration itself: beside noise, the same in every reading --------------
-    temperature_sigma_c: Annotated[float, _doc("Of the temperature [calibrated]", ge=0)] = 0.0
-    frequency_sigma_hz: Annotated[float, _doc("Of the frequency at rest [calibrated]", ge=0)] = 0.0
+    # -- one-sigma of the constants themselves: beside noise, the same in every reading. These are
+    # the spread from unit to unit, which a calibration of the unit replaces by what it leaves -----
+    temperature_sigma_c: Annotated[
+        float,
+        _doc("Of the temperature: current and ratio evenly spread by 5 % [assumed]", ge=0),
+    ] = 1.0
+    frequency_sigma_hz: Annotated[
+        float, _doc("Of the frequency at rest: evenly spread by 2 % [assumed]", ge=0)
+    ] = 52.0
     normal_sigma_relative: Annotated[
-        float, _doc("Of the normal force at a fall of the frequency [calibrated]", ge=0)
-    ] = 0.0
+        float,
+        _doc(
+            "Of the normal force at a fall of the frequency: slope and break evenly spread by "
+            "3 %, stiffness by 5 % [assumed]",
+            ge=0,
+        ),
+    ] = 0.04
     field_sigma_ut: Annotated[
-        float, _doc("Of each axis of the field: offsets, what neighbours add [calibrated]", ge=0)
-    ] = 0.0
-    field_angle_sigma_mm: Annotated[float, _doc("Of R(psi, H) [calibrated]", ge=0)] = 0.0
-    field_amplitude_sigma_relative: Annotated[float, _doc("Of M0 [calibrated]", ge=0)] = 0.0
+        float,
+        _doc(
+            "Of each axis of the field: offsets evenly spread by 150 µT, what neighbours add "
+            "[assumed]",
+            ge=0,
+        ),
+    ] = 87.0
+    field_angle_sigma_mm: Annotated[
+        float,
+        _doc(
+            "Of R(psi, H): films evenly off the chip's axis by 0.1 mm, tilted by 1° [assumed]", ge=0
+        ),
+    ] = 0.07
+    field_amplitude_sigma_relative: Annotated[
+        float, _doc("Of M0: evenly spread by 5 % [assumed]", ge=0)
+    ] = 0.03
     shear_sigma_relative: Annotated[
-        float, _doc("Of the tangential force at a displacement [calibrated]", ge=0)
-    ] = 0.0
+        float,
+        _doc(
+            "Of the tangential force at a displacement: stiffness evenly spread by 5 % [assumed]",
+            ge=0,
+        ),
+    ] = 0.03
 
     # -- geometry and health ---------------------------------------------------------------------
     radius_m: Annotated[float, _doc("Radius of the cylindrical unit [paper]", gt=0, le=1)] = 0.006
@@ -214,5 +249,26 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     ] = 50
 
 
+SIGMAS = (
+    "temperature_sigma_c",
+    "frequency_sigma_hz",
+    "normal_sigma_relative",
+    "field_sigma_ut",
+    "field_angle_sigma_mm",
+    "field_amplitude_sigma_relative",
+    "shear_sigma_relative",
+)
+"""Parameters that say how well the others are known."""
+ZEROS = (
+    "frequency_rest_hz",
+    "frequency_sigma_hz",
+    "hall_offset_x_ut",
+    "hall_offset_y_ut",
+    "hall_offset_z_ut",
+    "field_sigma_ut",
+    "frozen_cycles",
+)
+"""Parameters that say nothing of a unit's laws: a unit of which only these are known is not
+calibrated. The frequency at rest and its sigma come from a tare."""
 MODELS: dict[str, UnitModel] = {"f3t-paper": UnitModel()}
 """Built-in unit models by name."""

@@ -231,6 +231,7 @@ class Assembler:
             int(state.closed_number[0]),
             int(state.closed_stamp[0]),
             _CLOSED_BY[state.closed_by[0]],
-            *shown,
+            *shown[:-1],
             self.counters,
+            shown.stuck,
         )

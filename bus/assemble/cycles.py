@@ -5,6 +5,8 @@ Compiled into `bus.assemble.feed`.
 
 from __future__ import annotations
 
+import numpy as np
+
 from bus.assemble.gather import tear
 from bus.assemble.judge import ENOUGH
 from bus.assemble.memory import BY_END
@@ -16,6 +18,8 @@ NEVER, LATE, STALE, FROZEN, FAULT, DUPLICATE, DISABLED, TORN = (
     for name in ("NEVER", "LATE", "STALE", "FROZEN", "FAULT", "DUPLICATE", "DISABLED", "TORN")
 )
 INVALID_BITS = int(INVALID)
+LONGEST = 2**31 - 2
+"""Readings in a row that are counted."""
 
 
 @jitable
@@ -142,6 +146,17 @@ def show_units(memory, shown):
 
 
 @jitable
+def is_stuck(count, still):
+    """Take a count of a channel: 1 if it has stood still for too long, else 0."""
+    off = np.int64(count) - np.int64(still["count"])
+    if still["cycles"] == 0 or abs(off) > still["band"]:
+        still["count"] = count
+        still["cycles"] = 0
+    still["cycles"] = min(still["cycles"] + 1, LONGEST)
+    return 1 if 0 < still["stuck_after"] <= still["cycles"] else 0
+
+
+@jitable
 def show_unit(u, memory, shown):
     """Show the counts of a unit, if they are of this cycle; return its flags."""
     state, unit, g = memory.state[0], memory.units[u], memory.units[u]["set"]
@@ -149,11 +164,14 @@ def show_unit(u, memory, shown):
     flags = 0 if unit["is_enabled"] else DISABLED
     if g >= 0 and memory.sets[g]["whole_at"] == number:
         is_same = unit["run"] > 0
+        stuck = 0
         for c in range(shown.counts.shape[0]):
             count = memory.staged[c * memory.units.size + u]
             if count != shown.counts[c, u]:
                 is_same = False
                 shown.counts[c, u] = count
+            stuck |= is_stuck(count, memory.still[c, u]) << c
+        shown.stuck[u] = stuck
         unit["run"] = unit["run"] + 1 if is_same else 1
         unit["seen_at"] = number
         shown.fault_code[u] = memory.staged_codes[u]
@@ -175,6 +193,8 @@ def show_unit(u, memory, shown):
     if shown.fault_code[u] != 0:
         flags |= FAULT
     if unit["frozen_after"] > 0 and unit["run"] >= max(unit["frozen_after"], 2):
+        shown.stuck[u] = (1 << shown.counts.shape[0]) - 1
+    if shown.stuck[u] != 0:
         flags |= FROZEN
     if g >= 0 and memory.sets[g]["is_twice"]:
         flags |= DUPLICATE

@@ -19,6 +19,7 @@ from bus.assemble.memory import (
     SET,
     SOURCE,
     STATE,
+    STILL,
     SYNC,
     UNIT,
     Memory,
@@ -192,6 +193,7 @@ _memory = typeof(
         staged=np.zeros(0, np.int16),
         staged_codes=np.zeros(0, np.uint8),
         staged_sequence=np.zeros(0, np.uint8),
+        still=np.zeros((0, 0), STILL),
     )
 )
 _shown = typeof(new_shown(1))

@@ -10,11 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bus.assemble.still import still_limits
 from bus.compiled.aligned import zeros
 from bus.table import FrameTable
 from topology import CHANNELS, Topology
 
-__all__ = ["SET", "SOURCE", "STATE", "SYNC", "UNIT", "Memory", "Outcome", "Shown"]
+__all__ = ["SET", "SOURCE", "STATE", "STILL", "SYNC", "UNIT", "Memory", "Outcome", "Shown"]
 
 
 def _integers(*names: str) -> np.dtype:
@@ -68,6 +69,15 @@ UNIT = _integers(
     "set",  # -1: none
 )
 
+STILL = np.dtype(
+    [
+        ("count", np.int16),  # at which a channel stands still
+        ("band", np.int16),  # by how much it may be off that
+        ("cycles", np.int32),  # readings in a row within the band
+        ("stuck_after", np.int32),  # such readings that make it stuck, 0: none do
+    ]
+)
+
 
 class Outcome(IntEnum):
     """What becomes of a frame: the order of `FrameCounters`."""
@@ -118,6 +128,8 @@ class Memory(NamedTuple):
     """Shape (n,), uint8: their fault codes."""
     staged_sequence: np.ndarray
     """Shape (n,), uint8: their sequence numbers."""
+    still: np.ndarray
+    """Shape (c, n), STILL."""
 
 
 class Shown(NamedTuple):
@@ -129,6 +141,7 @@ class Shown(NamedTuple):
     age: np.ndarray
     sequence: np.ndarray
     fault_code: np.ndarray
+    stuck: np.ndarray
 
 
 def new_memory(topology: Topology, table: FrameTable, stale_cycles: int) -> Memory:
@@ -152,6 +165,8 @@ def new_memory(topology: Topology, table: FrameTable, stale_cycles: int) -> Memo
     units["frozen_after"] = topology.parameters["frozen_cycles"]
     units["is_enabled"] = topology.enabled
     units["set"] = table.unit_group
+    still = np.zeros((len(CHANNELS), n), STILL)
+    still["band"], still["stuck_after"] = still_limits(topology)
     return Memory(
         state=state,
         syncs=syncs,
@@ -166,6 +181,7 @@ def new_memory(topology: Topology, table: FrameTable, stale_cycles: int) -> Memo
         staged=np.zeros(len(CHANNELS) * n, np.int16),
         staged_codes=np.zeros(n, np.uint8),
         staged_sequence=np.zeros(n, np.uint8),
+        still=still,
     )
 
 
@@ -178,4 +194,5 @@ def new_shown(n: int) -> Shown:
         age=np.full(n, -1, np.int32),
         sequence=np.zeros(n, np.uint8),
         fault_code=np.zeros(n, np.uint8),
+        stuck=np.zeros(n, np.uint8),
     )

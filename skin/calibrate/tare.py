@@ -16,7 +16,7 @@ from __future__ import annotations
 import datetime
 import os
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -126,7 +126,8 @@ class Tare:
             here = self.topology.patch == self.topology.patch_names.index(patch)
             for i in np.flatnonzero(self.taken & here):
                 unit = self.topology.unit_names[i].removeprefix(f"{patch}/")
-                units.setdefault(unit, []).append(self._fit(int(i)))
+                known = units.setdefault(unit, [])
+                known.append(self._fit(int(i), known))
             path.parent.mkdir(parents=True, exist_ok=True)
             bench = TARED.sub("", before.get("bench", ""))
             how = f"tared in place, resting neighbours {self.neighbours}"
@@ -136,14 +137,16 @@ class Tare:
             )  # fmt: skip
         return files
 
-    def _fit(self, i: int) -> Fit:
-        known_ut = float(self.topology.parameters["field_sigma_ut"][i])
+    def _fit(self, i: int, known: Sequence[Fit]) -> Fit:
+        """What the tare has found, beside what is `known` from a bench."""
+        left_ut = [fit.values[fit.names.index("field_sigma_ut")] for fit in known
+                   if "field_sigma_ut" in fit.names]  # fmt: skip
         values = {
             "frequency_rest_hz": (self.frequency_hz[i], self.frequency_sigma_hz[i]),
             "frequency_sigma_hz": (self.frequency_sigma_hz[i], np.nan),
             "hall_offset_x_ut": (self.offset_ut[0, i], self.offset_sigma_ut[0, i]),
             "hall_offset_y_ut": (self.offset_ut[1, i], self.offset_sigma_ut[1, i]),
-            "field_sigma_ut": (max(known_ut, self.offset_sigma_ut[:, i].max()), np.nan),
+            "field_sigma_ut": (max(*left_ut, 0.0, self.offset_sigma_ut[:, i].max()), np.nan),
         }
         return as_fit(values, int(self.cycles[i]))
 
@@ -265,6 +268,7 @@ class _Unit:
 
     def __init__(self, topology: Topology, i: int, values: np.ndarray) -> None:
         self.p = {name: array[..., i] for name, array in topology.parameters.items()}
+        self.tared = bool(topology.tared[i])
         self.wired, self.step = topology.wired[:, i], np.abs(topology.scale[:, i])
         self.values, self.count = values, values.shape[1]
         if self.count < 2:
@@ -338,7 +342,7 @@ class _Unit:
 
     def _loaded(self, rest_ut: np.ndarray, room_ut: float) -> Iterator[str]:
         rest = self.p["frequency_rest_hz"]
-        room = TARED_HZ if self.p["frequency_sigma_hz"] > 0.0 else UNTARED_SHARE * rest
+        room = TARED_HZ if self.tared else UNTARED_SHARE * rest
         if abs(self.mean[FREQUENCY] - rest) > room:
             yield (f"frequency: must be within {room:.4g} Hz of {rest:.6g} Hz where nothing "
                    f"presses or pulls; got {self.mean[FREQUENCY]:.6g} Hz")  # fmt: skip

@@ -131,8 +131,7 @@ def never_tared(topology: Topology) -> list[str]:
     """Units whose zeros are those of their model; none where all buses are within the process."""
     if all(bus.interface == "memory" for bus in topology.buses):
         return []
-    tared = topology.parameters["frequency_sigma_hz"] > 0.0
-    lacking: np.ndarray = topology.enabled & ~topology.counts_only & ~tared
+    lacking: np.ndarray = topology.enabled & ~topology.counts_only & ~topology.tared
     return [
         name for name, is_missing in zip(topology.unit_names, lacking, strict=True) if is_missing
     ]

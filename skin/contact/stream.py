@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Collection
 from functools import cached_property
 
@@ -132,6 +133,7 @@ class ContactStream:
             raise OptionError.unknown("dtype", dtype, ("float32", "float64"))
         n = np.shape(position)[-1]
         self._dtype = np.dtype(dtype)
+        self._alone = threading.Lock()
         slips = "slip" in wanted
         each = slips or not wanted.isdisjoint(("contacts", "shocks"))
         graph = checked_graph(n, neighbour_start, neighbour_index)
@@ -250,14 +252,21 @@ class ContactStream:
             force, force_sigma, displacement_mm, displacement_sigma_mm, temperature, valid
         )  # fmt: skip
         self._check_displacement(displacement_mm, displacement_sigma_mm)
-        own = self.data.reading
-        for k, values in enumerate(given):
-            if values is not None or k < 2:
-                _copy(PUBLIC_NAMES[k], values, own[k])
-        if valid is None:
-            own.valid[:] = True
-        own.given[0] = displacement_mm is not None, temperature is not None
-        return self._take(self._step, stamp_ns)
+        if not self._alone.acquire(blocking=False):
+            raise SkinError(
+                "update: must be called from one thread at a time; got a call while another one ran"
+            )
+        try:
+            own = self.data.reading
+            for k, values in enumerate(given):
+                if values is not None or k < 2:
+                    _copy(PUBLIC_NAMES[k], values, own[k])
+            if valid is None:
+                own.valid[:] = True
+            own.given[0] = displacement_mm is not None, temperature is not None
+            return self._take(self._step, stamp_ns)
+        finally:
+            self._alone.release()
 
     def bind(
         self,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import threading
 from collections.abc import Callable, Collection
 from typing import TYPE_CHECKING
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from bus.compiled.aligned import zeros
 from skin.decode import records, sharing
+from skin.decode.aging import Aging
 from skin.decode.passes import Passes, check, plain
 from skin.decode.plan import DecodeOptions, Plan
 from skin.decode.results import Results, results_of
@@ -38,7 +40,7 @@ class Decoder:
     tangential displacement from the field at that depth and temperature, the tangential force from
     the displacement. The magnetic film follows the gel with a lag, so a decoder remembers
     temperatures from one cycle to the next: use one for each stream of cycles, from one thread at a
-    time.
+    time. Cycles are a period apart, unless `elapse` says otherwise.
 
     Parameters
     ----------
@@ -120,6 +122,7 @@ class Decoder:
 
             self.ambient = Ambient(topology, plan.dtype, crosstalk=sweeps > 0)
         self._looped = sweeps > 0 or ambient
+        self._alone = threading.Lock()
         self._make_kernel(rest_ut, felt_ut)
         self._make_buffers(workers or sharing.processors())
         self.reset()
@@ -145,6 +148,10 @@ class Decoder:
         self._shares = sharing.Shares(n, real, workers)
         self._control = self._shares.control
         self._live = self._shares.of(1)
+        self._aging = Aging(
+            self.topology, self._state, self._control["phase"][self._live],
+            self.plan.temperature_every,
+        )  # fmt: skip
         self._background = zeros((1, 5, n), real)
         self._taken = self._background[0]
         self._base = np.zeros((5, n), real)
@@ -153,7 +160,7 @@ class Decoder:
         self._whole = self._out.reading(0, {*self._names} - {"film_above"})
         self._film_above = self._out.values[0, -1] if "film_above" in self._names else None
         self._predict: dict[bool, Callable[[], object]] = {}
-        self._follow: Callable[[], None] | None = None
+        self._follow: Callable[[float | None], None] | None = None
         self._reading = self._out.reading(0, self.plan.quantities)
         self._shape = (len(CHANNELS), n)
         self._none_known = zeros(n, np.uint16)
@@ -178,16 +185,29 @@ class Decoder:
     def reset(self) -> None:
         """Forget all temperatures, displacements and drifts: the next cycle is the first."""
         self._state["last_temperature"] = np.nan
-        self._state["film_lag"] = self._state["chip_lag"] = 0.0
+        self._state["film_lag"] = self._state["chip_lag"] = self._state[records.MISSED] = 0.0
         for name in records.HELD if self.plan.temperature_every > 1 else ():
             self._state[name] = np.nan
         self._control["phase"] = 0
+        self._elapsed_s: float | None = None
+        self._aging.reset()
         self._mode: tuple[bool, bool] | None = None
         self._background[:] = 0.0
         for array in self._out.arrays:
             array[:] = 0
         if self.ambient is not None:
             self.ambient.reset()
+
+    def elapse(self, seconds: float) -> None:
+        """Say how long after the last cycle the next one is, if that is not a period.
+
+        Parameters
+        ----------
+        seconds : float
+            Second.
+        """
+        self._elapsed_s = seconds
+        self._aging(seconds * self.topology.cycle_rate_hz)
 
     def warmup(self, *, background: bool = False) -> None:
         """Compile what a cycle needs, or load it; the state stays as it is.
@@ -269,10 +289,22 @@ class Decoder:
         Raises
         ------
         CountsError
-            An array of another shape or type.
+            An array of another shape or type, or another thread is decoding.
         """
-        if not isinstance(raw, np.ndarray) or raw.ndim != 2:
-            return self._batch(raw, status, background, advance)
+        if not self._alone.acquire(blocking=False):
+            raise CountsError(
+                f"{self.topology.name}: must be decoded from one thread at a time; got a call "
+                "while another one ran (make a decoder for each stream of cycles)"
+            )
+        try:
+            if not isinstance(raw, np.ndarray) or raw.ndim != 2:
+                return self._batch(raw, status, background, advance)
+            return self._one(raw, status, background, advance)
+        finally:
+            self._alone.release()
+
+    def _one(self, raw, status, background, advance: bool) -> Reading:
+        """Decode one cycle."""
         self._accept(raw, status, background)
         told = background is not None
         if self._looped:
@@ -297,7 +329,8 @@ class Decoder:
                 self._decode_cycle(passes, False, advance and sweep == 0)
         if self.ambient is not None and advance:
             self._follow = follow = self._follow or self.ambient.bound(self._whole)
-            follow()
+            follow(self._elapsed_s)
+            self._elapsed_s = None
         return self._reading
 
     def _bind_prediction(self, crosstalk: CrossTalk, told: bool) -> Callable[[], object]:
@@ -385,8 +418,7 @@ class Decoder:
         out = Results(self._names, raw.shape[0], self.topology.n, self.dtype)
         if self._looped:
             for t in range(raw.shape[0]):
-                self(raw[t], status[t], None if background is None else background[t],
-                     advance=advance)  # fmt: skip
+                self._one(raw[t], status[t], None if background is None else background[t], advance)
                 for whole, array in zip(out.arrays, self._out.arrays, strict=True):
                     whole[t] = array[0]
         else:

@@ -78,20 +78,23 @@ def amplitude_variance(depth, sigma, unit, j):
 
 
 @jitable(inline=True)
-def anomaly(solid, z, radius, amplitude, inverse, unit, j):
-    """Flag of a field that is not the film's: S against M0 sin(k R), R from the angle.
+def anomaly(solid, z, radius, amplitude, inverse, missed, unit, j):
+    """Flag of a field that is not the film's: S against M0 sin(k R), R from the angle; and the
+    share by which it misses that, averaged from `missed` on.
 
     At R = 0 this is Bz against the M0 that makes this R of this angle, so it is a check of the
-    strength everywhere. Either M0 or its inverse is 1.
+    strength everywhere. Either M0 or its inverse is 1. A reading that is an anomaly by itself does
+    not count for the average, in which noise counts less.
     """
+    real = type(solid)
     u = unit["wavenumber"][j] * radius
-    model = amplitude * (u * sinc(u))
-    measured = solid * inverse
-    off = measured - model
-    square = solid * solid + z * z
-    allowed = unit["anomaly_share"][j] * (model * model) * square
-    allowed += unit["anomaly_field"][j] * (measured * measured)
-    return 0 if off * off * square <= allowed else MAGNETIC_ANOMALY
+    ratio = solid * inverse / (amplitude * (u * sinc(u)))
+    miss = ratio - real(1.0)
+    weak = ratio * ratio / (solid * solid + z * z)
+    usual = miss * miss <= unit["anomaly_share"][j] + unit["anomaly_field"][j] * weak
+    mean = missed + unit["miss_step"][j] * (miss - missed) if usual else missed
+    kept = mean * mean <= unit["miss_share"][j] + unit["miss_field"][j] * weak
+    return (0 if usual & kept else MAGNETIC_ANOMALY), mean
 
 
 def strength_law(parts: Parts) -> Callable:
@@ -185,22 +188,24 @@ def inversion(parts: Parts) -> Callable:
     by_angle, by_strength = angle_law(parts), strength_law(parts)
 
     @jitable(inline=True)
-    def invert(solid, z, variance, gain, tile, unit, j):
-        """R, its sigma, its flags and 1 / S."""
+    def invert(solid, z, variance, gain, missed, tile, unit, j):
+        """R, its sigma, its flags, 1 / S and the mean share by which the field misses its model."""
         one = type(solid)(1.0)
         depth, depth_sigma = tile["displacement"][2, j], tile["displacement_sigma"][2, j]
         if with_angle:
             radius, sigma, found, each = by_angle(solid, z, variance, depth, depth_sigma, unit, j)
             if with_check:
                 amplitude = gain * exp2(octaves(depth, unit, j))
-                found |= anomaly(solid, z, radius, amplitude, one, unit, j)
+                odd, missed = anomaly(solid, z, radius, amplitude, one, missed, unit, j)
+                found |= odd
         else:
             radius, sigma, found, each, inverse = by_strength(
                 solid, variance, depth, depth_sigma, gain, unit, j
             )
             if with_check:
                 other, _, _, _ = by_angle(solid, z, variance, depth, depth_sigma, unit, j)
-                found |= anomaly(solid, z, other, one, inverse, unit, j)
-        return radius, sigma, found, each
+                odd, missed = anomaly(solid, z, other, one, inverse, missed, unit, j)
+                found |= odd
+        return radius, sigma, found, each, missed
 
     return invert

@@ -15,7 +15,7 @@ from skin.decode.parts import Parts
 from skin.decode.span import lanes_of
 
 from skin.decode.records import (  # isort: skip
-    ALL_FLAGS, BX, BY, BZ, CHIP, EXTRAPOLATED, FREQUENCY, GEL, IDLE, LANES, OUT_OF_RANGE,
+    BX, BY, BZ, CHIP, EXTRAPOLATED, FLAGS, FREQUENCY, GEL, IDLE, LANES, OUT_OF_RANGE,
     SATURATED, SILENT, TANGENTIAL_ROWS,
 )  # fmt: skip
 
@@ -65,7 +65,7 @@ def judge(status, count, limits, j):
         | (OUT_OF_RANGE if impossible else 0)
         | (EXTRAPOLATED if uncalibrated else 0)
     )
-    return (known if known & SILENT else known | found) & ALL_FLAGS
+    return (known if known & SILENT else known | found) & FLAGS
 
 
 def flags_stage(parts: Parts) -> Callable:

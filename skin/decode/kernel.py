@@ -20,7 +20,7 @@ from skin.decode.flags import changes, flags_stage, rest, wake
 from skin.decode.normal import normal_stage
 from skin.decode.parts import Parts
 from skin.decode.records import (
-    ALL_FLAGS,
+    FLAGS,
     INVALID,
     LANES,
     NOT_NEGATIVE,
@@ -214,11 +214,11 @@ def decode_python(parts: Parts) -> Callable:
                         some = Span(cycle, first, start, lanes)
                         if with_skip and not look and not wake(flag, data.loaded, some):
                             continue
-                        tangential(unit, counts, background, some, tile, flag)
+                        tangential(unit, counts, background, some, tile, flag, state, advance)
                 kept = (HELD_BITS if steady else 0) | (TANGENTIAL_BITS if rested else 0)
                 hand_out(model.rows, values, flag, span, data.out, doubt, kept)
                 for j in range(size):
-                    data.flags[cycle, first + j] = flag[j] & ALL_FLAGS
+                    data.flags[cycle, first + j] = (flag[j] & FLAGS) | limits["note"][j]
                     data.valid[cycle, first + j] = flag[j] & INVALID == 0
         control["phase"] = phase + (counts.shape[0] if advance else 1)
         control["reuse"] = 1

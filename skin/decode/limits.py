@@ -49,6 +49,7 @@ def limits_of(topology: Topology, vertical: bool) -> dict[str, np.ndarray | dict
     }
     status = np.where(topology.enabled, 0, int(Status.DISABLED))
     status += np.where(topology.counts_only, int(Status.NOT_F3T), 0)
+    note = np.where(topology.calibrated | (status != 0), 0, k.UNCALIBRATED)
     never_usual = np.zeros(topology.n, bool)
     for name in k.CHANNEL_NAMES:
         kinds = [f"{kind}_{name}" for kind in ("rail", "possible", "calibrated")]
@@ -60,7 +61,9 @@ def limits_of(topology: Topology, vertical: bool) -> dict[str, np.ndarray | dict
         never_usual |= low > high
         ranges[f"usual_{name}"] = low, np.maximum(low, high)
     status[never_usual] += k.UNUSUAL
-    return {"status": status} | {name: _from_ends(*ends) for name, ends in ranges.items()}
+    return {"status": status, "note": note} | {
+        name: _from_ends(*ends) for name, ends in ranges.items()
+    }
 
 
 def _from_ends(low: np.ndarray, high: np.ndarray) -> dict[str, np.ndarray]:

@@ -37,7 +37,9 @@ UNKNOWN = NEVER | NOT_F3T
 SILENT = UNKNOWN | DISABLED
 INVALID = int(status.INVALID)
 """Flags with which array features leave a unit out."""
-ALL_FLAGS = sum(map(int, Status))
+UNCALIBRATED = int(Status.UNCALIBRATED)
+FLAGS = sum(map(int, Status)) & ~UNCALIBRATED
+"""Those that differ from cycle to cycle."""
 UNUSUAL = 1 << 14
 """In the status of `LIMITS`: no counts are usual."""
 
@@ -47,6 +49,7 @@ RANGE = np.dtype([("low", np.int16, (LANES,)), ("width", np.int16, (LANES,))])
 
 LIMITS = np.dtype([
     ("status", np.int16, (LANES,)),  # before a count has come: DISABLED, NOT_F3T
+    ("note", np.int16, (LANES,)),  # whatever comes: UNCALIBRATED
     *((f"rail_{name}", RANGE) for name in CHANNEL_NAMES),  # off the rails
     *((f"possible_{name}", RANGE) for name in ("gel", "frequency", "chip")),  # of a working unit
     *((f"calibrated_{name}", RANGE) for name in ("gel", "frequency")),
@@ -81,8 +84,9 @@ COEFFICIENT_ROWS = {
     # R(psi, H) in mm, row 4 i + j of psi^(2 i + 1) H^j; rad, beyond which it is a lower bound; mm²,
     # of a component
     "angle": 16, "angle_end": 1, "angle_variance": 1,
-    # squared tolerance of the field: relative, µT²
-    "anomaly_share": 1, "anomaly_field": 1,
+    # squared tolerance of the field, of one reading and of the mean: relative, µT²; share of a
+    # reading in the mean
+    "anomaly_share": 1, "anomaly_field": 1, "miss_share": 1, "miss_field": 1, "miss_step": 1,
     # direction at -pi, slope of the first segment, changes of slope at the knots that follow
     "theta_correction": 1 + KNOTS,
     "film_x": 1, "film_y": 1,  # mm, middle of the film off the chip's axis
@@ -96,6 +100,8 @@ COEFFICIENT_ROWS = {
 # Kept as lag behind the gel, not as a temperature: a float32 lag goes on shrinking where a float32
 # temperature would stop as soon as its step is below half a unit in the last place.
 LAGS = ("last_temperature", "film_lag", "chip_lag")
+MISSED = "missed"
+"""Mean share by which the field misses its model."""
 HELD = ("temperature", "film_above", "chip_above", "temperature_sigma")
 """Of `TILE_ROWS`, where temperatures are held."""
 
@@ -140,7 +146,7 @@ def coefficients(real: npt.DTypeLike) -> np.dtype:
 
 def state(real: npt.DTypeLike, held: bool) -> np.dtype:
     """The record of what one cycle leaves to the next; `held` with temperatures that are held."""
-    return _record(dict.fromkeys((*LAGS, *HELD) if held else LAGS, 1), real)
+    return _record(dict.fromkeys((*LAGS, MISSED, *HELD) if held else (*LAGS, MISSED), 1), real)
 
 
 def tile(real: npt.DTypeLike) -> np.dtype:

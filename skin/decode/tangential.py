@@ -13,7 +13,7 @@ from skin.decode.field import FIELD_MIN, GAIN_MIN, field_law, inversion
 from skin.decode.functions import atan2, sin_cos
 from skin.decode.normal import bent
 from skin.decode.parts import Parts
-from skin.decode.records import EXTRAPOLATED, KNOTS, SILENT
+from skin.decode.records import EXTRAPOLATED, INVALID, KNOTS, SILENT
 from skin.decode.span import lanes_of
 from skin.decode.temperature import EXTRAPOLATION
 
@@ -157,12 +157,12 @@ def sigma_of(parts: Parts) -> Callable:
 def tangential_stage(parts: Parts) -> Callable:
     """The stage that decodes the field, the tangential displacement and the tangential force."""
     with_field, with_shear, with_sigma = parts.field, parts.shear, parts.sigma
-    with_film = parts.film_compensation
+    with_film, with_check = parts.film_compensation, parts.consistency
     field, invert = field_law(parts), inversion(parts)
     shear_from, sigma = shear_of(parts), sigma_of(parts)
 
     @jitable(inline=True)
-    def tangential(unit, counts, background, span, tile, flag):
+    def tangential(unit, counts, background, span, tile, flag, state, advance):
         assume_noalias()
         first, start, size = lanes_of(span)
         real = tile["force"].dtype.type
@@ -185,9 +185,14 @@ def tangential_stage(parts: Parts) -> Callable:
                     gain *= max(real(1.0) + warmer, real(GAIN_MIN))
                 strength = np.sqrt(x * x + y * y)
                 solid = max(strength, real(FIELD_MIN))
-                radius, along, found, each = invert(solid, z, variance, gain, tile, unit, j)
+                missed = state["missed"][j] if with_check else real(0.0)
+                radius, along, found, each, mean = invert(
+                    solid, z, variance, gain, missed, tile, unit, j
+                )
                 found |= EXTRAPOLATED if radius > unit["displacement_max"][j] else 0
                 flags = flag[j]
+                if with_check:
+                    state["missed"][j] = mean if advance & (flags & INVALID == 0) else missed
                 flag[j] = flags if flags & SILENT else flags | found
                 shear = shear_from(x * each, y * each, radius, along, strength, tile, unit, j)
                 if with_sigma:

@@ -106,6 +106,13 @@ class Nodes:
     # -- truth -------------------------------------------------------------------------------------
 
     @property
+    def exact(self) -> bool:
+        """Whether the units' constants are exactly the parameters of the topology: no scene has
+        given the films errors of fabrication."""
+        non_ideal = getattr(self.scene, "non_ideal", None)
+        return non_ideal is None or not non_ideal.fabrication
+
+    @property
     def truth(self) -> Truth:
         """Truth of the latest cycle."""
         if not self._sampled.history:

@@ -60,7 +60,7 @@ def test_plates_have_the_units_and_the_contacts_that_are_asked_for(n, kind):
 
 
 def test_numpy_would_be_told_apart(monkeypatch):
-    palm = topology.load("palm")
+    palm = topology.load("palm").exact()
     counts = contact.counts_of(palm, 1)[:2]
     contact.assert_same(palm, counts, 1)
     wrong = NumpyContacts._describe
@@ -76,11 +76,11 @@ def test_numpy_would_be_told_apart(monkeypatch):
 
 def test_without_nb_touch_there_is_no_row(monkeypatch):
     monkeypatch.setitem(sys.modules, "nb_touch.contact.detector", None)
-    assert peers_contact.nb_touch(topology.load("palm")) is None
+    assert peers_contact.nb_touch(topology.load("palm").exact()) is None
 
 
 def test_numpy_sigma_is_that_of_the_noise():
-    palm = topology.load("palm")
+    palm = topology.load("palm").exact()
     truth = contact.pressed(palm, palm.position[:, [27]], 0.2, 1.9)
     truth.displacement_mm[0] = 0.3
     counts = np.stack([UnitSimulator(palm, seed=s).counts(truth) for s in range(200)])

@@ -31,7 +31,8 @@ ROOMS: dict[str, frozenset[str]] = {
     "calibrate": COMMON | {"physics", "decode"},
     "sim": COMMON | {"physics"},
     "compiling": frozenset({"errors"}),
-    "pipeline": COMMON | {"physics", "decode", "contact"},
+    "clock": frozenset(),
+    "pipeline": COMMON | {"physics", "decode", "contact", "clock"},
     "live": COMMON | {"physics", "decode", "contact", "pipeline", "compiling", "sim"},
     "view": COMMON | {"live"},
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.stats import norm
 
 from bus.status import INVALID, Status
 from skin.decode.model import field_angle_ends
@@ -17,6 +18,7 @@ def naive_decode(skin, raw, status=None, estimator="sine", consistency=False, ba
     period_s = 1.0 / skin.cycle_rate_hz
     rails = _rails(skin, uses_bz)
     film = chip = None
+    missed = np.zeros(skin.n)
     cycles = []
     for t in range(raw.shape[0]):
         known = np.zeros(skin.n, int) if status is None else status[t].astype(int)
@@ -86,12 +88,20 @@ def naive_decode(skin, raw, status=None, estimator="sine", consistency=False, ba
         if consistency:
             whole = np.sqrt(bx**2 + by**2 + bz**2)
             model = crest * np.sin(wavenumber * by_angle)
-            miss = np.abs(np.maximum(strength, 1e-6) / model - 1.0)
+            ratio_z = np.maximum(strength, 1e-6) / model
             # the field in the counts, with the gain still in it
-            stray = np.sqrt(1000.0**2 + 25.0 * _field_variance(skin)) / (whole * gain)
-            stray = stray * np.maximum(strength, 1e-6) / model
-            allowed = 0.15**2 + stray**2 + 25.0 * _amplitude_variance(skin)
-            flags |= Status.MAGNETIC_ANOMALY * (miss**2 > allowed)
+            noise, drift = _field_variances(skin)
+            relative = (ratio_z / (whole * gain)) ** 2
+            passed = norm.isf(0.125 / (skin.n * skin.cycle_rate_hz * 86400.0)) ** 2
+            moved = _amplitude_variance(skin) - _residue(skin)
+            constant = 0.02**2 + 25.0 * _residue(skin) + (1000.0**2 + 25.0 * drift) * relative
+            step = 1.0 - np.exp(-1.0 / 50.0)
+            usual = (ratio_z - 1.0) ** 2 <= constant + passed * (moved + noise * relative)
+            mean = np.where(usual, missed + step * (ratio_z - 1.0 - missed), missed)
+            left = passed * step / (2.0 - step)
+            kept = mean**2 <= constant + left * (moved + noise * relative)
+            missed = np.where(known & INVALID == 0, mean, missed)
+            flags |= Status.MAGNETIC_ANOMALY * ~(usual & kept)
         known = np.where(silent, known, known | flags)
 
         row = {
@@ -129,13 +139,18 @@ def _residue(skin):
 
 
 def _field_variance(skin):
+    return sum(_field_variances(skin))
+
+
+def _field_variances(skin):
+    """Of noise, and of drifts that temperatures leave."""
     p = skin.parameters
     gel_c = 60.0 / np.log(p["gel_current_ratio"]) * p["gel_noise_relative"]
     chip_c = np.where(skin.wired[5], skin.scale[5] / np.sqrt(12.0), gel_c)
     drift = (p["hall_drift_x_ut_per_k"] ** 2 + p["hall_drift_y_ut_per_k"] ** 2) / 2.0 * chip_c**2
     stretch = sum(p[f"field_{name}"] ** 2 for name in ("xx", "xy", "yx", "yy")) / 2.0
     step = (skin.scale[2] ** 2 + skin.scale[3] ** 2) / 24.0
-    return stretch * (p["field_noise_ut"] ** 2 + step + drift)
+    return stretch * (p["field_noise_ut"] ** 2 + step), stretch * drift
 
 
 def _follow(before, now, period_s, lag_s):

@@ -17,7 +17,7 @@ from skin.options import Options
 from skin.pipeline import Pipeline
 from skin.sim.node import Nodes
 
-STRIP = topology.load("strip")
+STRIP = topology.load("strip").exact()
 OPTIONS = Options(want={"force", "temperature", "wrench", "contacts"})
 
 

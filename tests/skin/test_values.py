@@ -48,7 +48,7 @@ def recorded():
 
 def decoded(counts, status, plan):
     """Readings of some cycles, and of a batch of the first."""
-    decoder = skin.Decoder(topology.load("fingertip"), **plan)
+    decoder = skin.Decoder(topology.load("fingertip").exact(), **plan)
     found = {}
     for i in range(len(counts)):
         reading = decoder(counts[i], status[i])
@@ -56,14 +56,14 @@ def decoded(counts, status, plan):
             for name in ARRAYS:
                 found.setdefault(name, []).append(np.array(getattr(reading, name)))
     found = {name: np.array(values) for name, values in found.items()}
-    decoder = skin.Decoder(topology.load("fingertip"), **plan)
+    decoder = skin.Decoder(topology.load("fingertip").exact(), **plan)
     batch = decoder(counts[:BATCH], status[:BATCH])
     return found | {f"batch {name}": getattr(batch, name) for name in ARRAYS}
 
 
 def contacts(counts, status):
     """What the contacts are in every cycle: slip of units, and the records of some cycles."""
-    palm = topology.load("fingertip")
+    palm = topology.load("fingertip").exact()
     want = {"force", "sigma", "displacement", "temperature"}
     decoder = skin.Decoder(palm, want, sweeps=1, ambient=True)
     stream = ContactStream(

@@ -418,7 +418,7 @@ LIMITS = {
 @pytest.mark.parametrize("way", [1.0, -1.0])
 @pytest.mark.parametrize("limit", LIMITS)
 def test_what_is_below_its_limit_is_tared_and_what_is_above_is_refused(limit, way):
-    skin = row_of(2)
+    skin = dataclasses.replace(row_of(2), tared=np.zeros(2, bool))
     change, message = LIMITS[limit]
     tare(skin, change(skin, 0.93 * way))
     with pytest.raises(ScanError) as raised:
@@ -534,7 +534,7 @@ def test_late_readings_do_not_count():
 
 def test_unit_that_was_tared_before_is_held_to_it():
     """Its rest is known: what is 60 Hz off is pressed."""
-    skin = with_parameters(topology.load("fingertip"), frequency_sigma_hz=0.3)
+    skin = topology.load("fingertip").exact()
     counts = simulated(skin)
     counts[:, FREQUENCY, 4] -= 4 * 80
     with pytest.raises(ScanError, match=r"tip/r1c1: frequency: must be within 60 Hz of 4500 Hz"):

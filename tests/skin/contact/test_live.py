@@ -31,7 +31,7 @@ def wrench(force, position, rotation, *, valid):
 
 
 def test_contacts_of_a_stroke_are_the_truth_within_their_sigma():
-    palm = topology.load("palm")
+    palm = topology.load("palm").exact()
     told = []
     with skin.open(palm, simulate=open_scene("demo", palm), pace=False, seed=4) as opened:
         for state in itertools.islice(opened, 1700):
@@ -53,7 +53,7 @@ def test_contacts_of_a_stroke_are_the_truth_within_their_sigma():
 
 
 def test_balls_that_merge_and_part_keep_their_identities():
-    palm = topology.load("palm")
+    palm = topology.load("palm").exact()
     scene = ScriptedScene(palm, load_scene("merge", palm))
     told, events = [], {}
     with skin.open(palm, simulate=scene, pace=False, want={"contacts"}, seed=1) as opened:
@@ -76,7 +76,7 @@ def test_balls_that_merge_and_part_keep_their_identities():
 
 
 def test_moved_patches_carry_their_forces_along():
-    hand = topology.load("hand")
+    hand = topology.load("hand").exact()
     name = hand.patch_names[0]
     units = hand.patch == 0
     turn = Rotation.from_rotvec([0.1, 0.7, -0.2]).as_matrix()
@@ -128,7 +128,7 @@ def test_moved_patches_carry_their_forces_along():
 
 
 def test_a_unit_that_falls_silent_leaves_its_contact_which_stays_itself():
-    palm = topology.load("palm")
+    palm = topology.load("palm").exact()
     near, far = MemoryTransport.pair()
     nodes = Nodes(palm, seed=1)
     nodes.attach([far])
@@ -164,7 +164,7 @@ def test_what_is_known_of_friction_reaches_the_contacts():
 
 
 def test_contacts_outlive_stamps_that_step_back_and_numbers_that_repeat():
-    palm = topology.load("palm")
+    palm = topology.load("palm").exact()
     scene, simulator = open_scene("demo", palm), UnitSimulator(palm, seed=5)
     counts = simulator.counts(scene.at(3.0))
     read = Pipeline(palm, Options(want={"contacts"}, estimator="sine"))
@@ -176,6 +176,7 @@ def test_contacts_outlive_stamps_that_step_back_and_numbers_that_repeat():
         assert contact.id == 1
         assert state.stamp_ns == stamp_ns
         ages.append(contact.age_s)
-    assert ages[1] == pytest.approx(0.004)
-    assert ages[4] == pytest.approx(13 * 0.004)
+    # stamps that stand still are followed slowly, those that step back not at all
+    assert ages[1] == pytest.approx(0.004, rel=0.1)
+    assert ages[4] - ages[2] == pytest.approx(12 * 0.004)
     assert (np.diff(ages) > 0.0).all()

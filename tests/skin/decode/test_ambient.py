@@ -28,7 +28,7 @@ def settled(skin, *, seed=0, noise=True, seconds=8.0, **options):
 
 @pytest.mark.parametrize("name", ["palm", "fingertip", "strip"])
 def test_uniform_field_is_found_on_skins_of_any_shape(name):
-    skin = calibrated(topology.load(name), seed=3)
+    skin = calibrated(topology.load(name).exact(), seed=3)
     ambient, world = settled(skin, noise=False, dtype="float64")
     world.ambient_ut[:] = EARTH
     world.run(ambient, 4.0)
@@ -41,7 +41,7 @@ def test_uniform_field_is_found_on_skins_of_any_shape(name):
 
 def test_film_beside_its_chip_is_no_ambient_field():
     """What it adds at rest is the unit's own: 165 µT for 0.1 mm, all of them to one side."""
-    skin = with_parameters(topology.load("palm"), film_x_mm=0.08, film_y_mm=-0.06)
+    skin = with_parameters(topology.load("palm").exact(), film_x_mm=0.08, film_y_mm=-0.06)
     ambient, world = Ambient(skin), World(skin)
     world.stray_ut[:2] = np.array([[0.8], [-0.6]]) * 11073.0 * np.exp(-1.44) * np.sin(0.02 * np.pi)
     world.run(ambient, 8.0)
@@ -51,7 +51,7 @@ def test_film_beside_its_chip_is_no_ambient_field():
 
 def test_background_reads_as_the_counts_do():
     """Through the map, the axes and the rotation of each unit."""
-    skin = calibrated(topology.load("fingertip"), seed=5)
+    skin = calibrated(topology.load("fingertip").exact(), seed=5)
     ambient, world = settled(skin, noise=False, dtype="float64")
     before = world.cycle(np.zeros((4, skin.n))).field_ut.copy()
     taken = ambient.background.copy()
@@ -63,7 +63,7 @@ def test_background_reads_as_the_counts_do():
 
 
 def test_field_of_the_earth_is_tracked_while_the_robot_turns():
-    ambient, world = settled(topology.load("palm"))
+    ambient, world = settled(topology.load("palm").exact())
     misses = []
     for cycle in range(2000):
         angle = TURN * cycle / 250.0
@@ -77,7 +77,7 @@ def test_field_of_the_earth_is_tracked_while_the_robot_turns():
 
 
 def test_covariance_holds_for_a_field_that_wanders_as_assumed():
-    ambient, world = settled(topology.load("palm"))
+    ambient, world = settled(topology.load("palm").exact())
     rng = np.random.default_rng(4)
     step = np.sqrt(ambient_kernels.WALK_UT2 / 250.0)
     misses = []
@@ -125,7 +125,7 @@ def test_units_that_lie_do_not_count(lie_ut):
 
 
 def test_glitch_moves_the_field_by_little():
-    ambient, world = settled(topology.load("palm"), noise=False)
+    ambient, world = settled(topology.load("palm").exact(), noise=False)
     world.stray_ut[:, 7] = 60000.0
     world.run(ambient, 1.0 / 250.0)
     assert np.abs(ambient.field_ut).max() < 1.0
@@ -155,7 +155,7 @@ def test_too_few_unloaded_units_hold_the_field_and_say_so():
 
 
 def test_loaded_units_and_those_near_have_no_vote():
-    skin = topology.load("palm")
+    skin = topology.load("palm").exact()
     ambient, world = settled(skin, guard_m=0.013)
     middle = skin.unit_index("palm/r3c3")
     world.drop_hz[middle] = 300.0
@@ -168,7 +168,7 @@ def test_loaded_units_and_those_near_have_no_vote():
 
 
 def test_units_near_a_press_vote_where_cross_talk_is_taken_off():
-    skin = topology.load("palm")
+    skin = topology.load("palm").exact()
     ambient, world = settled(skin, crosstalk=True)
     pressed = np.random.default_rng(6).random(64) < 0.3
     world.drop_hz[pressed] = 500.0
@@ -194,7 +194,7 @@ def test_flagged_units_have_no_vote(flag):
 
 
 def test_parts_that_move_apart_have_a_field_each():
-    skin = topology.load("hand")
+    skin = topology.load("hand").exact()
     body = np.array([skin.patch_frames[patch] for patch in skin.patch])
     ambient = Ambient(skin)
     world = World(skin, body=np.array([ambient.bodies.index(name) for name in body]))
@@ -208,7 +208,7 @@ def test_parts_that_move_apart_have_a_field_each():
 
 
 def test_flat_skin_without_bz_knows_nothing_of_the_field_across_it():
-    skin = without_bz(topology.load("palm"))
+    skin = without_bz(topology.load("palm").exact())
     ambient, world = settled(skin)
     world.ambient_ut[:] = EARTH
     world.run(ambient, 3.0)
@@ -221,7 +221,7 @@ def test_flat_skin_without_bz_knows_nothing_of_the_field_across_it():
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 def test_kernel_does_as_its_python(dtype):
-    skin = calibrated(topology.load("fingertip"), seed=2)
+    skin = calibrated(topology.load("fingertip").exact(), seed=2)
     ambient, world = settled(skin, seconds=1.0, dtype=dtype)
     world.ambient_ut[:] = EARTH
     world.drop_hz[2] = 100.0

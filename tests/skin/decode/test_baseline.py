@@ -190,7 +190,7 @@ def test_unit_in_doubt_is_let_be(trouble):
 
 
 def test_units_near_a_press_are_let_be():
-    skin = topology.load("fingertip")
+    skin = topology.load("fingertip").exact()
     ambient, world = Ambient(skin), World(skin)
     world.run(ambient, 12.0)
     assert ambient.followed.all()

@@ -17,7 +17,7 @@ from skin.sim.unit import UnitSimulator
 @functools.cache
 def pressed_palm():
     """Counts of a palm from magnet theory, films of neighbours included, and the truth."""
-    palm = topology.load("palm")
+    palm = topology.load("palm").exact()
     rng = np.random.default_rng(1)
     depth = np.where(rng.random(palm.n) < 0.4, rng.uniform(0.3, 1.9, palm.n), 0.0)
     reach = np.where(depth > 0.0, rng.uniform(0.0, 2.0, palm.n), 0.0)
@@ -100,7 +100,7 @@ def test_units_without_load_are_looked_at_now_and_then_for_the_ambient_field():
 
 
 def test_the_ambient_loop_sees_the_temperature_wanted_or_not():
-    decoder = Decoder(topology.load("palm"), {"displacement", "sigma"}, ambient=True)
+    decoder = Decoder(topology.load("palm").exact(), {"displacement", "sigma"}, ambient=True)
     counts = np.zeros((6, 64), np.int16)
     decoder.warmup()
     assert decoder(counts).temperature is None

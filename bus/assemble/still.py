@@ -1,0 +1,85 @@
+"""How long a channel may stand still: longer, and it is stuck, for its noise would have moved it.
+
+A channel stands still while its counts stay within a band about where it began to. The band is
+narrow against the noise of a working unit, and the time so long that noise alone stays in it no
+more than `FALSE_ALARMS_PER_DAY` times a day on the whole skin, on white Gaussian noise [derived].
+A channel whose noise is far below its count stands still by nature: it is not watched, nor is the
+chip's temperature, whose noise nothing states.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from topology import CHANNELS, Topology
+
+__all__ = ["FALSE_ALARMS_PER_DAY", "noise_counts", "still_limits"]
+
+FALSE_ALARMS_PER_DAY = 0.5
+"""Healthy channels that are found stuck, on the whole skin [assumed]."""
+LEAST_NOISE = 0.5
+"""Share of the noise that the unit's model states, at least, that a working unit has [assumed]."""
+BAND = 0.25
+"""Half the width of the band, in sigmas of that [assumed]: a converter that is stuck may still turn
+its last bits over."""
+LONGEST_S = 600.0
+"""A channel that would have to be watched for longer is not watched [assumed]."""
+SOON_S = 1.0
+"""A band of the last bit is wanted where that is no longer to wait [assumed]."""
+DAY_S = 86400.0
+
+
+def noise_counts(topology: Topology) -> np.ndarray:
+    """One-sigma of the noise of each channel, in counts, shape (c, n); 0 where none is known.
+
+    Of the gel, whose noise is a share of its current, that at the lower end of the calibrated
+    range of temperature.
+    """
+    p = topology.parameters
+    coldest = p["gel_current_ratio"] ** ((p["temperature_min_c"] - 20.0) / 60.0)
+    field = p["field_noise_ut"]
+    physical = {
+        "gel": p["gel_noise_relative"] * p["gel_current_20c_ua"] * coldest,
+        "frequency": p["frequency_noise_hz"],
+        "bx": field,
+        "by": field,
+        "bz": field,
+    }
+    out = np.zeros((len(CHANNELS), topology.n))
+    for name, noise in physical.items():
+        channel = CHANNELS.index(name)
+        wired = topology.wired[channel] & ~topology.counts_only
+        out[channel, wired] = noise[wired] / np.abs(topology.scale[channel, wired])
+    return out
+
+
+def still_limits(topology: Topology) -> tuple[np.ndarray, np.ndarray]:
+    """Bands and times of all channels.
+
+    Returns
+    -------
+    band : ndarray, shape (c, n), int16
+        Counts by which a channel that stands still may be off where it began.
+    cycles : ndarray, shape (c, n), int32
+        Readings in a row within the band that make it stuck; 0: not watched. None is judged before
+        the unit's `frozen_cycles`, and none where that is 0.
+    """
+    from scipy.special import log_ndtr
+
+    sigma, rate_hz = LEAST_NOISE * noise_counts(topology), topology.cycle_rate_hz
+
+    def cycles_of(band: np.ndarray) -> np.ndarray:
+        # of noise about the middle of the band, which is where it stays longest
+        with np.errstate(divide="ignore", invalid="ignore"):
+            beyond = np.log(2.0) + log_ndtr(-(band + 0.5) / sigma)
+            alarms = sigma.size * rate_hz * DAY_S / FALSE_ALARMS_PER_DAY
+            return 1.0 + np.log(alarms) / -np.log1p(-np.exp(beyond))
+
+    band = np.floor(BAND * sigma)
+    last_bit = (band == 0.0) & (cycles_of(np.ones_like(band)) <= SOON_S * rate_hz)
+    band[last_bit] = 1.0
+    cycles = cycles_of(band)
+    least = topology.parameters["frozen_cycles"]
+    watched = (sigma > 0.0) & (cycles <= LONGEST_S * rate_hz) & (least > 0.0)
+    cycles = np.where(watched, np.ceil(np.maximum(cycles, least)), 0.0)
+    return band.astype(np.int16), cycles.astype(np.int32)

@@ -1,0 +1,154 @@
+"""Cycles that are late, left out or far apart: states are of the time that passed."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import skin
+import topology
+from bus.cycle import ClosedBy, RawCycle
+from skin.contact.stream import ContactStream
+from skin.errors import CountsError, SkinError
+from skin.options import Options
+from skin.pipeline import Pipeline
+from tests.skin.test_values import FOLDER, PERIOD_NS
+
+TIP = topology.load("fingertip").exact()
+WANT = {"force", "temperature", "contacts", "slip", "wrench"}
+BEGIN = 10**18
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    """Twelve units under a body that is pressed on, pulled and slips."""
+    with np.load(FOLDER / "counts.npz") as file:
+        return file["counts"], file["status"]
+
+
+def played(recorded, cycles, numbers, stamps, **options):
+    """Forces, ages of the contact and the pipeline, of some cycles by numbers and stamps."""
+    counts, status = recorded
+    pipeline = Pipeline(TIP, Options(want=WANT, **options))
+    force, ages = {}, {}
+    rest = (np.zeros(TIP.n, int),) * 3
+    for cycle, number, stamp in zip(cycles, numbers, stamps, strict=True):
+        raw = RawCycle(
+            int(number), int(stamp), ClosedBy.COMPLETE, counts[cycle], status[cycle] == 0,
+            status[cycle], *rest,
+        )  # fmt: skip
+        state = pipeline(raw)
+        force[cycle] = state.units.force.copy()
+        ages[cycle] = state.contacts[0].age_s if state.contacts else 0.0
+    assert state.overruns == pipeline.clock.overruns
+    return force, ages, pipeline
+
+
+EVERY = np.arange(700)
+FIFTH = EVERY[::5]
+HALF = np.flatnonzero(np.random.default_rng(0).random(700) < 0.5)
+JITTER = np.random.default_rng(1).normal(0.0, 0.07 * PERIOD_NS, 700)
+STREAMS = {
+    # cycles, numbers, stamps, largest difference of a force in newton
+    "stamps that jitter": (EVERY, EVERY, EVERY * PERIOD_NS + JITTER, 1e-4),
+    "every fifth SYNC": (FIFTH, FIFTH, FIFTH * PERIOD_NS, 0.03),
+    "a slow host that counts on": (FIFTH, np.arange(140), FIFTH * PERIOD_NS, 0.03),
+    "every other SYNC, at random": (HALF, HALF, HALF * PERIOD_NS, 0.1),
+}
+
+
+@pytest.mark.parametrize("name", STREAMS)
+def test_seldom_cycles_give_the_forces_and_times_of_the_steady_stream(name, recorded):
+    """The neighbours' displacements are those of the cycle before; the rest keeps to the time."""
+    cycles, numbers, stamps, bound = STREAMS[name]
+    steady, steady_ages, _ = played(recorded, EVERY, EVERY, BEGIN + EVERY * PERIOD_NS)
+    force, ages, pipeline = played(recorded, cycles, numbers, BEGIN + np.rint(stamps))
+    assert max(np.nanmax(np.abs(force[c] - steady[c])) for c in cycles) < bound
+    assert max(ages.values()) > 1.0
+    for cycle in cycles[len(cycles) // 2 :]:
+        assert ages[cycle] == pytest.approx(steady_ages[cycle], abs=6 * 0.004)
+    left_out = cycles[-1] - cycles[0] + 1 - cycles.size
+    assert pipeline.clock.overruns == pytest.approx(left_out, abs=2)
+
+
+def test_forces_keep_to_the_steady_stream_where_two_sweeps_are_taken(recorded):
+    steady, *_ = played(recorded, EVERY, EVERY, EVERY * PERIOD_NS, sweeps=2)
+    force, *_ = played(recorded, FIFTH, FIFTH, FIFTH * PERIOD_NS, sweeps=2)
+    # what is left is the ambient field, which has seen a fifth of the noise
+    assert max(np.nanmax(np.abs(force[c] - steady[c])) for c in FIFTH) < 0.02
+
+
+def test_a_slow_consumer_sees_the_time_that_passed():
+    with skin.open("strip", simulate=True) as strip:
+        states = iter(strip)
+        next(states)
+        started = time.monotonic()
+        for _ in range(25):
+            time.sleep(0.02)
+            state = next(states)
+        passed_s = time.monotonic() - started
+        clock, truth_s = strip.pipeline.clock, strip.nodes.truth.time_s
+    assert clock.now_ns * 1e-9 == pytest.approx(passed_s, abs=0.05)
+    assert state.overruns == pytest.approx(250.0 * passed_s - 25, abs=12)
+    assert state.overruns == strip.timing.overruns
+    assert truth_s == pytest.approx(passed_s, abs=0.05)
+    assert state.units.valid.all()
+
+
+def test_units_that_need_not_wait_live_in_a_time_of_their_own():
+    with skin.open("strip", simulate=True, pace=False) as strip:
+        stamps = [state.stamp_ns for state in itertools.islice(strip, 50)]
+        assert (np.diff(stamps) == PERIOD_NS).all()
+        assert strip.pipeline.clock.overruns == 0
+
+
+def in_two_threads(call, calls=4000):
+    """What `call` raises, made by two threads at once until one is refused."""
+    refused, stop = [], threading.Event()
+
+    def work():
+        for _ in range(calls):
+            if stop.is_set():
+                return
+            try:
+                call()
+            except SkinError as error:
+                refused.append(error)
+                stop.set()
+
+    threads = [threading.Thread(target=work) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    return refused
+
+
+def test_two_threads_on_one_decoder_are_refused():
+    palm = topology.load("palm")
+    decoder = skin.Decoder(palm, sweeps=2, ambient=True)
+    raw = np.zeros((200, 6, palm.n), np.int16)
+    decoder.warmup()
+    (error, *_) = in_two_threads(lambda: decoder(raw))
+    assert isinstance(error, CountsError)
+    assert "palm: must be decoded from one thread at a time" in str(error)
+    decoder(raw[0])  # who is refused leaves no lock behind
+
+
+def test_two_threads_on_one_stream_of_contacts_are_refused():
+    palm = topology.load("palm")
+    stream = ContactStream(
+        palm.position, palm.rotation, palm.area, palm.neighbour_start, palm.neighbour_index,
+        want={"contacts"},
+    )  # fmt: skip
+    force = np.ones((3, palm.n))
+    stream.warmup()
+    stamps = itertools.count()
+    (error, *_) = in_two_threads(
+        lambda: stream.update(force, 0.01, stamp_ns=next(stamps)), calls=200_000
+    )
+    assert "one thread at a time" in str(error)
