@@ -6,15 +6,25 @@
     ├── OptionError          an option, or the name of a quantity, that does not exist
     ├── CountsError          an array that is not what the topology says it must be
     ├── CalibrationError     parameters that no working unit can have
+    ├── TooDenseError        units nearer to each other than their magnets allow
+    ├── ScanError            a recording of a bench that cannot tell what is asked of it
     └── SceneError           a scene file that is wrong, or that cannot be on this skin
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 
-__all__ = ["CalibrationError", "CountsError", "OptionError", "SceneError", "SkinError"]
+__all__ = [
+    "CalibrationError",
+    "CountsError",
+    "OptionError",
+    "ScanError",
+    "SceneError",
+    "SkinError",
+    "TooDenseError",
+]
 
 LISTED = 20
 """Names that a message lists; of more, it tells the first and the last."""
@@ -53,6 +63,20 @@ class CountsError(SkinError, ValueError):
 
 class CalibrationError(SkinError):
     """Parameters that no working unit can have; the message names unit, parameter and value."""
+
+
+class TooDenseError(SkinError):
+    """Units nearer to each other than their magnets allow; the message has one patch a line.
+
+    Attributes
+    ----------
+    units : sequence of int
+        Those that a film comes into, where that is what is wrong.
+    """
+
+    def __init__(self, message: str, units: Sequence[int] = ()) -> None:
+        super().__init__(message)
+        self.units = units
 
 
 class SceneError(SkinError, ValueError):

@@ -259,10 +259,23 @@ class Cylinder(_Numbered, frozen=True, kw_only=True, tag="cylinder"):
 
 
 class Dome(_Numbered, frozen=True, kw_only=True, tag="dome"):
-    """A spherical cap: one unit on top, in the origin, and rings around it."""
+    """A spherical cap: one unit on top, in the origin, and rings around it.
+
+    Ring k has 6 k units, or as many as keep the straight distance of the rings where the sphere
+    has less room: with r rings 1 + 3 r (r + 1) units at most (7, 19, 37, 61, …). `skin check` says
+    how many there are.
+    """
 
     radius_m: Annotated[Length, Meta(description="Radius of the sphere, metres")]
-    rings: Annotated[int, Meta(ge=0, le=1000, description="Rings around the middle unit")]
+    rings: Annotated[
+        int,
+        Meta(
+            ge=0,
+            le=1000,
+            description="Rings around the middle unit, the k-th of 6 k units, or of as many as "
+            "keep the straight distance of the rings: 7, 19, 37, 61, … units in all, at most",
+        ),
+    ]
     pitch_m: Annotated[Length, Meta(description="Distance of the rings along the arc, metres")]
 
 

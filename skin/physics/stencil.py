@@ -19,12 +19,13 @@ from pathlib import Path
 
 import numpy as np
 
-from skin.errors import ScanError, SkinError
+from skin.errors import ScanError, SkinError, TooDenseError
 from skin.physics.least_squares import Fit
 from skin.physics.stray import (
     DEGREES,
     SEPARATION_M,
     Pairs,
+    blocked,
     field_at_rest,
     left_out,
     monomials,
@@ -270,7 +271,7 @@ class Stencil:
         ------
         ScanError
             A degree that is not there.
-        SkinError
+        TooDenseError
             Units so near that a film is moved into a neighbour's chip.
         """
         if degree not in DEGREES:
@@ -281,6 +282,15 @@ class Stencil:
         unit = np.repeat(np.arange(topology.n), np.diff(start))
         pairs = Pairs.of(topology, unit, neighbour)
         moved, share = scan_poses(DEPTH_MAX_MM, DISPLACEMENT_MAX_MM)
+        near_films = blocked(pairs.seen, moved)[pairs.scan[pairs.kind]]
+        if near_films.any():
+            units = np.unique(unit[near_films])
+            raise TooDenseError(
+                f"{topology.unit_names[units[0]]}: must keep its chip clear of its neighbours' "
+                f"films, which move by {DISPLACEMENT_MAX_MM:g} mm; got one that comes into it or "
+                f"beside it, as with {len(units)} units of {topology.name}",
+                [int(u) for u in units],
+            )
         stray = scan_stray(topology, pairs.seen, moved)
         terms = monomials(moved.T, degree)
         q, r = np.linalg.qr(terms.T)
