@@ -24,6 +24,7 @@ and heartbeats are hit by their identifiers only.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -32,7 +33,8 @@ from msgspec import Meta
 
 from bus.errors import FaultScriptError
 from topology import Topology
-from topology.errors import MESSAGES, nearest
+from topology.errors import MESSAGES, TopologyError, nearest
+from topology.files import missing
 from topology.read import open_source, read, show
 from topology.report import Report
 
@@ -219,14 +221,15 @@ def load_script(path: str | Path, topology: Topology | None = None) -> FaultScri
     """
     report, path = Report(), Path(path)
     script = None
-    if not path.is_file():
+    if missing(path):
         report.about_file("no-file", str(path), path=path)
     else:
-        source = open_source(path, str(path), report)
-        if source is not None:
-            script = read(FaultScript, source, report)
-            for i, key, hint, values in () if report.issues else problems(script, topology):
-                report.add("value", source, ("faults", i, key), hint, **values)
+        with suppress(TopologyError):  # more than a report holds
+            source = open_source(path, str(path), report)
+            if source is not None:
+                script = read(FaultScript, source, report)
+                for i, key, hint, values in () if report.issues else problems(script, topology):
+                    report.add("value", source, ("faults", i, key), hint, **values)
     if script is None or report.issues:
         raise FaultScriptError("\n".join(map(str, report.issues)))
     return script

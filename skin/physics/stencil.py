@@ -12,7 +12,6 @@ that pose with ``rigid=True``.
 from __future__ import annotations
 
 import dataclasses
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,7 +34,7 @@ from skin.physics.stray import (
     scan_stray,
 )
 from topology import Topology
-from topology.files import whole_file
+from topology.files import read_arrays, whole_file
 from topology.neighbours import compressed_rows
 
 __all__ = ["Stencil"]
@@ -169,17 +168,13 @@ class Stencil:
             No such file, another kind of file, or a stencil of another skin.
         """
         try:
-            with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-                if int(file["format"]) not in READ:
-                    raise SkinError(
-                        f"{path}: format: must be one of {READ}; got {int(file['format'])}"
-                    )
-                values = {
-                    field.name: file[field.name][()] for field in dataclasses.fields(cls)
-                }  # fmt: skip
-        except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
+            saved = read_arrays(path)
+            if (version := int(saved["format"])) not in READ:
+                raise SkinError(f"{path}: format: must be one of {READ}; got {version}")
+            found = cls(**{field.name: saved[field.name][()] for field in dataclasses.fields(cls)})
+            found._check()
+        except (OSError, LookupError, AttributeError, ValueError, TypeError) as error:
             raise SkinError(f"{path}: must be a stencil that was saved; got {error}") from None
-        found = cls(**values)
         if found.n != topology.n:
             raise SkinError(
                 f"{path}: must be the stencil of {topology.n} units, as {topology.name}; "
@@ -195,6 +190,27 @@ class Stencil:
                 f"{1e3 * off[worst]:.2g} mm"
             )
         return found
+
+    def _check(self) -> None:
+        """Refuse arrays that do not fit each other: compiled code would read beside them."""
+        n, m, (k, _, terms) = self.n, self.neighbour.size, self.coefficients.shape
+        shapes = {
+            "start": (n + 1,), "neighbour": (m,), "kind": (m,), "apart_m": (m,),
+            "coefficients": (k, 3, terms), "sigma_ut": (k, 3), "strength": (n,),
+            "rest_ut": (3, n), "left_out_rms_ut": (n,),
+        }  # fmt: skip
+        for name, shape in shapes.items():
+            array = getattr(self, name)
+            kind = "i" if name in ("start", "neighbour", "kind") else "f"
+            if array.shape != shape or array.dtype.kind != kind or not np.isfinite(array).all():
+                raise ValueError(f"{name} of shape {array.shape}, {array.dtype}")
+        ends = self.start[0] == 0 and self.start[-1] == m and (np.diff(self.start) >= 0).all()
+        for name, end in (("neighbour", n), ("kind", k)):
+            index = getattr(self, name)
+            if not ends or (m and not 0 <= index.min() <= index.max() < end):
+                raise ValueError(f"start or {name} out of range")
+        if self.degree not in DEGREES or terms != len(powers(self.degree)):
+            raise ValueError(f"degree {self.degree} with {terms} terms")
 
     @classmethod
     def measured(
