@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
+from numbers import Integral, Real
 
 __all__ = [
     "CalibrationError",
@@ -24,6 +25,8 @@ __all__ = [
     "SceneError",
     "SkinError",
     "TooDenseError",
+    "check_flag",
+    "check_number",
 ]
 
 LISTED = 20
@@ -55,6 +58,50 @@ class OptionError(SkinError, ValueError):
         near = get_close_matches(str(got), names, n=1)
         hint = f" (nearest: {near[0]!r})" if near else ""
         return cls(f"{where}: must be {one_of}{listed}; got {got!r}{hint}")
+
+
+def check_number(
+    where: str, value: object, least: float, most: float, *, whole: bool = False
+) -> None:
+    """Refuse what is no number from `least` to `most`.
+
+    Raises
+    ------
+    OptionError
+        It is none.
+
+    Examples
+    --------
+    >>> check_number("deadline_s", float("nan"), 0, 60)
+    Traceback (most recent call last):
+    skin.errors.OptionError: deadline_s: must be a number from 0 to 60; got nan
+    """
+    kinds = (Integral,) if whole else (Real,)
+    if not isinstance(value, kinds) or isinstance(value, bool) or not least <= value <= most:
+        kind = "an integer" if whole else "a number"
+        raise OptionError(
+            f"{where}: must be {kind} from {least:g} to {most:g}; got {_short(value)}"
+        )
+
+
+def check_flag(where: str, value: object) -> None:
+    """Refuse what is neither True nor False.
+
+    Raises
+    ------
+    OptionError
+        It is neither.
+    """
+    if value is not True and value is not False:
+        raise OptionError(f"{where}: must be True or False; got {_short(value)}")
+
+
+def _short(value: object) -> str:
+    try:
+        text = repr(value)
+    except ValueError:  # an integer of thousands of digits
+        text = "an integer of thousands of digits"
+    return text if len(text) <= 60 else text[:57] + "..."
 
 
 class CountsError(SkinError, ValueError):

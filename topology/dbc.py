@@ -6,7 +6,6 @@ which messages are CAN FD frames (the attribute VFrameFormat). Everything else i
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -15,6 +14,7 @@ from typing import Literal
 
 from topology.read import read_text
 from topology.report import Report
+from topology.wire import LARGEST_SCALE
 
 __all__ = ["DbcMessage", "DbcSignal", "read_dbc"]
 
@@ -190,7 +190,7 @@ def _signal(row: str, number: int) -> DbcSignal | None:
     if found is None:
         return None
     scale, offset = float(found["scale"]), float(found["offset"])
-    if not (math.isfinite(scale) and math.isfinite(offset)):
+    if not max(abs(scale), abs(offset)) <= LARGEST_SCALE:
         return None
     return DbcSignal(
         name=found["name"],

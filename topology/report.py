@@ -7,7 +7,7 @@ from topology.source import Key, Source
 
 __all__ = ["Report"]
 
-MOST_ISSUES = 500
+MOST_ISSUES = 1000
 """Of a file that has more of them no more are looked for."""
 
 

@@ -12,7 +12,7 @@ import msgspec
 from msgspec import Meta
 
 from topology.model import UnitModel
-from topology.wire import Signal
+from topology.wire import Factor, Signal
 
 __all__ = [
     "PARAMETERS",
@@ -46,6 +46,7 @@ Name = Annotated[
 ]
 Coordinate = Annotated[float, Meta(ge=-1000, le=1000)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
+Angle = Annotated[float, Meta(ge=-36_000, le=36_000)]
 Length = Annotated[float, Meta(ge=1e-6, le=100)]
 Count = Annotated[int, Meta(ge=1, le=100_000)]
 Identifier = Annotated[int, Meta(ge=0, le=0x1FFFFFFF)]
@@ -64,21 +65,23 @@ class Bus(_Table, frozen=True, kw_only=True):
         Meta(description="`memory` (in-process), `socketcan`, or any interface of python-can"),
     ] = "memory"
     channel: Annotated[str, Meta(description="Channel of the interface, e.g. `can0`")] = ""
-    bitrate: Annotated[int, Meta(gt=0, description="Nominal bit rate, bit/s")] = 1_000_000
+    bitrate: Annotated[int, Meta(ge=1000, le=1_000_000, description="Nominal bit rate, bit/s")] = (
+        1_000_000
+    )
     data_bitrate: Annotated[
-        Annotated[int, Meta(gt=0)] | None,
+        Annotated[int, Meta(ge=1000, le=20_000_000)] | None,
         Meta(description="CAN FD data bit rate, bit/s; absent: classic CAN"),
     ] = None
     cycle_rate_hz: Annotated[
         float,
-        Meta(gt=0, le=100_000, description="Cycles a second; the same on all buses of a skin"),
+        Meta(ge=0.1, le=100_000, description="Cycles a second; the same on all buses of a skin"),
     ] = 250.0
     sync_id: Annotated[
         Annotated[int, Meta(ge=0, le=0x7FF)] | None,
         Meta(description="Identifier of SYNC; absent: units send freely"),
     ] = None
     max_load: Annotated[
-        float, Meta(gt=0, le=1, description="Share of the bus that worst-case bits may fill")
+        float, Meta(ge=0.01, le=1, description="Share of the bus that worst-case bits may fill")
     ] = 0.8
     options: Annotated[
         dict[str, Any], Meta(description="Further keyword arguments of the python-can interface")
@@ -95,7 +98,7 @@ class Pose(_Table, frozen=True, kw_only=True):
 
     xyz_m: Annotated[Vector, Meta(description="Origin in the parent, metres")] = (0.0, 0.0, 0.0)
     rpy_deg: Annotated[
-        tuple[float, float, float] | None,
+        tuple[Angle, Angle, Angle] | None,
         Meta(description="Roll, pitch, yaw about the parent's fixed x, y, z, degrees (as in URDF)"),
     ] = None
     quaternion_wxyz: Annotated[
@@ -115,8 +118,8 @@ class Frame(_Table, frozen=True, kw_only=True):
 class Scale(_Table, frozen=True, kw_only=True):
     """Physical value = scale * integer + offset, for the units of a model."""
 
-    scale: float
-    offset: float = 0.0
+    scale: Factor
+    offset: Factor = 0.0
 
 
 PARAMETERS: tuple[str, ...] = UnitModel.__struct_fields__

@@ -62,9 +62,9 @@ __all__ = [
 
 _Identifier = Annotated[int, Meta(ge=0, le=0x1FFF_FFFF)]
 _Copies = Annotated[int, Meta(ge=1, le=64)]
-_Seconds = Annotated[float, Meta(ge=0)]
-_Share = Annotated[float, Meta(gt=0, le=1)]
-_Count = Annotated[int, Meta(ge=1)]
+_Seconds = Annotated[float, Meta(ge=0, le=1e9)]
+_Share = Annotated[float, Meta(ge=1e-12, le=1)]
+_Count = Annotated[int, Meta(ge=1, le=10**12)]
 _Length = Annotated[int, Meta(ge=0, le=63)]
 
 ERRORS: dict[str, tuple[int, bytes]] = {
@@ -112,7 +112,7 @@ class Kill(Fault, frozen=True, tag="kill"):
 class Delay(Fault, frozen=True, tag="delay"):
     """The frame comes later, with the stamp of then: with the first traffic after its time."""
 
-    delay_s: Annotated[float, Meta(gt=0, le=60)]
+    delay_s: Annotated[float, Meta(ge=1e-9, le=60)]
 
 
 class Repeat(Fault, frozen=True, tag="repeat"):

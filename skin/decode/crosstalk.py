@@ -157,9 +157,10 @@ class CrossTalk:
         idle_mm: float = 0.027,
         lattices: bool = True,
     ) -> None:
-        if stencil is not None and stencil.n != topology.n:
+        if stencil is not None and getattr(stencil, "n", None) != topology.n:
+            got = stencil.n if isinstance(stencil, Stencil) else type(stencil).__name__
             raise SkinError(
-                f"stencil: must be of {topology.n} units, as {topology.name}; got {stencil.n}"
+                f"stencil: must be of {topology.n} units, as {topology.name}; got {got}"
             )
         self.stencil, self.contraction = stencil, _ = sparse_enough(topology, stencil, degree)
         real = np.dtype(dtype)

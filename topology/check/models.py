@@ -14,7 +14,7 @@ from topology.model import MODELS, TABLES, THETA_KNOTS, UnitModel
 from topology.report import Report
 from topology.schema import PARAMETERS, File, Scale
 from topology.source import Key, Source
-from topology.wire import CHANNELS
+from topology.wire import CHANNELS, LARGEST_SCALE, SMALLEST_SCALE
 
 __all__ = ["Fault", "given_parameters", "parameter_faults", "resolve_models", "to_arrays"]
 
@@ -104,8 +104,9 @@ def _report_faults(model: UnitModel, key: Key, source: Source, report: Report) -
 def _check_scales(scales: Mapping[str, Scale], key: Key, source: Source, report: Report) -> None:
     for channel, scale in scales.items():
         known = refer(channel, "a channel", CHANNELS, (*key, channel), source, report)
-        if known and scale is not None and scale.scale == 0:
-            report.add("scale", source, (*key, channel, "scale"))
+        if known and scale is not None and not abs(scale.scale) >= SMALLEST_SCALE:
+            report.add("scale", source, (*key, channel, "scale"), least=SMALLEST_SCALE,
+                       most=LARGEST_SCALE, got=scale.scale)  # fmt: skip
 
 
 def to_arrays(models: list[UnitModel]) -> dict[str, np.ndarray]:

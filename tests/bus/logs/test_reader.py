@@ -39,6 +39,6 @@ def test_a_fault_script_is_a_regular_file(tmp_path):
     (tmp_path / "digits.toml").write_text("format = 1\nseed = " + "7" * 5000)
     with pytest.raises(FaultScriptError, match=r"digits.toml:2: .*thousands of digits"):
         load_script(tmp_path / "digits.toml")
-    (tmp_path / "many.toml").write_text("".join(f"k{i} = 1\n" for i in range(600)))
-    with pytest.raises(FaultScriptError, match="must have less than 500 problems"):
+    (tmp_path / "many.toml").write_text("".join(f"k{i} = 1\n" for i in range(1100)))
+    with pytest.raises(FaultScriptError, match="must have less than 1000 problems"):
         load_script(tmp_path / "many.toml")
