@@ -33,6 +33,7 @@ MESSAGES: dict[str, str] = {
     "unreadable": "must be a readable file; got: {reason}",
     "too-large": "must be at most {limit} MB; got {size:.0f} MB",
     "too-many-lines": "must be at most {limit} lines; got {got}",
+    "too-many-values": "must be at most {limit} values; got {got}",
     "too-many-issues": "must have less than {limit} problems; got that many, and looked no further",
     "encoding": "must be UTF-8 text; got the byte {byte:#04x}",
     "syntax": "must be TOML; got: {reason}",

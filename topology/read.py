@@ -19,16 +19,19 @@ from topology.source import Key, Source
 
 __all__ = ["open_source", "read", "read_text"]
 
-LARGEST_MB = 4
+LARGEST_MB = 2
 """Larger files are refused before they are parsed; a thousand explicit units are 0.2 MB."""
 MOST_LINES = 200_000
 """Longer ones are, too; a thousand explicit units are 5000 lines."""
+MOST_VALUES = 200_000
+"""And those with more commas; a thousand explicit units have 4000."""
 
 DEEPEST = 64
+MOST_PARTS = 8
 _TOO_DEEP = f"values nested over {DEEPEST} deep"
 _PART = r"""(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')"""
-_DEEP_KEY = re.compile(rf"(?<![A-Za-z0-9_-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{DEEPEST}}}")
-"""A dotted key that would nest deeper: the parser takes the square of its parts."""
+_DEEP_KEY = re.compile(rf"(?<![A-Za-z0-9_-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{MOST_PARTS}}}")
+"""A dotted key of more parts: the parser takes the square of them."""
 _MANY_DIGITS = re.compile(rb"[0-9][0-9_]{4300}")
 INTEGER_BITS = 63
 
@@ -56,10 +59,14 @@ def open_source(path: Path, shown: str, report: Report) -> Source | None:
     if raw is None:
         return None
     try:
+        if (values := raw.count(b",")) > MOST_VALUES:
+            return report.about_file("too-many-values", shown, limit=MOST_VALUES, got=values)
         text = raw.decode("utf-8-sig")
         if deep := _DEEP_KEY.search(text):
             line = text.count("\n", 0, deep.start()) + 1
-            return report.about_file("syntax", shown, line, reason=_TOO_DEEP)
+            return report.about_file(
+                "syntax", shown, line, reason=f"a key of over {MOST_PARTS} parts"
+            )
         source = Source(path, text, shown)
     except UnicodeDecodeError as error:
         line = raw.count(b"\n", 0, error.start) + 1
@@ -184,7 +191,9 @@ class _Reader:
                 return self.table(info, value, key)
             case inspect.UnionType(), dict():
                 return self.tagged(info, value, key)
-            case inspect.VarTupleType(), list() if len(value) >= (info.min_length or 0):
+            case inspect.VarTupleType(), list() if (
+                (info.min_length or 0) <= len(value) <= (info.max_length or math.inf)
+            ):
                 return self.all_of(
                     tuple(self.value(info.item_type, v, (*key, i)) for i, v in enumerate(value)),
                     info.item_type,
@@ -317,7 +326,10 @@ def describe(info: inspect.Type) -> str:
             item = _plain(info.item_type)
             of = "tables" if isinstance(item, _TABLES) else "numbers"
             of = "names" if isinstance(item, inspect.StrType) else of
-            return f"a list of {of}" + (" with one at least" if info.min_length else "")
+            least = " with one at least" if info.min_length else ""
+            return f"a list of {of}{least}" + (
+                f", {info.max_length} at most" if info.max_length else ""
+            )
         case inspect.UnionType(types=types) if not any(map(_is_table, types)):
             return " or ".join(map(describe, types))
         case inspect.AnyType():

@@ -339,11 +339,11 @@ class File(_Table, frozen=True, kw_only=True):
     format: Annotated[Literal[1], Meta(description="Version of the file format")]
     name: Annotated[Name, Meta(description="Name of the skin")]
     description: str = ""
-    buses: Annotated[tuple[Bus, ...], Meta(min_length=1)]
-    frames: tuple[Frame, ...] = ()
-    models: tuple[Model, ...] = ()
-    layouts: tuple[Layout, ...] = ()
-    patches: Annotated[tuple[Patch, ...], Meta(min_length=1)]
+    buses: Annotated[tuple[Bus, ...], Meta(min_length=1, max_length=256)]
+    frames: Annotated[tuple[Frame, ...], Meta(max_length=2000)] = ()
+    models: Annotated[tuple[Model, ...], Meta(max_length=1000)] = ()
+    layouts: Annotated[tuple[Layout, ...], Meta(max_length=1000)] = ()
+    patches: Annotated[tuple[Patch, ...], Meta(min_length=1, max_length=2000)]
     units: tuple[UnitException, ...] = ()
 
 

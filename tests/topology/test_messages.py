@@ -67,9 +67,21 @@ def unreadable_files(folder, monkeypatch):
     (folder / "long.toml").write_text("\n" * 201_000)
     (folder / "dotted.toml").write_text("\n" + "a." * 200_000 + "a = 1")
     (folder / "digits.toml").write_text("format = 1\nx = " + "7" * 5000)
+    (folder / "values.toml").write_text("x = [" + "1," * 200_001 + "]")
     os.mkfifo(folder / "pipe.toml")
     monkeypatch.setattr(reading, "LARGEST_MB", 1)
-    files = ("nowhere", "folder", "deep", "deepest", "large", "long", "dotted", "digits", "pipe")
+    files = (
+        "nowhere",
+        "folder",
+        "deep",
+        "deepest",
+        "large",
+        "long",
+        "dotted",
+        "digits",
+        "pipe",
+        "values",
+    )
     names = ("plam", *(f"{name}.toml" for name in files), f"{'n' * 300}.toml")
     return [issue for name in names for issue in issues_of(name)]
 

@@ -49,7 +49,6 @@ def resolve_models(
     scales: dict[str, dict[str, Scale]] = {name: {} for name in MODELS}
     complete = all_named("models", file, source, report)
     for key, entry in entries(file, "models"):
-        known = tuple(models)
         named = report.sound(source, key, "name")
         if named:
             check_name(entry.name, key, first, MODELS, source, report)
@@ -57,7 +56,7 @@ def resolve_models(
         based = report.sound(source, key, "base") and refer(
             entry.base,
             "a model further up or built in",
-            known,
+            models,
             (*key, "base"),
             source,
             report,
