@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from numbers import Integral, Real
+from typing import Any
 
 __all__ = [
     "CalibrationError",
@@ -25,8 +26,10 @@ __all__ = [
     "SceneError",
     "SkinError",
     "TooDenseError",
+    "check_choice",
     "check_flag",
     "check_number",
+    "shown",
 ]
 
 LISTED = 20
@@ -55,14 +58,12 @@ class OptionError(SkinError, ValueError):
         if len(names) > LISTED:
             listed = f"{len(names)} names from {names[0]!r} to {names[-1]!r}"
         one_of = "" if len(names) == 1 else "one of "
-        near = get_close_matches(str(got), names, n=1)
+        near = get_close_matches(got, names, n=1) if isinstance(got, str) else []
         hint = f" (nearest: {near[0]!r})" if near else ""
-        return cls(f"{where}: must be {one_of}{listed}; got {got!r}{hint}")
+        return cls(f"{where}: must be {one_of}{listed}; got {shown(got)}{hint}")
 
 
-def check_number(
-    where: str, value: object, least: float, most: float, *, whole: bool = False
-) -> None:
+def check_number(where: str, value: Any, least: float, most: float, *, whole: bool = False) -> None:
     """Refuse what is no number from `least` to `most`.
 
     Raises
@@ -79,9 +80,7 @@ def check_number(
     kinds = (Integral,) if whole else (Real,)
     if not isinstance(value, kinds) or isinstance(value, bool) or not least <= value <= most:
         kind = "an integer" if whole else "a number"
-        raise OptionError(
-            f"{where}: must be {kind} from {least:g} to {most:g}; got {_short(value)}"
-        )
+        raise OptionError(f"{where}: must be {kind} from {least:g} to {most:g}; got {shown(value)}")
 
 
 def check_flag(where: str, value: object) -> None:
@@ -93,10 +92,23 @@ def check_flag(where: str, value: object) -> None:
         It is neither.
     """
     if value is not True and value is not False:
-        raise OptionError(f"{where}: must be True or False; got {_short(value)}")
+        raise OptionError(f"{where}: must be True or False; got {shown(value)}")
 
 
-def _short(value: object) -> str:
+def check_choice(where: str, value: object, names: Iterable[str]) -> None:
+    """Refuse what is none of some names.
+
+    Raises
+    ------
+    OptionError
+        It is none of them; the message has the nearest.
+    """
+    if not isinstance(value, str) or value not in names:
+        raise OptionError.unknown(where, value, names)
+
+
+def shown(value: object) -> str:
+    """A value as messages show it: short."""
     try:
         text = repr(value)
     except ValueError:  # an integer of thousands of digits

@@ -20,7 +20,7 @@ from bus.state import BusChange
 from bus.transport import Transport
 from bus.wait import Waiter
 from skin.compiling import announcer
-from skin.errors import OptionError, SkinError, check_flag, check_number
+from skin.errors import OptionError, SkinError, check_choice, check_flag, check_number
 from skin.options import DType, Estimator, Options, Sweeps
 from skin.pipeline import Pipeline
 from skin.state import State, Status, trouble
@@ -132,8 +132,7 @@ def open(
 
 def _check(sync: str, wait: str, pace: bool, seed: int) -> None:
     for name, value, known in (("sync", sync, get_args(Sync)), ("wait", wait, get_args(Wait))):
-        if value not in known:
-            raise OptionError.unknown(name, value, known)
+        check_choice(name, value, known)
     check_flag("pace", pace)
     check_number("seed", seed, 0, 2**63 - 1, whole=True)
 

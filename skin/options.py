@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
-from skin.errors import OptionError, check_flag, check_number
+import numpy as np
+
+from skin.errors import OptionError, check_choice, check_flag, check_number, shown
 from skin.state import WANTS
 
 if TYPE_CHECKING:
@@ -70,16 +72,15 @@ class Options:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "want", wanted(self.want))
-        if self.estimator is not None and self.estimator not in ESTIMATORS:
-            raise OptionError.unknown("estimator", self.estimator, ESTIMATORS)
-        if self.dtype not in DTYPES:
-            raise OptionError.unknown("dtype", self.dtype, DTYPES)
+        if self.estimator is not None:
+            check_choice("estimator", self.estimator, ESTIMATORS)
+        check_choice("dtype", self.dtype, DTYPES)
         if type(self.sweeps) is not int or self.sweeps not in (0, 1, 2):
-            raise OptionError(f"sweeps: must be 0, 1 or 2; got {self.sweeps!r}")
+            raise OptionError(f"sweeps: must be 0, 1 or 2; got {shown(self.sweeps)}")
         check_flag("ambient", self.ambient)
         check_flag("skip", self.skip)
         if self.slip is not None and not hasattr(self.slip, "model"):
-            raise OptionError(f"slip: must be SlipSettings or None; got {self.slip!r}")
+            raise OptionError(f"slip: must be SlipSettings or None; got {shown(self.slip)}")
         check_number("false_contacts_per_day", self.false_contacts_per_day, 1e-9, 1e9)
 
     @property
@@ -88,7 +89,7 @@ class Options:
         return frozenset(self.want or ())
 
 
-def wanted(want: object, known: Collection[str] = WANTS) -> frozenset[str]:
+def wanted(want: Any, known: Collection[str] = WANTS) -> frozenset[str]:
     """The names of quantities that are wanted: one or many of those that are known, None for all.
 
     Raises
@@ -98,8 +99,8 @@ def wanted(want: object, known: Collection[str] = WANTS) -> frozenset[str]:
     """
     if want is None:
         return frozenset(known)
-    names = [want] if isinstance(want, str) or not isinstance(want, Iterable) else list(want)
+    one = isinstance(want, str | np.ndarray) or not isinstance(want, Iterable)
+    names: list[Any] = [want] if one else list(want)
     for name in names:
-        if not isinstance(name, str) or name not in known:
-            raise OptionError.unknown("want", name, known)
+        check_choice("want", name, known)
     return frozenset(names)

@@ -27,8 +27,8 @@ from skin.contact.shock import Shocks
 from skin.contact.slip import SlipSettings
 from skin.contact.step import EARLY, SAME, step
 from skin.contact.track import Tracker
-from skin.errors import OptionError, SkinError, check_number
-from skin.options import wanted
+from skin.errors import OptionError, SkinError, check_choice, check_number, shown
+from skin.options import DTYPES, wanted
 
 __all__ = ["CONTACT_WANTS", "Contact", "ContactStream"]
 
@@ -141,8 +141,9 @@ class ContactStream:
         ):
             check_number(name, value, 1e-9, 1e9)
         check_number("capacity", capacity, 1, 4096, whole=True)
-        if dtype not in ("float32", "float64"):
-            raise OptionError.unknown("dtype", dtype, ("float32", "float64"))
+        check_choice("dtype", dtype, DTYPES)
+        if slip is not None and not isinstance(slip, SlipSettings):
+            raise OptionError(f"slip: must be SlipSettings or None; got {shown(slip)}")
         n = np.shape(position)[-1]
         self._dtype = np.dtype(dtype)
         slips = "slip" in wants

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skin.errors import OptionError, check_flag, check_number
+from skin.errors import OptionError, check_choice, check_flag, check_number, shown
 from skin.options import DTYPES, ESTIMATORS, wanted
 from skin.state import ARRAY_WANTS, UNIT_WANTS
 from topology import CHANNELS, Topology
@@ -115,7 +115,7 @@ class Plan:
         needed = topology.enabled & ~topology.counts_only
         estimator, consistent = _inversion(topology, options, needed)
         if type(options.sweeps) is not int or options.sweeps not in (0, 1, 2):
-            raise OptionError(f"sweeps: must be 0, 1 or 2; got {options.sweeps!r}")
+            raise OptionError(f"sweeps: must be 0, 1 or 2; got {shown(options.sweeps)}")
         for name in ("skip", "ambient"):
             check_flag(name, getattr(options, name))
         looped = options.sweeps > 0 or options.ambient
@@ -167,8 +167,8 @@ def _inversion(topology: Topology, options: DecodeOptions, needed: np.ndarray) -
     estimator = options.estimator
     if estimator is None:
         estimator = "field-angle" if angled else "sine"
-    elif estimator not in ESTIMATORS:
-        raise OptionError.unknown("estimator", estimator, ESTIMATORS)
+    else:
+        check_choice("estimator", estimator, ESTIMATORS)
     if estimator == "field-angle":
         _require_bz(topology, upright, "the estimator 'field-angle'")
     if options.consistency is not None:

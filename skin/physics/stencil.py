@@ -15,6 +15,7 @@ import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -171,7 +172,8 @@ class Stencil:
             saved = read_arrays(path)
             if (version := int(saved["format"])) not in READ:
                 raise SkinError(f"{path}: format: must be one of {READ}; got {version}")
-            found = cls(**{field.name: saved[field.name][()] for field in dataclasses.fields(cls)})
+            values: dict[str, Any] = {f.name: saved[f.name][()] for f in dataclasses.fields(cls)}
+            found = cls(**values)
             found._check()
         except (OSError, LookupError, AttributeError, ValueError, TypeError) as error:
             raise SkinError(f"{path}: must be a stencil that was saved; got {error}") from None

@@ -103,9 +103,10 @@ def _report_faults(model: UnitModel, key: Key, source: Source, report: Report) -
 def _check_scales(scales: Mapping[str, Scale], key: Key, source: Source, report: Report) -> None:
     for channel, scale in scales.items():
         known = refer(channel, "a channel", CHANNELS, (*key, channel), source, report)
-        if known and scale is not None and not abs(scale.scale) >= SMALLEST_SCALE:
+        given = scale.scale if known and scale is not None else None
+        if given is not None and abs(given) < SMALLEST_SCALE:
             report.add("scale", source, (*key, channel, "scale"), least=SMALLEST_SCALE,
-                       most=LARGEST_SCALE, got=scale.scale)  # fmt: skip
+                       most=LARGEST_SCALE, got=given)  # fmt: skip
 
 
 def to_arrays(models: list[UnitModel]) -> dict[str, np.ndarray]:
