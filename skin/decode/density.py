@@ -158,7 +158,7 @@ def _of_patch(skin: Topology, patch: Patch, at: Key, source: Source) -> list[Iss
     if isinstance(patch, List):
         i, j = _nearest(skin, ~np.eye(skin.n, dtype=bool))
         at = (*at, "units", j, "xyz_m")
-        return _apart(skin, (i, j), skin.position, (source, at, why))
+        return _spread(skin, (i, j), skin.position, (source, at, why))
     for name in ("pitch_m", "row_pitch_m", "radius_m"):
         given = getattr(patch, name, None)
         value = (
@@ -178,7 +178,7 @@ def _of_two(skin: Topology, source: Source) -> list[Issue]:
         return []
     i, j = _nearest(skin, other)
     away = (skin.position[:, [j]] - skin.position[:, [i]]) * (skin.patch == skin.patch[j])
-    return _apart(skin, (i, j), away, (source, ("patches", int(skin.patch[j]), "pose"), why))
+    return _spread(skin, (i, j), away, (source, ("patches", int(skin.patch[j]), "pose"), why))
 
 
 def _nearest(skin: Topology, of: np.ndarray) -> tuple[int, int]:
@@ -189,7 +189,7 @@ def _nearest(skin: Topology, of: np.ndarray) -> tuple[int, int]:
     return int(min(i, j)), int(max(i, j))
 
 
-def _apart(
+def _spread(
     skin: Topology, pair: tuple[int, int], away: np.ndarray, told: tuple[Source, Key, str]
 ) -> list[Issue]:
     """The issue of a pair that is to be farther apart, all units moving in proportion to `away`."""
