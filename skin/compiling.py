@@ -6,6 +6,7 @@ error; ``logging.getLogger("skin").setLevel("ERROR")`` keeps them away.
 
 from __future__ import annotations
 
+import atexit
 import functools
 import logging
 import time
@@ -24,6 +25,7 @@ PAUSE_S = 3.0
 _log = logging.getLogger("skin")
 _watching = ExitStack()
 """As long as the process lives."""
+atexit.register(_watching.close)
 
 
 class Announcer:

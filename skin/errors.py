@@ -6,15 +6,31 @@
     ├── OptionError          an option, or the name of a quantity, that does not exist
     ├── CountsError          an array that is not what the topology says it must be
     ├── CalibrationError     parameters that no working unit can have
+    ├── TooDenseError        units nearer to each other than their magnets allow
+    ├── ScanError            a recording of a bench that cannot tell what is asked of it
     └── SceneError           a scene file that is wrong, or that cannot be on this skin
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
+from numbers import Integral, Real
+from typing import Any
 
-__all__ = ["CalibrationError", "CountsError", "OptionError", "SceneError", "SkinError"]
+__all__ = [
+    "CalibrationError",
+    "CountsError",
+    "OptionError",
+    "ScanError",
+    "SceneError",
+    "SkinError",
+    "TooDenseError",
+    "check_choice",
+    "check_flag",
+    "check_number",
+    "shown",
+]
 
 LISTED = 20
 """Names that a message lists; of more, it tells the first and the last."""
@@ -42,9 +58,62 @@ class OptionError(SkinError, ValueError):
         if len(names) > LISTED:
             listed = f"{len(names)} names from {names[0]!r} to {names[-1]!r}"
         one_of = "" if len(names) == 1 else "one of "
-        near = get_close_matches(str(got), names, n=1)
+        near = get_close_matches(got, names, n=1) if isinstance(got, str) else []
         hint = f" (nearest: {near[0]!r})" if near else ""
-        return cls(f"{where}: must be {one_of}{listed}; got {got!r}{hint}")
+        return cls(f"{where}: must be {one_of}{listed}; got {shown(got)}{hint}")
+
+
+def check_number(where: str, value: Any, least: float, most: float, *, whole: bool = False) -> None:
+    """Refuse what is no number from `least` to `most`.
+
+    Raises
+    ------
+    OptionError
+        It is none.
+
+    Examples
+    --------
+    >>> check_number("deadline_s", float("nan"), 0, 60)
+    Traceback (most recent call last):
+    skin.errors.OptionError: deadline_s: must be a number from 0 to 60; got nan
+    """
+    kinds = (Integral,) if whole else (Real,)
+    if not isinstance(value, kinds) or isinstance(value, bool) or not least <= value <= most:
+        kind = "an integer" if whole else "a number"
+        raise OptionError(f"{where}: must be {kind} from {least:g} to {most:g}; got {shown(value)}")
+
+
+def check_flag(where: str, value: object) -> None:
+    """Refuse what is neither True nor False.
+
+    Raises
+    ------
+    OptionError
+        It is neither.
+    """
+    if value is not True and value is not False:
+        raise OptionError(f"{where}: must be True or False; got {shown(value)}")
+
+
+def check_choice(where: str, value: object, names: Iterable[str]) -> None:
+    """Refuse what is none of some names.
+
+    Raises
+    ------
+    OptionError
+        It is none of them; the message has the nearest.
+    """
+    if not isinstance(value, str) or value not in names:
+        raise OptionError.unknown(where, value, names)
+
+
+def shown(value: object) -> str:
+    """A value as messages show it: short."""
+    try:
+        text = repr(value)
+    except ValueError:  # an integer of thousands of digits
+        text = "an integer of thousands of digits"
+    return text if len(text) <= 60 else text[:57] + "..."
 
 
 class CountsError(SkinError, ValueError):
@@ -53,6 +122,20 @@ class CountsError(SkinError, ValueError):
 
 class CalibrationError(SkinError):
     """Parameters that no working unit can have; the message names unit, parameter and value."""
+
+
+class TooDenseError(SkinError):
+    """Units nearer to each other than their magnets allow; the message has one patch a line.
+
+    Attributes
+    ----------
+    units : sequence of int
+        Those that a film comes into, where that is what is wrong.
+    """
+
+    def __init__(self, message: str, units: Sequence[int] = ()) -> None:
+        super().__init__(message)
+        self.units = units
 
 
 class SceneError(SkinError, ValueError):

@@ -20,7 +20,7 @@ from bus.state import BusChange
 from bus.transport import Transport
 from bus.wait import Waiter
 from skin.compiling import announcer
-from skin.errors import OptionError, SkinError
+from skin.errors import OptionError, SkinError, check_choice, check_flag, check_number
 from skin.options import DType, Estimator, Options, Sweeps
 from skin.pipeline import Pipeline
 from skin.state import State, Status, trouble
@@ -114,7 +114,7 @@ def open(
             want=want, estimator=estimator, dtype=dtype, sweeps=sweeps, ambient=ambient, skip=skip,
             slip=slip, false_contacts_per_day=false_contacts_per_day,
         )  # fmt: skip
-        _check(sync, wait, deadline_s)
+        _check(sync, wait, pace, seed)
         undo.callback(announcer().hold().finish)
         if simulate:
             from skin.sim.attached import in_process, nodes_of
@@ -132,12 +132,11 @@ def open(
     return opened
 
 
-def _check(sync: str, wait: str, deadline_s: float | None) -> None:
+def _check(sync: str, wait: str, pace: bool, seed: int) -> None:
     for name, value, known in (("sync", sync, get_args(Sync)), ("wait", wait, get_args(Wait))):
-        if value not in known:
-            raise OptionError.unknown(name, value, known)
-    if deadline_s is not None and not deadline_s > 0.0:
-        raise OptionError(f"deadline_s: must be above 0; got {deadline_s}")
+        check_choice(name, value, known)
+    check_flag("pace", pace)
+    check_number("seed", seed, 0, 2**63 - 1, whole=True)
 
 
 def _check_ends(ends: list[Transport], topology: Topology) -> None:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
-from skin.errors import OptionError
+import numpy as np
+
+from skin.errors import OptionError, check_choice, check_flag, check_number, shown
 from skin.state import WANTS
 
 if TYPE_CHECKING:
     from skin.contact.slip import SlipSettings
 
-__all__ = ["DTYPES", "ESTIMATORS", "DType", "Estimator", "Options", "Sweeps"]
+__all__ = ["DTYPES", "ESTIMATORS", "DType", "Estimator", "Options", "Sweeps", "wanted"]
 
 Estimator = Literal["sine", "field-angle"]
 DType = Literal["float32", "float64"]
@@ -69,23 +71,36 @@ class Options:
     false_contacts_per_day: float = 1.0
 
     def __post_init__(self) -> None:
-        want = WANTS if self.want is None else self.want
-        object.__setattr__(self, "want", frozenset([want] if isinstance(want, str) else want))
-        for name in sorted(self.quantities.difference(WANTS), key=str):
-            raise OptionError.unknown("want", name, WANTS)
-        if self.estimator is not None and self.estimator not in ESTIMATORS:
-            raise OptionError.unknown("estimator", self.estimator, ESTIMATORS)
-        if self.dtype not in DTYPES:
-            raise OptionError.unknown("dtype", self.dtype, DTYPES)
-        if self.sweeps not in (0, 1, 2):
-            raise OptionError(f"sweeps: must be 0, 1 or 2; got {self.sweeps}")
-        if not 0.0 < self.false_contacts_per_day < float("inf"):
-            raise OptionError(
-                "false_contacts_per_day: must be above 0 and finite; "
-                f"got {self.false_contacts_per_day}"
-            )
+        object.__setattr__(self, "want", wanted(self.want))
+        if self.estimator is not None:
+            check_choice("estimator", self.estimator, ESTIMATORS)
+        check_choice("dtype", self.dtype, DTYPES)
+        if type(self.sweeps) is not int or self.sweeps not in (0, 1, 2):
+            raise OptionError(f"sweeps: must be 0, 1 or 2; got {shown(self.sweeps)}")
+        check_flag("ambient", self.ambient)
+        check_flag("skip", self.skip)
+        if self.slip is not None and not hasattr(self.slip, "model"):
+            raise OptionError(f"slip: must be SlipSettings or None; got {shown(self.slip)}")
+        check_number("false_contacts_per_day", self.false_contacts_per_day, 1e-9, 1e9)
 
     @property
     def quantities(self) -> frozenset[str]:
         """The names in `want`."""
         return frozenset(self.want or ())
+
+
+def wanted(want: Any, known: Collection[str] = WANTS) -> frozenset[str]:
+    """The names of quantities that are wanted: one or many of those that are known, None for all.
+
+    Raises
+    ------
+    OptionError
+        There is no such quantity.
+    """
+    if want is None:
+        return frozenset(known)
+    one = isinstance(want, str | np.ndarray) or not isinstance(want, Iterable)
+    names: list[Any] = [want] if one else list(want)
+    for name in names:
+        check_choice("want", name, known)
+    return frozenset(names)

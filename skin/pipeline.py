@@ -20,7 +20,7 @@ from bus.cycle import FrameCounters, RawCycle
 from skin.clock import Clock
 from skin.decode.decoder import Decoder
 from skin.decode.plan import TANGENTIAL
-from skin.errors import CountsError
+from skin.errors import CountsError, check_number
 from skin.options import Options
 from skin.state import ARRAY_WANTS, UNIT_WANTS, UNWANTED, State
 from topology import CHANNELS, Topology
@@ -30,6 +30,9 @@ if TYPE_CHECKING:
     from skin.contact.stream import ContactStream
 
 __all__ = ["Pipeline"]
+
+LONGEST_S = 3600.0
+"""That a cycle may wait for missing frames."""
 
 
 class Pipeline:
@@ -59,7 +62,7 @@ class Pipeline:
     Raises
     ------
     OptionError
-        The wire does not carry what an option needs.
+        The wire does not carry what an option needs, or a deadline is none.
 
     Examples
     --------
@@ -80,6 +83,8 @@ class Pipeline:
     ) -> None:
         self.topology = topology
         self.options = options = options or Options()
+        if deadline_s is not None:
+            check_number("deadline_s", deadline_s, 1e-6, LONGEST_S)
         self._lists_contacts = not options.quantities.isdisjoint(("contacts", "slip", "shocks"))
         self.assembler = Assembler(topology, deadline_s=deadline_s)
         self.counts, self.status = self.assembler.counts, self.assembler.status

@@ -22,6 +22,7 @@ from typing import Any
 
 from topology.check.models import given_parameters
 from topology.check.names import refer
+from topology.files import missing
 from topology.read import open_source, read
 from topology.report import Report
 from topology.schema import CalibrationFile
@@ -58,7 +59,7 @@ def read_calibration(
     given = source.data["patches"][key[1]]["calibration"]
     path = source.path.parent / given
     shown = str(Path(source.shown).parent / given)
-    if not path.exists():
+    if missing(path):
         report.add("no-file", source, key, path=shown)
         return None, {}
     calibration = open_source(path, shown, report)

@@ -6,21 +6,24 @@ which messages are CAN FD frames (the attribute VFrameFormat). Everything else i
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
-from topology.read import LARGEST_MB
+from topology.read import read_text
 from topology.report import Report
+from topology.wire import LARGEST_SCALE
 
 __all__ = ["DbcMessage", "DbcSignal", "read_dbc"]
 
-_QUOTED = re.compile(r'"(?:\\"|[^"])*"')
+LARGEST_MB, MOST_LINES = 16, 400_000
+"""Larger files are refused before they are parsed; those of whole cars are a few MB."""
+
+_QUOTED = re.compile(r'"(?:[^"\\]++|\\"|\\)*"')
 _NAME = r"[A-Za-z_]\w*"
-_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_NUMBER = r"[-+]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][-+]?\d++)?"
 _MESSAGE = re.compile(
     rf"\s*BO_\s+(?P<id>\d{{1,10}})\s+(?P<name>{_NAME})\s*:\s*(?P<size>\d{{1,5}})\s", re.ASCII
 )
@@ -31,10 +34,10 @@ _SIGNAL = re.compile(
     r'\s*\[[^|\]]*\|[^|\]]*\]\s*"',
     re.ASCII,
 )
-_FLOAT = re.compile(rf"^\s*SIG_VALTYPE_\s+(\d{{1,10}})\s+({_NAME})\s*:?\s*([12])\s*;", re.M)
-_FORMATS = re.compile(r'^\s*BA_DEF_\s+BO_\s+"VFrameFormat"\s+ENUM\s+([^;]*);', re.M)
-_USUAL_FORMAT = re.compile(r'^\s*BA_DEF_DEF_\s+"VFrameFormat"\s+"?(\w+)"?\s*;', re.M)
-_FORMAT = re.compile(r'^\s*BA_\s+"VFrameFormat"\s+BO_\s+(\d{1,10})\s+"?(\w+)"?\s*;', re.M)
+_FLOAT = re.compile(rf"^[ \t]*+SIG_VALTYPE_\s+(\d{{1,10}})\s+({_NAME})\s*:?\s*([12])\s*;", re.M)
+_FORMATS = re.compile(r'^[ \t]*+BA_DEF_\s++BO_\s++"VFrameFormat"\s++ENUM\s++([^;]{0,1024}+);', re.M)
+_USUAL_FORMAT = re.compile(r'^[ \t]*+BA_DEF_DEF_\s++"VFrameFormat"\s+"?(\w+)"?\s*;', re.M)
+_FORMAT = re.compile(r'^[ \t]*+BA_\s++"VFrameFormat"\s++BO_\s++(\d{1,10})\s+"?(\w+)"?\s*;', re.M)
 _FD_FORMATS = {"14", "15", "StandardCAN_FD", "ExtendedCAN_FD"}
 
 UNUSED = "VECTOR__INDEPENDENT_SIG_MSG"
@@ -110,15 +113,11 @@ def read_dbc(path: Path, shown: str, report: Report) -> dict[str, DbcMessage] | 
     report : Report
         Receives what is wrong.
     """
-    try:
-        size = path.stat().st_size / 1e6
-        if size > LARGEST_MB:
-            return report.about_file("too-large", shown, limit=LARGEST_MB, size=size)
-        # Names are ASCII; comments may be in any encoding, and are passed over.
-        text = path.read_bytes().decode("latin-1").replace("\r\n", "\n")
-    except OSError as error:
-        return report.about_file("unreadable", shown, reason=error.strerror)
-    text = text.removeprefix("ï»¿")
+    raw = read_text(path, shown, report, LARGEST_MB, MOST_LINES)
+    if raw is None:
+        return None
+    # Names are ASCII; comments may be in any encoding, and are passed over.
+    text = raw.decode("latin-1").replace("\r\n", "\n").removeprefix("ï»¿")
     after_last = max((quoted.end() for quoted in _QUOTED.finditer(text)), default=0)
     unclosed = text.find('"', after_last)
     if unclosed >= 0:
@@ -191,7 +190,7 @@ def _signal(row: str, number: int) -> DbcSignal | None:
     if found is None:
         return None
     scale, offset = float(found["scale"]), float(found["offset"])
-    if not (math.isfinite(scale) and math.isfinite(offset)):
+    if not max(abs(scale), abs(offset)) <= LARGEST_SCALE:
         return None
     return DbcSignal(
         name=found["name"],
@@ -213,7 +212,7 @@ def _fd_messages(text: str) -> tuple[dict[int, bool], bool]:
     names = re.findall(r'"([^"]*)"', defined[1]) if defined else []
 
     def is_fd(value: str) -> bool:
-        known = value.isdecimal() and int(value) < len(names)
+        known = len(value) < 4 and value.isdecimal() and int(value) < len(names)
         return (names[int(value)] if known else value) in _FD_FORMATS
 
     usual = _USUAL_FORMAT.search(text)

@@ -32,6 +32,9 @@ MESSAGES: dict[str, str] = {
     "no-file": "must be an existing file; got none at {path}",
     "unreadable": "must be a readable file; got: {reason}",
     "too-large": "must be at most {limit} MB; got {size:.0f} MB",
+    "too-many-lines": "must be at most {limit} lines; got {got}",
+    "too-many-values": "must be at most {limit} values; got {got}",
+    "too-many-issues": "must have less than {limit} problems; got that many, and looked no further",
     "encoding": "must be UTF-8 text; got the byte {byte:#04x}",
     "syntax": "must be TOML; got: {reason}",
     # -- keys and values
@@ -72,7 +75,7 @@ MESSAGES: dict[str, str] = {
     "{angle:.2f} rad",
     "theta-fold": "must fall by less than {spacing:.4g} from knot to knot, or directions fold "
     "over; got {got:.4g} after knot {knot}",
-    "scale": "must not be 0; got 0",
+    "scale": "must be from {least:g} to {most:g}, whatever its sign; got {got:g}",
     "calibration-patch": "must be {patch}, the patch that names this file (line {line} of {file}); "
     "got {got}",
     # -- wire layouts

@@ -1,15 +1,40 @@
-"""Files that are there whole or not at all."""
+"""Files that are written whole or not at all, and read only where they are files indeed."""
 
 from __future__ import annotations
 
+import errno
 import os
+import stat
 import uuid
+import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, BinaryIO
 
-__all__ = ["whole_file"]
+import numpy as np
+
+__all__ = ["TooLargeError", "missing", "open_regular", "read_arrays", "read_regular", "whole_file"]
+
+LARGEST_ARRAYS = 1 << 31
+"""Bytes of all arrays of an archive, unpacked [assumed: the stencil of 100 000 units]."""
+
+_KINDS = {stat.S_IFIFO: "a FIFO", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device",
+          stat.S_IFSOCK: "a socket"}  # fmt: skip
+
+
+class TooLargeError(OSError):
+    """A file has more bytes than it may have.
+
+    Attributes
+    ----------
+    size : int
+        Bytes, as far as they are known.
+    """
+
+    def __init__(self, size: int) -> None:
+        super().__init__(errno.EFBIG, os.strerror(errno.EFBIG))
+        self.size = size
 
 
 @contextmanager
@@ -23,3 +48,90 @@ def whole_file(path: Path, mode: str = "wb", **how: Any) -> Iterator[IO[Any]]:
         os.replace(beside, path)
     finally:
         beside.unlink(missing_ok=True)
+
+
+def missing(path: str | os.PathLike[str]) -> bool:
+    """Whether there is nothing of that name; what is there may be unreadable all the same."""
+    try:
+        os.stat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return True
+    except (OSError, ValueError):
+        return False
+    return False
+
+
+def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
+    """Open a regular file for reading, without ever waiting for what is none.
+
+    Raises
+    ------
+    OSError
+        It cannot be opened, or is a directory, FIFO, device or socket; `strerror` says it.
+    """
+    try:
+        _check_regular(os.stat(path).st_mode)
+        file = open(path, "rb", opener=_without_waiting)
+    except ValueError as error:
+        raise OSError(errno.EINVAL, f"no name of a file ({error})") from None
+    try:
+        _check_regular(os.fstat(file.fileno()).st_mode)
+    except OSError:
+        file.close()
+        raise
+    return file
+
+
+def read_regular(path: str | os.PathLike[str], at_most: int) -> bytes:
+    """All bytes of a regular file.
+
+    Raises
+    ------
+    TooLargeError
+        They are more than `at_most`.
+    OSError
+        As of `open_regular`.
+    """
+    with open_regular(path) as file:
+        size = os.fstat(file.fileno()).st_size
+        raw = b"" if size > at_most else file.read(at_most + 1) or b""
+    if max(size, len(raw)) > at_most:
+        raise TooLargeError(max(size, len(raw)))
+    return raw
+
+
+def read_arrays(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
+    """The arrays of an .npz file.
+
+    Raises
+    ------
+    ValueError
+        It is none, or has more bytes than any that was saved.
+    OSError
+        As of `open_regular`.
+    """
+    try:
+        with open_regular(path) as file:
+            with zipfile.ZipFile(file) as archive:
+                size = sum(part.file_size for part in archive.infolist())
+            if size > LARGEST_ARRAYS:
+                raise ValueError(f"{size / 1e6:.0f} MB of arrays")
+            file.seek(0)
+            with np.load(file, allow_pickle=False) as arrays:
+                return dict(arrays)
+    except OSError:
+        raise
+    except Exception as error:  # anything may come of reading what is damaged
+        raise ValueError(str(error) or type(error).__name__) from None
+
+
+def _without_waiting(path: str, flags: int) -> int:
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+
+def _check_regular(mode: int) -> None:
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if not stat.S_ISREG(mode):
+        kind = _KINDS.get(stat.S_IFMT(mode), "something else")
+        raise OSError(errno.EINVAL, f"{kind}, and no regular file")

@@ -18,7 +18,7 @@ import numpy as np
 from topology.pose import from_axes
 from topology.schema import Cylinder, Dome, Grid, Hex, List, Patch
 
-__all__ = ["Placement", "count", "place"]
+__all__ = ["Placement", "count", "overfull", "place"]
 
 HEX_ROW = np.sqrt(0.75)
 
@@ -51,6 +51,18 @@ def count(patch: Patch) -> int:
             return int(_rings(patch).sum())
         case _:
             return patch.rows * patch.columns
+
+
+def overfull(patch: Patch) -> tuple[str, int] | None:
+    """The key of a curved patch that is more than its shape has room for, and what it has."""
+    match patch:
+        case Cylinder():
+            around = int(2 * np.pi * patch.radius_m / patch.pitch_m + 1e-6)
+            return ("columns", around) if patch.columns > around else None
+        case Dome():
+            far = max(int(np.pi * patch.radius_m / patch.pitch_m - 0.5), 0)
+            return ("rings", far) if patch.rings > far else None
+    return None
 
 
 def place(patch: Patch) -> Placement:

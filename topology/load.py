@@ -15,6 +15,7 @@ from topology.check.patches import place_patches
 from topology.check.places import check_places
 from topology.draft import Draft
 from topology.errors import nearest
+from topology.files import missing
 from topology.neighbours import compressed_rows, nearest_distance, neighbour_pairs
 from topology.parts import Parts, resolve
 from topology.read import open_source, read
@@ -82,7 +83,7 @@ def _open(file: str | os.PathLike[str], report: Report) -> Source | None:
         path = _FOLDER / f"{shown}.toml"
         return open_source(path, path.name, report)
     path = Path(file)
-    if not path.exists():
+    if missing(path):
         names = ", ".join(builtin)
         hint = "" if path.suffix or path.name != shown else nearest(shown, builtin)
         report.about_file("no-topology", shown, hint=hint, names=names)

@@ -50,86 +50,106 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
     # -- temperature: gel current ----------------------------------------------------------------
     gel_current_20c_ua: Annotated[
-        float, _doc("Gel current at 20 °C [assumed; only ratios matter]", gt=0)
+        float, _doc("Gel current at 20 °C [assumed; only ratios matter]", ge=1e-3, le=1e6)
     ] = 10.0
     gel_current_ratio: Annotated[
         float,
-        _doc("Current at 80 °C over current at 20 °C, exponential law (Fig. 3a) [assumed]", gt=1),
+        _doc(
+            "Current at 80 °C over current at 20 °C, exponential law (Fig. 3a) [assumed]",
+            ge=1.01,
+            le=1e4,
+        ),
     ] = 12.0
     temperature_min_c: Annotated[
-        float, _doc("Lower end of the calibrated temperature range [assumed]")
+        float, _doc("Lower end of the calibrated temperature range [assumed]", ge=-100, le=300)
     ] = 15.0
     temperature_max_c: Annotated[
-        float, _doc("Upper end of the calibrated range; the PVA task stays below 90 °C [paper]")
+        float,
+        _doc(
+            "Upper end of the calibrated range; the PVA task stays below 90 °C [paper]",
+            ge=-100,
+            le=300,
+        ),
     ] = 95.0
     gel_noise_relative: Annotated[
-        float, _doc("One-sigma noise of the gel current, relative (0.05 °C) [assumed]", ge=0)
+        float, _doc("One-sigma noise of the gel current, relative (0.05 °C) [assumed]", ge=0, le=1)
     ] = 0.002
 
     # -- normal force: timer frequency -----------------------------------------------------------
     frequency_rest_hz: Annotated[
-        float, _doc("Timer frequency of the unloaded unit, tared per unit [assumed]", gt=0)
+        float, _doc("Timer frequency of the unloaded unit, tared per unit [assumed]", ge=1, le=1e5)
     ] = 4500.0
     frequency_slope_hz_per_mm: Annotated[
-        float, _doc("Fall of the frequency per mm pressed (Fig. 3d) [paper]", gt=0)
+        float, _doc("Fall of the frequency per mm pressed (Fig. 3d) [paper]", ge=1, le=1e5)
     ] = 900.0
     normal_break_hz: Annotated[
         float,
-        _doc("Frequency fall at which the stiffness changes; gives 7.2 N at 2 mm [derived]", ge=0),
+        _doc(
+            "Frequency fall at which the stiffness changes; gives 7.2 N at 2 mm [derived]",
+            ge=0,
+            le=1e5,
+        ),
     ] = 540.0
     normal_soft_n_per_hz: Annotated[
-        float, _doc("Normal force per Hz below the break (Fig. 3e) [paper]", gt=0)
+        float, _doc("Normal force per Hz below the break (Fig. 3e) [paper]", ge=1e-7, le=10)
     ] = 1.0 / 600.0
     normal_stiff_n_per_hz: Annotated[
-        float, _doc("Normal force per Hz above the break (Fig. 3e) [paper]", gt=0)
+        float, _doc("Normal force per Hz above the break (Fig. 3e) [paper]", ge=1e-7, le=10)
     ] = 1.0 / 200.0
     normal_max_n: Annotated[
-        float, _doc("Upper end of the calibrated normal force [paper]", gt=0)
+        float, _doc("Upper end of the calibrated normal force [paper]", ge=1e-3, le=1000)
     ] = 7.2
     frequency_noise_hz: Annotated[
-        float, _doc("One-sigma frequency noise: 0.01 N below 1 N, 0.03 N above [derived]", ge=0)
+        float,
+        _doc("One-sigma frequency noise: 0.01 N below 1 N, 0.03 N above [derived]", ge=0, le=1e4),
     ] = 6.0
 
     # -- tangential force: lateral field of the Halbach film -------------------------------------
     field_wavenumber_rad_per_mm: Annotated[
-        float, _doc("k of M_r = M0 sin(k R) (eq. 1); crest at 2.5 mm [derived]", gt=0)
+        float, _doc("k of M_r = M0 sin(k R) (eq. 1); crest at 2.5 mm [derived]", ge=1e-3, le=100)
     ] = math.pi / 5.0
     field_amplitude_ut: Annotated[
-        float, _doc("M0 at the reference depth, 25 °C [derived from Fig. 3i]", gt=0)
+        float, _doc("M0 at the reference depth, 25 °C [derived from Fig. 3i]", ge=1, le=1e6)
     ] = 11073.0
     field_reference_mm: Annotated[
-        float, _doc("Pressed depth at which the amplitude is given [paper]", ge=0)
+        float, _doc("Pressed depth at which the amplitude is given [paper]", ge=0, le=20)
     ] = 2.0
     field_growth_per_mm: Annotated[
-        float, _doc("d ln M0 / dH, from magnet field theory [derived]", gt=0)
+        float, _doc("d ln M0 / dH, from magnet field theory [derived]", ge=1e-3, le=20)
     ] = 0.72
     field_growth_per_mm2: Annotated[
-        float, _doc("Quadratic part of ln M0(H) about the reference depth [calibrated]")
+        float,
+        _doc("Quadratic part of ln M0(H) about the reference depth [calibrated]", ge=-20, le=20),
     ] = 0.0
     field_vertical_ratio: Annotated[
-        float, _doc("Bz on the axis over M0: Bz = ratio * M0 cos(k R) [derived]", gt=0)
+        float, _doc("Bz on the axis over M0: Bz = ratio * M0 cos(k R) [derived]", ge=1e-3, le=1000)
     ] = 1.65
     shear_soft_n_per_mm: Annotated[
-        float, _doc("Ft per mm of tangential displacement: 1 N at 2 mm [paper]", gt=0)
+        float, _doc("Ft per mm of tangential displacement: 1 N at 2 mm [paper]", ge=1e-4, le=1000)
     ] = 0.5
     shear_break_mm: Annotated[
-        float, _doc("Displacement at which the shear law stiffens [derived]", gt=0)
+        float, _doc("Displacement at which the shear law stiffens [derived]", ge=1e-3, le=100)
     ] = 2.0
     shear_stiff_n_per_mm: Annotated[
-        float, _doc("Slope added beyond the break: 2 N at 2.348 mm [derived]", ge=0)
+        float, _doc("Slope added beyond the break: 2 N at 2.348 mm [derived]", ge=0, le=1e4)
     ] = 2.375
     shear_gain_per_mm: Annotated[
         float,
-        _doc("Relative change of Ft(R) per mm of depth, about the reference depth [assumed]"),
+        _doc(
+            "Relative change of Ft(R) per mm of depth, about the reference depth [assumed]",
+            ge=-10,
+            le=10,
+        ),
     ] = 0.0
     tangential_max_mm: Annotated[
-        float, _doc("Upper end of the one-to-one range of R [paper]", gt=0)
+        float, _doc("Upper end of the one-to-one range of R [paper]", ge=1e-3, le=100)
     ] = 2.5
     field_noise_ut: Annotated[
-        float, _doc("One-sigma noise of each field axis: 0.01 N at 2 mm depth [derived]", ge=0)
+        float,
+        _doc("One-sigma noise of each field axis: 0.01 N at 2 mm depth [derived]", ge=0, le=1e5),
     ] = 105.0
     field_angle_mm: Annotated[
-        tuple[float, ...],
+        tuple[Annotated[float, Meta(ge=-1000, le=1000)], ...],
         _doc(
             f"R = sum c[4 i + j] psi^(2 i + 1) H^j, psi = atan2(M_r, Bz) in rad, H in mm: "
             f"{FIELD_ANGLE_TERMS} coefficients in mm; empty: not known [derived from magnet "
@@ -142,57 +162,86 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         -0.01345522, -0.0008990075, -0.0002320453, 0.00006145529,
     )  # fmt: skip
     field_angle_max_mm: Annotated[
-        float, _doc("Upper end of the range of R from the angle of the field [derived]", gt=0)
+        float,
+        _doc("Upper end of the range of R from the angle of the field [derived]", ge=1e-3, le=100),
     ] = 3.0
 
     film_x_mm: Annotated[
         float,
-        _doc("Middle of the film off the chip's axis, x: off the displacement [calibrated]"),
+        _doc(
+            "Middle of the film off the chip's axis, x: off the displacement [calibrated]",
+            ge=-10,
+            le=10,
+        ),
     ] = 0.0
-    film_y_mm: Annotated[float, _doc("The same along y [calibrated]")] = 0.0
+    film_y_mm: Annotated[float, _doc("The same along y [calibrated]", ge=-10, le=10)] = 0.0
 
     # -- temperature of film and Hall chip -------------------------------------------------------
     film_drift_per_k: Annotated[
-        float, _doc("Relative change of M0 per kelvin of the film [assumed, NdFeB]")
+        float,
+        _doc("Relative change of M0 per kelvin of the film [assumed, NdFeB]", ge=-0.1, le=0.1),
     ] = -0.0011
-    film_reference_c: Annotated[float, _doc("Film temperature at which M0 holds [assumed]")] = 25.0
+    film_reference_c: Annotated[
+        float, _doc("Film temperature at which M0 holds [assumed]", ge=-100, le=300)
+    ] = 25.0
     film_lag_s: Annotated[
-        float, _doc("Time constant of the film behind the gel, 1-D heat model [assumed]", ge=0)
+        float,
+        _doc("Time constant of the film behind the gel, 1-D heat model [assumed]", ge=0, le=1e5),
     ] = 7.0
     hall_gain_per_k: Annotated[
-        float, _doc("Relative change of the Hall chip's gain per kelvin (Fig. 3l) [assumed]")
+        float,
+        _doc(
+            "Relative change of the Hall chip's gain per kelvin (Fig. 3l) [assumed]",
+            ge=-0.1,
+            le=0.1,
+        ),
     ] = 0.0005
-    hall_reference_c: Annotated[float, _doc("Chip temperature of zero drift [assumed]")] = 25.0
+    hall_reference_c: Annotated[
+        float, _doc("Chip temperature of zero drift [assumed]", ge=-100, le=300)
+    ] = 25.0
     hall_lag_s: Annotated[
         float,
         _doc(
             "Time constant of the chip behind the gel, used where the wire does not carry the "
             "chip's own temperature [assumed]",
             ge=0,
+            le=1e5,
         ),
     ] = 190.0
     hall_offset_x_ut: Annotated[
-        float, _doc("Offset of Bx at the reference temperature [calibrated]")
+        float, _doc("Offset of Bx at the reference temperature [calibrated]", ge=-1e6, le=1e6)
     ] = 0.0
     hall_offset_y_ut: Annotated[
-        float, _doc("Offset of By at the reference temperature [calibrated]")
+        float, _doc("Offset of By at the reference temperature [calibrated]", ge=-1e6, le=1e6)
     ] = 0.0
     hall_offset_z_ut: Annotated[
-        float, _doc("Offset of Bz at the reference temperature [calibrated]")
+        float, _doc("Offset of Bz at the reference temperature [calibrated]", ge=-1e6, le=1e6)
     ] = 0.0
-    hall_drift_x_ut_per_k: Annotated[float, _doc("Drift of the Bx offset [calibrated]")] = 0.0
-    hall_drift_y_ut_per_k: Annotated[float, _doc("Drift of the By offset [calibrated]")] = 0.0
-    hall_drift_z_ut_per_k: Annotated[float, _doc("Drift of the Bz offset [calibrated]")] = 0.0
+    hall_drift_x_ut_per_k: Annotated[
+        float, _doc("Drift of the Bx offset [calibrated]", ge=-1e4, le=1e4)
+    ] = 0.0
+    hall_drift_y_ut_per_k: Annotated[
+        float, _doc("Drift of the By offset [calibrated]", ge=-1e4, le=1e4)
+    ] = 0.0
+    hall_drift_z_ut_per_k: Annotated[
+        float, _doc("Drift of the Bz offset [calibrated]", ge=-1e4, le=1e4)
+    ] = 0.0
 
     # -- direction -------------------------------------------------------------------------------
     field_xx: Annotated[
-        float, _doc("2x2 map of (Bx, By): x from x (harmonics 0-2) [calibrated]")
+        float, _doc("2x2 map of (Bx, By): x from x (harmonics 0-2) [calibrated]", ge=-1000, le=1000)
     ] = 1.0
-    field_xy: Annotated[float, _doc("2x2 map of (Bx, By): x from y [calibrated]")] = 0.0
-    field_yx: Annotated[float, _doc("2x2 map of (Bx, By): y from x [calibrated]")] = 0.0
-    field_yy: Annotated[float, _doc("2x2 map of (Bx, By): y from y [calibrated]")] = 1.0
+    field_xy: Annotated[
+        float, _doc("2x2 map of (Bx, By): x from y [calibrated]", ge=-1000, le=1000)
+    ] = 0.0
+    field_yx: Annotated[
+        float, _doc("2x2 map of (Bx, By): y from x [calibrated]", ge=-1000, le=1000)
+    ] = 0.0
+    field_yy: Annotated[
+        float, _doc("2x2 map of (Bx, By): y from y [calibrated]", ge=-1000, le=1000)
+    ] = 1.0
     theta_correction_rad: Annotated[
-        tuple[float, ...],
+        tuple[Annotated[float, Meta(ge=-4, le=4)], ...],
         _doc(
             f"Added to theta = atan2(By, Bx): {THETA_KNOTS} knots equally spaced from -pi, "
             "periodic, linear between (Fig. 3j-k, S8); empty: none [calibrated]"
@@ -203,10 +252,10 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     # the spread from unit to unit, which a calibration of the unit replaces by what it leaves -----
     temperature_sigma_c: Annotated[
         float,
-        _doc("Of the temperature: current and ratio evenly spread by 5 % [assumed]", ge=0),
+        _doc("Of the temperature: current and ratio evenly spread by 5 % [assumed]", ge=0, le=100),
     ] = 1.0
     frequency_sigma_hz: Annotated[
-        float, _doc("Of the frequency at rest: evenly spread by 2 % [assumed]", ge=0)
+        float, _doc("Of the frequency at rest: evenly spread by 2 % [assumed]", ge=0, le=1e5)
     ] = 52.0
     normal_sigma_relative: Annotated[
         float,
@@ -214,6 +263,7 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
             "Of the normal force at a fall of the frequency: slope and break evenly spread by "
             "3 %, stiffness by 5 % [assumed]",
             ge=0,
+            le=100,
         ),
     ] = 0.04
     field_sigma_ut: Annotated[
@@ -222,30 +272,41 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
             "Of each axis of the field: offsets evenly spread by 150 µT, what neighbours add "
             "[assumed]",
             ge=0,
+            le=1e6,
         ),
     ] = 87.0
     field_angle_sigma_mm: Annotated[
         float,
         _doc(
-            "Of R(psi, H): films evenly off the chip's axis by 0.1 mm, tilted by 1° [assumed]", ge=0
+            "Of R(psi, H): films evenly off the chip's axis by 0.1 mm, tilted by 1° [assumed]",
+            ge=0,
+            le=100,
         ),
     ] = 0.07
     field_amplitude_sigma_relative: Annotated[
-        float, _doc("Of M0: evenly spread by 5 % [assumed]", ge=0)
+        float, _doc("Of M0: evenly spread by 5 % [assumed]", ge=0, le=100)
     ] = 0.03
     shear_sigma_relative: Annotated[
         float,
         _doc(
             "Of the tangential force at a displacement: stiffness evenly spread by 5 % [assumed]",
             ge=0,
+            le=100,
         ),
     ] = 0.03
 
     # -- geometry and health ---------------------------------------------------------------------
-    radius_m: Annotated[float, _doc("Radius of the cylindrical unit [paper]", gt=0, le=1)] = 0.006
+    radius_m: Annotated[float, _doc("Radius of the cylindrical unit [paper]", ge=1e-4, le=1)] = (
+        0.006
+    )
     frozen_cycles: Annotated[
         int,
-        _doc("Bit-identical cycles after which a unit counts as frozen; 0: never [assumed]", ge=0),
+        _doc(
+            "Readings for which a channel, or all, may stand still before the unit is frozen, at "
+            "least; 0: never [assumed]",
+            ge=0,
+            le=1_000_000,
+        ),
     ] = 50
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import math
-import os
 import re
 import tomllib
 from pathlib import Path
@@ -14,15 +13,26 @@ import msgspec
 from msgspec import inspect
 
 from topology.errors import nearest
+from topology.files import TooLargeError, read_regular
 from topology.report import Report
 from topology.source import Key, Source
 
-__all__ = ["LARGEST_MB", "open_source", "read"]
+__all__ = ["open_source", "read", "read_text"]
 
-LARGEST_MB = 64
+LARGEST_MB = 2
 """Larger files are refused before they are parsed; a thousand explicit units are 0.2 MB."""
+MOST_LINES = 200_000
+"""Longer ones are, too; a thousand explicit units are 5000 lines."""
+MOST_VALUES = 200_000
+"""And those with more commas; a thousand explicit units have 4000."""
 
 DEEPEST = 64
+MOST_PARTS = 8
+_TOO_DEEP = f"values nested over {DEEPEST} deep"
+_PART = r"""(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')"""
+_DEEP_KEY = re.compile(rf"(?<![A-Za-z0-9_-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{MOST_PARTS}}}")
+"""A dotted key of more parts: the parser takes the square of them."""
+_MANY_DIGITS = re.compile(rb"[0-9][0-9_]{4300}")
 INTEGER_BITS = 63
 
 _FLOAT = inspect.FloatType()
@@ -45,15 +55,19 @@ def open_source(path: Path, shown: str, report: Report) -> Source | None:
     -------
     Source or None
     """
+    raw = read_text(path, shown, report, LARGEST_MB, MOST_LINES)
+    if raw is None:
+        return None
     try:
-        size = os.stat(path).st_size / 1e6
-        if size > LARGEST_MB:
-            return report.about_file("too-large", shown, limit=LARGEST_MB, size=size)
-        raw = path.read_bytes()
-    except OSError as error:
-        return report.about_file("unreadable", shown, reason=error.strerror)
-    try:
-        source = Source(path, raw.decode("utf-8-sig"), shown)
+        if (values := raw.count(b",")) > MOST_VALUES:
+            return report.about_file("too-many-values", shown, limit=MOST_VALUES, got=values)
+        text = raw.decode("utf-8-sig")
+        if deep := _DEEP_KEY.search(text):
+            line = text.count("\n", 0, deep.start()) + 1
+            return report.about_file(
+                "syntax", shown, line, reason=f"a key of over {MOST_PARTS} parts"
+            )
+        source = Source(path, text, shown)
     except UnicodeDecodeError as error:
         line = raw.count(b"\n", 0, error.start) + 1
         return report.about_file("encoding", shown, line, byte=raw[error.start])
@@ -61,10 +75,38 @@ def open_source(path: Path, shown: str, report: Report) -> Source | None:
         line, reason = _syntax(str(error), raw)
         return report.about_file("syntax", shown, line, reason=reason)
     except RecursionError:
-        return report.about_file("syntax", shown, reason=f"values nested over {DEEPEST} deep")
+        return report.about_file("syntax", shown, reason=_TOO_DEEP)
+    except ValueError:  # Python refuses to convert so many digits
+        digits = _MANY_DIGITS.search(raw)
+        line = raw.count(b"\n", 0, digits.start()) + 1 if digits else 0
+        return report.about_file("syntax", shown, line, reason="an integer of thousands of digits")
     if not _shallow(source.data, DEEPEST):
-        return report.about_file("syntax", shown, reason=f"values nested over {DEEPEST} deep")
+        return report.about_file("syntax", shown, reason=_TOO_DEEP)
     return source
+
+
+def read_text(
+    path: Path, shown: str, report: Report, most_mb: int, most_lines: int
+) -> bytes | None:
+    """The bytes of a file of text, or None where it cannot be read or is too long, and reported.
+
+    Parameters
+    ----------
+    path, shown, report
+        As of `open_source`.
+    most_mb, most_lines : int
+        That it may have.
+    """
+    try:
+        raw = read_regular(path, most_mb * 1_000_000)
+    except TooLargeError as error:
+        return report.about_file("too-large", shown, limit=most_mb, size=error.size / 1e6)
+    except OSError as error:
+        return report.about_file("unreadable", shown, reason=error.strerror)
+    lines = raw.count(b"\n")
+    if lines > most_lines:
+        return report.about_file("too-many-lines", shown, limit=most_lines, got=lines)
+    return raw
 
 
 def _syntax(message: str, raw: bytes) -> tuple[int, str]:
@@ -149,7 +191,9 @@ class _Reader:
                 return self.table(info, value, key)
             case inspect.UnionType(), dict():
                 return self.tagged(info, value, key)
-            case inspect.VarTupleType(), list() if len(value) >= (info.min_length or 0):
+            case inspect.VarTupleType(), list() if (
+                (info.min_length or 0) <= len(value) <= (info.max_length or math.inf)
+            ):
                 return self.all_of(
                     tuple(self.value(info.item_type, v, (*key, i)) for i, v in enumerate(value)),
                     info.item_type,
@@ -282,7 +326,10 @@ def describe(info: inspect.Type) -> str:
             item = _plain(info.item_type)
             of = "tables" if isinstance(item, _TABLES) else "numbers"
             of = "names" if isinstance(item, inspect.StrType) else of
-            return f"a list of {of}" + (" with one at least" if info.min_length else "")
+            least = " with one at least" if info.min_length else ""
+            return f"a list of {of}{least}" + (
+                f", {info.max_length} at most" if info.max_length else ""
+            )
         case inspect.UnionType(types=types) if not any(map(_is_table, types)):
             return " or ".join(map(describe, types))
         case inspect.AnyType():

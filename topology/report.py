@@ -7,6 +7,9 @@ from topology.source import Key, Source
 
 __all__ = ["Report"]
 
+MOST_ISSUES = 1000
+"""Of a file that has more of them no more are looked for."""
+
 
 class Report:
     """Issues found so far, and what they make unfit for further checks.
@@ -23,7 +26,7 @@ class Report:
 
     def about_file(self, code: str, file: str, line: int = 0, hint: str = "", **values: object):
         """Report a file that could not be read at all."""
-        self.issues.append(Issue(code, file, line, "", MESSAGES[code].format(**values) + hint))
+        self._enter(Issue(code, file, line, "", MESSAGES[code].format(**values) + hint))
 
     def add(
         self,
@@ -37,11 +40,23 @@ class Report:
         """Report the value at `key`, or what its table lacks under the key `part`.
 
         `hint` is what follows the message: the nearest valid name.
+
+        Raises
+        ------
+        TopologyError
+            Too much is wrong to go on.
         """
         message = MESSAGES[code].format(**values) + hint
-        self.issues.append(Issue(code, source.shown, source.line(key), source.where(key), message))
+        self._enter(Issue(code, source.shown, source.line(key), source.where(key), message))
         key = key if part is None else (*key, part)
         self._touched.update((source.shown, key[: i + 1]) for i in range(len(key)))
+
+    def _enter(self, issue: Issue) -> None:
+        self.issues.append(issue)
+        if len(self.issues) == MOST_ISSUES:
+            message = MESSAGES["too-many-issues"].format(limit=MOST_ISSUES)
+            self.issues.append(Issue("too-many-issues", issue.file, 0, "", message))
+            self.raise_if_any()
 
     def sound(self, source: Source, key: Key, *parts: str) -> bool:
         """Whether nothing has been said yet against these keys of a table (or against any)."""

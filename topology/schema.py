@@ -12,7 +12,7 @@ import msgspec
 from msgspec import Meta
 
 from topology.model import UnitModel
-from topology.wire import Signal
+from topology.wire import Factor, Signal
 
 __all__ = [
     "PARAMETERS",
@@ -46,6 +46,7 @@ Name = Annotated[
 ]
 Coordinate = Annotated[float, Meta(ge=-1000, le=1000)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
+Angle = Annotated[float, Meta(ge=-36_000, le=36_000)]
 Length = Annotated[float, Meta(ge=1e-6, le=100)]
 Count = Annotated[int, Meta(ge=1, le=100_000)]
 Identifier = Annotated[int, Meta(ge=0, le=0x1FFFFFFF)]
@@ -64,21 +65,23 @@ class Bus(_Table, frozen=True, kw_only=True):
         Meta(description="`memory` (in-process), `socketcan`, or any interface of python-can"),
     ] = "memory"
     channel: Annotated[str, Meta(description="Channel of the interface, e.g. `can0`")] = ""
-    bitrate: Annotated[int, Meta(gt=0, description="Nominal bit rate, bit/s")] = 1_000_000
+    bitrate: Annotated[int, Meta(ge=1000, le=1_000_000, description="Nominal bit rate, bit/s")] = (
+        1_000_000
+    )
     data_bitrate: Annotated[
-        Annotated[int, Meta(gt=0)] | None,
+        Annotated[int, Meta(ge=1000, le=20_000_000)] | None,
         Meta(description="CAN FD data bit rate, bit/s; absent: classic CAN"),
     ] = None
     cycle_rate_hz: Annotated[
         float,
-        Meta(gt=0, le=100_000, description="Cycles a second; the same on all buses of a skin"),
+        Meta(ge=0.1, le=100_000, description="Cycles a second; the same on all buses of a skin"),
     ] = 250.0
     sync_id: Annotated[
         Annotated[int, Meta(ge=0, le=0x7FF)] | None,
         Meta(description="Identifier of SYNC; absent: units send freely"),
     ] = None
     max_load: Annotated[
-        float, Meta(gt=0, le=1, description="Share of the bus that worst-case bits may fill")
+        float, Meta(ge=0.01, le=1, description="Share of the bus that worst-case bits may fill")
     ] = 0.8
     options: Annotated[
         dict[str, Any], Meta(description="Further keyword arguments of the python-can interface")
@@ -95,7 +98,7 @@ class Pose(_Table, frozen=True, kw_only=True):
 
     xyz_m: Annotated[Vector, Meta(description="Origin in the parent, metres")] = (0.0, 0.0, 0.0)
     rpy_deg: Annotated[
-        tuple[float, float, float] | None,
+        tuple[Angle, Angle, Angle] | None,
         Meta(description="Roll, pitch, yaw about the parent's fixed x, y, z, degrees (as in URDF)"),
     ] = None
     quaternion_wxyz: Annotated[
@@ -115,8 +118,8 @@ class Frame(_Table, frozen=True, kw_only=True):
 class Scale(_Table, frozen=True, kw_only=True):
     """Physical value = scale * integer + offset, for the units of a model."""
 
-    scale: float
-    offset: float = 0.0
+    scale: Factor
+    offset: Factor = 0.0
 
 
 PARAMETERS: tuple[str, ...] = UnitModel.__struct_fields__
@@ -259,10 +262,23 @@ class Cylinder(_Numbered, frozen=True, kw_only=True, tag="cylinder"):
 
 
 class Dome(_Numbered, frozen=True, kw_only=True, tag="dome"):
-    """A spherical cap: one unit on top, in the origin, and rings around it."""
+    """A spherical cap: one unit on top, in the origin, and rings around it.
+
+    Ring k has 6 k units, or as many as keep the straight distance of the rings where the sphere
+    has less room: with r rings 1 + 3 r (r + 1) units at most (7, 19, 37, 61, …). `skin check` says
+    how many there are.
+    """
 
     radius_m: Annotated[Length, Meta(description="Radius of the sphere, metres")]
-    rings: Annotated[int, Meta(ge=0, le=1000, description="Rings around the middle unit")]
+    rings: Annotated[
+        int,
+        Meta(
+            ge=0,
+            le=1000,
+            description="Rings around the middle unit, the k-th of 6 k units, or of as many as "
+            "keep the straight distance of the rings: 7, 19, 37, 61, … units in all, at most",
+        ),
+    ]
     pitch_m: Annotated[Length, Meta(description="Distance of the rings along the arc, metres")]
 
 
@@ -323,11 +339,11 @@ class File(_Table, frozen=True, kw_only=True):
     format: Annotated[Literal[1], Meta(description="Version of the file format")]
     name: Annotated[Name, Meta(description="Name of the skin")]
     description: str = ""
-    buses: Annotated[tuple[Bus, ...], Meta(min_length=1)]
-    frames: tuple[Frame, ...] = ()
-    models: tuple[Model, ...] = ()
-    layouts: tuple[Layout, ...] = ()
-    patches: Annotated[tuple[Patch, ...], Meta(min_length=1)]
+    buses: Annotated[tuple[Bus, ...], Meta(min_length=1, max_length=256)]
+    frames: Annotated[tuple[Frame, ...], Meta(max_length=2000)] = ()
+    models: Annotated[tuple[Model, ...], Meta(max_length=1000)] = ()
+    layouts: Annotated[tuple[Layout, ...], Meta(max_length=1000)] = ()
+    patches: Annotated[tuple[Patch, ...], Meta(min_length=1, max_length=2000)]
     units: tuple[UnitException, ...] = ()
 
 

@@ -15,9 +15,12 @@ from msgspec import Meta
 __all__ = [
     "CHANNELS",
     "FRAME_FIELDS",
+    "LARGEST_SCALE",
     "LAYOUTS",
     "QUANTITIES",
+    "SMALLEST_SCALE",
     "UNIT_FIELDS",
+    "Factor",
     "Signal",
     "WireLayout",
 ]
@@ -42,6 +45,13 @@ QUANTITIES = {
 """What each channel is measured in, scale and offset applied."""
 
 
+SMALLEST_SCALE, LARGEST_SCALE = 1e-9, 1e9
+"""Of scales, without their sign, and of offsets."""
+
+Factor = Annotated[float, Meta(ge=-LARGEST_SCALE, le=LARGEST_SCALE)]
+"""Scale and offset of an integer."""
+
+
 class Signal(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One integer in a frame. Physical value = scale * integer + offset."""
 
@@ -52,12 +62,14 @@ class Signal(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     length: Annotated[int, Meta(ge=1, le=16, description="Bits")]
     signed: bool = False
     order: Literal["little", "big"] = "little"
-    scale: float = 1.0
-    offset: float = 0.0
+    scale: Factor = 1.0
+    offset: Factor = 0.0
     slot: Annotated[
-        int, Meta(ge=0, description="Which of the frame's units; 0 for frame fields")
+        int, Meta(ge=0, le=31, description="Which of the frame's units; 0 for frame fields")
     ] = 0
-    part: Annotated[int, Meta(ge=0, description="Which of the consecutive frames carries it")] = 0
+    part: Annotated[
+        int, Meta(ge=0, le=15, description="Which of the consecutive frames carries it")
+    ] = 0
 
     @property
     def bias(self) -> int:

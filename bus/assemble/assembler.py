@@ -72,8 +72,8 @@ class Assembler:
 
         if stale_cycles < 1:
             raise ValueError(f"stale_cycles: must be at least 1; got {stale_cycles}")
-        if deadline_s is not None and not deadline_s > 0:
-            raise ValueError(f"deadline_s: must be above 0 s; got {deadline_s}")
+        if deadline_s is not None and not 0 < deadline_s < float("inf"):
+            raise ValueError(f"deadline_s: must be above 0 s and finite; got {deadline_s}")
         self._feed, self._close = direct(feed), direct(close_cycle)
         self._clock = clock
         self._period_ns = max(1, round(1e9 / topology.cycle_rate_hz))

@@ -24,6 +24,7 @@ and heartbeats are hit by their identifiers only.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -32,7 +33,8 @@ from msgspec import Meta
 
 from bus.errors import FaultScriptError
 from topology import Topology
-from topology.errors import MESSAGES, nearest
+from topology.errors import MESSAGES, TopologyError, nearest
+from topology.files import missing
 from topology.read import open_source, read, show
 from topology.report import Report
 
@@ -60,9 +62,9 @@ __all__ = [
 
 _Identifier = Annotated[int, Meta(ge=0, le=0x1FFF_FFFF)]
 _Copies = Annotated[int, Meta(ge=1, le=64)]
-_Seconds = Annotated[float, Meta(ge=0)]
-_Share = Annotated[float, Meta(gt=0, le=1)]
-_Count = Annotated[int, Meta(ge=1)]
+_Seconds = Annotated[float, Meta(ge=0, le=1e9)]
+_Share = Annotated[float, Meta(ge=1e-12, le=1)]
+_Count = Annotated[int, Meta(ge=1, le=10**12)]
 _Length = Annotated[int, Meta(ge=0, le=63)]
 
 ERRORS: dict[str, tuple[int, bytes]] = {
@@ -110,7 +112,7 @@ class Kill(Fault, frozen=True, tag="kill"):
 class Delay(Fault, frozen=True, tag="delay"):
     """The frame comes later, with the stamp of then: with the first traffic after its time."""
 
-    delay_s: Annotated[float, Meta(gt=0, le=60)]
+    delay_s: Annotated[float, Meta(ge=1e-9, le=60)]
 
 
 class Repeat(Fault, frozen=True, tag="repeat"):
@@ -219,14 +221,15 @@ def load_script(path: str | Path, topology: Topology | None = None) -> FaultScri
     """
     report, path = Report(), Path(path)
     script = None
-    if not path.is_file():
+    if missing(path):
         report.about_file("no-file", str(path), path=path)
     else:
-        source = open_source(path, str(path), report)
-        if source is not None:
-            script = read(FaultScript, source, report)
-            for i, key, hint, values in () if report.issues else problems(script, topology):
-                report.add("value", source, ("faults", i, key), hint, **values)
+        with suppress(TopologyError):  # more than a report holds
+            source = open_source(path, str(path), report)
+            if source is not None:
+                script = read(FaultScript, source, report)
+                for i, key, hint, values in () if report.issues else problems(script, topology):
+                    report.add("value", source, ("faults", i, key), hint, **values)
     if script is None or report.issues:
         raise FaultScriptError("\n".join(map(str, report.issues)))
     return script

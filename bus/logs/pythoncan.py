@@ -33,6 +33,7 @@ _ASC_BASE = re.compile(r"\s*base\s+(hex|dec)(\s+timestamps\s+(?P<stamps>\w+))?",
 _COMMENT = re.compile(r"\s*(;|//|$)")
 _RECORD = struct.Struct("<qIBBBB64s")
 _BUS_ERROR = 0x80
+_LONGEST_LINE = 1 << 20
 _ERROR_LENGTH = 8
 
 
@@ -157,12 +158,15 @@ class _Lines:
         if self._insert_blank:
             self._insert_blank = False
             return "\n"
-        self.text = next(self._file)
+        self.text = self._file.readline(_LONGEST_LINE)
+        if not self.text:
+            raise StopIteration
         self.number += 1
         if not self.text.endswith("\n"):
+            cut = "more" if len(self.text) == _LONGEST_LINE else "the end of the file"
             raise LogError(
                 f"{self._path}:{self.number}: must be a whole line, with its end; got "
-                f"{self.text[:80]!r}, then the end of the file"
+                f"{self.text[:80]!r}, then {cut}"
             )
         self._candidates += not _COMMENT.match(self.text)
         base = _ASC_BASE.match(self.text)

@@ -13,6 +13,7 @@ from typing import BinaryIO
 from bus.errors import LogError
 from bus.frame import FrameBatch
 from bus.logs.channels import Channels
+from topology.files import missing, open_regular
 
 __all__ = ["LogReader"]
 
@@ -62,8 +63,12 @@ class LogReader(ABC):
         if batch < 1:
             raise ValueError(f"batch: must be at least 1 frame; got {batch}")
         self.path = Path(path)
-        if not self.path.is_file():
+        if missing(self.path):
             raise LogError(f"{path}: must be an existing file; got none")
+        try:
+            open_regular(self.path).close()
+        except OSError as error:
+            raise LogError(f"{path}: must be a readable file; got: {error.strerror}") from None
         self.strict = strict
         self._asked = buses
         self._capacity = batch

@@ -9,9 +9,13 @@ from skin.cli import options
 from skin.cli.table import columns
 
 if TYPE_CHECKING:
+    from topology import Topology
     from topology.summary import BusSummary, PatchSummary, Summary
 
 __all__ = ["check"]
+
+MOST_UNITS = 2000
+"""Units of which the fields at each other's chips are looked at: more take some seconds."""
 
 
 def check(
@@ -25,8 +29,8 @@ def check(
 ) -> int:
     """Check a topology file: units, identifiers, frames, and the load of each bus at worst.
 
-    Exits with 1 if a bus cannot carry its cycle rate. If the file is wrong, exits with 2, after
-    every problem with its line.
+    Exits with 1 if a bus cannot carry its cycle rate, or if units are nearer to each other than
+    their magnets allow. If the file is wrong, exits with 2, after every problem with its line.
     """
     import msgspec
 
@@ -43,10 +47,35 @@ def check(
     print(_table(found))
     if hint := options.tare_hint(file, loaded):
         print(f"\nnote: {hint}")
+    too_dense = _too_dense(loaded)
+    for line in too_dense:
+        print(f"\n{line}")
+    ok = found.ok and not too_dense
     if json:
-        never_tared = {"never_tared": options.never_tared(loaded)}
-        print(json_text.dumps(msgspec.to_builtins(found) | never_tared))
-    return 0 if found.ok else 1
+        more = {
+            "never_tared": options.never_tared(loaded),
+            "too_dense": too_dense,
+            "ok": ok,
+        }
+        print(json_text.dumps(msgspec.to_builtins(found) | more))
+    return 0 if ok else 1
+
+
+def _too_dense(topology: Topology) -> list[str]:
+    """What `skin.open` would refuse, as units are too near to each other."""
+    from skin.compiling import announcer
+    from skin.decode.density import sparse_enough
+    from skin.errors import TooDenseError
+
+    if topology.n > MOST_UNITS:
+        print(f"\nnote: whether {topology.n} units are too near to each other is seen at opening")
+        return []
+    announcer()
+    try:
+        sparse_enough(topology)
+    except TooDenseError as error:
+        return str(error).splitlines()
+    return []
 
 
 def _table(found: Summary) -> str:

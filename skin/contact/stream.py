@@ -28,7 +28,8 @@ from skin.contact.shock import Shocks
 from skin.contact.slip import SlipSettings
 from skin.contact.step import EARLY, SAME, step
 from skin.contact.track import Tracker
-from skin.errors import OptionError, SkinError
+from skin.errors import OptionError, SkinError, check_choice, check_number, shown
+from skin.options import DTYPES, wanted
 
 __all__ = ["CONTACT_WANTS", "Contact", "ContactStream"]
 
@@ -126,16 +127,29 @@ class ContactStream:
         false_alarms_per_hour: float = 1.0,
         false_contacts_per_day: float = FALSE_CONTACTS_PER_DAY,
     ) -> None:
-        wanted = {want} if isinstance(want, str) else set(want)
-        for name in sorted(wanted.difference(CONTACT_WANTS)):
-            raise OptionError.unknown("want", name, CONTACT_WANTS)
-        if dtype not in ("float32", "float64"):
-            raise OptionError.unknown("dtype", dtype, ("float32", "float64"))
+        wants = wanted(want, CONTACT_WANTS)
+        for name, value in (
+            ("keep_sigma", keep_sigma),
+            ("start_sigma", keep_sigma if start_sigma is None else start_sigma),
+            ("memory_s", memory_s),
+            ("settle_s", settle_s),
+        ):
+            check_number(name, value, 0.0, 1e6)
+        for name, value in (
+            ("rate_hz", rate_hz),
+            ("false_alarms_per_hour", false_alarms_per_hour),
+            ("false_contacts_per_day", false_contacts_per_day),
+        ):
+            check_number(name, value, 1e-9, 1e9)
+        check_number("capacity", capacity, 1, 4096, whole=True)
+        check_choice("dtype", dtype, DTYPES)
+        if slip is not None and not isinstance(slip, SlipSettings):
+            raise OptionError(f"slip: must be SlipSettings or None; got {shown(slip)}")
         n = np.shape(position)[-1]
         self._dtype = np.dtype(dtype)
         self._alone = threading.Lock()
-        slips = "slip" in wanted
-        each = slips or not wanted.isdisjoint(("contacts", "shocks"))
+        slips = "slip" in wants
+        each = slips or not wants.isdisjoint(("contacts", "shocks"))
         graph = checked_graph(n, neighbour_start, neighbour_index)
         starts = (
             start_sigmas(graph, rate_hz, false_contacts_per_day)
@@ -147,13 +161,11 @@ class ContactStream:
                 "keep_sigma, start_sigma: must be 0 < keep_sigma <= start_sigma; "
                 f"got {keep_sigma} and {starts[0]}"
             )
-        if capacity < 1:
-            raise SkinError(f"capacity: must be at least 1; got {capacity}")
         self.model = ContactModel(
             graph,
             Gate(*starts, float(keep_sigma), 1e9 * memory_s, 1e9 * settle_s, slips),
             posed_units(position, rotation, area),
-            Wants(bool(wanted), each, slips),
+            Wants(bool(wants), each, slips),
             (slip or SlipSettings()).model(),
         )
         self.data = contact_data(no_readings(n, self._dtype), capacity, judges=slips)
@@ -161,7 +173,7 @@ class ContactStream:
         self.paths, self.records = self.data.paths, self.data.contacts
         self.shocks = (
             Shocks(2 * capacity, rate_hz, false_alarms_per_hour=false_alarms_per_hour)
-            if "shocks" in wanted
+            if "shocks" in wants
             else None
         )
         self.unit_slip = self.data.units.slip

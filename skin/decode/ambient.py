@@ -55,6 +55,7 @@ from skin.decode.ambient_model import PRIOR_UT2, AmbientData, data_of, frames_of
 from skin.errors import CalibrationError, OptionError
 from skin.state import Reading
 from topology import Topology
+from topology.files import read_arrays
 
 __all__ = ["Ambient"]
 
@@ -287,10 +288,12 @@ class Ambient:
         ------
         CalibrationError
             Saved for other units, or on another calibration: after a tare, what was followed
-            before it lies in the offsets already.
+            before it lies in the offsets already. Or not saved by `save`.
         """
-        with np.load(file, allow_pickle=False) as saved:
-            found = {name: saved[name] for name in saved.files}
+        try:
+            found = read_arrays(file)
+        except ValueError as error:
+            raise CalibrationError(f"{file}: must be a state that was saved; got {error}") from None
         expected = {
             "units": np.array(self.topology.unit_names),
             "bodies": np.array(self.bodies),
@@ -302,6 +305,14 @@ class Ambient:
                 raise CalibrationError(
                     f"{file}: must be saved with the {what} of {self.topology.name!r} as now; got "
                     "another"
+                )
+        zero, n = self._data.zero, self.topology.n
+        shapes = {"zero": zero.shape, "common": (len(self.bodies), 14), "rest": (3, n)}
+        for name, shape in shapes.items():
+            got = found.get(name, np.empty(0))
+            if got.shape != shape or got.dtype.kind != "f":
+                raise CalibrationError(
+                    f"{file}: {name}: must be numbers, shape {shape}; got {got.dtype}, {got.shape}"
                 )
         self.reset()
         memory, bodies = self._data.memory, self._data.bodies

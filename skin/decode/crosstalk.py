@@ -54,12 +54,12 @@ from skin.decode.crosstalk_kernels import (
 from skin.decode.crosstalk_lattice import Lattice
 from skin.decode.crosstalk_scattered import Scattered
 from skin.decode.crosstalk_terms import Part
+from skin.decode.density import sparse_enough
 from skin.errors import SkinError
 from skin.physics.stencil import Stencil
-from skin.physics.stray import powers
 from topology import Topology
 
-__all__ = ["ACCURATE_UT", "LIVE_UT", "CrossTalk", "contraction_of"]
+__all__ = ["ACCURATE_UT", "LIVE_UT", "CrossTalk"]
 
 LIVE_UT, ACCURATE_UT = 15.0, 5.0
 """Tolerances, µT, for one sweep a cycle, whose own error is larger, and for two or more
@@ -73,10 +73,6 @@ IDLE_DISPLACEMENT_MM = 0.5
 """Displacement that a film at rest never reads as [derived: the noise of its field is 0.07 mm]."""
 FRICTION = 3.0
 """A film is displaced by this many times its depth at most, before it slips [assumed]."""
-DEPTHS = 5
-"""Depths, from rest to the largest of the stencil, at which the contraction is looked at."""
-TURNS = 60
-"""Steps of the power iteration."""
 BACKGROUND_ROWS = 5
 """Of a whole background: Hz, the field's three axes, and a variance."""
 
@@ -132,8 +128,11 @@ class CrossTalk:
 
     Raises
     ------
+    TooDenseError
+        Units are too near to each other: sweeps would not converge, or a film is moved into a
+        neighbour's chip. The message has the line of the file and the nearest value that works.
     SkinError
-        Sweeps would not converge: units too near to each other for films as weak as these.
+        A stencil of other units.
 
     Examples
     --------
@@ -158,20 +157,13 @@ class CrossTalk:
         idle_mm: float = 0.027,
         lattices: bool = True,
     ) -> None:
-        stencil = Stencil.of(topology, degree=degree) if stencil is None else stencil
-        if stencil.n != topology.n:
+        if stencil is not None and getattr(stencil, "n", None) != topology.n:
+            got = stencil.n if isinstance(stencil, Stencil) else type(stencil).__name__
             raise SkinError(
-                f"stencil: must be of {topology.n} units, as {topology.name}; got {stencil.n}"
+                f"stencil: must be of {topology.n} units, as {topology.name}; got {got}"
             )
-        self.stencil = stencil
+        self.stencil, self.contraction = stencil, _ = sparse_enough(topology, stencil, degree)
         real = np.dtype(dtype)
-        self.contraction = contraction_of(topology, stencil)
-        if self.contraction >= 1.0:
-            raise SkinError(
-                f"{topology.name}: cross-talk: must grow less with every sweep; got "
-                f"{self.contraction:.2f} of it after one (units too near to each other, or films "
-                "too weak)"
-            )
         on_lattices = [
             Lattice(cells, stencil, tolerance_ut, real)
             for cells in (find_lattices(topology) if lattices else ())
@@ -337,58 +329,3 @@ def _rows(background: np.ndarray) -> Background:
         return Background(background[0], background[1:4], background[4])
     frequency, variance = np.zeros_like(background[:2])
     return Background(frequency, background, variance)
-
-
-def contraction_of(topology: Topology, stencil: Stencil) -> float:
-    """Share of the cross-talk that a sweep leaves: the largest over depths, films not displaced.
-
-    It is the spectral radius of ``d stray / d displacement · d displacement / d field``, of the
-    tangential displacement, which alone the field decides. The depth of a neighbour enters both
-    factors alike, so that it is largest where all units are as deep.
-
-    Parameters
-    ----------
-    topology : Topology
-        `field_amplitude_ut`, `field_growth_per_mm` and `field_wavenumber_rad_per_mm` say how far a
-        field displaces: ``1 / (k M0(H))``.
-    stencil : Stencil
-    """
-    p = topology.parameters
-    exponents = powers(stencil.degree)
-    unit, neighbour = stencil.unit, stencil.neighbour
-    worst = 0.0
-    for depth in np.linspace(0.0, stencil.depth_max_mm, DEPTHS):
-        slope = np.zeros((stencil.coefficients.shape[0], 2, 2))
-        for axis in range(2):
-            alone = (exponents[:, axis] == 1) & (exponents[:, 1 - axis] == 0)
-            height = depth ** exponents[alone, 2]
-            slope[:, :, axis] = stencil.coefficients[:, :2, alone] @ height
-        crest = p["field_amplitude_ut"] * np.exp(
-            p["field_growth_per_mm"] * (depth - p["field_reference_mm"])
-        )
-        steepest = p["field_wavenumber_rad_per_mm"] * crest
-        per_ut = np.divide(1.0, steepest, out=np.zeros(stencil.n), where=~topology.counts_only)
-        each = slope[stencil.kind] * stencil.strength[neighbour, np.newaxis, np.newaxis]
-        each *= per_ut[unit, np.newaxis, np.newaxis]
-        worst = max(worst, _spectral_radius(each, unit, neighbour, stencil.n))
-    return worst
-
-
-def _spectral_radius(blocks: np.ndarray, unit: np.ndarray, neighbour: np.ndarray, n: int) -> float:
-    """Of the matrix with 2 x 2 blocks at (unit, neighbour), by power iteration.
-
-    The growth of a random vector over the last third of the steps: pairs of eigenvalues of one size
-    would make that of a single step swing.
-    """
-    vector = np.random.default_rng(0).standard_normal((n, 2))
-    grown = 0.0
-    for step in range(TURNS):
-        each = np.einsum("mab,mb->ma", blocks, vector[neighbour])
-        vector = np.stack([np.bincount(unit, column, minlength=n) for column in each.T], axis=1)
-        size = float(np.linalg.norm(vector))
-        if size == 0.0:
-            return 0.0
-        vector /= size
-        if step >= TURNS * 2 // 3:
-            grown += np.log(size)
-    return float(np.exp(grown / (TURNS - TURNS * 2 // 3)))

@@ -15,7 +15,7 @@ from skin.decode.aging import Aging
 from skin.decode.passes import Passes, check, plain
 from skin.decode.plan import DecodeOptions, Plan
 from skin.decode.results import Results, results_of
-from skin.errors import CountsError, OptionError
+from skin.errors import CountsError, check_number
 from skin.state import Reading
 from topology import CHANNELS, Topology
 
@@ -29,6 +29,8 @@ __all__ = ["Decoder"]
 
 COPIED = 1 << 14
 """Units up to which the counts of a call are copied: to exchange addresses takes as long."""
+MOST_WORKERS = 1024
+"""Threads that anybody can mean."""
 FAR = 1 << 17
 """Units from which on the next block is loaded ahead: they do not fit the second cache."""
 
@@ -103,8 +105,8 @@ class Decoder:
         self._check = functools.partial(check, topology)
         self.plan = plan = Plan.of(topology, options)
         self.dtype = np.dtype(plan.dtype)
-        if workers is not None and workers < 1:
-            raise OptionError(f"workers: must be 1 or more; got {workers}")
+        if workers is not None:
+            check_number("workers", workers, 1, MOST_WORKERS, whole=True)
         self.crosstalk: CrossTalk | None = None
         self.ambient: Ambient | None = None
         felt_ut = rest_ut

@@ -16,6 +16,7 @@ from skin.decode import records as k
 from skin.decode.field import GAIN_MIN
 from skin.decode.functions import OCTAVES_MAX
 from skin.decode.limits import STEP_SIGMA, frequency_sigma_hz, limits_of, tidy_drop
+from skin.decode.passes import check
 from skin.decode.plan import Plan
 from skin.errors import CalibrationError
 from topology import THETA_KNOTS, Topology
@@ -97,6 +98,10 @@ def model_of(
         A parameter is not one that a working unit can have.
     """
     _refuse_impossible(topology)
+    if rest_ut is not None:
+        check(topology, "rest_ut", rest_ut, np.float64, (3, topology.n))
+        if not np.isfinite(rest_ut).all():
+            raise CalibrationError(f"{topology.name}: rest_ut: must be finite; got NaN or infinity")
     angle = plan.estimator == "field-angle"
     found = {
         **_temperature(topology, plan.temperature_every),

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skin.errors import OptionError
-from skin.options import DTYPES, ESTIMATORS
-from skin.state import ARRAY_WANTS, UNIT_WANTS, WANTS
+from skin.errors import OptionError, check_choice, check_flag, check_number, shown
+from skin.options import DTYPES, ESTIMATORS, wanted
+from skin.state import ARRAY_WANTS, UNIT_WANTS
 from topology import CHANNELS, Topology
 
 __all__ = ["HOLD_S", "DecodeOptions", "Plan"]
@@ -111,14 +111,16 @@ class Plan:
             needed.
         """
         p = topology.parameters
-        wanted = _wanted(topology, options.want)
+        names = _wanted(topology, options.want)
         needed = topology.enabled & ~topology.counts_only
         estimator, consistent = _inversion(topology, options, needed)
-        if options.sweeps not in (0, 1, 2):
-            raise OptionError(f"sweeps: must be 0, 1 or 2; got {options.sweeps}")
+        if type(options.sweeps) is not int or options.sweeps not in (0, 1, 2):
+            raise OptionError(f"sweeps: must be 0, 1 or 2; got {shown(options.sweeps)}")
+        for name in ("skip", "ambient"):
+            check_flag(name, getattr(options, name))
         looped = options.sweeps > 0 or options.ambient
-        tangential = looped or not wanted.isdisjoint(TANGENTIAL)
-        field = options.ambient or "field" in wanted
+        tangential = looped or not names.isdisjoint(TANGENTIAL)
+        field = options.ambient or "field" in names
         consistent = consistent and tangential
 
         magnet = tangential and (estimator == "sine" or consistent)
@@ -128,8 +130,8 @@ class Plan:
         gel, own = (topology.wired[CHANNELS.index(name)] for name in ("gel", "hall_temperature"))
         film = (magnet or options.sweeps) and (p["film_drift_per_k"] * gel).any()
         return cls(
-            quantities=tuple(name for name in UNIT_WANTS if name in wanted - {"sigma"}),
-            sigma="sigma" in wanted,
+            quantities=tuple(name for name in UNIT_WANTS if name in names - {"sigma"}),
+            sigma="sigma" in names,
             estimator=estimator,
             consistency=consistent,
             theta_correction=tangential and bool(p["theta_correction_rad"].any()),
@@ -165,10 +167,12 @@ def _inversion(topology: Topology, options: DecodeOptions, needed: np.ndarray) -
     estimator = options.estimator
     if estimator is None:
         estimator = "field-angle" if angled else "sine"
-    elif estimator not in ESTIMATORS:
-        raise OptionError.unknown("estimator", estimator, ESTIMATORS)
+    else:
+        check_choice("estimator", estimator, ESTIMATORS)
     if estimator == "field-angle":
         _require_bz(topology, upright, "the estimator 'field-angle'")
+    if options.consistency is not None:
+        check_flag("consistency", options.consistency)
     if options.consistency:
         _require_bz(topology, upright, "consistency")
         if not tabled.all():
@@ -181,8 +185,7 @@ def _cycles_held(topology: Topology, options: DecodeOptions) -> int:
     """Cycles from one temperature to the next."""
     if options.temperature_every is None:
         return max(1, int(HOLD_S * topology.cycle_rate_hz)) if options.skip else 1
-    if options.temperature_every < 1:
-        raise OptionError(f"temperature_every: must be 1 or more; got {options.temperature_every}")
+    check_number("temperature_every", options.temperature_every, 1, 1_000_000, whole=True)
     return options.temperature_every
 
 
@@ -197,7 +200,7 @@ def _require_bz(topology: Topology, upright: np.ndarray, what: str) -> None:
 def _real(dtype: str) -> str:
     try:
         found = np.dtype(dtype).name
-    except TypeError:
+    except (TypeError, ValueError, SyntaxError):
         raise OptionError.unknown("dtype", dtype, DTYPES) from None
     if found not in DTYPES:
         raise OptionError.unknown("dtype", found, DTYPES)
@@ -206,21 +209,18 @@ def _real(dtype: str) -> str:
 
 def _wanted(topology: Topology, want: Collection[str] | None) -> frozenset[str]:
     """The wanted quantities, each known and each with its channels on the wire of every unit."""
-    wanted = frozenset(UNIT_WANTS if want is None else [want] if isinstance(want, str) else want)
-    for name in sorted(wanted, key=str):
-        if name in ARRAY_WANTS:
-            raise OptionError(
-                f"want: must be of the units, one of {', '.join(map(repr, UNIT_WANTS))}; "
-                f"got {name!r}, which is of the array: use skin.open"
-            )
-        if name not in UNIT_WANTS:
-            raise OptionError.unknown("want", name, WANTS)
+    found = wanted(UNIT_WANTS if want is None else want)
+    for name in sorted(found.intersection(ARRAY_WANTS)):
+        raise OptionError(
+            f"want: must be of the units, one of {', '.join(map(repr, UNIT_WANTS))}; "
+            f"got {name!r}, which is of the array: use skin.open"
+        )
     needed = topology.enabled & ~topology.counts_only
     for name in UNIT_WANTS:
-        for channel in NEEDS[name] if name in wanted else ():
+        for channel in NEEDS[name] if name in found else ():
             missing = needed & ~topology.wired[CHANNELS.index(channel)]
             if missing.any():
                 unit = topology.unit_names[int(np.argmax(missing))]
                 raise OptionError(f"{unit}: must have {channel!r} on the wire to decode {name!r}; "
                                   "got a layout without it")  # fmt: skip
-    return wanted
+    return found

@@ -48,6 +48,9 @@ class HalbachField:
         How the films were made; perfect ones if not given.
     reach_m : float
         Films are felt by units whose centres are nearer than this; 0: only the own film.
+    felt : tuple of ndarray, optional
+        Whose films each unit feels beside its own, in place of `reach_m`: compressed rows, shapes
+        (n + 1,) and (m,), int32.
     surroundings : Surroundings, optional
         Ambient field and tools; none if not given.
 
@@ -75,6 +78,7 @@ class HalbachField:
         *,
         fabrication: Fabrication | None = None,
         reach_m: float = 0.03,
+        felt: tuple[np.ndarray, np.ndarray] | None = None,
         surroundings: Surroundings | None = None,
     ) -> None:
         table = load_film_table()
@@ -103,7 +107,7 @@ class HalbachField:
         # to_chip[a, b]: component a of the chip from component b of the skin frame
         self._to_chip = CHIP_AXES[:, np.newaxis, np.newaxis] * topology.rotation.transpose(1, 0, 2)
         self._felt_of_ambient = np.ascontiguousarray(self._to_chip.transpose(0, 2, 1))
-        self._arrays = self._felt(*_within(topology, reach_m))
+        self._arrays = self._felt(*(felt or _within(topology, reach_m)))
 
     def __call__(
         self,

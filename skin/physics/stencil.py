@@ -12,19 +12,20 @@ that pose with ``rigid=True``.
 from __future__ import annotations
 
 import dataclasses
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from skin.errors import ScanError, SkinError
+from skin.errors import ScanError, SkinError, TooDenseError
 from skin.physics.least_squares import Fit
 from skin.physics.stray import (
     DEGREES,
     SEPARATION_M,
     Pairs,
+    blocked,
     field_at_rest,
     left_out,
     monomials,
@@ -34,7 +35,7 @@ from skin.physics.stray import (
     scan_stray,
 )
 from topology import Topology
-from topology.files import whole_file
+from topology.files import read_arrays, whole_file
 from topology.neighbours import compressed_rows
 
 __all__ = ["Stencil"]
@@ -168,17 +169,14 @@ class Stencil:
             No such file, another kind of file, or a stencil of another skin.
         """
         try:
-            with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-                if int(file["format"]) not in READ:
-                    raise SkinError(
-                        f"{path}: format: must be one of {READ}; got {int(file['format'])}"
-                    )
-                values = {
-                    field.name: file[field.name][()] for field in dataclasses.fields(cls)
-                }  # fmt: skip
-        except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
+            saved = read_arrays(path)
+            if (version := int(saved["format"])) not in READ:
+                raise SkinError(f"{path}: format: must be one of {READ}; got {version}")
+            values: dict[str, Any] = {f.name: saved[f.name][()] for f in dataclasses.fields(cls)}
+            found = cls(**values)
+            found._check()
+        except (OSError, LookupError, AttributeError, ValueError, TypeError) as error:
             raise SkinError(f"{path}: must be a stencil that was saved; got {error}") from None
-        found = cls(**values)
         if found.n != topology.n:
             raise SkinError(
                 f"{path}: must be the stencil of {topology.n} units, as {topology.name}; "
@@ -194,6 +192,27 @@ class Stencil:
                 f"{1e3 * off[worst]:.2g} mm"
             )
         return found
+
+    def _check(self) -> None:
+        """Refuse arrays that do not fit each other: compiled code would read beside them."""
+        n, m, (k, _, terms) = self.n, self.neighbour.size, self.coefficients.shape
+        shapes = {
+            "start": (n + 1,), "neighbour": (m,), "kind": (m,), "apart_m": (m,),
+            "coefficients": (k, 3, terms), "sigma_ut": (k, 3), "strength": (n,),
+            "rest_ut": (3, n), "left_out_rms_ut": (n,),
+        }  # fmt: skip
+        for name, shape in shapes.items():
+            array = getattr(self, name)
+            kind = "i" if name in ("start", "neighbour", "kind") else "f"
+            if array.shape != shape or array.dtype.kind != kind or not np.isfinite(array).all():
+                raise ValueError(f"{name} of shape {array.shape}, {array.dtype}")
+        ends = self.start[0] == 0 and self.start[-1] == m and (np.diff(self.start) >= 0).all()
+        for name, end in (("neighbour", n), ("kind", k)):
+            index = getattr(self, name)
+            if not ends or (m and not 0 <= index.min() <= index.max() < end):
+                raise ValueError(f"start or {name} out of range")
+        if self.degree not in DEGREES or terms != len(powers(self.degree)):
+            raise ValueError(f"degree {self.degree} with {terms} terms")
 
     @classmethod
     def measured(
@@ -270,7 +289,7 @@ class Stencil:
         ------
         ScanError
             A degree that is not there.
-        SkinError
+        TooDenseError
             Units so near that a film is moved into a neighbour's chip.
         """
         if degree not in DEGREES:
@@ -281,6 +300,15 @@ class Stencil:
         unit = np.repeat(np.arange(topology.n), np.diff(start))
         pairs = Pairs.of(topology, unit, neighbour)
         moved, share = scan_poses(DEPTH_MAX_MM, DISPLACEMENT_MAX_MM)
+        near_films = blocked(pairs.seen, moved)[pairs.scan[pairs.kind]]
+        if near_films.any():
+            units = np.unique(unit[near_films])
+            raise TooDenseError(
+                f"{topology.unit_names[units[0]]}: must keep its chip clear of its neighbours' "
+                f"films, which move by {DISPLACEMENT_MAX_MM:g} mm; got one that comes into it or "
+                f"beside it, as with {len(units)} units of {topology.name}",
+                [int(u) for u in units],
+            )
         stray = scan_stray(topology, pairs.seen, moved)
         terms = monomials(moved.T, degree)
         q, r = np.linalg.qr(terms.T)

@@ -13,14 +13,15 @@ from itertools import product
 import numpy as np
 
 from skin.errors import ScanError
+from skin.physics.film_table import load_film_table
 from skin.physics.halbach import CHIP_AXES, HalbachField
 from skin.physics.least_squares import Fit, check_levels, check_samples, least_squares
 from topology import Topology
 from topology.neighbours import neighbour_pairs
 
 __all__ = [
-    "DEGREES", "HORIZON_M", "SEPARATION_M", "Pairs", "field_at_rest", "fit_stray", "left_out",
-    "monomials", "near", "powers", "scan_poses", "scan_stray",
+    "DEGREES", "HORIZON_M", "SEPARATION_M", "Pairs", "blocked", "field_at_rest", "fit_stray",
+    "left_out", "monomials", "near", "powers", "scan_poses", "scan_stray",
 ]  # fmt: skip
 
 SAME_MM = 1e-3
@@ -175,10 +176,29 @@ def scan_stray(topology: Topology, kinds: np.ndarray, moved: np.ndarray) -> np.n
     depth = np.zeros((len(at), 2 * count))
     depth[:, :count] = at[:, 2:]
     warm = np.repeat(nominal["film_reference_c"][None], len(at), axis=0)
-    both = HalbachField(bench, reach_m=0.5 * SEPARATION_M)(displacement, depth, warm)
+    # chip k feels film k, and nothing the other way: there is no such pair
+    start = np.concatenate([np.zeros(count, np.int32), np.arange(count + 1, dtype=np.int32)])
+    felt = start, np.arange(count, dtype=np.int32)
+    both = HalbachField(bench, felt=felt)(displacement, depth, warm)
     own = HalbachField(bench, reach_m=0.0)(displacement, depth, warm)
     seen = CHIP_AXES[:, None] * (both - own)[:, :, count:]
     return (seen[1:] - seen[0]).transpose(2, 0, 1)
+
+
+def blocked(kinds: np.ndarray, moved: np.ndarray) -> np.ndarray:
+    """Kinds of pairs of which the film comes into the chip or beside it, shape (k,), bool.
+
+    Parameters
+    ----------
+    kinds, moved : ndarray
+        As of `scan_stray`.
+    """
+    table = load_film_table()
+    away, height = kinds[:2, :, np.newaxis]
+    x, y, depth = moved.T
+    across, above = np.hypot(away - x, y), height - depth
+    near = (across <= table.rho.last) & (above >= table.nearest_mm) & (above <= table.z.last)
+    return ~(near | (np.hypot(across, above) >= table.far_mm)).all(axis=1)
 
 
 def field_at_rest(topology: Topology) -> np.ndarray:

@@ -804,8 +804,8 @@ def test_the_kernel_and_its_python_agree(layout, sync_id, drawn):
     ("options", "message"),
     [
         ({"stale_cycles": 0}, "stale_cycles: must be at least 1; got 0"),
-        ({"deadline_s": 0.0}, "deadline_s: must be above 0 s; got 0.0"),
-        ({"deadline_s": float("nan")}, "deadline_s: must be above 0 s; got nan"),
+        ({"deadline_s": 0.0}, "deadline_s: must be above 0 s and finite; got 0.0"),
+        ({"deadline_s": float("nan")}, "deadline_s: must be above 0 s and finite; got nan"),
     ],
 )
 def test_options_that_cannot_be_are_refused(options, message):

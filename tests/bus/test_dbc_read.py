@@ -1,5 +1,8 @@
 """A message of somebody's own DBC as wire layout, against cantools on the same file and bytes."""
 
+import time
+from contextlib import suppress
+
 import cantools
 import numpy as np
 import pytest
@@ -317,6 +320,29 @@ def test_what_cannot_be_read_at_all_says_why(tmp_path, monkeypatch):
     with pytest.raises(TopologyError) as error:
         load_with(tmp_path, VENDOR + " " * 1_100_000, PAIR)
     assert str(error.value).endswith("vendor.dbc: must be at most 1 MB; got 1 MB")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "\n" * 300_000,
+        " \t" * 3_000_000,
+        'BA_DEF_ BO_ "VFrameFormat" ENUM "x",\n' * 100_000,
+        "SG_ a : 0|8@1+ (" + "9" * 1_000_000 + "\n",
+        '"' + "\\" * 3_000_000,
+        'BO_ 1 A: 8 B\n SG_ a : 0|8@1+ (1,0) [0|0] "' + "\n" * 300_000 + '"\n',
+        "".join(f"BO_ {i} M{i}: 8 X\n" for i in range(100_000)),
+        "".join(f"BO_ {i}\n" for i in range(100_000)),
+        'BA_DEF_DEF_ "VFrameFormat" ' + "7" * 5000 + ";\n",
+    ],
+)
+def test_no_file_takes_more_time_than_its_size(text, tmp_path):
+    path = tmp_path / "any.dbc"
+    path.write_text(text)
+    began = time.process_time()
+    with suppress(TopologyError):
+        read_dbc(path, "any.dbc", Report())
+    assert time.process_time() - began < 4.0
 
 
 @given(damage=st.data())

@@ -214,7 +214,7 @@ def test_boards_obey_the_host():
         ({"want": {"wrnch"}}, "wrench"),
         ({"estimator": "sin"}, "sine"),
         ({"wait": "evnt"}, "wait: must be one of 'event', 'drain'; got 'evnt'"),
-        ({"deadline_s": 0.0}, "deadline_s: must be above 0; got 0.0"),
+        ({"deadline_s": 0.0}, "deadline_s: must be a number from 1e-06 to 3600; got 0.0"),
         ({"dtype": "float16"}, "float32"),
         ({"transports": []}, "transports: must be one for each of 1 buses; got 0"),
     ],

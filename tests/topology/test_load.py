@@ -465,3 +465,12 @@ def test_a_parameter_of_a_unit_has_its_unit_in_its_name_and_its_source_in_its_do
 @pytest.mark.parametrize("order", ["topology.schema", "topology.load", "topology.budget"])
 def test_any_module_may_be_imported_first(order):
     subprocess.run([sys.executable, "-c", f"import {order}"], check=True, cwd="/")
+
+
+def test_a_scale_that_is_no_number_is_refused_with_its_line(tmp_path):
+    model = '[[models]]\nname = "m"\n[models.scales.bx]\nscale = {}\n'
+    patch = 'kind = "grid"\nrows = 1\ncolumns = 1\npitch_m = 0.02\nfirst_id = 1\nmodel = "m"\n'
+    for given, message in (("'x'", "finite number"), ("1e-320", "from 1e-09 to 1e\\+09")):
+        file = write_topology(tmp_path, head=model.format(given), patch=patch)
+        with pytest.raises(TopologyError, match=f":6: models.* scale: must be .*{message}"):
+            load(file)

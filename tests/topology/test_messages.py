@@ -64,8 +64,25 @@ def unreadable_files(folder, monkeypatch):
     (folder / "deepest.toml").write_text("x = " + "[" * 100_000)
     (folder / "large.toml").write_text("# " + 2_000_000 * "x")
     monkeypatch.chdir(folder)
+    (folder / "long.toml").write_text("\n" * 201_000)
+    (folder / "dotted.toml").write_text("\n" + "a." * 200_000 + "a = 1")
+    (folder / "digits.toml").write_text("format = 1\nx = " + "7" * 5000)
+    (folder / "values.toml").write_text("x = [" + "1," * 200_001 + "]")
+    os.mkfifo(folder / "pipe.toml")
     monkeypatch.setattr(reading, "LARGEST_MB", 1)
-    names = ("plam", "nowhere.toml", "folder.toml", "deep.toml", "deepest.toml", "large.toml")
+    files = (
+        "nowhere",
+        "folder",
+        "deep",
+        "deepest",
+        "large",
+        "long",
+        "dotted",
+        "digits",
+        "pipe",
+        "values",
+    )
+    names = ("plam", *(f"{name}.toml" for name in files), f"{'n' * 300}.toml")
     return [issue for name in names for issue in issues_of(name)]
 
 
@@ -79,6 +96,8 @@ def test_every_wording_stands_in_a_snapshot(tmp_path, monkeypatch):
     monkeypatch.chdir(GOLDEN / "topologies")
     for name in BROKEN:
         seen |= {issue.code for issue in issues_of(f"{name}.toml")}
+    (tmp_path / "many.toml").write_text("".join(f"k{i} = 1\n" for i in range(20_000)))
+    seen.add(issues_of(tmp_path / "many.toml")[0].code)
     assert seen == set(MESSAGES)
 
 

@@ -294,7 +294,7 @@ def test_the_json_schema_describes_every_key_and_has_no_null():
     }
     assert undocumented == set()
     units = tables["UnitException"]["properties"]
-    assert units["frequency_rest_hz"]["exclusiveMinimum"] == 0
+    assert units["frequency_rest_hz"]["minimum"] == 1
     assert "Hz" in units["frequency_slope_hz_per_mm"]["description"] or (
         "mm" in units["frequency_slope_hz_per_mm"]["description"]
     )

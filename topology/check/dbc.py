@@ -7,6 +7,7 @@ from pathlib import Path
 from topology.check.names import refer
 from topology.dbc import DbcMessage, DbcSignal, read_dbc
 from topology.errors import nearest
+from topology.files import missing
 from topology.read import show
 from topology.report import Report
 from topology.schema import Layout
@@ -59,7 +60,7 @@ def from_dbc(
     assert layout.dbc is not None
     path = source.path.parent / layout.dbc
     shown = str(Path(source.shown).parent / layout.dbc)
-    if not path.exists():
+    if missing(path):
         report.add("no-file", source, (*key, "dbc"), path=shown)
         return None
     if path not in files:

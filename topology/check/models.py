@@ -14,7 +14,7 @@ from topology.model import MODELS, TABLES, THETA_KNOTS, UnitModel
 from topology.report import Report
 from topology.schema import PARAMETERS, File, Scale
 from topology.source import Key, Source
-from topology.wire import CHANNELS
+from topology.wire import CHANNELS, LARGEST_SCALE, SMALLEST_SCALE
 
 __all__ = ["Fault", "given_parameters", "parameter_faults", "resolve_models", "to_arrays"]
 
@@ -49,7 +49,6 @@ def resolve_models(
     scales: dict[str, dict[str, Scale]] = {name: {} for name in MODELS}
     complete = all_named("models", file, source, report)
     for key, entry in entries(file, "models"):
-        known = tuple(models)
         named = report.sound(source, key, "name")
         if named:
             check_name(entry.name, key, first, MODELS, source, report)
@@ -57,7 +56,7 @@ def resolve_models(
         based = report.sound(source, key, "base") and refer(
             entry.base,
             "a model further up or built in",
-            known,
+            models,
             (*key, "base"),
             source,
             report,
@@ -104,8 +103,10 @@ def _report_faults(model: UnitModel, key: Key, source: Source, report: Report) -
 def _check_scales(scales: Mapping[str, Scale], key: Key, source: Source, report: Report) -> None:
     for channel, scale in scales.items():
         known = refer(channel, "a channel", CHANNELS, (*key, channel), source, report)
-        if known and scale is not None and scale.scale == 0:
-            report.add("scale", source, (*key, channel, "scale"))
+        given = scale.scale if known and scale is not None else None
+        if given is not None and abs(given) < SMALLEST_SCALE:
+            report.add("scale", source, (*key, channel, "scale"), least=SMALLEST_SCALE,
+                       most=LARGEST_SCALE, got=given)  # fmt: skip
 
 
 def to_arrays(models: list[UnitModel]) -> dict[str, np.ndarray]:

@@ -11,10 +11,10 @@ import numpy as np
 from topology import pose
 from topology.check.frames import to_transform
 from topology.check.names import all_named, check_name, entries, refer
-from topology.layout import Placement, count, place
+from topology.layout import Placement, count, overfull, place
 from topology.parts import Parts
 from topology.report import Report
-from topology.schema import Cylinder, Dome, List, ListUnit, Patch
+from topology.schema import List, ListUnit, Patch
 from topology.source import Key, Source
 
 __all__ = ["MOST_UNITS", "Placed", "place_patches"]
@@ -120,15 +120,10 @@ def _check_shape(patch: Patch, key: Key, source: Source, report: Report) -> bool
     shape = {"kind", *patch.__struct_fields__} - _NOT_SHAPE
     if not report.sound(source, key, *shape):
         return False
-    match patch:
-        case Cylinder():
-            around = int(2 * np.pi * patch.radius_m / patch.pitch_m + 1e-6)
-            if patch.columns > around:
-                report.add("around", source, (*key, "columns"), limit=around, got=patch.columns)
-        case Dome():
-            far = max(int(np.pi * patch.radius_m / patch.pitch_m - 0.5), 0)
-            if patch.rings > far:
-                report.add("far-side", source, (*key, "rings"), limit=far, got=patch.rings)
+    if (over := overfull(patch)) is not None:
+        name, limit = over
+        code = "around" if name == "columns" else "far-side"
+        report.add(code, source, (*key, name), limit=limit, got=getattr(patch, name))
     return report.sound(source, key, *shape)
 
 

@@ -16,7 +16,7 @@ __all__ = ["CLOSEST", "check_places", "overlapping"]
 CLOSEST = 0.1
 """Units nearer than this share of their radius are one unit entered twice."""
 
-MOST_BATCHES = 1000
+MOST_BATCHES = 250
 """Of a heap of thousands of units in one place most are found, in the time of a breath."""
 
 

@@ -10,7 +10,16 @@ from topology.read import show
 from topology.report import Report
 from topology.schema import File, Layout
 from topology.source import Key, Source
-from topology.wire import CHANNELS, FRAME_FIELDS, LAYOUTS, UNIT_FIELDS, Signal, WireLayout
+from topology.wire import (
+    CHANNELS,
+    FRAME_FIELDS,
+    LARGEST_SCALE,
+    LAYOUTS,
+    SMALLEST_SCALE,
+    UNIT_FIELDS,
+    Signal,
+    WireLayout,
+)
 
 __all__ = ["CLASSIC_SIZES", "FD_SIZES", "NEEDED", "resolve_layouts", "signal_bits"]
 
@@ -145,8 +154,9 @@ def _check_signal(
                        limit=getattr(layout, limit), what=limit, got=got)  # fmt: skip
     if signal.name in FRAME_FIELDS and signal.slot:
         report.add("signal-field", source, (*at, "slot"), got=signal.slot)
-    if signal.name in CHANNELS and signal.scale == 0:
-        report.add("scale", source, (*at, "scale"))
+    if signal.name in CHANNELS and not (SMALLEST_SCALE <= abs(signal.scale) <= LARGEST_SCALE):
+        report.add("scale", source, (*at, "scale"), least=SMALLEST_SCALE, most=LARGEST_SCALE,
+                   got=signal.scale)  # fmt: skip
     whole = {"little": 0, "big": 7}[signal.order]
     if signal.name == "crc" and (signal.length != 16 or signal.start % 8 != whole):
         report.add("crc", source, at, length=signal.length, start=signal.start)

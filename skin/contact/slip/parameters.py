@@ -2,13 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass, fields
-from math import isfinite, isnan, nan
+from dataclasses import astuple, dataclass
+from math import isnan, nan
 from typing import NamedTuple
 
-from skin.errors import SkinError
+from skin.errors import OptionError, check_number
 
 __all__ = ["PARAMETERS", "SlipModel", "SlipParameters", "SlipSettings"]
+
+
+BOUNDS = {
+    "lowpass_hz": (1e-3, 1e5),
+    "slip_sigmas": (1e-3, 1e4),
+    "gain_error": (1e-9, 10.0),
+    "floor_mm": (1e-9, 100.0),
+    "incipient_ratio": (1e-6, 1.0),
+    "gross_ratio": (1e-6, 1.0),
+    "confirm_cycles": (1, 1_000_000),
+    "safety": (1e-3, 1000.0),
+    "friction": (1e-3, 100.0),
+}
+"""Of each setting: lowest and highest value [assumed]."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +60,8 @@ class SlipSettings:
 
     Raises
     ------
-    SkinError
-        A setting is not positive, or the ratios are not in order.
+    OptionError
+        A setting is not a number within `BOUNDS`, or the ratios are not in order.
     """
 
     lowpass_hz: float = 5.0
@@ -61,14 +75,12 @@ class SlipSettings:
     friction: float = nan
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if field.name == "friction" and isnan(value):
-                continue
-            if not (isfinite(value) and value > 0.0):
-                raise SkinError(f"{field.name}: must be a positive number; got {value}")
+        for name, (least, most) in BOUNDS.items():
+            value = getattr(self, name)
+            if name != "friction" or not _is_nan(value):
+                check_number(name, value, least, most, whole=name == "confirm_cycles")
         if not self.gross_ratio < self.incipient_ratio < 1.0:
-            raise SkinError(
+            raise OptionError(
                 "gross_ratio, incipient_ratio: must be gross_ratio < incipient_ratio < 1; "
                 f"got {self.gross_ratio} and {self.incipient_ratio}"
             )
@@ -76,6 +88,14 @@ class SlipSettings:
     def model(self) -> SlipModel:
         """The settings as kernels take them."""
         return SlipModel(*map(float, astuple(self)))
+
+
+def _is_nan(value: object) -> bool:
+    return isinstance(value, float) and isnan(value)
+
+
+def _is_nan(value: object) -> bool:
+    return isinstance(value, float) and isnan(value)
 
 
 class SlipModel(NamedTuple):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,8 @@ from skin.sim.scenes.play import DEEPEST_MM, ScriptedScene, loaded_units
 from skin.sim.scenes.script import BodyTable, LoadTable, SceneFile
 from skin.sim.scenes.tools import MovingTool
 from topology import Topology
-from topology.errors import nearest
+from topology.errors import TopologyError, nearest
+from topology.files import missing
 from topology.read import open_source, read
 from topology.report import Report
 from topology.source import Key, Source
@@ -57,13 +59,9 @@ def load_scene(file: str | os.PathLike[str], topology: Topology) -> SceneFile:
     'ball'
     """
     report = Report()
-    source = _open(file, report)
-    script = None if source is None else read(SceneFile, source, report)
-    if script is not None and source is not None and not report.issues:
-        _Check(script, source, topology, report).all()
-        values = {name: getattr(script, name) for name in SceneFile.__struct_fields__}
-        values["name"] = script.name or source.path.stem
-        script = _LoadedScene(**values, source=source)
+    script = None
+    with suppress(TopologyError):  # more than a report holds
+        script = _read(file, topology, report)
     if script is None or report.issues:
         issues = sorted(report.issues, key=lambda issue: issue.line)
         raise SceneError("\n".join(map(str, issues)))
@@ -91,13 +89,26 @@ def open_scene(
     )
 
 
+def _read(file: str | os.PathLike[str], topology: Topology, report: Report) -> SceneFile | None:
+    source = _open(file, report)
+    if source is None:
+        return None
+    script = read(SceneFile, source, report)
+    if report.issues:
+        return None
+    _Check(script, source, topology, report).all()
+    values = {name: getattr(script, name) for name in SceneFile.__struct_fields__}
+    values["name"] = script.name or source.path.stem
+    return _LoadedScene(**values, source=source)
+
+
 def _open(file: str | os.PathLike[str], report: Report) -> Source | None:
     shown = os.fspath(file)
     if shown in scenes:
         path = _FOLDER / f"{shown}.toml"
         return open_source(path, path.name, report)
     path = Path(file)
-    if not path.exists():
+    if missing(path):
         names = ", ".join(scenes)
         hint = "" if path.suffix or path.name != shown else nearest(shown, scenes, or_all=False)
         expected, got = f"a file or a ready-made scene ({names})", "no such file"

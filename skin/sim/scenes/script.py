@@ -115,7 +115,7 @@ class Edge(_Shape, frozen=True, kw_only=True, tag="edge"):
     """A wedge; its ridge along x, the origin in the middle of the ridge."""
 
     length_m: _Length
-    angle_deg: Annotated[float, Meta(gt=0, lt=180)] = 90.0
+    angle_deg: Annotated[float, Meta(ge=1, le=179)] = 90.0
 
 
 Shape = Sphere | Cylinder | Block | Plate | Edge
@@ -144,7 +144,7 @@ class Wave(_Table, frozen=True, kw_only=True):
 
     from_s: _Seconds
     to_s: _Seconds
-    frequency_hz: Annotated[float, Meta(gt=0, le=100)]
+    frequency_hz: Annotated[float, Meta(ge=1e-3, le=100)]
     xyz_m: _Point | None = None
     rpy_deg: _Turn | None = None
     press_n: _Press | None = None
@@ -167,7 +167,7 @@ class BodyTable(_Table, frozen=True, kw_only=True):
     ] = None
     friction: Annotated[_Friction, Meta(description="Coefficient at rest")] = 0.5
     friction_share: Annotated[
-        float, Meta(gt=0, le=1, description="Coefficient in motion over that at rest")
+        float, Meta(ge=1e-3, le=1, description="Coefficient in motion over that at rest")
     ] = 1.0
     compliance_mm_per_n: Annotated[
         float, Meta(ge=0, le=100, description="How far it yields to the force of one unit")
@@ -191,7 +191,7 @@ class LoadWave(_Table, frozen=True, kw_only=True):
 
     from_s: _Seconds
     to_s: _Seconds
-    frequency_hz: Annotated[float, Meta(gt=0, le=100)]
+    frequency_hz: Annotated[float, Meta(ge=1e-3, le=100)]
     force_n: tuple[_Force, _Force, _Force]
 
 
@@ -299,24 +299,24 @@ class NonIdeal(_Table, frozen=True, kw_only=True):
 class Electronics(_Table, frozen=True, kw_only=True):
     """The parts of a board (`[electronics]`), as far as `[non_ideal]` wants them."""
 
-    gate_s: Annotated[float, Meta(gt=0, le=1, description="How long periods are counted")] = (
+    gate_s: Annotated[float, Meta(ge=1e-6, le=1, description="How long periods are counted")] = (
         Counter.gate_s
     )
     clock_hz: Annotated[float, Meta(ge=1e3, le=1e10, description="That times the periods")] = (
         Counter.clock_hz
     )
-    reference_v: Annotated[float, Meta(gt=0, le=100, description="Of divider and ADC")] = (
+    reference_v: Annotated[float, Meta(ge=1e-3, le=100, description="Of divider and ADC")] = (
         Divider.reference_v
     )
-    series_ohm: Annotated[float, Meta(gt=0, le=1e9, description="Beside the gel")] = (
+    series_ohm: Annotated[float, Meta(ge=1, le=1e9, description="Beside the gel")] = (
         Divider.series_ohm
     )
     adc_bits: Annotated[int, Meta(ge=1, le=32)] = Divider.bits
-    hall_lsb_ut: Annotated[float, Meta(gt=0, le=1e5, description="Step of the Hall chip")] = (
+    hall_lsb_ut: Annotated[float, Meta(ge=1e-3, le=1e5, description="Step of the Hall chip")] = (
         HallConverter.lsb_ut
     )
     hall_range_ut: Annotated[
-        float, Meta(gt=0, le=1e7, description="Largest field of either sign")
+        float, Meta(ge=1, le=1e7, description="Largest field of either sign")
     ] = HallConverter.range_ut
 
     def counter(self) -> Counter:
@@ -342,7 +342,7 @@ class SceneFile(_Table, frozen=True, kw_only=True):
     """The whole file."""
 
     format: Literal[1]
-    seconds: Annotated[float, Meta(gt=0, le=86_400, description="How long it lasts")]
+    seconds: Annotated[float, Meta(ge=1e-3, le=86_400, description="How long it lasts")]
     repeat: Annotated[bool, Meta(description="Begin anew at its end; else stay as it ends")] = False
     name: str = ""
     description: str = ""

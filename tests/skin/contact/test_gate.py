@@ -108,7 +108,7 @@ def test_what_is_given_is_the_gate():
         np.zeros((3, 1)), naive.facing_down(1), 1e-4, [0, 0], [], want=(), rate_hz=RATE_HZ
     )
     assert one.model.gate.pair_sigma == np.inf
-    with pytest.raises(SkinError, match=r"a chance between 0 and 0\.5; got 0"):
+    with pytest.raises(SkinError, match="false_contacts_per_day: must be a number from 1e-09 to"):
         Skin(false_contacts_per_day=0.0)
     with pytest.raises(SkinError, match="keep_sigma, start_sigma: must be"):
         Skin(keep_sigma=9.0)

@@ -213,5 +213,5 @@ def test_machine_code_and_python_find_alike(monkeypatch):
 def test_options_that_make_no_sense_are_refused():
     with pytest.raises(SkinError, match="keep_sigma, start_sigma: must be"):
         tracking(start_sigma=2.0)
-    with pytest.raises(SkinError, match="capacity: must be at least 1; got 0"):
+    with pytest.raises(SkinError, match="capacity: must be an integer from 1 to 4096; got 0"):
         tracking(capacity=0)

@@ -118,7 +118,9 @@ def test_bound_arrays_must_lie_together():
 
 @pytest.mark.parametrize("workers", [0, -1])
 def test_someone_must_work(workers):
-    with pytest.raises(OptionError, match=f"workers: must be 1 or more; got {workers}"):
+    with pytest.raises(
+        OptionError, match=f"workers: must be an integer from 1 to 1024; got {workers}"
+    ):
         Decoder(row_of(4), workers=workers)
     assert Decoder(row_of(4), workers=1).want >= {"force", "sigma"}
     assert "sigma" not in Decoder(row_of(4), {"force"}).want

@@ -14,9 +14,10 @@ from msgspec import structs
 import topology
 from skin.calibrate.field_angle import angle_powers, field_angle
 from skin.decode import crosstalk_kernels, crosstalk_lattice, crosstalk_scattered
-from skin.decode.crosstalk import ACCURATE_UT, LIVE_UT, CrossTalk, contraction_of
+from skin.decode.crosstalk import ACCURATE_UT, LIVE_UT, CrossTalk
 from skin.decode.crosstalk_cells import find_lattices
 from skin.decode.decoder import Decoder
+from skin.decode.density import contraction_of
 from skin.errors import SkinError
 from skin.physics.halbach import HalbachField
 from skin.physics.scan import strokes

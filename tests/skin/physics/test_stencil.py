@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import os
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from skin.errors import ScanError, SkinError
 from skin.physics.halbach import HalbachField
 from skin.physics.stencil import Stencil
 from skin.physics.stray import fit_stray, monomials, powers, scan_poses
+from topology.files import read_arrays
 from topology.pose import from_rpy
 
 
@@ -287,3 +289,34 @@ def test_a_scan_that_cannot_tell_is_refused_by_what_it_lacks(case):
     with pytest.raises(ScanError) as caught:
         fit_stray(*given_, **how)
     assert str(caught.value) == message
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("neighbour", lambda a: a + 1000),
+        ("neighbour", lambda a: a.astype(float)),
+        ("kind", lambda a: a - 1),
+        ("start", lambda a: a[::-1]),
+        ("coefficients", lambda a: a[:, :, :2]),
+        ("coefficients", lambda a: a * np.nan),
+        ("strength", lambda a: a[:-1]),
+        ("start", lambda a: a[0]),
+        ("degree", lambda a: a + 7),
+        ("degree", lambda a: "four"),
+    ],
+)
+def test_a_saved_stencil_that_was_changed_is_refused(name, change, tmp_path):
+    skin = topology.load("strip")
+    path = tmp_path / "strip.npz"
+    Stencil.of(skin, degree=1).save(path)
+    saved = read_arrays(path)
+    np.savez(path, **{**saved, name: change(saved[name])})
+    with pytest.raises(SkinError, match=r"strip.npz: must be a stencil that was saved; got"):
+        Stencil.load(path, skin)
+
+
+def test_a_stencil_is_a_regular_file(tmp_path):
+    os.mkfifo(tmp_path / "pipe.npz")
+    with pytest.raises(SkinError, match="a FIFO, and no regular file"):
+        Stencil.load(tmp_path / "pipe.npz", topology.load("strip"))

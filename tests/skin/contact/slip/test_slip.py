@@ -450,8 +450,8 @@ def test_the_kernel_is_the_slow_algebra(seed):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"lowpass_hz": 0.0}, "lowpass_hz: must be a positive number; got 0.0"),
-        ({"friction": -0.1}, "friction: must be a positive number; got -0.1"),
+        ({"lowpass_hz": 0.0}, "lowpass_hz: must be a number from 0.001 to 100000; got 0.0"),
+        ({"friction": -0.1}, "friction: must be a number from 0.001 to 100; got -0.1"),
         (
             {"gross_ratio": 0.98},
             "gross_ratio, incipient_ratio: must be gross_ratio < incipient_ratio < 1; "

@@ -1,0 +1,249 @@
+"""Broken files of every kind, one after the other: ``python -m tests.attack.files COUNT SEED``.
+
+Each must be accepted, or refused by the error of its package with the file in every line of the
+message, within a second and a limit of memory. Prints the count of each outcome as JSON, and what
+came of the files that were neither.
+"""
+
+from __future__ import annotations
+
+import json
+import random
+import resource
+import signal
+import sys
+import tempfile
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import topology
+from bus.errors import FaultScriptError, LogError
+from bus.faults.script import load_script
+from bus.frame import FrameBatch
+from bus.logs import read, write
+from skin.errors import SceneError
+from skin.sim.scenes.load import load_scene, scenes
+from tests.attack.mutations import mutated
+
+__all__ = ["attack"]
+
+GOLDEN = Path(__file__).parents[1] / "golden"
+SECONDS, MEMORY_MB = 3, 6000
+"""That one file may take, and address space of the process: numba's alone is 2 GB."""
+
+PATCH = """format = 1
+name = "attacked"
+
+[[buses]]
+name = "main"
+data_bitrate = 5_000_000
+cycle_rate_hz = 100
+sync_id = 0x80
+
+"""
+CALIBRATED = """
+[[patches]]
+name = "palm"
+kind = "grid"
+rows = 2
+columns = 3
+pitch_m = 0.012
+bus = "main"
+layout = "f3t-fd64"
+first_id = 0x100
+calibration = "broken.toml"
+"""
+FROM_DBC = """
+[[layouts]]
+name = "taxel"
+dbc = "broken.dbc"
+message = "Taxel"
+signals = { gel = "T", frequency = "F", bx = "X", by = "Y" }
+
+[[patches]]
+name = "row"
+kind = "grid"
+rows = 1
+columns = 2
+pitch_m = 0.02
+bus = "main"
+layout = "taxel"
+first_id = 0x100
+"""
+DBC = b"""VERSION "2.1"
+BS_:
+BU_: Board Host
+BO_ 256 Taxel: 8 Board
+ SG_ T : 0|12@1+ (0.055,0) [0|225] "uA" Host
+ SG_ F : 12|14@1+ (0.5,0) [0|8191] "Hz" Host
+ SG_ X : 39|16@0- (2,0) [-8192|8128] "uT" Host
+ SG_ Y : 55|8@0- (64,0) [-8192|8128] "uT" Host
+CM_ BO_ 256 "A comment over lines
+BO_ 256 Taxel: 8 Board";
+BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN";
+BA_DEF_DEF_ "VFrameFormat" "StandardCAN";
+SIG_VALTYPE_ 256 Z : 1;
+"""
+FAULTS = b"""format = 1
+seed = 7
+
+[[faults]]
+kind = "drop"
+probability = 0.01
+
+[[faults]]
+kind = "delay"
+delay_s = 0.5
+every = 3
+from_s = 2.0
+to_s = 5.0
+
+[[faults]]
+kind = "corrupt"
+ids = [0x100]
+bits = 3
+"""
+
+
+class Kind(NamedTuple):
+    """A kind of file: whole examples, how it is read, and the error that refuses it."""
+
+    suffix: str
+    examples: list[bytes]
+    load: Callable[[Path], object]
+    error: type[Exception]
+    share: int
+
+
+def _kinds(folder: Path) -> dict[str, Kind]:
+    around = Path(topology.__file__).parent / "builtin"
+    strip = topology.load("strip")
+    (folder / "calibrated.toml").write_text(PATCH + CALIBRATED)
+    (folder / "dbc.toml").write_text(PATCH + FROM_DBC)
+    calibration = 'format = 1\npatch = "palm"\n[units.r0c1]\nfrequency_rest_hz = 4512.5\n' \
+        "theta_correction_rad = [0, 0.1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]\n"  # fmt: skip
+    tomls = [path.read_bytes() for path in sorted(around.glob("*.toml"))]
+    wrong = [path.read_bytes() for path in sorted((GOLDEN / "topologies").glob("*.toml"))]
+    played = [name for name in scenes if name in ("press", "slide", "tool", "fig5", "merge")]
+    scene_folder = Path(sys.modules[load_scene.__module__].__file__ or "").parent
+    return {
+        "topology": Kind(".toml", [*tomls * 3, *wrong], topology.load, topology.TopologyError, 6),
+        "calibration": Kind(
+            ".toml",
+            [calibration.encode()],
+            lambda _: topology.load(folder / "calibrated.toml"),
+            topology.TopologyError,
+            4,
+        ),
+        "scene": Kind(
+            ".toml",
+            [(scene_folder / f"{name}.toml").read_bytes() for name in played],
+            lambda path: load_scene(path, strip),
+            SceneError,
+            2,
+        ),
+        "faults": Kind(
+            ".toml", [FAULTS], lambda path: load_script(path, strip), FaultScriptError, 2
+        ),
+        "dbc": Kind(
+            ".dbc",
+            [DBC, DBC, (GOLDEN / "topologies/dbc/vendor.dbc").read_bytes()],
+            lambda _: topology.load(folder / "dbc.toml"),
+            topology.TopologyError,
+            4,
+        ),
+        **{
+            f"log {suffix}": Kind(
+                suffix, [raw], lambda path: sum(len(b) for b in read(path)), LogError, 1
+            )
+            for suffix, raw in _logs(folder)
+        },
+    }
+
+
+def _logs(folder: Path) -> Iterator[tuple[str, bytes]]:
+    yield ".log", b"".join((GOLDEN / "logs/palm-vcan.log").read_bytes().splitlines(True)[:60])
+    batch = FrameBatch(64)
+    for i in range(64):
+        batch.append(0x100 + i % 7, bytes(range(i % 65 if i % 65 <= 8 else 8)), stamp_ns=10**9 + i)
+    write(folder / "whole.blf", batch)
+    yield ".blf", (folder / "whole.blf").read_bytes()
+    row = "   0.{:06d} 1  123  Rx   d 8 01 02 03 04 05 06 07 08\n"
+    head = "date Sam Sep 30 15:06:13.191 2017\nbase hex  timestamps absolute\n"
+    yield ".asc", (head + "".join(row.format(i) for i in range(40))).encode()
+    yield (
+        ".csv",
+        b"timestamp,arbitration_id,extended,remote,error,dlc,data\n"
+        + b"".join(b"%d.5,0x123,0,0,0,2,AQI=\n" % i for i in range(40)),
+    )
+    yield (
+        ".trc",
+        b";$FILEVERSION=1.1\n;\n"
+        + b"".join(b"%7d) %11.1f  Rx  0123  2  01 02 \n" % (i + 1, i) for i in range(40)),
+    )
+
+
+def attack(count: int, seed: int) -> dict[str, dict[str, object]]:
+    """Try about `count` broken files.
+
+    Returns
+    -------
+    dict
+        By kind: how many were accepted and refused, and what else came of one.
+    """
+    chance = random.Random(seed)
+    found: dict[str, dict[str, object]] = {}
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        kinds = _kinds(folder)
+        unit = count / sum(kind.share for kind in kinds.values())
+        for name, kind in kinds.items():
+            broken = folder / f"broken{kind.suffix}"
+            broken.write_bytes(kind.examples[0])
+            kind.load(broken)  # whole, and all that is compiled for it before the clock runs
+            outcomes: Counter[str] = Counter()
+            wrong = []
+            for _ in range(round(unit * kind.share)):
+                raw = mutated(chance.choice(kind.examples), chance)
+                broken.write_bytes(raw)
+                outcome = _outcome(kind, broken)
+                outcomes[outcome if outcome in ("accepted", "refused") else "neither"] += 1
+                if outcome not in ("accepted", "refused"):
+                    wrong.append([outcome, raw[-2000:].decode("latin-1")])
+            found[name] = {**outcomes, "wrong": wrong}
+    return found
+
+
+def _outcome(kind: Kind, path: Path) -> str:
+    """Accepted, refused, or what is wrong with the way in which it was neither."""
+    signal.setitimer(signal.ITIMER_REAL, SECONDS)
+    try:
+        kind.load(path)
+    except kind.error as error:
+        unplaced = [line for line in str(error).splitlines() if str(path.parent) not in line]
+        return f"without a place: {unplaced[0]!r}" if unplaced else "refused"
+    except BaseException as error:  # what this looks for
+        return f"{type(error).__name__}: {error}"[:300]
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+    return "accepted"
+
+
+def _too_long(*_: object) -> None:
+    raise TimeoutError(f"more than {SECONDS} s")
+
+
+def main() -> None:
+    """Try as many files as the command line says."""
+    count, seed = map(int, sys.argv[1:3])
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY_MB << 20, MEMORY_MB << 20))
+    signal.signal(signal.SIGALRM, _too_long)
+    warnings.simplefilter("error")
+    print(json.dumps(attack(count, seed)))
+
+
+if __name__ == "__main__":
+    main()

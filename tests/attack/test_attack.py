@@ -1,0 +1,117 @@
+"""Broken files and impossible options: accepted, or refused with a clear error."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import subprocess
+import sys
+import warnings
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import skin
+import topology
+from bus.errors import BusError
+from skin.contact.graph import neighbour_graph
+from skin.contact.stream import ContactStream
+from skin.errors import SkinError
+from topology.errors import TopologyError
+
+ROOT = Path(__file__).parents[2]
+VALUES = (
+    float("nan"), float("inf"), -float("inf"), 1e-320, 1e300, -1, -0.5, 0, 0.0, 2**31 - 1, 2**63,
+    10**5000, True, "", "x", b"x", (), ["x"], {"x": 1}, {1, "force"}, object(), None, 1j,
+    np.nan, np.float32(1.0), np.int64(1), np.zeros(3), np.zeros((3, 4), np.int8), np.array("x"),
+    Ellipsis, int,
+)  # fmt: skip
+"""Not finite, too large or small, below zero, of another type or shape."""
+
+
+def attacked(count: int, seed: int, seconds: float) -> int:
+    """Run the attack in a process of its own; the number of files that were tried."""
+    ran = subprocess.run(
+        [sys.executable, "-m", "tests.attack.files", str(count), str(seed)],
+        cwd=ROOT, capture_output=True, text=True, timeout=seconds, check=True,
+    )  # fmt: skip
+    found = json.loads(ran.stdout.splitlines()[-1])
+    wrong = {kind: told.pop("wrong") for kind, told in found.items()}
+    print(json.dumps(found))
+    assert not any(wrong.values()), json.dumps(wrong, indent=1)[:4000]
+    assert all(told["accepted"] and told["refused"] for told in found.values())
+    return sum(sum(told.values()) for told in found.values())
+
+
+def test_broken_files_are_accepted_or_refused_with_their_place():
+    assert attacked(1600, 0, 300.0) >= 1500
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(1, 6))
+def test_many_broken_files_are_accepted_or_refused_with_their_place(seed):
+    assert attacked(8000, seed, 900.0) >= 7900
+
+
+def opened(**options):
+    skin.open(STRIP, simulate=True, **options).close()
+
+
+def streamed(**options):
+    n = STRIP.n
+    graph = neighbour_graph(STRIP.position, 0.02)
+    assert ContactStream(STRIP.position, STRIP.rotation, np.full(n, 1e-4), *graph, **options)
+
+
+STRIP = topology.load("strip")
+OPTIONS = {
+    "skin.open": (
+        opened,
+        "want estimator dtype sweeps ambient skip slip false_contacts_per_day sync wait pace "
+        "deadline_s seed",
+    ),
+    "Options": (
+        skin.Options,
+        "want estimator dtype sweeps ambient skip slip false_contacts_per_day",
+    ),
+    "Decoder": (
+        lambda **options: skin.Decoder(STRIP, **options),
+        "want estimator dtype consistency temperature_every skip sweeps ambient rest_ut workers",
+    ),
+    "Pipeline": (lambda **options: skin.Pipeline(STRIP, **options), "deadline_s"),
+    "ContactStream": (
+        streamed,
+        "want dtype slip start_sigma keep_sigma capacity memory_s settle_s rate_hz "
+        "false_alarms_per_hour false_contacts_per_day",
+    ),
+    "SlipSettings": (
+        skin.SlipSettings,
+        "lowpass_hz slip_sigmas gain_error floor_mm incipient_ratio gross_ratio confirm_cycles "
+        "safety friction",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", OPTIONS)
+def test_options_that_cannot_be_are_refused_by_name(name):
+    call, keywords = OPTIONS[name]
+    outcomes: Counter[str] = Counter()
+    wrong = []
+    for keyword, value in itertools.product(keywords.split(), VALUES):
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")
+                call(**{keyword: value})
+        except (BusError, SkinError, TopologyError) as error:
+            outcomes["refused"] += 1
+            if keyword not in str(error) or "must be" not in str(error):
+                wrong.append(f"{keyword}: {error}"[:200])
+        except Exception as error:
+            wrong.append(f"{keyword} = {type(value).__name__}: {error!r}"[:200])
+        else:
+            outcomes["accepted"] += 1
+    print(name, dict(outcomes))
+    assert not wrong, "\n".join(wrong)
+    assert outcomes["refused"] > outcomes["accepted"]

@@ -1,0 +1,140 @@
+"""Units too near to each other: found by `skin check`, with what to change, and only where true."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import skin
+import topology
+from skin.cli import main
+from skin.decode.density import sparse_enough
+from skin.errors import SkinError, TooDenseError
+from skin.physics.halbach import HalbachField
+from skin.physics.stencil import Stencil
+from skin.physics.stray import blocked, scan_stray
+
+BUS = """
+format = 1
+name = "dense"
+
+[[buses]]
+name = "main"
+data_bitrate = 5_000_000
+sync_id = 0x80
+cycle_rate_hz = 50
+"""
+
+
+def patch(name="p", first_id=0x100, **keys):
+    lines = [f"{key} = {value}" for key, value in keys.items()]
+    return "\n".join([f'\n[[patches]]\nname = "{name}"\nbus = "main"\nlayout = "f3t-fd64"',
+                      f"first_id = {first_id}", *lines, ""])  # fmt: skip
+
+
+def unit(x, y):
+    return f"[[patches.units]]\nxyz_m = [{x}, {y}, 0.0]\nnormal = [0, 0, 1]\n"
+
+
+GRID = patch(kind="'grid'", rows=4, columns=4, pitch_m=0.004)
+LIST = patch(kind="'list'") + "".join(
+    unit(0.003 * i, 0.003 * j) for i in range(4) for j in range(4)
+)
+SMALL = {"kind": "'grid'", "rows": 3, "columns": 3, "pitch_m": 0.012}
+STACK = patch(**SMALL) + patch("q", 0x200, **SMALL, pose="{ xyz_m = [0, 0, 0.002] }")
+
+
+def checked(tmp_path, text, capsys):
+    file = tmp_path / "dense.toml"
+    file.write_text(BUS + text)
+    status = main(["check", str(file), "--json"])
+    return file, status, json.loads(capsys.readouterr().out.splitlines()[-1])
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "where"),
+    [
+        (GRID, 19, "patches[0] 'p' pitch_m: must be 0.00"),
+        (LIST, 21, "patches[0] 'p' units[1] xyz_m: must be "),
+        (STACK, 30, "patches[1] 'q' pose: must be "),
+    ],
+)
+def test_check_says_which_key_of_a_dense_skin_to_change(text, line, where, tmp_path, capsys):
+    file, status, report = checked(tmp_path, text, capsys)
+    assert status == 1
+    assert not report["ok"]
+    (message,) = report["too_dense"]
+    assert message.startswith(f"{file}:{line}: {where}")
+    assert re.search(r"\([pq]/\w+, [pq]/\w+, [pq]/\w+, … \d+ units\); got ", message)
+    with pytest.raises(TooDenseError) as refused:
+        skin.Decoder(topology.load(file), sweeps=1)
+    assert str(refused.value) == message
+
+
+def test_the_value_that_check_names_is_the_least_that_works(tmp_path, capsys):
+    file, _, report = checked(tmp_path, GRID, capsys)
+    least = float(re.search(r"must be (\S+) or more", report["too_dense"][0])[1])
+    for pitch_m, works in ((least, True), (least - 1e-4, False)):
+        file.write_text(BUS + GRID.replace("0.004", f"{pitch_m:.4f}"))
+        if works:
+            assert sparse_enough(topology.load(file))[1] < 1.0
+        else:
+            with pytest.raises(TooDenseError):
+                sparse_enough(topology.load(file))
+
+
+def test_sound_skins_pass(tmp_path, capsys):
+    for name in topology.builtin:
+        assert main(["check", name]) == 0
+    _, status, report = checked(tmp_path, patch(**SMALL), capsys)
+    assert (status, report["too_dense"], report["ok"]) == (0, [], True)
+
+
+def test_a_small_dome_is_decoded_as_its_films_are_clear_of_its_chips(tmp_path):
+    file = tmp_path / "dome.toml"
+    file.write_text(BUS + patch(kind="'dome'", radius_m=0.012, rings=2, pitch_m=0.008))
+    dome = topology.load(file)
+    stencil, contraction = sparse_enough(dome)
+    assert 0.0 < contraction < 1.0
+    moved, depth = np.zeros((2, dome.n)), np.zeros(dome.n)
+    moved[0, 3], depth[3] = 1.0, 1.0
+    field = HalbachField(dome)
+    warm = dome.parameters["film_reference_c"]
+    change = field(moved, depth, warm) - field(0 * moved, 0 * depth, warm)
+    seen = np.arange(dome.n) != 3
+    told = stencil(np.vstack([moved, depth]))
+    assert np.abs((told - change)[:, seen]).max() < 0.1 * np.abs(change[:, seen]).max()
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    away=st.floats(0.0, 20.0),
+    height=st.floats(-8.0, 12.0),
+    x=st.floats(-2.5, 2.5),
+    y=st.floats(-2.5, 2.5),
+    depth=st.floats(0.0, 2.0),
+)
+def test_pairs_are_blocked_where_the_field_cannot_be_told(away, height, x, y, depth):
+    kinds, moved = np.array([[away], [height], [2.0]]), np.array([[x, y, depth]])
+    strip = topology.load("strip")
+    known = True
+    try:
+        scan_stray(strip, kinds, moved)
+    except SkinError:
+        known = False
+    at_rest = np.zeros((1, 3))
+    assert known == (not blocked(kinds, np.vstack([at_rest, moved]))[0])
+
+
+def test_a_stencil_of_blocked_units_names_one():
+    palm = topology.load("palm")
+    close = topology.Topology(**{**vars(palm), "path": None, "position": palm.position * [[0.1]]})
+    tilted = np.roll(close.rotation, 1, axis=0)
+    close = topology.Topology(**{**vars(close), "rotation": tilted})
+    with pytest.raises(TooDenseError, match=r"palm/r\dc\d: must keep its chip clear of its neig"):
+        Stencil.of(close)
