@@ -117,12 +117,14 @@ def _of_this_host() -> Iterator[Finding]:
                 "another package of this name on PYTHONPATH or in the working folder",
             )  # fmt: skip
     given = os.environ.get("NUMBA_CACHE_DIR")
-    caches = [Path(given)] if given else [homes["bus"] / "bus", Path.home() / ".cache"]
+    caches = (
+        [Path(given)] if given else [homes["bus"] / "bus", Path(os.path.expanduser("~/.cache"))]
+    )
     if not any(_is_writable(folder) for folder in caches):
         yield Finding(
             "no-cache", "warning", "host", 1,
-            f"compiled code cannot be kept in {' or '.join(map(str, caches))}, so every start "
-            "compiles anew",
+            f"compiled code cannot be kept in {' or '.join(map(str, caches))}, only "
+            "among temporary files if at all: a start may have to compile anew",
             "a read-only installation; set NUMBA_CACHE_DIR to a folder that can be written",
         )  # fmt: skip
 
