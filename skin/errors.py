@@ -6,6 +6,7 @@
     ├── OptionError          an option, or the name of a quantity, that does not exist
     ├── CountsError          an array that is not what the topology says it must be
     ├── CalibrationError     parameters that no working unit can have
+    ├── LibraryError         an optional library that is not installed
     └── SceneError           a scene file that is wrong, or that cannot be on this skin
 """
 
@@ -14,7 +15,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from difflib import get_close_matches
 
-__all__ = ["CalibrationError", "CountsError", "OptionError", "SceneError", "SkinError"]
+__all__ = ["CalibrationError", "CountsError", "LibraryError", "OptionError", "SceneError",
+           "SkinError"]  # fmt: skip
 
 LISTED = 20
 """Names that a message lists; of more, it tells the first and the last."""
@@ -53,6 +55,10 @@ class CountsError(SkinError, ValueError):
 
 class CalibrationError(SkinError):
     """Parameters that no working unit can have; the message names unit, parameter and value."""
+
+
+class LibraryError(SkinError, ImportError):
+    """An optional library that is not installed; the message says how to install it."""
 
 
 class SceneError(SkinError, ValueError):

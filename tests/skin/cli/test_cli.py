@@ -96,6 +96,21 @@ def test_demo_runs_on_every_ready_made_skin(name, tmp_path, capsys):
     assert picture.stat().st_size > 10_000
 
 
+def test_demo_runs_without_matplotlib(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    picture = tmp_path / "demo.png"
+    arguments = ["demo", "strip", "--seconds", "0.1", "--fast", "--picture", str(picture)]
+    assert main(arguments) == 0
+    shown = capsys.readouterr()
+    assert shown.err.splitlines()[-1] == (
+        "picture: must have matplotlib; not installed: pip install 'f3t-skin[plot]'"
+    )
+    assert "none" in shown.out.splitlines()[-1]
+    assert main([*arguments, "--json"]) == 0
+    assert last_json(capsys)["picture"] is None
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_same_seed_same_figures(tmp_path, capsys):
     arguments = ["demo", "--seconds", "2", "--fast", "--json", "--picture", str(tmp_path / "a.png")]
     main(arguments)
