@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from skin.contact.record import SlipState, UnitSlip
     from skin.contact.slip import SlipSettings
     from skin.decode.decoder import Decoder
-    from skin.live import Skin, open
+    from skin.live import Skin
+    from skin.opening import open
     from skin.options import Options
     from skin.pipeline import Pipeline
     from skin.state import Reading, State, Status
@@ -42,7 +43,7 @@ _HOMES = {
     "State": "skin.state",
     "Status": "skin.state",
     "UnitSlip": "skin.contact.record",
-    "open": "skin.live",
+    "open": "skin.opening",
 }
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -80,6 +80,8 @@ class ContactStream:
         For shocks, see `Shocks`.
     false_contacts_per_day : float
         Contacts that noise may start on the whole array.
+    unit_names : sequence of str, optional
+        For `Contact.unit_names`.
 
     Attributes
     ----------
@@ -124,6 +126,7 @@ class ContactStream:
         rate_hz: float = 250.0,
         false_alarms_per_hour: float = 1.0,
         false_contacts_per_day: float = FALSE_CONTACTS_PER_DAY,
+        unit_names: Sequence[str] | None = None,
     ) -> None:
         wanted = {want} if isinstance(want, str) else set(want)
         for name in sorted(wanted.difference(CONTACT_WANTS)):
@@ -164,7 +167,9 @@ class ContactStream:
         )
         self.unit_slip = self.data.units.slip
         self.contacts: list[Contact] = []
-        self._views = [Contact(self.data, self.shocks, slot) for slot in range(2 * capacity + 1)]
+        self._views = [
+            Contact(self.data, self.shocks, slot, unit_names) for slot in range(2 * capacity + 1)
+        ]
         self.total = self._views[-1]
         self._now_ns = self.data.clock["now_ns"]
         self._found: list[Contact] = []

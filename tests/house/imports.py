@@ -33,10 +33,11 @@ ROOMS: dict[str, frozenset[str]] = {
     "compiling": frozenset({"errors"}),
     "pipeline": COMMON | {"physics", "decode", "contact"},
     "live": COMMON | {"physics", "decode", "contact", "pipeline", "compiling", "sim"},
+    "opening": COMMON | {"contact", "pipeline", "compiling", "sim", "live"},
     "view": COMMON | {"live"},
 }
-"""What each room may import of `skin`, beside itself. `live` starts simulated units when a skin is
-opened with ``simulate=True``. `cli` and the package's own `__init__` may import everything."""
+"""What each room may import of `skin`, beside itself. `opening` starts simulated units when a skin
+is opened with ``simulate=True``. `cli` and the package's own `__init__` may import everything."""
 
 ANYTHING = frozenset({"cli", "__init__"})
 """Rooms that may import every other, and that no other may import."""

@@ -265,15 +265,6 @@ def test_refused_skin_closes_its_buses():
     far.close()
 
 
-def test_closed_skin_ends():
-    opened = skin.open("strip", simulate=True, pace=False)
-    states = iter(opened)
-    next(states)
-    opened.close()
-    opened.close()
-    assert list(states) == []
-
-
 def test_poses_are_checked_where_no_contacts_are_wanted_too():
     with skin.open("strip", simulate=True, want={"force"}) as strip:
         here = strip.topology
@@ -284,3 +275,63 @@ def test_poses_are_checked_where_no_contacts_are_wanted_too():
             strip.move(here.position[:, 1:], here.rotation)
         with pytest.raises(SkinError, match="translation: must be within 1000 m; got nan"):
             strip.move_patch(here.patch_names[0], np.eye(3), np.full(3, np.nan))
+
+
+@pytest.mark.parametrize("sync", ["host", "bus"])
+def test_a_second_loop_goes_on_with_the_cycles_of_the_first(sync):
+    """No cycle is invented, and no frame that the first loop left in its batch is lost."""
+    near, host = MemoryTransport.pair()
+    simulate = sync == "host"
+    with (
+        host,
+        skin.open(
+            "strip",
+            sync=sync,
+            simulate=simulate,
+            transports=None if simulate else [near],
+            pace=False,
+        ) as strip,
+    ):
+        if not simulate:
+            Nodes(strip.topology).attach([host])
+            frames = played(strip.topology, 12)
+            host.send(frames)
+        numbers = [state.cycle for _ in range(4) for state in itertools.islice(strip, 3)]
+        assert numbers == list(range(12))
+        assert strip.counters.lost == 0
+
+
+def played(loaded, cycles):
+    """What simulated units put on the one bus of a topology, SYNC included."""
+    near, far = MemoryTransport.pair()
+    Nodes(loaded).attach([far])
+    batch, parts = bus.FrameBatch(4096), []
+    for counter in range(cycles + 1):
+        sync = np.zeros(1, bus.FRAME_DTYPE)
+        sync["id"], sync["length"] = loaded.buses[0].sync_id, 1
+        sync["data"][0, 0], sync["stamp_ns"] = counter, 1 + counter * 4_000_000
+        near.send(sync)
+        batch.clear()
+        near.receive(batch)
+        parts += [sync, batch.frames.copy()]
+    return np.concatenate(parts)
+
+
+def test_two_live_iterators_are_refused():
+    with skin.open("strip", simulate=True, pace=False) as strip:
+        first = iter(strip)
+        next(first)
+        with pytest.raises(SkinError, match="must be the only live iterator of a skin; got a sec"):
+            next(iter(strip))
+        assert next(first).cycle == 1
+        first.close()
+        assert next(iter(strip)).cycle == 2
+
+
+def test_a_bus_that_is_gone_is_told_in_every_loop():
+    with skin.open("strip", simulate=True, pace=False) as strip:
+        assert next(iter(strip)).cycle == 0
+        strip.transports[0].close()
+        for _ in range(2):
+            with pytest.raises(bus.BusClosedError):
+                next(iter(strip))

@@ -214,7 +214,7 @@ def test_listeners_say_what_was_never_tared(name, on_a_real_bus, monkeypatch, ca
     nodes = Nodes(loaded)
     near, far = MemoryTransport.pair()
     nodes.attach([far])
-    for home in ("bus.open", "skin.live"):
+    for home in ("bus.open", "skin.opening"):
         monkeypatch.setattr(f"{home}.open_transport", lambda _bus, _index: near)
     main([name, on_a_real_bus, "--seconds", "0.3", "--json"])
     printed = capsys.readouterr()
