@@ -20,6 +20,7 @@ from topology import Topology
 if TYPE_CHECKING:
     from skin.contact.slip import SlipSettings
     from skin.sim.scene import Scene
+    from skin.sim.scenes.script import SceneFile
 
 __all__ = ["open"]
 
@@ -39,7 +40,7 @@ def open(
     wait: Wait = "event",
     pace: bool = True,
     deadline_s: float | None = None,
-    simulate: bool | str | Path | Scene | None = False,
+    simulate: bool | str | Path | SceneFile | Scene | None = False,
     transports: Iterable[Transport] | None = None,
     seed: int = 0,
 ) -> Skin:
@@ -59,9 +60,10 @@ def open(
         Keep the cycle rate of the topology; False asks for the next cycle as soon as one is done.
     deadline_s : float, optional
         How long after its SYNC a cycle waits for missing frames; 0.9 periods if not given.
-    simulate : bool, str, Path or Scene
+    simulate : bool, str, Path, SceneFile or Scene
         Attach simulated units instead of opening the buses: True for the scene "demo", the name of
-        a scene, its file, or a scene. False, None and "" open the buses.
+        a scene (`skin.sim.scenes.names`), its file, a loaded one (`skin.sim.load_scene`), or a
+        scene of your own. False, None and "" open the buses.
     transports : iterable of Transport, optional
         Transports to use instead of opening the file's buses, one for each bus, in order.
     seed : int

@@ -10,6 +10,7 @@ import pytest
 
 import bus
 import skin
+import skin.sim
 import topology
 from bus.configure import Command
 from bus.memory import MemoryTransport
@@ -237,7 +238,8 @@ def test_what_is_false_opens_the_buses_and_invents_no_forces(simulate):
 def test_simulated_units_say_so_and_play_a_scene_by_its_name_or_file(tmp_path):
     file = tmp_path / "still.toml"
     file.write_text('format = 1\nname = "nothing"\nseconds = 1.0\n')
-    for simulate in (True, "press", file):
+    strip = topology.load("strip")
+    for simulate in (True, "press", file, skin.sim.load_scene("press", strip)):
         with skin.open("strip", simulate=simulate, pace=False) as opened:
             assert opened.simulated
             assert repr(opened) == "<Skin 'strip': 10 simulated units>"
