@@ -23,16 +23,19 @@ if TYPE_CHECKING:
     from skin.contact.slip import SlipSettings
     from skin.decode.decoder import Decoder
     from skin.live import Skin
+    from skin.offline import DecodedLog, decode_log
     from skin.opening import open
     from skin.options import Options
     from skin.pipeline import Pipeline
     from skin.state import Reading, State, Status
 
-__all__ = ["Contact", "Decoder", "Options", "Pipeline", "Reading", "Skin", "SlipSettings",
-           "SlipState", "State", "Status", "UnitSlip", "errors", "open"]  # fmt: skip
+__all__ = ["Contact", "DecodedLog", "Decoder", "Options", "Pipeline", "Reading", "Skin",
+           "SlipSettings", "SlipState", "State", "Status", "UnitSlip", "decode_log", "errors",
+           "open"]  # fmt: skip
 
 _HOMES = {
     "Contact": "skin.contact.contact",
+    "DecodedLog": "skin.offline",
     "Decoder": "skin.decode.decoder",
     "Options": "skin.options",
     "Pipeline": "skin.pipeline",
@@ -43,6 +46,7 @@ _HOMES = {
     "State": "skin.state",
     "Status": "skin.state",
     "UnitSlip": "skin.contact.record",
+    "decode_log": "skin.offline",
     "open": "skin.opening",
 }
 

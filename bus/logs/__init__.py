@@ -19,7 +19,7 @@ import numpy as np
 from bus.errors import LogError
 from bus.frame import FRAME_DTYPE, FrameBatch
 from bus.logs.channels import buses_of
-from bus.logs.reader import LogReader
+from bus.logs.reader import LogReader, existing
 from bus.logs.writer import LogWriter
 
 __all__ = ["LogReader", "LogWriter", "buses_of", "open_writer", "read", "read_all", "write"]
@@ -62,7 +62,9 @@ def read(path: str | os.PathLike[str], **options: Any) -> LogReader:
     LogError
         No such file, or no reader for its suffix.
     """
-    return _pick(path, READERS, set(READERS) - _NEVER_PACKED)(path, **options)
+    place = _place(path, READERS, set(READERS) - _NEVER_PACKED)
+    existing(path)  # before a reader is imported, which may have to be compiled
+    return _class(place)(path, **options)
 
 
 def read_all(path: str | os.PathLike[str], **options: Any) -> np.ndarray:
@@ -92,7 +94,7 @@ def open_writer(path: str | os.PathLike[str], **options: Any) -> LogWriter:
     LogError
         No writer for the suffix.
     """
-    return _pick(path, WRITERS, _PACKED_WRITERS)(path, **options)
+    return _class(_place(path, WRITERS, _PACKED_WRITERS))(path, **options)
 
 
 def write(
@@ -129,8 +131,8 @@ def write(
     return writer.count
 
 
-def _pick(path: str | os.PathLike[str], classes: dict[str, str], packed: set[str]) -> type[Any]:
-    """Return the class for a path's suffix."""
+def _place(path: str | os.PathLike[str], classes: dict[str, str], packed: set[str]) -> str:
+    """Return module and class for a path's suffix."""
     suffixes = [suffix.lower() for suffix in Path(path).suffixes]
     valid = sorted([*classes, *(f"{suffix}.gz" for suffix in packed)])
     given = "".join(suffixes[-2:] if suffixes[-1:] == [".gz"] else suffixes[-1:])
@@ -138,5 +140,9 @@ def _pick(path: str | os.PathLike[str], classes: dict[str, str], packed: set[str
         near = difflib.get_close_matches(given, valid, 1)
         hint = f"; nearest: {near[0]!r}" if near else ""
         raise LogError(f"{path}: must end in one of {', '.join(valid)}; got {given!r}{hint}")
-    module, name = classes[given.removesuffix(".gz")].split(":")
+    return classes[given.removesuffix(".gz")]
+
+
+def _class(place: str) -> type[Any]:
+    module, name = place.split(":")
     return getattr(import_module(module), name)

@@ -14,7 +14,20 @@ from bus.errors import LogError
 from bus.frame import FrameBatch
 from bus.logs.channels import Channels
 
-__all__ = ["LogReader"]
+__all__ = ["LogReader", "existing"]
+
+
+def existing(path: str | os.PathLike[str]) -> Path:
+    """The path of a log, which must be a file.
+
+    Raises
+    ------
+    LogError
+        There is none.
+    """
+    if not Path(path).is_file():
+        raise LogError(f"{path}: must be an existing file; got none")
+    return Path(path)
 
 
 class LogReader(ABC):
@@ -61,9 +74,7 @@ class LogReader(ABC):
     ) -> None:
         if batch < 1:
             raise ValueError(f"batch: must be at least 1 frame; got {batch}")
-        self.path = Path(path)
-        if not self.path.is_file():
-            raise LogError(f"{path}: must be an existing file; got none")
+        self.path = existing(path)
         self.strict = strict
         self._asked = buses
         self._capacity = batch

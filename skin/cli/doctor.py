@@ -17,6 +17,7 @@ from skin.cli.table import counted
 if TYPE_CHECKING:
     from bus.diagnose import Finding
     from bus.discover import Survey
+    from bus.logs import LogReader
     from topology import Topology
 
 __all__ = ["doctor"]
@@ -50,10 +51,13 @@ def doctor(
     options.check_seconds(seconds)
     announcer()
     loaded = load(file).on(interface=interface, channel=channel)
+    frames = None if log is None else _frames(log, loaded)
     survey = Survey(loaded)
     found = list(_of_this_host())
-    if log is not None:
-        _read(log, survey)
+    if frames is not None:
+        for batch in frames:
+            survey.feed(batch.frames)
+        survey.finish()
         found = diagnose(survey) + found
     else:
         found = _listen(survey, seconds, sync) + found
@@ -89,15 +93,11 @@ def _listen(survey: Survey, seconds: float, sync: Literal["host", "bus"]) -> lis
         return diagnose(survey, transports)
 
 
-def _read(log: str, survey: Survey) -> None:
-    """Feed a log; one of a skin with a single bus may name its channel as it likes."""
+def _frames(log: str, topology: Topology) -> LogReader:
+    """Frames of a log; one of a skin with a single bus may name its channel as it likes."""
     from bus.logs import buses_of, read
 
-    topology = survey.topology
-    buses = buses_of(topology) if len(topology.buses) > 1 else None
-    for batch in read(log, buses=buses):
-        survey.feed(batch.frames)
-    survey.finish()
+    return read(log, buses=buses_of(topology) if len(topology.buses) > 1 else None)
 
 
 def _of_this_host() -> Iterator[Finding]:

@@ -34,6 +34,7 @@ ROOMS: dict[str, frozenset[str]] = {
     "pipeline": COMMON | {"physics", "decode", "contact"},
     "live": COMMON | {"physics", "decode", "contact", "pipeline", "compiling", "sim"},
     "opening": COMMON | {"contact", "pipeline", "compiling", "sim", "live"},
+    "offline": COMMON | {"pipeline", "compiling"},
     "view": COMMON | {"live"},
 }
 """What each room may import of `skin`, beside itself. `opening` starts simulated units when a skin

@@ -18,6 +18,7 @@ from bus.status import Status
 from skin.errors import SkinError
 from skin.sim.node import Nodes
 from skin.state import WANTS
+from tests.fixtures.live import frames_of
 
 
 def take(opened, count):
@@ -295,28 +296,10 @@ def test_a_second_loop_goes_on_with_the_cycles_of_the_first(sync):
         ) as strip,
     ):
         if not simulate:
-            Nodes(strip.topology).attach([host])
-            frames = played(strip.topology, 12)
-            host.send(frames)
+            host.send(frames_of("strip", "press", 13))
         numbers = [state.cycle for _ in range(4) for state in itertools.islice(strip, 3)]
         assert numbers == list(range(12))
         assert strip.counters.lost == 0
-
-
-def played(loaded, cycles):
-    """What simulated units put on the one bus of a topology, SYNC included."""
-    near, far = MemoryTransport.pair()
-    Nodes(loaded).attach([far])
-    batch, parts = bus.FrameBatch(4096), []
-    for counter in range(cycles + 1):
-        sync = np.zeros(1, bus.FRAME_DTYPE)
-        sync["id"], sync["length"] = loaded.buses[0].sync_id, 1
-        sync["data"][0, 0], sync["stamp_ns"] = counter, 1 + counter * 4_000_000
-        near.send(sync)
-        batch.clear()
-        near.receive(batch)
-        parts += [sync, batch.frames.copy()]
-    return np.concatenate(parts)
 
 
 def test_two_live_iterators_are_refused():
