@@ -16,6 +16,7 @@ from bus.configure import Command, pack
 from bus.cycle import FrameCounters
 from bus.errors import BusClosedError
 from bus.frame import FRAME_DTYPE, FrameBatch
+from bus.logs import Recording
 from bus.state import BusChange
 from bus.transport import Transport
 from bus.wait import Waiter
@@ -69,12 +70,14 @@ class Skin:
         wait: Wait = "event",
         pace: bool = True,
         nodes: Nodes | None = None,
+        recording: Recording | None = None,
     ) -> None:
         self.topology = topology = pipeline.topology
         self.pipeline = pipeline
         self.transports = transports
         self.timing = Timing()
         self.nodes = nodes
+        self._recording = recording
         self._position, self._rotation = topology.position, topology.rotation
         self._batch = FrameBatch(4096)
         self._waiter = Waiter(transports, wait)
@@ -226,6 +229,8 @@ class Skin:
                 self.nodes.close()
             for transport in self.transports:
                 transport.close()
+            if self._recording is not None:
+                self._recording.close()
 
     def __iter__(self) -> Iterator[State]:
         """One state a cycle; a later loop goes on where the one before has ended.
@@ -302,6 +307,8 @@ class Skin:
         self._waiter.receive(self._batch, wait_ns)
 
     def _feed(self, frames: np.ndarray) -> Iterator[State]:
+        if self._recording is not None and frames.size:
+            self._recording.write(frames)
         started = time.perf_counter_ns()
         for state in self.pipeline.feed(frames):
             self.timing.work_ns = time.perf_counter_ns() - started

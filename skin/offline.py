@@ -61,7 +61,7 @@ def decode_log(
     ...     print(state.time_s, state.wrench, state.contacts)
     """
     loaded = source if isinstance(source, Topology) else topology_package.load(source)
-    buses = buses_of(loaded) if len(loaded.buses) > 1 else None
+    buses = buses_of(loaded, log) if len(loaded.buses) > 1 else None
     chosen = Options(**options)
     reader = read(log, buses=buses, strict=False)
     announcer()

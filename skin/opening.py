@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Collection, Iterable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
 import topology as topology_package
+from bus.logs import Recording
 from bus.open import open_transport
 from bus.transport import Transport
 from skin.compiling import announcer
@@ -43,6 +45,7 @@ def open(
     simulate: bool | str | Path | SceneFile | Scene | None = False,
     transports: Iterable[Transport] | None = None,
     seed: int = 0,
+    log: str | os.PathLike[str] | Recording | None = None,
 ) -> Skin:
     """Open the buses of a topology and decode what they carry.
 
@@ -68,6 +71,9 @@ def open(
         Transports to use instead of opening the file's buses, one for each bus, in order.
     seed : int
         Seed of the simulated noise.
+    log : path or Recording, optional
+        Write down all frames, SYNC included, in the order in which they are decoded: candump (.log,
+        .log.gz) or BLF (.blf). `skin.decode_log` and `skin decode` take the file as it is.
 
     Returns
     -------
@@ -80,6 +86,8 @@ def open(
         The file cannot be used; every problem is listed.
     bus.BusOpenError
         A bus cannot be opened.
+    bus.LogError
+        No log can be written there.
     skin.errors.SkinError
         An option is not one of those there are.
     """
@@ -103,7 +111,11 @@ def open(
             ends = [undo.enter_context(open_transport(b, i)) for i, b in enumerate(loaded.buses)]
         _check_ends(ends, loaded)
         pipeline = Pipeline(loaded, options, deadline_s=deadline_s)
-        opened = Skin(pipeline, ends, sync=sync, wait=wait, pace=pace, nodes=nodes)
+        is_path = isinstance(log, str | os.PathLike)
+        recording = Recording(log, loaded) if is_path else log
+        opened = Skin(
+            pipeline, ends, sync=sync, wait=wait, pace=pace, nodes=nodes, recording=recording
+        )
         undo.pop_all()  # all is well: the skin closes them
     return opened
 

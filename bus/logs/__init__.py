@@ -20,9 +20,11 @@ from bus.errors import LogError
 from bus.frame import FRAME_DTYPE, FrameBatch
 from bus.logs.channels import buses_of
 from bus.logs.reader import LogReader, existing
+from bus.logs.recording import LoggedTransport, Recording
 from bus.logs.writer import LogWriter
 
-__all__ = ["LogReader", "LogWriter", "buses_of", "open_writer", "read", "read_all", "write"]
+__all__ = ["LogReader", "LogWriter", "LoggedTransport", "Recording", "buses_of", "open_writer",
+           "read", "read_all", "write"]  # fmt: skip
 
 READERS = {
     ".asc": "bus.logs.pythoncan:PythonCanReader",

@@ -97,7 +97,7 @@ def _frames(log: str, topology: Topology) -> LogReader:
     """Frames of a log; one of a skin with a single bus may name its channel as it likes."""
     from bus.logs import buses_of, read
 
-    return read(log, buses=buses_of(topology) if len(topology.buses) > 1 else None)
+    return read(log, buses=buses_of(topology, log) if len(topology.buses) > 1 else None)
 
 
 def _of_this_host() -> Iterator[Finding]:

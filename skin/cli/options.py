@@ -20,6 +20,7 @@ __all__ = [
     "Interface",
     "Json",
     "Listening",
+    "Log",
     "Scene",
     "Seed",
     "Sync",
@@ -81,6 +82,12 @@ Seed = Annotated[
     quiet(
         "seed of the simulated noise; otherwise the scene's, or 0", metavar="INT", constructor=int
     ),
+]
+
+
+Log = Annotated[
+    Path | None,
+    quiet("write down what the buses carry: .log, .log.gz or .blf", metavar="FILE"),
 ]
 
 

@@ -41,20 +41,25 @@ def run(
     ] = False,
     scene: options.Scene = None,
     seed: options.Seed = None,
+    log: options.Log = None,
     json: options.Json = False,
 ) -> int:
     """Listen to the buses of a topology, send SYNC, and show what the skin feels.
 
     With `--simulate` a sphere presses, slides and lifts all over simulated units, or a scene is
-    played to its end. Exits with 1 if no unit ever answered.
+    played to its end. `skin decode` takes the log of a run as it is. Exits with 1 if no unit ever
+    answered.
     """
     import skin
+    from bus.logs import Recording
     from skin.view.terminal import LiveTable
     from topology import load
 
     options.check_seconds(seconds)
+    options.check_folder("--log", log)
     _check_simulated(simulate, scene, seed, sync)
-    loaded = load(file).on(interface=interface, channel=channel)
+    filed = load(file)
+    loaded = filed.on(interface=interface, channel=channel)
     if not simulate:
         _note(file, loaded)
     table = LiveTable(loaded)
@@ -64,7 +69,8 @@ def run(
         if simulate:
             transports, lasting = _simulated(ended, loaded, scene, seed)
             seconds = seconds or lasting
-        opened = skin.open(loaded, sync=sync, wait=wait, transports=transports)
+        recording = None if log is None else Recording(log, filed)
+        opened = skin.open(loaded, sync=sync, wait=wait, transports=transports, log=recording)
         ended.enter_context(opened)
         try:
             for state in opened:

@@ -15,6 +15,7 @@ from skin.cli.table import facts
 
 if TYPE_CHECKING:
     from bus.faults import FaultScript
+    from bus.logs import Recording
     from bus.transport import Transport
     from skin.sim.node import Nodes, Served
     from skin.sim.scene import Scene
@@ -43,6 +44,7 @@ def sim(
     fast: Annotated[
         bool, options.quiet("make the frames of the scene as fast as possible, on no bus")
     ] = False,
+    log: options.Log = None,
     json: options.Json = False,
     schema: Annotated[
         bool, options.quiet("print the JSON Schema of scene files, for your editor")
@@ -60,6 +62,7 @@ def sim(
     are within the process. Exits with 1 if no SYNC ever came.
     """
     from bus.faults import load_script
+    from bus.logs import Recording
     from skin.compiling import announcer
     from skin.errors import SkinError
     from skin.sim.scenes.script import SceneFile
@@ -71,9 +74,11 @@ def sim(
         return 0
     file = options.given(file, "sim")
     options.check_seconds(seconds)
+    options.check_folder("--log", log)
     if scene is None and (truth is not None or fast):
         raise SkinError(f"{'--truth' if truth else '--fast'}: must be given with --scene; got none")
-    loaded = load(file).on(interface=interface, channel=channel)
+    filed = load(file)
+    loaded = filed.on(interface=interface, channel=channel)
     fast = fast or (scene is not None and _in_process(loaded))
     if not fast and (why := options.unreachable(file, loaded)):
         raise SkinError(why)
@@ -90,11 +95,14 @@ def sim(
             script = script or own_faults(played)
             recorder = None if truth is None else _recorder(opened, played, truth)
             nodes = Nodes(loaded, recorder or played, history=0)
+        recording = None
+        if log is not None:
+            opened.callback((recording := Recording(log, filed)).close)
         if fast:
             lasting = played.seconds if seconds is None else seconds
-            served, injected = _play(nodes, lasting, script)
+            served, injected = _play(nodes, lasting, script, recording)
         else:
-            served, injected = _serve(opened, nodes, seconds, script)
+            served, injected = _serve(opened, nodes, seconds, script, recording)
     report = {"topology": loaded.name, "units": loaded.n, **asdict(served)}
     if scene is not None:
         report |= {"scene": played.script.name, "truth": truth if served.cycles else None}
@@ -121,26 +129,33 @@ def _recorder(opened: ExitStack, played: ScriptedScene, path: str) -> Scene:
 
 
 def _play(
-    nodes: Nodes, seconds: float, script: FaultScript | None
+    nodes: Nodes, seconds: float, script: FaultScript | None, recording: Recording | None
 ) -> tuple[Served, list[dict[str, int]]]:
     """Without any bus, as fast as this machine can."""
     from skin.sim.scenes.fast import play
 
     print(f"{nodes.topology.n} units on no bus, {seconds:g} s", file=sys.stderr, flush=True)
-    return play(nodes, seconds, script)
+    return play(nodes, seconds, script, recording)
 
 
 def _serve(
-    opened: ExitStack, nodes: Nodes, seconds: float | None, script: FaultScript | None
+    opened: ExitStack,
+    nodes: Nodes,
+    seconds: float | None,
+    script: FaultScript | None,
+    recording: Recording | None,
 ) -> tuple[Served, list[dict[str, int]]]:
     """On real buses, for whoever asks."""
     from bus.faults import FaultyTransport
+    from bus.logs import LoggedTransport
     from bus.open import open_transport
 
     topology = nodes.topology
     transports: list[Transport] = [
         opened.enter_context(open_transport(bus, i)) for i, bus in enumerate(topology.buses)
     ]
+    if recording is not None:
+        transports = [LoggedTransport(end, recording) for end in transports]
     faulty = [] if script is None else [
         FaultyTransport(end, script, topology=topology, direction="send") for end in transports
     ]  # fmt: skip
