@@ -22,6 +22,7 @@ from bus.logs.channels import buses_of
 from bus.logs.reader import LogReader, existing
 from bus.logs.recording import LoggedTransport, Recording
 from bus.logs.writer import LogWriter
+from topology.files import named
 
 __all__ = ["LogReader", "LogWriter", "LoggedTransport", "Recording", "buses_of", "open_writer",
            "read", "read_all", "write"]  # fmt: skip
@@ -96,7 +97,9 @@ def open_writer(path: str | os.PathLike[str], **options: Any) -> LogWriter:
     LogError
         No writer for the suffix.
     """
-    return _class(_place(path, WRITERS, _PACKED_WRITERS))(path, **options)
+    writer = _class(_place(path, WRITERS, _PACKED_WRITERS))
+    with named(Path(path)):
+        return writer(path, **options)
 
 
 def write(
@@ -124,10 +127,11 @@ def write(
     beside = target.with_name(f".part.{target.name}")
     parts = [frames] if isinstance(frames, np.ndarray | FrameBatch) else frames
     try:
-        with open_writer(beside, **options) as writer:
-            for part in parts:
-                writer.write(part)
-        os.replace(beside, target)
+        with named(target):
+            with open_writer(beside, **options) as writer:
+                for part in parts:
+                    writer.write(part)
+            os.replace(beside, target)
     finally:
         beside.unlink(missing_ok=True)
     return writer.count

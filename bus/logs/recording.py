@@ -13,6 +13,7 @@ from bus.logs.channels import is_numbered, names_of, numbers_of
 from bus.logs.writer import LogWriter
 from bus.transport import Transport, TransportCounters
 from topology import Topology
+from topology.files import named
 
 __all__ = ["LoggedTransport", "Recording"]
 
@@ -57,7 +58,8 @@ class Recording:
         """Write what is left and close the file; frames that come later are left out."""
         with self._lock:
             self._is_closed = True
-            self._writer.close()
+            with named(self._writer.path):
+                self._writer.close()
 
 
 class LoggedTransport(Transport):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -115,11 +116,16 @@ def check_seconds(seconds: float | None, at_most: float | None = None) -> None:
 
 
 def check_folder(option: str, path: Path | None) -> None:
-    """Refuse a file to be written whose folder is not there, before the work and not after."""
+    """Refuse a file that cannot be written, before the work and not after."""
     from skin.errors import SkinError
 
-    if path is not None and not path.absolute().parent.is_dir():
+    if path is None:
+        return
+    folder = path.absolute().parent
+    if not folder.is_dir():
         raise SkinError(f"{option}: must be in a folder that exists; got '{path}'")
+    if path.is_dir() or not os.access(folder, os.W_OK):
+        raise SkinError(f"{option}: must be a file that can be written; got '{path}'")
 
 
 def unreachable(file: str, topology: Topology) -> str | None:

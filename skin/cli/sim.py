@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterable
 from contextlib import ExitStack
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from skin.cli import options
@@ -75,6 +76,7 @@ def sim(
     file = options.given(file, "sim")
     options.check_seconds(seconds)
     options.check_folder("--log", log)
+    options.check_folder("--truth", None if truth is None else Path(truth))
     if scene is None and (truth is not None or fast):
         raise SkinError(f"{'--truth' if truth else '--fast'}: must be given with --scene; got none")
     filed = load(file)

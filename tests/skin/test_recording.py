@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import itertools
 import json
+import signal
+import subprocess
+import sys
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -12,9 +16,10 @@ import pytest
 import skin
 import topology
 from bus.errors import LogError
-from bus.logs import buses_of
+from bus.logs import Recording, buses_of
 from bus.logs.channels import names_of
 from skin.cli import main
+from tests.fixtures.live import frames_of
 
 
 @pytest.mark.parametrize("suffix", [".log", ".log.gz", ".blf"])
@@ -113,3 +118,36 @@ def test_names_of_channels_follow_the_topology():
 def test_a_log_that_cannot_be_written_is_refused_before_the_buses_are_used(tmp_path):
     with pytest.raises(LogError, match="must end in one of"):
         skin.open("strip", simulate=True, log=tmp_path / "run.txt")
+
+
+@pytest.mark.parametrize("suffix", ["log", "blf"])
+def test_a_full_disk_is_told_with_the_name_of_the_log(suffix, tmp_path):
+    log = tmp_path / f"run.{suffix}"
+    log.symlink_to("/dev/full")
+    frames = frames_of("strip", "press", 2000)
+    with pytest.raises(OSError, match="No space left on device") as caught:
+        recorded(log, frames)
+    assert caught.value.filename == str(log)
+
+
+def recorded(log, frames):
+    recording = Recording(log, topology.load("strip"))
+    try:
+        recording.write(frames)
+    finally:
+        recording.close()
+
+
+def test_sigterm_ends_a_run_with_a_whole_log_and_a_released_bus(tmp_path):
+    log = tmp_path / "run.blf"
+    code = "import sys; from skin.cli import main; sys.exit(main(sys.argv[1:]))"
+    command = [sys.executable, "-c", code, "run", "strip", "--simulate", "--log", str(log)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as run:
+        while not log.exists() or log.stat().st_size < 200:
+            time.sleep(0.05)
+            assert run.poll() is None
+        run.terminate()
+        assert run.wait(20.0) == 128 + signal.SIGTERM
+    decoded = skin.decode_log("strip", log)
+    assert list(decoded)
+    assert decoded.damage is None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
 
 import pytest
@@ -40,3 +41,17 @@ def test_of_two_writers_the_last_one_stays(tmp_path: Path) -> None:
         assert path.read_text() == "second, and longer"
     assert path.read_text() == "first"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_full_disk_is_told_with_the_name_of_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    with pytest.raises(OSError, match="No space left on device") as caught, whole_file(path):
+        raise OSError(errno.ENOSPC, "No space left on device")
+    assert caught.value.filename == str(path)
+    with pytest.raises(FileNotFoundError) as missing, whole_file(tmp_path / "none" / "a.npz"):
+        pass
+    assert missing.value.filename == str(tmp_path / "none" / "a.npz")
+    with pytest.raises(FileNotFoundError) as other, whole_file(path):
+        Path("elsewhere").read_text("utf-8")
+    assert other.value.filename == "elsewhere"
+    assert not list(tmp_path.iterdir())
