@@ -44,6 +44,8 @@ class Timing:
     """Assembling, decoding and contacts of the last cycle, without waiting."""
     overruns: int = 0
     """SYNCs that could not be sent in time and were left out."""
+    unsent: int = 0
+    """SYNCs that a bus would not take: its cycle had no chance of an answer."""
 
 
 class Skin:
@@ -130,10 +132,14 @@ class Skin:
         ------
         ValueError
             No board can obey it.
+        SkinError
+            A bus would not take the frame; the others have it.
         """
         frame = pack(command, node, value)
-        for transport in self.transports:
-            transport.send(frame)
+        pairs = zip(self.topology.buses, self.transports, strict=True)
+        deaf = [bus.name for bus, end in pairs if not end.send(frame)]
+        if deaf:
+            raise SkinError(f"configure: must be taken by every bus; got no room on {deaf}")
 
     def move(self, position: np.ndarray, rotation: np.ndarray) -> None:
         """Set the poses of all units, for patches that move against each other.
@@ -298,7 +304,7 @@ class Skin:
         frames["data"][:, 0] = counter
         frames["stamp_ns"] = time.time_ns()
         for transport, frame in zip(self.transports, frames, strict=True):
-            transport.send(np.asarray(frame)[np.newaxis])
+            self.timing.unsent += 1 - transport.send(np.asarray(frame)[np.newaxis])
         return frames
 
     def _receive(self, wait_ns: int) -> None:

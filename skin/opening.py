@@ -100,6 +100,7 @@ def open(
             slip=slip, false_contacts_per_day=false_contacts_per_day,
         )  # fmt: skip
         _check(sync, wait, deadline_s)
+        _check_simulated(bool(simulate), transports is not None, sync, loaded)
         undo.callback(announcer().hold().finish)
         if simulate:
             from skin.sim.attached import in_process, nodes_of
@@ -126,6 +127,16 @@ def _check(sync: str, wait: str, deadline_s: float | None) -> None:
             raise OptionError.unknown(name, value, known)
     if deadline_s is not None and not deadline_s > 0.0:
         raise OptionError(f"deadline_s: must be above 0; got {deadline_s}")
+
+
+def _check_simulated(
+    is_simulated: bool, has_transports: bool, sync: Sync, topology: Topology
+) -> None:
+    """Refuse what means nothing together."""
+    if is_simulated and has_transports:
+        raise OptionError("transports: must not be given with simulate; got both")
+    if is_simulated and sync != "host" and topology.buses[0].sync_id is not None:
+        raise OptionError(f"sync: must be 'host' with simulate; got {sync!r}")
 
 
 def _check_ends(ends: list[Transport], topology: Topology) -> None:

@@ -49,6 +49,9 @@ def doctor(
     from topology import load
 
     options.check_seconds(seconds)
+    if log is not None:
+        options.refuse_both("--log", "--interface", interface)
+        options.refuse_both("--log", "--channel", channel)
     announcer()
     loaded = load(file).on(interface=interface, channel=channel)
     frames = None if log is None else _frames(log, loaded)

@@ -31,6 +31,7 @@ __all__ = [
     "given",
     "never_tared",
     "quiet",
+    "refuse_both",
     "tare_hint",
     "unreachable",
 ]
@@ -113,6 +114,14 @@ def check_seconds(seconds: float | None, at_most: float | None = None) -> None:
         return
     limit = "" if at_most is None else f" and at most {at_most:g}"
     raise SkinError(f"--seconds: must be above 0{limit}; got {seconds:g}")
+
+
+def refuse_both(option: str, other: str, value: object) -> None:
+    """Refuse `other`, if it is given, beside an option that leaves it nothing to say."""
+    from skin.errors import SkinError
+
+    if value is not None:
+        raise SkinError(f"{other}: must not be given with {option}; got {value!r}")
 
 
 def check_folder(option: str, path: Path | None) -> None:

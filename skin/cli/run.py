@@ -57,7 +57,7 @@ def run(
 
     options.check_seconds(seconds)
     options.check_folder("--log", log)
-    _check_simulated(simulate, scene, seed, sync)
+    _check_simulated(simulate, scene, seed, sync, interface, channel)
     filed = load(file)
     loaded = filed.on(interface=interface, channel=channel)
     if not simulate:
@@ -84,6 +84,7 @@ def run(
             pass
         report = tally.report() | {
             "overruns": opened.timing.overruns,
+            "unsent": opened.timing.unsent,
             "counters": asdict(opened.counters),
             "buses": {
                 bus.name: asdict(end.counters)
@@ -104,15 +105,26 @@ def _note(file: str, topology: Topology) -> None:
             print(f"note: {prefix}{text}", file=sys.stderr)
 
 
-def _check_simulated(simulate: bool, scene: str | None, seed: int | None, sync: str) -> None:
+def _check_simulated(
+    simulate: bool,
+    scene: str | None,
+    seed: int | None,
+    sync: str,
+    interface: str | None,
+    channel: str | None,
+) -> None:
     """Refuse what means nothing together."""
     from skin.errors import SkinError
 
     for option, value in (("--scene", scene), ("--seed", seed)):
         if value is not None and not simulate:
             raise SkinError(f"{option}: must be given with --simulate; got none")
-    if simulate and sync != "host":
+    if not simulate:
+        return
+    if sync != "host":
         raise SkinError(f"--sync: must be 'host' with --simulate; got {sync!r}")
+    options.refuse_both("--simulate", "--interface", interface)
+    options.refuse_both("--simulate", "--channel", channel)
 
 
 def _simulated(
@@ -194,6 +206,7 @@ def _table(report: dict[str, Any]) -> str:
         "valid readings": "{valid_percent:.2f} %",
         "frames": "{frames}",
         "lost on this host": "{losses}",
+        "SYNC not taken": "{unsent}",
         "bus changes": "{changes}",
         "peak force": "{peak_force_n:.2f} N",
         "contacts, slipped": "{contacts}, {contacts_slipped}",

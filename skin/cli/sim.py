@@ -79,6 +79,9 @@ def sim(
     options.check_folder("--truth", None if truth is None else Path(truth))
     if scene is None and (truth is not None or fast):
         raise SkinError(f"{'--truth' if truth else '--fast'}: must be given with --scene; got none")
+    if fast:
+        options.refuse_both("--fast", "--interface", interface)
+        options.refuse_both("--fast", "--channel", channel)
     filed = load(file)
     loaded = filed.on(interface=interface, channel=channel)
     fast = fast or (scene is not None and _in_process(loaded))

@@ -219,11 +219,13 @@ def test_boards_obey_the_host():
         ({"deadline_s": 0.0}, "deadline_s: must be above 0; got 0.0"),
         ({"dtype": "float16"}, "float32"),
         ({"transports": []}, "transports: must be one for each of 1 buses; got 0"),
+        ({"sync": "bus", "simulate": True}, "sync: must be 'host' with simulate; got 'bus'"),
+        ({"transports": [], "simulate": True}, "transports: must not be given with simulate"),
     ],
 )
 def test_wrong_option_is_refused(options, message):
     with pytest.raises(SkinError, match=message):
-        skin.open("strip", simulate="transports" not in options, **options)
+        skin.open("strip", **{"simulate": "transports" not in options, **options})
 
 
 @pytest.mark.parametrize("simulate", [False, None, "", 0])
@@ -320,3 +322,17 @@ def test_a_bus_that_is_gone_is_told_in_every_loop():
         for _ in range(2):
             with pytest.raises(bus.BusClosedError):
                 next(iter(strip))
+
+
+def test_a_bus_that_takes_no_frames_is_counted_and_told():
+    near, far = MemoryTransport.pair()
+    with far, skin.open("strip", transports=[near], pace=False, deadline_s=0.001) as strip:
+        states = iter(strip)
+        next(states)
+        assert strip.timing.unsent == 0
+        near.send = lambda records: 0
+        for _ in range(3):
+            next(states)
+        assert strip.timing.unsent == 3
+        with pytest.raises(SkinError, match=r"configure: must be taken by every bus; got no room"):
+            strip.configure(Command.RATE, value=2)

@@ -56,7 +56,7 @@ def test_a_skin_that_another_thread_closes_leaves_a_whole_log(tmp_path):
     "command",
     [
         ["run", "hand", "--simulate", "--seconds", "0.1"],
-        ["run", "hand", "--simulate", "--scene", "press", "--seconds", "0.1", "--channel", "a,b"],
+        ["run", "hand", "--simulate", "--scene", "press", "--seconds", "0.1"],
         ["sim", "hand", "--scene", "press", "--seconds", "0.1"],
     ],
 )

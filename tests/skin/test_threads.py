@@ -14,6 +14,7 @@ import skin
 import topology
 from bus.memory import MemoryTransport
 from bus.status import Status
+from skin.sim.node import Nodes
 
 
 def test_closed_skin_ends():
@@ -31,7 +32,10 @@ def test_closed_skin_ends():
 def test_a_skin_that_another_thread_closes_ends(name, sync, wait):
     """At any moment of a cycle, while the thread that iterates may close it as well."""
     for delay_ms in (0.0, 0.3, 1.0, 3.0):
-        with skin.open(name, simulate=True, pace=False, sync=sync, wait=wait) as opened:
+        ends = [MemoryTransport.pair(i) for i in range(len(topology.load(name).buses))]
+        Nodes(topology.load(name)).attach([far for _, far in ends])
+        near = [end for end, _ in ends]
+        with skin.open(name, transports=near, pace=False, sync=sync, wait=wait) as opened:
             closing = threading.Timer(1e-3 * delay_ms, opened.close)
             for number, _ in enumerate(opened):
                 if number == 0:

@@ -61,6 +61,12 @@ def test_every_command_has_help(name, capsys):
         (["decode", "none.log", "--topology", "palm"], "none.log"),
         (["demo", "--picture", "no/demo.png"], "--picture: must be in a folder that exists"),
         (["decode", "none.log", "--topology", "palm", "-o", "no/x.csv"], "--output: must be in a"),
+        (
+            ["run", "palm", "--simulate", "--channel", "can0"],
+            "--channel: must not be given with --s",
+        ),
+        (["sim", "palm", "--scene", "press", "--fast", "--interface", "x"], "given with --fast"),
+        (["doctor", "palm", "--log", "none.log", "--channel", "can0"], "not be given with --log"),
     ],
 )
 def test_bad_input_is_refused_with_a_message(arguments, message, capsys):
