@@ -13,7 +13,10 @@ Names are loaded when they are first used: `import skin` alone loads no compiler
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -33,6 +36,8 @@ __all__ = ["Contact", "DecodedLog", "Decoder", "Options", "Pipeline", "Reading",
            "SlipSettings", "SlipState", "State", "Status", "UnitSlip", "decode_log", "errors",
            "open"]  # fmt: skip
 
+__version__ = "0.1.0"
+
 _HOMES = {
     "Contact": "skin.contact.contact",
     "DecodedLog": "skin.offline",
@@ -49,6 +54,22 @@ _HOMES = {
     "decode_log": "skin.offline",
     "open": "skin.opening",
 }
+
+
+def _check_neighbours() -> None:
+    """Refuse packages of other distributions that carry the names of ours."""
+    home = Path(__file__).resolve().parent.parent
+    for name in ("bus", "topology"):
+        spec = getattr(sys.modules.get(name), "__spec__", None) or find_spec(name)
+        origin = None if spec is None else spec.origin
+        if origin is None or Path(origin).resolve().parent.parent != home:
+            raise ImportError(
+                f"skin: package {name!r}: must be the one in {home}; got {origin or 'none'} "
+                "(another package of this name on PYTHONPATH or in the working folder)"
+            )
+
+
+_check_neighbours()
 
 
 def __getattr__(name: str) -> Any:

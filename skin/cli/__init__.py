@@ -38,9 +38,9 @@ def main(arguments: list[str] | None = None) -> int:
         return 0 if given else 2
     name, *rest = given
     if name == "--version":
-        from importlib.metadata import version
+        from skin import __version__
 
-        print(version("f3t-skin"))
+        print(__version__)
         return 0
     if name not in COMMANDS:
         from skin.errors import OptionError

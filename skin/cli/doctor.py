@@ -106,22 +106,13 @@ def _frames(log: str, topology: Topology) -> LogReader:
 def _of_this_host() -> Iterator[Finding]:
     """What is wrong with the installation."""
     import bus
-    import skin
-    import topology
     from bus.diagnose import Finding
 
-    homes = {module.__name__: Path(str(module.__file__)).parent.parent for module in
-             (skin, bus, topology)}  # fmt: skip
-    for name, home in homes.items():
-        if home != homes["skin"]:
-            yield Finding(
-                "mixed-installation", "error", "host", 1,
-                f"package {name!r} is not the one beside 'skin': {home}, not {homes['skin']}",
-                "another package of this name on PYTHONPATH or in the working folder",
-            )  # fmt: skip
     given = os.environ.get("NUMBA_CACHE_DIR")
     caches = (
-        [Path(given)] if given else [homes["bus"] / "bus", Path(os.path.expanduser("~/.cache"))]
+        [Path(given)]
+        if given
+        else [Path(str(bus.__file__)).parent, Path(os.path.expanduser("~/.cache"))]
     )
     if not any(_is_writable(folder) for folder in caches):
         yield Finding(

@@ -52,7 +52,9 @@ BOX, TALL, WIDE = 148, 48, 660
 def imported() -> set[tuple[str, str]]:
     """Arrows between the rooms of `skin`. Who imports the package itself opens a skin."""
     told = COMMON | {"bus", "topology"}
-    found = {(a, "opening" if b == "__init__" else b) for a, b in edges("skin") if a != "__init__"}
+    found = {
+        (a, "opening" if b == "__init__" else b) for a, b in edges("skin") if not a.startswith("__")
+    }
     return {(a, b) for a, b in found if not {a, b} & told}
 
 

@@ -40,7 +40,7 @@ ROOMS: dict[str, frozenset[str]] = {
 """What each room may import of `skin`, beside itself. `opening` starts simulated units when a skin
 is opened with ``simulate=True``. `cli` and the package's own `__init__` may import everything."""
 
-ANYTHING = frozenset({"cli", "__init__"})
+ANYTHING = frozenset({"cli", "__init__", "__main__"})
 """Rooms that may import every other, and that no other may import."""
 
 ONLY_OF_BUS = {"physics": ("bus.compiled",)}
