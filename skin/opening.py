@@ -6,7 +6,7 @@ import os
 from collections.abc import Collection, Iterable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 import topology as topology_package
 from bus.logs import Recording
@@ -21,6 +21,7 @@ from topology import Topology
 
 if TYPE_CHECKING:
     from skin.contact.slip import SlipSettings
+    from skin.sim.node import Nodes
     from skin.sim.scene import Scene
     from skin.sim.scenes.script import SceneFile
 
@@ -64,16 +65,14 @@ def open(
     deadline_s : float, optional
         How long after its SYNC a cycle waits for missing frames; 0.9 periods if not given.
     simulate : bool, str, Path, SceneFile or Scene
-        Attach simulated units instead of opening the buses: True for the scene "demo", the name of
-        a scene (`skin.sim.scenes.names`), its file, a loaded one (`skin.sim.load_scene`), or a
-        scene of your own. False, None and "" open the buses.
+        Attach simulated units instead: True for the scene "demo", one of `skin.sim.scenes.names`,
+        a file, a loaded one (`skin.sim.load_scene`), or your own. False, None and "": none.
     transports : iterable of Transport, optional
         Transports to use instead of opening the file's buses, one for each bus, in order.
     seed : int
         Seed of the simulated noise.
     log : path or Recording, optional
-        Write down all frames, SYNC included, in the order in which they are decoded: candump (.log,
-        .log.gz) or BLF (.blf). `skin.decode_log` and `skin decode` take the file as it is.
+        Write down all frames, SYNC included, as candump (.log, .log.gz) or BLF (.blf).
 
     Returns
     -------
@@ -84,15 +83,12 @@ def open(
     ------
     topology.TopologyError
         The file cannot be used; every problem is listed.
-    bus.BusOpenError
-        A bus cannot be opened.
-    bus.LogError
-        No log can be written there.
+    bus.BusOpenError, bus.LogError
+        A bus cannot be opened, or no log be written there.
     skin.errors.SkinError
         An option is not one of those there are.
     """
     loaded = source if isinstance(source, Topology) else topology_package.load(source)
-    nodes = None
     with ExitStack() as undo:
         ends = [undo.enter_context(end) for end in transports or ()]
         options = Options(
@@ -100,25 +96,17 @@ def open(
             slip=slip, false_contacts_per_day=false_contacts_per_day,
         )  # fmt: skip
         _check(sync, wait, deadline_s)
-        _check_simulated(bool(simulate), transports is not None, sync, loaded)
         undo.callback(announcer().hold().finish)
         if simulate:
-            from skin.sim.attached import in_process, nodes_of
-
-            nodes = nodes_of(loaded, simulate, seed)
-            undo.callback(nodes.close)
-            ends = [undo.enter_context(end) for end in in_process(nodes)]
-        elif transports is None:
-            ends = [undo.enter_context(open_transport(b, i)) for i, b in enumerate(loaded.buses)]
+            _check_simulated(transports is not None, sync, loaded)
+        nodes = _nodes(undo, loaded, simulate, seed) if simulate else None
+        if transports is None:
+            ends = [undo.enter_context(end) for end in _ends(loaded, nodes)]
         _check_ends(ends, loaded)
         pipeline = Pipeline(loaded, options, deadline_s=deadline_s)
-        is_path = isinstance(log, str | os.PathLike)
-        recording = Recording(log, loaded) if is_path else log
-        opened = Skin(
-            pipeline, ends, sync=sync, wait=wait, pace=pace, nodes=nodes, recording=recording
-        )
+        recording = Recording(log, loaded) if isinstance(log, str | os.PathLike) else log
         undo.pop_all()  # all is well: the skin closes them
-    return opened
+    return Skin(pipeline, ends, sync=sync, wait=wait, pace=pace, nodes=nodes, recording=recording)
 
 
 def _check(sync: str, wait: str, deadline_s: float | None) -> None:
@@ -129,13 +117,29 @@ def _check(sync: str, wait: str, deadline_s: float | None) -> None:
         raise OptionError(f"deadline_s: must be above 0; got {deadline_s}")
 
 
-def _check_simulated(
-    is_simulated: bool, has_transports: bool, sync: Sync, topology: Topology
-) -> None:
-    """Refuse what means nothing together."""
-    if is_simulated and has_transports:
+def _nodes(undo: ExitStack, topology: Topology, scene: Any, seed: int) -> Nodes:
+    """Simulated units."""
+    from skin.sim.attached import nodes_of
+
+    nodes = nodes_of(topology, scene, seed)
+    undo.callback(nodes.close)
+    return nodes
+
+
+def _ends(topology: Topology, nodes: Nodes | None) -> Iterable[Transport]:
+    """This host's ends of the buses: of the file's, opened one by one, or of simulated units'."""
+    if nodes is None:
+        return (open_transport(bus, i) for i, bus in enumerate(topology.buses))
+    from skin.sim.attached import in_process
+
+    return in_process(nodes)
+
+
+def _check_simulated(has_transports: bool, sync: Sync, topology: Topology) -> None:
+    """Refuse what means nothing together with simulated units."""
+    if has_transports:
         raise OptionError("transports: must not be given with simulate; got both")
-    if is_simulated and sync != "host" and topology.buses[0].sync_id is not None:
+    if sync != "host" and topology.buses[0].sync_id is not None:
         raise OptionError(f"sync: must be 'host' with simulate; got {sync!r}")
 
 

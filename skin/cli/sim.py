@@ -63,7 +63,6 @@ def sim(
     are within the process. Exits with 1 if no SYNC ever came.
     """
     from bus.faults import load_script
-    from bus.logs import Recording
     from skin.compiling import announcer
     from skin.errors import SkinError
     from skin.sim.scenes.script import SceneFile
@@ -75,13 +74,8 @@ def sim(
         return 0
     file = options.given(file, "sim")
     options.check_seconds(seconds)
-    options.check_folder("--log", log)
-    options.check_folder("--truth", None if truth is None else Path(truth))
-    if scene is None and (truth is not None or fast):
-        raise SkinError(f"{'--truth' if truth else '--fast'}: must be given with --scene; got none")
-    if fast:
-        options.refuse_both("--fast", "--interface", interface)
-        options.refuse_both("--fast", "--channel", channel)
+    _check_files(scene, truth, log)
+    _check_fast(fast, scene, interface, channel)
     filed = load(file)
     loaded = filed.on(interface=interface, channel=channel)
     fast = fast or (scene is not None and _in_process(loaded))
@@ -100,9 +94,7 @@ def sim(
             script = script or own_faults(played)
             recorder = None if truth is None else _recorder(opened, played, truth)
             nodes = Nodes(loaded, recorder or played, history=0)
-        recording = None
-        if log is not None:
-            opened.callback((recording := Recording(log, filed)).close)
+        recording = None if log is None else _recording(opened, log, filed)
         if fast:
             lasting = played.seconds if seconds is None else seconds
             served, injected = _play(nodes, lasting, script, recording)
@@ -110,13 +102,43 @@ def sim(
             served, injected = _serve(opened, nodes, seconds, script, recording)
     report = {"topology": loaded.name, "units": loaded.n, **asdict(served)}
     if scene is not None:
-        report |= {"scene": played.script.name, "truth": truth if served.cycles else None}
-        lasted = served.cycles / loaded.cycle_rate_hz
-        report["real_time_factor"] = lasted / served.seconds if served.seconds else 0.0
+        report |= _of_scene(played, served, truth)
     if script is not None:
         report["faults"] = _total(injected)
     print(json_text.dumps(report) if json else _table(report))
     return 0 if served.cycles else 1
+
+
+def _of_scene(played: ScriptedScene, served: Served, truth: str | None) -> dict[str, Any]:
+    """What is told of a scene that was played."""
+    lasted = served.cycles / played.topology.cycle_rate_hz
+    return {
+        "scene": played.script.name,
+        "truth": truth if served.cycles else None,
+        "real_time_factor": lasted / served.seconds if served.seconds else 0.0,
+    }
+
+
+def _check_files(scene: str | None, truth: str | None, log: Path | None) -> None:
+    """Refuse files that cannot be written, and a truth without a scene."""
+    from skin.errors import SkinError
+
+    options.check_folder("--log", log)
+    options.check_folder("--truth", None if truth is None else Path(truth))
+    if scene is None and truth is not None:
+        raise SkinError("--truth: must be given with --scene; got none")
+
+
+def _check_fast(fast: bool, scene: str | None, interface: str | None, channel: str | None) -> None:
+    """Refuse what means nothing on no bus."""
+    from skin.errors import SkinError
+
+    if not fast:
+        return
+    if scene is None:
+        raise SkinError("--fast: must be given with --scene; got none")
+    options.refuse_both("--fast", "--interface", interface)
+    options.refuse_both("--fast", "--channel", channel)
 
 
 def own_faults(played: ScriptedScene) -> FaultScript | None:
@@ -125,6 +147,14 @@ def own_faults(played: ScriptedScene) -> FaultScript | None:
 
     own = played.script
     return FaultScript(seed=own.seed, faults=own.faults) if own.faults else None
+
+
+def _recording(opened: ExitStack, log: Path, topology: Topology) -> Recording:
+    from bus.logs import Recording
+
+    recording = Recording(log, topology)
+    opened.callback(recording.close)
+    return recording
 
 
 def _recorder(opened: ExitStack, played: ScriptedScene, path: str) -> Scene:
