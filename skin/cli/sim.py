@@ -58,9 +58,8 @@ def sim(
     then `ip link set vcan0 mtu 72 up`. Where there is no vcan, multicast serves as well:
     take `--interface udp_multicast --channel 239.74.163.2`, after `pip install 'f3t-skin[udp]'`.
 
-    Without a scene a sphere presses, slides and lifts all over the skin. A scene's own faults are
-    done to the frames where no others are given. A scene plays as with `--fast` where all buses
-    are within the process. Exits with 1 if no SYNC ever came.
+    Without a scene a sphere presses, slides and lifts. A scene's own faults are done if no others
+    are given; it plays as with `--fast` where no bus leaves the process. Exits with 1 without SYNC.
     """
     from bus.faults import load_script
     from skin.compiling import announcer
