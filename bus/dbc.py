@@ -19,6 +19,7 @@ from bus import configure
 from bus.frame import CAN_EFF
 from bus.heartbeat import FIELDS, FIRST_ID, LAYOUT, PERIOD_S, STATES, beating_nodes
 from topology import CHANNELS, Signal, Topology, WireLayout
+from topology.files import whole_file
 from topology.wire import FRAME_FIELDS, QUANTITIES
 
 __all__ = ["DbcFile", "dbc_text", "write_dbc"]
@@ -122,9 +123,8 @@ def write_dbc(topology: Topology, folder: str | os.PathLike[str] = ".") -> list[
     for index, bus in enumerate(topology.buses):
         messages = _messages(topology, index)
         path = folder / f"{topology.name}-{bus.name}.dbc"
-        beside = path.with_name(f".{path.name}.part")
-        beside.write_text(_text(topology, index, messages), encoding="ascii", newline="\n")
-        os.replace(beside, path)
+        with whole_file(path, "w", encoding="ascii", newline="\n") as file:
+            file.write(_text(topology, index, messages))
         signals = sum(len(message.signals) for message in messages)
         written.append(DbcFile(path, bus.name, len(messages), signals))
     return written

@@ -13,7 +13,10 @@ Names are loaded when they are first used: `import skin` alone loads no compiler
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -22,16 +25,22 @@ if TYPE_CHECKING:
     from skin.contact.record import SlipState, UnitSlip
     from skin.contact.slip import SlipSettings
     from skin.decode.decoder import Decoder
-    from skin.live import Skin, open
+    from skin.live import Skin
+    from skin.offline import DecodedLog, decode_log
+    from skin.opening import open
     from skin.options import Options
     from skin.pipeline import Pipeline
     from skin.state import Reading, State, Status
 
-__all__ = ["Contact", "Decoder", "Options", "Pipeline", "Reading", "Skin", "SlipSettings",
-           "SlipState", "State", "Status", "UnitSlip", "errors", "open"]  # fmt: skip
+__all__ = ["Contact", "DecodedLog", "Decoder", "Options", "Pipeline", "Reading", "Skin",
+           "SlipSettings", "SlipState", "State", "Status", "UnitSlip", "decode_log", "errors",
+           "open"]  # fmt: skip
+
+__version__ = "0.1.0"
 
 _HOMES = {
     "Contact": "skin.contact.contact",
+    "DecodedLog": "skin.offline",
     "Decoder": "skin.decode.decoder",
     "Options": "skin.options",
     "Pipeline": "skin.pipeline",
@@ -42,8 +51,25 @@ _HOMES = {
     "State": "skin.state",
     "Status": "skin.state",
     "UnitSlip": "skin.contact.record",
-    "open": "skin.live",
+    "decode_log": "skin.offline",
+    "open": "skin.opening",
 }
+
+
+def _check_neighbours() -> None:
+    """Refuse packages of other distributions that carry the names of ours."""
+    home = Path(__file__).resolve().parent.parent
+    for name in ("bus", "topology"):
+        spec = getattr(sys.modules.get(name), "__spec__", None) or find_spec(name)
+        origin = None if spec is None else spec.origin
+        if origin is None or Path(origin).resolve().parent.parent != home:
+            raise ImportError(
+                f"skin: package {name!r}: must be the one in {home}; got {origin or 'none'} "
+                "(another package of this name on PYTHONPATH or in the working folder)"
+            )
+
+
+_check_neighbours()
 
 
 def __getattr__(name: str) -> Any:

@@ -8,6 +8,7 @@
     ├── CalibrationError     parameters that no working unit can have
     ├── TooDenseError        units nearer to each other than their magnets allow
     ├── ScanError            a recording of a bench that cannot tell what is asked of it
+    ├── LibraryError         an optional library that is not installed
     └── SceneError           a scene file that is wrong, or that cannot be on this skin
 """
 
@@ -21,6 +22,7 @@ from typing import Any
 __all__ = [
     "CalibrationError",
     "CountsError",
+    "LibraryError",
     "OptionError",
     "ScanError",
     "SceneError",
@@ -136,6 +138,10 @@ class TooDenseError(SkinError):
     def __init__(self, message: str, units: Sequence[int] = ()) -> None:
         super().__init__(message)
         self.units = units
+
+
+class LibraryError(SkinError, ImportError):
+    """An optional library that is not installed; the message says how to install it."""
 
 
 class SceneError(SkinError, ValueError):

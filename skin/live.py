@@ -1,38 +1,36 @@
-"""Skin: a topology's buses, opened; who sends SYNC, and when."""
+"""Skin: the open buses of a topology; who sends SYNC, and when."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator
-from contextlib import ExitStack
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Literal, get_args
+from inspect import GEN_CLOSED, getgeneratorstate
+from itertools import chain
+from threading import Lock, RLock
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-import topology as topology_package
 from bus.configure import Command, pack
 from bus.cycle import FrameCounters
+from bus.errors import BusClosedError
 from bus.frame import FRAME_DTYPE, FrameBatch
-from bus.open import open_transport
+from bus.logs import Recording
 from bus.state import BusChange
 from bus.transport import Transport
 from bus.wait import Waiter
 from skin.compiling import announcer
-from skin.errors import OptionError, SkinError, check_choice, check_flag, check_number
-from skin.options import DType, Estimator, Options, Sweeps
+from skin.errors import OptionError, SkinError
 from skin.pipeline import Pipeline
 from skin.state import State, Status, trouble
 from topology import Topology
 from topology.pose import pose_fault
 
 if TYPE_CHECKING:
-    from skin.contact.slip import SlipSettings
     from skin.sim.node import Nodes
-    from skin.sim.scene import Scene
 
-__all__ = ["Skin", "Timing", "open"]
+__all__ = ["Skin", "Sync", "Timing", "Wait"]
 
 Sync = Literal["host", "bus"]
 Wait = Literal["event", "drain"]
@@ -46,102 +44,8 @@ class Timing:
     """Assembling, decoding and contacts of the last cycle, without waiting."""
     overruns: int = 0
     """SYNCs that could not be sent in time and were left out."""
-
-
-def open(
-    source: Topology | str | Path,
-    *,
-    want: Collection[str] | None = None,
-    estimator: Estimator | None = None,
-    dtype: DType = "float32",
-    sweeps: Sweeps = 1,
-    ambient: bool = True,
-    skip: bool = False,
-    slip: SlipSettings | None = None,
-    false_contacts_per_day: float = 1.0,
-    sync: Sync = "host",
-    wait: Wait = "event",
-    pace: bool = True,
-    deadline_s: float | None = None,
-    simulate: bool | str | Path | Scene | None = False,
-    transports: Iterable[Transport] | None = None,
-    seed: int = 0,
-) -> Skin:
-    """Open the buses of a topology and decode what they carry.
-
-    Parameters
-    ----------
-    source : Topology, str or Path
-        A loaded topology, a file, or the name of a built-in one ("palm", "fingertip", …).
-    want, estimator, dtype, sweeps, ambient, skip, slip, false_contacts_per_day
-        What is computed, and how: see `skin.options.Options`.
-    sync : "host" or "bus"
-        Who sends SYNC: this host, or another node (then this end only listens).
-    wait : "event" or "drain"
-        Wake for every arrival (least latency), or once a cycle at its deadline (least work).
-    pace : bool
-        Keep the cycle rate of the topology; False asks for the next cycle as soon as one is done.
-    deadline_s : float, optional
-        How long after its SYNC a cycle waits for missing frames; 0.9 periods if not given.
-    simulate : bool, str, Path or Scene
-        Attach simulated units instead of opening the buses: True for the scene "demo", the name of
-        a scene, its file, or a scene. Their constants are known exactly, unless the scene has
-        errors of fabrication. False, None and "" open the buses.
-    transports : iterable of Transport, optional
-        Transports to use instead of opening the file's buses, one for each bus, in order.
-    seed : int
-        Seed of the simulated noise.
-
-    Returns
-    -------
-    Skin
-        Context manager and iterator of `State`.
-
-    Raises
-    ------
-    topology.TopologyError
-        The file cannot be used; every problem is listed.
-    bus.BusOpenError
-        A bus cannot be opened.
-    skin.errors.SkinError
-        An option is not one of those there are.
-    """
-    loaded = source if isinstance(source, Topology) else topology_package.load(source)
-    nodes = None
-    with ExitStack() as undo:
-        ends = [undo.enter_context(end) for end in transports or ()]
-        options = Options(
-            want=want, estimator=estimator, dtype=dtype, sweeps=sweeps, ambient=ambient, skip=skip,
-            slip=slip, false_contacts_per_day=false_contacts_per_day,
-        )  # fmt: skip
-        _check(sync, wait, pace, seed)
-        undo.callback(announcer().hold().finish)
-        if simulate:
-            from skin.sim.attached import in_process, nodes_of
-
-            nodes = nodes_of(loaded, simulate, seed)
-            loaded = loaded.exact() if nodes.exact else loaded
-            undo.callback(nodes.close)
-            ends = [undo.enter_context(end) for end in in_process(nodes)]
-        elif transports is None:
-            ends = [undo.enter_context(open_transport(b, i)) for i, b in enumerate(loaded.buses)]
-        _check_ends(ends, loaded)
-        pipeline = Pipeline(loaded, options, deadline_s=deadline_s)
-        opened = Skin(pipeline, ends, sync=sync, wait=wait, pace=pace, nodes=nodes)
-        undo.pop_all()  # all is well: the skin closes them
-    return opened
-
-
-def _check(sync: str, wait: str, pace: bool, seed: int) -> None:
-    for name, value, known in (("sync", sync, get_args(Sync)), ("wait", wait, get_args(Wait))):
-        check_choice(name, value, known)
-    check_flag("pace", pace)
-    check_number("seed", seed, 0, 2**63 - 1, whole=True)
-
-
-def _check_ends(ends: list[Transport], topology: Topology) -> None:
-    if len(ends) != (buses := len(topology.buses)):
-        raise SkinError(f"transports: must be one for each of {buses} buses; got {len(ends)}")
+    unsent: int = 0
+    """SYNCs that a bus would not take: its cycle had no chance of an answer."""
 
 
 class Skin:
@@ -168,12 +72,14 @@ class Skin:
         wait: Wait = "event",
         pace: bool = True,
         nodes: Nodes | None = None,
+        recording: Recording | None = None,
     ) -> None:
         self.topology = topology = pipeline.topology
         self.pipeline = pipeline
         self.transports = transports
         self.timing = Timing()
         self.nodes = nodes
+        self._recording = recording
         self._position, self._rotation = topology.position, topology.rotation
         self._batch = FrameBatch(4096)
         self._waiter = Waiter(transports, wait)
@@ -182,7 +88,11 @@ class Skin:
         self._sends_sync = sync == "host" and topology.buses[0].sync_id is not None
         self._sync_frames = _sync_frames(topology)
         self._started_ns, self._epoch_ns = time.monotonic_ns(), time.time_ns()
+        self._number = 0
+        self._cycles: Generator[State] | None = None
+        self._iterating, self._closing = Lock(), RLock()
         self._closed = False
+        self._is_watched, self._latest = False, None
 
     def __repr__(self) -> str:
         """The skin, and whether its units are simulated."""
@@ -223,10 +133,14 @@ class Skin:
         ------
         ValueError
             No board can obey it.
+        SkinError
+            A bus would not take the frame; the others have it.
         """
         frame = pack(command, node, value)
-        for transport in self.transports:
-            transport.send(frame)
+        pairs = zip(self.topology.buses, self.transports, strict=True)
+        deaf = [bus.name for bus, end in pairs if not end.send(frame)]
+        if deaf:
+            raise SkinError(f"configure: must be taken by every bus; got no room on {deaf}")
 
     def move(self, position: np.ndarray, rotation: np.ndarray) -> None:
         """Set the poses of all units, for patches that move against each other.
@@ -290,6 +204,20 @@ class Skin:
         """Units that must not be trusted in this state, and why, by unit name."""
         return trouble(self.topology, state.units.status)
 
+    def latest(self) -> State | None:
+        """A copy of the newest state, for threads beside the one that iterates; never waits.
+
+        Whoever asks sees whole cycles only, and keeps what it was given. All that ask between two
+        cycles are given the same copy. The first call lets the cycles that come be copied.
+
+        Returns
+        -------
+        State or None
+            None until a cycle has ended after the first call.
+        """
+        self._is_watched = True
+        return self._latest
+
     def __enter__(self) -> Skin:
         return self
 
@@ -297,48 +225,72 @@ class Skin:
         self.close()
 
     def close(self) -> None:
-        """Release the buses; closing twice is fine."""
+        """Release the buses; closing twice is fine.
+
+        May be called from any thread: whoever iterates is at the end then, without an error.
+        """
         self._closed = True
-        announcer().finish()
-        if self.nodes is not None:
-            self.nodes.close()
-        for transport in self.transports:
-            transport.close()
+        with self._closing:
+            announcer().finish()
+            if self.nodes is not None:
+                self.nodes.close()
+            for transport in self.transports:
+                transport.close()
+            if self._recording is not None:
+                self._recording.close()
 
     def __iter__(self) -> Iterator[State]:
+        """One state a cycle; a later loop goes on where the one before has ended.
+
+        Raises
+        ------
+        SkinError
+            Another iterator is live.
+        BusClosedError
+            A bus is gone for good.
+        """
         self.pipeline.warmup()
-        states = self._host_cycles() if self._sends_sync else self._bus_cycles()
-        return self._announced(states)
+        return self._states()
 
-    def _announced(self, states: Iterator[State]) -> Iterator[State]:
-        """The same states; before the first one all has been compiled."""
-        first = next(states, None)
-        announcer().finish()
-        if first is not None:
-            yield first
-            yield from states
+    def _states(self) -> Iterator[State]:
+        """States of the cycles, which outlive this iterator."""
+        if not self._iterating.acquire(blocking=False):
+            raise SkinError("iter(skin): must be the only live iterator of a skin; got a second")
+        try:
+            if self._cycles is None or getgeneratorstate(self._cycles) == GEN_CLOSED:
+                self._cycles = self._host_cycles() if self._sends_sync else self._bus_cycles()
+            first = next(self._cycles, None)
+            announcer().finish()  # by now all has been compiled
+            for state in () if first is None else chain((first,), self._cycles):
+                if self._is_watched:
+                    self._latest = state.copy()
+                yield state
+        except BusClosedError:
+            if not self._closed:
+                raise
+        finally:
+            self._iterating.release()
 
-    def _host_cycles(self) -> Iterator[State]:
+    def _host_cycles(self) -> Generator[State]:
         """This host sends SYNC: one cycle for each."""
         pipeline, deadline_ns = self.pipeline, self.pipeline.assembler.deadline_ns
-        number = 0
         due = time.monotonic_ns()
         while not self._closed:
             if self._pace:
                 due, skipped = _wait_until(due, self._period_ns)
                 self.timing.overruns += skipped
-                number += skipped
+                self._number += skipped
             else:
                 due = time.monotonic_ns()
-            yield from self._feed(self._sync(number))
-            number += 1
+            yield from self._feed(self._sync(self._number))
+            self._number += 1
             while not self._closed and pipeline.pending:
                 self._receive(due + deadline_ns - time.monotonic_ns())
                 yield from self._feed(self._batch.frames)
                 yield from self._timed(time.monotonic_ns(), pipeline.expire)
             due += self._period_ns
 
-    def _bus_cycles(self) -> Iterator[State]:
+    def _bus_cycles(self) -> Generator[State]:
         """Somebody else sends SYNC, or nobody does: cycles come as they close."""
         while not self._closed:
             self._receive(self._period_ns)
@@ -362,7 +314,7 @@ class Skin:
             since_ns = time.monotonic_ns() - self._started_ns
         frames["stamp_ns"] = self._epoch_ns + since_ns
         for transport, frame in zip(self.transports, frames, strict=True):
-            transport.send(np.asarray(frame)[np.newaxis])
+            self.timing.unsent += 1 - transport.send(np.asarray(frame)[np.newaxis])
         return frames
 
     def _receive(self, wait_ns: int) -> None:
@@ -371,6 +323,8 @@ class Skin:
         self._waiter.receive(self._batch, wait_ns)
 
     def _feed(self, frames: np.ndarray) -> Iterator[State]:
+        if self._recording is not None and frames.size:
+            self._recording.write(frames)
         started = time.perf_counter_ns()
         for state in self.pipeline.feed(frames):
             self.timing.work_ns = time.perf_counter_ns() - started

@@ -141,6 +141,7 @@ class Pipeline:
             want=want, dtype=self.options.dtype, slip=self.options.slip,
             rate_hz=topology.cycle_rate_hz,
             false_contacts_per_day=self.options.false_contacts_per_day,
+            unit_names=topology.unit_names,
         )  # fmt: skip
 
     def _show(self, stream: ContactStream) -> None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -79,7 +79,7 @@ class Reading:
 
 @dataclass(slots=True)
 class State:
-    """The skin at one cycle. Arrays are valid until the next cycle.
+    """The skin at one cycle. Arrays and contacts are valid until the next cycle; `copy` keeps them.
 
     Attributes
     ----------
@@ -132,6 +132,38 @@ class State:
     label: np.ndarray = UNWANTED
     slip: np.ndarray = UNWANTED
     overruns: int = 0
+
+    @property
+    def time_s(self) -> float:
+        """`stamp_ns` in seconds."""
+        return 1e-9 * self.stamp_ns
+
+    @property
+    def slips(self) -> list[Contact]:
+        """Contacts that began to slip in this cycle, or None where slip is not wanted."""
+        if self.slip is None:
+            return UNWANTED
+        return [contact for contact in self.contacts if contact.onset_s == 0.0]
+
+    def copy(self) -> State:
+        """The same state with arrays, contacts and counters of its own, to be kept."""
+        contacts = self.contacts
+        return _copied(
+            self,
+            units=_copied(self.units),
+            counters=replace(self.counters),
+            contacts=None if contacts is None else [contact.copy() for contact in contacts],
+        )
+
+
+T = TypeVar("T", Reading, State)
+
+
+def _copied(record: T, **others: Any) -> T:
+    """The same record with arrays of its own, and `others` in place of what it has."""
+    values = {field.name: getattr(record, field.name) for field in fields(record)}
+    arrays = {name: value.copy() for name, value in values.items() if hasattr(value, "copy")}
+    return replace(record, **(arrays | others))
 
 
 def trouble(topology: Topology, status: np.ndarray) -> dict[str, Status]:

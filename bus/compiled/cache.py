@@ -8,6 +8,10 @@ Numba numbers the files of a kernel and keeps an index of them; two processes th
 variants at the same time may give both the same number, and the index of one leads to the code of
 the other from then on. Here the name of a file follows from its key, and there is no index.
 
+It lies where numba would keep its own: in NUMBA_CACHE_DIR, beside the kernel, or in the user's
+folder for caches. Where none of them can be written, it lies in a folder of the user's own among
+temporary files, and where that cannot be written either, nothing is kept; the logger "bus" says so.
+
 Stands on private parts of numba (`FunctionCache`, `IndexDataCacheFile`); where a version lacks
 them, kernels are compiled anew in every process.
 """
@@ -16,7 +20,9 @@ from __future__ import annotations
 
 import contextlib
 import enum
+import logging
 import os
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -24,11 +30,12 @@ from functools import cache
 from hashlib import blake2b
 from pathlib import Path
 from pickle import UnpicklingError
+from stat import S_IRWXG, S_IRWXO, S_ISDIR
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
 import numpy as np
-from numba import types
+from numba import config, types
 
 try:
     from numba.core.caching import FunctionCache, IndexDataCacheFile
@@ -46,6 +53,7 @@ UNUSED_S = 30 * 24 * 3600.0
 PRIVATE = ((FunctionCache, "_index_key"), (IndexDataCacheFile, "_load_data"),
            (IndexDataCacheFile, "_save_data"))  # fmt: skip
 
+_log = logging.getLogger("bus")
 _watchers: list[tuple[Callable[[str], None], Callable[[str], None]]] = []
 
 
@@ -70,9 +78,50 @@ def watch(
 
 
 def cache_on_disk(kernel: Any) -> None:
-    """Keep what a dispatcher compiles from now on on disk, and look there first."""
-    if all(hasattr(holder, name) for holder, name in PRIVATE):
-        kernel._cache = _stamped_cache()(kernel.py_func)
+    """Keep what a dispatcher compiles from now on on disk, and look there first.
+
+    Nothing is kept of a kernel without a file, and where no folder can be written.
+    """
+    if not all(hasattr(holder, name) for holder, name in PRIVATE):
+        return
+    with contextlib.suppress(RuntimeError):  # numba finds no place
+        try:
+            found = _stamped_cache()(kernel.py_func)
+        except RuntimeError:
+            if not Path(kernel.py_func.__code__.co_filename).exists() or not _fall_back():
+                return
+            found = _stamped_cache()(kernel.py_func)
+        kernel._cache = found
+
+
+@cache
+def _fall_back() -> bool:
+    """Let numba keep compiled code among temporary files; return whether it can."""
+    folder = _temporary_folder()
+    kept = "not kept" if folder is None else f"kept in {folder}"
+    _log.warning(
+        "f3t-skin: no folder for compiled kernels can be written, they are %s; "
+        "set NUMBA_CACHE_DIR to one that can",
+        kept,
+    )
+    if folder is not None:
+        settings: Any = config
+        settings.CACHE_DIR = folder
+    return folder is not None
+
+
+def _temporary_folder() -> str | None:
+    """A folder that nobody else can write: what is read from it is run."""
+    user = os.getuid() if os.name == "posix" else 0
+    try:
+        folder = Path(tempfile.gettempdir(), f"f3t-skin-{user}")
+        folder.mkdir(mode=0o700, exist_ok=True)
+        found = folder.lstat()
+    except OSError:
+        return None
+    if os.name == "posix" and (found.st_uid != user or found.st_mode & (S_IRWXG | S_IRWXO)):
+        return None
+    return str(folder) if S_ISDIR(found.st_mode) else None
 
 
 @cache
@@ -134,11 +183,20 @@ def _stamped_cache() -> type:
             return found
 
         def save_overload(self, sig, data):
-            super().save_overload(sig, data)
+            try:
+                super().save_overload(sig, data)
+            except OSError as error:  # the disk is full, or the folder has gone
+                _not_kept(error.strerror or str(error))
             for _, done in _watchers:
                 done(self._py_func.__qualname__)
 
     return StampedCache
+
+
+@cache
+def _not_kept(why: str) -> None:
+    """Say, once for each reason, that a kernel could not be kept."""
+    _log.warning("f3t-skin: compiled kernels cannot be kept: %s", why)
 
 
 def stamp(function: Callable[..., Any]) -> str:

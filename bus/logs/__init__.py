@@ -19,10 +19,13 @@ import numpy as np
 from bus.errors import LogError
 from bus.frame import FRAME_DTYPE, FrameBatch
 from bus.logs.channels import buses_of
-from bus.logs.reader import LogReader
+from bus.logs.reader import LogReader, existing
+from bus.logs.recording import LoggedTransport, Recording
 from bus.logs.writer import LogWriter
+from topology.files import named
 
-__all__ = ["LogReader", "LogWriter", "buses_of", "open_writer", "read", "read_all", "write"]
+__all__ = ["LogReader", "LogWriter", "LoggedTransport", "Recording", "buses_of", "open_writer",
+           "read", "read_all", "write"]  # fmt: skip
 
 READERS = {
     ".asc": "bus.logs.pythoncan:PythonCanReader",
@@ -62,7 +65,9 @@ def read(path: str | os.PathLike[str], **options: Any) -> LogReader:
     LogError
         No such file, or no reader for its suffix.
     """
-    return _pick(path, READERS, set(READERS) - _NEVER_PACKED)(path, **options)
+    place = _place(path, READERS, set(READERS) - _NEVER_PACKED)
+    existing(path)  # before a reader is imported, which may have to be compiled
+    return _class(place)(path, **options)
 
 
 def read_all(path: str | os.PathLike[str], **options: Any) -> np.ndarray:
@@ -92,7 +97,9 @@ def open_writer(path: str | os.PathLike[str], **options: Any) -> LogWriter:
     LogError
         No writer for the suffix.
     """
-    return _pick(path, WRITERS, _PACKED_WRITERS)(path, **options)
+    writer = _class(_place(path, WRITERS, _PACKED_WRITERS))
+    with named(Path(path)):
+        return writer(path, **options)
 
 
 def write(
@@ -120,17 +127,18 @@ def write(
     beside = target.with_name(f".part.{target.name}")
     parts = [frames] if isinstance(frames, np.ndarray | FrameBatch) else frames
     try:
-        with open_writer(beside, **options) as writer:
-            for part in parts:
-                writer.write(part)
-        os.replace(beside, target)
+        with named(target):
+            with open_writer(beside, **options) as writer:
+                for part in parts:
+                    writer.write(part)
+            os.replace(beside, target)
     finally:
         beside.unlink(missing_ok=True)
     return writer.count
 
 
-def _pick(path: str | os.PathLike[str], classes: dict[str, str], packed: set[str]) -> type[Any]:
-    """Return the class for a path's suffix."""
+def _place(path: str | os.PathLike[str], classes: dict[str, str], packed: set[str]) -> str:
+    """Return module and class for a path's suffix."""
     suffixes = [suffix.lower() for suffix in Path(path).suffixes]
     valid = sorted([*classes, *(f"{suffix}.gz" for suffix in packed)])
     given = "".join(suffixes[-2:] if suffixes[-1:] == [".gz"] else suffixes[-1:])
@@ -138,5 +146,9 @@ def _pick(path: str | os.PathLike[str], classes: dict[str, str], packed: set[str
         near = difflib.get_close_matches(given, valid, 1)
         hint = f"; nearest: {near[0]!r}" if near else ""
         raise LogError(f"{path}: must end in one of {', '.join(valid)}; got {given!r}{hint}")
-    module, name = classes[given.removesuffix(".gz")].split(":")
+    return classes[given.removesuffix(".gz")]
+
+
+def _class(place: str) -> type[Any]:
+    module, name = place.split(":")
     return getattr(import_module(module), name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import zlib
 from datetime import datetime, timedelta
@@ -55,7 +56,12 @@ class BlfWriter(LogWriter):
         self._blob = np.empty(PIECE * blf_build.MOST_OBJECT_BYTES, np.uint8)
         self._objects = bytearray()
         self._file = self.path.open("wb")
-        self._write_head()
+        try:
+            self._write_head()
+        except OSError:
+            with contextlib.suppress(OSError):
+                self._file.close()
+            raise
 
     def flush(self) -> None:
         while self._objects:
@@ -65,9 +71,11 @@ class BlfWriter(LogWriter):
     def close(self) -> None:
         if self._file.closed:
             return
-        self.flush()
-        self._write_head()
-        self._file.close()
+        try:
+            self.flush()
+            self._write_head()
+        finally:
+            self._file.close()
 
     def _append(self, records: np.ndarray) -> None:
         stamps = records["stamp_ns"]

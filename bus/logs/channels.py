@@ -2,29 +2,63 @@
 
 from __future__ import annotations
 
+import os
+import re
 from collections.abc import Mapping
+from pathlib import Path
 
 from topology import Topology
 
-__all__ = ["LEFT_OUT", "Channels", "buses_of"]
+__all__ = ["LEFT_OUT", "Channels", "buses_of", "is_numbered", "names_of", "numbers_of"]
 
 LEFT_OUT = -1
 """Index for the frames of a channel that nobody asked for."""
 MOST_BUSES = 256
 """`bus` of a frame is one byte."""
 MOST_CHANNELS = 1024
+NAME = re.compile(r"[!-~]{1,63}")
+"""What every log can have for a name."""
+NUMBERED = re.compile(r"can(\d{1,2})")
 
 
-def buses_of(topology: Topology) -> dict[str, int]:
+def names_of(topology: Topology) -> list[str]:
+    """Names of the buses in a log: their channels, or their own where channels do not tell them."""
+    channels = [bus.channel for bus in topology.buses]
+    is_told = len(set(channels)) == len(channels) and all(map(NAME.fullmatch, channels))
+    return channels if is_told else [bus.name for bus in topology.buses]
+
+
+def numbers_of(topology: Topology) -> list[int]:
+    """Numbers of the buses, from 0, in a log that has no names: n of "cann", else their order."""
+    found = [NUMBERED.fullmatch(name) for name in names_of(topology)]
+    return [int(one[1]) if all(found) and one else i for i, one in enumerate(found)]
+
+
+def is_numbered(path: str | os.PathLike[str]) -> bool:
+    """Whether a log, by its suffix, has numbers for its channels and no names."""
+    return Path(path).name.lower().removesuffix(".gz").endswith(".blf")
+
+
+def buses_of(topology: Topology, path: str | os.PathLike[str] | None = None) -> dict[str, int]:
     """Bus indices of a topology by channel, as `read` takes them for `buses`.
+
+    Parameters
+    ----------
+    topology : Topology
+    path : path, optional
+        The log, by whose suffix it is known whether its channels have names.
 
     Examples
     --------
     >>> import topology
     >>> buses_of(topology.load("palm"))
     {'palm': 0}
+    >>> buses_of(topology.load("palm"), "run.blf")
+    {'can0': 0}
     """
-    return {bus.channel: index for index, bus in enumerate(topology.buses)}
+    if path is not None and is_numbered(path):
+        return {f"can{number}": index for index, number in enumerate(numbers_of(topology))}
+    return {name: index for index, name in enumerate(names_of(topology))}
 
 
 class Channels:

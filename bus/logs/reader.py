@@ -15,7 +15,24 @@ from bus.frame import FrameBatch
 from bus.logs.channels import Channels
 from topology.files import missing, open_regular
 
-__all__ = ["LogReader"]
+__all__ = ["LogReader", "existing"]
+
+
+def existing(path: str | os.PathLike[str]) -> Path:
+    """The path of a log, which must be a file.
+
+    Raises
+    ------
+    LogError
+        There is none, or it is no regular file that may be read.
+    """
+    if missing(path):
+        raise LogError(f"{path}: must be an existing file; got none")
+    try:
+        open_regular(path).close()
+    except OSError as error:
+        raise LogError(f"{path}: must be a readable file; got: {error.strerror}") from None
+    return Path(path)
 
 
 class LogReader(ABC):
@@ -62,13 +79,7 @@ class LogReader(ABC):
     ) -> None:
         if batch < 1:
             raise ValueError(f"batch: must be at least 1 frame; got {batch}")
-        self.path = Path(path)
-        if missing(self.path):
-            raise LogError(f"{path}: must be an existing file; got none")
-        try:
-            open_regular(self.path).close()
-        except OSError as error:
-            raise LogError(f"{path}: must be a readable file; got: {error.strerror}") from None
+        self.path = existing(path)
         self.strict = strict
         self._asked = buses
         self._capacity = batch

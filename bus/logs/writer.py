@@ -10,6 +10,7 @@ import numpy as np
 
 from bus.errors import LogError
 from bus.frame import CAN_ERR, CAN_RTR, FD_FDF, FRAME_DTYPE, FrameBatch
+from topology.files import named
 
 __all__ = ["PIECE", "LogWriter"]
 
@@ -40,7 +41,8 @@ class LogWriter(ABC):
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.close()
+        with named(self.path):
+            self.close()
 
     def write(self, frames: FrameBatch | np.ndarray) -> None:
         """Append frames.
@@ -53,12 +55,15 @@ class LogWriter(ABC):
         ------
         LogError
             One of them is no CAN frame, or its bus has no name; none is written then.
+        OSError
+            The disk is full; it names the file.
         """
         records = frames.frames if isinstance(frames, FrameBatch) else frames
         records = np.ascontiguousarray(records, FRAME_DTYPE)
         self._check(records)
-        for first in range(0, records.size, PIECE):
-            self._append(records[first : first + PIECE])
+        with named(self.path):
+            for first in range(0, records.size, PIECE):
+                self._append(records[first : first + PIECE])
         self.count += records.size
 
     @abstractmethod

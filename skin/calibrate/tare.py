@@ -106,7 +106,8 @@ class Tare:
     def write(
         self, out: str | os.PathLike[str] | None = None, *, date: str | None = None
     ) -> dict[str, Path]:
-        """Write calibration files that keep every other value of those which the topology names.
+        """Write calibration files that keep every other value of those which the topology names,
+        and their comments.
 
         Parameters
         ----------
@@ -122,7 +123,8 @@ class Tare:
         """
         files = calibration_files(self.topology, self.taken, out)
         for patch, path in files.items():
-            before, units = read_calibration(named_file(self.topology, patch))
+            source = named_file(self.topology, patch)
+            before, units = read_calibration(source)
             here = self.topology.patch == self.topology.patch_names.index(patch)
             for i in np.flatnonzero(self.taken & here):
                 unit = self.topology.unit_names[i].removeprefix(f"{patch}/")
@@ -134,6 +136,7 @@ class Tare:
             write_calibration(
                 path, patch, units, date=date or datetime.date.today().isoformat(),
                 bench=f"{bench}; {how}" if bench else how, tangential_max_mm=0.0,
+                before="" if source is None else source.read_text(encoding="utf-8"),
             )  # fmt: skip
         return files
 

@@ -5,16 +5,17 @@ from __future__ import annotations
 import json
 import os
 import re
-import tempfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import msgspec
 import numpy as np
 
+from skin.calibrate.comments import carry_comments
 from skin.errors import CalibrationError, OptionError
 from skin.physics.least_squares import Fit
 from topology import UnitModel
+from topology.files import whole_file
 
 __all__ = ["parameter_values", "write_calibration"]
 
@@ -31,6 +32,7 @@ def write_calibration(
     date: str = "",
     bench: str = "",
     tangential_max_mm: float = UnitModel().tangential_max_mm,
+    before: str = "",
 ) -> None:
     """Write what was fitted of the units of a patch, with the sigma of each value beside it.
 
@@ -48,6 +50,8 @@ def write_calibration(
     tangential_max_mm : float
         Of the units' model. Where the crest of a fitted `field_wavenumber_rad_per_mm` lies before
         it, the range ends at the crest.
+    before : str
+        Text of the file whose comments go over to this one.
 
     Raises
     ------
@@ -62,7 +66,8 @@ def write_calibration(
         found = parameter_values(f"{patch}/{unit}", fits, tangential_max_mm)
         lines += ["", f"[units.{unit if BARE.fullmatch(unit) else _text(unit)}]"]
         lines += [_line(name, value, sigma) for name, (value, sigma) in found.items()]
-    _write(Path(file), "\n".join(lines) + "\n")
+    with whole_file(Path(file), "w", encoding="utf-8") as out:
+        out.write(carry_comments(before, "\n".join(lines) + "\n"))
 
 
 def parameter_values(
@@ -130,18 +135,3 @@ def _line(name: str, value: float | np.ndarray, sigma: float) -> str:
 def _text(text: str) -> str:
     """A basic string of TOML; JSON escapes alike, but for DEL, which TOML wants escaped."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
-
-
-def _write(file: Path, text: str) -> None:
-    handle, beside = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as out:
-            out.write(text)
-        # mkstemp makes a private file; a calibration is as readable as any other
-        mask = os.umask(0)
-        os.umask(mask)
-        os.chmod(beside, 0o666 & ~mask)
-        os.replace(beside, file)
-    except BaseException:
-        Path(beside).unlink(missing_ok=True)
-        raise

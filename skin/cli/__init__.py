@@ -7,8 +7,11 @@ Exit status: 0 fine, 1 a check failed, 2 wrong use or bad input. Every command t
 from __future__ import annotations
 
 import os
+import signal
 import sys
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from importlib import import_module
 
 __all__ = ["COMMANDS", "main"]
@@ -35,9 +38,9 @@ def main(arguments: list[str] | None = None) -> int:
         return 0 if given else 2
     name, *rest = given
     if name == "--version":
-        from importlib.metadata import version
+        from skin import __version__
 
-        print(version("f3t-skin"))
+        print(__version__)
         return 0
     if name not in COMMANDS:
         from skin.errors import OptionError
@@ -61,7 +64,8 @@ def _guarded(call: Callable[[], int]) -> int:
     from topology.errors import TopologyError
 
     try:
-        status = call()
+        with _ended_by_sigterm():
+            status = call()
         sys.stdout.flush()
         return status
     except BrokenPipeError:  # whoever reads has seen enough, as `head` does
@@ -74,6 +78,23 @@ def _guarded(call: Callable[[], int]) -> int:
         return _refuse(f"{where}: {error.strerror or error}")
     except KeyboardInterrupt:
         return 130
+
+
+@contextmanager
+def _ended_by_sigterm() -> Iterator[None]:
+    """Let SIGTERM end a command as an error does: files are whole or gone, buses are released."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def end(number: int, _frame: object) -> None:
+        raise SystemExit(128 + number)
+
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _refuse(message: str) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json as json_text
+import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -41,10 +42,11 @@ def demo(
     """Simulate a skin, decode its frames live, and show the errors against the truth.
 
     A sphere presses, slides and lifts all over the units. The picture shows the forces, the wrench
-    and the centre of pressure beside the true ones.
+    and the centre of pressure beside the true ones; it needs matplotlib, all else does not.
     """
     import skin
     from skin.contact.record import SlipState
+    from skin.errors import LibraryError
     from skin.view.picture import save_run
     from skin.view.terminal import LiveTable
     from topology import load
@@ -70,7 +72,12 @@ def demo(
                 break
         counters = opened.counters
     run, figures = errors_against_truth(log)
-    save_run(picture, loaded, run)
+    try:
+        save_run(picture, loaded, run)
+        drawn = str(picture.resolve())
+    except LibraryError as error:
+        print(error, file=sys.stderr)
+        drawn = None
     report = {
         "topology": loaded.name,
         "units": loaded.n,
@@ -80,7 +87,7 @@ def demo(
         "contacts": len(contacts),
         "contacts_slipped": len(slipped),
         **figures,
-        "picture": str(picture.resolve()),
+        "picture": drawn,
     }
     print(json_text.dumps(report) if json else _table(report))
     return 0
@@ -162,4 +169,4 @@ def _table(report: dict[str, Any]) -> str:
         "frames to contacts": "{cycle_us_p50:.1f} µs p50, {cycle_us_p99:.1f} µs p99",
         "picture": "{picture}",
     }
-    return facts(rows, report, 26)
+    return facts(rows, report | {"picture": report["picture"] or "none"}, 26)

@@ -17,6 +17,7 @@ from skin.cli.table import counted
 if TYPE_CHECKING:
     from bus.diagnose import Finding
     from bus.discover import Survey
+    from bus.logs import LogReader
     from topology import Topology
 
 __all__ = ["doctor"]
@@ -48,12 +49,18 @@ def doctor(
     from topology import load
 
     options.check_seconds(seconds)
+    if log is not None:
+        options.refuse_both("--log", "--interface", interface)
+        options.refuse_both("--log", "--channel", channel)
     announcer()
     loaded = load(file).on(interface=interface, channel=channel)
+    frames = None if log is None else _frames(log, loaded)
     survey = Survey(loaded)
     found = list(_of_this_host())
-    if log is not None:
-        _read(log, survey)
+    if frames is not None:
+        for batch in frames:
+            survey.feed(batch.frames)
+        survey.finish()
         found = diagnose(survey) + found
     else:
         found = _listen(survey, seconds, sync) + found
@@ -89,40 +96,29 @@ def _listen(survey: Survey, seconds: float, sync: Literal["host", "bus"]) -> lis
         return diagnose(survey, transports)
 
 
-def _read(log: str, survey: Survey) -> None:
-    """Feed a log; one of a skin with a single bus may name its channel as it likes."""
+def _frames(log: str, topology: Topology) -> LogReader:
+    """Frames of a log; one of a skin with a single bus may name its channel as it likes."""
     from bus.logs import buses_of, read
 
-    topology = survey.topology
-    buses = buses_of(topology) if len(topology.buses) > 1 else None
-    for batch in read(log, buses=buses):
-        survey.feed(batch.frames)
-    survey.finish()
+    return read(log, buses=buses_of(topology, log) if len(topology.buses) > 1 else None)
 
 
 def _of_this_host() -> Iterator[Finding]:
     """What is wrong with the installation."""
     import bus
-    import skin
-    import topology
     from bus.diagnose import Finding
 
-    homes = {module.__name__: Path(str(module.__file__)).parent.parent for module in
-             (skin, bus, topology)}  # fmt: skip
-    for name, home in homes.items():
-        if home != homes["skin"]:
-            yield Finding(
-                "mixed-installation", "error", "host", 1,
-                f"package {name!r} is not the one beside 'skin': {home}, not {homes['skin']}",
-                "another package of this name on PYTHONPATH or in the working folder",
-            )  # fmt: skip
     given = os.environ.get("NUMBA_CACHE_DIR")
-    caches = [Path(given)] if given else [homes["bus"] / "bus", Path.home() / ".cache"]
+    caches = (
+        [Path(given)]
+        if given
+        else [Path(str(bus.__file__)).parent, Path(os.path.expanduser("~/.cache"))]
+    )
     if not any(_is_writable(folder) for folder in caches):
         yield Finding(
             "no-cache", "warning", "host", 1,
-            f"compiled code cannot be kept in {' or '.join(map(str, caches))}, so every start "
-            "compiles anew",
+            f"compiled code cannot be kept in {' or '.join(map(str, caches))}, only "
+            "among temporary files if at all: a start may have to compile anew",
             "a read-only installation; set NUMBA_CACHE_DIR to a folder that can be written",
         )  # fmt: skip
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -20,6 +21,7 @@ __all__ = [
     "Interface",
     "Json",
     "Listening",
+    "Log",
     "Scene",
     "Seed",
     "Sync",
@@ -29,6 +31,7 @@ __all__ = [
     "given",
     "never_tared",
     "quiet",
+    "refuse_both",
     "tare_hint",
     "unreachable",
 ]
@@ -84,6 +87,12 @@ Seed = Annotated[
 ]
 
 
+Log = Annotated[
+    Path | None,
+    quiet("write down what the buses carry: .log, .log.gz or .blf", metavar="FILE"),
+]
+
+
 def given(file: str | None, command: str) -> str:
     """The topology of a command that needs one after all."""
     from skin.errors import SkinError
@@ -107,12 +116,25 @@ def check_seconds(seconds: float | None, at_most: float | None = None) -> None:
     raise SkinError(f"--seconds: must be above 0{limit}; got {seconds:g}")
 
 
-def check_folder(option: str, path: Path | None) -> None:
-    """Refuse a file to be written whose folder is not there, before the work and not after."""
+def refuse_both(option: str, other: str, value: object) -> None:
+    """Refuse `other`, if it is given, beside an option that leaves it nothing to say."""
     from skin.errors import SkinError
 
-    if path is not None and not path.absolute().parent.is_dir():
+    if value is not None:
+        raise SkinError(f"{other}: must not be given with {option}; got {value!r}")
+
+
+def check_folder(option: str, path: Path | None) -> None:
+    """Refuse a file that cannot be written, before the work and not after."""
+    from skin.errors import SkinError
+
+    if path is None:
+        return
+    folder = path.absolute().parent
+    if not folder.is_dir():
         raise SkinError(f"{option}: must be in a folder that exists; got '{path}'")
+    if path.is_dir() or not os.access(folder, os.W_OK):
+        raise SkinError(f"{option}: must be a file that can be written; got '{path}'")
 
 
 def unreachable(file: str, topology: Topology) -> str | None:

@@ -41,20 +41,25 @@ def run(
     ] = False,
     scene: options.Scene = None,
     seed: options.Seed = None,
+    log: options.Log = None,
     json: options.Json = False,
 ) -> int:
     """Listen to the buses of a topology, send SYNC, and show what the skin feels.
 
     With `--simulate` a sphere presses, slides and lifts all over simulated units, or a scene is
-    played to its end. Exits with 1 if no unit ever answered.
+    played to its end. `skin decode` takes the log of a run as it is. Exits with 1 if no unit ever
+    answered.
     """
     import skin
+    from bus.logs import Recording
     from skin.view.terminal import LiveTable
     from topology import load
 
     options.check_seconds(seconds)
-    _check_simulated(simulate, scene, seed, sync)
-    loaded = load(file).on(interface=interface, channel=channel)
+    options.check_folder("--log", log)
+    _check_simulated(simulate, scene, seed, sync, interface, channel)
+    filed = load(file)
+    loaded = filed.on(interface=interface, channel=channel)
     if not simulate:
         _note(file, loaded)
     table = LiveTable(loaded)
@@ -64,7 +69,8 @@ def run(
         if simulate:
             transports, lasting = _simulated(ended, loaded, scene, seed)
             seconds = seconds or lasting
-        opened = skin.open(loaded, sync=sync, wait=wait, transports=transports)
+        recording = None if log is None else Recording(log, filed)
+        opened = skin.open(loaded, sync=sync, wait=wait, transports=transports, log=recording)
         ended.enter_context(opened)
         try:
             for state in opened:
@@ -78,6 +84,7 @@ def run(
             pass
         report = tally.report() | {
             "overruns": opened.timing.overruns,
+            "unsent": opened.timing.unsent,
             "counters": asdict(opened.counters),
             "buses": {
                 bus.name: asdict(end.counters)
@@ -98,15 +105,26 @@ def _note(file: str, topology: Topology) -> None:
             print(f"note: {prefix}{text}", file=sys.stderr)
 
 
-def _check_simulated(simulate: bool, scene: str | None, seed: int | None, sync: str) -> None:
+def _check_simulated(
+    simulate: bool,
+    scene: str | None,
+    seed: int | None,
+    sync: str,
+    interface: str | None,
+    channel: str | None,
+) -> None:
     """Refuse what means nothing together."""
     from skin.errors import SkinError
 
     for option, value in (("--scene", scene), ("--seed", seed)):
         if value is not None and not simulate:
             raise SkinError(f"{option}: must be given with --simulate; got none")
-    if simulate and sync != "host":
+    if not simulate:
+        return
+    if sync != "host":
         raise SkinError(f"--sync: must be 'host' with --simulate; got {sync!r}")
+    options.refuse_both("--simulate", "--interface", interface)
+    options.refuse_both("--simulate", "--channel", channel)
 
 
 def _simulated(
@@ -188,6 +206,7 @@ def _table(report: dict[str, Any]) -> str:
         "valid readings": "{valid_percent:.2f} %",
         "frames": "{frames}",
         "lost on this host": "{losses}",
+        "SYNC not taken": "{unsent}",
         "bus changes": "{changes}",
         "peak force": "{peak_force_n:.2f} N",
         "contacts, slipped": "{contacts}, {contacts_slipped}",

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterable
 from contextlib import ExitStack
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from skin.cli import options
@@ -15,6 +16,7 @@ from skin.cli.table import facts
 
 if TYPE_CHECKING:
     from bus.faults import FaultScript
+    from bus.logs import Recording
     from bus.transport import Transport
     from skin.sim.node import Nodes, Served
     from skin.sim.scene import Scene
@@ -43,6 +45,7 @@ def sim(
     fast: Annotated[
         bool, options.quiet("make the frames of the scene as fast as possible, on no bus")
     ] = False,
+    log: options.Log = None,
     json: options.Json = False,
     schema: Annotated[
         bool, options.quiet("print the JSON Schema of scene files, for your editor")
@@ -55,9 +58,8 @@ def sim(
     then `ip link set vcan0 mtu 72 up`. Where there is no vcan, multicast serves as well:
     take `--interface udp_multicast --channel 239.74.163.2`, after `pip install 'f3t-skin[udp]'`.
 
-    Without a scene a sphere presses, slides and lifts all over the skin. A scene's own faults are
-    done to the frames where no others are given. A scene plays as with `--fast` where all buses
-    are within the process. Exits with 1 if no SYNC ever came.
+    Without a scene a sphere presses, slides and lifts. A scene's own faults are done if no others
+    are given; it plays as with `--fast` where no bus leaves the process. Exits with 1 without SYNC.
     """
     from bus.faults import load_script
     from skin.compiling import announcer
@@ -71,9 +73,10 @@ def sim(
         return 0
     file = options.given(file, "sim")
     options.check_seconds(seconds)
-    if scene is None and (truth is not None or fast):
-        raise SkinError(f"{'--truth' if truth else '--fast'}: must be given with --scene; got none")
-    loaded = load(file).on(interface=interface, channel=channel)
+    _check_files(scene, truth, log)
+    _check_fast(fast, scene, interface, channel)
+    filed = load(file)
+    loaded = filed.on(interface=interface, channel=channel)
     fast = fast or (scene is not None and _in_process(loaded))
     if not fast and (why := options.unreachable(file, loaded)):
         raise SkinError(why)
@@ -90,20 +93,51 @@ def sim(
             script = script or own_faults(played)
             recorder = None if truth is None else _recorder(opened, played, truth)
             nodes = Nodes(loaded, recorder or played, history=0)
+        recording = None if log is None else _recording(opened, log, filed)
         if fast:
             lasting = played.seconds if seconds is None else seconds
-            served, injected = _play(nodes, lasting, script)
+            served, injected = _play(nodes, lasting, script, recording)
         else:
-            served, injected = _serve(opened, nodes, seconds, script)
+            served, injected = _serve(opened, nodes, seconds, script, recording)
     report = {"topology": loaded.name, "units": loaded.n, **asdict(served)}
     if scene is not None:
-        report |= {"scene": played.script.name, "truth": truth if served.cycles else None}
-        lasted = served.cycles / loaded.cycle_rate_hz
-        report["real_time_factor"] = lasted / served.seconds if served.seconds else 0.0
+        report |= _of_scene(played, served, truth)
     if script is not None:
         report["faults"] = _total(injected)
     print(json_text.dumps(report) if json else _table(report))
     return 0 if served.cycles else 1
+
+
+def _of_scene(played: ScriptedScene, served: Served, truth: str | None) -> dict[str, Any]:
+    """What is told of a scene that was played."""
+    lasted = served.cycles / played.topology.cycle_rate_hz
+    return {
+        "scene": played.script.name,
+        "truth": truth if served.cycles else None,
+        "real_time_factor": lasted / served.seconds if served.seconds else 0.0,
+    }
+
+
+def _check_files(scene: str | None, truth: str | None, log: Path | None) -> None:
+    """Refuse files that cannot be written, and a truth without a scene."""
+    from skin.errors import SkinError
+
+    options.check_folder("--log", log)
+    options.check_folder("--truth", None if truth is None else Path(truth))
+    if scene is None and truth is not None:
+        raise SkinError("--truth: must be given with --scene; got none")
+
+
+def _check_fast(fast: bool, scene: str | None, interface: str | None, channel: str | None) -> None:
+    """Refuse what means nothing on no bus."""
+    from skin.errors import SkinError
+
+    if not fast:
+        return
+    if scene is None:
+        raise SkinError("--fast: must be given with --scene; got none")
+    options.refuse_both("--fast", "--interface", interface)
+    options.refuse_both("--fast", "--channel", channel)
 
 
 def own_faults(played: ScriptedScene) -> FaultScript | None:
@@ -114,6 +148,14 @@ def own_faults(played: ScriptedScene) -> FaultScript | None:
     return FaultScript(seed=own.seed, faults=own.faults) if own.faults else None
 
 
+def _recording(opened: ExitStack, log: Path, topology: Topology) -> Recording:
+    from bus.logs import Recording
+
+    recording = Recording(log, topology)
+    opened.callback(recording.close)
+    return recording
+
+
 def _recorder(opened: ExitStack, played: ScriptedScene, path: str) -> Scene:
     from skin.sim.scenes.record import Recorder
 
@@ -121,26 +163,33 @@ def _recorder(opened: ExitStack, played: ScriptedScene, path: str) -> Scene:
 
 
 def _play(
-    nodes: Nodes, seconds: float, script: FaultScript | None
+    nodes: Nodes, seconds: float, script: FaultScript | None, recording: Recording | None
 ) -> tuple[Served, list[dict[str, int]]]:
     """Without any bus, as fast as this machine can."""
     from skin.sim.scenes.fast import play
 
     print(f"{nodes.topology.n} units on no bus, {seconds:g} s", file=sys.stderr, flush=True)
-    return play(nodes, seconds, script)
+    return play(nodes, seconds, script, recording)
 
 
 def _serve(
-    opened: ExitStack, nodes: Nodes, seconds: float | None, script: FaultScript | None
+    opened: ExitStack,
+    nodes: Nodes,
+    seconds: float | None,
+    script: FaultScript | None,
+    recording: Recording | None,
 ) -> tuple[Served, list[dict[str, int]]]:
     """On real buses, for whoever asks."""
     from bus.faults import FaultyTransport
+    from bus.logs import LoggedTransport
     from bus.open import open_transport
 
     topology = nodes.topology
     transports: list[Transport] = [
         opened.enter_context(open_transport(bus, i)) for i, bus in enumerate(topology.buses)
     ]
+    if recording is not None:
+        transports = [LoggedTransport(end, recording) for end in transports]
     faulty = [] if script is None else [
         FaultyTransport(end, script, topology=topology, direction="send") for end in transports
     ]  # fmt: skip

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from copy import copy
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
 
 import numpy as np
@@ -62,15 +64,22 @@ class _Vector:
 class Contact:
     """One contact, as it is now: a view into the stream, valid until the next cycle.
 
-    Metre, newton, newton metre, pascal; skin frame. `record.copy()` keeps everything.
+    Metre, newton, newton metre, pascal; skin frame. `copy` keeps everything.
     """
 
-    __slots__ = ("_data", "_shocks", "_slot", "record")
+    __slots__ = ("_data", "_names", "_shocks", "_slot", "record")
 
-    def __init__(self, data: ContactData, shocks: Shocks | None, slot: int) -> None:
+    def __init__(
+        self,
+        data: ContactData,
+        shocks: Shocks | None,
+        slot: int,
+        names: Sequence[str] | None = None,
+    ) -> None:
         self._data = data
         self._shocks = shocks
         self._slot = slot
+        self._names = names
         self.record = data.contacts[slot]
 
     id = _Number(int, "Identity, the same as long as it is the same contact; never used again.")
@@ -125,6 +134,12 @@ class Contact:
         return self._data.units.members[self.record["begin"] : self.record["end"]]
 
     @property
+    def unit_names(self) -> list[str]:
+        """Names of its units; their numbers where the stream was given no names."""
+        names = self._names
+        return [str(i) if names is None else names[i] for i in map(int, self.units)]
+
+    @property
     def age_s(self) -> float:
         """Seconds since it was born."""
         return 1e-9 * float(self.record["seen_ns"] - self.record["born_ns"])
@@ -155,6 +170,23 @@ class Contact:
         """Whether it trembles; needs the want "shocks"."""
         shocks = self._wanted_shocks()
         return bool(shocks.vibration[self._slot] > shocks.vibration_limit)
+
+    def copy(self) -> Contact:
+        """The same contact with data of its own, to be kept."""
+        data, slot, shocks = self._data, self._slot, self._shocks
+        one = slice(slot, slot + 1)
+        if shocks is not None:
+            shocks = copy(shocks)
+            shocks.impact, shocks.vibration = (
+                shocks.impact[one].copy(),
+                shocks.vibration[one].copy(),
+            )
+        kept = data._replace(
+            contacts=data.contacts[one].copy(),
+            paths=data.paths[one].copy(),
+            units=data.units._replace(members=data.units.members.copy()),
+        )
+        return Contact(kept, shocks, 0, self._names)
 
     def _wanted_shocks(self) -> Shocks:
         if self._shocks is None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -82,6 +82,8 @@ class ContactStream:
         For shocks, see `Shocks`.
     false_contacts_per_day : float
         Contacts that noise may start on the whole array.
+    unit_names : sequence of str, optional
+        For `Contact.unit_names`.
 
     Attributes
     ----------
@@ -126,6 +128,7 @@ class ContactStream:
         rate_hz: float = 250.0,
         false_alarms_per_hour: float = 1.0,
         false_contacts_per_day: float = FALSE_CONTACTS_PER_DAY,
+        unit_names: Sequence[str] | None = None,
     ) -> None:
         wants = wanted(want, CONTACT_WANTS)
         for name, value in (
@@ -178,7 +181,9 @@ class ContactStream:
         )
         self.unit_slip = self.data.units.slip
         self.contacts: list[Contact] = []
-        self._views = [Contact(self.data, self.shocks, slot) for slot in range(2 * capacity + 1)]
+        self._views = [
+            Contact(self.data, self.shocks, slot, unit_names) for slot in range(2 * capacity + 1)
+        ]
         self.total = self._views[-1]
         self._now_ns = self.data.clock["now_ns"]
         self._found: list[Contact] = []

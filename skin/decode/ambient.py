@@ -43,7 +43,6 @@ from __future__ import annotations
 
 import functools
 import os
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -55,7 +54,7 @@ from skin.decode.ambient_model import PRIOR_UT2, AmbientData, data_of, frames_of
 from skin.errors import CalibrationError, OptionError
 from skin.state import Reading
 from topology import Topology
-from topology.files import read_arrays
+from topology.files import read_arrays, whole_file
 
 __all__ = ["Ambient"]
 
@@ -264,22 +263,16 @@ class Ambient:
     def save(self, file: str | os.PathLike[str]) -> None:
         """Write field, zeros and rests, as an .npz without pickle; there whole or not at all."""
         path, memory, bodies = Path(file), self._data.memory, self._data.bodies
-        handle, beside = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        try:
-            with os.fdopen(handle, "wb") as out:
-                np.savez(
-                    out, units=np.array(self.topology.unit_names), bodies=np.array(self.bodies),
-                    stands_on=_stands_on(self.topology), zero=self._data.zero,
-                    common=np.column_stack([
-                        bodies.held_s, bodies.voters, bodies.field_ut,
-                        bodies.covariance_ut2.reshape(-1, 9),
-                    ]),
-                    rest=np.stack([memory.rest_ut, memory.rest_film_c, memory.rest_s]),
-                )  # fmt: skip
-            os.replace(beside, path)
-        except BaseException:
-            Path(beside).unlink(missing_ok=True)
-            raise
+        with whole_file(path) as out:
+            np.savez(
+                out, units=np.array(self.topology.unit_names), bodies=np.array(self.bodies),
+                stands_on=_stands_on(self.topology), zero=self._data.zero,
+                common=np.column_stack([
+                    bodies.held_s, bodies.voters, bodies.field_ut,
+                    bodies.covariance_ut2.reshape(-1, 9),
+                ]),
+                rest=np.stack([memory.rest_ut, memory.rest_film_c, memory.rest_s]),
+            )  # fmt: skip
 
     def restore(self, file: str | os.PathLike[str]) -> None:
         """Go on from what was saved; the averages begin anew.

@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from skin.errors import SkinError
+from skin.errors import LibraryError
 from skin.physics.film_table import TABLE_PATH, Axis, Film, FilmTable
 
 __all__ = ["build_table", "calibrated", "film_field_ut"]
@@ -86,7 +86,7 @@ def _magpylib():
     try:
         import magpylib
     except ImportError as error:
-        raise SkinError(
+        raise LibraryError(
             "magpylib: must be installed to compute the film's field from its magnets "
             "(pip install 'f3t-skin[sim]'); the shipped table needs nothing"
         ) from error

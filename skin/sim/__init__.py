@@ -1,4 +1,36 @@
 """Simulated units: scenes of known truth, through the physics of a unit, to frames on a bus.
 
 The forward direction, written from the physics alone: nothing here is shared with `skin.decode`.
+
+::
+
+    import skin.sim, topology
+
+    palm = topology.load("palm")
+    skin.sim.scenes.names  # ready-made ones
+    scene = skin.sim.load_scene("press", palm)  # or a file of your own
+    skin.open(palm, simulate=scene)
 """
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from skin.sim import scenes
+
+if TYPE_CHECKING:
+    from skin.sim.scenes.load import load_scene, open_scene
+
+__all__ = ["load_scene", "open_scene", "scenes"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module 'skin.sim' has no attribute {name!r}")
+    from skin.sim.scenes import load
+
+    return getattr(load, name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -11,13 +11,17 @@ from skin.errors import OptionError
 from skin.sim.node import Nodes
 from skin.sim.scene import Scene
 from skin.sim.scenes.load import open_scene
+from skin.sim.scenes.play import ScriptedScene
+from skin.sim.scenes.script import SceneFile
 from topology import Topology
 
 __all__ = ["in_process", "nodes_of"]
 
 
-def nodes_of(topology: Topology, scene: Literal[True] | str | Path | Scene, seed: int) -> Nodes:
-    """Units that play a scene: True for "demo", a name, a file, or a scene.
+def nodes_of(
+    topology: Topology, scene: Literal[True] | str | Path | SceneFile | Scene, seed: int
+) -> Nodes:
+    """Units that play a scene: True for "demo", a name, a file, a loaded one, or a scene.
 
     Raises
     ------
@@ -30,6 +34,8 @@ def nodes_of(topology: Topology, scene: Literal[True] | str | Path | Scene, seed
         return Nodes(topology, seed=seed)
     if isinstance(scene, str | Path):
         return Nodes(topology, open_scene(scene, topology, seed=seed), seed=seed)
+    if isinstance(scene, SceneFile):
+        return Nodes(topology, ScriptedScene(topology, scene), seed=seed)
     if not hasattr(scene, "at"):
         told = "True, a scene, or the name or file of one"
         raise OptionError(f"simulate: must be {told}; got {scene!r}")

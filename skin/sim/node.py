@@ -283,8 +283,9 @@ class Nodes:
     def close(self) -> None:
         """Stop all threads; closing twice is fine."""
         self._stop.set()
-        while self._threads:
-            self._threads.pop().join()
+        threads, self._threads = self._threads, []
+        for thread in threads:
+            thread.join()
 
     def _wait(
         self, started: float, seconds: float | None, watch: Callable[[Served], None] | None

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from skin.errors import SkinError
+from skin.errors import LibraryError
 from topology import Topology
 from topology.files import whole_file
 
@@ -52,13 +52,13 @@ def save_run(path: Path, topology: Topology, run: Run) -> None:
 
     Raises
     ------
-    SkinError
+    LibraryError
         matplotlib is not installed.
     """
     try:
         import matplotlib as mpl
     except ImportError as error:
-        raise SkinError(
+        raise LibraryError(
             "picture: must have matplotlib; not installed: pip install 'f3t-skin[plot]'"
         ) from error
     from matplotlib.backends.backend_agg import FigureCanvasAgg

@@ -336,9 +336,11 @@ def test_a_write_that_fails_leaves_the_older_file(tmp_path, monkeypatch):
     def full(*args, **options):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(Path, "write_text", full)
-    with pytest.raises(OSError, match="No space"):
+    monkeypatch.setattr("topology.files.os.replace", full)
+    with pytest.raises(OSError, match="No space") as caught:
         write_dbc(load("fingertip"), tmp_path)
+    assert caught.value.filename == str(found.path)
+    assert list(tmp_path.iterdir()) == [found.path]
     assert found.path.read_bytes() == before
 
 

@@ -15,7 +15,9 @@ PICTURE = ROOT / "docs" / "imports.svg"
 PLACES = {
     "cli": (1.5, 0),
     "view": (1.0, 1),
-    "live": (2.15, 1),
+    "opening": (2.76, 1),
+    "offline": (0.17, 1),
+    "live": (1.95, 1),
     "pipeline": (0.5, 2),
     "calibrate": (1.8, 2),
     "contact": (0.0, 3),
@@ -31,7 +33,9 @@ PLACES = {
 NOTES = {
     "cli": "commands",
     "view": "pictures, tables",
-    "live": "buses, pacing",
+    "opening": "opens the buses",
+    "offline": "logs to states",
+    "live": "SYNC, pacing",
     "pipeline": "the spine",
     "clock": "time of cycles",
     "calibrate": "fits, tare",
@@ -48,9 +52,11 @@ BOX, TALL, WIDE = 148, 48, 660
 
 
 def imported() -> set[tuple[str, str]]:
-    """Arrows between the rooms of `skin`. Who imports the package itself opens a skin: `live`."""
+    """Arrows between the rooms of `skin`. Who imports the package itself opens a skin."""
     told = COMMON | {"bus", "topology"}
-    found = {(a, "live" if b == "__init__" else b) for a, b in edges("skin") if a != "__init__"}
+    found = {
+        (a, "opening" if b == "__init__" else b) for a, b in edges("skin") if not a.startswith("__")
+    }
     return {(a, b) for a, b in found if not {a, b} & told}
 
 

@@ -34,12 +34,14 @@ ROOMS: dict[str, frozenset[str]] = {
     "clock": frozenset(),
     "pipeline": COMMON | {"physics", "decode", "contact", "clock"},
     "live": COMMON | {"physics", "decode", "contact", "pipeline", "compiling", "sim"},
+    "opening": COMMON | {"contact", "pipeline", "compiling", "sim", "live"},
+    "offline": COMMON | {"pipeline", "compiling"},
     "view": COMMON | {"live"},
 }
-"""What each room may import of `skin`, beside itself. `live` starts simulated units when a skin is
-opened with ``simulate=True``. `cli` and the package's own `__init__` may import everything."""
+"""What each room may import of `skin`, beside itself. `opening` starts simulated units when a skin
+is opened with ``simulate=True``. `cli` and the package's own `__init__` may import everything."""
 
-ANYTHING = frozenset({"cli", "__init__"})
+ANYTHING = frozenset({"cli", "__init__", "__main__"})
 """Rooms that may import every other, and that no other may import."""
 
 ONLY_OF_BUS = {"physics": ("bus.compiled",)}

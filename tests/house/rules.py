@@ -36,7 +36,7 @@ MANY_ARGUMENTS: dict[str, Callable[[Definition], bool]] = {
         and not d.owner.name.startswith("_")
     ),
     "skin.open: everything a user may set, given by name": lambda d: (
-        relative(d.file) == "skin/live.py" and d.name == "open"
+        relative(d.file) == "skin/opening.py" and d.name == "open"
     ),
     "a command: its arguments are the options of the command line": lambda d: (
         relative(d.file).startswith("skin/cli/") and not d.name.startswith("_")

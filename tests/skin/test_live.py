@@ -10,6 +10,7 @@ import pytest
 
 import bus
 import skin
+import skin.sim
 import topology
 from bus.configure import Command
 from bus.memory import MemoryTransport
@@ -17,6 +18,7 @@ from bus.status import Status
 from skin.errors import SkinError
 from skin.sim.node import Nodes
 from skin.state import WANTS
+from tests.fixtures.live import frames_of
 
 
 def take(opened, count):
@@ -217,11 +219,13 @@ def test_boards_obey_the_host():
         ({"deadline_s": 0.0}, "deadline_s: must be a number from 1e-06 to 3600; got 0.0"),
         ({"dtype": "float16"}, "float32"),
         ({"transports": []}, "transports: must be one for each of 1 buses; got 0"),
+        ({"sync": "bus", "simulate": True}, "sync: must be 'host' with simulate; got 'bus'"),
+        ({"transports": [], "simulate": True}, "transports: must not be given with simulate"),
     ],
 )
 def test_wrong_option_is_refused(options, message):
     with pytest.raises(SkinError, match=message):
-        skin.open("strip", simulate="transports" not in options, **options)
+        skin.open("strip", **{"simulate": "transports" not in options, **options})
 
 
 @pytest.mark.parametrize("simulate", [False, None, "", 0])
@@ -237,7 +241,8 @@ def test_what_is_false_opens_the_buses_and_invents_no_forces(simulate):
 def test_simulated_units_say_so_and_play_a_scene_by_its_name_or_file(tmp_path):
     file = tmp_path / "still.toml"
     file.write_text('format = 1\nname = "nothing"\nseconds = 1.0\n')
-    for simulate in (True, "press", file):
+    strip = topology.load("strip")
+    for simulate in (True, "press", file, skin.sim.load_scene("press", strip)):
         with skin.open("strip", simulate=simulate, pace=False) as opened:
             assert opened.simulated
             assert repr(opened) == "<Skin 'strip': 10 simulated units>"
@@ -265,15 +270,6 @@ def test_refused_skin_closes_its_buses():
     far.close()
 
 
-def test_closed_skin_ends():
-    opened = skin.open("strip", simulate=True, pace=False)
-    states = iter(opened)
-    next(states)
-    opened.close()
-    opened.close()
-    assert list(states) == []
-
-
 def test_poses_are_checked_where_no_contacts_are_wanted_too():
     with skin.open("strip", simulate=True, want={"force"}) as strip:
         here = strip.topology
@@ -284,3 +280,59 @@ def test_poses_are_checked_where_no_contacts_are_wanted_too():
             strip.move(here.position[:, 1:], here.rotation)
         with pytest.raises(SkinError, match="translation: must be within 1000 m; got nan"):
             strip.move_patch(here.patch_names[0], np.eye(3), np.full(3, np.nan))
+
+
+@pytest.mark.parametrize("sync", ["host", "bus"])
+def test_a_second_loop_goes_on_with_the_cycles_of_the_first(sync):
+    """No cycle is invented, and no frame that the first loop left in its batch is lost."""
+    near, host = MemoryTransport.pair()
+    simulate = sync == "host"
+    with (
+        host,
+        skin.open(
+            "strip",
+            sync=sync,
+            simulate=simulate,
+            transports=None if simulate else [near],
+            pace=False,
+        ) as strip,
+    ):
+        if not simulate:
+            host.send(frames_of("strip", "press", 13))
+        numbers = [state.cycle for _ in range(4) for state in itertools.islice(strip, 3)]
+        assert numbers == list(range(12))
+        assert strip.counters.lost == 0
+
+
+def test_two_live_iterators_are_refused():
+    with skin.open("strip", simulate=True, pace=False) as strip:
+        first = iter(strip)
+        next(first)
+        with pytest.raises(SkinError, match="must be the only live iterator of a skin; got a sec"):
+            next(iter(strip))
+        assert next(first).cycle == 1
+        first.close()
+        assert next(iter(strip)).cycle == 2
+
+
+def test_a_bus_that_is_gone_is_told_in_every_loop():
+    with skin.open("strip", simulate=True, pace=False) as strip:
+        assert next(iter(strip)).cycle == 0
+        strip.transports[0].close()
+        for _ in range(2):
+            with pytest.raises(bus.BusClosedError):
+                next(iter(strip))
+
+
+def test_a_bus_that_takes_no_frames_is_counted_and_told():
+    near, far = MemoryTransport.pair()
+    with far, skin.open("strip", transports=[near], pace=False, deadline_s=0.001) as strip:
+        states = iter(strip)
+        next(states)
+        assert strip.timing.unsent == 0
+        near.send = lambda records: 0
+        for _ in range(3):
+            next(states)
+        assert strip.timing.unsent == 3
+        with pytest.raises(SkinError, match=r"configure: must be taken by every bus; got no room"):
+            strip.configure(Command.RATE, value=2)

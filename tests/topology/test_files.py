@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import zipfile
 from pathlib import Path
@@ -94,3 +95,17 @@ def test_arrays_are_read_from_sound_archives_alone(
     monkeypatch.setattr(files, "LARGEST_ARRAYS", 1 << 19)
     with pytest.raises(ValueError, match="1 MB of arrays"):
         read_arrays(path)
+
+
+def test_a_full_disk_is_told_with_the_name_of_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    with pytest.raises(OSError, match="No space left on device") as caught, whole_file(path):
+        raise OSError(errno.ENOSPC, "No space left on device")
+    assert caught.value.filename == str(path)
+    with pytest.raises(FileNotFoundError) as absent, whole_file(tmp_path / "none" / "a.npz"):
+        pass
+    assert absent.value.filename == str(tmp_path / "none" / "a.npz")
+    with pytest.raises(FileNotFoundError) as other, whole_file(path):
+        Path("elsewhere").read_text("utf-8")
+    assert other.value.filename == "elsewhere"
+    assert not list(tmp_path.iterdir())

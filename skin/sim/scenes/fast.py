@@ -7,15 +7,20 @@ import time
 import numpy as np
 
 from bus.faults import FaultScript, Injector
-from bus.frame import FrameBatch
+from bus.frame import FRAME_DTYPE, FrameBatch
+from bus.logs import Recording
 from skin.errors import SkinError
 from skin.sim.node import Nodes, Served
+from topology import Topology
 
 __all__ = ["play"]
 
 
 def play(
-    nodes: Nodes, seconds: float, script: FaultScript | None = None
+    nodes: Nodes,
+    seconds: float,
+    script: FaultScript | None = None,
+    recording: Recording | None = None,
 ) -> tuple[Served, list[dict[str, int]]]:
     """Play the scene of simulated nodes as fast as this machine can.
 
@@ -26,6 +31,8 @@ def play(
         Of the scene; SkinError if it holds no cycle.
     script : FaultScript, optional
         Faults that are done to the frames.
+    recording : Recording, optional
+        Takes the frames, and the SYNC of a host at the start of each cycle.
 
     Returns
     -------
@@ -44,7 +51,7 @@ def play(
     ]  # fmt: skip
     # room for the data frames of a cycle and for a heartbeat of every board
     batch = FrameBatch(2 * int(np.bincount(topology.frames.bus).max()) + 1)
-    stamps_ns = np.rint(1e9 / topology.cycle_rate_hz * np.arange(cycles)).astype(np.int64)
+    stamps_ns = 1 + np.rint(1e9 / topology.cycle_rate_hz * np.arange(cycles)).astype(np.int64)
     served, started = nodes.served, time.perf_counter()
     sampled = 0
     for cycle in range(cycles):
@@ -52,8 +59,24 @@ def play(
             sampled += nodes.foresee(cycle, cycles - cycle)
         for bus in buses:
             batch.clear()
-            nodes.tick(cycle, batch, bus, int(stamps_ns[cycle]) + 1)
-            left = injectors[bus](batch.frames).size if injectors else batch.count
-            served.frames += left
+            nodes.tick(cycle, batch, bus, int(stamps_ns[cycle]))
+            left = injectors[bus](batch.frames) if injectors else batch.frames
+            served.frames += left.size
+            if recording is not None:
+                recording.write(_with_sync(left, topology, bus, cycle, stamps_ns[cycle]))
     served.seconds += time.perf_counter() - started
     return served, [injector.injected for injector in injectors]
+
+
+def _with_sync(
+    frames: np.ndarray, topology: Topology, bus: int, cycle: int, stamp_ns: int
+) -> np.ndarray:
+    """The frames of a cycle of a bus behind the SYNC that they answer, if there is one."""
+    sync_id = topology.buses[bus].sync_id
+    sync = np.zeros(0 if sync_id is None else 1, FRAME_DTYPE)
+    if sync_id is not None:
+        sync["id"], sync["length"], sync["stamp_ns"] = sync_id, 1, stamp_ns
+        sync["data"][0, 0] = cycle & 0xFF
+    both = np.concatenate([sync, frames])
+    both["bus"] = bus
+    return both

@@ -15,6 +15,7 @@ from bus.faults.script import FaultScript, problems
 from skin.errors import SceneError, SkinError
 from skin.physics.elastic import Elastic
 from skin.sim.mechanics.contact import Mechanics
+from skin.sim.scenes import names
 from skin.sim.scenes.motion import Motion, shape_of
 from skin.sim.scenes.play import DEEPEST_MM, ScriptedScene, loaded_units
 from skin.sim.scenes.script import BodyTable, LoadTable, SceneFile
@@ -26,12 +27,7 @@ from topology.read import open_source, read
 from topology.report import Report
 from topology.source import Key, Source
 
-__all__ = ["load_scene", "open_scene", "scenes"]
-
-_FOLDER = Path(__file__).parent
-
-scenes: tuple[str, ...] = tuple(sorted(path.stem for path in _FOLDER.glob("*.toml")))
-"""Names of the ready-made scenes."""
+__all__ = ["load_scene", "open_scene"]
 
 
 def load_scene(file: str | os.PathLike[str], topology: Topology) -> SceneFile:
@@ -40,7 +36,7 @@ def load_scene(file: str | os.PathLike[str], topology: Topology) -> SceneFile:
     Parameters
     ----------
     file : str or path
-        A file, or the name of a ready-made scene (`scenes`).
+        A file, or the name of a ready-made scene (`skin.sim.scenes.names`).
     topology : Topology
 
     Returns
@@ -104,14 +100,13 @@ def _read(file: str | os.PathLike[str], topology: Topology, report: Report) -> S
 
 def _open(file: str | os.PathLike[str], report: Report) -> Source | None:
     shown = os.fspath(file)
-    if shown in scenes:
-        path = _FOLDER / f"{shown}.toml"
+    if shown in names:
+        path = Path(__file__).with_name(f"{shown}.toml")
         return open_source(path, path.name, report)
     path = Path(file)
     if missing(path):
-        names = ", ".join(scenes)
-        hint = "" if path.suffix or path.name != shown else nearest(shown, scenes, or_all=False)
-        expected, got = f"a file or a ready-made scene ({names})", "no such file"
+        hint = "" if path.suffix or path.name != shown else nearest(shown, names, or_all=False)
+        expected, got = f"a file or a ready-made scene ({', '.join(names)})", "no such file"
         report.about_file("value", shown, hint=hint, expected=expected, got=got)
         return None
     return open_source(path, shown, report)
@@ -205,7 +200,8 @@ class _Check:
         tool = MovingTool(self.script, index, self.topology)
         for i, key in enumerate(self.script.tools[index].keys):
             if problem := tool.problem(key.t_s):
-                self.must(("tools", index, "keys", i, "xyz_m"), *problem)
+                hint = self.standing(self.script.tools[index].on)
+                self.must(("tools", index, "keys", i, "xyz_m"), *problem, hint)
                 return
 
     def load(self, index: int, table: LoadTable) -> None:
@@ -219,9 +215,15 @@ class _Check:
 
     def place(self, index: int, table: BodyTable) -> None:
         """A body is outside of the array, or pressed as far into it as units can be."""
-        names = self.topology.patch_names if table.on == "*" else (table.on,)
-        for name in names:
+        places = self.topology.patch_names if table.on == "*" else (table.on,)
+        for name in places:
             self.body(index, replace(table, on=name))
+
+    def standing(self, on: str | None) -> str:
+        """In whose frame a thing stands, as the end of a message."""
+        if on is None:
+            return f"; its frame is that of {self.topology.patch_names[0]!r}, for want of 'on'"
+        return f"; its frame is that of {on!r}"
 
     def body(self, index: int, table: BodyTable) -> None:
         motion = Motion(table, self.topology, 20.0)
@@ -240,7 +242,8 @@ class _Check:
                 else:
                     continue
             except SkinError:
-                self.must(where, "a force that the skin can bear where the body is", press_n)
+                expected = "a force that the skin can bear where the body is"
+                self.must(where, expected, press_n, self.standing(table.on))
                 return
             if not depth_mm.max() <= DEEPEST_MM:
                 unit = self.topology.unit_names[int(np.argmax(depth_mm))]
@@ -248,6 +251,7 @@ class _Check:
                     where,
                     f"a body outside of the array, at most {DEEPEST_MM:g} mm into any unit",
                     f"{depth_mm.max():.3g} mm into {unit}",
+                    self.standing(table.on),
                 )
                 return
 

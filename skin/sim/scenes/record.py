@@ -46,6 +46,7 @@ import numpy as np
 from skin.errors import SkinError
 from skin.sim.scenes.play import ScriptedScene
 from skin.sim.truth import Truth
+from topology.files import named
 
 __all__ = ["Recorder"]
 
@@ -115,7 +116,7 @@ class Recorder:
         }
         partial = self._folder / "whole.npz"
         try:
-            with zipfile.ZipFile(partial, "w", allowZip64=True) as archive:
+            with named(self.path), zipfile.ZipFile(partial, "w", allowZip64=True) as archive:
                 for name, value in about.items():
                     with archive.open(f"{name}.npy", "w") as entry:
                         np.lib.format.write_array(entry, np.asarray(value), allow_pickle=False)
@@ -143,7 +144,8 @@ class Recorder:
             part = open(self._folder / name, "wb")
             self._parts[name] = part, np.dtype(kind), value.shape
         part, dtype, _ = self._parts[name]
-        part.write(np.ascontiguousarray(value, dtype).tobytes())
+        with named(self.path):
+            part.write(np.ascontiguousarray(value, dtype).tobytes())
 
 
 def _row(scene: ScriptedScene, truth: Truth) -> Iterator[tuple[str, np.ndarray]]:

@@ -3,9 +3,11 @@
 import os
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import bus
@@ -200,3 +202,72 @@ def test_every_part_of_the_key_counts(monkeypatch):
         cache, "_file_digest", lambda path: Path(path).name.replace("nested", "other").encode()
     )
     assert len({before, of_names, cache.stamp(shift)}) == 3
+
+
+KEPT = """
+import sys, tempfile
+from pathlib import Path
+from bus.compiled.jit import compiled
+
+tempfile.tempdir = sys.argv[1]
+
+def kernel_python(x):
+    return 3.0 * x
+
+kernel = compiled(kernel_python)
+print(kernel(2.0), len(list(Path(sys.argv[1]).glob("**/*.nbc"))))
+"""
+
+
+def as_nobody(*command):
+    """The command, without the rights of root over files."""
+    drop = ("setpriv", "--inh-caps=-all", "--bounding-set=-all") if os.geteuid() == 0 else ()
+    return [*drop, *command]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs users and modes of files")
+@pytest.mark.parametrize(("temporary", "kept"), [("temporary", 1), ("missing", 0)])
+def test_kernels_run_where_no_folder_can_be_written(temporary, kept, tmp_path):
+    """A read-only package, a user without a home: a folder for temporary files, or none."""
+    tmp_path.joinpath("kept.py").write_text(KEPT)
+    tmp_path.joinpath("temporary").mkdir()
+    tmp_path.chmod(0o555)
+    command = as_nobody(sys.executable, "-B", "kept.py", str(tmp_path / temporary))
+    environment = {"PYTHONPATH": str(ROOT), "HOME": str(tmp_path), "PATH": os.environ["PATH"]}
+    for _ in range(2):
+        done = subprocess.run(
+            command, check=True, cwd=tmp_path, capture_output=True, text=True, env=environment
+        )
+        assert done.stdout.split() == ["6.0", str(kept)]
+        (line,) = done.stderr.splitlines()
+        assert line.startswith("f3t-skin: no folder for compiled kernels can be written")
+        assert ("not kept" in line) == (not kept)
+    tmp_path.chmod(0o755)
+
+
+def test_a_full_disk_costs_the_cache_and_nothing_else(tmp_path, monkeypatch, caplog):
+    kernel = compiled(shift)
+
+    def full(*_):
+        raise OSError(28, "No space left on device", "kernel.nbc")
+
+    monkeypatch.setattr(kernel._cache._cache_file, "_save_data", full)
+    monkeypatch.setattr(kernel._cache._cache_file, "_load_data", full)
+    cache._not_kept.cache_clear()
+    assert kernel(2.0) == 3.0
+    assert kernel(np.float32(2.0)) == 3.0
+    assert [record.getMessage() for record in caplog.records] == [
+        "f3t-skin: compiled kernels cannot be kept: No space left on device"
+    ]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs users and modes of files")
+def test_a_temporary_folder_that_others_can_write_is_not_used(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    folder = Path(cache._temporary_folder())
+    assert folder.stat().st_mode & 0o777 == 0o700
+    folder.chmod(0o722)
+    assert cache._temporary_folder() is None
+    folder.rmdir()
+    folder.symlink_to(tmp_path)
+    assert cache._temporary_folder() is None

@@ -158,6 +158,7 @@ def test_every_other_value_is_kept(tmp_path):
         k: v for k, v in before["units"]["r0c0"].items() if k not in TARED
     }
     assert "field_wavenumber_rad_per_mm = 0.62  # ± 0.0012\n" in text
+    assert text.startswith("# by hand\nformat = 1\n")
     assert "frozen_cycles = 80\n" in text
     assert "0.02]  # ± 0.003 at most\n" in text
     assert table["units"]["r0c2"] == {"theta_correction_rad": [0.0] * 16, "field_sigma_ut": 30.0}

@@ -16,9 +16,11 @@ import pytest
 import skin
 import topology
 from bus.frame import FrameBatch
+from bus.logs import write
 from bus.memory import MemoryTransport
 from skin.cli import COMMANDS, main
 from skin.sim.node import Nodes
+from tests.fixtures.live import frames_of
 
 
 def last_json(capsys):
@@ -59,6 +61,12 @@ def test_every_command_has_help(name, capsys):
         (["decode", "none.log", "--topology", "palm"], "none.log"),
         (["demo", "--picture", "no/demo.png"], "--picture: must be in a folder that exists"),
         (["decode", "none.log", "--topology", "palm", "-o", "no/x.csv"], "--output: must be in a"),
+        (
+            ["run", "palm", "--simulate", "--channel", "can0"],
+            "--channel: must not be given with --s",
+        ),
+        (["sim", "palm", "--scene", "press", "--fast", "--interface", "x"], "given with --fast"),
+        (["doctor", "palm", "--log", "none.log", "--channel", "can0"], "not be given with --log"),
     ],
 )
 def test_bad_input_is_refused_with_a_message(arguments, message, capsys):
@@ -94,6 +102,21 @@ def test_demo_runs_on_every_ready_made_skin(name, tmp_path, capsys):
     assert report["lost_frames"] == 0
     assert report["temperature_rmse_c"] <= 0.6
     assert picture.stat().st_size > 10_000
+
+
+def test_demo_runs_without_matplotlib(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    picture = tmp_path / "demo.png"
+    arguments = ["demo", "strip", "--seconds", "0.1", "--fast", "--picture", str(picture)]
+    assert main(arguments) == 0
+    shown = capsys.readouterr()
+    assert shown.err.splitlines()[-1] == (
+        "picture: must have matplotlib; not installed: pip install 'f3t-skin[plot]'"
+    )
+    assert "none" in shown.out.splitlines()[-1]
+    assert main([*arguments, "--json"]) == 0
+    assert last_json(capsys)["picture"] is None
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_same_seed_same_figures(tmp_path, capsys):
@@ -199,7 +222,7 @@ def test_listeners_say_what_was_never_tared(name, on_a_real_bus, monkeypatch, ca
     nodes = Nodes(loaded)
     near, far = MemoryTransport.pair()
     nodes.attach([far])
-    for home in ("bus.open", "skin.live"):
+    for home in ("bus.open", "skin.opening"):
         monkeypatch.setattr(f"{home}.open_transport", lambda _bus, _index: near)
     main([name, on_a_real_bus, "--seconds", "0.3", "--json"])
     printed = capsys.readouterr()
@@ -253,6 +276,60 @@ def test_decoded_log_is_what_was_felt_live(recorded, suffix, tmp_path, capsys):
         force = np.array([[float(r[k]) for k in ("fx_n", "fy_n", "fz_n")] for r in rows])
         force = force.reshape(60, n, 3).transpose(0, 2, 1)
     assert np.abs(force - live).max() < 1e-4  # digits of the table
+
+
+def test_decoded_contacts_and_events_lie_beside_the_units(tmp_path, capsys):
+    frames = frames_of("palm", "slide", 900)
+    write(tmp_path / "palm.log", frames)
+    command = ["decode", str(tmp_path / "palm.log"), "--topology", "palm", "--json", "-o"]
+    assert main([*command, str(tmp_path / "palm.csv")]) == 0
+    names = sorted(path.name for path in tmp_path.iterdir())
+    assert names == sorted(
+        ["palm.log", "palm.csv", "palm.wrench.csv", "palm.contacts.csv", "palm.events.csv"]
+    )
+    tables = {}
+    for part in ("wrench", "contacts", "events"):
+        with (tmp_path / f"palm.{part}.csv").open() as file:
+            tables[part] = list(csv.DictReader(file))
+    assert len(tables["wrench"]) == 900
+    assert len(tables["contacts"]) == sum(int(row["contacts"]) for row in tables["wrench"])
+    events = [row["event"] for row in tables["events"]]
+    assert events[0] == "born"
+    assert {"incipient", "gross"} & set(events)
+    row = tables["contacts"][-1]
+    assert float(row["nz"]) > 0.9
+    assert main([*command, str(tmp_path / "palm.npz")]) == 0
+    capsys.readouterr()
+    with np.load(tmp_path / "palm.npz", allow_pickle=False) as arrays:
+        assert arrays["wrench_sigma"].shape == (900, 6)
+        assert arrays["contact_id"].size == len(tables["contacts"])
+        assert arrays["contact_centroid_m"].shape == (arrays["contact_id"].size, 3)
+        assert arrays["event"].tolist() == events
+        loads = [float(one["load_n"]) for one in tables["contacts"]]
+        np.testing.assert_allclose(arrays["contact_load_n"], loads, atol=1e-4)
+
+
+@pytest.mark.parametrize("suffix", ["csv", "npz"])
+def test_a_log_without_contacts_or_cycles_decodes(suffix, tmp_path, capsys):
+    frames = frames_of("strip", "press", 5)
+    for name, some, status in (("a", frames, 0), ("b", frames[frames["id"] != 0x80], 1)):
+        write(tmp_path / f"{name}.log", some)
+        output = tmp_path / f"{name}.{suffix}"
+        command = ["decode", str(tmp_path / f"{name}.log"), "--topology", "strip"]
+        assert main([*command, "-o", str(output)]) == status
+        assert output.exists() == (status == 0)
+    assert "must carry SYNC" in capsys.readouterr().err
+
+
+def test_a_log_that_is_missing_is_told_before_anything_is_compiled():
+    code = (
+        "import sys; from skin.cli import main; status = main(sys.argv[1:]); "
+        "print(status, 'numba' in sys.modules)"
+    )
+    command = [sys.executable, "-c", code, "decode", "none.log", "--topology", "palm"]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    assert done.stdout.split() == ["2", "False"]
+    assert done.stderr == "none.log: must be an existing file; got none\n"
 
 
 def test_channels_of_a_log_are_the_buses_of_the_skin(tmp_path, capsys):

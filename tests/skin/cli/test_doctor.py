@@ -113,14 +113,6 @@ def test_a_log_of_two_buses_goes_by_its_channels(tmp_path, capsys):
     assert "'hand-palm', 'hand-fingers'; got 'can7' alone" in capsys.readouterr().err
 
 
-def test_a_package_from_elsewhere_is_found(healthy, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(topology, "__file__", str(tmp_path / "topology" / "__init__.py"))
-    assert main(["doctor", "palm", "--log", healthy, "--json"]) == 1
-    (finding,) = json.loads(capsys.readouterr().out.splitlines()[-1])["findings"]
-    assert finding["code"] == "mixed-installation"
-    assert str(tmp_path) in finding["text"]
-
-
 def test_a_cache_that_cannot_be_written_is_found(healthy, monkeypatch, capsys):
     monkeypatch.setattr("os.access", lambda *_: False)
     assert main(["doctor", "palm", "--log", healthy, "--json"]) == 1

@@ -26,8 +26,9 @@ from skin.errors import SceneError, SkinError
 from skin.physics.film_table import load_film_table
 from skin.physics.halbach import CHIP_AXES
 from skin.sim.node import Nodes
+from skin.sim.scenes import names
 from skin.sim.scenes.fast import play
-from skin.sim.scenes.load import load_scene, scenes
+from skin.sim.scenes.load import load_scene
 from skin.sim.scenes.motion import Track, frame_of
 from skin.sim.scenes.play import DEEPEST_MM, ScriptedScene, loaded_units
 from skin.sim.scenes.record import Recorder
@@ -83,7 +84,7 @@ def in_skin(force: np.ndarray) -> np.ndarray:
 # -- ready-made scenes -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", scenes)
+@pytest.mark.parametrize("name", names)
 def test_every_ready_made_scene_plays_and_something_happens(name: str) -> None:
     truth, _ = played(name)
     assert truth.contact.any() or name == "fig4a"  # whose first load comes at 50 s
@@ -95,7 +96,7 @@ def test_every_ready_made_scene_plays_and_something_happens(name: str) -> None:
     assert truth.depth_mm.max() <= DEEPEST_MM
 
 
-@pytest.mark.parametrize("name", scenes)
+@pytest.mark.parametrize("name", names)
 def test_units_together_bear_what_the_bodies_weigh(name: str) -> None:
     """In the skin frame; weights that are glued to units are no bodies."""
     truth, wrenches = played(name)
@@ -106,7 +107,7 @@ def test_units_together_bear_what_the_bodies_weigh(name: str) -> None:
     assert truth.wrench == pytest.approx(wrenches.sum(axis=1), abs=1e-9)
 
 
-@pytest.mark.parametrize("name", [name for name in scenes if name != "fig4a"])
+@pytest.mark.parametrize("name", [name for name in names if name != "fig4a"])
 def test_no_unit_is_dragged_harder_than_friction_holds_it(name: str) -> None:
     truth, _ = played(name)
     most = max(body.friction for body in load_scene(name, skin()).bodies)

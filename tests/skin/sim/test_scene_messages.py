@@ -16,8 +16,9 @@ import pytest
 from skin.cli import main
 from skin.errors import SceneError
 from skin.sim.node import Nodes
+from skin.sim.scenes import names
 from skin.sim.scenes.fast import play
-from skin.sim.scenes.load import load_scene, scenes
+from skin.sim.scenes.load import load_scene
 from skin.sim.scenes.play import ScriptedScene
 from topology import Topology, load
 
@@ -75,7 +76,7 @@ def test_lines_are_those_of_the_keys(palm: Topology, monkeypatch: pytest.MonkeyP
 def test_no_such_scene_names_those_there_are(palm: Topology) -> None:
     text = messages("slid", palm)
     assert "got no such file; nearest: 'slide'" in text
-    assert all(name in text for name in scenes)
+    assert all(name in text for name in names)
 
 
 def test_a_scene_that_this_skin_cannot_have_is_refused_by_the_command(
@@ -97,3 +98,18 @@ def test_a_scene_in_which_nothing_happens_is_one(palm: Topology, tmp_path: Path)
         assert not truth.contact.any()
         assert not truth.force.any()
         assert np.all(truth.temperature == truth.temperature[0])
+
+
+@pytest.mark.parametrize(
+    ("on", "where"),
+    [("", "'palm', for want of 'on'"), ('on = "palm/r3c3"\n', "'palm/r3c3'")],
+)
+def test_a_body_that_cannot_be_there_is_told_in_whose_frame_it_stands(tmp_path, on, where):
+    file = tmp_path / "deep.toml"
+    file.write_text(
+        f'format = 1\nseconds = 1.0\n[[bodies]]\nname = "ball"\n{on}'
+        'shape = { kind = "sphere", radius_m = 0.02 }\n'
+        "keys = [{ t_s = 0.0, xyz_m = [0.0, 0.0, -0.01] }]\n"
+    )
+    with pytest.raises(SceneError, match=re.escape(f"; its frame is that of {where}")):
+        load_scene(file, load("palm"))

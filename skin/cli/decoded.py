@@ -1,0 +1,188 @@
+"""Files of a decoded log: units, wrench, contacts and events, as tables or as arrays."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from topology.files import whole_file
+
+if TYPE_CHECKING:
+    from skin.state import State
+    from topology import Topology
+
+__all__ = ["Events", "writer_for"]
+
+CONTACT_COLUMNS = (
+    "time_s contact units load_n x_m y_m z_m nx ny nz fx_n fy_n fz_n slip stick_ratio margin "
+    "friction"
+)
+
+
+@contextmanager
+def writer_for(path: Path | None, topology: Topology) -> Iterator[Callable[[State], None]]:
+    """A function that takes every state; the files are there at the end, if there was any state.
+
+    Parameters
+    ----------
+    path : Path or None
+        Ends in .csv or .npz; None: nothing is written.
+    topology : Topology
+    """
+    if path is None:
+        yield lambda state: None
+        return
+    with ExitStack() as files:
+        written = (_Arrays if path.suffix == ".npz" else _Tables)(path, topology, files)
+        yield written.add
+        written.finish()
+
+
+class Events:
+    """What happens to contacts, from one state to the next."""
+
+    def __init__(self) -> None:
+        self._slip: dict[int, str] = {}
+
+    def of(self, state: State) -> Iterator[tuple[int, str]]:
+        """Identity and event: born, resumed, merged, split, ended, stick, incipient, gross."""
+        present = {}
+        for contact in state.contacts:
+            for event in contact.event:
+                yield contact.id, str(event.name).lower()
+            present[contact.id] = slip = contact.slip.name.lower()
+            if slip not in ("none", self._slip.get(contact.id)):
+                yield contact.id, slip
+        for identity in self._slip.keys() - present.keys():
+            yield identity, "ended"
+        self._slip = present
+
+
+class _Tables:
+    """Four CSV files, written as the states come."""
+
+    def __init__(self, path: Path, topology: Topology, files: ExitStack) -> None:
+        self._path, self._names, self._files = path, topology.unit_names, files
+        self._start_ns: int | None = None
+        self._events = Events()
+
+    def add(self, state: State) -> None:
+        if self._start_ns is None:
+            self._start_ns = state.stamp_ns
+            self._units = self._open(
+                "", "time_s unit temperature_c fx_n fy_n fz_n status valid contact"
+            )
+            self._wrenches = self._open(
+                ".wrench",
+                "time_s fx_n fy_n fz_n mx_nm my_nm mz_nm x_m y_m z_m coverage contacts",
+            )
+            self._contacts = self._open(".contacts", CONTACT_COLUMNS)
+            self._happened = self._open(".events", "time_s contact event")
+        time_s = f"{1e-9 * (state.stamp_ns - self._start_ns):.6f}"
+        units, touching = state.units, _contact_of_units(state)
+        for i, name in enumerate(self._names):
+            self._units(
+                [time_s, name, f"{units.temperature[i]:.3f}",
+                 *(f"{value:.4f}" for value in units.force[:, i]), int(units.status[i]),
+                 int(units.valid[i]), int(touching[i])]
+            )  # fmt: skip
+        self._wrenches(
+            [time_s, *_texts(state.wrench), *_texts(state.centroid), f"{state.coverage:.4f}",
+             len(state.contacts)]
+        )  # fmt: skip
+        for contact in state.contacts:
+            self._contacts(
+                [time_s, contact.id, contact.units.size, f"{contact.load:.4f}",
+                 *_texts(contact.centroid), *_texts(contact.normal), *_texts(contact.wrench[:3]),
+                 contact.slip.name.lower(), f"{contact.stick_ratio:.4f}", f"{contact.margin:.4f}",
+                 f"{contact.friction:.4f}"]
+            )  # fmt: skip
+        for identity, event in self._events.of(state):
+            self._happened([time_s, identity, event])
+
+    def finish(self) -> None:
+        """All is written already."""
+
+    def _open(self, part: str, columns: str) -> Callable[[list[Any]], object]:
+        path = self._path.with_name(f"{self._path.stem}{part}.csv")
+        file = self._files.enter_context(whole_file(path, "w", newline="", encoding="utf-8"))
+        write = csv.writer(file).writerow
+        write(columns.split())
+        return write
+
+
+class _Arrays:
+    """One file of arrays, written at the end."""
+
+    def __init__(self, path: Path, topology: Topology, files: ExitStack) -> None:
+        self._path, self._names = path, topology.unit_names
+        self._cycles: list[dict[str, Any]] = []
+        self._contacts: list[dict[str, Any]] = []
+        self._events, self._happened = Events(), []
+
+    def add(self, state: State) -> None:
+        units = state.units
+        for contact in state.contacts:
+            self._contacts.append(
+                {"cycle": len(self._cycles), "id": contact.id, "load_n": contact.load,
+                 "centroid_m": contact.centroid.copy(), "normal": contact.normal.copy(),
+                 "slip": contact.slip.name.lower(), "margin": contact.margin,
+                 "friction": contact.friction}
+            )  # fmt: skip
+        self._happened += [(state.stamp_ns, *event) for event in self._events.of(state)]
+        self._cycles.append(
+            {"stamp_ns": state.stamp_ns, "temperature_c": units.temperature.copy(),
+             "force_n": units.force.copy(), "status": units.status.copy(),
+             "wrench": state.wrench.copy(), "wrench_sigma": state.wrench_sigma.copy(),
+             "centroid_m": state.centroid.copy(), "contact": _contact_of_units(state)}
+        )  # fmt: skip
+
+    def finish(self) -> None:
+        if not self._cycles:
+            return
+        arrays: dict[str, Any] = _stacked(self._cycles)
+        stamps, start = arrays.pop("stamp_ns"), self._cycles[0]["stamp_ns"]
+        of_contacts = _stacked(self._contacts) if self._contacts else NO_CONTACT
+        arrays |= {f"contact_{name}": values for name, values in of_contacts.items()}
+        with whole_file(self._path) as file:
+            np.savez_compressed(
+                file,
+                time_s=(stamps - start) * 1e-9,
+                unit=np.array(self._names),
+                **arrays,
+                event_time_s=np.array([1e-9 * (at - start) for at, _, _ in self._happened]),
+                event_contact=np.array([one for _, one, _ in self._happened], np.int64),
+                event=np.array([event for _, _, event in self._happened], str),
+            )
+
+
+NO_CONTACT = {
+    "cycle": np.zeros(0, np.int64),
+    "id": np.zeros(0, np.int64),
+    "load_n": np.zeros(0),
+    "centroid_m": np.zeros((0, 3)),
+    "normal": np.zeros((0, 3)),
+    "slip": np.zeros(0, str),
+    "margin": np.zeros(0),
+    "friction": np.zeros(0),
+}
+"""Arrays of contacts where there are none."""
+
+
+def _stacked(rows: list[dict[str, Any]]) -> dict[str, np.ndarray]:
+    """Rows of named values as arrays."""
+    return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
+
+
+def _contact_of_units(state: State) -> np.ndarray:
+    """Identity of what touches each unit, 0 for nothing, shape (n,)."""
+    return np.array([0, *(contact.id for contact in state.contacts)])[state.label + 1]
+
+
+def _texts(values: np.ndarray) -> list[str]:
+    return [f"{value:.6f}" for value in values]

@@ -1,0 +1,158 @@
+"""Recorded logs to states, as they would have been live."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+import topology as topology_package
+from bus.cycle import FrameCounters
+from bus.frame import CAN_ERR, CAN_RTR
+from bus.logs import LogReader, buses_of, read
+from skin.compiling import announcer
+from skin.options import Options
+from topology import Topology
+
+if TYPE_CHECKING:
+    from skin.pipeline import Pipeline
+    from skin.state import State
+
+__all__ = ["DecodedLog", "decode_log"]
+
+
+def decode_log(
+    source: Topology | str | Path, log: str | os.PathLike[str], **options: Any
+) -> DecodedLog:
+    """Decode a recorded CAN log (candump, BLF, ASC, TRC, …).
+
+    The states are those of `skin.open`, contacts, slip and counters included. A cycle ends with its
+    last frame or with the SYNC of the next one; there is no deadline. Channels of a log of several
+    buses are those of the topology's file; that of a single bus may have any name.
+
+    Parameters
+    ----------
+    source : Topology, str or Path
+        A loaded topology, a file, or the name of a built-in one.
+    log : path
+    **options
+        What is computed, and how, as of `skin.options.Options`: want, sweeps, dtype, …
+
+    Returns
+    -------
+    DecodedLog
+        To be iterated, once, for one `State` a cycle.
+
+    Raises
+    ------
+    topology.TopologyError
+        The topology cannot be used.
+    bus.LogError
+        There is no such log, or none of this kind.
+    OptionError
+        The wire does not carry what an option needs.
+
+    Examples
+    --------
+    >>> for state in decode_log("palm", "run.log"):  # doctest: +SKIP
+    ...     print(state.time_s, state.wrench, state.contacts)
+    """
+    loaded = source if isinstance(source, Topology) else topology_package.load(source)
+    buses = buses_of(loaded, log) if len(loaded.buses) > 1 else None
+    chosen = Options(**options)
+    reader = read(log, buses=buses, strict=False)
+    announcer()
+    from skin.pipeline import Pipeline
+
+    return DecodedLog(Pipeline(loaded, chosen), reader)
+
+
+class DecodedLog:
+    """States of a log; made by `decode_log`.
+
+    Attributes
+    ----------
+    topology : Topology
+    pipeline : Pipeline
+    """
+
+    def __init__(self, pipeline: Pipeline, reader: LogReader) -> None:
+        self.topology = pipeline.topology
+        self.pipeline = pipeline
+        self._reader = reader
+        self._watch = _Watch(self.topology)
+
+    @property
+    def counters(self) -> FrameCounters:
+        """Frames by what became of them, running totals."""
+        return self.pipeline.counters
+
+    @property
+    def damage(self) -> str | None:
+        """Where reading had to end, and why; None if it has not."""
+        return None if self._reader.damage is None else str(self._reader.damage)
+
+    @property
+    def faults(self) -> list[str]:
+        """What is wrong with the log so far, as messages: SYNC that lacks, time that runs back."""
+        return [f"{self._reader.path}: {fault}" for fault in self._watch.faults()]
+
+    def __iter__(self) -> Iterator[State]:
+        for batch in self._reader:
+            # who recorded a frame as its own sent it on the bus all the same
+            batch.frames["origin"] = 0
+            self._watch.take(batch.frames)
+            yield from self.pipeline.feed(batch.frames)
+        last = self.pipeline.flush()
+        if last is not None:
+            yield last
+
+
+class _Watch:
+    """What cycles cannot be told from, of each bus."""
+
+    def __init__(self, topology: Topology) -> None:
+        count = len(topology.buses)
+        self._buses = topology.buses
+        self._period_ns = round(1e9 / topology.cycle_rate_hz)
+        self._frames = 0
+        self._data = np.zeros(count, np.int64)
+        self._syncs = np.zeros(count, np.int64)
+        self._newest_ns = np.full(count, np.iinfo(np.int64).min)
+        self._back = ""
+
+    def take(self, frames: np.ndarray) -> None:
+        """Look at frames, shape (m,), in the order of the log."""
+        plain = frames["id"] & (CAN_ERR | CAN_RTR) == 0
+        for index, bus in enumerate(self._buses):
+            here = np.flatnonzero(plain & (frames["bus"] == index))
+            if not here.size:
+                continue
+            syncs = np.count_nonzero(frames["id"][here] == bus.sync_id)
+            self._syncs[index] += syncs
+            self._data[index] += here.size - syncs
+            stamps = frames["stamp_ns"][here]
+            newest = np.maximum.accumulate(np.maximum(stamps, self._newest_ns[index]))
+            back = np.flatnonzero(newest - stamps > self._period_ns)
+            if back.size and not self._back:
+                step_s = 1e-9 * float(newest[back[0]] - stamps[back[0]])
+                self._back = (
+                    f"frame {self._frames + here[back[0]] + 1}: must not be older than the frames "
+                    f"before it on bus {bus.name!r}; got one {step_s:.6g} s older"
+                )
+            self._newest_ns[index] = newest[-1]
+        self._frames += frames.size
+
+    def faults(self) -> Iterator[str]:
+        """What is wrong, in words."""
+        for bus, data, syncs in zip(self._buses, self._data, self._syncs, strict=True):
+            if bus.sync_id is not None and data and not syncs:
+                yield (
+                    f"bus {bus.name!r}: must carry SYNC (0x{bus.sync_id:03x}), which tells the "
+                    f"cycles; got none in {data} frames"
+                )
+        if self._back:
+            yield self._back

@@ -1,0 +1,150 @@
+"""From a topology to an open skin: its buses, or simulated units in their place."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Collection, Iterable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, get_args
+
+import topology as topology_package
+from bus.logs import Recording
+from bus.open import open_transport
+from bus.transport import Transport
+from skin.compiling import announcer
+from skin.errors import OptionError, SkinError, check_choice, check_flag, check_number
+from skin.live import Skin, Sync, Wait
+from skin.options import DType, Estimator, Options, Sweeps
+from skin.pipeline import Pipeline
+from topology import Topology
+
+if TYPE_CHECKING:
+    from skin.contact.slip import SlipSettings
+    from skin.sim.node import Nodes
+    from skin.sim.scene import Scene
+    from skin.sim.scenes.script import SceneFile
+
+__all__ = ["open"]
+
+
+def open(
+    source: Topology | str | Path,
+    *,
+    want: Collection[str] | None = None,
+    estimator: Estimator | None = None,
+    dtype: DType = "float32",
+    sweeps: Sweeps = 1,
+    ambient: bool = True,
+    skip: bool = False,
+    slip: SlipSettings | None = None,
+    false_contacts_per_day: float = 1.0,
+    sync: Sync = "host",
+    wait: Wait = "event",
+    pace: bool = True,
+    deadline_s: float | None = None,
+    simulate: bool | str | Path | SceneFile | Scene | None = False,
+    transports: Iterable[Transport] | None = None,
+    seed: int = 0,
+    log: str | os.PathLike[str] | Recording | None = None,
+) -> Skin:
+    """Open the buses of a topology and decode what they carry.
+
+    Parameters
+    ----------
+    source : Topology, str or Path
+        A loaded topology, a file, or the name of a built-in one ("palm", "fingertip", …).
+    want, estimator, dtype, sweeps, ambient, skip, slip, false_contacts_per_day
+        What is computed, and how: see `skin.options.Options`.
+    sync : "host" or "bus"
+        Who sends SYNC: this host, or another node (then this end only listens).
+    wait : "event" or "drain"
+        Wake for every arrival (least latency), or once a cycle at its deadline (least work).
+    pace : bool
+        Keep the cycle rate of the topology; False asks for the next cycle as soon as one is done.
+    deadline_s : float, optional
+        How long after its SYNC a cycle waits for missing frames; 0.9 periods if not given.
+    simulate : bool, str, Path, SceneFile or Scene
+        Attach simulated units instead: True for the scene "demo", one of `skin.sim.scenes.names`,
+        a file, a loaded one (`skin.sim.load_scene`), or your own. Their constants count as known
+        exactly, unless the scene has errors of fabrication. False, None and "": none.
+    transports : iterable of Transport, optional
+        Transports to use instead of opening the file's buses, one for each bus, in order.
+    seed : int
+        Seed of the simulated noise.
+    log : path or Recording, optional
+        Write down all frames, SYNC included, as candump (.log, .log.gz) or BLF (.blf).
+
+    Returns
+    -------
+    Skin
+        Context manager and iterator of `State`.
+
+    Raises
+    ------
+    topology.TopologyError
+        The file cannot be used; every problem is listed.
+    bus.BusOpenError, bus.LogError
+        A bus cannot be opened, or no log be written there.
+    skin.errors.SkinError
+        An option is not one of those there are.
+    """
+    loaded = source if isinstance(source, Topology) else topology_package.load(source)
+    with ExitStack() as undo:
+        ends = [undo.enter_context(end) for end in transports or ()]
+        options = Options(
+            want=want, estimator=estimator, dtype=dtype, sweeps=sweeps, ambient=ambient, skip=skip,
+            slip=slip, false_contacts_per_day=false_contacts_per_day,
+        )  # fmt: skip
+        _check(sync, wait, pace, seed)
+        undo.callback(announcer().hold().finish)
+        if simulate:
+            _check_simulated(transports is not None, sync, loaded)
+        nodes = _nodes(undo, loaded, simulate, seed) if simulate else None
+        if nodes is not None and nodes.exact:
+            loaded = loaded.exact()
+        if transports is None:
+            ends = [undo.enter_context(end) for end in _ends(loaded, nodes)]
+        _check_ends(ends, loaded)
+        pipeline = Pipeline(loaded, options, deadline_s=deadline_s)
+        recording = Recording(log, loaded) if isinstance(log, str | os.PathLike) else log
+        undo.pop_all()  # all is well: the skin closes them
+    return Skin(pipeline, ends, sync=sync, wait=wait, pace=pace, nodes=nodes, recording=recording)
+
+
+def _check(sync: str, wait: str, pace: bool, seed: int) -> None:
+    for name, value, known in (("sync", sync, get_args(Sync)), ("wait", wait, get_args(Wait))):
+        check_choice(name, value, known)
+    check_flag("pace", pace)
+    check_number("seed", seed, 0, 2**63 - 1, whole=True)
+
+
+def _nodes(undo: ExitStack, topology: Topology, scene: Any, seed: int) -> Nodes:
+    """Simulated units."""
+    from skin.sim.attached import nodes_of
+
+    nodes = nodes_of(topology, scene, seed)
+    undo.callback(nodes.close)
+    return nodes
+
+
+def _ends(topology: Topology, nodes: Nodes | None) -> Iterable[Transport]:
+    """This host's ends of the buses: of the file's, opened one by one, or of simulated units'."""
+    if nodes is None:
+        return (open_transport(bus, i) for i, bus in enumerate(topology.buses))
+    from skin.sim.attached import in_process
+
+    return in_process(nodes)
+
+
+def _check_simulated(has_transports: bool, sync: Sync, topology: Topology) -> None:
+    """Refuse what means nothing together with simulated units."""
+    if has_transports:
+        raise OptionError("transports: must not be given with simulate; got both")
+    if sync != "host" and topology.buses[0].sync_id is not None:
+        raise OptionError(f"sync: must be 'host' with simulate; got {sync!r}")
+
+
+def _check_ends(ends: list[Transport], topology: Topology) -> None:
+    if len(ends) != (buses := len(topology.buses)):
+        raise SkinError(f"transports: must be one for each of {buses} buses; got {len(ends)}")

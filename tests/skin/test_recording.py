@@ -1,0 +1,153 @@
+"""Recordings of live skins and of simulated units, and what is decoded from them."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import skin
+import topology
+from bus.errors import LogError
+from bus.logs import Recording, buses_of
+from bus.logs.channels import names_of
+from skin.cli import main
+from tests.fixtures.live import frames_of
+
+
+@pytest.mark.parametrize("suffix", [".log", ".log.gz", ".blf"])
+@pytest.mark.parametrize("name", ["strip", "hand"])
+def test_what_a_skin_recorded_decodes_to_what_it_felt(name, suffix, tmp_path):
+    log = tmp_path / f"run{suffix}"
+    with skin.open(name, simulate=True, pace=False, log=log) as opened:
+        live = [
+            (state.cycle, state.units.force.copy(), state.wrench.copy())
+            for state in itertools.islice(opened, 30)
+        ]
+    decoded = skin.decode_log(name, log)
+    for state, (cycle, force, wrench) in zip(decoded, live, strict=True):
+        assert state.cycle == cycle
+        np.testing.assert_array_equal(state.units.force, force)
+        np.testing.assert_array_equal(state.wrench, wrench)
+    assert (decoded.faults, decoded.damage) == ([], None)
+
+
+def test_a_skin_that_another_thread_closes_leaves_a_whole_log(tmp_path):
+    log = tmp_path / "run.log"
+    with skin.open("strip", simulate=True, pace=False, log=log) as strip:
+        closing = threading.Timer(0.05, strip.close)
+        for state in strip:
+            if state.cycle == 0:
+                closing.start()
+        closing.join()
+    decoded = skin.decode_log("strip", log)
+    assert list(decoded)
+    assert decoded.damage is None
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["run", "hand", "--simulate", "--seconds", "0.1"],
+        ["run", "hand", "--simulate", "--scene", "press", "--seconds", "0.1"],
+        ["sim", "hand", "--scene", "press", "--seconds", "0.1"],
+    ],
+)
+@pytest.mark.parametrize("suffix", [".log", ".blf"])
+def test_logs_of_the_commands_are_decoded_as_they_are(command, suffix, tmp_path, capsys):
+    log = tmp_path / f"run{suffix}"
+    assert main([*command, "--log", str(log)]) == 0
+    capsys.readouterr()
+    assert main(["decode", str(log), "--topology", "hand", "--json"]) == 0
+    report = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert report["cycles"] >= 10
+    assert report["valid_share"] > 0.9
+    assert report["faults"] == []
+
+
+def test_simulated_units_on_a_bus_record_what_it_carries(tmp_path, monkeypatch):
+    loaded = topology.load("strip")
+    log = tmp_path / "sim.log"
+    served = loaded.on(interface="virtual", channel="recorded")
+    monkeypatch.setattr("topology.load", lambda _: Filed(served))
+    stop = threading.Thread(
+        target=main, args=(["sim", "strip", "--seconds", "2.0", "--log", str(log)],)
+    )
+    stop.start()
+    with skin.open(served, pace=True) as strip:
+        for state in strip:
+            if state.cycle == 400 or (state.cycle > 20 and state.units.valid.all()):
+                break
+    stop.join()
+    assert any(state.units.valid.all() for state in skin.decode_log(loaded, log))
+
+
+class Filed:
+    """A topology on the bus that the test serves."""
+
+    def __init__(self, served):
+        self.served = served
+
+    def on(self, **_):
+        return self.served
+
+    def __getattr__(self, name):
+        return getattr(self.served, name)
+
+
+def test_names_of_channels_follow_the_topology():
+    hand = topology.load("hand")
+    assert names_of(hand) == ["hand-palm", "hand-fingers"]
+    for channel, names, numbers in (
+        ("can3,can1", ["can3", "can1"], {"can3": 0, "can1": 1}),
+        ("239.0.0.1,239.0.0.2", ["239.0.0.1", "239.0.0.2"], {"can0": 0, "can1": 1}),
+    ):
+        there = hand.on(interface="socketcan", channel=channel)
+        assert names_of(there) == names
+        assert buses_of(there) == {name: i for i, name in enumerate(names)}
+        assert buses_of(there, "run.blf") == numbers
+
+
+def test_a_log_that_cannot_be_written_is_refused_before_the_buses_are_used(tmp_path):
+    with pytest.raises(LogError, match="must end in one of"):
+        skin.open("strip", simulate=True, log=tmp_path / "run.txt")
+
+
+@pytest.mark.parametrize("suffix", ["log", "blf"])
+def test_a_full_disk_is_told_with_the_name_of_the_log(suffix, tmp_path):
+    log = tmp_path / f"run.{suffix}"
+    log.symlink_to("/dev/full")
+    frames = frames_of("strip", "press", 2000)
+    with pytest.raises(OSError, match="No space left on device") as caught:
+        recorded(log, frames)
+    assert caught.value.filename == str(log)
+
+
+def recorded(log, frames):
+    recording = Recording(log, topology.load("strip"))
+    try:
+        recording.write(frames)
+    finally:
+        recording.close()
+
+
+def test_sigterm_ends_a_run_with_a_whole_log_and_a_released_bus(tmp_path):
+    log = tmp_path / "run.blf"
+    code = "import sys; from skin.cli import main; sys.exit(main(sys.argv[1:]))"
+    command = [sys.executable, "-c", code, "run", "strip", "--simulate", "--log", str(log)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as run:
+        while not log.exists() or log.stat().st_size < 200:
+            time.sleep(0.05)
+            assert run.poll() is None
+        run.terminate()
+        assert run.wait(20.0) == 128 + signal.SIGTERM
+    decoded = skin.decode_log("strip", log)
+    assert list(decoded)
+    assert decoded.damage is None

@@ -1,0 +1,151 @@
+"""A skin and the threads beside the one that iterates: closing, and the newest state."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import skin
+import topology
+from bus.memory import MemoryTransport
+from bus.status import Status
+from skin.sim.node import Nodes
+
+
+def test_closed_skin_ends():
+    opened = skin.open("strip", simulate=True, pace=False)
+    states = iter(opened)
+    next(states)
+    opened.close()
+    opened.close()
+    assert list(states) == []
+
+
+@pytest.mark.parametrize("name", ["strip", "fingertip"])
+@pytest.mark.parametrize("sync", ["host", "bus"])
+@pytest.mark.parametrize("wait", ["event", "drain"])
+def test_a_skin_that_another_thread_closes_ends(name, sync, wait):
+    """At any moment of a cycle, while the thread that iterates may close it as well."""
+    for delay_ms in (0.0, 0.3, 1.0, 3.0):
+        ends = [MemoryTransport.pair(i) for i in range(len(topology.load(name).buses))]
+        Nodes(topology.load(name)).attach([far for _, far in ends])
+        near = [end for end, _ in ends]
+        with skin.open(name, transports=near, pace=False, sync=sync, wait=wait) as opened:
+            closing = threading.Timer(1e-3 * delay_ms, opened.close)
+            for number, _ in enumerate(opened):
+                if number == 0:
+                    closing.start()
+            closing.join()
+
+
+def test_a_skin_closed_within_a_send_ends():
+    near, _ = MemoryTransport.pair()
+    with skin.open("strip", transports=[near], pace=False) as opened:
+        send = near.send
+
+        def send_and_close(records):
+            thread = threading.Thread(target=opened.close)
+            thread.start()
+            thread.join()
+            return send(records)
+
+        near.send = send_and_close
+        assert list(opened) == []
+
+
+def values_of(state):
+    """All that a state says, as plain values."""
+    units = {
+        field.name: getattr(state.units, field.name) for field in dataclasses.fields(state.units)
+    }
+    contacts = [
+        (repr(contact.record), contact.units.copy(), contact.path, contact.impact,
+         contact.vibration, contact.unit_names)
+        for contact in state.contacts
+    ]  # fmt: skip
+    own = (state.cycle, state.stamp_ns, state.coverage, dataclasses.asdict(state.counters))
+    arrays = (state.wrench, state.wrench_sigma, state.centroid, state.centroid_covariance,
+              state.label, state.slip)  # fmt: skip
+    kept = {name: None if value is None else value.copy() for name, value in units.items()}
+    return own, [array.copy() for array in arrays], kept, contacts
+
+
+def test_a_copy_keeps_what_the_state_said():
+    with skin.open("palm", simulate="slide", pace=False, want=set(skin.state.WANTS)) as palm:
+        seen = [
+            (state.copy(), values_of(state))
+            for state in itertools.islice(palm, 800)
+            if state.cycle % 100 == 99
+        ]
+    assert any(copied.contacts for copied, _ in seen)
+    for copied, values in seen:
+        np.testing.assert_equal(values_of(copied), values)
+        np.testing.assert_equal(values_of(copied.copy()), values)
+        assert copied.time_s == pytest.approx(1e-9 * copied.stamp_ns)
+
+
+def test_slips_are_told_once_and_units_by_their_names():
+    names = topology.load("palm").unit_names
+    with skin.open("palm", simulate="slide", pace=False, want={"slip"}) as palm:
+        begun, slipping = [], set()
+        for state in itertools.islice(palm, 1000):
+            now = {contact.id for contact in state.contacts if contact.slip.name in SLIPPING}
+            begun += [contact.id for contact in state.slips]
+            assert {contact.id for contact in state.slips} == now - slipping
+            slipping = now
+            for contact in state.contacts:
+                assert contact.unit_names == [names[i] for i in contact.units]
+    assert begun
+    with skin.open("strip", simulate=True, pace=False, want={"contacts"}) as strip:
+        assert next(iter(strip)).slips is None
+
+
+SLIPPING = ("INCIPIENT", "GROSS")
+
+
+def test_the_newest_state_is_whole_for_a_thread_beside():
+    """Every unit lies in every cycle about the number of the cycle, all in the same way."""
+    with skin.open("palm", simulate=True, pace=False, want={"contacts", "force"}) as palm:
+        assert palm.latest() is None
+        found, done = [], threading.Event()
+
+        def watch():
+            while not done.is_set():
+                state = palm.latest()
+                if state is not None:
+                    found.append((state, state.cycle, state.units.force.tobytes()))
+
+        watcher = threading.Thread(target=watch)
+        watcher.start()
+        kept = {}
+        for state in itertools.islice(palm, 200):
+            kept[state.cycle] = state.units.force.tobytes()
+        done.set()
+        watcher.join()
+        assert palm.latest().cycle == 199
+    cycles = [cycle for _, cycle, _ in found]
+    assert cycles == sorted(cycles)
+    assert len(set(cycles)) > 10
+    for state, cycle, force in found:
+        assert force == kept[cycle] == state.units.force.tobytes()
+
+
+def test_the_newest_state_is_told_at_once_while_the_loop_waits():
+    near, _ = MemoryTransport.pair()
+    with skin.open("strip", transports=[near], pace=False, deadline_s=0.2) as strip:
+        strip.latest()
+        states = iter(strip)
+        next(states)
+        loop = threading.Thread(target=next, args=(states,))
+        loop.start()
+        started = time.perf_counter()
+        state = strip.latest()
+        assert time.perf_counter() - started < 0.1
+        loop.join()
+        assert state.cycle == 0
+        assert Status(int(state.units.status[0])) & Status.NEVER
