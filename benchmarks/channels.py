@@ -105,10 +105,19 @@ def motion(skin: Topology, cycles: int, seed: int) -> np.ndarray:
     depth = 1.1 + 0.6 * np.sin(2.1 * time_s + phase[0])
     reach = 1.0 + 0.8 * np.sin(1.7 * time_s + phase[1])
     angle = phase[2] + 0.5 * time_s
-    warm = 45.0 - 15.0 * np.cos(0.3 * time_s + phase[3])
+    warm = 45.0 - 15.0 * np.cos(0.1 * time_s + phase[3])
+    film = lagging(warm, skin.parameters["film_lag_s"] * skin.cycle_rate_hz)
     units = UnitSimulator(skin, seed=seed, field=HalbachField(skin, reach_m=FELT_M))
     displacement = reach[:, np.newaxis] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    return units.quantise(units.disturb(units.quantities(depth, displacement, warm)))
+    return units.quantise(units.disturb(units.quantities(depth, displacement, warm, film)))
+
+
+def lagging(values: np.ndarray, cycles: np.ndarray) -> np.ndarray:
+    """What follows values, shape (t, n), with a time constant of so many cycles, shape (n,)."""
+    out, keep = values.copy(), np.exp(-1.0 / cycles)
+    for t in range(1, len(out)):
+        out[t] = values[t] + keep * (out[t - 1] - values[t])
+    return out
 
 
 def play(skin: Topology, counts: np.ndarray) -> Run:

@@ -31,6 +31,7 @@ __all__ = [
     "check_choice",
     "check_flag",
     "check_number",
+    "check_numbers",
     "shown",
 ]
 
@@ -79,10 +80,17 @@ def check_number(where: str, value: Any, least: float, most: float, *, whole: bo
     Traceback (most recent call last):
     skin.errors.OptionError: deadline_s: must be a number from 0 to 60; got nan
     """
-    kinds = (Integral,) if whole else (Real,)
-    if not isinstance(value, kinds) or isinstance(value, bool) or not least <= value <= most:
+    is_number = isinstance(value, Integral if whole else Real) and not isinstance(value, bool)
+    number: Any = value
+    if not is_number or not least <= number <= most:
         kind = "an integer" if whole else "a number"
         raise OptionError(f"{where}: must be {kind} from {least:g} to {most:g}; got {shown(value)}")
+
+
+def check_numbers(least: float, most: float, **values: Any) -> None:
+    """Refuse what is no number from `least` to `most`, by name; see `check_number`."""
+    for name, value in values.items():
+        check_number(name, value, least, most)
 
 
 def check_flag(where: str, value: object) -> None:

@@ -66,8 +66,7 @@ def open(
         How long after its SYNC a cycle waits for missing frames; 0.9 periods if not given.
     simulate : bool, str, Path, SceneFile or Scene
         Attach simulated units instead: True for the scene "demo", one of `skin.sim.scenes.names`,
-        a file, a loaded one (`skin.sim.load_scene`), or your own. Their constants count as known
-        exactly, unless the scene has errors of fabrication. False, None and "": none.
+        a file, a loaded one (`skin.sim.load_scene`), or your own. False, None and "": none.
     transports : iterable of Transport, optional
         Transports to use instead of opening the file's buses, one for each bus, in order.
     seed : int
@@ -101,8 +100,7 @@ def open(
         if simulate:
             _check_simulated(transports is not None, sync, loaded)
         nodes = _nodes(undo, loaded, simulate, seed) if simulate else None
-        if nodes is not None and nodes.exact:
-            loaded = loaded.exact()
+        loaded = loaded.exact() if nodes is not None and nodes.exact else loaded
         if transports is None:
             ends = [undo.enter_context(end) for end in _ends(loaded, nodes)]
         _check_ends(ends, loaded)

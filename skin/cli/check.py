@@ -45,7 +45,7 @@ def check(
     loaded = load(file, allow_overload=True)
     found = summary(loaded)
     print(_table(found))
-    if hint := options.tare_hint(file, loaded):
+    for hint in options.hints(file, loaded):
         print(f"\nnote: {hint}")
     too_dense = _too_dense(loaded)
     for line in too_dense:
@@ -54,6 +54,7 @@ def check(
     if json:
         more = {
             "never_tared": options.never_tared(loaded),
+            "uncalibrated": options.uncalibrated(loaded),
             "too_dense": too_dense,
             "ok": ok,
         }

@@ -81,6 +81,7 @@ def demo(
     report = {
         "topology": loaded.name,
         "units": loaded.n,
+        "calibration": "exact" if opened.topology.calibrated.all() else "of the model",
         "cycles": cycles,
         "frames": counters.data,
         "lost_frames": counters.lost,
@@ -159,6 +160,7 @@ def _rms(values: np.ndarray) -> float:
 def _table(report: dict[str, Any]) -> str:
     rows = {
         "units, cycles": "{units}, {cycles}",
+        "calibration": "{calibration}: the constants of simulated units are known",
         "frames, lost": "{frames}, {lost_frames}",
         "contacts, slipped": "{contacts}, {contacts_slipped}",
         "temperature error": "{temperature_rmse_c:.3f} °C rms",

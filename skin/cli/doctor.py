@@ -72,10 +72,11 @@ def doctor(
         "cycles": survey.cycles,
         "counters": counters,
         "never_tared": options.never_tared(loaded),
+        "uncalibrated": options.uncalibrated(loaded),
         "findings": [asdict(finding) for finding in found],
         "healthy": not found,
     }
-    print(_table(loaded, report, found, options.tare_hint(file, loaded)))
+    print(_table(loaded, report, found, options.hints(file, loaded)))
     if json:
         print(json_text.dumps(report))
     return 1 if found else 0
@@ -130,12 +131,12 @@ def _is_writable(folder: Path) -> bool:
     return os.access(folder, os.W_OK)
 
 
-def _table(loaded: Topology, report: dict[str, Any], found: list[Finding], hint: str | None) -> str:
+def _table(loaded: Topology, report: dict[str, Any], found: list[Finding], hints: list[str]) -> str:
     lines = [
         f"{loaded.name}: {report['units_heard']} of {loaded.n} units heard in {report['cycles']} "
         "cycles",
         f"frames: {counted(report['counters'])}",
-        *([hint] if hint else []),
+        *hints,
     ]
     for finding in found:
         lines += [

@@ -29,10 +29,11 @@ __all__ = [
     "check_folder",
     "check_seconds",
     "given",
+    "hints",
     "never_tared",
     "quiet",
     "refuse_both",
-    "tare_hint",
+    "uncalibrated",
     "unreachable",
 ]
 
@@ -151,18 +152,31 @@ def unreachable(file: str, topology: Topology) -> str | None:
 
 def never_tared(topology: Topology) -> list[str]:
     """Units whose zeros are those of their model; none where all buses are within the process."""
+    return _lacking(topology, topology.tared)
+
+
+def uncalibrated(topology: Topology) -> list[str]:
+    """Units whose laws are those of their model; none where all buses are within the process."""
+    return _lacking(topology, topology.calibrated)
+
+
+def _lacking(topology: Topology, known: np.ndarray) -> list[str]:
+    """Units of a real bus that are not among those `known`."""
     if all(bus.interface == "memory" for bus in topology.buses):
         return []
-    lacking: np.ndarray = topology.enabled & ~topology.counts_only & ~topology.tared
+    lacking: np.ndarray = topology.enabled & ~topology.counts_only & ~known
     return [
         name for name, is_missing in zip(topology.unit_names, lacking, strict=True) if is_missing
     ]
 
 
-def tare_hint(file: str, topology: Topology) -> str | None:
-    """One line about units that were never tared, where there are any."""
-    names = never_tared(topology)
-    if not names:
-        return None
-    units = f"unit {names[0]} has" if len(names) == 1 else f"{len(names)} units have"
-    return f"{units} never been tared: skin tare {file}"
+def hints(file: str, topology: Topology) -> list[str]:
+    """A line about units that were never tared, and one about those without a calibration."""
+    found = []
+    if names := never_tared(topology):
+        units = f"unit {names[0]} has" if len(names) == 1 else f"{len(names)} units have"
+        found.append(f"{units} never been tared: skin tare {file}")
+    if names := uncalibrated(topology):
+        units = f"unit {names[0]} has" if len(names) == 1 else f"{len(names)} units have"
+        found.append(f"{units} no calibration: sigma holds the spread from unit to unit")
+    return found

@@ -91,6 +91,7 @@ def run(
                 for bus, end in zip(loaded.buses, opened.transports, strict=True)
             },
             "never_tared": [] if simulate else options.never_tared(loaded),
+            "uncalibrated": [] if simulate else options.uncalibrated(loaded),
             "bus_changes": [f"{name}: {change}" for name, change in opened.bus_changes],
         }
     print(json_text.dumps(report) if json else _table(report))
@@ -99,10 +100,11 @@ def run(
 
 def _note(file: str, topology: Topology) -> None:
     """Say what is worth knowing before the first cycle."""
-    notes = (options.unreachable(file, topology), options.tare_hint(file, topology))
-    for prefix, text in zip(("nobody can answer: ", ""), notes, strict=True):
-        if text:
-            print(f"note: {prefix}{text}", file=sys.stderr)
+    notes = options.hints(file, topology)
+    if nobody := options.unreachable(file, topology):
+        notes.insert(0, f"nobody can answer: {nobody}")
+    for text in notes:
+        print(f"note: {text}", file=sys.stderr)
 
 
 def _check_simulated(

@@ -28,7 +28,7 @@ from skin.contact.shock import Shocks
 from skin.contact.slip import SlipSettings
 from skin.contact.step import EARLY, SAME, step
 from skin.contact.track import Tracker
-from skin.errors import OptionError, SkinError, check_choice, check_number, shown
+from skin.errors import OptionError, SkinError, check_choice, check_number, check_numbers, shown
 from skin.options import DTYPES, wanted
 
 __all__ = ["CONTACT_WANTS", "Contact", "ContactStream"]
@@ -131,19 +131,15 @@ class ContactStream:
         unit_names: Sequence[str] | None = None,
     ) -> None:
         wants = wanted(want, CONTACT_WANTS)
-        for name, value in (
-            ("keep_sigma", keep_sigma),
-            ("start_sigma", keep_sigma if start_sigma is None else start_sigma),
-            ("memory_s", memory_s),
-            ("settle_s", settle_s),
-        ):
-            check_number(name, value, 0.0, 1e6)
-        for name, value in (
-            ("rate_hz", rate_hz),
-            ("false_alarms_per_hour", false_alarms_per_hour),
-            ("false_contacts_per_day", false_contacts_per_day),
-        ):
-            check_number(name, value, 1e-9, 1e9)
+        check_numbers(
+            0.0, 1e6, keep_sigma=keep_sigma,
+            start_sigma=keep_sigma if start_sigma is None else start_sigma,
+            memory_s=memory_s, settle_s=settle_s,
+        )  # fmt: skip
+        check_numbers(
+            1e-9, 1e9, rate_hz=rate_hz, false_alarms_per_hour=false_alarms_per_hour,
+            false_contacts_per_day=false_contacts_per_day,
+        )  # fmt: skip
         check_number("capacity", capacity, 1, 4096, whole=True)
         check_choice("dtype", dtype, DTYPES)
         if slip is not None and not isinstance(slip, SlipSettings):
@@ -270,9 +266,7 @@ class ContactStream:
         )  # fmt: skip
         self._check_displacement(displacement_mm, displacement_sigma_mm)
         if not self._alone.acquire(blocking=False):
-            raise SkinError(
-                "update: must be called from one thread at a time; got a call while another one ran"
-            )
+            raise SkinError("update: must be called from one thread at a time; got a second one")
         try:
             own = self.data.reading
             for k, values in enumerate(given):

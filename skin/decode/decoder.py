@@ -12,7 +12,8 @@ import numpy as np
 from bus.compiled.aligned import zeros
 from skin.decode import records, sharing
 from skin.decode.aging import Aging
-from skin.decode.passes import Passes, check, plain
+from skin.decode.loop import Loop
+from skin.decode.passes import Passes, check_call, plain
 from skin.decode.plan import DecodeOptions, Plan
 from skin.decode.results import Results, results_of
 from skin.errors import CountsError, check_number
@@ -102,7 +103,6 @@ class Decoder:
             want, estimator, dtype, consistency, temperature_every, skip, sweeps, ambient
         )
         self.topology = topology
-        self._check = functools.partial(check, topology)
         self.plan = plan = Plan.of(topology, options)
         self.dtype = np.dtype(plan.dtype)
         if workers is not None:
@@ -123,7 +123,6 @@ class Decoder:
             from skin.decode.ambient import Ambient
 
             self.ambient = Ambient(topology, plan.dtype, crosstalk=sweeps > 0)
-        self._looped = sweeps > 0 or ambient
         self._alone = threading.Lock()
         self._make_kernel(rest_ut, felt_ut)
         self._make_buffers(workers or sharing.processors())
@@ -156,18 +155,20 @@ class Decoder:
         )  # fmt: skip
         self._background = zeros((1, 5, n), real)
         self._taken = self._background[0]
-        self._base = np.zeros((5, n), real)
-        self._known = np.zeros((5, n), real) if self.ambient is None else self.ambient.taken
         self._out = Results(self._names, 1, n, real)
-        self._whole = self._out.reading(0, {*self._names} - {"film_above"})
-        self._film_above = self._out.values[0, -1] if "film_above" in self._names else None
-        self._predict: dict[bool, Callable[[], object]] = {}
-        self._follow: Callable[[float | None], None] | None = None
+        self._loop = None
+        if self.crosstalk is not None or self.ambient is not None:
+            self._loop = Loop(
+                self.crosstalk, self.ambient, self.plan.sweeps,
+                self._out.reading(0, {*self._names} - {"film_above"}),
+                self._out.values[0, -1] if "film_above" in self._names else None, self._taken,
+            )  # fmt: skip
         self._reading = self._out.reading(0, self.plan.quantities)
         self._shape = (len(CHANNELS), n)
         self._none_known = zeros(n, np.uint16)
         self._inputs = zeros((1, *self._shape), np.int16), zeros((1, n), np.uint16)
         self._own = self._passes(*self._inputs)
+        self._decode_own = functools.partial(self._decode_cycle, self._own, False)
 
     @property
     def want(self) -> frozenset[str]:
@@ -191,7 +192,6 @@ class Decoder:
         for name in records.HELD if self.plan.temperature_every > 1 else ():
             self._state[name] = np.nan
         self._control["phase"] = 0
-        self._elapsed_s: float | None = None
         self._aging.reset()
         self._mode: tuple[bool, bool] | None = None
         self._background[:] = 0.0
@@ -208,7 +208,8 @@ class Decoder:
         seconds : float
             Second.
         """
-        self._elapsed_s = seconds
+        if self._loop is not None:
+            self._loop.elapsed_s = seconds
         self._aging(seconds * self.topology.cycle_rate_hz)
 
     def warmup(self, *, background: bool = False) -> None:
@@ -219,12 +220,9 @@ class Decoder:
         background : bool
             Whether for calls with a background of the caller's.
         """
-        self._own.at(not (background or self._looped))
-        if self.crosstalk is not None:
-            self.crosstalk.warmup()
-            self._bind_prediction(self.crosstalk, False)
-        if self.ambient is not None:
-            self.ambient.warmup(self._whole)
+        self._own.at(not background and self._loop is None)
+        if self._loop is not None:
+            self._loop.warmup()
 
     def bind(self, counts: np.ndarray, status: np.ndarray) -> Callable[[], Reading]:
         """A call for each cycle, on arrays that the caller writes anew in place.
@@ -247,13 +245,13 @@ class Decoder:
         CountsError
             An array of another shape or type, or one that lies scattered in memory.
         """
-        self._check("raw", counts, np.int16, self._shape)
-        self._check("status", status, np.uint16, self._shape[1:])
+        check_call(self.topology, self.dtype, counts, status, None)
         if plain(counts) is not counts or plain(status) is not status:
             raise CountsError(f"{self.topology.name}: must be contiguous and writeable to be bound")
         passes = self._passes(counts[np.newaxis], status[np.newaxis])
-        if self._looped:
-            return functools.partial(self._loop, passes, False, True)
+        if self._loop is not None:
+            decode = functools.partial(self._decode_cycle, passes, False)
+            return functools.partial(self._loop, decode, False, True)
         return functools.partial(self._decode_cycle, passes, True, True)
 
     def __call__(
@@ -309,39 +307,13 @@ class Decoder:
         """Decode one cycle."""
         self._accept(raw, status, background)
         told = background is not None
-        if self._looped:
+        if self._loop is not None:
             if told:
-                self._base[:] = self._known
-                self._base[: len(background)] += background
-            return self._loop(self._own, told, advance)
+                self._loop.tell(background)
+            return self._loop(self._decode_own, told, advance)
         if told:
             self._taken[: len(background)] = background
         return self._decode_cycle(self._own, not told, advance)
-
-    def _loop(self, passes: Passes, told: bool, advance: bool) -> Reading:
-        """Decode a cycle without what the cycles before tell of neighbours and drifts, and what was
-        `told`, which stands in `_base`."""
-        if self.crosstalk is None:
-            self._taken[:] = self._base if told else self._known
-            self._decode_cycle(passes, False, advance)
-        else:
-            predict = self._predict.get(told) or self._bind_prediction(self.crosstalk, told)
-            for sweep in range(self.plan.sweeps):
-                predict()
-                self._decode_cycle(passes, False, advance and sweep == 0)
-        if self.ambient is not None and advance:
-            self._follow = follow = self._follow or self.ambient.bound(self._whole)
-            follow(self._elapsed_s)
-            self._elapsed_s = None
-        return self._reading
-
-    def _bind_prediction(self, crosstalk: CrossTalk, told: bool) -> Callable[[], object]:
-        """The prediction of cross-talk on top of a background that is told, or not."""
-        whole, base = self._whole, self._base if told else self._known
-        predict = self._predict[told] = crosstalk.bound(
-            whole.displacement_mm, whole.valid, self._taken, base, self._film_above
-        )
-        return predict
 
     def _data(self, share: slice, counts, status, background, out: Results) -> list[DecodeData]:
         """What changes between cycles, for each share of the units."""
@@ -393,12 +365,7 @@ class Decoder:
 
     def _accept(self, raw, status, background) -> None:
         """Check the arrays of one cycle, and let the kernel read them."""
-        self._check("raw", raw, np.int16, self._shape)
-        if status is not None:
-            self._check("status", status, np.uint16, self._shape[1:])
-        if background is not None:
-            rows = 5 if isinstance(background, np.ndarray) and len(background) == 5 else 4
-            self._check("background", background, self.dtype, (rows, self.topology.n))
+        check_call(self.topology, self.dtype, raw, status, background)
         known = self._none_known if status is None else status
         if known.size <= COPIED:
             self._inputs[0][0], self._inputs[1][0] = raw, known
@@ -408,17 +375,11 @@ class Decoder:
     def _batch(self, raw, status, background, advance: bool) -> Reading:
         """Decode consecutive cycles into new arrays."""
         cycles = raw.shape[:1] if isinstance(raw, np.ndarray) else ()
-        self._check("raw", raw, np.int16, (*cycles, *self._shape))
+        check_call(self.topology, self.dtype, raw, status, background, cycles)
         known = (*cycles, self.topology.n)
-        if status is None:
-            status = np.zeros(known, np.uint16)
-        else:
-            self._check("status", status, np.uint16, known)
-        if background is not None:
-            rows = 5 if np.ndim(background) == 3 and background.shape[1] == 5 else 4
-            self._check("background", background, self.dtype, (*cycles, rows, known[-1]))
+        status = np.zeros(known, np.uint16) if status is None else status
         out = Results(self._names, raw.shape[0], self.topology.n, self.dtype)
-        if self._looped:
+        if self._loop is not None:
             for t in range(raw.shape[0]):
                 self._one(raw[t], status[t], None if background is None else background[t], advance)
                 for whole, array in zip(out.arrays, self._out.arrays, strict=True):

@@ -9,7 +9,6 @@ from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import ndtri
 
 from bus.compiled.aligned import zeros
 from skin.decode import records as k
@@ -18,6 +17,7 @@ from skin.decode.functions import OCTAVES_MAX
 from skin.decode.limits import STEP_SIGMA, frequency_sigma_hz, limits_of, tidy_drop
 from skin.decode.passes import check
 from skin.decode.plan import Plan
+from skin.decode.uncertainty import uncertainty
 from skin.errors import CalibrationError
 from topology import THETA_KNOTS, Topology
 
@@ -30,20 +30,6 @@ TURN_MAX_RAD = 1.0
 OVERREACH = 1.1
 """R from the angle is told to this many times its calibrated range; a lower bound beyond
 [assumed]."""
-ANOMALY_SIGMAS = 5.0
-"""Sigmas of a unit's constants by which its field may miss its model [assumed]."""
-ANOMALIES_PER_DAY = 0.25
-"""That noise alone may make, on the whole skin, of single readings and of their mean [assumed]."""
-MISS_READINGS = 50.0
-"""Readings over which the share is averaged by which the field misses its model [assumed: as many
-as a channel may stand still]."""
-ANOMALY_SHARE = 0.02
-"""Share of the field by which the model of a unit may miss it, beside the sigma of its constants
-[derived: calibrated films with errors of fabrication are off by 0.4 %, at most 4 % far out, of
-which their sigma holds four fifths]."""
-STRAY_UT, STRAY_KNOWN_UT = 1000.0, 300.0
-"""µT that neighbours may add to the field: all of it, or what is left where their fields at rest
-are known [assumed; the field of touching units at rest is 1.07 mT]."""
 NO_END_MM = 1e9
 """mm: R of a unit whose range has no end that could be told."""
 OCTAVES_MARGIN = 0.9
@@ -109,7 +95,7 @@ def model_of(
         **_field(topology, rest_ut, felt_ut),
         **_tangential(topology, angle),
     }
-    found |= _uncertainty(topology, found, angle, rest_ut is not None)
+    found |= uncertainty(topology, found, angle, rest_ut is not None)
     return DecodeModel(
         _blocks(found, k.coefficients(plan.dtype)),
         _blocks(limits_of(topology, vertical=angle or plan.consistency), k.LIMITS),
@@ -279,54 +265,6 @@ def _tangential(topology: Topology, angle: bool) -> dict[str, np.ndarray]:
         "shear_gain_offset": 1.0 - p["shear_gain_per_mm"] * p["field_reference_mm"],
         "displacement_max": displacement_max,
     }
-
-
-def _uncertainty(
-    topology: Topology, c: dict[str, np.ndarray], angle: bool, rest_known: bool
-) -> dict[str, np.ndarray]:
-    """Variances of what is tangential, and what the field may miss its model by."""
-    p, scale = topology.parameters, topology.scale
-    # What the temperatures leave of the drifts they compensate: the chip's own is read in steps.
-    chip_c2 = np.where(
-        topology.wired[k.CHIP], (scale[k.CHIP] * STEP_SIGMA) ** 2, c["gel_variance"]
-    )  # fmt: skip
-    drift2 = 0.5 * (p["hall_drift_x_ut_per_k"] ** 2 + p["hall_drift_y_ut_per_k"] ** 2)
-    step2 = 0.5 * (scale[k.BX] ** 2 + scale[k.BY] ** 2) * STEP_SIGMA**2
-    stretch2 = 0.5 * sum(p[f"field_{entry}"] ** 2 for entry in ("xx", "xy", "yx", "yy"))
-    noise = stretch2 * (p["field_noise_ut"] ** 2 + step2)
-    constant = stretch2 * drift2 * chip_c2 + p["field_sigma_ut"] ** 2
-    amplitude = (
-        p["field_amplitude_sigma_relative"] ** 2
-        + p["film_drift_per_k"] ** 2 * c["gel_variance"]
-        + p["hall_gain_per_k"] ** 2 * chip_c2
-    )
-    sigmas2 = ANOMALY_SIGMAS**2
-    noise_sigmas2 = _noise_sigmas(topology) ** 2
-    growth2 = p["field_growth_per_mm"] ** 2
-    rest2 = growth2 * (p["frequency_sigma_hz"] * c["depth_per_hz"]) ** 2
-    depth2 = growth2 * c["depth_sigma"] ** 2 - rest2
-    stray2 = (STRAY_KNOWN_UT if rest_known else STRAY_UT) ** 2
-    step = 1.0 - np.exp(-1.0 / MISS_READINGS)
-    share2 = ANOMALY_SHARE**2 + sigmas2 * (amplitude + rest2)
-    constant2 = stray2 + sigmas2 * constant
-    left = noise_sigmas2 * step / (2.0 - step)  # of the variance of noise, in the mean
-    return {
-        "shear_variance": p["shear_sigma_relative"] ** 2,
-        "angle_variance": p["field_angle_sigma_mm"] ** 2 * angle,
-        "field_variance": noise + constant,
-        "amplitude_variance": amplitude,
-        "anomaly_share": share2 + noise_sigmas2 * depth2,
-        "anomaly_field": constant2 + noise_sigmas2 * noise,
-        "miss_share": share2 + left * depth2,
-        "miss_field": constant2 + left * noise,
-        "miss_step": np.full(topology.n, step),
-    }
-
-
-def _noise_sigmas(topology: Topology) -> float:
-    """Sigmas that noise alone passes so seldom that it makes no more anomalies than it may."""
-    readings = topology.n * topology.cycle_rate_hz * 86400.0
-    return float(-ndtri(min(0.5 * ANOMALIES_PER_DAY / readings, 0.1)))
 
 
 def field_angle_ends(topology: Topology) -> tuple[np.ndarray, np.ndarray]:

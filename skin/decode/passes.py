@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from bus.compiled.bound import Bound
     from skin.decode.kernel import DecodeData
 
-__all__ = ["Passes", "check", "plain"]
+__all__ = ["Passes", "check", "check_call", "plain"]
 
 
 class Passes:
@@ -72,6 +72,20 @@ def plain(array: np.ndarray) -> np.ndarray:
     array = np.asarray(array)
     flags = array.flags
     return array if flags.c_contiguous and flags.writeable else array.copy()
+
+
+def check_call(
+    topology: Topology, real: np.dtype, raw: object, status: object, background: Any,
+    cycles: tuple[int, ...] = (),
+) -> None:  # fmt: skip
+    """Raise CountsError unless these are the arrays of a call, of `cycles` in a batch."""
+    check(topology, "raw", raw, np.int16, (*cycles, len(CHANNELS), topology.n))
+    if status is not None:
+        check(topology, "status", status, np.uint16, (*cycles, topology.n))
+    if background is not None:
+        given = np.shape(background)
+        rows = 5 if len(given) == len(cycles) + 2 and given[-2] == 5 else 4
+        check(topology, "background", background, real, (*cycles, rows, topology.n))
 
 
 def check(

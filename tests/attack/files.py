@@ -25,7 +25,8 @@ from bus.faults.script import load_script
 from bus.frame import FrameBatch
 from bus.logs import read, write
 from skin.errors import SceneError
-from skin.sim.scenes.load import load_scene, scenes
+from skin.sim.scenes import names as scenes
+from skin.sim.scenes.load import load_scene
 from tests.attack.mutations import mutated
 
 __all__ = ["attack"]

@@ -94,10 +94,6 @@ def _is_nan(value: object) -> bool:
     return isinstance(value, float) and isnan(value)
 
 
-def _is_nan(value: object) -> bool:
-    return isinstance(value, float) and isnan(value)
-
-
 class SlipModel(NamedTuple):
     """`SlipSettings` as kernels take them; the names and units are the same."""
 

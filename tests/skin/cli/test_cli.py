@@ -199,6 +199,9 @@ def test_units_that_were_never_tared_are_said_to_be_so(on_a_real_bus, capsys):
     assert main(["check", on_a_real_bus, "--json"]) == 0
     *table, last = capsys.readouterr().out.splitlines()
     assert f"note: 64 units have never been tared: skin tare {on_a_real_bus}" in table
+    spread = "no calibration: sigma holds the spread from unit to unit"
+    assert f"note: 64 units have {spread}" in table
+    assert len(json.loads(last)["uncalibrated"]) == 64
     assert len(json.loads(last)["never_tared"]) == 64
     assert main(["tare", on_a_real_bus, "--simulate", "--seconds", "1", "--leave-out",
                  "palm/r0c0"]) == 0  # fmt: skip
@@ -207,6 +210,7 @@ def test_units_that_were_never_tared_are_said_to_be_so(on_a_real_bus, capsys):
     *table, last = capsys.readouterr().out.splitlines()
     assert f"note: unit palm/r0c0 has never been tared: skin tare {on_a_real_bus}" in table
     assert json.loads(last)["never_tared"] == ["palm/r0c0"]
+    assert f"note: 64 units have {spread}" in table  # a tare tells of zeros alone
 
 
 def test_simulated_units_need_no_tare(capsys):

@@ -128,12 +128,12 @@ def test_units_that_are_left_out_or_decoded_again_do_not_count_for_the_mean():
 def test_noise_makes_no_more_anomalies_than_it_may(dtype):
     """Of a skin that may have them so often that they can be counted."""
     skin = with_parameters(row_of(400), gel_noise_relative=0.0)
-    model = "skin.decode.model.ANOMALIES_PER_DAY"
+    model = "skin.decode.uncertainty.ANOMALIES_PER_DAY"
     a_day, cycles = 400 * 86400.0, 400
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(model, 1e-3 * a_day)
-        patch.setattr("skin.decode.model.ANOMALY_SHARE", 0.0)
-        patch.setattr("skin.decode.model.STRAY_KNOWN_UT", 0.0)
+        patch.setattr("skin.decode.uncertainty.ANOMALY_SHARE", 0.0)
+        patch.setattr("skin.decode.uncertainty.STRAY_KNOWN_UT", 0.0)
         decoder = Decoder(skin, None, "field-angle", dtype=dtype, rest_ut=np.zeros((3, 400)))
     rng = np.random.default_rng(4)
     exact = counts_at(skin, DEPTH, REACH, np.linspace(-3, 3, 400)).astype(float)
