@@ -14,7 +14,7 @@ FOUND = {
     ("frequency", "stuck"): (200, 0.8),
     ("frequency", "stuck, last bit turns"): (204, 0.8),
     ("frequency", "stuck, noise goes on"): (1000, 0.9),
-    ("frequency", "3 % too low"): (300, 0.7),
+    ("frequency", "3 % too low"): (1200, 0.7),
     ("frequency", "3 % too high"): (1200, 0.7),
     ("bx", "stuck"): (200, 0.15),
     ("by", "stuck"): (200, 0.15),
