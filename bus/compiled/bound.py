@@ -21,6 +21,7 @@ import numpy as np
 from numba import njit, typeof, types
 from numba.extending import intrinsic
 
+from bus.compiled import nested
 from bus.compiled.cache import cache_on_disk
 
 try:
@@ -136,6 +137,8 @@ def _found(kernel: Any, kinds: tuple[types.Type, ...]) -> tuple[int, Callable] |
     """Where the code of a kernel lies, and what calls it; None where numba does not tell."""
     kernel.compile(kinds)
     found = kernel.overloads[kinds]
+    if nested.kernel_pipeline is None:  # code is found by names then that need not be unique
+        return None
     try:
         code = found.library.get_pointer_to_function(found.fndesc.llvm_func_name)
         return code, _caller(found.signature)

@@ -294,6 +294,9 @@ class _Walk:
         self._seen.add(key)
         self.file(function.__code__.co_filename)
         self._add(function.__code__.co_code)
+        for constant in function.__code__.co_consts:
+            if not isinstance(constant, CodeType):
+                self.value(constant)
         names = tuple(_names(function.__code__))
         for name in names:
             if name in function.__globals__:

@@ -6,6 +6,11 @@ many levels is optimised as often as it has levels. Here a function that only ke
 intermediate code, which is optimised where it ends up: in the kernel. Those that are put into every
 caller are optimised before, for vectors are found in small loops only.
 
+Numba finds machine code by a name, made unique by a number that each process counts anew: two
+variants of a kernel that two processes have compiled first have one name, and a third process that
+loads both from the cache finds the code of one for both. Here the number follows from what a
+function is made of.
+
 It stands on numba's interface for compilers of one's own, and on private parts (the library of
 code, and how a compiled function is made known); where a version lacks them, `pipeline` and
 `kernel_pipeline` are None, and numba's own way is used.
@@ -15,6 +20,8 @@ from __future__ import annotations
 
 import contextlib
 from typing import Any
+
+from bus.compiled.cache import stamp
 
 __all__ = ["kernel_pipeline", "pipeline"]
 
@@ -91,9 +98,12 @@ def _build() -> Any:
 
     def compiler(lowering: Any) -> Any:
         class Compiler(CompilerBase):
-            """Numba's passes, another lowering instead of its own."""
+            """Numba's passes, another lowering instead of its own, and names that stay."""
 
             def define_pipelines(self):
+                identity = self.state.func_id
+                identity.unique_id = uid = int(stamp(identity.func)[:15], 16)
+                identity.unique_name = f"{identity.func_qualname}${uid}"
                 passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
                 passes.passes = [
                     (lowering, told) if one is NativeLowering else (one, told)

@@ -88,9 +88,11 @@ def anomaly(solid, z, radius, amplitude, inverse, missed, unit, j):
     """
     real = type(solid)
     u = unit["wavenumber"][j] * radius
-    ratio = solid * inverse / (amplitude * (u * sinc(u)))
+    model, square = amplitude * (u * sinc(u)), solid * solid + z * z
+    each = real(1.0) / (model * square)  # one division for both quotients
+    ratio = solid * inverse * square * each
     miss = ratio - real(1.0)
-    weak = ratio * ratio / (solid * solid + z * z)
+    weak = ratio * ratio * model * each
     usual = miss * miss <= unit["anomaly_share"][j] + unit["anomaly_field"][j] * weak
     mean = missed + unit["miss_step"][j] * (miss - missed) if usual else missed
     kept = mean * mean <= unit["miss_share"][j] + unit["miss_field"][j] * weak

@@ -17,7 +17,7 @@ from skin.decode.functions import OCTAVES_MAX
 from skin.decode.limits import STEP_SIGMA, frequency_sigma_hz, limits_of, tidy_drop
 from skin.decode.passes import check
 from skin.decode.plan import Plan
-from skin.decode.uncertainty import uncertainty
+from skin.decode.uncertainty import neighbours_ut, uncertainty
 from skin.errors import CalibrationError
 from topology import THETA_KNOTS, Topology
 
@@ -95,7 +95,9 @@ def model_of(
         **_field(topology, rest_ut, felt_ut),
         **_tangential(topology, angle),
     }
-    found |= uncertainty(topology, found, angle, rest_ut is not None)
+    summed_ut = felt_ut if plan.sweeps else None
+    stray_ut = neighbours_ut(topology, summed_ut, rest_ut is not None)
+    found |= uncertainty(topology, found, angle, stray_ut)
     return DecodeModel(
         _blocks(found, k.coefficients(plan.dtype)),
         _blocks(limits_of(topology, vertical=angle or plan.consistency), k.LIMITS),

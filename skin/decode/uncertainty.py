@@ -11,9 +11,10 @@ from scipy.special import ndtri
 
 from skin.decode import records as k
 from skin.decode.limits import STEP_SIGMA
+from skin.physics.stray import HORIZON_M, field_at_rest
 from topology import Topology
 
-__all__ = ["uncertainty"]
+__all__ = ["neighbours_ut", "uncertainty"]
 
 ANOMALY_SIGMAS = 5.0
 """Sigmas of a unit's constants by which its field may miss its model [assumed]."""
@@ -31,10 +32,42 @@ STRAY_UT, STRAY_KNOWN_UT = 1000.0, 300.0
 are known [assumed; the field of touching units at rest is 1.07 mT]."""
 
 
+def neighbours_ut(topology: Topology, felt_ut: np.ndarray | None, rest_known: bool) -> np.ndarray:
+    """What neighbours may add to the field that nothing takes off, µT, shape (n,).
+
+    Beyond the distance to which resting films are summed, an array that goes on adds about as much
+    as the last octave of distance does [derived: the field of a sheet of dipoles].
+
+    Parameters
+    ----------
+    topology : Topology
+    felt_ut : ndarray, shape (3, n), or None
+        Field of resting neighbours, as it is summed.
+    rest_known : bool
+        Whether that is taken off, or in the offsets.
+    """
+    known = np.full(topology.n, STRAY_KNOWN_UT if rest_known else STRAY_UT)
+    if felt_ut is None:
+        return known
+    octave_ut = felt_ut - field_at_rest(topology, 0.5 * HORIZON_M)
+    return np.hypot(known, 2.0 * np.abs(octave_ut).max(axis=0))
+
+
 def uncertainty(
-    topology: Topology, c: dict[str, np.ndarray], angle: bool, rest_known: bool
+    topology: Topology, c: dict[str, np.ndarray], angle: bool, stray_ut: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Variances of what is tangential, and what the field may miss its model by."""
+    """Variances of what is tangential, and what the field may miss its model by.
+
+    Parameters
+    ----------
+    topology : Topology
+    c : dict of str to ndarray, shape (n,)
+        Coefficients of the kernel.
+    angle : bool
+        Whether R is told by the angle of the field.
+    stray_ut : ndarray, shape (n,)
+        As of `neighbours_ut`.
+    """
     p, scale = topology.parameters, topology.scale
     # What the temperatures leave of the drifts they compensate: the chip's own is read in steps.
     chip_c2 = np.where(
@@ -55,10 +88,9 @@ def uncertainty(
     growth2 = p["field_growth_per_mm"] ** 2
     rest2 = growth2 * (p["frequency_sigma_hz"] * c["depth_per_hz"]) ** 2
     depth2 = growth2 * c["depth_sigma"] ** 2 - rest2
-    stray2 = (STRAY_KNOWN_UT if rest_known else STRAY_UT) ** 2
     step = 1.0 - np.exp(-1.0 / MISS_READINGS)
     share2 = ANOMALY_SHARE**2 + sigmas2 * (amplitude + rest2)
-    constant2 = stray2 + sigmas2 * constant
+    constant2 = stray_ut**2 + sigmas2 * constant
     left = noise_sigmas2 * step / (2.0 - step)  # of the variance of noise, in the mean
     return {
         "shear_variance": p["shear_sigma_relative"] ** 2,

@@ -201,11 +201,11 @@ def blocked(kinds: np.ndarray, moved: np.ndarray) -> np.ndarray:
     return ~(near | (np.hypot(across, above) >= table.far_mm)).all(axis=1)
 
 
-def field_at_rest(topology: Topology) -> np.ndarray:
-    """What resting neighbours add at every chip, shape (3, n)."""
+def field_at_rest(topology: Topology, horizon_m: float = HORIZON_M) -> np.ndarray:
+    """What resting neighbours within a distance add at every chip, shape (3, n)."""
     still = np.zeros((2, topology.n)), np.zeros(topology.n)
     warm = topology.parameters["film_reference_c"]
-    both, own = (HalbachField(topology, reach_m=reach_m) for reach_m in (HORIZON_M, 0.0))
+    both, own = (HalbachField(topology, reach_m=reach_m) for reach_m in (horizon_m, 0.0))
     return both(*still, warm) - own(*still, warm)
 
 

@@ -107,6 +107,55 @@ def test_processes_that_compile_variants_at_once_keep_both(tmp_path, monkeypatch
     ]
 
 
+VARIANTS = """
+import sys
+import numpy as np
+from bus.compiled.bound import Bound
+from bus.compiled.jit import compiled, jitable
+
+def made(factor):
+    @jitable
+    def law(x):
+        total = x
+        for i in range(50):
+            for j in range(50):
+                total = total + np.sin(total + i) * np.cos(total - j)
+        return 0.0 * total + factor * x
+    def kernel_python(out):
+        out[0] = law(1.0) + 0.0 * law(2.0) + 0.0 * law(3.0)
+    return compiled(kernel_python)
+
+kernels = {factor: made(float(factor)) for factor in sys.argv[1:]}
+for kernel in kernels.values():
+    kernel(np.zeros(1))
+for factor, kernel in kernels.items():
+    once, again = np.zeros(1), np.zeros(1)
+    Bound(kernel, once)()
+    kernel(again)
+    print(once[0] == again[0] == float(factor))
+"""
+
+
+def test_variants_that_several_processes_have_compiled_first_are_not_mixed_up(
+    tmp_path, monkeypatch
+):
+    """Numba counts what it compiles anew in each process, and finds code by a name with that count:
+    the first of the variants that are loaded would run in place of all."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    tmp_path.joinpath("variants.py").write_text(VARIANTS)
+
+    def run(*factors):
+        command = [sys.executable, "-B", "variants.py", *factors]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+        return done.stdout.split()
+
+    for factor in ("3.0", "5.0", "7.0"):
+        assert run(factor) == ["True"]
+    for factors in (("3.0", "5.0", "7.0"), ("7.0", "3.0"), ("9.0", "5.0", "3.0")):
+        assert run(*factors) == ["True"] * len(factors)
+
+
 def test_files_that_nobody_reads_go(tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
