@@ -35,7 +35,6 @@ kernel_pipeline: Any = None
 def _build() -> Any:
     from numba import _dynfunc  # pyright: ignore[reportAttributeAccessIssue]
     from numba.core.codegen import JITCodeLibrary
-    from numba.core.compiler import CompilerBase, DefaultPassBuilder
     from numba.core.compiler_machinery import register_pass
     from numba.core.environment import lookup_environment
     from numba.core.typed_passes import NativeLowering
@@ -96,25 +95,30 @@ def _build() -> Any:
                     state.library.codegen.set_env(variable.name, environment)
             return True
 
-    def compiler(lowering: Any) -> Any:
-        class Compiler(CompilerBase):
-            """Numba's passes, another lowering instead of its own, and names that stay."""
+    return _compiler(NestedLowering), _compiler(KernelLowering)
 
-            def define_pipelines(self):
-                identity = self.state.func_id
-                identity.unique_id = uid = int(stamp(identity.func)[:15], 16)
-                identity.unique_name = f"{identity.func_qualname}${uid}"
-                passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
-                passes.passes = [
-                    (lowering, told) if one is NativeLowering else (one, told)
-                    for one, told in passes.passes
-                ]
-                passes.finalize()
-                return [passes]
 
-        return Compiler
+def _compiler(lowering: Any) -> Any:
+    """Numba's compiler with another lowering."""
+    from numba.core.compiler import CompilerBase, DefaultPassBuilder
+    from numba.core.typed_passes import NativeLowering
 
-    return compiler(NestedLowering), compiler(KernelLowering)
+    class Compiler(CompilerBase):
+        """Numba's passes, another lowering instead of its own, and names that stay."""
+
+        def define_pipelines(self):
+            identity = self.state.func_id
+            identity.unique_id = uid = int(stamp(identity.func)[:15], 16)
+            identity.unique_name = f"{identity.func_qualname}${uid}"
+            passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
+            passes.passes = [
+                (lowering, told) if one is NativeLowering else (one, told)
+                for one, told in passes.passes
+            ]
+            passes.finalize()
+            return [passes]
+
+    return Compiler
 
 
 with contextlib.suppress(ImportError, AttributeError):  # a numba of another version

@@ -80,8 +80,8 @@ NUMBERS = 3 * "0.0 3.0 6.0 9.0 12.0 "
         (["llvmlite.ir"], False, True, True),
         (["numba.extending.lower_builtin"], True, True, True),
         (["numba.extending.type_callable"], True, True, True),
-        (["numba.core.typed_passes.NativeLowering"], True, True, False),
-        (["numba._dynfunc"], True, True, False),
+        (["numba.core.typed_passes.NativeLowering"], False, True, False),
+        (["numba._dynfunc"], False, True, False),
     ],
     ids=lambda value: ",".join(value) or "nothing" if isinstance(value, list) else None,
 )
