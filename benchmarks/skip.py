@@ -90,7 +90,8 @@ def counts_of(skin: Topology, share: float) -> np.ndarray:
 def _share(skin: Topology, share: float, target_s: float) -> dict:
     counts = counts_of(skin, share)
     plain, full = Decoder(skin, sweeps=1), Decoder(skin, sweeps=1)
-    full.crosstalk = CrossTalk(skin, idle_mm=0.0)
+    assert full.loop is not None
+    full.loop.crosstalk = CrossTalk(skin, idle_mm=0.0)
     skip, bare = Decoder(skin, sweeps=1, skip=True), Decoder(skin, skip=True)
     held = {"temperature_every": skip.plan.temperature_every}
     same = (Decoder(skin, sweeps=1, **held), skip), (Decoder(skin, **held), bare)

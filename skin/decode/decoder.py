@@ -66,6 +66,8 @@ class Decoder:
         What follows from these.
     crosstalk : CrossTalk or None
     ambient : Ambient or None
+    loop : Loop or None
+        What takes these off; None where neither is there.
 
     Raises
     ------
@@ -156,9 +158,9 @@ class Decoder:
         self._background = zeros((1, 5, n), real)
         self._taken = self._background[0]
         self._out = Results(self._names, 1, n, real)
-        self._loop = None
+        self.loop = None
         if self.crosstalk is not None or self.ambient is not None:
-            self._loop = Loop(
+            self.loop = Loop(
                 self.crosstalk, self.ambient, self.plan.sweeps,
                 self._out.reading(0, {*self._names} - {"film_above"}),
                 self._out.values[0, -1] if "film_above" in self._names else None, self._taken,
@@ -208,8 +210,8 @@ class Decoder:
         seconds : float
             Second.
         """
-        if self._loop is not None:
-            self._loop.elapsed_s = seconds
+        if self.loop is not None:
+            self.loop.elapsed_s = seconds
         self._aging(seconds * self.topology.cycle_rate_hz)
 
     def warmup(self, *, background: bool = False) -> None:
@@ -220,9 +222,9 @@ class Decoder:
         background : bool
             Whether for calls with a background of the caller's.
         """
-        self._own.at(not background and self._loop is None)
-        if self._loop is not None:
-            self._loop.warmup()
+        self._own.at(not background and self.loop is None)
+        if self.loop is not None:
+            self.loop.warmup()
 
     def bind(self, counts: np.ndarray, status: np.ndarray) -> Callable[[], Reading]:
         """A call for each cycle, on arrays that the caller writes anew in place.
@@ -249,9 +251,9 @@ class Decoder:
         if plain(counts) is not counts or plain(status) is not status:
             raise CountsError(f"{self.topology.name}: must be contiguous and writeable to be bound")
         passes = self._passes(counts[np.newaxis], status[np.newaxis])
-        if self._loop is not None:
+        if self.loop is not None:
             decode = functools.partial(self._decode_cycle, passes, False)
-            return functools.partial(self._loop, decode, False, True)
+            return functools.partial(self.loop, decode, False, True)
         return functools.partial(self._decode_cycle, passes, True, True)
 
     def __call__(
@@ -307,10 +309,10 @@ class Decoder:
         """Decode one cycle."""
         self._accept(raw, status, background)
         told = background is not None
-        if self._loop is not None:
+        if self.loop is not None:
             if told:
-                self._loop.tell(background)
-            return self._loop(self._decode_own, told, advance)
+                self.loop.tell(background)
+            return self.loop(self._decode_own, told, advance)
         if told:
             self._taken[: len(background)] = background
         return self._decode_cycle(self._own, not told, advance)
@@ -379,7 +381,7 @@ class Decoder:
         known = (*cycles, self.topology.n)
         status = np.zeros(known, np.uint16) if status is None else status
         out = Results(self._names, raw.shape[0], self.topology.n, self.dtype)
-        if self._loop is not None:
+        if self.loop is not None:
             for t in range(raw.shape[0]):
                 self._one(raw[t], status[t], None if background is None else background[t], advance)
                 for whole, array in zip(out.arrays, self._out.arrays, strict=True):

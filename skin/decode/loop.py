@@ -34,6 +34,8 @@ class Loop:
 
     Attributes
     ----------
+    crosstalk, ambient
+        As given.
     elapsed_s : float or None
         From the last cycle to the next one; None: a period.
     """
@@ -42,7 +44,7 @@ class Loop:
         self, crosstalk: CrossTalk | None, ambient: Ambient | None, sweeps: int, whole: Reading,
         film_above: np.ndarray | None, taken: np.ndarray,
     ) -> None:  # fmt: skip
-        self._crosstalk, self._ambient, self._sweeps = crosstalk, ambient, sweeps
+        self.crosstalk, self.ambient, self._sweeps = crosstalk, ambient, sweeps
         self._whole, self._film_above, self._taken = whole, film_above, taken
         self._base = np.zeros_like(taken)
         self._known = np.zeros_like(taken) if ambient is None else ambient.taken
@@ -57,26 +59,26 @@ class Loop:
 
     def warmup(self) -> None:
         """Compile what a cycle needs, or load it."""
-        if self._crosstalk is not None:
-            self._crosstalk.warmup()
-            self._bind_prediction(self._crosstalk, False)
-        if self._ambient is not None:
-            self._ambient.warmup(self._whole)
+        if self.crosstalk is not None:
+            self.crosstalk.warmup()
+            self._bind_prediction(self.crosstalk, False)
+        if self.ambient is not None:
+            self.ambient.warmup(self._whole)
 
     def __call__(self, decode: Callable[[bool], Reading], told: bool, advance: bool) -> Reading:
         """Decode a cycle by ``decode(advance)``, on top of what was `told` or not."""
-        if self._crosstalk is None:
+        if self.crosstalk is None:
             self._taken[:] = self._base if told else self._known
             reading = decode(advance)
         else:
-            predict = self._predict.get(told) or self._bind_prediction(self._crosstalk, told)
+            predict = self._predict.get(told) or self._bind_prediction(self.crosstalk, told)
             predict()
             reading = decode(advance)
             for _ in range(1, self._sweeps):
                 predict()
                 decode(False)
-        if self._ambient is not None and advance:
-            self._follow = follow = self._follow or self._ambient.bound(self._whole)
+        if self.ambient is not None and advance:
+            self._follow = follow = self._follow or self.ambient.bound(self._whole)
             follow(self.elapsed_s)
             self.elapsed_s = None
         return reading

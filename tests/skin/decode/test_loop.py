@@ -104,4 +104,4 @@ def test_the_ambient_loop_sees_the_temperature_wanted_or_not():
     counts = np.zeros((6, 64), np.int16)
     decoder.warmup()
     assert decoder(counts).temperature is None
-    assert decoder._loop._whole.temperature is not None
+    assert decoder.loop._whole.temperature is not None
