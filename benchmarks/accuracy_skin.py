@@ -132,6 +132,19 @@ def square(side: int, pitch_m: float, rate_hz: float = 100.0) -> Topology:
         return topology.load(file, allow_overload=True).exact()
 
 
+def differing(nominal: Topology, seed: int) -> Topology:
+    """The same skin of units whose constants differ by `SPREAD`."""
+    n, rng = nominal.n, np.random.default_rng(seed)
+    changed = {
+        name: nominal.parameters[name] * (1.0 + spread * rng.uniform(-1.0, 1.0, n))
+        for name, spread in SPREAD.items()
+    }
+    for axis in "xyz":
+        changed[f"hall_offset_{axis}_ut"] = OFFSET_UT * rng.uniform(-1.0, 1.0, n)
+        changed[f"hall_drift_{axis}_ut_per_k"] = DRIFT_UT_PER_K * rng.uniform(-1.0, 1.0, n)
+    return with_parameters(nominal, **changed)
+
+
 @cache
 def made(side: int, *, fabricated: bool, seed: int = 0) -> Made:
     """A square of units that was on the bench, each unit alone.
@@ -143,16 +156,7 @@ def made(side: int, *, fabricated: bool, seed: int = 0) -> Made:
         Films with the errors of their fabrication; else as drawn.
     """
     nominal = square(side, 0.012)
-    n = nominal.n
-    rng = np.random.default_rng(seed)
-    changed = {
-        name: nominal.parameters[name] * (1.0 + spread * rng.uniform(-1.0, 1.0, n))
-        for name, spread in SPREAD.items()
-    }
-    for axis in "xyz":
-        changed[f"hall_offset_{axis}_ut"] = OFFSET_UT * rng.uniform(-1.0, 1.0, n)
-        changed[f"hall_drift_{axis}_ut_per_k"] = DRIFT_UT_PER_K * rng.uniform(-1.0, 1.0, n)
-    true = with_parameters(nominal, **changed)
+    n, true = nominal.n, differing(nominal, seed)
     films = Fabrication.draw(n, FILM_SEED) if fabricated else Fabrication.perfect(n)
     bench = Bench(true, fabrication=films, seed=seed, quantised=True)
     no_films = with_parameters(true, field_amplitude_ut=np.full(n, 1e-6))

@@ -10,7 +10,7 @@ import pytest
 
 import skin
 import topology
-from benchmarks.accuracy_skin import DRIFT_UT_PER_K, OFFSET_UT, SPREAD
+from benchmarks.accuracy_skin import differing
 from bus.status import INVALID, Status
 from skin.decode.decoder import Decoder
 from skin.physics.elastic import Elastic
@@ -28,15 +28,7 @@ ROOM_C, TIMES = 25.0, 100
 @pytest.fixture(scope="module")
 def others():
     """Counts and forces of units that are none like the model, each alone, over their range."""
-    rng, n = np.random.default_rng(8), PALM.n
-    changed = {
-        name: PALM.parameters[name] * (1.0 + spread * rng.uniform(-1.0, 1.0, n))
-        for name, spread in SPREAD.items()
-    }
-    for axis in "xyz":
-        changed[f"hall_offset_{axis}_ut"] = OFFSET_UT * rng.uniform(-1.0, 1.0, n)
-        changed[f"hall_drift_{axis}_ut_per_k"] = DRIFT_UT_PER_K * rng.uniform(-1.0, 1.0, n)
-    true = with_parameters(PALM, **changed)
+    rng, n, true = np.random.default_rng(8), PALM.n, differing(PALM, seed=8)
     depth = rng.uniform(0.2, 2.0, (TIMES, n))
     reach, angle = rng.uniform(0.1, 2.3, (TIMES, n)), rng.uniform(-np.pi, np.pi, (TIMES, n))
     displacement = reach[:, np.newaxis] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
