@@ -1,4 +1,4 @@
-"""What the decoder is measured against: numpy, the paper written out, bare arithmetic, 40 digits.
+"""What the decoder is measured against: numpy, the paper written out, 40 digits.
 
 The peers take the same counts and give the same quantities of one cycle. They do less: no status
 flags, no lag of the film behind the gel. `exact` shares no code with the decoder.
@@ -14,7 +14,6 @@ from numba import njit
 
 import topology
 from bus.compiled.aligned import zeros
-from bus.compiled.intrinsics import assume_noalias
 from topology import Topology
 
 ROWS = ("temperature", "fx", "fy", "fz", "tangential", "theta", "x", "y", "h")
@@ -203,120 +202,6 @@ class Paper:
 
     def __call__(self, counts: np.ndarray) -> np.ndarray:
         _paper(counts, *self._fixed, self._out)
-        return self._out
-
-
-LANES = 16
-"""Units in a block of `Bare`, which takes whole blocks: a vector of float32."""
-EXPONENTIAL = 8
-"""Degree of its series for the growth of the field."""
-(
-    GEL_SCALE, GEL_OFFSET, WARM_4, WARM_3, WARM_2, WARM_1, WARM_0,
-    DEPTH_SCALE, DEPTH_OFFSET, SOFT, BREAK, STIFFER,
-    X_BX, X_BY, X_OFFSET, Y_BX, Y_BY, Y_OFFSET, CHIP_GAIN, CHIP_OFFSET, FILM_GAIN, FILM_OFFSET,
-    GROWTH, GROWTH_OFFSET, CREST, REACH, SHEAR_SOFT, SHEAR_BREAK, SHEAR_STIFFER,
-    BARE_ROWS,
-) = range(30)  # fmt: skip
-
-
-@njit(error_model="numpy", fastmath={"contract"}, nogil=True)
-def _bare(counts, c, series, out):
-    assume_noalias()
-    real = c.dtype.type
-    zero, half, one = real(0.0), real(0.5), real(1.0)
-    for block in range(counts.shape[1] // LANES):
-        at = block * BARE_ROWS * LANES
-        for lane in range(LANES):
-            i, k = block * LANES + lane, at + lane
-            current = c[k + GEL_SCALE * LANES] * real(counts[0, i]) + c[k + GEL_OFFSET * LANES]
-            u = np.sqrt(np.sqrt(current))
-            t = (c[k + WARM_4 * LANES] * u + c[k + WARM_3 * LANES]) * u + c[k + WARM_2 * LANES]
-            t = (t * u + c[k + WARM_1 * LANES]) * u + c[k + WARM_0 * LANES]
-            depth = c[k + DEPTH_SCALE * LANES] * real(counts[1, i]) + c[k + DEPTH_OFFSET * LANES]
-            over = max(depth - c[k + BREAK * LANES], zero)
-            out[3, i] = c[k + SOFT * LANES] * depth + c[k + STIFFER * LANES] * over
-            bx, by = real(counts[2, i]), real(counts[3, i])
-            x = c[k + X_BX * LANES] * bx + c[k + X_BY * LANES] * by + c[k + X_OFFSET * LANES]
-            y = c[k + Y_BX * LANES] * bx + c[k + Y_BY * LANES] * by + c[k + Y_OFFSET * LANES]
-            gain = c[k + CHIP_GAIN * LANES] * real(counts[5, i]) + c[k + CHIP_OFFSET * LANES]
-            gain *= c[k + FILM_GAIN * LANES] * t + c[k + FILM_OFFSET * LANES]
-            grown = c[k + GROWTH * LANES] * depth + c[k + GROWTH_OFFSET * LANES]
-            crest = series[0]
-            for power in range(1, EXPONENTIAL + 1):
-                crest = crest * grown + series[power]
-            crest *= c[k + CREST * LANES] * gain
-            strength = max(np.sqrt(x * x + y * y), real(1e-6))
-            each = one / (strength * crest)
-            ratio = min(strength * strength * each, one)
-            large = ratio > half
-            rest = (one - ratio) * half
-            z = rest if large else ratio * ratio
-            s = np.sqrt(rest) if large else ratio
-            p = real(0.0421663783)
-            p = p * z + real(0.0241794679)
-            p = p * z + real(0.0454703867)
-            p = p * z + real(0.0749529749)
-            p = p * z + real(0.166667521)
-            arc = s + s * (z * p)
-            arc = real(0.5 * np.pi) - (arc + arc) if large else arc
-            reach = c[k + REACH * LANES] * arc
-            over = max(reach - c[k + SHEAR_BREAK * LANES], zero)
-            force = c[k + SHEAR_SOFT * LANES] * reach + c[k + SHEAR_STIFFER * LANES] * over
-            force *= each * crest
-            out[0, i] = t
-            out[1, i] = force * x
-            out[2, i] = force * y
-
-
-class Bare:
-    """Temperature and force of units with a calibration each, float32: the arithmetic alone.
-
-    The polynomials and blocks of a fast kernel, and nothing else: no flags, limits, lags, ranges of
-    validity or guard against wild counts. What a decoder takes beyond this is the price of trust;
-    this itself says how fast the processor is.
-    """
-
-    def __init__(self, skin: Topology) -> None:
-        p, scale, offset = skin.parameters, skin.scale, skin.offset
-        c = np.zeros((BARE_ROWS, skin.n))
-        c[GEL_SCALE] = scale[0] / p["gel_current_20c_ua"]
-        c[GEL_OFFSET] = offset[0] / p["gel_current_20c_ua"]
-        temperature = np.linspace(10.0, 90.0, 200)
-        for i, ratio in enumerate(p["gel_current_ratio"]):
-            root = ratio ** ((temperature - 20.0) / 240.0)
-            c[WARM_4 : WARM_0 + 1, i] = np.polyfit(root, temperature, 4)
-        per_hz = 1.0 / p["frequency_slope_hz_per_mm"]
-        c[DEPTH_SCALE] = -scale[1] * per_hz
-        c[DEPTH_OFFSET] = (p["frequency_rest_hz"] - offset[1]) * per_hz
-        c[SOFT] = p["normal_soft_n_per_hz"] / per_hz
-        c[BREAK] = p["normal_break_hz"] * per_hz
-        c[STIFFER] = (p["normal_stiff_n_per_hz"] - p["normal_soft_n_per_hz"]) / per_hz
-        still = [offset[2 + a] - p[f"hall_offset_{axis}_ut"] for a, axis in enumerate("xy")]
-        for row, axis in ((X_BX, "x"), (Y_BX, "y")):
-            share = p[f"field_{axis}x"], p[f"field_{axis}y"]
-            c[row], c[row + 1] = share[0] * scale[2], share[1] * scale[3]
-            c[row + 2] = share[0] * still[0] + share[1] * still[1]
-        c[CHIP_GAIN] = p["hall_gain_per_k"] * scale[5]
-        c[CHIP_OFFSET] = 1.0 + p["hall_gain_per_k"] * (offset[5] - p["hall_reference_c"])
-        c[FILM_GAIN] = p["film_drift_per_k"]
-        c[FILM_OFFSET] = 1.0 - p["film_drift_per_k"] * p["film_reference_c"]
-        c[GROWTH], c[GROWTH_OFFSET] = p["field_growth_per_mm"], -p["field_growth_per_mm"]
-        c[CREST] = p["field_amplitude_ut"] * np.exp(
-            p["field_growth_per_mm"] * (1.0 - p["field_reference_mm"])
-        )
-        c[REACH] = 1.0 / p["field_wavenumber_rad_per_mm"]
-        c[SHEAR_SOFT] = p["shear_soft_n_per_mm"]
-        c[SHEAR_BREAK] = p["shear_break_mm"]
-        c[SHEAR_STIFFER] = p["shear_stiff_n_per_mm"]
-        blocks = c.reshape(BARE_ROWS, -1, LANES).transpose(1, 0, 2)
-        self._coefficients = zeros(blocks.shape, np.float32)
-        self._coefficients[:] = blocks
-        factorial = np.cumprod([1.0, *range(1, EXPONENTIAL + 1)])
-        self._series = (1.0 / factorial[::-1]).astype(np.float32)
-        self._out = zeros((4, skin.n), np.float32)
-
-    def __call__(self, counts: np.ndarray) -> np.ndarray:
-        _bare(counts, self._coefficients.reshape(-1), self._series, self._out)
         return self._out
 
 

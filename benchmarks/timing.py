@@ -4,18 +4,33 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
 import numpy as np
+from scipy.stats import binom
 
-__all__ = ["times"]
+__all__ = ["Timed", "ratio", "times"]
 
 ROUNDS = 15
 
 
-def times(
-    runs: Mapping[str, Callable[[], object]], target_s: float
-) -> dict[str, tuple[float, float]]:
-    """Median and least seconds of a call of each.
+class Timed(NamedTuple):
+    """Seconds of a call.
+
+    Attributes
+    ----------
+    median, fastest : float
+    rounds : ndarray, shape (k,)
+        Of each round, in turn with the rounds of the others.
+    """
+
+    median: float
+    fastest: float
+    rounds: np.ndarray
+
+
+def times(runs: Mapping[str, Callable[[], object]], target_s: float) -> dict[str, Timed]:
+    """Seconds of a call of each.
 
     Parameters
     ----------
@@ -37,4 +52,18 @@ def times(
             for _ in range(repeats[name]):
                 call()
             samples[name].append((time.perf_counter() - started) / repeats[name])
-    return {name: (float(np.median(values)), min(values)) for name, values in samples.items()}
+    return {
+        name: Timed(float(np.median(values)), min(values), np.array(values))
+        for name, values in samples.items()
+    }
+
+
+def ratio(one: Timed, other: Timed) -> tuple[float, float, float]:
+    """Median of one over the other, round by round, and the ends of its 95 % interval.
+
+    The interval is that of the order statistics, which assumes nothing of how times spread; with
+    fewer than six rounds it is the range.
+    """
+    each = np.sort(one.rounds / other.rounds)
+    cut = int(max(binom.ppf(0.025, each.size, 0.5) - 1, 0))
+    return float(np.median(each)), float(each[cut]), float(each[-1 - cut])

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 
 import numpy as np
 import pytest
 
-from benchmarks import decode, timing
+from benchmarks import decode, peers_bare, timing
+from benchmarks.peers_bare import Bare
 from benchmarks.peers_decode import ROWS, array_of, counts_of, exact, numpy_decode
+from skin.decode import sharing
+from skin.decode.decoder import Decoder
 from skin.state import UNIT_WANTS
+
+needs_compiler = pytest.mark.skipif(
+    peers_bare.compiler() is None, reason="needs a C compiler: apt-get install gcc"
+)
 
 
 @pytest.mark.usefixtures("interpreted")
@@ -17,11 +25,13 @@ def test_benchmark_gives_errors_beside_times(monkeypatch):
     monkeypatch.setattr(decode, "SIZES", (48,))
     monkeypatch.setattr(decode, "CALIBRATED", 96)
     monkeypatch.setattr(decode, "LATTICE", 4)
+    monkeypatch.setattr(decode, "CYCLES", 64)
     for quantities in ("NINE", "LIVE"):  # all of them: kernels that other tests have as well
         monkeypatch.setattr(decode, quantities, set(UNIT_WANTS))
     monkeypatch.setattr(timing, "ROUNDS", 2)
     figures = json.loads(json.dumps(decode.run(quick=True)))
-    for name in ("copy_floor_ratio", "ns_per_unit_calibrated", "ns_per_unit_full", "numpy_ratio",
+    for name in ("copy_floor_ratio", "copy_floor_ratio_default", "copy_floor_ratio_recording",
+                 "bare_ratio", "bare_ratio_default", "ns_per_unit_calibrated", "ns_per_unit_full", "numpy_ratio",
                  "literal_ratio"):  # fmt: skip
         assert figures[name] > 0.0, name
     found = figures["sizes"]["48"]
@@ -32,6 +42,64 @@ def test_benchmark_gives_errors_beside_times(monkeypatch):
     assert all(row["error_n"] <= 2e-5 for row in figures["calibrated"].values())
     text = decode.table(figures)
     assert all(name in text for name in (*found["decoders"], *figures["calibrated"]))
+
+
+@needs_compiler
+def test_bare_arithmetic_gives_what_the_decoder_gives():
+    """Units of the benchmark, whose every parameter that the C reads differs here."""
+    skin = array_of(96, alike=False)
+    rng = np.random.default_rng(5)
+    turned = {
+        "field_xx": 1.05, "field_xy": 0.03, "field_yx": -0.02, "field_yy": 0.97,
+        "hall_offset_x_ut": 150.0, "hall_offset_y_ut": -90.0, "hall_gain_per_k": 1e-3,
+        "film_drift_per_k": -1.1e-3, "field_growth_per_mm": 0.41,
+    }  # fmt: skip
+    turned["gel_current_20c_ua"] = skin.parameters["gel_current_20c_ua"]
+    varied = {name: value * rng.uniform(0.98, 1.02, skin.n) for name, value in turned.items()}
+    skin = dataclasses.replace(skin, parameters=skin.parameters | varied)
+    counts = counts_of(skin, most=0.8)
+    reading = Decoder(skin, {"temperature", "force"}, "sine", "float64", consistency=False)(counts)
+    got = Bare(skin)(counts)
+    np.testing.assert_allclose(got[0], reading.temperature, atol=1e-4)
+    np.testing.assert_allclose(got[1:], reading.force, atol=2e-5)
+
+
+@needs_compiler
+def test_bare_arithmetic_takes_whole_blocks_alone():
+    with pytest.raises(SystemExit, match="multiple of 16 units; got 50"):
+        Bare(array_of(50, alike=False))
+
+
+def test_without_a_compiler_nothing_is_said_of_the_processor(monkeypatch):
+    monkeypatch.setattr(peers_bare.shutil, "which", lambda command: None)
+    peers_bare._kernel.cache_clear()
+    assert peers_bare.compiler() is None
+    with pytest.raises(SystemExit, match="bare: must have a C compiler"):
+        Bare(array_of(16, alike=False))
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_a_copy_moves_all_of_its_bytes_in_as_many_threads(monkeypatch, threads):
+    moved, asked = [], []
+    monkeypatch.setattr(decode.np, "copyto", lambda to, of: moved.append((to.size, of.size)))
+    together = sharing.together
+    monkeypatch.setattr(
+        decode.sharing, "together", lambda calls: (asked.append(len(calls)), together(calls))
+    )
+    decode._copy(10_000, threads)()
+    assert sum(map(sum, moved)) == 10_000
+    assert len(moved) == threads
+    assert asked == ([threads] if threads > 1 else [])
+
+
+def test_a_ratio_is_of_rounds_that_took_turns():
+    """A slow spell that hits both of a round is in neither."""
+    spell = np.linspace(1.0, 9.0, 15)
+    one, other = (timing.Timed(0.0, 0.0, factor * spell) for factor in (3.0, 2.0))
+    assert timing.ratio(one, other) == pytest.approx((1.5, 1.5, 1.5))
+    value, low, high = timing.ratio(timing.Timed(0.0, 0.0, np.arange(1.0, 16.0)),
+                                    timing.Timed(0.0, 0.0, np.ones(15)))  # fmt: skip
+    assert (value, low, high) == (8.0, 4.0, 12.0)
 
 
 def test_repeated_array_keeps_every_unit_on_its_wire():
