@@ -77,6 +77,8 @@ class Ambient:
         Whether the decoder takes off the cross-talk: then units near a loaded one vote as well.
     guard_m : float
         What is near: as far as a film is felt.
+    every : int
+        Cycles from one `update` to the next.
 
     Attributes
     ----------
@@ -108,6 +110,7 @@ class Ambient:
         *,
         crosstalk: bool = False,
         guard_m: float = 0.03,
+        every: int = 1,
     ) -> None:
         if not 0.0 <= guard_m < np.inf:
             raise OptionError(f"guard_m: must be 0 or above, and finite; got {guard_m}")
@@ -115,7 +118,7 @@ class Ambient:
         self.bodies = tuple(dict.fromkeys(frames_of(topology)))
         self.taken = np.empty((5, topology.n), dtype)
         self.background, self.residue_ut2 = self.taken[:4], self.taken[4]
-        self._period_s = 1.0 / topology.cycle_rate_hz
+        self._period_s = every / topology.cycle_rate_hz
         self._model = model_of(topology, self.bodies, guard_m, near_votes=crosstalk)
         self._data = data_of(topology.n, len(self.bodies), dtype)._replace(
             background=self.background, residue_ut2=self.residue_ut2
@@ -246,7 +249,8 @@ class Ambient:
         reading : Reading
             With `field_ut` and `displacement_mm`, and `temperature` where that is decoded.
         dt_s : float, optional
-            Since the last cycle; a period if not given. A gap counts as calm for two periods only.
+            Since the last update; as long as there is from one to the next if not given. A gap
+            counts as calm for twice as long only.
         """
         data = self._data
         for name in ("field_ut", "displacement_mm", "temperature", "status"):

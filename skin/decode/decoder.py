@@ -12,7 +12,7 @@ import numpy as np
 from bus.compiled.aligned import zeros
 from skin.decode import records, sharing
 from skin.decode.aging import Aging
-from skin.decode.loop import Loop
+from skin.decode.loop import Looks, Loop
 from skin.decode.passes import Passes, check_call, plain
 from skin.decode.plan import DecodeOptions, Plan
 from skin.decode.results import Results, results_of
@@ -124,7 +124,9 @@ class Decoder:
         if ambient:
             from skin.decode.ambient import Ambient
 
-            self.ambient = Ambient(topology, plan.dtype, crosstalk=sweeps > 0)
+            self.ambient = Ambient(
+                topology, plan.dtype, crosstalk=sweeps > 0, every=plan.looks_every
+            )
         self._alone = threading.Lock()
         self._make_kernel(rest_ut, felt_ut)
         self._make_buffers(workers or sharing.processors())
@@ -164,6 +166,10 @@ class Decoder:
                 self.crosstalk, self.ambient, self.plan.sweeps,
                 self._out.reading(0, {*self._names} - {"film_above"}),
                 self._out.values[0, -1] if "film_above" in self._names else None, self._taken,
+                Looks(
+                    self._control["phase"][self._live], self.plan.looks_every,
+                    1.0 / self.topology.cycle_rate_hz,
+                ),
             )  # fmt: skip
         self._reading = self._out.reading(0, self.plan.quantities)
         self._shape = (len(CHANNELS), n)
@@ -201,6 +207,8 @@ class Decoder:
             array[:] = 0
         if self.ambient is not None:
             self.ambient.reset()
+        if self.loop is not None:
+            self.loop.looks.reset()
 
     def elapse(self, seconds: float) -> None:
         """Say how long after the last cycle the next one is, if that is not a period.
@@ -211,7 +219,7 @@ class Decoder:
             Second.
         """
         if self.loop is not None:
-            self.loop.elapsed_s = seconds
+            self.loop.looks.elapse(seconds)
         self._aging(seconds * self.topology.cycle_rate_hz)
 
     def warmup(self, *, background: bool = False) -> None:

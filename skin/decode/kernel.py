@@ -19,6 +19,7 @@ from bus.compiled.jit import compiled, jitable
 from skin.decode.flags import changes, flags_stage, rest, wake
 from skin.decode.normal import normal_stage
 from skin.decode.parts import Parts
+from skin.decode.plan import LOOK_CYCLES
 from skin.decode.records import (
     FLAGS,
     INVALID,
@@ -38,9 +39,6 @@ from skin.decode.temperature import (
 )
 
 __all__ = ["DecodeData", "decode", "decode_python"]
-
-LOOK_CYCLES = 4
-"""Cycles, at least, from one look at units without load to the next."""
 
 TANGENTIAL_BITS = sum(1 << row for row in TANGENTIAL_ROWS)
 HELD_BITS = sum(
@@ -193,7 +191,7 @@ def decode_python(parts: Parts) -> Callable:
                     if reuse and not due and changed == 0:
                         continue
                 doubt, touched = judge(counts, status, limits, span, flag, data.loaded)
-                look, rests, rested = resting(seen, touched, phase + cycle + block, every, reuse)
+                look, rests, rested = resting(seen, touched, phase + cycle, every, reuse)
                 if warm:
                     fresh = True
                     if with_hold:

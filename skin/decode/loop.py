@@ -13,7 +13,42 @@ if TYPE_CHECKING:
     from skin.decode.ambient import Ambient
     from skin.decode.crosstalk import CrossTalk
 
-__all__ = ["Loop"]
+__all__ = ["Looks", "Loop"]
+
+
+class Looks:
+    """When the ambient field is estimated, and how long after the last time.
+
+    Parameters
+    ----------
+    phase : ndarray
+        `phase` of `skin.decode.records.CONTROL`: the number of the next cycle.
+    every : int
+        The field is estimated in cycles whose number is a multiple of this.
+    period_s : float
+    """
+
+    def __init__(self, phase: np.ndarray, every: int, period_s: float) -> None:
+        self._phase, self._every, self._period_s = phase, every, period_s
+        self.reset()
+
+    def reset(self) -> None:
+        """The next cycle is the first."""
+        self._since_s = 0.0
+        self._next_s: float | None = None
+
+    def elapse(self, seconds: float) -> None:
+        """Say how long after the last cycle the next one is, if that is not a period."""
+        self._next_s = seconds
+
+    def next(self) -> float | None:
+        """Count the next cycle: seconds since the last estimate, None where there is none now."""
+        self._since_s += self._period_s if self._next_s is None else self._next_s
+        self._next_s = None
+        if self._every > 1 and int(self._phase[0]) % self._every:
+            return None
+        since_s, self._since_s = self._since_s, 0.0
+        return since_s
 
 
 class Loop:
@@ -31,26 +66,26 @@ class Loop:
         Film temperatures above reference, likewise.
     taken : ndarray, shape (5, n)
         Written: the background that the decoder subtracts.
+    looks : Looks
+        When `ambient` is told.
 
     Attributes
     ----------
-    crosstalk, ambient
+    crosstalk, ambient, looks
         As given.
-    elapsed_s : float or None
-        From the last cycle to the next one; None: a period.
     """
 
     def __init__(
         self, crosstalk: CrossTalk | None, ambient: Ambient | None, sweeps: int, whole: Reading,
-        film_above: np.ndarray | None, taken: np.ndarray,
+        film_above: np.ndarray | None, taken: np.ndarray, looks: Looks,
     ) -> None:  # fmt: skip
-        self.crosstalk, self.ambient, self._sweeps = crosstalk, ambient, sweeps
+        self.crosstalk, self.ambient, self.looks = crosstalk, ambient, looks
+        self._sweeps = sweeps
         self._whole, self._film_above, self._taken = whole, film_above, taken
         self._base = np.zeros_like(taken)
         self._known = np.zeros_like(taken) if ambient is None else ambient.taken
         self._predict: dict[bool, Callable[[], object]] = {}
         self._follow: Callable[[float | None], None] | None = None
-        self.elapsed_s: float | None = None
 
     def tell(self, background: np.ndarray) -> None:
         """Take a background of the caller's, of 4 or 5 rows, for the next call."""
@@ -67,6 +102,7 @@ class Loop:
 
     def __call__(self, decode: Callable[[bool], Reading], told: bool, advance: bool) -> Reading:
         """Decode a cycle by ``decode(advance)``, on top of what was `told` or not."""
+        elapsed_s = self.looks.next() if self.ambient is not None and advance else None
         if self.crosstalk is None:
             self._taken[:] = self._base if told else self._known
             reading = decode(advance)
@@ -77,10 +113,9 @@ class Loop:
             for _ in range(1, self._sweeps):
                 predict()
                 decode(False)
-        if self.ambient is not None and advance:
+        if self.ambient is not None and elapsed_s is not None:
             self._follow = follow = self._follow or self.ambient.bound(self._whole)
-            follow(self.elapsed_s)
-            self.elapsed_s = None
+            follow(elapsed_s)
         return reading
 
     def _bind_prediction(self, crosstalk: CrossTalk, told: bool) -> Callable[[], object]:

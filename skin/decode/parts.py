@@ -25,8 +25,8 @@ class Parts(NamedTuple):
     hold
         Temperatures are decoded every few cycles and held between.
     look
-        Look at units without load all the same, every few cycles, a block after the other: for who
-        follows the ambient field.
+        Look at units without load all the same, every few cycles: for who follows the ambient
+        field.
     prefetch
         Load the next block while one is decoded.
     """

@@ -14,11 +14,14 @@ from skin.options import DTYPES, ESTIMATORS, wanted
 from skin.state import ARRAY_WANTS, UNIT_WANTS
 from topology import CHANNELS, Topology
 
-__all__ = ["HOLD_S", "DecodeOptions", "Plan"]
+__all__ = ["HOLD_S", "LOOK_CYCLES", "DecodeOptions", "Plan"]
 
 HOLD_S = 0.05
 """How long a temperature is held where blocks without load are skipped [assumed]. A gel that warms
 by 1 K/s is then shown 0.05 °C late, which is its noise; the film lags by seconds."""
+
+LOOK_CYCLES = 4
+"""Cycles, at least, from one look at units without load to the next."""
 
 TANGENTIAL = ("force", "tangential", "theta", "displacement")
 NEEDS = {
@@ -145,6 +148,12 @@ class Plan:
             sweeps=options.sweeps,
             ambient=options.ambient,
         )
+
+    @property
+    def looks_every(self) -> int:
+        """Cycles from one estimate of the ambient field to the next; with `skip`, units without
+        load are looked at for it alone."""
+        return max(self.temperature_every, LOOK_CYCLES) if self.skip else 1
 
     def __str__(self) -> str:
         """One line for each decision."""
