@@ -29,8 +29,9 @@ from skin.sim.scenes import names as scenes
 from skin.sim.scenes.load import load_scene
 from tests.attack.mutations import mutated
 
-__all__ = ["attack"]
+__all__ = ["FINE", "Kind", "attack", "kinds", "outcome"]
 
+FINE = ("accepted", "refused")
 GOLDEN = Path(__file__).parents[1] / "golden"
 SECONDS, MEMORY_MB = 3, 6000
 """That one file may take, and address space of the process: numba's alone is 2 GB."""
@@ -119,7 +120,7 @@ class Kind(NamedTuple):
     share: int
 
 
-def _kinds(folder: Path) -> dict[str, Kind]:
+def kinds(folder: Path) -> dict[str, Kind]:
     around = Path(topology.__file__).parent / "builtin"
     strip = topology.load("strip")
     (folder / "calibrated.toml").write_text(PATCH + CALIBRATED)
@@ -199,9 +200,9 @@ def attack(count: int, seed: int) -> dict[str, dict[str, object]]:
     found: dict[str, dict[str, object]] = {}
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        kinds = _kinds(folder)
-        unit = count / sum(kind.share for kind in kinds.values())
-        for name, kind in kinds.items():
+        tried = kinds(folder)
+        unit = count / sum(kind.share for kind in tried.values())
+        for name, kind in tried.items():
             broken = folder / f"broken{kind.suffix}"
             broken.write_bytes(kind.examples[0])
             kind.load(broken)  # whole, and all that is compiled for it before the clock runs
@@ -210,17 +211,18 @@ def attack(count: int, seed: int) -> dict[str, dict[str, object]]:
             for _ in range(round(unit * kind.share)):
                 raw = mutated(chance.choice(kind.examples), chance)
                 broken.write_bytes(raw)
-                outcome = _outcome(kind, broken)
-                outcomes[outcome if outcome in ("accepted", "refused") else "neither"] += 1
-                if outcome not in ("accepted", "refused"):
-                    wrong.append([outcome, raw[-2000:].decode("latin-1")])
+                came = outcome(kind, broken)
+                outcomes[came if came in FINE else "neither"] += 1
+                if came not in FINE:
+                    wrong.append([came, raw[-2000:].decode("latin-1")])
             found[name] = {**outcomes, "wrong": wrong}
     return found
 
 
-def _outcome(kind: Kind, path: Path) -> str:
+def outcome(kind: Kind, path: Path, seconds: float = SECONDS) -> str:
     """Accepted, refused, or what is wrong with the way in which it was neither."""
-    signal.setitimer(signal.ITIMER_REAL, SECONDS)
+    signal.signal(signal.SIGALRM, _too_long)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
     try:
         kind.load(path)
     except kind.error as error:
@@ -234,14 +236,13 @@ def _outcome(kind: Kind, path: Path) -> str:
 
 
 def _too_long(*_: object) -> None:
-    raise TimeoutError(f"more than {SECONDS} s")
+    raise TimeoutError("took too long")
 
 
 def main() -> None:
     """Try as many files as the command line says."""
     count, seed = map(int, sys.argv[1:3])
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_MB << 20, MEMORY_MB << 20))
-    signal.signal(signal.SIGALRM, _too_long)
     warnings.simplefilter("error")
     print(json.dumps(attack(count, seed)))
 
