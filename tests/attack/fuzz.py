@@ -18,6 +18,9 @@ os.environ["NUMBA_DISABLE_JIT"] = "1"
 import atheris
 
 with atheris.instrument_imports(["topology", "bus", "skin", "tomllib", "can.io"]):
+    import bus.logs.blf
+    import bus.logs.candump
+    import bus.logs.pythoncan  # noqa: F401: otherwise imported late, and not looked into
     from tests.attack.files import FINE, kinds, outcome
 from tests.attack.mutations import JUNK, NUMBERS, mutated
 
