@@ -18,9 +18,10 @@ os.environ["NUMBA_DISABLE_JIT"] = "1"
 import atheris
 
 with atheris.instrument_imports(["topology", "bus", "skin", "tomllib", "can.io"]):
+    # otherwise imported late, and not looked into
     import bus.logs.blf
     import bus.logs.candump
-    import bus.logs.pythoncan  # noqa: F401: otherwise imported late, and not looked into
+    import bus.logs.pythoncan  # noqa: F401
     from tests.attack.files import FINE, kinds, outcome
 from tests.attack.mutations import JUNK, NUMBERS, mutated
 
