@@ -104,9 +104,7 @@ def open(
             want=want, estimator=estimator, dtype=dtype, sweeps=sweeps, ambient=ambient, skip=skip,
             slip=slip, false_contacts_per_day=false_contacts_per_day,
         )  # fmt: skip
-        _check(sync, wait, pace, seed)
-        if log is not None and not isinstance(log, str | os.PathLike):
-            check_kind("log", log, Recording)
+        _check(sync, wait, pace, seed, log)
         undo.callback(announcer().hold().finish)
         if simulate := _scene(simulate):
             _check_simulated(transports is not None, sync, loaded)
@@ -121,11 +119,13 @@ def open(
     return Skin(pipeline, ends, sync=sync, wait=wait, pace=pace, nodes=nodes, recording=recording)
 
 
-def _check(sync: str, wait: str, pace: bool, seed: int) -> None:
+def _check(sync: str, wait: str, pace: bool, seed: int, log: object) -> None:
     for name, value, known in (("sync", sync, get_args(Sync)), ("wait", wait, get_args(Wait))):
         check_choice(name, value, known)
     check_flag("pace", pace)
     check_number("seed", seed, 0, MOST_SEED, whole=True)
+    if log is not None and not isinstance(log, str | os.PathLike):
+        check_kind("log", log, Recording)
 
 
 def _given(transports: Any) -> list[Transport]:

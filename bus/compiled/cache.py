@@ -127,10 +127,12 @@ def _kept_in(folder: str) -> None:
     )
 
 
-def _has_home() -> bool:
-    """Whether the user has a folder for caches. Without one numba takes the working folder's."""
+def _places(numbas: list[Any]) -> tuple[Any, ...]:
+    """Numba's and then ours. Of a user without a home numba would take a folder of the working
+    one."""
     home = os.path.expanduser("~")
-    return os.path.isabs(os.environ.get("XDG_CACHE_HOME", home)) and Path(home).is_dir()
+    has_home = os.path.isabs(os.environ.get("XDG_CACHE_HOME", home)) and Path(home).is_dir()
+    return (*(one for one in numbas if has_home or "UserWide" not in one.__name__), _Spare)
 
 
 def _temporary_folder() -> str | None:
@@ -156,15 +158,12 @@ def _stamped_cache() -> type:
     cache: Any = FunctionCache
     files: Any = IndexDataCacheFile
     settings: Any = config
-    places = [
-        place for place in cache._impl_class._locator_classes
-        if "UserWide" not in place.__name__ or _has_home()
-    ]  # fmt: skip
+    places = _places(cache._impl_class._locator_classes)
 
     class Places(cache._impl_class):
         """Numba's, and ours after them."""
 
-        _locator_classes = (*places, _Spare)
+        _locator_classes = places
 
     class KeyedFiles(files):
         """A file for each key, named by it: processes may write at once."""
