@@ -54,6 +54,8 @@ test: install
 
 test-long: install
 	@.ci/debian-packages
+	@$(BIN)/python -m pip install -q --disable-pip-version-check --only-binary atheris -e '.[fuzz]' \
+	|| echo "No atheris for this Python: the tests that fuzz skip."
 	$(BIN)/python -m pytest -m long
 
 mutate: install

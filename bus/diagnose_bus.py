@@ -118,6 +118,13 @@ class BusRules:
             return
         survey, b = self.survey, self.index
         foreign = int(survey.foreign_syncs[b])
+        if unsent := int(survey.unsent[b]):
+            yield Finding(
+                "unsent-sync", "error", self.name, unsent,
+                f"{some(unsent, 'SYNC')} not taken by the interface, which has no room",
+                "nobody on the bus acknowledges what is sent, so that it waits: no power, no "
+                "cable, or another bit rate",
+            )  # fmt: skip
         if survey.sends_sync and foreign:
             yield Finding(
                 "second-sync", "error", self.name, foreign,
@@ -125,7 +132,7 @@ class BusRules:
                 "another host, or a second program on this one, sends SYNC too; listen with "
                 "--sync bus, or stop the other",
             )  # fmt: skip
-        elif not survey.syncs[b] and survey.traffic[b]:
+        elif not survey.syncs[b] and survey.traffic[b] and not unsent:
             yield Finding(
                 "no-sync", "error", self.name, 0,
                 f"no SYNC ({hex_id(self.bus.sync_id)}), which units answer to",

@@ -65,6 +65,8 @@ class Survey:
         Frames of others, error frames left out; SYNCs of anybody.
     foreign_syncs : ndarray, shape (buses,), int64
         SYNCs of others.
+    unsent : ndarray, shape (buses,), int64
+        SYNCs of this host that a bus would not take.
     flagged : dict of Status to ndarray, shape (n,), int64
         Cycles in which a unit had a flag.
     fault_code : ndarray, shape (n,), uint8
@@ -87,7 +89,9 @@ class Survey:
         self.heard: dict[Heard, int] = {}
         self.more_kinds = 0
         self.errors: list[dict[str, int]] = [{} for _ in topology.buses]
-        self.traffic, self.syncs, self.foreign_syncs = np.zeros((3, len(topology.buses)), np.int64)
+        self.traffic, self.syncs, self.foreign_syncs, self.unsent = np.zeros(
+            (4, len(topology.buses)), np.int64
+        )
         self.flagged = {flag: np.zeros(topology.n, np.int64) for flag in _WATCHED}
         self.fault_code = np.zeros(topology.n, np.uint8)
         self.age = np.full(topology.n, -1, np.int64)
@@ -219,6 +223,7 @@ class Listener(Protocol):
     topology: Topology
     sends_sync: bool
     closed: str
+    unsent: np.ndarray
 
     def feed(self, frames: np.ndarray) -> None: ...
     def expire(self, now_ns: int) -> None: ...
@@ -259,7 +264,9 @@ def listen(
     try:
         while now < end:
             if sends and now >= due:
-                survey.feed(_send_sync(skin, transports, counter))
+                syncs, is_taken = _send_sync(skin, transports, counter)
+                survey.unsent += ~is_taken
+                survey.feed(syncs[is_taken])
                 counter += 1
                 due = max(due + period_ns, now)
             wait_ns = min(end, due if sends else now + period_ns) - clock()
@@ -280,12 +287,15 @@ def listen(
     survey.finish()
 
 
-def _send_sync(skin: Topology, transports: Sequence[Transport], counter: int) -> np.ndarray:
-    """Send SYNC on every bus, and return it as the host's own frames."""
+def _send_sync(
+    skin: Topology, transports: Sequence[Transport], counter: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Send SYNC on every bus; return it as the host's own frames, and which buses have taken it."""
     frames = np.zeros(len(skin.buses), FRAME_DTYPE)
     frames["stamp_ns"], frames["length"], frames["origin"] = time.time_ns(), 1, ECHO
     frames["data"][:, 0] = counter & 0xFF
+    is_taken = np.zeros(frames.size, bool)
     for i, (bus, transport) in enumerate(zip(skin.buses, transports, strict=True)):
         frames[i]["id"], frames[i]["bus"] = bus.sync_id, i
-        transport.send(frames[i : i + 1])
-    return frames
+        is_taken[i] = transport.send(frames[i : i + 1])
+    return frames, is_taken

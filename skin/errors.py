@@ -20,6 +20,7 @@ from numbers import Integral, Real
 from typing import Any
 
 __all__ = [
+    "MOST_SEED",
     "CalibrationError",
     "CountsError",
     "LibraryError",
@@ -30,11 +31,14 @@ __all__ = [
     "TooDenseError",
     "check_choice",
     "check_flag",
+    "check_kind",
     "check_number",
     "check_numbers",
     "shown",
 ]
 
+MOST_SEED = 2**63 - 1
+"""Largest seed of noise: what an integer of numpy holds."""
 LISTED = 20
 """Names that a message lists; of more, it tells the first and the last."""
 
@@ -103,6 +107,25 @@ def check_flag(where: str, value: object) -> None:
     """
     if value is not True and value is not False:
         raise OptionError(f"{where}: must be True or False; got {shown(value)}")
+
+
+def check_kind(where: str, value: object, kind: type) -> None:
+    """Refuse what is not of a class.
+
+    Raises
+    ------
+    OptionError
+        It is of another.
+
+    Examples
+    --------
+    >>> check_kind("topology", "palm", dict)
+    Traceback (most recent call last):
+    skin.errors.OptionError: topology: must be a dict; got 'palm'
+    """
+    if not isinstance(value, kind):
+        article = "an" if kind.__name__[0] in "AEIO" else "a"
+        raise OptionError(f"{where}: must be {article} {kind.__name__}; got {shown(value)}")
 
 
 def check_choice(where: str, value: object, names: Iterable[str]) -> None:

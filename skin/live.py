@@ -137,8 +137,14 @@ class Skin:
             A bus would not take the frame; the others have it.
         """
         frame = pack(command, node, value)
-        pairs = zip(self.topology.buses, self.transports, strict=True)
-        deaf = [bus.name for bus, end in pairs if not end.send(frame)]
+        deaf = []
+        for i, (bus, end) in enumerate(zip(self.topology.buses, self.transports, strict=True)):
+            if not end.send(frame):
+                deaf.append(bus.name)
+            elif self._recording is not None:
+                sent = frame.copy()
+                sent["bus"], sent["stamp_ns"] = i, self._stamp_ns()
+                self._recording.write(sent)
         if deaf:
             raise SkinError(f"configure: must be taken by every bus; got no room on {deaf}")
 
@@ -301,21 +307,20 @@ class Skin:
             yield from self._timed(now_ns, self.pipeline.expire, self.pipeline.silence)
 
     def _sync(self, number: int) -> np.ndarray:
-        """Send SYNC on every bus and return the frames, as a log would show them.
-
-        Their stamps are of a clock that nobody sets. Simulated units that need not wait live in a
-        time of their own, a period a cycle.
-        """
+        """Send SYNC on every bus and return the frames, as a log would show them."""
         frames = self._sync_frames
         frames["data"][:, 0] = number & 0xFF
-        if self.simulated and not self._pace:
-            since_ns = number * self._period_ns
-        else:
-            since_ns = time.monotonic_ns() - self._started_ns
-        frames["stamp_ns"] = self._epoch_ns + since_ns
+        frames["stamp_ns"] = self._stamp_ns()
         for transport, frame in zip(self.transports, frames, strict=True):
             self.timing.unsent += 1 - transport.send(np.asarray(frame)[np.newaxis])
         return frames
+
+    def _stamp_ns(self) -> int:
+        """Now, of a clock that nobody sets. Simulated units that need not wait live in a time of
+        their own, a period a cycle."""
+        if self.simulated and not self._pace:
+            return self._epoch_ns + self._number * self._period_ns
+        return self._epoch_ns + time.monotonic_ns() - self._started_ns
 
     def _receive(self, wait_ns: int) -> None:
         """Fill the batch with what the buses have, waiting as the user chose."""

@@ -13,7 +13,16 @@ from bus.logs import Recording
 from bus.open import open_transport
 from bus.transport import Transport
 from skin.compiling import announcer
-from skin.errors import OptionError, SkinError, check_choice, check_flag, check_number
+from skin.errors import (
+    MOST_SEED,
+    OptionError,
+    SkinError,
+    check_choice,
+    check_flag,
+    check_kind,
+    check_number,
+    shown,
+)
 from skin.live import Skin, Sync, Wait
 from skin.options import DType, Estimator, Options, Sweeps
 from skin.pipeline import Pipeline
@@ -90,14 +99,14 @@ def open(
     """
     loaded = source if isinstance(source, Topology) else topology_package.load(source)
     with ExitStack() as undo:
-        ends = [undo.enter_context(end) for end in transports or ()]
+        ends = [undo.enter_context(end) for end in _given(transports)]
         options = Options(
             want=want, estimator=estimator, dtype=dtype, sweeps=sweeps, ambient=ambient, skip=skip,
             slip=slip, false_contacts_per_day=false_contacts_per_day,
         )  # fmt: skip
-        _check(sync, wait, pace, seed)
+        _check(sync, wait, pace, seed, log)
         undo.callback(announcer().hold().finish)
-        if simulate:
+        if simulate := _scene(simulate):
             _check_simulated(transports is not None, sync, loaded)
         nodes = _nodes(undo, loaded, simulate, seed) if simulate else None
         loaded = loaded.exact() if nodes is not None and nodes.exact else loaded
@@ -110,11 +119,33 @@ def open(
     return Skin(pipeline, ends, sync=sync, wait=wait, pace=pace, nodes=nodes, recording=recording)
 
 
-def _check(sync: str, wait: str, pace: bool, seed: int) -> None:
+def _check(sync: str, wait: str, pace: bool, seed: int, log: object) -> None:
     for name, value, known in (("sync", sync, get_args(Sync)), ("wait", wait, get_args(Wait))):
         check_choice(name, value, known)
     check_flag("pace", pace)
-    check_number("seed", seed, 0, 2**63 - 1, whole=True)
+    check_number("seed", seed, 0, MOST_SEED, whole=True)
+    if log is not None and not isinstance(log, str | os.PathLike):
+        check_kind("log", log, Recording)
+
+
+def _given(transports: Any) -> list[Transport]:
+    """The user's own transports."""
+    ends: list[Any]
+    try:
+        ends = [] if transports is None else list(transports)
+    except TypeError:  # one alone
+        ends = [transports]
+    for end in ends:
+        check_kind("transports", end, Transport)
+    return ends
+
+
+def _scene(simulate: Any) -> Any:
+    """What simulated units are to play, False for none: all that is false means hardware."""
+    try:
+        return simulate if simulate else False
+    except ValueError:  # an array, which is no scene
+        raise OptionError(f"simulate: must be a scene; got {shown(simulate)}") from None
 
 
 def _nodes(undo: ExitStack, topology: Topology, scene: Any, seed: int) -> Nodes:

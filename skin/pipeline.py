@@ -20,7 +20,7 @@ from bus.cycle import FrameCounters, RawCycle
 from skin.clock import Clock
 from skin.decode.decoder import Decoder
 from skin.decode.plan import TANGENTIAL
-from skin.errors import CountsError, check_number
+from skin.errors import CountsError, check_kind, check_number
 from skin.options import Options
 from skin.state import ARRAY_WANTS, UNIT_WANTS, UNWANTED, State
 from topology import CHANNELS, Topology
@@ -82,7 +82,9 @@ class Pipeline:
         deadline_s: float | None = None,
     ) -> None:
         self.topology = topology
-        self.options = options = options or Options()
+        self.options = options = Options() if options is None else options
+        check_kind("topology", topology, Topology)
+        check_kind("options", options, Options)
         if deadline_s is not None:
             check_number("deadline_s", deadline_s, 1e-6, LONGEST_S)
         self._lists_contacts = not options.quantities.isdisjoint(("contacts", "slip", "shocks"))

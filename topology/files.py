@@ -7,7 +7,7 @@ import os
 import stat
 import uuid
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any, BinaryIO
@@ -16,6 +16,7 @@ import numpy as np
 
 __all__ = [
     "TooLargeError",
+    "check_path",
     "missing",
     "named",
     "open_regular",
@@ -71,6 +72,22 @@ def whole_file(path: Path, mode: str = "wb", **how: Any) -> Iterator[IO[Any]]:
             os.replace(beside, path)
     finally:
         beside.unlink(missing_ok=True)
+
+
+def check_path(where: str, value: object, error: Callable[[str], Exception]) -> None:
+    """Refuse, with this error, what is no path of a file.
+
+    Examples
+    --------
+    >>> check_path("log", 3, ValueError)
+    Traceback (most recent call last):
+    ValueError: log: must be the path of a file; got an object of type int
+    """
+    is_path = isinstance(value, str | os.PathLike)
+    if not is_path or not isinstance(os.fspath(value), str):
+        raise error(
+            f"{where}: must be the path of a file; got an object of type {type(value).__name__}"
+        )
 
 
 def missing(path: str | os.PathLike[str]) -> bool:

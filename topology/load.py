@@ -14,8 +14,8 @@ from topology.check.addresses import check_clashes
 from topology.check.patches import place_patches
 from topology.check.places import check_places
 from topology.draft import Draft
-from topology.errors import nearest
-from topology.files import missing
+from topology.errors import Issue, TopologyError, nearest
+from topology.files import check_path, missing
 from topology.neighbours import compressed_rows, nearest_distance, neighbour_pairs
 from topology.parts import Parts, resolve
 from topology.read import open_source, read
@@ -78,6 +78,7 @@ def load(file: str | os.PathLike[str], *, allow_overload: bool = False) -> Topol
 
 
 def _open(file: str | os.PathLike[str], report: Report) -> Source | None:
+    check_path("file", file, _no_path)
     shown = os.fspath(file)
     if shown in builtin:
         path = _FOLDER / f"{shown}.toml"
@@ -89,6 +90,11 @@ def _open(file: str | os.PathLike[str], report: Report) -> Source | None:
         report.about_file("no-topology", shown, hint=hint, names=names)
         return None
     return open_source(path, shown, report)
+
+
+def _no_path(text: str) -> TopologyError:
+    where, _, message = text.partition(": ")
+    return TopologyError([Issue("no-topology", where, 0, "", message)])
 
 
 def _check_units(draft: Draft, parts: Parts, report: Report) -> None:

@@ -11,9 +11,11 @@ the other from then on. Here the name of a file follows from its key, and there 
 It lies where numba would keep its own: in NUMBA_CACHE_DIR, beside the kernel, or in the user's
 folder for caches. Where none of them can be written, it lies in a folder of the user's own among
 temporary files, and where that cannot be written either, nothing is kept; the logger "bus" says so.
+What lies beside the kernel or in NUMBA_CACHE_DIR is read in any case: a read-only image may hold
+code that was compiled when it was built.
 
-Stands on private parts of numba (`FunctionCache`, `IndexDataCacheFile`); where a version lacks
-them, kernels are compiled anew in every process.
+Stands on private parts of numba (`FunctionCache`, its places, `IndexDataCacheFile`); where a
+version lacks them, kernels are compiled anew in every process.
 """
 
 from __future__ import annotations
@@ -30,7 +32,7 @@ from functools import cache
 from hashlib import blake2b
 from pathlib import Path
 from pickle import UnpicklingError
-from stat import S_IRWXG, S_IRWXO, S_ISDIR
+from stat import S_IRWXG, S_IRWXO, S_ISDIR, S_ISVTX
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
@@ -50,7 +52,8 @@ DAMAGED = (AttributeError, EOFError, ImportError, IndexError, UnpicklingError, V
 """What a file raises that was cut off, as by a loss of power."""
 UNUSED_S = 30 * 24 * 3600.0
 """Files of a kernel that nobody has read for so long go when another one is written [assumed]."""
-PRIVATE = ((FunctionCache, "_index_key"), (IndexDataCacheFile, "_load_data"),
+PRIVATE = ((FunctionCache, "_index_key"), (getattr(FunctionCache, "_impl_class", None),
+           "_locator_classes"), (IndexDataCacheFile, "_load_data"),
            (IndexDataCacheFile, "_save_data"))  # fmt: skip
 
 _log = logging.getLogger("bus")
@@ -85,36 +88,62 @@ def cache_on_disk(kernel: Any) -> None:
     if not all(hasattr(holder, name) for holder, name in PRIVATE):
         return
     with contextlib.suppress(RuntimeError):  # numba finds no place
-        try:
-            found = _stamped_cache()(kernel.py_func)
-        except RuntimeError:
-            if not Path(kernel.py_func.__code__.co_filename).exists() or not _fall_back():
-                return
-            found = _stamped_cache()(kernel.py_func)
-        kernel._cache = found
+        kernel._cache = _stamped_cache()(kernel.py_func)
+
+
+class _Spare:
+    """Among temporary files: where a kernel is kept that no place of numba's can take."""
+
+    def __init__(self, function: FunctionType) -> None:
+        self._line = function.__code__.co_firstlineno
+
+    @classmethod
+    def from_function(cls, function: FunctionType, file: str) -> _Spare | None:
+        return cls(function) if Path(file).exists() else None
+
+    def ensure_cache_path(self) -> None:
+        folder = _temporary_folder()
+        if folder is None:
+            raise OSError("no folder can be written; set NUMBA_CACHE_DIR to one that can")
+        _kept_in(folder)
+
+    def get_cache_path(self) -> str:
+        return _temporary_folder() or os.devnull
+
+    def get_source_stamp(self) -> None:
+        return None
+
+    def get_disambiguator(self) -> str:
+        return str(self._line)
 
 
 @cache
-def _fall_back() -> bool:
-    """Let numba keep compiled code among temporary files; return whether it can."""
-    folder = _temporary_folder()
-    kept = "not kept" if folder is None else f"kept in {folder}"
+def _kept_in(folder: str) -> None:
+    """Say, once, where compiled code goes."""
     _log.warning(
-        "f3t-skin: no folder for compiled kernels can be written, they are %s; "
+        "f3t-skin: compiled kernels are kept in %s: no other folder can be written; "
         "set NUMBA_CACHE_DIR to one that can",
-        kept,
+        folder,
     )
-    if folder is not None:
-        settings: Any = config
-        settings.CACHE_DIR = folder
-    return folder is not None
+
+
+def _places(numbas: list[Any]) -> tuple[Any, ...]:
+    """Numba's and then ours. Of a user without a home numba would take a folder of the working
+    one."""
+    home = os.path.expanduser("~")
+    has_home = os.path.isabs(os.environ.get("XDG_CACHE_HOME", home)) and Path(home).is_dir()
+    return (*(one for one in numbas if has_home or "UserWide" not in one.__name__), _Spare)
 
 
 def _temporary_folder() -> str | None:
-    """A folder that nobody else can write: what is read from it is run."""
+    """A folder that nobody else can write: what is read from it is run. Not in the working folder,
+    which `tempfile` takes where it finds no other."""
     user = os.getuid() if os.name == "posix" else 0
     try:
-        folder = Path(tempfile.gettempdir(), f"f3t-skin-{user}")
+        place = Path(tempfile.gettempdir())
+        if place.samefile(Path.cwd()) and not place.stat().st_mode & S_ISVTX:
+            return None
+        folder = place / f"f3t-skin-{user}"
         folder.mkdir(mode=0o700, exist_ok=True)
         found = folder.lstat()
     except OSError:
@@ -128,27 +157,36 @@ def _temporary_folder() -> str | None:
 def _stamped_cache() -> type:
     cache: Any = FunctionCache
     files: Any = IndexDataCacheFile
+    settings: Any = config
+    places = _places(cache._impl_class._locator_classes)
+
+    class Places(cache._impl_class):
+        """Numba's, and ours after them."""
+
+        _locator_classes = places
 
     class KeyedFiles(files):
         """A file for each key, named by it: processes may write at once."""
 
-        def __init__(self, path, kernel):
+        def __init__(self, path, kernel, ready):
             super().__init__(path, kernel, None)
-            self._folder, self._kernel = Path(path), kernel
+            self._folder, self._kernel, self._ready = Path(path), kernel, ready
 
         def load(self, key):
             name = self._name(key)
-            try:
-                found = self._load_data(name)
-            except OSError:
-                return None
-            except DAMAGED:
-                with contextlib.suppress(OSError):
-                    (self._folder / name).unlink()
-                return None
-            with contextlib.suppress(OSError):  # a folder that may be read only
-                os.utime(self._folder / name)
-            return found
+            for file in (self._folder / name, *(folder / name for folder in self._ready)):
+                try:
+                    found = self._load_data(str(file))
+                except OSError:
+                    continue
+                except DAMAGED:
+                    with contextlib.suppress(OSError):
+                        file.unlink()
+                    continue
+                with contextlib.suppress(OSError):  # a folder that may be read only
+                    os.utime(file)
+                return found
+            return None
 
         def save(self, key, data):
             self._save_data(self._name(key), data)
@@ -164,11 +202,16 @@ def _stamped_cache() -> type:
     class StampedCache(cache):
         """Numba's cache, with `stamp` in its key."""
 
+        _impl_class = Places
         _stamp: str | None = None
 
         def __init__(self, function):
             super().__init__(function)
-            self._cache_file = KeyedFiles(self._cache_path, self._impl.filename_base)
+            file = function.__code__.co_filename
+            ready = [Path(file).with_name("__pycache__")]
+            if given := settings.CACHE_DIR:
+                ready.append(Path(given, places[0].get_suitable_cache_subpath(file)))
+            self._cache_file = KeyedFiles(self._cache_path, self._impl.filename_base, ready)
 
         def _index_key(self, sig, codegen):
             if self._stamp is None:

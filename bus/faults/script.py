@@ -34,7 +34,7 @@ from msgspec import Meta
 from bus.errors import FaultScriptError
 from topology import Topology
 from topology.errors import MESSAGES, TopologyError, nearest
-from topology.files import missing
+from topology.files import check_path, missing
 from topology.read import open_source, read, show
 from topology.report import Report
 
@@ -219,6 +219,7 @@ def load_script(path: str | Path, topology: Topology | None = None) -> FaultScri
     FaultScriptError
         The file cannot be used; every problem is listed with its line.
     """
+    check_path("file", path, FaultScriptError)
     report, path = Report(), Path(path)
     script = None
     if missing(path):

@@ -22,7 +22,7 @@ from bus.logs.channels import buses_of
 from bus.logs.reader import LogReader, existing
 from bus.logs.recording import LoggedTransport, Recording
 from bus.logs.writer import LogWriter
-from topology.files import named
+from topology.files import check_path, named
 
 __all__ = ["LogReader", "LogWriter", "LoggedTransport", "Recording", "buses_of", "open_writer",
            "read", "read_all", "write"]  # fmt: skip
@@ -139,6 +139,7 @@ def write(
 
 def _place(path: str | os.PathLike[str], classes: dict[str, str], packed: set[str]) -> str:
     """Return module and class for a path's suffix."""
+    check_path("log", path, LogError)
     suffixes = [suffix.lower() for suffix in Path(path).suffixes]
     valid = sorted([*classes, *(f"{suffix}.gz" for suffix in packed)])
     given = "".join(suffixes[-2:] if suffixes[-1:] == [".gz"] else suffixes[-1:])

@@ -7,7 +7,9 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
+from bus.errors import LogError
 from topology import Topology
+from topology.files import check_path
 
 __all__ = ["LEFT_OUT", "Channels", "buses_of", "is_numbered", "names_of", "numbers_of"]
 
@@ -36,6 +38,7 @@ def numbers_of(topology: Topology) -> list[int]:
 
 def is_numbered(path: str | os.PathLike[str]) -> bool:
     """Whether a log, by its suffix, has numbers for its channels and no names."""
+    check_path("log", path, LogError)
     return Path(path).name.lower().removesuffix(".gz").endswith(".blf")
 
 

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import io
 import re
+import sqlite3
 import struct
 from collections.abc import Generator, Iterator
+from contextlib import closing
+from pathlib import Path
 from typing import Any, BinaryIO
 
 import can
@@ -54,8 +57,7 @@ class PythonCanReader(LogReader):
             if head and not beginning.match(head):
                 raise LogError(f"{self.path}:1: must begin with {expected}; got {head[:40]!r}")
             if suffix == ".db":
-                with reader(self.path) as messages:
-                    yield from self._take(batch, iter(messages), None)
+                yield from self._take(batch, _rows(self.path), None)
                 return
             file.seek(0)
             lines = _Lines(file, self.path)
@@ -132,6 +134,24 @@ class PythonCanReader(LogReader):
         stamp_ns = 1000 * round(1e6 * message.timestamp)
         origin = 0 if message.is_rx else ECHO
         return stamp_ns, can_id, length, flags, origin, bus, data
+
+
+def _rows(path: Path) -> Iterator[can.Message]:
+    """Messages of a database, as python-can's logger writes them. Its own reader runs views, which
+    may have no end, makes as many bytes as an integer in place of data says, and opens to write."""
+    with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as database:
+        found = database.execute("SELECT type FROM sqlite_master WHERE name = 'messages'")
+        if (kind := found.fetchone()) != ("table",):
+            raise ValueError(f"messages: must be a table; got {kind[0] if kind else 'none'}")
+        for stamp, can_id, extended, remote, error, length, data in database.execute(
+            "SELECT ts, arbitration_id, extended, remote, error, dlc, data FROM messages"
+        ):
+            if not isinstance(data, bytes | None):
+                raise ValueError(f"data: must be bytes; got {type(data).__name__}")
+            yield can.Message(
+                timestamp=stamp, arbitration_id=can_id, is_extended_id=bool(extended),
+                is_remote_frame=bool(remote), is_error_frame=bool(error), dlc=length, data=data,
+            )  # fmt: skip
 
 
 class _Lines:

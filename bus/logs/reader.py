@@ -13,7 +13,7 @@ from typing import BinaryIO
 from bus.errors import LogError
 from bus.frame import FrameBatch
 from bus.logs.channels import Channels
-from topology.files import missing, open_regular
+from topology.files import check_path, missing, open_regular
 
 __all__ = ["LogReader", "existing"]
 
@@ -26,6 +26,7 @@ def existing(path: str | os.PathLike[str]) -> Path:
     LogError
         There is none, or it is no regular file that may be read.
     """
+    check_path("log", path, LogError)
     if missing(path):
         raise LogError(f"{path}: must be an existing file; got none")
     try:

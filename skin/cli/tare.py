@@ -105,9 +105,12 @@ class _Recording:
     """Counts and flags of every cycle that `bus.discover.listen` hears."""
 
     def __init__(self, topology: Topology, clock: Callable[[], int]) -> None:
+        import numpy as np
+
         from bus.assemble import Assembler
 
         self.topology, self.sends_sync, self.closed = topology, False, ""
+        self.unsent = np.zeros(len(topology.buses), np.int64)
         self.counts: list[np.ndarray] = []
         self.status: list[np.ndarray] = []
         self._assembler = Assembler(topology, clock=clock)
@@ -154,6 +157,8 @@ def _listen(
             ]
         print(f"listening for {seconds:g} s …", file=sys.stderr, flush=True)
         listen(recording, transports, seconds, sync=sync, clock=clock)
+    if unsent := int(recording.unsent.sum()):
+        print(f"note: {unsent} SYNCs were not taken by the buses", file=sys.stderr)
     if recording.closed:
         raise BusClosedError(recording.closed)
     if not recording.counts:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
 
 import numpy as np
@@ -168,19 +167,13 @@ class Contact:
     @property
     def vibration(self) -> bool:
         """Whether it trembles; needs the want "shocks"."""
-        shocks = self._wanted_shocks()
-        return bool(shocks.vibration[self._slot] > shocks.vibration_limit)
+        return self._wanted_shocks().vibrates(self._slot)
 
     def copy(self) -> Contact:
         """The same contact with data of its own, to be kept."""
         data, slot, shocks = self._data, self._slot, self._shocks
         one = slice(slot, slot + 1)
-        if shocks is not None:
-            shocks = copy(shocks)
-            shocks.impact, shocks.vibration = (
-                shocks.impact[one].copy(),
-                shocks.vibration[one].copy(),
-            )
+        shocks = None if shocks is None else shocks.only(slot)
         kept = data._replace(
             contacts=data.contacts[one].copy(),
             paths=data.paths[one].copy(),

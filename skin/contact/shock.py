@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from copy import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -26,13 +28,16 @@ class ShockData(NamedTuple):
     freedom"""
     vibration: np.ndarray
     """shape (s,), its mean over time"""
+    weight: np.ndarray
+    """shape (s,), sum of the squares of the weights that samples have in this mean"""
 
 
-def shock_python(count, slots, events, force, sigma, smooth, data):
+def shock_python(count, slots, events, force, sigma, gain, ratio, data):
     """Second differences of the force on each contact, and their smoothed square.
 
     The second difference of what a hand does is next to nothing at the rate of a bus; that of
-    noise has a known variance; what is left is a shock.
+    noise has a known variance; what is left is a shock. Where samples are not evenly apart, it is
+    the difference from where a force goes that grows evenly.
 
     Parameters
     ----------
@@ -44,10 +49,13 @@ def shock_python(count, slots, events, force, sigma, smooth, data):
         `Event` of each record: one that is new, back, merged or split begins anew.
     force, sigma : ndarray, shape (s, 3)
         Newton, force on each record's contact and its one-sigma.
-    smooth : float
-        Gain of the low-pass.
+    gain : float
+        Of the low-pass, for the time since the sample before.
+    ratio : float
+        This time over the one before it.
     data : ShockData
     """
+    variance = 1.0 + (1.0 + ratio) ** 2 + ratio**2
     for k in range(count):
         slot = slots[k]
         last, before = data.last[slot], data.before[slot]
@@ -57,14 +65,17 @@ def shock_python(count, slots, events, force, sigma, smooth, data):
         square = 0.0
         for a in range(3):
             here = force[slot, a]
-            jump = here - 2.0 * last[a] + before[a]
-            square += jump * jump / (6.0 * sigma[slot, a] * sigma[slot, a])
+            jump = here - last[a] - ratio * (last[a] - before[a])
+            square += jump * jump / (variance * sigma[slot, a] * sigma[slot, a])
             before[a] = last[a]
             last[a] = here
         data.seen[slot] += 1.0
         if data.seen[slot] > 2.0:
+            if data.seen[slot] == 3.0:
+                data.weight[slot] = gain / (2.0 - gain)
             data.impact[slot] = square
-            data.vibration[slot] += smooth * (square - data.vibration[slot])
+            data.vibration[slot] += gain * (square - data.vibration[slot])
+            data.weight[slot] = (1.0 - gain) ** 2 * data.weight[slot] + gain**2
         else:
             data.impact[slot] = 0.0
 
@@ -92,7 +103,7 @@ class Shocks:
     impact, vibration : ndarray, shape (records,), float64
         Square of the shock in variances: one cycle's, and averaged.
     impact_limit, vibration_limit : float
-        Above which they are none of noise.
+        Above which they are none of noise; that of the vibration where samples come at the rate.
     """
 
     def __init__(
@@ -103,30 +114,57 @@ class Shocks:
         false_alarms_per_hour: float = 1.0,
         time_s: float = 0.1,
     ) -> None:
-        from scipy.special import chdtri, gammainccinv
+        from scipy.special import chdtri
 
-        chance = false_alarms_per_hour / (3600.0 * rate_hz)
+        self._chance = chance = false_alarms_per_hour / (3600.0 * rate_hz)
         if not 0.0 < chance < 0.1:
             raise SkinError(
                 "false_alarms_per_hour, rate_hz: must leave each sample a chance between 0 and "
                 f"0.1; got {chance:g}"
             )
         self._data = ShockData(
-            np.zeros(records), *np.zeros((2, records, 3)), *np.zeros((2, records))
+            np.zeros(records), *np.zeros((2, records, 3)), *np.zeros((3, records))
         )
         self.impact, self.vibration = self._data.impact, self._data.vibration
         self.impact_limit = float(chdtri(3.0, chance))
-        self._smooth = smooth = 1.0 - float(np.exp(-1.0 / (time_s * rate_hz)))
-        # Variance of the average: second differences of white noise are correlated -2/3 and 1/6
-        # with the next two, their squares by the squares of that.
-        keep = 1.0 - smooth
-        tied = 1.0 + 2.0 * (keep * 4.0 / 9.0 + keep**2 / 36.0)
-        variance = 6.0 * smooth / (2.0 - smooth) * tied
-        self.vibration_limit = float(gammainccinv(9.0 / variance, chance) * (variance / 3.0))
+        self._time_s, self._elapsed_s = time_s, 1.0 / rate_hz
+        self._stamp_ns: int | None = None
+        # Second differences of white noise are correlated -2/3 and 1/6 with the next two, their
+        # squares by the squares of that: the average varies more. Farther apart, less than here.
+        keep = math.exp(-self._elapsed_s / time_s)
+        self._tied = 1.0 + 2.0 * (keep * 4.0 / 9.0 + keep**2 / 36.0)
+        self.vibration_limit = self._limit((1.0 - keep) / (1.0 + keep))
 
     def update(
         self, count: int, slots: np.ndarray, events: np.ndarray, force: np.ndarray,
-        sigma: np.ndarray,
+        sigma: np.ndarray, stamp_ns: int | None = None,
     ) -> None:  # fmt: skip
-        """Take the next cycle; arrays as `shock_python` describes them."""
-        shock(count, slots, events, force, sigma, self._smooth, self._data)
+        """Take the next cycle, as long after the one before as that after its own if no time is
+        given; arrays as `shock_python` describes them."""
+        before_s = self._elapsed_s
+        if stamp_ns is not None:
+            if self._stamp_ns is not None:
+                self._elapsed_s = 1e-9 * (stamp_ns - self._stamp_ns)
+            self._stamp_ns = stamp_ns
+        gain = 1.0 - math.exp(-self._elapsed_s / self._time_s)
+        shock(count, slots, events, force, sigma, gain, self._elapsed_s / before_s, self._data)
+
+    def vibrates(self, slot: int) -> bool:
+        """Whether the vibration of a record is none of noise, however far apart samples came."""
+        return bool(self.vibration[slot] > self._limit(self._data.weight[slot]))
+
+    def only(self, slot: int) -> Shocks:
+        """A copy with one record, which is the first one there."""
+        kept = copy(self)
+        kept._data = ShockData(*(values[slot : slot + 1].copy() for values in self._data))
+        kept.impact, kept.vibration = kept._data.impact, kept._data.vibration
+        return kept
+
+    def _limit(self, weight: float) -> float:
+        """Of an average whose squared weights have this sum."""
+        from scipy.special import gammainccinv
+
+        if not weight:
+            return math.inf
+        variance = 6.0 * weight * self._tied
+        return float(gammainccinv(9.0 / variance, self._chance) * (variance / 3.0))

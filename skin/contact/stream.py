@@ -356,7 +356,7 @@ class ContactStream:
             self._renew(count, stamp_ns)
         self.contacts = contacts = self._found.copy()
         if contacts and self.shocks is not None:
-            self.shocks.update(len(contacts), *self._shock_inputs)
+            self.shocks.update(len(contacts), *self._shock_inputs, stamp_ns)
         return contacts
 
     def _renew(self, count: int, stamp_ns: int) -> None:

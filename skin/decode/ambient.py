@@ -54,7 +54,7 @@ from skin.decode.ambient_model import PRIOR_UT2, AmbientData, data_of, frames_of
 from skin.errors import CalibrationError, OptionError
 from skin.state import Reading
 from topology import Topology
-from topology.files import read_arrays, whole_file
+from topology.files import check_path, read_arrays, whole_file
 
 __all__ = ["Ambient"]
 
@@ -287,9 +287,10 @@ class Ambient:
             Saved for other units, or on another calibration: after a tare, what was followed
             before it lies in the offsets already. Or not saved by `save`.
         """
+        check_path("file", file, CalibrationError)
         try:
             found = read_arrays(file)
-        except ValueError as error:
+        except (OSError, ValueError) as error:
             raise CalibrationError(f"{file}: must be a state that was saved; got {error}") from None
         expected = {
             "units": np.array(self.topology.unit_names),
@@ -307,9 +308,12 @@ class Ambient:
         shapes = {"zero": zero.shape, "common": (len(self.bodies), 14), "rest": (3, n)}
         for name, shape in shapes.items():
             got = found.get(name, np.empty(0))
-            if got.shape != shape or got.dtype.kind != "f":
+            fits = got.shape == shape and got.dtype.kind == "f"
+            known = got[~np.isnan(got)] if fits and name == "rest" else got  # NaN: never at rest
+            if not fits or not np.isfinite(known).all():
                 raise CalibrationError(
-                    f"{file}: {name}: must be numbers, shape {shape}; got {got.dtype}, {got.shape}"
+                    f"{file}: {name}: must be finite numbers, shape {shape}; "
+                    f"got {got.dtype}, {got.shape}"
                 )
         self.reset()
         memory, bodies = self._data.memory, self._data.bodies

@@ -16,7 +16,7 @@ from skin.decode.loop import Looks, Loop
 from skin.decode.passes import Passes, check_call, plain
 from skin.decode.plan import DecodeOptions, Plan
 from skin.decode.results import Results, results_of
-from skin.errors import CountsError, check_number
+from skin.errors import CountsError, OptionError, check_kind, check_number
 from skin.state import Reading
 from topology import CHANNELS, Topology
 
@@ -101,6 +101,9 @@ class Decoder:
         rest_ut: np.ndarray | None = None,
         workers: int | None = None,
     ) -> None:
+        check_kind("topology", topology, Topology)
+        if stencil is not None and not sweeps:
+            raise OptionError("stencil: must be given with sweeps; got sweeps 0")
         options = DecodeOptions(
             want, estimator, dtype, consistency, temperature_every, skip, sweeps, ambient
         )

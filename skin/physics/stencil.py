@@ -35,7 +35,7 @@ from skin.physics.stray import (
     scan_stray,
 )
 from topology import Topology
-from topology.files import read_arrays, whole_file
+from topology.files import check_path, read_arrays, whole_file
 from topology.neighbours import compressed_rows
 
 __all__ = ["Stencil"]
@@ -168,6 +168,7 @@ class Stencil:
         SkinError
             No such file, another kind of file, or a stencil of another skin.
         """
+        check_path("path", path, SkinError)
         try:
             saved = read_arrays(path)
             if (version := int(saved["format"])) not in READ:

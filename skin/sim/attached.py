@@ -7,7 +7,7 @@ from typing import Literal
 
 from bus.memory import MemoryTransport
 from bus.transport import Transport
-from skin.errors import OptionError
+from skin.errors import OptionError, shown
 from skin.sim.node import Nodes
 from skin.sim.scene import Scene
 from skin.sim.scenes.load import open_scene
@@ -38,7 +38,7 @@ def nodes_of(
         return Nodes(topology, ScriptedScene(topology, scene), seed=seed)
     if not hasattr(scene, "at"):
         told = "True, a scene, or the name or file of one"
-        raise OptionError(f"simulate: must be {told}; got {scene!r}")
+        raise OptionError(f"simulate: must be {told}; got {shown(scene)}")
     return Nodes(topology, scene, seed=seed)
 
 

@@ -11,26 +11,34 @@ import json
 import random
 import resource
 import signal
+import sqlite3
 import sys
 import tempfile
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import closing
+from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
+
+import numpy as np
 
 import topology
 from bus.errors import FaultScriptError, LogError
 from bus.faults.script import load_script
 from bus.frame import FrameBatch
 from bus.logs import read, write
-from skin.errors import SceneError
+from skin.decode.ambient import Ambient
+from skin.errors import SceneError, SkinError
+from skin.physics.stencil import Stencil
 from skin.sim.scenes import names as scenes
 from skin.sim.scenes.load import load_scene
 from tests.attack.mutations import mutated
 
-__all__ = ["attack"]
+__all__ = ["FINE", "Kind", "attack", "kinds", "outcome"]
 
+FINE = ("accepted", "refused")
 GOLDEN = Path(__file__).parents[1] / "golden"
 SECONDS, MEMORY_MB = 3, 6000
 """That one file may take, and address space of the process: numba's alone is 2 GB."""
@@ -119,7 +127,7 @@ class Kind(NamedTuple):
     share: int
 
 
-def _kinds(folder: Path) -> dict[str, Kind]:
+def kinds(folder: Path) -> dict[str, Kind]:
     around = Path(topology.__file__).parent / "builtin"
     strip = topology.load("strip")
     (folder / "calibrated.toml").write_text(PATCH + CALIBRATED)
@@ -156,6 +164,12 @@ def _kinds(folder: Path) -> dict[str, Kind]:
             topology.TopologyError,
             4,
         ),
+        "stencil": Kind(
+            ".npz", _stencils(folder, strip), lambda path: Stencil.load(path, strip), SkinError, 2
+        ),
+        "ambient": Kind(
+            ".npz", _states(folder, strip), Ambient(strip, "float32").restore, SkinError, 2
+        ),
         **{
             f"log {suffix}": Kind(
                 suffix, [raw], lambda path: sum(len(b) for b in read(path)), LogError, 1
@@ -186,6 +200,59 @@ def _logs(folder: Path) -> Iterator[tuple[str, bytes]]:
         + b"".join(b"%7d) %11.1f  Rx  0123  2  01 02 \n" % (i + 1, i) for i in range(40)),
     )
 
+    with closing(sqlite3.connect(folder / "whole.db")) as database:
+        database.execute(
+            "CREATE TABLE messages (ts REAL, arbitration_id INTEGER, extended INTEGER, "
+            "remote INTEGER, error INTEGER, dlc INTEGER, data BLOB)"
+        )
+        row = "INSERT INTO messages VALUES (?, 291, 0, 0, 0, 2, x'0102')"
+        database.executemany(row, [(i,) for i in range(40)])
+        database.commit()
+    yield ".db", (folder / "whole.db").read_bytes()
+    if find_spec("asammdf") is not None:
+        yield ".mf4", _mf4(folder)
+
+
+def _mf4(folder: Path) -> bytes:
+    import asammdf
+
+    kind = np.dtype([(name, "<u4") for name in ("BusChannel", "ID", "DataLength", "EDL")])
+    samples = np.ones(40, kind)
+    signal = asammdf.Signal(samples, np.arange(40.0), name="CAN_DataFrame")
+    with asammdf.MDF(version="4.10") as file:
+        file.append([signal], common_timebase=True)
+        file.save(folder / "whole.mf4", overwrite=True)
+    return (folder / "whole.mf4").read_bytes()
+
+
+def _stencils(folder: Path, strip: topology.Topology) -> list[bytes]:
+    Stencil.of(strip).save(folder / "whole.npz")
+    return _arrays(folder)
+
+
+def _states(folder: Path, strip: topology.Topology) -> list[bytes]:
+    Ambient(strip, "float32").save(folder / "whole.npz")
+    return _arrays(folder)
+
+
+def _arrays(folder: Path) -> list[bytes]:
+    """An archive, and those in which one array is not what it should be: their bytes have sums,
+    so that mutations of bytes come no further."""
+    whole = (folder / "whole.npz").read_bytes()
+    with np.load(folder / "whole.npz") as file:
+        arrays = dict(file)
+    examples = [whole] * 10
+    for name, array in arrays.items():
+        wrong = [array.reshape(-1)[:0], array[np.newaxis], array.astype("S5"), np.array("x"), None]
+        if array.dtype.kind in "if":
+            wrong += [array * float("nan"), array == 0]
+            wrong += [(array + more).astype(array.dtype) for more in (-(10**9), 10**9, -2, 1)]
+        for other in wrong:
+            kept = {key: value for key, value in arrays.items() if key != name}
+            np.savez(folder / "wrong.npz", **kept, **({} if other is None else {name: other}))
+            examples.append((folder / "wrong.npz").read_bytes())
+    return examples
+
 
 def attack(count: int, seed: int) -> dict[str, dict[str, object]]:
     """Try about `count` broken files.
@@ -199,28 +266,31 @@ def attack(count: int, seed: int) -> dict[str, dict[str, object]]:
     found: dict[str, dict[str, object]] = {}
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        kinds = _kinds(folder)
-        unit = count / sum(kind.share for kind in kinds.values())
-        for name, kind in kinds.items():
+        tried = kinds(folder)
+        unit = count / sum(kind.share for kind in tried.values())
+        for name, kind in tried.items():
             broken = folder / f"broken{kind.suffix}"
             broken.write_bytes(kind.examples[0])
             kind.load(broken)  # whole, and all that is compiled for it before the clock runs
             outcomes: Counter[str] = Counter()
             wrong = []
             for _ in range(round(unit * kind.share)):
-                raw = mutated(chance.choice(kind.examples), chance)
+                raw = chance.choice(kind.examples)
+                if kind.suffix != ".npz" or chance.random() < 0.3:  # its examples are wrong enough
+                    raw = mutated(raw, chance)
                 broken.write_bytes(raw)
-                outcome = _outcome(kind, broken)
-                outcomes[outcome if outcome in ("accepted", "refused") else "neither"] += 1
-                if outcome not in ("accepted", "refused"):
-                    wrong.append([outcome, raw[-2000:].decode("latin-1")])
+                came = outcome(kind, broken)
+                outcomes[came if came in FINE else "neither"] += 1
+                if came not in FINE:
+                    wrong.append([came, raw[-2000:].decode("latin-1")])
             found[name] = {**outcomes, "wrong": wrong}
     return found
 
 
-def _outcome(kind: Kind, path: Path) -> str:
+def outcome(kind: Kind, path: Path, seconds: float = SECONDS) -> str:
     """Accepted, refused, or what is wrong with the way in which it was neither."""
-    signal.setitimer(signal.ITIMER_REAL, SECONDS)
+    signal.signal(signal.SIGALRM, _too_long)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
     try:
         kind.load(path)
     except kind.error as error:
@@ -234,14 +304,13 @@ def _outcome(kind: Kind, path: Path) -> str:
 
 
 def _too_long(*_: object) -> None:
-    raise TimeoutError(f"more than {SECONDS} s")
+    raise TimeoutError("took too long")
 
 
 def main() -> None:
     """Try as many files as the command line says."""
     count, seed = map(int, sys.argv[1:3])
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_MB << 20, MEMORY_MB << 20))
-    signal.signal(signal.SIGALRM, _too_long)
     warnings.simplefilter("error")
     print(json.dumps(attack(count, seed)))
 

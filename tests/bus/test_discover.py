@@ -433,6 +433,24 @@ class _Unplugged(Transport):
         pass
 
 
+class _Full(MemoryTransport):
+    """An interface that has no room for what is sent."""
+
+    def send(self, records):
+        return 0
+
+
+def test_a_sync_that_is_not_taken_is_a_finding_and_no_sync():
+    skin = make_topology("f3t-fd16", 4)
+    survey = Survey(skin)
+    with _Full("full") as host:
+        listen(survey, [host], 0.05)
+    assert survey.unsent[0] >= 1
+    assert survey.syncs[0] == 0
+    (found,) = [str(f) for f in diagnose(survey) if f.code == "unsent-sync"]
+    assert "not taken by the interface" in found
+
+
 def test_an_interface_that_goes_away_is_a_finding():
     skin = make_topology("f3t-fd16", 4)
     survey = Survey(skin)

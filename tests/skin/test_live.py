@@ -12,7 +12,8 @@ import bus
 import skin
 import skin.sim
 import topology
-from bus.configure import Command
+from bus.configure import IDENTIFIER, Command
+from bus.logs import read_all
 from bus.memory import MemoryTransport
 from bus.status import Status
 from skin.errors import SkinError
@@ -194,6 +195,25 @@ def test_host_that_is_slow_leaves_out_syncs_and_counts_them():
         next(states)
         assert strip.timing.overruns >= 4
         assert strip.counters.lost == 0
+
+
+def test_what_boards_are_told_is_recorded(tmp_path):
+    log = tmp_path / "told.log"
+    with skin.open("strip", simulate=True, pace=False, deadline_s=0.001, log=log) as strip:
+        states = iter(strip)
+        for _ in range(3):
+            next(states)
+        strip.configure(Command.RATE, value=1)
+        for _ in range(3):
+            next(states)
+    frames = read_all(log)
+    (told,) = np.flatnonzero(frames["id"] == IDENTIFIER)
+    assert frames["data"][told, :3].tolist() == [Command.RATE, 0, 1]
+    assert 3 <= np.count_nonzero(frames["id"][:told] == strip.topology.buses[0].sync_id) <= 4
+    decoded = skin.decode_log("strip", log)
+    assert len(list(decoded)) == 6
+    assert decoded.faults == []
+    assert decoded.counters.configuration == 1
 
 
 def test_boards_obey_the_host():

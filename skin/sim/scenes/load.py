@@ -12,7 +12,14 @@ import numpy as np
 from msgspec.structs import replace
 
 from bus.faults.script import FaultScript, problems
-from skin.errors import SceneError, SkinError
+from skin.errors import (
+    MOST_SEED,
+    SceneError,
+    SkinError,
+    check_flag,
+    check_kind,
+    check_number,
+)
 from skin.physics.elastic import Elastic
 from skin.sim.mechanics.contact import Mechanics
 from skin.sim.scenes import names
@@ -22,7 +29,7 @@ from skin.sim.scenes.script import BodyTable, LoadTable, SceneFile
 from skin.sim.scenes.tools import MovingTool
 from topology import Topology
 from topology.errors import TopologyError, nearest
-from topology.files import missing
+from topology.files import check_path, missing
 from topology.read import open_source, read
 from topology.report import Report
 from topology.source import Key, Source
@@ -54,6 +61,7 @@ def load_scene(file: str | os.PathLike[str], topology: Topology) -> SceneFile:
     >>> load_scene("press", load("palm")).bodies[0].name
     'ball'
     """
+    check_kind("topology", topology, Topology)
     report = Report()
     script = None
     with suppress(TopologyError):  # more than a report holds
@@ -78,6 +86,9 @@ def open_scene(
     noise : bool
         False: leave the noise out.
     """
+    if seed is not None:
+        check_number("seed", seed, 0, MOST_SEED, whole=True)
+    check_flag("noise", noise)
     script = load_scene(file, topology)
     wanted = replace(script.non_ideal, noise=noise and script.non_ideal.noise)
     return ScriptedScene(
@@ -99,6 +110,7 @@ def _read(file: str | os.PathLike[str], topology: Topology, report: Report) -> S
 
 
 def _open(file: str | os.PathLike[str], report: Report) -> Source | None:
+    check_path("file", file, SceneError)
     shown = os.fspath(file)
     if shown in names:
         path = Path(__file__).with_name(f"{shown}.toml")

@@ -283,15 +283,65 @@ def test_kernels_run_where_no_folder_can_be_written(temporary, kept, tmp_path):
     tmp_path.chmod(0o555)
     command = as_nobody(sys.executable, "-B", "kept.py", str(tmp_path / temporary))
     environment = {"PYTHONPATH": str(ROOT), "HOME": str(tmp_path), "PATH": os.environ["PATH"]}
-    for _ in range(2):
+    for told in (1, 0 if kept else 1):
         done = subprocess.run(
             command, check=True, cwd=tmp_path, capture_output=True, text=True, env=environment
         )
         assert done.stdout.split() == ["6.0", str(kept)]
-        (line,) = done.stderr.splitlines()
-        assert line.startswith("f3t-skin: no folder for compiled kernels can be written")
-        assert ("not kept" in line) == (not kept)
+        lines = done.stderr.splitlines()
+        assert len(lines) == told
+        for line in lines:
+            assert line.startswith("f3t-skin: compiled kernels ")
+            assert line.endswith("folder can be written; set NUMBA_CACHE_DIR to one that can")
+            assert ("cannot be kept" in line) == (not kept)
     tmp_path.chmod(0o755)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs users and modes of files")
+def test_code_that_came_with_a_read_only_package_is_run(tmp_path):
+    """Beside the kernel, or in NUMBA_CACHE_DIR: neither is compiled anew, or said to be lost."""
+    tmp_path.joinpath("called.py").write_text(CALLED)
+    tmp_path.joinpath("deeper.py").write_text("FACTORS = 2.0, 3.0")
+    tmp_path.joinpath("constants.py").write_text("SHIFT = 1.0")
+    tmp_path.joinpath("caller.py").write_text(CALLER)
+    tmp_path.joinpath("cache").mkdir()
+    for more in ({}, {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}):
+        environment = {"PYTHONPATH": str(ROOT), "PATH": os.environ["PATH"], **more}
+        for found in (["7.0", "kernel_python"], ["7.0"]):
+            done = subprocess.run(
+                as_nobody(sys.executable, "caller.py"), check=True, cwd=tmp_path,
+                capture_output=True, text=True, env=environment,
+            )  # fmt: skip
+            assert done.stdout.split() == found
+            assert not done.stderr
+            for folder in (*tmp_path.glob("**/"), tmp_path):
+                folder.chmod(0o555)
+        for folder in (tmp_path, *tmp_path.glob("**/")):
+            folder.chmod(0o755)
+        for file in tmp_path.glob("__pycache__/*.nbc"):
+            file.unlink()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs users without a home")
+@pytest.mark.parametrize("home", ["~", "", "nowhere", "{}/missing"])
+def test_a_user_without_a_home_finds_no_folder_in_the_working_one(home, tmp_path):
+    tmp_path.joinpath("package").mkdir()
+    tmp_path.joinpath("working").mkdir()
+    file = tmp_path / "package/kept.py"
+    file.write_text(KEPT)
+    file.parent.chmod(0o555)
+    home = home.format(tmp_path)
+    environment = {"PYTHONPATH": str(ROOT), "HOME": home, "XDG_CACHE_HOME": home}
+    done = subprocess.run(
+        as_nobody(sys.executable, "-B", file, tmp_path), check=True, cwd=tmp_path / "working",
+        capture_output=True, text=True, env=environment | {"PATH": os.environ["PATH"]},
+    )  # fmt: skip
+    assert done.stdout.split() == ["6.0", "1"]
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "package", "working", f"f3t-skin-{os.getuid()}"
+    }  # fmt: skip
+    assert not list(tmp_path.joinpath("working").iterdir())
+    file.parent.chmod(0o755)
 
 
 def test_a_full_disk_costs_the_cache_and_nothing_else(tmp_path, monkeypatch, caplog):
@@ -320,3 +370,13 @@ def test_a_temporary_folder_that_others_can_write_is_not_used(tmp_path, monkeypa
     folder.rmdir()
     folder.symlink_to(tmp_path)
     assert cache._temporary_folder() is None
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs modes of files")
+def test_the_working_folder_is_no_folder_for_temporary_files(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    assert cache._temporary_folder() is None
+    assert not list(tmp_path.iterdir())
+    tmp_path.chmod(0o1777)  # as /tmp itself
+    assert cache._temporary_folder() is not None

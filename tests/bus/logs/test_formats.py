@@ -1,5 +1,6 @@
 """The formats read through python-can and asammdf, and the choice among all by suffix."""
 
+import contextlib
 import datetime
 import gzip
 import sqlite3
@@ -79,6 +80,32 @@ def write_sqlite(path, found):
     )  # fmt: skip
     connection.commit()
     connection.close()
+
+
+@pytest.mark.parametrize(
+    ("statement", "told"),
+    [
+        ("DROP TABLE messages", "messages: must be a table; got none"),
+        (
+            "CREATE VIEW messages AS WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i FROM n) "
+            "SELECT i AS ts, 1 AS arbitration_id, 0 AS extended, 0 AS remote, 0 AS error, "
+            "1 AS dlc, x'00' AS data FROM n",
+            "messages: must be a table; got view",
+        ),
+        ("UPDATE messages SET data = 1000000000000", "data: must be bytes; got int"),
+        ("UPDATE messages SET ts = 'noon'", ""),
+    ],
+)
+def test_a_database_without_end_or_of_other_types_is_refused(statement, told, tmp_path):
+    path = tmp_path / "some.db"
+    write_sqlite(path, records(*ROWS))
+    with contextlib.closing(sqlite3.connect(path)) as database:
+        if statement.startswith("CREATE"):
+            database.execute("DROP TABLE messages")
+        database.execute(statement)
+        database.commit()
+    with pytest.raises(LogError, match=f"some.db: row 1: must be a row .*{told}"):
+        read_all(path)
 
 
 @pytest.mark.parametrize("suffix", [".asc", ".csv", ".trc", ".db"])

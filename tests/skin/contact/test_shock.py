@@ -125,6 +125,48 @@ def test_a_contact_that_begins_anew_is_no_shock():
     assert vibration.max() == 3.0
 
 
+def stamped(shocks, times_s, forces, sigma):
+    """Vibration of one contact at these times, and whether it is told; forces (t, 3)."""
+    seen = []
+    for t, (time_s, force) in enumerate(zip(times_s, forces, strict=True)):
+        event = np.array([BEGIN if t == 0 else 0], np.int32)
+        shocks.update(1, np.zeros(1, np.int32), event, force[None], np.full((1, 3), sigma),
+                      round(1e9 * time_s))  # fmt: skip
+        seen.append((shocks.vibration[0], shocks.vibrates(0)))
+    return np.transpose(seen)
+
+
+@pytest.mark.parametrize("every", [1, 4])
+def test_vibration_is_averaged_over_time_and_not_over_cycles(every):
+    """A hum ends: a twentieth is left after three time constants, whoever skips cycles."""
+    times_s = np.arange(0.0, 1.0, every / 250.0)
+    force = np.zeros((times_s.size, 3))
+    force[times_s < 0.5, 0] = np.resize([1.0, -1.0], (times_s < 0.5).sum())
+    vibration, _ = stamped(Shocks(1, 250.0), times_s, force, 0.1)
+    hum = vibration[np.searchsorted(times_s, 0.5) - 1]
+    assert hum == pytest.approx(16.0 / 6.0 / 0.1**2, rel=0.02)
+    later = vibration[np.searchsorted(times_s, 0.8)]
+    assert later == pytest.approx(hum * np.exp(-3.0), rel=0.2)
+
+
+@pytest.mark.parametrize("every", [1, 5])
+def test_vibration_is_told_no_more_often_on_noise_where_cycles_are_missing(every):
+    rate, samples = 250.0, 20_000
+    shocks = Shocks(1, rate, false_alarms_per_hour=3600.0 * rate / 1000.0)
+    noise = 0.02 * np.random.default_rng(3).standard_normal((samples, 3))
+    _, told = stamped(shocks, np.arange(samples) * every / rate, noise, 0.02)
+    begun = np.count_nonzero((told[1:] > 0) & (told[:-1] == 0))
+    assert begun <= 30
+
+
+def test_a_force_that_grows_evenly_is_no_shock_where_a_cycle_is_missing():
+    times_s = np.delete(np.arange(100), [20, 50, 51, 52]) / 250.0
+    ramp = times_s[:, None] * [3.0, -1.0, 10.0]
+    vibration, _ = stamped(Shocks(1, 250.0), times_s, ramp, 0.01)
+    assert vibration[-1] < 3.0
+    assert np.diff(vibration).max() <= 0.0
+
+
 def test_machine_code_and_python_shock_alike(monkeypatch):
     force = np.random.default_rng(5).standard_normal((50, 3))
     machine = shocks_of(Shocks(1, 250.0), force, 0.3, events=(20,))

@@ -1,0 +1,172 @@
+"""The commands as in a container: a read-only package, an unprivileged user that nobody knows, no
+home, no folder for compiled code."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+
+import skin
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs users and modes of files")
+
+ROOT = Path(skin.__file__).parent.parent
+NOBODY = 54321
+"""A user without an entry in the list of users."""
+TOPOLOGY = """format = 1
+name = "pair"
+
+[[buses]]
+name = "main"
+interface = "memory"
+channel = "pair"
+data_bitrate = 5_000_000
+cycle_rate_hz = 100
+sync_id = 0x80
+
+[[patches]]
+name = "pad"
+kind = "grid"
+rows = 1
+columns = 2
+pitch_m = 0.012
+bus = "main"
+layout = "f3t-fd64"
+first_id = 0x100
+"""
+PROGRAM = """
+import sys
+from skin.cli import main
+
+for line in sys.argv[1:]:
+    assert main(line.split()) == 0
+"""
+COMMANDS = (
+    "check pair.toml --json",
+    "sim pair.toml --scene press --fast --seconds 1 --log sim.log --json",
+    "run pair.toml --simulate --scene press --seconds 0.3 --log run.log --json",
+    "decode sim.log --topology pair.toml --output felt.csv --json",
+)
+MADE = {"sim.log", "run.log", "felt.csv", "felt.wrench.csv", "felt.contacts.csv", "felt.events.csv"}
+TIMED = {"seconds", "real_time_factor", "output"}
+
+
+def ran(folder, environment, user=()):
+    """What the commands tell in a folder that holds a topology: their reports, and what they say
+    beside them."""
+    done = subprocess.run(
+        [*user, sys.executable, "-B", "-c", PROGRAM, *COMMANDS], cwd=folder, env=environment,
+        check=False, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert {path.name for path in folder.iterdir()} == MADE | {"pair.toml"}
+    reports = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
+    return reports, done.stderr
+
+
+@pytest.fixture(scope="module")
+def normal(tmp_path_factory):
+    """A folder with all that a user with a home and a cache gets, and the reports."""
+    folder = tmp_path_factory.mktemp("normal")
+    folder.joinpath("pair.toml").write_text(TOPOLOGY)
+    return folder, ran(folder, os.environ | {"PYTHONPATH": str(ROOT)})[0]
+
+
+@pytest.fixture(scope="module")
+def user():
+    """What makes a command that of another user; without root, or where the interpreter is not for
+    all, of one without rights over what is read only."""
+    if os.geteuid():
+        return []
+    for tried in (
+        ["setpriv", f"--reuid={NOBODY}", f"--regid={NOBODY}", "--clear-groups"],
+        ["setpriv", "--inh-caps=-all", "--bounding-set=-all"],
+    ):
+        if not subprocess.run([*tried, sys.executable, "-c", "import numpy"], check=False,
+                              cwd="/", capture_output=True).returncode:  # fmt: skip
+            return tried
+    return []
+
+
+@pytest.fixture
+def container():
+    """A folder with a read-only copy of the packages, and two that everybody can write."""
+    folder = Path(tempfile.mkdtemp(prefix="container-"))
+    folder.chmod(0o755)
+    for package in ("topology", "bus", "skin"):
+        leave_out = shutil.ignore_patterns("__pycache__")
+        shutil.copytree(ROOT / package, folder / "package" / package, ignore=leave_out)
+    for name in ("work", "temporary"):
+        folder.joinpath(name).mkdir()
+        folder.joinpath(name).chmod(0o777)
+    folder.joinpath("work/pair.toml").write_text(TOPOLOGY)
+    yield folder
+    for path in (folder / "package", *folder.glob("package/**/")):
+        path.chmod(0o755)
+    shutil.rmtree(folder)
+
+
+def contained(container, user, **environment):
+    """What the commands tell in the container."""
+    for path in (container / "package", *container.glob("package/**/")):
+        path.chmod(0o555)
+    bare = {"PATH": os.environ["PATH"], "TMPDIR": str(container / "temporary")}
+    package = {"PYTHONPATH": str(container / "package")}
+    return ran(container / "work", bare | package | environment, user)
+
+
+def spoil(container, user):
+    """Let the user's folder among temporary files be one that others can write."""
+    uid = NOBODY if any("reuid" in word for word in user) else os.getuid()
+    container.joinpath(f"temporary/f3t-skin-{uid}").mkdir()
+    container.joinpath(f"temporary/f3t-skin-{uid}").chmod(0o777)
+
+
+def assert_same(container, reports, normal):
+    """The numbers are those of a normal run; what runs in real time is heard whole."""
+    folder, expected = normal
+    for report, usual in zip(reports, expected, strict=True):
+        if "units_heard" in report:
+            assert report["units_heard"] == 2
+            assert report["valid_share"] == 1.0
+        else:
+            timeless = [{k: v for k, v in one.items() if k not in TIMED} for one in (report, usual)]
+            assert timeless[0] == timeless[1]
+    assert reports[-1]["peak_force_n"] > 0.1
+    for name in MADE - {"run.log"}:
+        assert container.joinpath("work", name).read_bytes() == folder.joinpath(name).read_bytes()
+
+
+@pytest.mark.parametrize("home", [{}, {"HOME": "/nowhere"}], ids=["no home", "home is missing"])
+def test_commands_run_in_a_read_only_image_with_its_code_compiled(home, container, user, normal):
+    for folder in [*(container / "package").glob("**/")]:
+        source = ROOT / folder.relative_to(container / "package")
+        hashed = hashlib.sha1(str(source).encode()).hexdigest()  # as numba names folders
+        place = Path(os.environ["NUMBA_CACHE_DIR"], f"{source.name}_{hashed}")
+        for file in place.glob("*.nbc"):
+            folder.joinpath("__pycache__").mkdir(exist_ok=True)
+            shutil.copy(file, folder / "__pycache__")
+    spoil(container, user)
+    reports, said = contained(container, user, **home)
+    assert_same(container, reports, normal)
+    assert "f3t-skin" not in said
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kept", [True, False])
+def test_commands_run_in_a_read_only_image_that_was_never_run(kept, container, user, normal):
+    if not kept:
+        spoil(container, user)
+    reports, said = contained(container, user, NUMBA_CACHE_DIR="/nowhere")
+    assert_same(container, reports, normal)
+    assert said.count("compiled kernels are kept in") == kept
+    assert said.count("compiled kernels cannot be kept: no folder can be written") == (not kept)
+    assert bool([*container.glob("temporary/f3t-skin-*/*.nbc")]) == kept
