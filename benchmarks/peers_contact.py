@@ -61,6 +61,13 @@ class NumpyContacts:
         force = np.stack([fx, fy, fz])
         if sigma is None:
             sigma = force_sigma(self._skin, fz, x, y, depth)
+        return self.find(temperature, force, depth, sigma)
+
+    def find(
+        self, temperature: np.ndarray, force: np.ndarray, depth: np.ndarray, sigma: np.ndarray
+    ) -> list[Found]:
+        """Contacts of the next cycle, which is decoded: forces and their sigma of shape (3, n)."""
+        fz = force[2]
         above = fz > KEEP_SIGMA * sigma[2]
         units = np.flatnonzero(above)
         parts, label = connected_components(self._graph[units][:, units], directed=False)

@@ -1,14 +1,15 @@
 """What is not done: cycle time by how much of the skin is touched, and by what is wanted.
 
-One round contact presses 0, 5, 25 and 100 % of the units. `full` decodes every unit to everything
-with sigmas and one sweep of the cross-talk of every film; `plain`, which is what a decoder does if
-not told otherwise, leaves out the films that count as at rest; `skip` also leaves out blocks of
-units that nothing presses, and holds temperatures. The first table gives the time of `skip` over
-those of the others, in turns, in one process; the second that of each single want over all of them,
-without skipping.
+One round contact presses 0, 5, 25 and 100 % of the units. `default` is all that `skin.open`
+computes if not told otherwise, from counts to contacts with slip; `skip` is the same with
+``skip=True``: it leaves out blocks of units that nothing presses, holds temperatures, and estimates
+the ambient field where it looks at all units. Times are means over many cycles, those that look
+among them; ratios are of whole passes, and of decoding alone beside them. The second table gives
+the time of each single want over all of them, without skipping.
 
 Skipping changes no value: in the same run every unit that is not IDLE is compared to the bit with
-a pass that holds temperatures as long and leaves out no block, with cross-talk and without. What
+a decoder that holds temperatures as long and leaves out no block, with cross-talk and without; and
+both passes must tell the same contacts, with loads that differ by less than their sigma. What
 films that count as at rest would add has a bound, `CrossTalk.idle_ut`; what it made of the forces
 is in the table.
 """
@@ -17,11 +18,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.contact import plate
-from benchmarks.timing import times
+from benchmarks.contact import Pass, plate
+from benchmarks.timing import ratio, times
 from bus.compiled.aligned import zeros
+from skin.contact.contact import Contact
 from skin.decode.crosstalk import CrossTalk
 from skin.decode.decoder import Decoder
+from skin.options import Options
 from skin.physics.elastic import Elastic
 from skin.physics.halbach import HalbachField
 from skin.sim.truth import Truth
@@ -32,6 +35,8 @@ from topology import Topology
 SIZES = (64, 1024)
 SHARES = (0.0, 0.05, 0.25, 1.0)
 CYCLES = 16
+WARM = 40
+"""Rounds before the first one counts: the ambient field is found, all contacts are begun."""
 DEPTH_MM, SHEAR_MM = 1.0, 0.4
 VALUES = ("force", "tangential", "theta", "displacement_mm", "force_sigma", "tangential_sigma",
           "theta_sigma", "displacement_sigma_mm")  # fmt: skip
@@ -41,21 +46,27 @@ SINGLE = tuple(name for name in UNIT_WANTS if name != "sigma")
 def run(quick: bool) -> dict:
     """Measure; see the head of this file for what the figures are."""
     sizes = {str(n): _size(plate(n), quick) for n in SIZES}
-    return {"idle_ratio": sizes[str(SIZES[-1])]["shares"]["0"]["ratio"], "sizes": sizes}
+    idle = {n: row["shares"]["0"] for n, row in sizes.items()}
+    return {
+        "idle_ratio": idle[str(SIZES[-1])]["ratio"],
+        f"idle_ratio_{SIZES[0]}": idle[str(SIZES[0])]["ratio"],
+        "sizes": sizes,
+    }
 
 
 def table(figures: dict) -> str:
     """The figures for a person."""
     lines = [
-        f"{'units':>6}{'touched %':>11}{'idle %':>8}{'full us':>9}{'plain us':>10}{'skip us':>9}"
-        f"{'of full':>9}{'of plain':>10}{'force off N':>13}"
+        f"{'units':>6}{'touched %':>11}{'idle %':>8}{'default us':>12}{'skip us':>9}{'ratio':>7}"
+        f"{'95 %':>14}{'decoding':>10}{'force off N':>13}"
     ]
     for n, rows in figures["sizes"].items():
         for share, row in rows["shares"].items():
+            spread = "{:.2f} to {:.2f}".format(*row["ratio_95"])
             lines.append(
-                f"{n:>6}{share:>11}{100 * row['idle']:>8.0f}{row['full_us']:>9.2f}"
-                f"{row['plain_us']:>10.2f}{row['skip_us']:>9.2f}{row['ratio']:>9.2f}"
-                f"{row['ratio_plain']:>10.2f}{row['off_n']:>13.1e}"
+                f"{n:>6}{share:>11}{100 * row['idle']:>8.0f}{row['default_us']:>12.1f}"
+                f"{row['skip_us']:>9.1f}{row['ratio']:>7.2f}{spread:>14}"
+                f"{row['ratio_decoding']:>10.2f}{row['off_n']:>13.1e}"
             )
     for n, rows in figures["sizes"].items():
         wants = ", ".join(f"{name} {ratio:.2f}" for name, ratio in rows["wants"].items())
@@ -104,16 +115,37 @@ def _share(skin: Topology, share: float, target_s: float) -> dict:
                 raise AssertionError(f"{differ} values of units that were not skipped have changed")
         off.append(np.nanmax(np.abs(full(raw).force - plain(raw).force)))
         idle.append(np.mean(left_out.status & Status.IDLE != 0))
-    runs = {"full": full, "plain": plain, "skip": skip}
-    seconds = times({name: cycles_of(d, counts) for name, d in runs.items()}, target_s)
-    each = {name: seconds[name][0] / CYCLES for name in runs}
+    passes = {name: Pass(skin, Options(skip=name == "skip")) for name in ("default", "skip")}
+    _same_contacts(*(one.contacts(counts) for one in passes.values()))
+    decoders = {
+        f"{name} decoding": Decoder(skin, sweeps=1, ambient=True, skip=name == "skip")
+        for name in passes
+    }
+    runs = {name: one.cycles(counts) for name, one in passes.items()}
+    runs |= {name: cycles_of(decoder, counts) for name, decoder in decoders.items()}
+    for call in runs.values():
+        for _ in range(WARM):
+            call()
+    seconds = times(runs, target_s)
+    value, low, high = ratio(seconds["skip"], seconds["default"])
     return {
-        **{f"{name}_us": 1e6 * each[name] for name in runs},
-        "ratio": each["skip"] / each["full"],
-        "ratio_plain": each["skip"] / each["plain"],
+        **{f"{name}_us": 1e6 * seconds[name].median / CYCLES for name in passes},
+        "ratio": value,
+        "ratio_95": [low, high],
+        "ratio_decoding": ratio(seconds["skip decoding"], seconds["default decoding"])[0],
         "off_n": float(np.max(off)),
         "idle": float(np.mean(idle)),
     }
+
+
+def _same_contacts(one: list[list[Contact]], other: list[list[Contact]]) -> None:
+    """Raise AssertionError unless two passes tell the same contacts, but for what is estimated
+    less often: loads within a sigma."""
+    for some, others in zip(one, other, strict=True):
+        assert [c.id for c in some] == [c.id for c in others], "other contacts"
+        for a, b in zip(some, others, strict=True):
+            sigma_n = float(np.sqrt(a.wrench_covariance[2, 2]))
+            assert abs(a.load - b.load) <= sigma_n, f"load: {a.load} and {b.load} N"
 
 
 def _differ(told: Reading, left_out: Reading) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import topology
-from benchmarks import contact, peers_contact
+from benchmarks import contact, peers_contact, peers_live
 from benchmarks.peers_contact import NumpyContacts, force_sigma
 from skin.sim.unit import UnitSimulator
 
@@ -27,6 +27,7 @@ def test_benchmark_gives_errors_beside_times(monkeypatch):
         assert 0.0 < row["full"]["us_p50"] <= row["full"]["us_p99"]
         assert 0.0 < row["plain"]["us_p50"] <= row["plain"]["us_p99"]
         assert row["numpy_ratio"] > 1.0
+        assert row["live_numpy_ratio"] > 1.0
     for row in figures["centre_of_pressure"]:
         if row["load_n"] == "above 5":
             assert row["rms_mm"] < 0.2
@@ -35,9 +36,25 @@ def test_benchmark_gives_errors_beside_times(monkeypatch):
     assert ("nb-touch is not installed" in text) == ("nb_touch" not in rows["1"])
 
 
+@pytest.mark.parametrize(("n", "kind", "touches"), [(64, "grid", 3), (363, "cylinder", 1)])
+def test_numpy_does_what_the_live_pass_does(n, kind, touches):
+    """The same forces, displacements and contacts, of films that feel each other, as units are
+    dragged, on flat and curved skins; after seconds, in which the ambient field is found."""
+    skin = contact.plate(n, kind)
+    contact.assert_live_same(skin, contact.counts_of(skin, touches, live=True) * 3, touches)
+
+
+def test_a_live_pass_of_others_values_is_no_comparison(monkeypatch):
+    skin = contact.plate(64)
+    counts = contact.counts_of(skin, 1, live=True)[:4]
+    monkeypatch.setattr(peers_live, "WALK_UT2", 4000.0)
+    with pytest.raises(AssertionError):
+        contact.assert_live_same(skin, counts, 1)
+
+
 def test_plain_arrays_have_the_contacts_of_the_whole_pass():
     skin = contact.plate(64)
-    one, stream = contact._Pass(skin, contact.FULL), contact.plain(skin)
+    one, stream = contact.Pass(skin, contact.lean(contact.FULL)), contact.plain(skin)
     for counts in contact.counts_of(skin, 3)[:20]:
         state = one.pipeline.state(one.load(counts))
         found = stream(*(array.copy() for array in contact._shown(state.units)))

@@ -1,0 +1,230 @@
+"""What a live skin is measured against: the same chain of stages in numpy and scipy, float64.
+
+Each cycle: the neighbours' fields by a sparse product of where the last cycle left the films, off
+the counts with the ambient field; temperature, force, displacement by the angle of the field; the
+filter of ambient field and zeros; contacts. It does less than the live skin: no slip, no friction,
+no events, no flags, no lag of the chip, and neighbours to 30 mm in the second degree, which misses
+twice what the live skin misses of them. So a ratio to it is a lower bound.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.sparse import csr_matrix, eye_array
+from scipy.spatial import cKDTree
+
+from benchmarks.peers_contact import Found, NumpyContacts, force_sigma
+from skin.physics.rest import film_at_rest_ut
+from skin.physics.stencil import Stencil
+from skin.physics.stray import monomials
+from topology import CHANNELS, Topology
+
+__all__ = ["NumpyLive", "stencil_of"]
+
+DEGREE, REACH_M = 2, 0.030
+GUARD_M = 0.03
+PRIOR_UT2, WALK_UT2, TURN_UT2 = 2500.0, 400.0, 833.0
+"""Of the ambient field, as of `skin.decode.ambient_kernels`."""
+
+
+def stencil_of(skin: Topology) -> Stencil:
+    """Fields of neighbours as `NumpyLive` knows them."""
+    return Stencil.of(skin, degree=DEGREE, reach_m=REACH_M)
+
+
+class NumpyLive:
+    """A live skin in numpy, cycle by cycle.
+
+    Attributes
+    ----------
+    displacement_mm, force : ndarray, shape (3, n)
+        Of the last cycle.
+    """
+
+    def __init__(self, skin: Topology) -> None:
+        n, stencil = skin.n, stencil_of(skin)
+        self._skin, self._rest = skin, stencil.rest_ut
+        self._contacts, self._ambient = NumpyContacts(skin), NumpyAmbient(skin)
+        shares = stencil.coefficients[stencil.kind]  # (pairs, 3, terms)
+        axis, term = np.indices(shares.shape[1:])
+        row = axis * n + stencil.unit[:, np.newaxis, np.newaxis]
+        column = term * n + stencil.neighbour[:, np.newaxis, np.newaxis]
+        entries = shares.ravel(), (np.broadcast_to(row, shares.shape).ravel(),
+                                   np.broadcast_to(column, shares.shape).ravel())  # fmt: skip
+        self._stray = csr_matrix(entries, shape=(3 * n, shares.shape[2] * n))
+        self._strength = stencil.strength
+        self.displacement_mm, self.force = np.zeros((2, 3, n))
+        self._warm_film: np.ndarray | None = None
+        p = skin.parameters
+        with np.errstate(divide="ignore"):
+            self._film_step = 1.0 - np.exp(-1.0 / (skin.cycle_rate_hz * p["film_lag_s"]))
+        self._table = p["field_angle_mm"].reshape(4, 4, n)
+
+    def __call__(self, counts: np.ndarray, sigma: np.ndarray | None = None) -> Sequence[Found]:
+        """Contacts of the next cycle, by counts of shape (6, n); sigma of the forces if known."""
+        p, ambient = self._skin.parameters, self._ambient
+        warmer = 0.0
+        if self._warm_film is not None:
+            warmer = p["film_drift_per_k"] * (self._warm_film - p["film_reference_c"])
+        terms = monomials(self.displacement_mm, DEGREE) * (self._strength * (1.0 + warmer))
+        stray = (self._stray @ terms.ravel()).reshape(3, -1) + self._rest * warmer
+        background = ambient.background_ut + stray
+        temperature, field = self._decode(counts, ambient.background_hz, background)
+        ambient.update(self.displacement_mm[2], temperature, field)
+        _, _, load = self.force
+        if sigma is None:
+            sigma = force_sigma(self._skin, load, *self.displacement_mm)
+        return self._contacts.find(temperature, self.force, self.displacement_mm[2], sigma)
+
+    def _decode(
+        self, counts: np.ndarray, fallen_hz: np.ndarray, background_ut: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Temperature (n,) and field (3, n); displacement and force are kept."""
+        p = self._skin.parameters
+        current, frequency, *told, chip = self._skin.scale * counts + self._skin.offset
+        temperature = 20.0 + 60.0 * np.log(current / p["gel_current_20c_ua"]) / np.log(
+            p["gel_current_ratio"]
+        )
+        film = temperature if self._warm_film is None else self._warm_film
+        self._warm_film = film + self._film_step * (temperature - film)
+        drop = p["frequency_rest_hz"] - frequency - fallen_hz
+        depth = drop / p["frequency_slope_hz_per_mm"]
+        stiffer = p["normal_stiff_n_per_hz"] - p["normal_soft_n_per_hz"]
+        load = p["normal_soft_n_per_hz"] * drop + stiffer * np.maximum(
+            drop - p["normal_break_hz"], 0.0
+        )
+        above = chip - p["hall_reference_c"]
+        offset = np.stack([p[f"hall_offset_{axis}_ut"] for axis in "xyz"])
+        drift = np.stack([p[f"hall_drift_{axis}_ut_per_k"] for axis in "xyz"])
+        gain = 1.0 + p["hall_gain_per_k"] * above
+        bx, by, bz = (np.stack(told) - offset - drift * above) / gain - self._rest - background_ut
+        bx, by = p["field_xx"] * bx + p["field_xy"] * by, p["field_yx"] * bx + p["field_yy"] * by
+        strength = np.hypot(bx, by)
+        angle, held = np.arctan2(strength, bz), np.clip(depth, -0.5, 4.0)
+        odd = angle * angle
+        row = [t[0] + held * (t[1] + held * (t[2] + held * t[3])) for t in self._table]
+        reach = angle * (row[0] + odd * (row[1] + odd * (row[2] + odd * row[3])))
+        tangential = p["shear_soft_n_per_mm"] * reach + p["shear_stiff_n_per_mm"] * np.maximum(
+            reach - p["shear_break_mm"], 0.0
+        )
+        way = np.stack([bx, by]) / np.maximum(strength, 1e-6)
+        self.displacement_mm = np.vstack([reach * way, depth])
+        self.force = np.vstack([tangential * way, load])
+        return temperature, np.stack([bx, by, bz])
+
+
+class NumpyAmbient:
+    """The filter of ambient field and zeros; all units of one body."""
+
+    def __init__(self, skin: Topology) -> None:
+        p, n = skin.parameters, skin.n
+        step = np.abs(skin.scale) / np.sqrt(12.0)
+        hertz, upright = CHANNELS.index("frequency"), skin.wired[CHANNELS.index("bz")]
+        self._sigma_hz = np.hypot(p["frequency_noise_hz"], step[hertz])
+        self._per_mm = p["frequency_slope_hz_per_mm"]
+        self._lateral = p["field_noise_ut"] ** 2 + (step[2] ** 2 + step[3] ** 2) / 2.0
+        self._axial = p["field_noise_ut"] ** 2 + step[4] ** 2
+        self._upright, self._drift = upright, p["film_drift_per_k"]
+        own = film_at_rest_ut(skin)
+        self._own = np.vstack([own[:2], np.zeros(n)])
+        growth = own[2] * p["field_growth_per_mm"]
+        self._witness = 0.5 * self._sigma_hz / self._per_mm * growth
+        self._turn = skin.rotation * np.array([-1.0, -1.0, 1.0])[:, np.newaxis]
+        self._map = np.stack([[p["field_xx"], p["field_xy"]], [p["field_yx"], p["field_yy"]]])
+        self._unmap = np.moveaxis(np.linalg.inv(np.moveaxis(self._map, -1, 0)), 0, -1)
+        self._dt = 1.0 / skin.cycle_rate_hz
+        self._slow = max(1.0, 100.0 * self._dt)
+        self._fast_hz, self._slow_hz, self._gel, self._film, self._age, self._alone, self._calm = (
+            np.zeros((7, n))
+        )
+        self._long = np.zeros((3, n))
+        self._rest, self._rest_film = np.full((2, n), np.nan)
+        self._rest_s = np.zeros(n)
+        apart = cKDTree(skin.position.T).sparse_distance_matrix(cKDTree(skin.position.T), GUARD_M)
+        self._guarded = csr_matrix(apart.astype(bool) + eye_array(n, dtype=bool))
+        self._zero, self._held = np.zeros((3, n)), 0.0
+        self._field, self._covariance = np.zeros(3), PRIOR_UT2 * np.eye(3)
+        self.background_hz, self.background_ut = np.zeros(n), np.zeros((3, n))
+
+    def update(self, depth: np.ndarray, gel: np.ndarray, field: np.ndarray) -> None:
+        """Look at a decoded cycle: depth (n,), gel temperature (n,), field (3, n)."""
+        self._average(depth * self._per_mm, gel, self._beyond(field))
+        votes = (np.abs(self._fast_hz) <= 3.0 * self._sigma_hz) & (self._age > 0.0)
+        self._alone[~votes] = 0.0
+        self._filter(votes, self._beyond(field))
+        self._follow(votes)
+        body = np.einsum("abn,a->bn", self._turn, self._field)
+        zeros = np.einsum("abn,bn->an", self._unmap, body[:2] + self._zero[1:])
+        self.background_hz, self.background_ut = self._zero[0], np.vstack([zeros, body[2]])
+
+    def _beyond(self, field: np.ndarray) -> np.ndarray:
+        """The field without the unit's own, Bz without that at rest."""
+        x, y, z = field - self._own
+        warmer = np.nan_to_num(self._film - self._rest_film)
+        rest = np.nan_to_num(self._rest) * (1.0 + self._drift * warmer)
+        return np.stack([x, y, np.where(self._upright, z - rest, 0.0)])
+
+    def _average(self, drop: np.ndarray, gel: np.ndarray, off: np.ndarray) -> None:
+        """Low-passes that begin as means."""
+        dt, slow = self._dt, self._slow
+        self._age += dt
+        self._alone += dt
+
+        def share(lag_s: float, since_s: np.ndarray) -> np.ndarray:
+            return np.maximum(dt / (lag_s + dt), np.minimum(dt / since_s, 1.0))
+
+        self._fast_hz += share(0.05 * slow, self._age) * (drop - self._fast_hz)
+        new = share(slow, self._age)
+        self._slow_hz += new * (drop - self._slow_hz)
+        self._gel += new * (gel - self._gel)
+        self._film += share(10.0 * slow, self._age) * (gel - self._film)
+        self._long += share(10.0 * slow, self._alone) * (off - self._long)
+
+    def _filter(self, votes: np.ndarray, seen: np.ndarray) -> None:
+        """A step of the Kalman filter, units weighted by Geman and McClure."""
+        sigma = np.sqrt(self._lateral)
+        known = ~np.isnan(self._rest)
+        off = self._long * np.stack([np.ones(known.size), np.ones(known.size), known])
+        trust = votes / (1.0 + (off**2).sum(axis=0) / self._lateral) ** 2
+        still = known & self._upright & (np.abs(self._slow_hz) < 0.5 * self._sigma_hz)
+        weight = trust / np.stack([self._lateral, self._lateral, self._axial])
+        weight[2] *= still
+        information = np.einsum("abn,bn,cbn->ac", self._turn, weight, self._turn, optimize=True)
+        told = np.einsum("abn,bn->a", self._turn, weight * np.clip(seen, -5.0 * sigma, 5.0 * sigma))
+        walk = min(self._dt * (WALK_UT2 + 2.0 * TURN_UT2 * self._held) / PRIOR_UT2, 1.0)
+        self._covariance = (1.0 - walk) * self._covariance + walk * PRIOR_UT2 * np.eye(3)
+        if votes.sum() < 4:
+            self._held += self._dt
+            return
+        self._held = 0.0
+        self._covariance = np.linalg.inv(np.linalg.inv(self._covariance) + information)
+        self._field = self._field + self._covariance @ told
+
+    def _follow(self, votes: np.ndarray) -> None:
+        """Zeros of units that are provably unloaded."""
+        dt, slow, load = self._dt, self._slow, np.abs(self._slow_hz)
+        known = self._upright & ~np.isnan(self._rest)
+        calm = votes & ~(self._guarded @ ~votes)
+        calm &= load < np.where(known, 3.0, 0.5) * self._sigma_hz
+        calm &= np.abs(self._gel - self._film) < 0.3
+        calm &= ~(known & (np.abs(self._long[2]) > self._witness))
+        self._calm = np.where(calm, self._calm + dt, 0.0)
+        learning = self._upright & (self._rest_s < 5.0 * slow)
+        watched = np.minimum(self._calm, self._alone)
+        now = learning & (watched >= 2.0 * slow)
+        self._rest = np.where(now, self._long[2] + np.where(known, self._rest, 0.0), self._rest)
+        self._rest_film = np.where(now, self._film, self._rest_film)
+        self._rest_s = np.where(now, watched, self._rest_s)
+        self._long[2] = np.where(now, 0.0, self._long[2])
+        gone = ~learning & (self._calm >= 5.0 * slow)
+        off = np.stack([
+            np.clip(self._slow_hz / max(30.0, 4.0 * slow), -1.0 / 60.0, 1.0 / 60.0),
+            *np.clip(self._long[:2] / (40.0 * slow), -0.1, 0.1),
+        ])  # fmt: skip
+        span = np.array([[60.0], [200.0], [200.0]])
+        self._zero = np.where(gone, np.clip(self._zero + dt * off, -span, span), self._zero)
+        slowly = gone & self._upright & (load < 0.5 * self._sigma_hz)
+        rate = np.clip(self._long[2] / (40.0 * slow), -0.005, 0.005)
+        self._rest = np.where(slowly, self._rest + dt * rate, self._rest)
