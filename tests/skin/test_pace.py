@@ -34,38 +34,46 @@ def slow_palm(tmp_path):
     return topology.load(file)
 
 
-def test_a_board_that_comes_back_after_all_others_is_heard(slow_palm):
+def test_a_board_that_comes_back_after_all_others_is_heard():
     """Its frame, the last of each cycle, is there before the next SYNC."""
+    palm = topology.load("palm")
     near, far = MemoryTransport.pair()
-    nodes, out, last_words = Nodes(slow_palm), FrameBatch(64), []
+    nodes, out, owed, looks = Nodes(palm), FrameBatch(64), [], []
     asked = itertools.count()
 
     def answer(records):
-        for record in records:
-            out.clear()
-            nodes.respond(record[np.newaxis], out)
-            last = out.frames["id"] == slow_palm.frames.can_id[-1]
-            far.send(out.frames[~last])
-            if not 2 <= next(asked) < 10:
-                timer = threading.Timer(0.006, far.send, (out.frames[last],))
-                timer.start()
-                last_words.append(timer)
+        out.clear()
+        nodes.respond(records, out)
+        last = out.frames["id"] == palm.frames.can_id[-1]
+        far.send(out.frames[~last])
+        looks.clear()
+        if not 2 <= next(asked) < 10:
+            owed.append(out.frames[last])
+
+    def look(batch, wait_ns):
+        looks.append(wait_ns)
+        if len(looks) == 2 and owed:
+            far.send(owed.pop())
+        return receive(batch, wait_ns)
 
     far.listener = answer
-    with skin.open(slow_palm, transports=[near]) as opened:
-        states = [state.units.status[-1] for state in itertools.islice(opened, 16)]
-    for timer in last_words:
-        timer.join()
-    assert states[1] & Status.LATE == 0
-    assert states[9] & Status.STALE
-    assert [status & Status.LATE for status in states[12:]] == [0] * 4
+    with skin.open(palm, transports=[near], pace=False, deadline_s=0.05) as opened:
+        receive, opened._waiter.receive = opened._waiter.receive, look
+        flags = []
+        for state in itertools.islice(opened, 16):
+            flags.append(Status(int(state.units.status[-1])))
+            while owed:
+                far.send(owed.pop())
+    assert Status.LATE not in flags[1]
+    assert Status.STALE in flags[9]
+    assert not any(Status.LATE in each for each in flags[12:])
 
 
 @pytest.mark.skipif(not has_batches(), reason="needs a 64-bit Linux")
 def test_arrivals_that_complete_no_cycle_are_slept_through(slow_palm):
     """13 frames, 0.5 ms apart: a look at each would be 13 looks a cycle."""
     near, far = (DatagramTransport(end, "end") for end in sockets())
-    nodes, stop, looks = Nodes(slow_palm), threading.Event(), []
+    nodes, stop, looks, each = Nodes(slow_palm), threading.Event(), [], []
 
     def answer():
         heard, out = FrameBatch(8), FrameBatch(64)
@@ -81,19 +89,18 @@ def test_arrivals_that_complete_no_cycle_are_slept_through(slow_palm):
 
     units = threading.Thread(target=answer)
     units.start()
-    with skin.open(slow_palm, transports=[near]) as opened:
+    with skin.open(slow_palm, transports=[near], deadline_s=0.5) as opened:
         receive = opened._waiter.receive
         opened._waiter.receive = lambda *given: looks.append(0) or receive(*given)
         states = iter(opened)
-        for _ in range(30):
+        for _ in range(50):
+            looks.clear()
             next(states)
-        looks.clear()
-        whole = [next(states).coverage for _ in range(20)]
+            each.append(len(looks))
     stop.set()
     units.join()
     far.close()
-    assert whole == pytest.approx([1.0] * 20)
-    assert len(looks) < 20 * 9
+    assert np.median(each[25:]) < 9
 
 
 def test_a_lull_ends_before_cycles_are_complete_and_shrinks_where_it_was_too_long():
