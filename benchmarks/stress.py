@@ -4,7 +4,8 @@ Whole domains of counts, crests, zeros, rails and calibrations at their ends are
 doubles; where a decoder is farthest off it is judged with 40 digits. Forces are held where a
 reading is valid and no bound (SATURATED, of which the error stands beside). `condition` is the
 largest change of the force, in full scales, over the relative change of what a channel reads;
-errors at calibrations whose full scale is beyond 7.2 N are in shares of it, times 7.2 N.
+errors of forces, or at calibrations whose full scale is, beyond 7.2 N are in shares of that, times
+7.2 N.
 
 Then what lasts or is large: cross-talk as dense as `skin check` lets through, a million cycles of
 every filter, moments about an origin 100 m away, arrays of 1 to 65 536 units. `slowdown` is the
@@ -148,7 +149,8 @@ def full_scale_n(skin: Topology) -> np.ndarray:
 def worst(skin: Topology, counts: np.ndarray, reading: Reading, estimator: str, most: int) -> Worst:
     """Judge the units that are farthest off: half of them bounds, if so many are."""
     units = np.flatnonzero(reading.valid)
-    share = FULL_SCALE_N / full_scale_n(skin)[units]
+    largest_n = np.abs(reading.force[:, units]).max(axis=0).astype(np.float64)
+    share = FULL_SCALE_N / np.fmax(largest_n, full_scale_n(skin)[units])
     told = walk(skin, counts[:, units], units, estimator)
     off = np.abs(reading.force[:, units] - told).max(axis=0) * share
     off = np.where(np.isfinite(off), off, np.inf)

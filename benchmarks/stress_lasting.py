@@ -59,6 +59,7 @@ def dense(quick: bool) -> dict:
     ):  # fmt: skip
         decoder = Decoder(skin, {"force"}, dtype=dtype, sweeps=2, consistency=False)
         crosstalk = CrossTalk(skin, dtype=dtype, tolerance_ut=0.0, lattices=lattices)
+        assert decoder.loop is not None
         decoder.crosstalk = decoder.loop.crosstalk = crosstalk
         forces[name] = np.stack(
             [decoder(counts_of(skin, most=0.5, seed=i)).force for i in range(4 if quick else 40)]
@@ -114,14 +115,14 @@ def filters(quick: bool) -> dict:
     lap = _played(skin)
     pipelines = {dtype: Pipeline(skin, Options(dtype=dtype)) for dtype in DTYPES}
     period_ns = round(1e9 / skin.cycle_rate_hz)
-    status, rest = np.zeros(skin.n, np.uint16), (np.zeros(skin.n, int),) * 3
+    status, none = np.zeros(skin.n, np.uint16), np.zeros(skin.n, int)
     furthest = nonfinite = broken = 0
     for number in range(CYCLES[quick]):
         force = {}
         for dtype, pipeline in pipelines.items():
             state = pipeline(RawCycle(
                 number, (number + 1) * period_ns, ClosedBy.COMPLETE, lap[number % LAP],
-                status == 0, status, *rest,
+                status == 0, status, none, none, none,
             ))  # fmt: skip
             force[dtype] = state.units.force
             if number % LOOK == LOOK - 1:

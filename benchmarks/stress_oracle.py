@@ -83,8 +83,7 @@ def judge(skin: Topology, counts: np.ndarray, units: np.ndarray, estimator: str)
 
     with mp.workdps(DIGITS):
         told = _model(skin, counts, units, estimator, _many_digits())
-        text = np.frompyfunc(lambda x: mp.nstr(x, 25), 1, 1)(told)
-        return text.astype(str).astype(np.longdouble)
+        return np.array([[np.longdouble(mp.nstr(x, 25)) for x in row] for row in told])
 
 
 def walk(
