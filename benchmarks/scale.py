@@ -12,7 +12,7 @@ the receiver's counters nor its flags are asked. A cycle is late if it was left 
 without all its units. `held up` are the frames of cycles which the units' process itself, held up
 by the machine, has not ended by 0.85 of their period, and of those right after them, which do not
 wait for units that were late for long: they are neither lost nor late. `cpu` is user and system
-time of the receiving process over wall time.
+time of the receiving process for a cycle, over the period: cycles left out make it no smaller.
 
 Beside it what is published of another skin of 1260 cells; that machine and work are not these.
 """
@@ -185,7 +185,7 @@ def _watch(live: product.Skin, played: _Played, warm: int, cycles: int) -> _Seen
     for _ in range(warm):
         next(states)
     overruns, own_ns = live.timing.overruns, played.own_ns
-    cpu, wall = time.process_time_ns(), time.perf_counter_ns()
+    cpu = time.process_time_ns()
     for i in range(cycles):
         state = next(states)
         seen.at_ns[i] = time.perf_counter_ns()
@@ -193,13 +193,12 @@ def _watch(live: product.Skin, played: _Played, warm: int, cycles: int) -> _Seen
         seen.temperature[i] = state.units.temperature
         seen.work_ns[i] = live.timing.work_ns
         seen.complete[i] = state.closed_by is ClosedBy.COMPLETE
-    cpu, wall = time.process_time_ns() - cpu, time.perf_counter_ns() - wall
-    cpu -= played.own_ns - own_ns
+    cpu = time.process_time_ns() - cpu - (played.own_ns - own_ns)
     seen.left_out = live.timing.overruns - overruns
     apart_ms = 1e-6 * np.diff(seen.at_ns)
     seen.figures = {
         "cycles": cycles,
-        "cpu_share": cpu / wall,
+        "cpu_share": 1e-9 * cpu * live.topology.cycle_rate_hz / cycles,
         "cycle_ms": _spread(apart_ms),
         "work_us": _spread(1e-3 * seen.work_ns),
     }
