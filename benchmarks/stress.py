@@ -92,12 +92,12 @@ def run(quick: bool) -> dict:
 
 def table(figures: dict) -> str:
     """The figures for a person."""
-    lines = [f"{'case':<30}{'estimator':<13}{'points':>7}{'valid':>7}{'float32 N':>11}"
+    lines = [f"{'case':<33}{'estimator':<13}{'points':>7}{'valid':>7}{'float32 N':>11}"
              f"{'condition':>11}{'float64 N':>11}{'bounds N':>10}  worst in float32"]  # fmt: skip
     for row in figures["rows"]:
         single, double = row["float32"], row["float64"]
         lines.append(
-            f"{row['case']:<30}{row['estimator']:<13}{row['points']:>7}{single['valid']:>7.0%}"
+            f"{row['case']:<33}{row['estimator']:<13}{row['points']:>7}{single['valid']:>7.0%}"
             f"{single['error_n']:>11.1e}{single['condition']:>11.1e}{double['error_n']:>11.1e}"
             f"{single['bound_error_n']:>10.0e}  {single['flags']} at {single['counts']}"
         )
