@@ -91,6 +91,8 @@ class MemoryTransport(Transport):
                 self._arrival.wait_for(lambda: self._waiting or self._closed, timeout_s)
             if self._closed:
                 raise self._channel.closed()
+            if not self._waiting:
+                return 0
             straight = min(self._waiting, self._ring.size - self._first)
             taken = batch.extend(self._ring[self._first : self._first + straight])
             if taken == straight:

@@ -19,7 +19,7 @@ from bus.frame import FRAME_DTYPE, FrameBatch
 from bus.logs import Recording
 from bus.state import BusChange
 from bus.transport import Transport
-from bus.wait import Waiter
+from bus.wait import Lull, Waiter
 from skin.compiling import announcer
 from skin.errors import OptionError, SkinError
 from skin.pipeline import Pipeline
@@ -85,6 +85,7 @@ class Skin:
         self._waiter = Waiter(transports, wait)
         self._pace = pace
         self._period_ns = round(1e9 / topology.cycle_rate_hz)
+        self._lull, self._has_lull = Lull(self._period_ns), wait == "event"
         self._sends_sync = sync == "host" and topology.buses[0].sync_id is not None
         self._sync_frames = _sync_frames(topology)
         self._started_ns, self._epoch_ns = time.monotonic_ns(), time.time_ns()
@@ -279,7 +280,6 @@ class Skin:
 
     def _host_cycles(self) -> Generator[State]:
         """This host sends SYNC: one cycle for each."""
-        pipeline, deadline_ns = self.pipeline, self.pipeline.assembler.deadline_ns
         due = time.monotonic_ns()
         while not self._closed:
             if self._pace:
@@ -288,13 +288,30 @@ class Skin:
                 self._number += skipped
             else:
                 due = time.monotonic_ns()
+            self._receive(0)  # who answers after the cycle was closed shall be waited for
+            yield from self._feed(self._batch.frames)
             yield from self._feed(self._sync(self._number))
             self._number += 1
-            while not self._closed and pipeline.pending:
-                self._receive(due + deadline_ns - time.monotonic_ns())
-                yield from self._feed(self._batch.frames)
-                yield from self._timed(time.monotonic_ns(), pipeline.expire)
+            yield from self._answers()
             due += self._period_ns
+
+    def _answers(self) -> Iterator[State]:
+        """Receive until the cycle is closed; sleep through arrivals that cannot complete it."""
+        pipeline, lull = self.pipeline, self._lull
+        asked_ns = heard_ns = time.monotonic_ns()
+        until_ns = asked_ns + pipeline.assembler.deadline_ns
+        looks, sleeps = 0, self._has_lull and lull.ns > 0
+        while not self._closed and pipeline.pending:
+            if sleeps and looks == 1:
+                _wait_until(min(asked_ns + lull.ns, until_ns), self._period_ns)
+            now_ns = time.monotonic_ns()  # what has arrived by then is heard before time is up
+            # units within this process have answered already
+            self._receive(0 if sleeps and looks == 0 else until_ns - now_ns)
+            looks, heard_ns = looks + 1, time.monotonic_ns()
+            yield from self._feed(self._batch.frames)
+            yield from self._timed(now_ns, pipeline.expire)
+        if heard_ns < until_ns:
+            lull.learn(heard_ns - asked_ns, slept_too_long=looks <= 1 + sleeps)
 
     def _bus_cycles(self) -> Generator[State]:
         """Somebody else sends SYNC, or nobody does: cycles come as they close."""
@@ -311,8 +328,8 @@ class Skin:
         frames = self._sync_frames
         frames["data"][:, 0] = number & 0xFF
         frames["stamp_ns"] = self._stamp_ns()
-        for transport, frame in zip(self.transports, frames, strict=True):
-            self.timing.unsent += 1 - transport.send(np.asarray(frame)[np.newaxis])
+        for i, transport in enumerate(self.transports):
+            self.timing.unsent += 1 - transport.send(frames[i : i + 1])
         return frames
 
     def _stamp_ns(self) -> int:

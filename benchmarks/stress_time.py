@@ -1,0 +1,74 @@
+"""The time of a cycle under numerical stress over that of a calm one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from benchmarks.contact import plate
+from benchmarks.peers_decode import counts_of
+from benchmarks.timing import times
+from bus.compiled.aligned import zeros
+from skin.decode.decoder import Decoder
+from skin.options import DTYPES
+from topology import Topology
+
+UNITS = 1024
+CYCLES = 16
+AGES = {"float32": 95.0, "float64": 725.0}
+"""Time constants after which a lag of some kelvin is denormal."""
+
+
+def slowdowns(quick: bool) -> dict[str, float]:
+    """Ratio of every kind of stress, by type; decoders of one plan, by turns in one process."""
+    skin, target_s = plate(UNITS), 0.05 if quick else 0.5
+    ratios = {}
+    for dtype in DTYPES:
+        runs = cases(skin, dtype)
+        seconds = times(runs, target_s)
+        calm = seconds["calm"][0]
+        ratios |= {f"{name}, {dtype}": s[0] / calm for name, s in seconds.items() if name != "calm"}
+    return ratios
+
+
+def cases(skin: Topology, dtype: str) -> dict[str, Callable[[], None]]:
+    """A call for each kind of stress that decodes `CYCLES` cycles; "calm" is none."""
+    rng = np.random.default_rng(1)
+    calm = np.stack([counts_of(skin, seed=seed) for seed in range(CYCLES)])
+    whole = rng.integers(-32768, 32768, calm.shape).astype(np.int16)
+    nothing = calm.copy()
+    nothing[:, 2:5] = rng.integers(-1, 2, nothing[:, 2:5].shape)
+    crest = calm.copy()
+    crest[:, 2:4] = np.clip(2.0 * crest[:, 2:4], -32768, 32767)
+    rails = np.where(rng.random(calm.shape) < 0.5, np.int16(-32768), calm)
+    still = np.broadcast_to(calm[:1], calm.shape)
+    runs = {
+        name: run_of(Decoder(skin, dtype=dtype), counts)
+        for name, counts in (("calm", calm), ("any counts", whole), ("no field", nothing),
+                             ("beyond the crest", crest), ("rails", rails))
+    }  # fmt: skip
+    return runs | {"denormal lags": run_of(aged(skin, dtype, calm), still)}
+
+
+def aged(skin: Topology, dtype: str, counts: np.ndarray) -> Decoder:
+    """A decoder whose lags behind the gel have shrunk to denormal numbers."""
+    decoder = Decoder(skin, dtype=dtype)
+    decoder(counts[1])
+    decoder(counts[0])
+    longest_s = float(skin.parameters["film_lag_s"].max())
+    decoder.elapse(AGES[dtype] * longest_s)
+    return decoder
+
+
+def run_of(decoder: Decoder, counts: np.ndarray) -> Callable[[], None]:
+    """Decode all cycles, each handed over as a bus does, in one array."""
+    here = zeros(counts.shape[1:], np.int16)
+    decode = decoder.bind(here, zeros(counts.shape[2], np.uint16))
+
+    def go() -> None:
+        for raw in counts:
+            here[:] = raw
+            decode()
+
+    return go
