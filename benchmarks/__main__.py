@@ -59,6 +59,7 @@ def main() -> int:
     parser.add_argument("name", nargs="?", help="which benchmark; none lists them")
     parser.add_argument("--json", action="store_true", help="end with one JSON object")
     parser.add_argument("--quick", action="store_true", help="fewer repetitions, smaller sizes")
+    parser.add_argument("--only", metavar="NAMES", help="report: renew the figures of these alone")
     options = parser.parse_args()
     known = names()
     if options.name is None:
@@ -71,7 +72,10 @@ def main() -> int:
         print(message, file=sys.stderr)
         return 2
     module = import_module(f"benchmarks.{options.name}")
-    figures = module.run(options.quick)
+    if options.only is not None and options.name != "report":
+        parser.error("--only: must be used with report")
+    only = {} if options.only is None else {"only": options.only.split(",")}
+    figures = module.run(options.quick, **only)
     print(module.table(figures))
     if options.json:
         print(json.dumps({"benchmark": options.name, **figures, "machine": machine()}))

@@ -81,7 +81,8 @@ def table(figures: dict) -> str:
     """The figures for a person."""
     lines = [f"{'units':>6}{'contacts':>10}{'live us p50':>13}{'p99':>8}{'numpy us':>10}"
              f"{'ratio':>7}   lean:{'decode':>8}{'+contacts':>11}{'numpy us':>10}{'ratio':>7}"
-             f"{'+slip p50':>11}{'p99':>8}{'plain p50':>11}{'nb-touch us':>13}{'ratio':>7}"]  # fmt: skip
+             f"{'+slip p50':>11}{'p99':>8}{'plain p50':>11}{'nb-touch us':>13}"
+             f"{'ratio':>7}"]  # fmt: skip
     for n, rows in figures["sizes"].items():
         for touches, row in rows.items():
             lines.append(

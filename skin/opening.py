@@ -68,8 +68,7 @@ def open(
     sync : "host" or "bus"
         Who sends SYNC: this host, or another node (then this end only listens).
     wait : "event" or "drain"
-        Wake for arrivals from shortly before cycles use to be complete on (least latency), or once
-        a cycle at its deadline (least work).
+        Wake when cycles use to be complete (least latency), or at the deadline (least work).
     pace : bool
         Keep the cycle rate of the topology; False asks for the next cycle as soon as one is done.
     deadline_s : float, optional

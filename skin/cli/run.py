@@ -34,7 +34,9 @@ def run(
     sync: options.Sync = "host",
     wait: Annotated[
         Literal["event", "drain"],
-        tyro.conf.arg(help="wake as a cycle becomes complete (least latency), or once a cycle (least work)"),
+        tyro.conf.arg(
+            help="wake as a cycle becomes complete (least latency), or once a cycle (least work)"
+        ),
     ] = "event",
     simulate: Annotated[
         bool, options.quiet("listen to simulated units, in this process, on no bus of the file")

@@ -32,8 +32,6 @@ COPIED = 1 << 14
 """Units up to which the counts of a call are copied: to exchange addresses takes as long."""
 MOST_WORKERS = 1024
 """Threads that anybody can mean."""
-FAR = 1 << 17
-"""Units from which on the next block is loaded ahead: they do not fit the second cache."""
 
 
 class Decoder:
@@ -142,7 +140,7 @@ class Decoder:
         from skin.decode.parts import Parts
 
         self._names = results_of(self.plan, self.topology)
-        parts = Parts.of(self.plan, self._names, prefetch=self.topology.n >= FAR)
+        parts = Parts.of(self.plan, self._names, self.topology.n)
         self._kernel = kernel.decode(parts)
         self._data_of: type[DecodeData] = kernel.DecodeData
         self._model = model_of(self.topology, self.plan, self._names, rest_ut, felt_ut)
@@ -169,10 +167,7 @@ class Decoder:
                 self.crosstalk, self.ambient, self.plan.sweeps,
                 self._out.reading(0, {*self._names} - {"film_above"}),
                 self._out.values[0, -1] if "film_above" in self._names else None, self._taken,
-                Looks(
-                    self._control["phase"][self._live], self.plan.looks_every,
-                    1.0 / self.topology.cycle_rate_hz,
-                ),
+                Looks(self._control["phase"][self._live], self.plan, self.topology.cycle_rate_hz),
             )  # fmt: skip
         self._reading = self._out.reading(0, self.plan.quantities)
         self._shape = (len(CHANNELS), n)
@@ -208,10 +203,8 @@ class Decoder:
         self._background[:] = 0.0
         for array in self._out.arrays:
             array[:] = 0
-        if self.ambient is not None:
-            self.ambient.reset()
         if self.loop is not None:
-            self.loop.looks.reset()
+            self.loop.reset()
 
     def elapse(self, seconds: float) -> None:
         """Say how long after the last cycle the next one is, if that is not a period.

@@ -74,10 +74,11 @@ def flags_stage(parts: Parts) -> Callable:
 
     @jitable(inline=True)
     def flags(counts, status, limits, span, flag, loaded):
-        """Whether any unit of a block may have a flag, and whether any is under load."""
+        """All flags that units of a block have by their counts or from the bus, in one, and whether
+        any unit is under load."""
         assume_noalias()
         first, _, size = lanes_of(span)
-        doubt = touched = np.int16(0)
+        doubt = touched = flagged = np.int16(0)
         cycle = span.cycle
         for j in range(size):
             i = first + j
@@ -107,10 +108,11 @@ def flags_stage(parts: Parts) -> Callable:
                 )  # fmt: skip
                 found = np.int16(judge(status[cycle, i], count, limits, j))
                 flag[j] = found
+                flagged = np.int16(flagged | found)
                 if with_skip:
                     loaded[j] = np.int16(loaded[j] if found & SILENT == 0 else 0)
                     touched = np.int16(touched | loaded[j])
-        return doubt, touched
+        return flagged, touched
 
     return flags
 

@@ -113,9 +113,9 @@ def prefetch_block(data, span, state):
 
 
 @jitable(inline=True)
-def hand_out(rows, values, flag, span, out, doubt, kept):
+def hand_out(rows, values, flag, span, out, unknown, kept):
     """Show rows of the tile, given as its `values` one after the other; not those whose bit is
-    `kept`, which show the same already."""
+    `kept`, which show the same already, and nothing of units that are `unknown`, if any is."""
     assume_noalias()
     first, _, size = lanes_of(span)
     nothing = out.dtype.type(np.nan)
@@ -125,7 +125,7 @@ def hand_out(rows, values, flag, span, out, doubt, kept):
         at = (rows[r] * LANES) & NOT_NEGATIVE
         for j in range(size):
             out[span.cycle, r, first + j] = values[at + j]
-        if doubt != 0:
+        if unknown != 0:
             for j in range(size):
                 if flag[j] & UNKNOWN != 0:
                     out[span.cycle, r, first + j] = nothing
@@ -190,7 +190,7 @@ def decode_python(parts: Parts) -> Callable:
                     heard, changed = changes(counts, status, background, seen, span)
                     if reuse and not due and changed == 0:
                         continue
-                doubt, touched = judge(counts, status, limits, span, flag, data.loaded)
+                found, touched = judge(counts, status, limits, span, flag, data.loaded)
                 look, rests, rested = resting(seen, touched, phase + cycle, every, reuse)
                 if warm:
                     fresh = True
@@ -214,7 +214,7 @@ def decode_python(parts: Parts) -> Callable:
                             continue
                         tangential(unit, counts, background, some, tile, flag, state, advance)
                 kept = (HELD_BITS if steady else 0) | (TANGENTIAL_BITS if rested else 0)
-                hand_out(model.rows, values, flag, span, data.out, doubt, kept)
+                hand_out(model.rows, values, flag, span, data.out, found & UNKNOWN, kept)
                 for j in range(size):
                     data.flags[cycle, first + j] = (flag[j] & FLAGS) | limits["note"][j]
                     data.valid[cycle, first + j] = flag[j] & INVALID == 0

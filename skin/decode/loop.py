@@ -12,6 +12,7 @@ from skin.state import Reading
 if TYPE_CHECKING:
     from skin.decode.ambient import Ambient
     from skin.decode.crosstalk import CrossTalk
+    from skin.decode.plan import Plan
 
 __all__ = ["Looks", "Loop"]
 
@@ -23,13 +24,13 @@ class Looks:
     ----------
     phase : ndarray
         `phase` of `skin.decode.records.CONTROL`: the number of the next cycle.
-    every : int
-        The field is estimated in cycles whose number is a multiple of this.
-    period_s : float
+    plan : Plan
+        The field is estimated in cycles whose number is a multiple of its `looks_every`.
+    rate_hz : float
     """
 
-    def __init__(self, phase: np.ndarray, every: int, period_s: float) -> None:
-        self._phase, self._every, self._period_s = phase, every, period_s
+    def __init__(self, phase: np.ndarray, plan: Plan, rate_hz: float) -> None:
+        self._phase, self._every, self._period_s = phase, plan.looks_every, 1.0 / rate_hz
         self.reset()
 
     def reset(self) -> None:
@@ -86,6 +87,12 @@ class Loop:
         self._known = np.zeros_like(taken) if ambient is None else ambient.taken
         self._predict: dict[bool, Callable[[], object]] = {}
         self._follow: Callable[[float | None], None] | None = None
+
+    def reset(self) -> None:
+        """Forget what was learnt; the next cycle is the first."""
+        self.looks.reset()
+        if self.ambient is not None:
+            self.ambient.reset()
 
     def tell(self, background: np.ndarray) -> None:
         """Take a background of the caller's, of 4 or 5 rows, for the next call."""

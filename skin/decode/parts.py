@@ -9,6 +9,9 @@ from skin.decode.plan import TANGENTIAL, Plan
 
 __all__ = ["Parts"]
 
+FAR = 1 << 17
+"""Units from which on the next block is loaded ahead: they do not fit the second cache."""
+
 
 class Parts(NamedTuple):
     """What is compiled: truth values around the kernel's stages, not arguments of them.
@@ -51,15 +54,15 @@ class Parts(NamedTuple):
     prefetch: bool = False
 
     @classmethod
-    def of(cls, plan: Plan, results: Collection[str], *, prefetch: bool) -> Parts:
-        """What a plan needs whose kernel has these results."""
+    def of(cls, plan: Plan, results: Collection[str], units: int) -> Parts:
+        """What a plan needs for so many units, whose kernel has these results."""
         chosen = {name: getattr(plan, name) for name in cls._fields if hasattr(plan, name)}
         chosen |= {name: True for name in results if name in cls._fields}
         chosen |= {
             "angle": plan.estimator == "field-angle" and not set(results).isdisjoint(TANGENTIAL),
             "hold": plan.temperature_every > 1,
             "look": plan.skip and plan.ambient,
-            "prefetch": prefetch,
+            "prefetch": units >= FAR,
         }
         return cls(**{name: bool(wanted) for name, wanted in chosen.items()})
 

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from benchmarks.peers_decode import array_of, counts_of
 from bus.status import Status
-from skin.decode import decoder as decoder_module
 from skin.decode import kernel
+from skin.decode import parts as parts_module
 from skin.decode.decoder import Decoder
 from skin.options import ESTIMATORS
 from skin.sim.unit import UnitSimulator
@@ -236,7 +236,7 @@ def test_order_and_number_of_units_do_not_change_a_bit(seed, dtype, size):
 
 
 def test_units_that_are_fetched_ahead_change_no_bit_either():
-    many = array_of(decoder_module.FAR + 77, alike=True)
+    many = array_of(parts_module.FAR + 77, alike=True)
     raw = counts_of(many)
     last = slice(many.n - 300, None)
     few = array_of(300, alike=True)

@@ -186,7 +186,7 @@ def test_the_loop_follows_zeros_where_all_that_work_tell_their_temperature():
 
 def parts_of(skin, want, **options):
     plan = Plan.of(skin, DecodeOptions(want, **options))
-    return Parts.of(plan, results_of(plan, skin), prefetch=False)
+    return Parts.of(plan, results_of(plan, skin), 1)
 
 
 def test_what_is_not_wanted_is_not_compiled():

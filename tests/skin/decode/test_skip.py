@@ -121,7 +121,8 @@ def test_the_benchmark_compares_what_it_times(monkeypatch):
     assert shares["100"]["idle"] == 0.0
     assert shares["100"]["off_n"] == 0.0
     assert 0.0 < shares["0"]["off_n"] < 0.05  # within what a unit at rest reads by noise
-    assert "of full" in benchmark.table(figures)
+    assert "default us" in benchmark.table(figures)
+    assert figures["idle_ratio"] == figures["idle_ratio_64"] == shares["0"]["ratio"] > 0.0
     monkeypatch.setattr(benchmark, "_differ", lambda told, left_out: 3)
     with pytest.raises(AssertionError, match="3 values"):
         benchmark.run(quick=True)

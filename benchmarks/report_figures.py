@@ -1,0 +1,98 @@
+"""The figures of the report: what exactly is compared, and what it is to be.
+
+A figure that is not here does not stand in the README.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+__all__ = ["FIGURES", "HEAD", "RUNS", "TIMED", "Figure"]
+
+HEAD = """# Figures
+
+All that `python -m benchmarks report` finds, losses in the same size as what holds. Spread is where another run on the same machine lies in 95 of 100 cases; for rates the 95 % interval; none where all is seeded and another run tells the same. Times tell of the machine: ratios travel, microseconds do not.
+
+The simulated units obey the same laws of gel, capacitor and force that the decoder inverts, unless a row says otherwise: errors of forces beside them tell of arithmetic, field and noise, not of how well a lab's units obey these laws.
+
+"""
+
+RUNS = 3
+TIMED = ("contact", "decode", "ingest", "logs", "scale", "simulate", "skip", "stress", "unpack")
+"""Benchmarks whose figures tell of the machine: each is run `RUNS` times, in processes of its own,
+by turns."""
+
+
+class Figure(NamedTuple):
+    """One figure.
+
+    Attributes
+    ----------
+    benchmark : str
+    path : str
+        Of the value in what the benchmark finds, keys parted by `/`.
+    compared : str
+        What exactly was compared, or counted.
+    unit : str
+    target : str
+        `<= x`, `>= x` or `= x`; empty where nothing is asked for.
+    short : bool
+        Stands in the README, too.
+    trials : str
+        Path of how many were counted, where the figure is a rate.
+    """
+
+    benchmark: str
+    path: str
+    compared: str
+    unit: str = ""
+    target: str = ""
+    short: bool = False
+    trials: str = ""
+
+
+FIGURES = (
+    # what a decoder takes, beside what else takes time
+    Figure("decode", "bare_ratio", "time of a decoder ({temperature, force}, sine, no check of the field, flags, sigma of none) over the same arithmetic bare in C, 4096 units with a calibration each, one thread both", "", "<= 1.5", True),
+    Figure("decode", "bare_ratio_default", "the same of field-angle with the check of the field, the default, over the same C", "", "<= 2.2", True),
+    Figure("decode", "calibrated/field-angle, consistency/error_n", "largest error of that decoder against 40 digits", "N", "<= 2e-5"),
+    Figure("decode", "calibrated/field-angle, consistency/error_c", "the same of the temperature", "°C", "<= 1e-4"),
+    Figure("decode", "copy_floor_ratio", "time of copying as many bytes over decoding them: sine, one calibration for all, a million units, as many threads both (1: as fast as a copy)"),
+    Figure("decode", "copy_floor_ratio_default", "the same of the default decoder, a calibration each"),
+    Figure("decode", "copy_floor_ratio_recording", "the same of a recording, 16 384 cycles of 64 units"),
+    Figure("decode", "numpy_ratio", "time of numpy, float64, no flags, over a decoder of the same quantities (sine, a calibration each, float32), 4096 units, one thread both"),
+    # a live skin
+    Figure("contact", "live_us_p50_64", "median cycle, counts to contacts with slip: all that skin.open does if not told otherwise; 64 units, 3 contacts", "µs", "<= 15", True),
+    Figure("contact", "live_us_p50_1024", "the same of 1024 units", "µs", "<= 80", True),
+    Figure("contact", "live_numpy_ratio_64", "median cycle of numpy and scipy doing the same but for slip, over ours; 64 units", "", ">= 30", True),
+    Figure("contact", "live_numpy_ratio_1024", "the same of 1024 units", "", ">= 20", True),
+    Figure("contact", "cycle_us_p50_64", "the lean cycle: sine, no neighbours, no ambient field, contacts with slip; 64 units", "µs"),
+    Figure("contact", "cycle_us_p50_1024", "the same of 1024 units", "µs"),
+    Figure("skip", "idle_ratio", "cycle with skip=True over the default cycle, counts to contacts, 1024 units, none touched", "", "<= 0.35", True),
+    Figure("skip", "idle_ratio_64", "the same of 64 units", "", "<= 0.6", True),
+    Figure("skip", "sizes/1024/shares/25/ratio", "the same of 1024 units, a quarter touched"),
+    Figure("scale", "lost_frames", "frames whose temperatures a live skin over sockets or in process did not show: 64, 256 and 1260 units at 250 Hz, with contacts and slip", "", "= 0", True),
+    Figure("scale", "held_up_share", "share of frames that do not count, since the machine held the sender up"),
+    Figure("scale", "cpu_share_1260", "CPU time of a cycle over its period, 1260 units on 14 buses at 250 Hz over sockets", "of a core", "<= 0.5", True),
+    Figure("ingest", "ingest_ratio", "time of python-can over ours to read the same frames from CAN sockets (or `measured_on` says what)"),
+    Figure("unpack", "cantools_ratio", "time of cantools over ours to unpack the same frames, least of the layouts"),
+    Figure("logs", "candump_ratio", "time of python-can over ours to read the same candump log"),
+    Figure("logs", "blf_ratio", "the same of BLF"),
+    Figure("simulate", "real_time_factor_64", "simulated over real seconds, 64 units, every non-ideality on"),
+    # numbers
+    Figure("accuracy", "coverage_min", "least share of errors within one sigma (0.683 if it is right), over every cell of the stated range, every component, films as drawn and as made", "", ">= 0.66", True),
+    Figure("accuracy", "coverage_max", "the largest", "", "<= 0.72", True),
+    Figure("accuracy", "crlb_ratio_max", "error of the displacement over the Cramér-Rao bound, worst cell, films as drawn", "", "<= 1.15"),
+    Figure("accuracy", "systematic_um_12mm", "error of the displacement without noise, array of films that touch (12 mm), one sweep, films as drawn", "µm rms", "<= 15"),
+    Figure("accuracy", "temperature_rmse_c", "error of the temperature over 20 to 80 °C", "°C rms", "<= 0.1"),
+    Figure("stress", "worst_error_n_float32", "largest error of a valid force, no bound, against 40 digits where float32 is worst", "N", "<= 2e-5", True),
+    Figure("stress", "worst_error_n_float64", "the same of float64", "N", "<= 1e-9"),
+    Figure("stress", "nonfinite_valid", "valid readings that are not finite", "", "= 0", True),
+    Figure("stress", "slowdown", "time of a cycle under stress over a calm one, worst kind of stress and type", "", "<= 1.5", True),
+    Figure("slip", "caught_with_warning", "slips told before gross slip, without a false alarm before, of those that are 40 ms or more before it", "", "", True, "detectors/displacement/warned"),
+    Figure("slip", "false_alarm_hold", "held contacts in which slip was told, of contacts that stick", "", "", True, "detectors/displacement/holds"),
+    Figure("slip", "latency_ms_median", "from the onset of slip to its state, median", "ms"),
+    Figure("channels", "exact_healthy_flagged", "readings of healthy calibrated units that were flagged invalid", "", "= 0"),
+    Figure("faults", "wrong_unflagged", "wrong readings shown as valid, over all kinds of faults of frames", "", "= 0"),
+    Figure("crosstalk", "pitches/12/live/field-angle_um/1", "error of the displacement at 12 mm after one sweep from a cold start", "µm rms"),
+)  # fmt: skip

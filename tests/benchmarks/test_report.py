@@ -1,0 +1,123 @@
+"""The report: one table of all benchmarks, which the page and the README show as it was found."""
+
+from __future__ import annotations
+
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from benchmarks import __main__ as command
+from benchmarks import report
+from benchmarks.report_figures import FIGURES, TIMED, Figure
+
+
+def test_page_and_readme_show_what_was_stored():
+    stored = json.loads(report.STORE.read_text(encoding="utf-8"))
+    assert report.PAGE.read_text(encoding="utf-8") == report.page(stored)
+    readme = report.README.read_text(encoding="utf-8")
+    assert readme == report.with_short(readme, stored)
+    assert "missed" in readme or all(row["held"] is not False for row in stored.values())
+
+
+def test_every_figure_is_of_a_benchmark_and_stored():
+    known = command.names()
+    assert {figure.benchmark for figure in FIGURES} <= set(known)
+    assert set(TIMED) <= set(known)
+    stored = json.loads(report.STORE.read_text(encoding="utf-8"))
+    assert list(stored) == [report._key(figure) for figure in FIGURES]
+
+
+@pytest.fixture
+def small(tmp_path, monkeypatch):
+    """A report of two benchmarks, one of which tells of the machine."""
+    figures = (
+        Figure("decode", "ratio", "one over the other", "", "<= 1.5", True),
+        Figure("slip", "rows/0/caught", "slips told", "", ">= 0.95", True, "rows/0/slips"),
+    )
+    monkeypatch.setattr(report, "FIGURES", figures)
+    for name in ("STORE", "PAGE", "README"):
+        monkeypatch.setattr(report, name, tmp_path / name)
+    (tmp_path / "README").write_text(f"above\n{report.BEGIN}before\n{report.END}below\n")
+    asked = []
+
+    def once(name, quick):
+        asked.append((name, quick))
+        found = {"decode": {"ratio": 1.4 + 0.1 * len(asked)},
+                 "slip": {"rows": [{"caught": 0.94, "slips": 200}]}}  # fmt: skip
+        return found[name] | {"machine": {"processor": "P", "cores": 2, "date": "2026-01-01"}}
+
+    monkeypatch.setattr(report, "_once", once)
+    return asked, tmp_path
+
+
+def test_what_tells_of_the_machine_runs_several_times(small):
+    asked, folder = small
+    figures = report.run(quick=True)
+    assert asked == [("decode", True), ("slip", True), ("decode", True), ("decode", True)]
+    row = figures["figures"]["decode: ratio"]
+    assert row["value"] == pytest.approx(1.7)
+    assert row["low"] < 1.5
+    assert row["high"] > 1.8
+    assert row["runs"] == 3
+    assert figures["missed"] == ["decode: ratio"]
+    assert "| 1.7  |" in (folder / "PAGE").read_text()
+    text = (folder / "README").read_text()
+    assert text.startswith("above\n")
+    assert text.endswith("below\n")
+    assert "before" not in text
+    assert "**missed** |" in text
+    assert " held |" in text
+    assert "held" in report.table(figures)
+
+
+def test_a_rate_has_its_interval_and_holds_a_target_within(small):
+    row = report.run(quick=False)["figures"]["slip: rows/0/caught"]
+    assert (row["low"], row["high"]) == pytest.approx((0.8983, 0.9654), abs=1e-3)
+    assert row["held"] is True
+
+
+def test_only_some_are_renewed(small):
+    asked, folder = small
+    report.run(quick=False)
+    before = json.loads((folder / "STORE").read_text())
+    asked.clear()
+    after = report.run(quick=True, only=["slip"])["figures"]
+    assert asked == [("slip", True)]
+    assert after["decode: ratio"] == before["decode: ratio"]
+    assert after["slip: rows/0/caught"]["quick"]
+    with pytest.raises(SystemExit, match="only: must be of decode, slip; got grip"):
+        report.run(quick=True, only=["grip"])
+
+
+def test_another_run_lies_within_the_spread_in_95_of_100_cases():
+    rng = np.random.default_rng(3)
+    runs = np.exp(rng.normal(0.0, 0.2, (4000, 4)))
+    ends = np.array([report.prediction(list(row[:3])) for row in runs])
+    share = np.mean((ends[:, 0] <= runs[:, 3]) & (runs[:, 3] <= ends[:, 1]))
+    assert share == pytest.approx(0.95, abs=0.015)
+    assert report.prediction([0.0, 2.0, 0.0]) == (0.0, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("target", "value", "expected"),
+    [("<= 1.5", 1.6, False), ("<= 1.5", 1.5, True), (">= 20", 19.0, False), ("= 0", 0.0, True),
+     ("= 0", 1.0, False), ("", 3.0, None), ("<= 1", None, None)],
+)  # fmt: skip
+def test_a_target_is_held_by_the_value(target, value, expected):
+    """Not by how wide its spread is."""
+    assert report.held(Figure("decode", "x", "", "", target), value, 0.1, 99.0) is expected
+
+
+def test_a_benchmark_that_fails_ends_the_report(monkeypatch):
+    monkeypatch.setattr(report.sys, "executable", "false")
+    with pytest.raises(SystemExit, match="report: decode: ended with status 1"):
+        report._once("decode", True)
+
+
+def test_only_is_of_the_report_alone(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["benchmarks", "decode", "--only", "skip"])
+    with pytest.raises(SystemExit):
+        command.main()
+    assert "--only: must be used with report" in capsys.readouterr().err
