@@ -24,7 +24,7 @@ degree  reach  tolerance  terms  ns/unit  missed  µm rms after 0 / 1 / 2 sweeps
 ======  =====  =========  =====  =======  ======  =============================
 
 So terms are chosen by tolerance, not by degree and reach; `residue_ut` states what is missed. With
-noise of 105 µT a pressed array at 12 mm then reads as its units would alone.
+noise of 105 µT, which makes 70 µm of a unit at rest, that is hardly seen at 12 mm.
 
 Sweeps needed: each leaves `contraction` of what the one before left, down to the residue. At 15,
 13.5, 12, 10, 8 mm pitch that is 0.06, 0.10, 0.17, 0.32, 0.40 on a 6 x 6 array of films that are not
