@@ -10,6 +10,7 @@ import pytest
 import topology
 from bus.status import Status
 from skin.decode.decoder import Decoder
+from skin.decode.loop import Looks
 from skin.physics.halbach import HalbachField
 from skin.sim.unit import UnitSimulator
 
@@ -105,3 +106,47 @@ def test_the_ambient_loop_sees_the_temperature_wanted_or_not():
     decoder.warmup()
     assert decoder(counts).temperature is None
     assert decoder.loop._whole.temperature is not None
+
+
+@pytest.mark.parametrize("skip", [False, True])
+def test_the_ambient_field_is_found_as_well_where_units_are_looked_at_seldom(skip):
+    """A field that appears, in noise: found within its sigma; with `skip` the sigma is wider by
+    the fewer looks, no more."""
+    palm = topology.load("palm").exact()
+    there = np.array([40.0, -25.0, 0.0])
+    simulated = UnitSimulator(palm, seed=5, field=HalbachField(palm))
+    still = simulated.quantities(np.zeros(palm.n), np.zeros((2, palm.n)), np.full(palm.n, 25.0))
+    decoder = Decoder(palm, {"force"}, "field-angle", skip=skip, sweeps=1, ambient=True)
+    every, found, sigma = decoder.plan.looks_every, [], []
+    assert every == (12 if skip else 1)
+    for t in range(1500):
+        values = still.copy()
+        values[2:4] += there[:2, np.newaxis] * (t >= 250)
+        decoder(simulated.quantise(simulated.disturb(values)))
+        if t >= 1000:
+            found.append(decoder.ambient.field_ut[:, 0])
+            sigma.append(np.sqrt(decoder.ambient.covariance_ut2[0, 0, 0]))
+    skin_frame = palm.rotation[:, :, 0] @ (there * [-1.0, -1.0, 1.0])
+    off = (np.array(found) - skin_frame)[:, :2]
+    assert np.sqrt(np.mean(off**2)) < 1.5 * np.mean(sigma)
+    assert np.mean(sigma) < 5.0 * np.sqrt(every)
+
+
+def test_looks_count_the_time_since_the_last_one():
+    phase = np.zeros(1, np.int64)
+    palm = topology.load("palm")
+    looks = Looks(phase, Decoder(palm, {"force"}, skip=True, ambient=True).plan, 250.0)
+    told = []
+    for number in range(25):
+        phase[0] = number
+        if number == 5:
+            looks.elapse(0.1)  # a gap
+        told.append(looks.next())
+    assert [t for t, seconds in enumerate(told) if seconds is not None] == [0, 12, 24]
+    assert told[0] == pytest.approx(0.004)
+    assert told[12] == pytest.approx(11 * 0.004 + 0.1)
+    assert told[24] == pytest.approx(0.048)
+    looks.elapse(3.0)
+    looks.reset()
+    phase[0] = 0
+    assert looks.next() == pytest.approx(0.004)
