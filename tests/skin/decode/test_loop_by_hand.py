@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
@@ -169,13 +170,17 @@ def test_the_loop_needs_what_is_not_wanted(want, loop):
                 assert shown is None, name
 
 
-def test_looks_at_units_without_load_are_spread_over_cycles_and_blocks():
-    """Every fifth cycle at 100 Hz, but every fourth at least; blocks of 128 one after the other."""
+def test_all_units_without_load_are_looked_at_where_the_ambient_field_is_estimated():
+    """Every fifth cycle at 100 Hz, but every fourth at least; all blocks of 128 at once, as the
+    field is estimated in these cycles alone."""
     for rate_hz, every in ((100.0, 5), (10.0, 4)):
         skin = row_of(140, rate_hz=rate_hz)
         still = counts_at(skin, np.zeros(140), 0.0, 0.0)
         decoder = Decoder(skin, {"displacement"}, skip=True, ambient=True)
+        background = []
         for t in range(9):
             idle = decoder(still).status & Status.IDLE != 0
-            assert idle[:128].all() == idle[:128].any() == (t % every != 0)
-            assert idle[128:].all() == idle[128:].any() == ((t + 1) % every != 0)
+            assert idle.all() == idle.any() == (t % every != 0)
+            background.append(decoder.ambient.covariance_ut2.copy())
+        new = [not np.array_equal(*two) for two in itertools.pairwise(background)]
+        assert new == [t % every == 0 for t in range(1, 9)]
