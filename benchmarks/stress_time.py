@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmarks.contact import plate
 from benchmarks.peers_decode import counts_of
-from benchmarks.timing import times
+from benchmarks.timing import ratio, times
 from bus.compiled.aligned import zeros
 from skin.decode.decoder import Decoder
 from skin.options import DTYPES
@@ -27,8 +27,8 @@ def slowdowns(quick: bool) -> dict[str, float]:
     for dtype in DTYPES:
         runs = cases(skin, dtype)
         seconds = times(runs, target_s)
-        calm = seconds["calm"][0]
-        ratios |= {f"{name}, {dtype}": s[0] / calm for name, s in seconds.items() if name != "calm"}
+        calm = seconds.pop("calm")
+        ratios |= {f"{name}, {dtype}": ratio(s, calm)[0] for name, s in seconds.items()}
     return ratios
 
 
