@@ -25,6 +25,7 @@ __all__ = [
     "SIGMAS",
     "TABLES",
     "THETA_KNOTS",
+    "VARIANCE_TERMS",
     "ZEROS",
     "UnitModel",
 ]
@@ -33,7 +34,13 @@ THETA_KNOTS = 16
 """Knots of the direction-correction table, equally spaced over [-pi, pi), periodic."""
 FIELD_ANGLE_TERMS = 16
 """Coefficients of R(psi, H): entry 4 i + j is of ``psi**(2 i + 1) * H**j``, rad and mm."""
-TABLES = {"theta_correction_rad": THETA_KNOTS, "field_angle_mm": FIELD_ANGLE_TERMS}
+VARIANCE_TERMS = 6
+"""Coefficients of a film's variance over R and H in mm: entry 2 i + j is of R^(3 i) H^(2 j)."""
+TABLES = {
+    "theta_correction_rad": THETA_KNOTS,
+    "field_angle_mm": FIELD_ANGLE_TERMS,
+    "field_angle_variance_relative": VARIANCE_TERMS,
+}
 """Parameters that are tables, and how long; an empty one reads as zeros."""
 
 
@@ -278,11 +285,20 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     field_angle_sigma_mm: Annotated[
         float,
         _doc(
-            "Of R(psi, H): films evenly off the chip's axis by 0.1 mm, tilted by 1° [assumed]",
+            "Of R(psi, H), across R: films evenly off the chip's axis by 0.1 mm, tilted by 1° "
+            "[assumed]",
             ge=0,
             le=100,
         ),
     ] = 0.07
+    field_angle_variance_relative: Annotated[
+        tuple[Annotated[float, Meta(ge=-1e6, le=1e6)], ...],
+        _doc(
+            "How the square of field_angle_sigma_mm changes over the range: it is times 1 + sum "
+            f"c[2 i + j] R^(3 i) H^(2 j), R and H in mm: {VARIANCE_TERMS} coefficients; empty: the "
+            "same everywhere [calibrated]"
+        ),
+    ] = ()
     field_amplitude_sigma_relative: Annotated[
         float, _doc("Of M0: evenly spread by 5 % [assumed]", ge=0, le=100)
     ] = 0.03
