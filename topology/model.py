@@ -311,6 +311,25 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         ),
     ] = 0.03
 
+    placement_sigma_mm: Annotated[
+        float,
+        _doc(
+            "Of the place of a unit along each axis: evenly spread by 0.2 mm, as ISO 2768-1 "
+            "medium has it for 6 to 30 mm [assumed]",
+            ge=0,
+            le=10,
+        ),
+    ] = 0.12
+    placement_sigma_rad: Annotated[
+        float,
+        _doc(
+            "Of its tilt about x and about y: evenly spread by 1°, as ISO 2768-1 medium has it for "
+            "sides to 10 mm [assumed]",
+            ge=0,
+            le=1,
+        ),
+    ] = 0.01
+
     # -- geometry and health ---------------------------------------------------------------------
     radius_m: Annotated[float, _doc("Radius of the cylindrical unit [paper]", ge=1e-4, le=1)] = (
         0.006
@@ -334,6 +353,8 @@ SIGMAS = (
     "field_angle_sigma_mm",
     "field_amplitude_sigma_relative",
     "shear_sigma_relative",
+    "placement_sigma_mm",
+    "placement_sigma_rad",
 )
 """Parameters that say how well the others are known."""
 ZEROS = (
@@ -343,6 +364,8 @@ ZEROS = (
     "hall_offset_y_ut",
     "hall_offset_z_ut",
     "field_sigma_ut",
+    "placement_sigma_mm",
+    "placement_sigma_rad",
     "frozen_cycles",
 )
 """Parameters that say nothing of a unit's laws: a unit of which only these are known is not
