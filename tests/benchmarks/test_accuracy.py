@@ -66,15 +66,18 @@ def test_scenes_press_six_units_in_ten_and_shear_only_these():
     assert np.median(reach[pressed]) == pytest.approx(2.5 / np.sqrt(2.0), rel=0.02)
 
 
-def test_a_unit_that_was_on_the_bench_errs_as_its_noise_and_says_so():
-    skin = made(2, fabricated=False)
-    cells = Cells(np.array([0.25, 1.5]), np.array([0.5, 2.25]))
+@pytest.mark.parametrize("fabricated", [False, True])
+def test_a_unit_that_was_on_the_bench_says_how_much_it_errs_to_the_ends_of_its_range(fabricated):
+    skin = made(2, fabricated=fabricated, seed=5)
+    cells = Cells(np.array([0.25, 1.5, 2.0]), np.array([0.5, 2.25, 3.0]))
     decoder = Decoder(skin.known, {"force", "displacement", "sigma"}, "field-angle")
     found = explore(skin, cells, decoder, rounds=60)
-    # 2400 samples a cell: three sigma of their number, and what the calibration leaves
-    assert ((found.ratio > 0.96) & (found.ratio < 1.08)).all()
-    assert ((found.held > 0.64) & (found.held < 0.72)).all()
+    # 2400 samples a cell: three sigma of their number are 3 %; four films are not alike on all sides
+    most = 0.75 if fabricated else 0.72
+    assert ((found.held > 0.64) & (found.held < most)).all()
     assert (found.worst[..., 0] > 2.0 * found.shift_mm).all()
+    if not fabricated:
+        assert ((found.ratio > 0.96) & (found.ratio < 1.08)).all()
 
 
 @pytest.fixture(scope="module")
