@@ -72,7 +72,7 @@ def test_a_unit_that_was_on_the_bench_says_how_much_it_errs_to_the_ends_of_its_r
     cells = Cells(np.array([0.25, 1.5, 2.0]), np.array([0.5, 2.25, 3.0]))
     decoder = Decoder(skin.known, {"force", "displacement", "sigma"}, "field-angle")
     found = explore(skin, cells, decoder, rounds=60)
-    # 2400 samples a cell: three sigma of their number are 3 %; four films are not alike on all sides
+    # 2400 samples a cell: three sigma of their number are 3 %; four films differ from side to side
     most = 0.75 if fabricated else 0.72
     assert ((found.held > 0.64) & (found.held < most)).all()
     assert (found.worst[..., 0] > 2.0 * found.shift_mm).all()
