@@ -4,9 +4,10 @@ What is constant, the sigma of a unit's parameters, counts in every reading alik
 in the mean of many.
 
 The stated range, over which 66 to 72 % of the errors of a calibrated unit lie within one sigma, is
-that of its bench: 0 to `normal_max_n`, and R to `field_angle_max_mm` with `field-angle`. With `sine`
-that holds to 1.5 mm; nearer to the crest errors have no normal distribution (`benchmarks accuracy`).
-Beyond the range readings are EXTRAPOLATED, and sigma grows by a fifth of what lies beyond.
+that of its bench: 0 to `normal_max_n`, and R to `field_angle_max_mm` with `field-angle`. With
+`sine` it is 66 to 74 % to 1.5 mm; nearer to the crest errors have no normal distribution
+(`benchmarks accuracy`). Beyond the range readings are EXTRAPOLATED, and sigma grows by a fifth of
+what lies beyond.
 """
 
 from __future__ import annotations
