@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from benchmarks.accuracy_skin import Made, with_rate
@@ -10,6 +12,13 @@ from skin.decode.crosstalk import ACCURATE_UT, LIVE_UT, CrossTalk
 from skin.physics.surroundings import Surroundings
 from topology.pose import from_rpy
 
+PLACEMENTS = {
+    "as drawn": (0.0, 0.0),
+    "0.2 mm": (0.2, 0.0),
+    "0.5 mm": (0.5, 0.0),
+    "2°": (0.0, np.radians(2.0)),
+}
+"""Root mean square of the errors of place, mm, along each axis, and of tilt, rad, about x and y."""
 EVERYWHERE_M = 1.0
 """All films are felt by all chips."""
 ROOM_C = 25.0
@@ -74,6 +83,46 @@ def crosstalk(skin: Made, count: int, estimator: str, sweeps: int) -> dict[str, 
         "pressed_um_rms": 1e3 * _rms(off[depth > 0.0]),
         "force_n_rms": _rms(force[below]),
     }
+
+
+def placed(skin: Made, count: int, estimator: str) -> dict[str, Any]:
+    """Errors and coverage where units are not quite where the decoder believes, in two sweeps.
+
+    Returns
+    -------
+    dict
+        Of each of `PLACEMENTS`: ``um_rms`` of the tangential displacement without noise; the share
+        of components, with noise, that lie within one sigma: ``held`` where the decoder knows how
+        well units are placed, ``held_untold`` where it takes the drawing for exact.
+    """
+    out = {}
+    for name, (place_mm, tilt_rad) in PLACEMENTS.items():
+        real = skin.misplaced(place_mm, tilt_rad)
+        off, _ = _scattered(real, count, estimator, noise=False)
+        row = {"um_rms": 1e3 * _rms(np.hypot(off[:, 0], off[:, 1]))}
+        for key, known in (("held", real.told(place_mm, tilt_rad)), ("held_untold", real)):
+            off, sigma = _scattered(known, count, estimator, noise=True)
+            row[key] = float(np.mean(np.abs(off) <= sigma))
+        out[name] = row
+    return out
+
+
+def _scattered(
+    skin: Made, count: int, estimator: str, *, noise: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Error of the tangential displacement in random scenes and its sigma, shape (t, 2, n)."""
+    displacement, depth = scenes(count, skin.true.n)
+    units = skin.simulator(skin.field(reach_m=EVERYWHERE_M), noise=noise, seed=3)
+    values = units.quantities(depth, displacement, np.full(depth.shape, ROOM_C))
+    counts = units.quantise(units.disturb(values))
+    decoder = Decoder(skin.known, {"displacement", "sigma"}, estimator, sweeps=2)
+    off, sigma = np.empty_like(displacement), np.empty_like(displacement)
+    for i in range(count):
+        decoder.reset()
+        reading = decoder(counts[i])
+        off[i] = reading.displacement_mm[:2] - displacement[i]
+        sigma[i] = reading.displacement_sigma_mm[:2]
+    return off, sigma
 
 
 def turning(

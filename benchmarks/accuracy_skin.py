@@ -24,6 +24,7 @@ from skin.physics.surroundings import Surroundings
 from skin.sim.bench import Bench, record
 from skin.sim.unit import UnitSimulator
 from topology import Topology
+from topology.pose import from_rpy
 
 SPREAD = {
     "gel_current_20c_ua": 0.05,
@@ -69,6 +70,31 @@ class Made:
         place = square(side, pitch_m).position
         true, known = (dataclasses.replace(t, position=place) for t in (self.true, self.known))
         return Made(true, known, self.films)
+
+    def misplaced(self, place_mm: float, tilt_rad: float, seed: int = 7) -> Made:
+        """The same units off their places and tilted, of which only the drawn places are known.
+
+        Parameters
+        ----------
+        place_mm : float
+            Root mean square of the error along each axis.
+        tilt_rad : float
+            The same of the tilt about x and about y.
+        """
+        n, rng = self.true.n, np.random.default_rng(seed)
+        position = self.true.position + 1e-3 * place_mm * rng.standard_normal((3, n))
+        turned = tilt_rad * rng.standard_normal((2, n))
+        tilt = np.stack([from_rpy(x, y, 0.0) for x, y in turned.T], axis=2)
+        rotation = np.einsum("abn,bcn->acn", self.true.rotation, tilt)
+        return dataclasses.replace(
+            self, true=dataclasses.replace(self.true, position=position, rotation=rotation)
+        )
+
+    def told(self, place_mm: float, tilt_rad: float) -> Made:
+        """The same skin, whose decoder knows how well its units are placed."""
+        each = np.ones(self.known.n)
+        sigma = {"placement_sigma_mm": place_mm * each, "placement_sigma_rad": tilt_rad * each}
+        return dataclasses.replace(self, known=with_parameters(self.known, **sigma))
 
     def tiled(self, times: int, pitch_m: float) -> Made:
         """A square of `times` x `times` such squares: units repeat."""

@@ -43,6 +43,8 @@ def table(figures: dict[str, Any]) -> str:
     rows = [f"{'figure':<58}{'paper':>10}{'simulated':>12}"]
     for name, (paper, ours) in figures["figures"].items():
         rows.append(f"{name:<58}{paper:>10.5g}{ours:>12.5g}")
+    rows.append("laws of gel, capacitor and force: those that the decoder inverts "
+                "(`python -m benchmarks foreign` has others)")  # fmt: skip
     return "\n".join([*rows, f"picture: {figures['picture']}"])
 
 

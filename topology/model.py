@@ -25,6 +25,7 @@ __all__ = [
     "SIGMAS",
     "TABLES",
     "THETA_KNOTS",
+    "VARIANCE_TERMS",
     "ZEROS",
     "UnitModel",
 ]
@@ -33,7 +34,13 @@ THETA_KNOTS = 16
 """Knots of the direction-correction table, equally spaced over [-pi, pi), periodic."""
 FIELD_ANGLE_TERMS = 16
 """Coefficients of R(psi, H): entry 4 i + j is of ``psi**(2 i + 1) * H**j``, rad and mm."""
-TABLES = {"theta_correction_rad": THETA_KNOTS, "field_angle_mm": FIELD_ANGLE_TERMS}
+VARIANCE_TERMS = 6
+"""Coefficients of a film's variance over R and H in mm: entry 2 i + j is of R^(3 i) H^(2 j)."""
+TABLES = {
+    "theta_correction_rad": THETA_KNOTS,
+    "field_angle_mm": FIELD_ANGLE_TERMS,
+    "field_angle_variance_relative": VARIANCE_TERMS,
+}
 """Parameters that are tables, and how long; an empty one reads as zeros."""
 
 
@@ -278,11 +285,20 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     field_angle_sigma_mm: Annotated[
         float,
         _doc(
-            "Of R(psi, H): films evenly off the chip's axis by 0.1 mm, tilted by 1° [assumed]",
+            "Of R(psi, H), across R: films evenly off the chip's axis by 0.1 mm, tilted by 1° "
+            "[assumed]",
             ge=0,
             le=100,
         ),
     ] = 0.07
+    field_angle_variance_relative: Annotated[
+        tuple[Annotated[float, Meta(ge=-1e6, le=1e6)], ...],
+        _doc(
+            "How the square of field_angle_sigma_mm changes over the range: it is times 1 + sum "
+            f"c[2 i + j] R^(3 i) H^(2 j), R and H in mm: {VARIANCE_TERMS} coefficients; empty: the "
+            "same everywhere [calibrated]"
+        ),
+    ] = ()
     field_amplitude_sigma_relative: Annotated[
         float, _doc("Of M0: evenly spread by 5 % [assumed]", ge=0, le=100)
     ] = 0.03
@@ -294,6 +310,25 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
             le=100,
         ),
     ] = 0.03
+
+    placement_sigma_mm: Annotated[
+        float,
+        _doc(
+            "Of the place of a unit along each axis: evenly spread by 0.2 mm, as ISO 2768-1 "
+            "medium has it for 6 to 30 mm [assumed]",
+            ge=0,
+            le=10,
+        ),
+    ] = 0.12
+    placement_sigma_rad: Annotated[
+        float,
+        _doc(
+            "Of its tilt about x and about y: evenly spread by 1°, as ISO 2768-1 medium has it for "
+            "sides to 10 mm [assumed]",
+            ge=0,
+            le=1,
+        ),
+    ] = 0.01
 
     # -- geometry and health ---------------------------------------------------------------------
     radius_m: Annotated[float, _doc("Radius of the cylindrical unit [paper]", ge=1e-4, le=1)] = (
@@ -318,6 +353,8 @@ SIGMAS = (
     "field_angle_sigma_mm",
     "field_amplitude_sigma_relative",
     "shear_sigma_relative",
+    "placement_sigma_mm",
+    "placement_sigma_rad",
 )
 """Parameters that say how well the others are known."""
 ZEROS = (
@@ -327,6 +364,8 @@ ZEROS = (
     "hall_offset_y_ut",
     "hall_offset_z_ut",
     "field_sigma_ut",
+    "placement_sigma_mm",
+    "placement_sigma_rad",
     "frozen_cycles",
 )
 """Parameters that say nothing of a unit's laws: a unit of which only these are known is not

@@ -4,7 +4,7 @@ A film off the chip's axis looks like an offset of the lateral field that grows 
 the chip: no offset undoes it, but a shift of the displacement does, and a tilt is a little of both.
 What is fitted is therefore the displacement, not the field, over the whole range: each sample
 weighs as much as its displacement is worth, and what the model cannot follow is told as a spread of
-its own.
+its own, which differs over the range (`skin.calibrate.share`).
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 from scipy.optimize import root_scalar
 
 from skin.calibrate.field_angle import ANGLE_NAMES, angle_powers, angle_slope, field_angle
+from skin.calibrate.share import Scatter, fit_variance
 from skin.errors import ScanError
 from skin.physics.least_squares import Fit, check_levels, check_samples, gauss_newton, least_squares
 
@@ -46,11 +47,14 @@ class FilmFit:
         What is left beyond the noise, one sigma of a component: the film is not as the model is.
     sigma_mm : float
         That and the covariance of the fit, root mean square over the scan.
+    shape : ndarray, shape (6,)
+        `field_angle_variance_relative`.
     """
 
     fit: Fit
     spread_mm: float
     sigma_mm: float
+    shape: np.ndarray
 
 
 def fit_film(
@@ -61,6 +65,7 @@ def fit_film(
     *,
     offset_ut: tuple[float, float, float] = (0.0, 0.0, 0.0),
     sigma_ut: float = 105.0,
+    reading_ut: float = 105.0,
 ) -> FilmFit:
     """Fit map, offset, centre and field-angle polynomial to strokes over depth and direction.
 
@@ -74,6 +79,8 @@ def fit_film(
         Of the chip without a film (`fit_bare_chip`): that of Bz is taken, the others are a start.
     sigma_ut : float
         One-sigma noise of each axis, after averaging.
+    reading_ut : float
+        The same of a single reading, as a decoder gets it.
 
     Raises
     ------
@@ -104,14 +111,18 @@ def fit_film(
         spread_mm = _spread(residual, noise, residual.size - found.size)
     range_mm = _range(found[TABLE:], depth, float(displacement.max()))
     derivatives = _model(found, field, depth, along)[1]
-    own = np.einsum("tp,pq,tq->t", derivatives, fit.covariance, derivatives).mean()
+    own = np.einsum("tp,pq,tq->t", derivatives, fit.covariance, derivatives)
+    sigma_mm = float(np.hypot(spread_mm, np.sqrt(own.mean())))
+    scatter = Scatter(*(each.reshape(2, -1) for each in (residual, noise, own)))
+    variance = fit_variance(scatter, along, depth, displacement, sigma_mm**2, reading_ut / sigma_ut)
     values, jacobian = np.empty(len(NAMES)), np.zeros((len(NAMES), len(RAW)))
     values[:4], jacobian[:4, :3] = _map(*found[:3]).ravel(), _MAP_BY
     values[4:-1], jacobian[4:-1, 3:] = found[3:], np.eye(len(RAW) - 3)
     values[-1] = range_mm
     values[4:6] += offset_ut[:2]
     told = fit.derived(NAMES, values, jacobian)
-    return FilmFit(told, spread_mm, float(np.hypot(spread_mm, np.sqrt(own))))
+    flat = np.append(1.0, np.zeros(len(variance) - 1))
+    return FilmFit(told, spread_mm, sigma_mm, variance / sigma_mm**2 - flat)
 
 
 _MAP_BY = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 1.0], [0.0, 1.0, -1.0], [-1.0, 0.0, 0.0]])

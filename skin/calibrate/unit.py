@@ -130,8 +130,9 @@ def calibrate_unit(
     field = sheared["field_ut"]
     place = sheared["depth_mm"], sheared["displacement_mm"]
     film = fit_film(
-        field, *place, sheared["direction_rad"], offset_ut=tuple(offset), sigma_ut=field_ut
-    )
+        field, *place, sheared["direction_rad"], offset_ut=tuple(offset), sigma_ut=field_ut,
+        reading_ut=float(p["field_noise_ut"]),
+    )  # fmt: skip
     x, y = map_field(field, film.fit)
     way = place[1] * np.exp(1j * sheared["direction_rad"])
     way += film.fit["film_x_mm"] + 1j * film.fit["film_y_mm"]
@@ -154,7 +155,11 @@ def calibrate_unit(
     }
     # a spread of t samples is known to a share of 1 / sqrt(2 t)
     relative = 1.0 / np.sqrt(2.0 * film.fit.samples)
-    told = as_fit({name: (s, relative * s) for name, s in spread.items()}, film.fit.samples)
+    values = {name: (s, relative * s) for name, s in spread.items()}
+    values |= {f"field_angle_variance_relative[{i}]": (s, np.nan) for i, s in enumerate(film.shape)}
+    deepest = float(slope * depth.max())
+    values["normal_max_n"] = _normal_force(normal, deepest), force_n
+    told = as_fit(values, film.fit.samples)
     return (gel, frequency, normal, drift, chip, film.fit, amplitude, shear, told), film
 
 
@@ -167,6 +172,13 @@ def _left(fit: Fit, noise: float) -> float:
     variance = fit.residual_rms**2 * fit.samples / (fit.samples - count)
     misfit = max(variance - noise**2, 0.0)
     return float(np.sqrt(misfit + max(variance, noise**2) * count / fit.samples))
+
+
+def _normal_force(normal: Fit, fall_hz: float) -> float:
+    """Normal force at a fall of the frequency, N: the end of what was pressed."""
+    soft, knee, stiff = (normal[f"normal_{name}"] for name in
+                         ("soft_n_per_hz", "break_hz", "stiff_n_per_hz"))  # fmt: skip
+    return soft * min(fall_hz, knee) + stiff * max(fall_hz - knee, 0.0)
 
 
 def _rms(values: np.ndarray) -> float:

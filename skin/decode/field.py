@@ -99,13 +99,24 @@ def anomaly(solid, z, radius, amplitude, inverse, missed, unit, j):
     return (0 if usual & kept else MAGNETIC_ANOMALY), mean
 
 
+@jitable(inline=True)
+def film_variance(solid, radius, depth, unit, j):
+    """Variance of an axis of the field, for a film that is not as its model is."""
+    real = type(radius)
+    c, h2, r3 = unit["film_variance"], depth * depth, radius * radius * radius
+    across = (c[5, j] * h2 + c[4, j]) * r3 + (c[3, j] * h2 + c[2, j])
+    across = max(across * r3 + (c[1, j] * h2 + c[0, j]), real(0.0))
+    per_mm = solid / max(radius, real(1e-30))
+    return across * (per_mm * per_mm)
+
+
 def strength_law(parts: Parts) -> Callable:
     """R by the strength of the lateral field, R = asin(S / M0) / k [paper, eq. 1]."""
     with_sigma = parts.sigma
 
     @jitable(inline=True)
     def by_strength(solid, variance, depth, depth_sigma, gain, unit, j):
-        """R, its sigma, its flags, 1 / S and 1 / M0.
+        """R, its sigma, its flags, 1 / S, 1 / M0 and the variance of the field.
 
         The sigma is half of the interval of the arcsine, which has no slope at the crest.
         """
@@ -123,12 +134,14 @@ def strength_law(parts: Parts) -> Callable:
         found = SATURATED if near2 >= below * below else 0
         sigma = real(0.0)
         if with_sigma:
+            variance += film_variance(solid, radius, depth, unit, j)
+            noise2 = variance * (inverse * inverse)
             s = np.sqrt(noise2 + square * amplitude_variance(depth, depth_sigma, unit, j))
             low = ratio - s
             lower = asin(min(abs(low), one))
             lower = lower if low > real(0.0) else -lower
             sigma = real(0.5) * scale * (asin(min(ratio + s, one)) - lower)
-        return radius, sigma, found, each * gain, inverse
+        return radius, sigma, found, each * gain, inverse, variance
 
     return by_strength
 
@@ -148,7 +161,8 @@ def angle_law(parts: Parts) -> Callable:
 
     @jitable(inline=True)
     def by_angle(solid, z, variance, depth, depth_sigma, unit, j):
-        """R(psi, H), psi = atan2(S, Bz), its sigma, its flags and 1 / S."""
+        """R(psi, H), psi = atan2(S, Bz), its sigma, its flags, 1 / S and the variance of the
+        field."""
         real = type(solid)
         upright = abs(z)
         big = max(solid, upright)
@@ -172,14 +186,10 @@ def angle_law(parts: Parts) -> Callable:
             slope = ((real(7.0) * q3 * p2 + real(5.0) * q2) * p2 + real(3.0) * q1) * p2 + q0
             deeper = p * (((d3 * p2 + d2) * p2 + d1) * p2 + d0) * depth_sigma
             further = slope * (psi - p)
+            variance += film_variance(solid, radius, depth, unit, j)
             turned2 = variance / (solid * solid + z * z + variance)
-            sigma = np.sqrt(
-                slope * slope * turned2
-                + deeper * deeper
-                + further * further
-                + unit["angle_variance"][j]
-            )
-        return radius, sigma, found, big * quotient
+            sigma = np.sqrt(slope * slope * turned2 + deeper * deeper + further * further)
+        return radius, sigma, found, big * quotient, variance
 
     return by_angle
 
@@ -191,23 +201,26 @@ def inversion(parts: Parts) -> Callable:
 
     @jitable(inline=True)
     def invert(solid, z, variance, gain, missed, tile, unit, j):
-        """R, its sigma, its flags, 1 / S and the mean share by which the field misses its model."""
+        """R, its sigma, its flags, 1 / S, the variance of the field, and the mean share by which it
+        misses its model."""
         one = type(solid)(1.0)
         depth, depth_sigma = tile["displacement"][2, j], tile["displacement_sigma"][2, j]
         if with_angle:
-            radius, sigma, found, each = by_angle(solid, z, variance, depth, depth_sigma, unit, j)
+            radius, sigma, found, each, variance = by_angle(
+                solid, z, variance, depth, depth_sigma, unit, j
+            )
             if with_check:
                 amplitude = gain * exp2(octaves(depth, unit, j))
                 odd, missed = anomaly(solid, z, radius, amplitude, one, missed, unit, j)
                 found |= odd
         else:
-            radius, sigma, found, each, inverse = by_strength(
+            radius, sigma, found, each, inverse, variance = by_strength(
                 solid, variance, depth, depth_sigma, gain, unit, j
             )
             if with_check:
-                other, _, _, _ = by_angle(solid, z, variance, depth, depth_sigma, unit, j)
+                other, _, _, _, _ = by_angle(solid, z, variance, depth, depth_sigma, unit, j)
                 odd, missed = anomaly(solid, z, other, one, inverse, missed, unit, j)
                 found |= odd
-        return radius, sigma, found, each, missed
+        return radius, sigma, found, each, variance, missed
 
     return invert

@@ -97,7 +97,7 @@ def model_of(
     }
     summed_ut = felt_ut if plan.sweeps else None
     stray_ut = neighbours_ut(topology, summed_ut, rest_ut is not None)
-    found |= uncertainty(topology, found, angle, stray_ut)
+    found |= uncertainty(topology, found, stray_ut)
     return DecodeModel(
         _blocks(found, k.coefficients(plan.dtype)),
         _blocks(limits_of(topology, vertical=angle or plan.consistency), k.LIMITS),
@@ -153,6 +153,7 @@ def _temperature(topology: Topology, every: int) -> dict[str, np.ndarray]:
         2.0 ** ((p["film_reference_c"] - 20.0) / octave_c),
     )
     gel_variance = (per_share * p["gel_noise_relative"]) ** 2 + p["temperature_sigma_c"] ** 2
+    gel_sigma = np.sqrt(gel_variance)
     chip_offset = np.where(chip, offset[k.CHIP], 0.0) - p["hall_reference_c"]
     step_s = every / topology.cycle_rate_hz
     return {
@@ -161,8 +162,8 @@ def _temperature(topology: Topology, every: int) -> dict[str, np.ndarray]:
         "gel_octave": octave_c,
         "gel_variance": np.where(gel, gel_variance, 0.0),
         "gel_step": per_share * np.abs(gel_scale) * STEP_SIGMA,
-        "gel_low": p["temperature_min_c"],
-        "gel_high": p["temperature_max_c"],
+        "gel_low": p["temperature_min_c"] - gel_sigma,
+        "gel_high": p["temperature_max_c"] + gel_sigma,
         "film_keep": _kept(step_s, p["film_lag_s"]),
         "film_reference": p["film_reference_c"],
         "film_drift": p["film_drift_per_k"],
@@ -185,14 +186,16 @@ def _normal(topology: Topology) -> dict[str, np.ndarray]:
     p = topology.parameters
     slope = p["frequency_slope_hz_per_mm"]
     per_hz = 1.0 / slope
-    low, high = tidy_drop(topology)
+    low, high = (drop * per_hz for drop in tidy_drop(topology))
+    sigma = frequency_sigma_hz(topology) * per_hz
     return {
         "depth_scale": -topology.scale[k.FREQUENCY] * per_hz,
         "depth_offset": (p["frequency_rest_hz"] - topology.offset[k.FREQUENCY]) * per_hz,
         "depth_per_hz": per_hz,
-        "depth_sigma": frequency_sigma_hz(topology) * per_hz,
-        "depth_low": low * per_hz,
-        "depth_high": high * per_hz,
+        "depth_sigma": sigma,
+        # within its sigma of an end a reading may well lie inside
+        "depth_low": low - sigma,
+        "depth_high": high + sigma,
         "normal_soft": p["normal_soft_n_per_hz"] * slope,
         "normal_break": p["normal_break_hz"] * per_hz,
         "normal_stiffer": (p["normal_stiff_n_per_hz"] - p["normal_soft_n_per_hz"]) * slope,

@@ -82,8 +82,8 @@ COEFFICIENT_ROWS = {
     # log2(M0 / µT) in powers of H; relative, at a known depth; rad/mm
     "amplitude_octaves": 3, "amplitude_variance": 1, "wavenumber": 1, "wavenumber_inverse": 1,
     # R(psi, H) in mm, row 4 i + j of psi^(2 i + 1) H^j; rad, beyond which it is a lower bound; mm²,
-    # of a component
-    "angle": 16, "angle_end": 1, "angle_variance": 1,
+    # across the displacement, row 2 i + j of R^(3 i) H^(2 j)
+    "angle": 16, "angle_end": 1, "film_variance": 6,
     # squared tolerance of the field, of one reading and of the mean: relative, µT²; share of a
     # reading in the mean
     "anomaly_share": 1, "anomaly_field": 1, "miss_share": 1, "miss_field": 1, "miss_step": 1,

@@ -126,12 +126,12 @@ def sigma_of(parts: Parts) -> Callable:
         """`each` is 1 / S, `variance` that of the field."""
         real = type(each)
         limit = unit["displacement_max"][j]
-        along = shear.along + real(EXTRAPOLATION) * max(shear.outer - limit, real(0.0))
+        over = max(shear.outer - shear.along - limit, real(0.0))
+        along = shear.along + real(EXTRAPOLATION) * over
         along2 = along * along
         # across the direction, R sigma / S, which has a limit at R = 0
         aside = each * shear.outer
         across2 = min(variance * (aside * aside), limit * limit)
-        across2 += unit["angle_variance"][j]
         rate = real(1.0) / max(shear.radius, real(1e-12))
         turned2 = across2 * (rate * rate)
         if with_theta:
@@ -186,7 +186,7 @@ def tangential_stage(parts: Parts) -> Callable:
                 strength = np.sqrt(x * x + y * y)
                 solid = max(strength, real(FIELD_MIN))
                 missed = state["missed"][j] if with_check else real(0.0)
-                radius, along, found, each, mean = invert(
+                radius, along, found, each, variance, mean = invert(
                     solid, z, variance, gain, missed, tile, unit, j
                 )
                 found |= EXTRAPOLATED if radius > unit["displacement_max"][j] else 0

@@ -66,15 +66,18 @@ def test_scenes_press_six_units_in_ten_and_shear_only_these():
     assert np.median(reach[pressed]) == pytest.approx(2.5 / np.sqrt(2.0), rel=0.02)
 
 
-def test_a_unit_that_was_on_the_bench_errs_as_its_noise_and_says_so():
-    skin = made(2, fabricated=False)
-    cells = Cells(np.array([0.25, 1.5]), np.array([0.5, 2.25]))
+@pytest.mark.parametrize("fabricated", [False, True])
+def test_a_unit_that_was_on_the_bench_says_how_much_it_errs_to_the_ends_of_its_range(fabricated):
+    skin = made(2, fabricated=fabricated, seed=5)
+    cells = Cells(np.array([0.25, 1.5, 2.0]), np.array([0.5, 2.25, 3.0]))
     decoder = Decoder(skin.known, {"force", "displacement", "sigma"}, "field-angle")
     found = explore(skin, cells, decoder, rounds=60)
-    # 2400 samples a cell: three sigma of their number, and what the calibration leaves
-    assert ((found.ratio > 0.96) & (found.ratio < 1.08)).all()
-    assert ((found.held > 0.64) & (found.held < 0.72)).all()
+    # 2400 samples a cell: three sigma of their number are 3 %; four films differ from side to side
+    most = 0.75 if fabricated else 0.72
+    assert ((found.held > 0.64) & (found.held < most)).all()
     assert (found.worst[..., 0] > 2.0 * found.shift_mm).all()
+    if not fabricated:
+        assert ((found.ratio > 0.96) & (found.ratio < 1.08)).all()
 
 
 @pytest.fixture(scope="module")
@@ -91,6 +94,7 @@ def figures(tmp_path_factory):
 @pytest.mark.long
 def test_noise_is_all_that_a_film_as_drawn_leaves(figures):
     assert 0.9 < figures["crlb_ratio_max"] < 1.25
+    # 540 readings a cell: 2 % one sigma of a share, 4 cells of 72 beyond two of them
     assert 0.6 < figures["coverage_min"] <= figures["coverage_max"] < 0.76
     assert figures["temperature_rmse_c"] < 0.1
 
@@ -142,19 +146,30 @@ def experiment(tmp_path_factory):
 @pytest.mark.long
 def test_the_papers_experiment_keeps_to_the_papers_errors(experiment):
     """Four units, of which each has its own film: a little more than the paper's single one."""
-    figures = experiment["field-angle"]
-    assert figures["force_mean_n"] < 1.5 * fig4a.PAPER_FORCE_N
-    assert figures["temperature_max_c"] < fig4a.PAPER_TEMPERATURE_C
-    assert figures["force_mean_n"] < experiment["sine"]["force_mean_n"]
+    reading, second = (experiment["field-angle"][kind] for kind in ("reading", "second"))
+    assert second["any_force_n"] < 1.5 * fig4a.PAPER_FORCE_N
+    assert reading["temperature_max_c"] < fig4a.PAPER_TEMPERATURE_C
+    assert second["any_force_n"] < experiment["sine"]["second"]["any_force_n"]
     # means over a second hide noise, and nothing else
-    assert figures["force_mean_n"] < figures["reading_mean_n"]
-    assert figures["force_mean_n"] < figures["length_mean_n"]
+    for name in ("force_n", "length_n", "any_force_n", "temperature_max_c"):
+        assert second[name] < reading[name]
+
+
+@pytest.mark.long
+def test_the_headline_of_the_papers_experiment_is_of_single_readings_with_all_loads_on(experiment):
+    reading = experiment["field-angle"]["reading"]
+    assert experiment["force_n"] == reading["force_n"] == max(reading["stages_n"][2])
+    assert experiment["force_n"] > experiment["force_second_n"]
+    assert experiment["temperature_c"] == reading["temperature_max_c"]
+    first = fig4a.table(experiment).splitlines()[1]
+    assert first.startswith("all loads on")
+    assert f"{experiment['force_n']:.4f}" in first
 
 
 @pytest.mark.long
 def test_the_papers_experiment_is_told_and_drawn(experiment):
     json.dumps(experiment)
-    assert len(fig4a.table(experiment).splitlines()) == 16
+    assert len(fig4a.table(experiment).splitlines()) == 17
     with open(experiment["picture"], "rb") as picture:
         assert picture.read(4) == b"\x89PNG"
 

@@ -142,7 +142,7 @@ def test_calibration_sigmas_add_to_their_own_outputs():
         "frequency_sigma_hz": {"h": 9.0 / 900.0, "fz": 9.0 / 200.0},
         "normal_sigma_relative": {"fz": 0.02 * (1.5 * 1.5 + 3.0 * 0.9)},
         "shear_sigma_relative": {"tangential": 0.02 * 0.5 * np.linspace(0.3, 1.8, 40)},
-        "field_angle_sigma_mm": {"x": 0.01, "y": 0.01},
+        "field_angle_sigma_mm": {"theta": 0.01 / np.linspace(0.3, 1.8, 40)},
     }
     size = {"temperature_sigma_c": 0.3, "frequency_sigma_hz": 9.0, "field_angle_sigma_mm": 0.01}
     for name, added in expected.items():
@@ -171,14 +171,12 @@ def test_field_sigma_widens_the_field_and_the_residue_of_a_background_does_the_s
 
 @pytest.mark.parametrize("estimator", ["sine", "field-angle"])
 def test_sigma_grows_beyond_the_calibrated_depth(estimator):
-    """A fifth of what lies beyond it."""
-    skin = row_of(60)
+    """A fifth of what lies beyond it by more than a sigma."""
+    skin, sigma = row_of(60), 6.02 / 900.0
     depth = np.linspace(1.9, 3.2, 60)
     got = Decoder(skin, None, estimator, dtype="float64")(counts_at(skin, depth, 0.5, 0.3))
-    beyond = 0.2 * np.maximum(depth - 2.0, 0.0)
-    np.testing.assert_allclose(
-        got.displacement_sigma_mm[2], 6.02 / 900.0 + beyond, rtol=0.02, atol=1e-4
-    )
+    beyond = 0.2 * np.maximum(depth - 2.0 - sigma, 0.0)
+    np.testing.assert_allclose(got.displacement_sigma_mm[2], sigma + beyond, rtol=0.02, atol=1e-4)
     np.testing.assert_allclose(got.force_sigma[2], 4.5 * got.displacement_sigma_mm[2], rtol=1e-3)
 
 

@@ -1,0 +1,73 @@
+"""What errors of place and tilt add to the variance of the field, against fields of such units."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from skin.decode.crosstalk import CrossTalk
+from skin.decode.crosstalk_placement import placement_ut2
+from skin.physics.halbach import HalbachField
+from skin.physics.stencil import Stencil
+from tests.fixtures.decode import with_parameters
+from tests.skin.decode.test_crosstalk import plane
+from topology.pose import from_rpy
+
+PLACED = {"place": (0.3, 0.0), "tilt": (0.0, 0.02)}
+
+
+def placed(place_mm, tilt_rad):
+    return with_parameters(
+        plane(4, 4), placement_sigma_mm=place_mm, placement_sigma_rad=tilt_rad
+    )  # fmt: skip
+
+
+def strayed(skin, moved, depth, reach_m):
+    """What neighbours add at every chip."""
+    warm = skin.parameters["film_reference_c"]
+    both, own = (HalbachField(skin, reach_m=r)(moved, depth, warm) for r in (reach_m, 0.0))
+    return both - own
+
+
+@pytest.mark.parametrize("kind", PLACED)
+def test_units_off_their_places_add_what_the_variance_says(kind):
+    """Root mean square over many skins; single units differ by their neighbours' directions."""
+    place_mm, tilt_rad = PLACED[kind]
+    drawn = placed(place_mm, tilt_rad)
+    stencil, rng, square = Stencil.of(drawn), np.random.default_rng(4), []
+    for _ in range(30):
+        reach = stencil.displacement_max_mm * np.sqrt(rng.random(drawn.n))
+        around = rng.uniform(-np.pi, np.pi, drawn.n)
+        moved = reach * np.stack([np.cos(around), np.sin(around)])
+        depth = stencil.depth_max_mm * rng.random(drawn.n)
+        place = drawn.position + 1e-3 * place_mm * rng.standard_normal(drawn.position.shape)
+        tilts = [from_rpy(x, y, 0.0) for x, y in tilt_rad * rng.standard_normal((drawn.n, 2))]
+        turned = np.einsum("abn,nbc->acn", drawn.rotation, tilts)
+        real = dataclasses.replace(drawn, position=place, rotation=turned)
+        off = strayed(real, moved, depth, stencil.reach_m)
+        off -= strayed(drawn, moved, depth, stencil.reach_m)
+        square.append(np.mean(off[:2] ** 2, axis=0))
+    ratio = np.sqrt(np.mean(square, axis=0) / placement_ut2(drawn, stencil))
+    assert 0.7 < np.mean(ratio) < 1.2
+    assert ((ratio > 0.45) & (ratio < 1.5)).all()
+
+
+def test_the_variance_grows_with_the_square_of_the_error_and_is_none_without():
+    once, twice = (placed(0.1 * k, 0.01 * k) for k in (1.0, 2.0))
+    stencil = Stencil.of(once)
+    np.testing.assert_allclose(placement_ut2(twice, stencil), 4.0 * placement_ut2(once, stencil))
+    assert (placement_ut2(plane(4, 4), stencil) == 0.0).all()
+
+
+def test_cross_talk_of_the_drawing_holds_it_and_that_of_a_stencil_that_is_given_does_not():
+    """A stencil that was measured on the skin knows the places."""
+    skin = placed(0.2, 0.01)
+    drawn, given = (
+        CrossTalk(skin, dtype="float64"),
+        CrossTalk(skin, Stencil.of(skin), dtype="float64"),
+    )
+    added = drawn.residue_ut2 - given.residue_ut2
+    np.testing.assert_allclose(added, placement_ut2(skin, given.stencil), rtol=1e-9)
+    np.testing.assert_array_equal(drawn.residue_ut, given.residue_ut)
