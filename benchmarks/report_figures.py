@@ -13,7 +13,7 @@ HEAD = """# Figures
 
 All that `python -m benchmarks report` finds, losses in the same size as what holds. Spread is where another run on the same machine lies in 95 of 100 cases; for rates the 95 % interval; none where all is seeded and another run tells the same. Times tell of the machine: ratios travel, microseconds do not.
 
-The simulated units obey the same laws of gel, capacitor and force that the decoder inverts, unless a row says otherwise: errors of forces beside them tell of arithmetic, field and noise, not of how well a lab's units obey these laws.
+The simulated units obey the same laws of gel, capacitor and force that the decoder inverts, but for the rows of `foreign`: errors of forces beside them tell of arithmetic, field and noise, not of how well a lab's units obey these laws.
 
 """
 
@@ -85,6 +85,18 @@ FIGURES = (
     Figure("accuracy", "crlb_ratio_max", "error of the displacement over the Cramér-Rao bound, worst cell, films as drawn", "", "<= 1.15"),
     Figure("accuracy", "systematic_um_12mm", "error of the displacement without noise, array of films that touch (12 mm), one sweep, films as drawn", "µm rms", "<= 15"),
     Figure("accuracy", "temperature_rmse_c", "error of the temperature over 20 to 80 °C", "°C rms", "<= 0.1"),
+    Figure("accuracy", "systematic_um_12mm_two_sweeps", "the same after two sweeps", "µm rms", "<= 4"),
+    Figure("accuracy", "systematic_um_12mm_made", "after one sweep, films as made", "µm rms"),
+    Figure("accuracy", "films/drawn/field-angle/placed/0.5 mm/um_rms", "error of the displacement without noise, two sweeps, units misplaced by 0.5 mm rms", "µm rms"),
+    Figure("accuracy", "films/drawn/field-angle/placed/0.5 mm/held", "share of errors within one sigma there, the sigma of placement told"),
+    Figure("fig4a", "force_n", "the paper's Fig. 4a, every non-ideality on, all three loads: largest mean error of a component, single readings (the paper: 0.03, of its own hardware)", "N", "<= 0.03", True),
+    Figure("fig4a", "force_second_n", "the same of means over a second", "N", "<= 0.03", True),
+    Figure("fig4a", "temperature_c", "largest error of the temperature there, single readings (the paper: 0.8)", "°C", "<= 0.8"),
+    Figure("foreign", "cases/the decoder's own/field-angle/rms/Fz", "error of the normal force of calibrated units whose laws are the decoder's", "mN rms"),
+    Figure("foreign", "cases/force/field-angle/rms/Fz", "the same where the force law is that of a hyperelastic solid", "mN rms", "", True),
+    Figure("foreign", "cases/force/field-angle/held/Fz", "share of these errors within one sigma", "", ">= 0.66", True),
+    Figure("foreign", "cases/gel/field-angle/rms/T", "error of the temperature of calibrated units whose gel follows another law (VFT)", "°C rms", "", True),
+    Figure("foreign", "cases/gel/field-angle/held/T", "share of these errors within one sigma", "", ">= 0.66"),
     Figure("stress", "worst_error_n_float32", "largest error of a valid force, no bound, against 40 digits where float32 is worst", "N", "<= 2e-5", True),
     Figure("stress", "worst_error_n_float64", "the same of float64", "N", "<= 1e-9"),
     Figure("stress", "nonfinite_valid", "valid readings that are not finite", "", "= 0", True),
