@@ -82,10 +82,11 @@ def _kernel():
     if command is None:
         raise SystemExit("bare: must have a C compiler; found none: apt-get install gcc")
     with tempfile.TemporaryDirectory() as folder:
-        built = Path(folder, "bare.so")
-        subprocess.run(
-            [command, *OPTIONS, "-shared", "-fPIC", "-o", built, SOURCE, "-lm"], check=True
-        )
+        compiled, built = Path(folder, "bare.o"), Path(folder, "bare.so")
+        subprocess.run([command, *OPTIONS, "-fPIC", "-c", "-o", compiled, SOURCE], check=True)
+        # linked without the options: with them, gcc would have the library set the processor to
+        # flush denormal numbers to zero, in all of this process
+        subprocess.run([command, "-shared", "-o", built, compiled, "-lm"], check=True)
         kernel = ctypes.CDLL(str(built)).bare
     kernel.restype = None
     kernel.argtypes = (ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)

@@ -65,6 +65,14 @@ def test_bare_arithmetic_gives_what_the_decoder_gives():
 
 
 @needs_compiler
+def test_to_load_the_bare_arithmetic_leaves_the_processor_as_it_was():
+    """Denormal numbers are numbers yet: what else runs in the process counts on them."""
+    Bare(array_of(16, alike=False))
+    assert np.float64(5e-324) * np.float64(1.0) > 0.0
+    assert np.nextafter(np.float32(0.0), np.float32(1.0)) * np.float32(2.0) > 0.0
+
+
+@needs_compiler
 def test_bare_arithmetic_takes_whole_blocks_alone():
     with pytest.raises(SystemExit, match="multiple of 16 units; got 50"):
         Bare(array_of(50, alike=False))
