@@ -206,7 +206,7 @@ def _calibrated(quick: bool) -> dict:
     errors = {}
     if compiler() is not None:
         bare = Bare(skin)
-        runs[BARE] = lambda: bare(counts)
+        runs[BARE] = bare.bind(counts)
         errors[BARE] = _errors(bare(counts)[:, units], truths["sine"])
     for estimator, truth in truths.items():
         for name, options in (("", {"consistency": False}), (", consistency", {}),

@@ -22,6 +22,7 @@ from __future__ import annotations
 import multiprocessing
 import socket
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 
@@ -213,7 +214,7 @@ def _spread(values: np.ndarray) -> dict[str, float]:
     }
 
 
-class _Played:
+class _Played(ABC):
     """The host's ends of buses whose units are played.
 
     Attributes
@@ -227,9 +228,9 @@ class _Played:
         self.ends = ends
         self.own_ns = 0
 
+    @abstractmethod
     def tell(self) -> tuple[np.ndarray, np.ndarray]:
         """Frames sent by cycle, and those of them that were sent on time."""
-        raise NotImplementedError
 
 
 class _InProcess(_Played):

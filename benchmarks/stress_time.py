@@ -8,8 +8,8 @@ import numpy as np
 
 from benchmarks.contact import plate
 from benchmarks.peers_decode import counts_of
+from benchmarks.skip import cycles_of
 from benchmarks.timing import ratio, times
-from bus.compiled.aligned import zeros
 from skin.decode.decoder import Decoder
 from skin.options import DTYPES
 from topology import Topology
@@ -44,11 +44,11 @@ def cases(skin: Topology, dtype: str) -> dict[str, Callable[[], None]]:
     rails = np.where(rng.random(calm.shape) < 0.5, np.int16(-32768), calm)
     still = np.broadcast_to(calm[:1], calm.shape)
     runs = {
-        name: run_of(Decoder(skin, dtype=dtype), counts)
+        name: cycles_of(Decoder(skin, dtype=dtype), counts)
         for name, counts in (("calm", calm), ("any counts", whole), ("no field", nothing),
                              ("beyond the crest", crest), ("rails", rails))
     }  # fmt: skip
-    return runs | {"denormal lags": run_of(aged(skin, dtype, calm), still)}
+    return runs | {"denormal lags": cycles_of(aged(skin, dtype, calm), still)}
 
 
 def aged(skin: Topology, dtype: str, counts: np.ndarray) -> Decoder:
@@ -59,16 +59,3 @@ def aged(skin: Topology, dtype: str, counts: np.ndarray) -> Decoder:
     longest_s = float(skin.parameters["film_lag_s"].max())
     decoder.elapse(AGES[dtype] * longest_s)
     return decoder
-
-
-def run_of(decoder: Decoder, counts: np.ndarray) -> Callable[[], None]:
-    """Decode all cycles, each handed over as a bus does, in one array."""
-    here = zeros(counts.shape[1:], np.int16)
-    decode = decoder.bind(here, zeros(counts.shape[2], np.uint16))
-
-    def go() -> None:
-        for raw in counts:
-            here[:] = raw
-            decode()
-
-    return go
