@@ -9,12 +9,14 @@ from collections.abc import Callable
 
 import numpy as np
 
+from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
 from skin.decode.functions import OCTAVES_MAX, asin, atan, exp2, sinc
 from skin.decode.parts import Parts
-from skin.decode.records import BX, BY, BZ, MAGNETIC_ANOMALY, SATURATED
+from skin.decode.records import BX, BY, BZ, INVALID, MAGNETIC_ANOMALY, SATURATED, SILENT
+from skin.decode.span import lanes_of
 
-__all__ = ["FIELD_MIN", "GAIN_MIN", "field_law", "inversion"]
+__all__ = ["FIELD_MIN", "GAIN_MIN", "amplitude_stage", "anomaly_stage", "field_law", "inversion"]
 
 GAIN_MIN = 0.1
 """Bound of the gain; only a temperature of a unit that is OUT_OF_RANGE reaches it."""
@@ -115,7 +117,7 @@ def strength_law(parts: Parts) -> Callable:
     with_sigma = parts.sigma
 
     @jitable(inline=True)
-    def by_strength(solid, variance, depth, depth_sigma, gain, unit, j):
+    def by_strength(solid, variance, depth, depth_sigma, gain, weakest, unit, j):
         """R, its sigma, its flags, 1 / S, 1 / M0 and the variance of the field.
 
         The sigma is half of the interval of the arcsine, which has no slope at the crest.
@@ -124,7 +126,7 @@ def strength_law(parts: Parts) -> Callable:
         one = real(1.0)
         scale = unit["wavenumber_inverse"][j]
         each = one / (solid * gain)  # one division for both quotients
-        inverse = solid * each * exp2(-octaves(depth, unit, j))
+        inverse = solid * each * weakest
         ratio = min(solid * inverse, one)
         radius = scale * asin(ratio)
         noise2 = variance * (inverse * inverse)
@@ -194,33 +196,70 @@ def angle_law(parts: Parts) -> Callable:
     return by_angle
 
 
+def amplitude_stage(parts: Parts) -> Callable:
+    """The stage that decodes the film's strength at its depth: M0, or with `sine` 1 / M0."""
+    with_angle = parts.angle
+
+    @jitable(inline=True)
+    def amplitude(unit, span, tile):
+        assume_noalias()
+        _, start, size = lanes_of(span)
+        for lane in range(size):
+            j = start + lane
+            x = octaves(tile["displacement"][2, j], unit, j)
+            tile["amplitude"][j] = exp2(x if with_angle else -x)
+
+    return amplitude
+
+
 def inversion(parts: Parts) -> Callable:
     """R by angle or by strength, and whether the field is the film's at all."""
-    with_angle, with_check = parts.angle, parts.consistency
+    with_angle = parts.angle
     by_angle, by_strength = angle_law(parts), strength_law(parts)
 
     @jitable(inline=True)
-    def invert(solid, z, variance, gain, missed, tile, unit, j):
-        """R, its sigma, its flags, 1 / S, the variance of the field, and the mean share by which it
-        misses its model."""
-        one = type(solid)(1.0)
+    def invert(variance, tile, unit, j):
+        """R, its sigma, its flags, 1 / S, 1 / M0, and the variance of the field."""
         depth, depth_sigma = tile["displacement"][2, j], tile["displacement_sigma"][2, j]
+        solid = max(tile["strength"][j], type(depth)(FIELD_MIN))
         if with_angle:
             radius, sigma, found, each, variance = by_angle(
-                solid, z, variance, depth, depth_sigma, unit, j
+                solid, tile["read"][2, j], variance, depth, depth_sigma, unit, j
             )
-            if with_check:
-                amplitude = gain * exp2(octaves(depth, unit, j))
-                odd, missed = anomaly(solid, z, radius, amplitude, one, missed, unit, j)
-                found |= odd
+            inverse = each
         else:
             radius, sigma, found, each, inverse, variance = by_strength(
-                solid, variance, depth, depth_sigma, gain, unit, j
+                solid, variance, depth, depth_sigma, tile["gain"][j], tile["amplitude"][j], unit, j
             )
-            if with_check:
-                other, _, _, _, _ = by_angle(solid, z, variance, depth, depth_sigma, unit, j)
-                odd, missed = anomaly(solid, z, other, one, inverse, missed, unit, j)
-                found |= odd
-        return radius, sigma, found, each, variance, missed
+        return radius, sigma, found, each, inverse, variance
 
     return invert
+
+
+def anomaly_stage(parts: Parts) -> Callable:
+    """The stage that flags fields that are not the film's."""
+    with_angle, by_angle = parts.angle, angle_law(parts)
+
+    @jitable(inline=True)
+    def check(unit, span, tile, flag, state, advance):
+        assume_noalias()
+        _, start, size = lanes_of(span)
+        real = tile["force"].dtype.type
+        one = real(1.0)
+        for lane in range(size):
+            j = start + lane
+            depth, z = tile["displacement"][2, j], tile["read"][2, j]
+            solid = max(tile["strength"][j], real(FIELD_MIN))
+            missed = state["missed"][j]
+            if with_angle:
+                amplitude = tile["gain"][j] * tile["amplitude"][j]
+                radius = tile["radius"][j]
+                odd, mean = anomaly(solid, z, radius, amplitude, one, missed, unit, j)
+            else:
+                other, _, _, _, _ = by_angle(solid, z, one, depth, one, unit, j)  # R alone
+                odd, mean = anomaly(solid, z, other, one, tile["inverse"][j], missed, unit, j)
+            flags = flag[j]
+            state["missed"][j] = mean if advance & (flags & INVALID == 0) else missed
+            flag[j] = flags if flags & SILENT else flags | odd
+
+    return check

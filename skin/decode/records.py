@@ -128,6 +128,10 @@ TILE_ROWS = {
     "temperature_sigma": 1, "force_sigma": 3, "tangential_sigma": 1, "theta_sigma": 1,
     "displacement_sigma": 3,
     "field": 3,
+    # on the way alone: µT with the chip's gain, both gains, S with the chip's gain; M0 or 1 / M0 in
+    # µT; direction, R, its sigma; 1 / S, gains / M0, variance of the field
+    "read": 3, "gain": 1, "strength": 1, "amplitude": 1,
+    "direction": 2, "radius": 1, "along": 1, "each": 1, "inverse": 1, "variance": 1,
 }  # fmt: skip
 """Results of a block, and of how many rows each is; the third of force and displacement is normal.
 """

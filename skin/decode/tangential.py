@@ -9,11 +9,18 @@ import numpy as np
 
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
-from skin.decode.field import FIELD_MIN, GAIN_MIN, field_law, inversion
+from skin.decode.field import (
+    FIELD_MIN,
+    GAIN_MIN,
+    amplitude_stage,
+    anomaly_stage,
+    field_law,
+    inversion,
+)
 from skin.decode.functions import atan2, sin_cos
 from skin.decode.normal import bent
 from skin.decode.parts import Parts
-from skin.decode.records import EXTRAPOLATED, INVALID, KNOTS, SILENT
+from skin.decode.records import EXTRAPOLATED, KNOTS, SILENT
 from skin.decode.span import lanes_of
 from skin.decode.temperature import EXTRAPOLATION
 
@@ -154,48 +161,113 @@ def sigma_of(parts: Parts) -> Callable:
     return sigma
 
 
-def tangential_stage(parts: Parts) -> Callable:
-    """The stage that decodes the field, the tangential displacement and the tangential force."""
-    with_field, with_shear, with_sigma = parts.field, parts.shear, parts.sigma
-    with_film, with_check = parts.film_compensation, parts.consistency
-    field, invert = field_law(parts), inversion(parts)
-    shear_from, sigma = shear_of(parts), sigma_of(parts)
+def field_stage(parts: Parts) -> Callable:
+    """The stage that decodes the field and its strength, with the chip's gain left in them."""
+    with_field, with_shear, with_z = parts.field, parts.shear, parts.angle or parts.consistency
+    with_film, law = parts.film_compensation, field_law(parts)
 
     @jitable(inline=True)
-    def tangential(unit, counts, background, span, tile, flag, state, advance):
+    def field(unit, counts, background, span, tile):
         assume_noalias()
         first, start, size = lanes_of(span)
         real = tile["force"].dtype.type
         for lane in range(size):
             j = start + lane
-            i = first + j
             chip_above = tile["chip_above"][j]
-            x, y, z, gain = field(unit, counts, background, span.cycle, i, chip_above, j)
+            x, y, z, gain = law(unit, counts, background, span.cycle, first + j, chip_above, j)
             if with_field:
                 each = real(1.0) / gain
                 tile["field"][0, j] = x * each
                 tile["field"][1, j] = y * each
                 tile["field"][2, j] = z * each
             if with_shear:
-                variance = unit["field_variance"][j]
-                if background is not None:
-                    variance += background[span.cycle, 4, i]
                 if with_film:
                     warmer = unit["film_drift"][j] * tile["film_above"][j]
                     gain *= max(real(1.0) + warmer, real(GAIN_MIN))
-                strength = np.sqrt(x * x + y * y)
-                solid = max(strength, real(FIELD_MIN))
-                missed = state["missed"][j] if with_check else real(0.0)
-                radius, along, found, each, variance, mean = invert(
-                    solid, z, variance, gain, missed, tile, unit, j
-                )
-                found |= EXTRAPOLATED if radius > unit["displacement_max"][j] else 0
-                flags = flag[j]
-                if with_check:
-                    state["missed"][j] = mean if advance & (flags & INVALID == 0) else missed
-                flag[j] = flags if flags & SILENT else flags | found
-                shear = shear_from(x * each, y * each, radius, along, strength, tile, unit, j)
-                if with_sigma:
-                    sigma(shear, each, variance, tile, unit, j)
+                tile["read"][0, j] = x
+                tile["read"][1, j] = y
+                if with_z:
+                    tile["read"][2, j] = z
+                tile["gain"][j] = gain
+                tile["strength"][j] = np.sqrt(x * x + y * y)
+
+    return field
+
+
+def displacement_stage(parts: Parts) -> Callable:
+    """The stage that decodes R and its direction."""
+    with_sigma, with_check = parts.sigma, parts.consistency
+    invert = inversion(parts)
+
+    @jitable(inline=True)
+    def displacement(unit, background, span, tile, flag):
+        assume_noalias()
+        first, start, size = lanes_of(span)
+        for lane in range(size):
+            j = start + lane
+            variance = unit["field_variance"][j]
+            if background is not None:
+                variance += background[span.cycle, 4, first + j]
+            radius, along, found, each, inverse, variance = invert(variance, tile, unit, j)
+            found |= EXTRAPOLATED if radius > unit["displacement_max"][j] else 0
+            flags = flag[j]
+            flag[j] = flags if flags & SILENT else flags | found
+            tile["radius"][j] = radius
+            tile["direction"][0, j] = tile["read"][0, j] * each
+            tile["direction"][1, j] = tile["read"][1, j] * each
+            if with_check:
+                tile["inverse"][j] = inverse
+            if with_sigma:
+                tile["each"][j] = each
+                tile["along"][j] = along
+                tile["variance"][j] = variance
+
+    return displacement
+
+
+def shear_stage(parts: Parts) -> Callable:
+    """The stage that decodes the tangential force, and what is not known of all of these."""
+    with_sigma = parts.sigma
+    shear_from, sigma_from = shear_of(parts), sigma_of(parts)
+
+    @jitable(inline=True)
+    def shear(unit, span, tile):
+        assume_noalias()
+        _, start, size = lanes_of(span)
+        real = tile["force"].dtype.type
+        for lane in range(size):
+            j = start + lane
+            x, y = tile["direction"][0, j], tile["direction"][1, j]
+            along = tile["along"][j] if with_sigma else real(0.0)
+            strength = tile["strength"][j]
+            found = shear_from(x, y, tile["radius"][j], along, strength, tile, unit, j)
+            if with_sigma:
+                sigma_from(found, tile["each"][j], tile["variance"][j], tile, unit, j)
+
+    return shear
+
+
+def tangential_stage(parts: Parts) -> Callable:
+    """The stages that decode the field, the tangential displacement and the tangential force.
+
+    Each is a loop of its own: a short loop keeps its constants in registers, and a processor that
+    looks ahead works on more units at a time.
+    """
+    with_shear, with_check = parts.shear, parts.consistency
+    with_amplitude = parts.consistency or not parts.angle
+    field, amplitude = field_stage(parts), amplitude_stage(parts)
+    displacement, check = displacement_stage(parts), anomaly_stage(parts)
+    shear = shear_stage(parts)
+
+    @jitable(inline=True)
+    def tangential(unit, counts, background, span, tile, flag, state, advance):
+        field(unit, counts, background, span, tile)
+        if with_shear:
+            if with_amplitude:
+                amplitude(unit, span, tile)
+            displacement(unit, background, span, tile, flag)
+            if with_check:
+                check(unit, span, tile, flag, state, advance)
+            shear(unit, span, tile)
 
     return tangential

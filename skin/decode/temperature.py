@@ -35,8 +35,9 @@ def gel_law(gel, unit, j):
     return real(20.0) + unit["gel_octave"][j] * log2(current), current
 
 
-def lag_law(parts: Parts) -> Callable:
-    """Film and chip temperature above reference; both follow the gel."""
+def lag_law(parts: Parts, calm: bool) -> Callable:
+    """Film and chip temperature above reference; both follow the gel. `calm`: all units are kept,
+    and advance; a state that is stored for some lanes alone costs more than all else here."""
     with_film, with_chip = parts.film_compensation, parts.chip_compensation
     with_lag = parts.chip_lags
 
@@ -45,6 +46,8 @@ def lag_law(parts: Parts) -> Callable:
         """A unit that is invalid leaves no trace in the state. Without `advance`, the state is
         already that of this cycle."""
         real = type(t)
+        if calm:
+            keep = advance = True
         now = advance | (not keep)
         film_above = real(0.0)
         chip_above = real(0.0)
@@ -109,11 +112,31 @@ def recall_stage(parts: Parts) -> Callable:
 
 def temperature_stage(parts: Parts) -> Callable:
     """The stage that decodes temperatures; those that are held and not `due` stay as they are."""
-    with_hold, follow = parts.hold, lag_law(parts)
+    with_hold, sigma = parts.hold, sigma_stage(parts)
     with_sigma = parts.sigma and parts.temperature
+    calmly, carefully = gel_stage(parts, calm=True), gel_stage(parts, calm=False)
 
     @jitable(inline=True)
-    def temperature(unit, counts, span, state, tile, flag, due, advance):
+    def temperature(unit, counts, span, state, tile, flag, found, due, advance):
+        """`found` are all flags of the block's units, in one."""
+        if with_hold:
+            carefully(unit, counts, span, state, tile, flag, due, True)
+        elif advance and found & INVALID == 0:
+            calmly(unit, counts, span, state, tile, flag, due, True)
+        else:
+            carefully(unit, counts, span, state, tile, flag, due, advance)
+        if with_sigma:
+            sigma(unit, counts, span, state, tile, flag, due)
+
+    return temperature
+
+
+def gel_stage(parts: Parts, calm: bool) -> Callable:
+    """The stage that decodes the gel's temperature, and what follows it."""
+    with_hold, follow = parts.hold, lag_law(parts, calm)
+
+    @jitable(inline=True)
+    def gel(unit, counts, span, state, tile, flag, due, advance):
         assume_noalias()
         first, _, size = lanes_of(span)
         real = tile["temperature"].dtype.type
@@ -129,7 +152,7 @@ def temperature_stage(parts: Parts) -> Callable:
                 held = (not due) & (old == old)  # noqa: PLR0124
                 keep = keep & (not held)
             film_above, chip_above = follow(
-                t, real(counts[span.cycle, CHIP, i]), unit, state, j, keep, advance | with_hold
+                t, real(counts[span.cycle, CHIP, i]), unit, state, j, keep, advance
             )
             if with_hold:
                 t = tile["temperature"][j] if held else t
@@ -141,19 +164,32 @@ def temperature_stage(parts: Parts) -> Callable:
             tile["temperature"][j] = t
             tile["film_above"][j] = film_above
             tile["chip_above"][j] = chip_above
-        if with_sigma:
-            for j in range(size):
-                t = tile["temperature"][j]
-                _, current = gel_law(real(counts[span.cycle, GEL, first + j]), unit, j)
-                step = unit["gel_step"][j] / current
-                over = max(t - unit["gel_high"][j], unit["gel_low"][j] - t)
-                sigma = np.sqrt(unit["gel_variance"][j] + step * step)
-                sigma += real(EXTRAPOLATION) * max(over, real(0.0))
-                if with_hold:
-                    old = tile["temperature_sigma"][j]
-                    held = (not due) & (old == old)  # noqa: PLR0124
-                    sigma = old if held else sigma
-                    state["temperature_sigma"][j] = sigma if flag[j] & UNKNOWN == 0 else nothing
-                tile["temperature_sigma"][j] = sigma
 
-    return temperature
+    return gel
+
+
+def sigma_stage(parts: Parts) -> Callable:
+    """The stage of the one-sigma of the gel's temperature."""
+    with_hold = parts.hold
+
+    @jitable(inline=True)
+    def sigma_of(unit, counts, span, state, tile, flag, due):
+        assume_noalias()
+        first, _, size = lanes_of(span)
+        real = tile["temperature"].dtype.type
+        nothing = real(np.nan)
+        for j in range(size):
+            t = tile["temperature"][j]
+            _, current = gel_law(real(counts[span.cycle, GEL, first + j]), unit, j)
+            step = unit["gel_step"][j] / current
+            over = max(t - unit["gel_high"][j], unit["gel_low"][j] - t)
+            sigma = np.sqrt(unit["gel_variance"][j] + step * step)
+            sigma += real(EXTRAPOLATION) * max(over, real(0.0))
+            if with_hold:
+                old = tile["temperature_sigma"][j]
+                held = (not due) & (old == old)  # noqa: PLR0124
+                sigma = old if held else sigma
+                state["temperature_sigma"][j] = sigma if flag[j] & UNKNOWN == 0 else nothing
+            tile["temperature_sigma"][j] = sigma
+
+    return sigma_of
