@@ -199,7 +199,8 @@ def decode_python(parts: Parts) -> Callable:
                         steady = with_skip and reuse and heard == 0 and not fresh
                         recall(state, span, tile, not steady, not (steady and rests))
                     if fresh:
-                        temperature(unit, counts, span, state, tile, flag, found, due, advance)
+                        anew = due if with_hold else advance
+                        temperature(unit, counts, span, state, tile, flag, found, anew)
                 if with_shear:
                     normal(unit, counts, background, span, tile)
                 if with_skip and with_tangential and not look:

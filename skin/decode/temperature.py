@@ -117,16 +117,15 @@ def temperature_stage(parts: Parts) -> Callable:
     calmly, carefully = gel_stage(parts, calm=True), gel_stage(parts, calm=False)
 
     @jitable(inline=True)
-    def temperature(unit, counts, span, state, tile, flag, found, due, advance):
-        """`found` are all flags of the block's units, in one."""
-        if with_hold:
-            carefully(unit, counts, span, state, tile, flag, due, True)
-        elif advance and found & INVALID == 0:
-            calmly(unit, counts, span, state, tile, flag, due, True)
+    def temperature(unit, counts, span, state, tile, flag, found, anew):
+        """`found` are all flags of the block's units, in one; `anew`: those that are held are due;
+        where none is held, the state goes on by a cycle."""
+        if not with_hold and anew and found & INVALID == 0:
+            calmly(unit, counts, span, state, tile, flag, True, True)
         else:
-            carefully(unit, counts, span, state, tile, flag, due, advance)
+            carefully(unit, counts, span, state, tile, flag, anew, anew | with_hold)
         if with_sigma:
-            sigma(unit, counts, span, state, tile, flag, due)
+            sigma(unit, counts, span, state, tile, flag, anew)
 
     return temperature
 
