@@ -20,6 +20,7 @@ import msgspec
 from msgspec import Meta
 
 __all__ = [
+    "CREEP_TERMS",
     "FIELD_ANGLE_TERMS",
     "MODELS",
     "SIGMAS",
@@ -36,10 +37,16 @@ FIELD_ANGLE_TERMS = 16
 """Coefficients of R(psi, H): entry 4 i + j is of ``psi**(2 i + 1) * H**j``, rad and mm."""
 VARIANCE_TERMS = 6
 """Coefficients of a film's variance over R and H in mm: entry 2 i + j is of R^(3 i) H^(2 j)."""
+CREEP_TERMS = 3
+"""Terms of a relaxation; those that are not needed have weight 0."""
 TABLES = {
     "theta_correction_rad": THETA_KNOTS,
     "field_angle_mm": FIELD_ANGLE_TERMS,
     "field_angle_variance_relative": VARIANCE_TERMS,
+    "normal_creep_relative": CREEP_TERMS,
+    "normal_creep_s": CREEP_TERMS,
+    "shear_creep_relative": CREEP_TERMS,
+    "shear_creep_s": CREEP_TERMS,
 }
 """Parameters that are tables, and how long; an empty one reads as zeros."""
 
@@ -182,6 +189,39 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         ),
     ] = 0.0
     film_y_mm: Annotated[float, _doc("The same along y [calibrated]", ge=-10, le=10)] = 0.0
+
+    # -- relaxation: F = F_e + sum w_j integral exp(-(t - s) / T_j) dF_e(s), F_e by the laws above --
+    normal_creep_relative: Annotated[
+        tuple[Annotated[float, Meta(ge=0, le=10)], ...],
+        _doc(
+            "w_j of the normal force: by how much more a sudden press resists than a held one; "
+            f"{CREEP_TERMS} terms, 0 where there is none; empty: no relaxation [calibrated]"
+        ),
+    ] = ()
+    normal_creep_s: Annotated[
+        tuple[Annotated[float, Meta(ge=0, le=1e6)], ...],
+        _doc("T_j of the normal force, rising [calibrated]"),
+    ] = ()
+    normal_creep_sigma_relative: Annotated[
+        float,
+        _doc(
+            "One-sigma of what the terms leave, of the force that relaxes [calibrated]", ge=0, le=1
+        ),
+    ] = 0.0
+    shear_creep_relative: Annotated[
+        tuple[Annotated[float, Meta(ge=0, le=10)], ...],
+        _doc("w_j of the tangential force, as of the normal one [calibrated]"),
+    ] = ()
+    shear_creep_s: Annotated[
+        tuple[Annotated[float, Meta(ge=0, le=1e6)], ...],
+        _doc("T_j of the tangential force, rising [calibrated]"),
+    ] = ()
+    shear_creep_sigma_relative: Annotated[
+        float,
+        _doc(
+            "One-sigma of what the terms leave, of the force that relaxes [calibrated]", ge=0, le=1
+        ),
+    ] = 0.0
 
     # -- temperature of film and Hall chip -------------------------------------------------------
     film_drift_per_k: Annotated[
@@ -353,6 +393,8 @@ SIGMAS = (
     "field_angle_sigma_mm",
     "field_amplitude_sigma_relative",
     "shear_sigma_relative",
+    "normal_creep_sigma_relative",
+    "shear_creep_sigma_relative",
     "placement_sigma_mm",
     "placement_sigma_rad",
 )
@@ -367,8 +409,14 @@ ZEROS = (
     "placement_sigma_mm",
     "placement_sigma_rad",
     "frozen_cycles",
+    "normal_creep_relative",
+    "normal_creep_s",
+    "normal_creep_sigma_relative",
+    "shear_creep_relative",
+    "shear_creep_s",
+    "shear_creep_sigma_relative",
 )
-"""Parameters that say nothing of a unit's laws: a unit of which only these are known is not
+"""Parameters that say nothing of a unit's elastic laws: a unit of which only these are known is not
 calibrated. The frequency at rest and its sigma come from a tare."""
 MODELS: dict[str, UnitModel] = {"f3t-paper": UnitModel()}
 """Built-in unit models by name."""
