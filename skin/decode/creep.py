@@ -211,14 +211,13 @@ class Creep:
         time_s = np.where(weight > 0.0, time_s, 1.0)
         self._periods = 1.0 / (topology.cycle_rate_hz * time_s)
         left = np.stack([p[f"{law}_creep_sigma_relative"] for law in laws])
+        kept, gained, spread, h, variance = (zeros(shape, np.float64) for _ in range(5))
         self._model = CreepModel(
-            np.ascontiguousarray(weight), *(zeros(shape, np.float64) for _ in range(3)),
-            zeros((3, n), np.float64), left**2, _rows(names),
+            np.ascontiguousarray(weight), kept, gained, spread, np.zeros((3, n)), left**2,
+            _rows(names),
         )  # fmt: skip
-        self._memories = [
-            Memory(zeros((3, n), np.float64), zeros(shape, np.float64), zeros(shape, np.float64))
-            for _ in range(2)
-        ]
+        first = Memory(np.zeros((3, n)), h, variance)
+        self._memories = first, Memory(*(array.copy() for array in first))
         self._elastic = elastic
         self._calls: list[Callable[[], object]] = []
         self.reset()
