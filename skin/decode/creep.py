@@ -51,21 +51,22 @@ class Rows(NamedTuple):
 
 
 class CreepModel(NamedTuple):
-    """What does not change between cycles of the same length.
+    """What does not change between cycles of the same length; components are those of all units
+    along x, then along y, then along z.
 
     Attributes
     ----------
-    weight, kept, gained, spread : ndarray, shape (j, 3, n)
-        w_j; k, m and the variance of a step.
-    sharper : ndarray, shape (3, n)
+    weight, faded, gained, spread : ndarray, shape (j, 3 n)
+        w_j; 1 - k, m and the variance of a step.
+    sharper : ndarray, shape (3 n,)
         What a sudden change counts, 1 + sum of w_j m; so much more the noise of a reading does.
-    left2 : ndarray, shape (3, n)
+    left2 : ndarray, shape (3 n,)
         Variance of what the terms leave, over the square of the force that relaxes.
     rows : Rows
     """
 
     weight: np.ndarray
-    kept: np.ndarray
+    faded: np.ndarray
     gained: np.ndarray
     spread: np.ndarray
     sharper: np.ndarray
@@ -78,9 +79,9 @@ class Memory(NamedTuple):
 
     Attributes
     ----------
-    elastic : ndarray, shape (3, n)
+    elastic : ndarray, shape (3 n,)
         F_e; NaN of a unit that was never heard.
-    h, variance : ndarray, shape (j, 3, n)
+    h, variance : ndarray, shape (j, 3 n)
     """
 
     elastic: np.ndarray
@@ -97,85 +98,175 @@ class CreepData(NamedTuple):
         Results with elastic forces; written: the same with those that are borne.
     before, now : Memory
         Of the cycle before; written: of this one.
+    over, variance, largest : ndarray, shape (3 n,)
+        Scratch: what is borne beyond the elastic force, its variance, and the largest square of
+        what relaxes.
     """
 
     elastic: np.ndarray
     borne: np.ndarray
     before: Memory
     now: Memory
+    over: np.ndarray
+    variance: np.ndarray
+    largest: np.ndarray
 
 
 def relax_python(model, data):
     """From elastic forces to those that are borne, with their sigma."""
-    assume_noalias()
     elastic, borne, rows = data.elastic[0], data.borne[0], model.rows
-    before, now, units = data.before, data.now, elastic.shape[1]
+    units = elastic.shape[1]
     for row in range(borne.shape[0]):
         for i in range(units):
             borne[row, i] = elastic[row, i]
-    normal = rows.force + 2
+    force, normal = data.now.elastic, elastic[rows.force + 2]
     for axis in range(3):
-        at, sigma_at = rows.force + axis, rows.force_sigma + axis
+        wanted, at = elastic[rows.force + axis], axis * units
         for i in range(units):
-            force = np.float64(elastic[at, i])
             # who has a normal force, and no other, is not touched
-            force = 0.0 if np.isnan(force) and not np.isnan(elastic[normal, i]) else force
-            was = before.elastic[axis, i]
-            begins = np.isnan(was)
-            step = 0.0 if begins else force - was
-            over, variance, largest = 0.0, 0.0, force * force
-            for j in range(CREEP_TERMS):
-                kept, weight = model.kept[j, axis, i], model.weight[j, axis, i]
-                h = kept * before.h[j, axis, i] + model.gained[j, axis, i] * step
-                h = 0.5 * force if begins else h
-                v = kept * kept * before.variance[j, axis, i]
-                v += model.spread[j, axis, i] * step * step
-                v = force * force / 12.0 if begins else v
-                now.h[j, axis, i], now.variance[j, axis, i] = h, v
-                over += weight * h
-                variance += weight * weight * v
-                largest = max(largest, h * h)
-            now.elastic[axis, i] = force
-            borne[at, i] += over
-            if rows.force_sigma >= 0:
-                noise = model.sharper[axis, i] * elastic[sigma_at, i]
-                variance += model.left2[axis, i] * largest
-                borne[sigma_at, i] = np.sqrt(noise * noise + variance)
+            idle = np.isnan(wanted[i]) and not np.isnan(normal[i])
+            force[at + i] = 0.0 if idle else wanted[i]
+    start(force, data.over, data.variance, data.largest)
+    for j in range(CREEP_TERMS):
+        remember(
+            (model.weight[j], model.faded[j], model.gained[j], model.spread[j]),
+            (data.before.elastic, data.before.h[j], data.before.variance[j]),
+            (force, data.now.h[j], data.now.variance[j]),
+            (data.over, data.variance, data.largest),
+        )
+    for axis in range(3):
+        add(borne[rows.force + axis], data.over, axis * units)
+        if rows.force_sigma >= 0:
+            sigma = borne[rows.force_sigma + axis]
+            widen(sigma, model, data.variance, data.largest, axis * units)
     turn(model, elastic, borne)
+
+
+@jitable
+def start(force, over, variance, largest):
+    """Before the first term."""
+    assume_noalias()
+    for i in range(force.size):
+        over[i], variance[i], largest[i] = 0.0, 0.0, force[i] * force[i]
+
+
+@jitable
+def remember(term, before, now, sums):
+    """Go on with one term, and add what it bears.
+
+    What fades is taken off: where that is little, 1 less it would be rounded.
+    """
+    assume_noalias()
+    weight, faded, gained, spread = term
+    was_elastic, was_h, was_variance = before
+    elastic, new_h, new_variance = now
+    over, variance, largest = sums
+    half, twelfth, two = weight.dtype.type(0.5), weight.dtype.type(1 / 12), weight.dtype.type(2.0)
+    for i in range(over.size):
+        force, was, f = elastic[i], was_elastic[i], faded[i]
+        begins = was != was  # noqa: PLR0124
+        step = force - was
+        h = was_h[i] - f * was_h[i] + gained[i] * step
+        v = was_variance[i] - f * (two - f) * was_variance[i] + spread[i] * (step * step)
+        h = half * force if begins else h
+        v = twelfth * (force * force) if begins else v
+        new_h[i], new_variance[i] = h, v
+        over[i] += weight[i] * h
+        variance[i] += weight[i] * weight[i] * v
+        square = h * h
+        largest[i] = square if square > largest[i] else largest[i]
+
+
+@jitable
+def add(force, over, first):
+    """Of the components from `first` on."""
+    assume_noalias()
+    for i in range(force.size):
+        force[i] += over[first + i]
+
+
+@jitable
+def widen(sigma, model, variance, largest, first):
+    """Noise counts more, and what is not known is added."""
+    assume_noalias()
+    sharper, left2 = model.sharper, model.left2
+    for i in range(sigma.size):
+        noise = sharper[first + i] * sigma[i]
+        more = variance[first + i] + left2[first + i] * largest[first + i]
+        sigma[i] = np.sqrt(noise * noise + more)
 
 
 @jitable
 def turn(model, elastic, borne):
     """Size and direction of the tangential force, and their sigma."""
-    rows, feeble = model.rows, borne.dtype.type(FEEBLE_N)
-    x, y = rows.force, rows.force + 1
-    sx, sy = rows.force_sigma, rows.force_sigma + 1
-    for i in range(borne.shape[1]):
-        size = np.sqrt(borne[x, i] ** 2 + borne[y, i] ** 2)
-        borne[rows.tangential, i] = size
-        firm = max(size, feeble)
+    rows = model.rows
+    x, y, size = borne[rows.force], borne[rows.force + 1], borne[rows.tangential]
+    size_of(x, y, size)
+    if rows.theta >= 0:
+        direct(x, y, size, borne[rows.theta])
+    if rows.force_sigma >= 0:
+        way = elastic[rows.force], elastic[rows.force + 1], elastic[rows.tangential_sigma]
+        noise = elastic[rows.force_sigma], elastic[rows.force_sigma + 1], model.sharper
+        sigma_x, sigma_y = borne[rows.force_sigma], borne[rows.force_sigma + 1]
+        along = borne[rows.tangential_sigma]
+        lengthwise(way, noise, (x, y, size), (sigma_x, sigma_y), along)
         if rows.theta >= 0:
-            theta = atan2(borne[y, i], borne[x, i])
-            borne[rows.theta, i] = theta if size > feeble else elastic[rows.theta, i]
-        if rows.force_sigma >= 0:
-            # variances of noise along and across the elastic force, turned to the new direction
-            noisier2 = model.sharper[0, i] ** 2
-            sum2 = elastic[sx, i] ** 2 + elastic[sy, i] ** 2
-            along2 = noisier2 * elastic[rows.tangential_sigma, i] ** 2
-            across2 = max(noisier2 * sum2 - along2, 0.0)
-            was = max(np.sqrt(elastic[x, i] ** 2 + elastic[y, i] ** 2), feeble)
-            aligned = (elastic[x, i] * borne[x, i] + elastic[y, i] * borne[y, i]) / (was * firm)
-            aligned2 = min(aligned * aligned, 1.0)
-            share = borne[x, i] ** 2 / (firm * firm)
-            more_x2 = max(borne[sx, i] ** 2 - noisier2 * elastic[sx, i] ** 2, 0.0)
-            more_y2 = max(borne[sy, i] ** 2 - noisier2 * elastic[sy, i] ** 2, 0.0)
-            along = across2 + aligned2 * (along2 - across2)
-            along += share * more_x2 + (1.0 - share) * more_y2
-            total = along2 + across2 + more_x2 + more_y2
-            borne[rows.tangential_sigma, i] = np.sqrt(along)
-            if rows.theta >= 0:
-                across = np.sqrt(max(total - along, 0.0)) / firm
-                borne[rows.theta_sigma, i] = min(across, THETA_MOST_RAD)
+            across(sigma_x, sigma_y, along, size, borne[rows.theta_sigma])
+
+
+@jitable
+def size_of(x, y, size):
+    """Size of the tangential force."""
+    assume_noalias()
+    for i in range(size.size):
+        size[i] = np.sqrt(x[i] * x[i] + y[i] * y[i])
+
+
+@jitable
+def direct(x, y, size, theta):
+    """Its direction, which stays as it is where there is no force."""
+    assume_noalias()
+    feeble = size.dtype.type(FEEBLE_N)
+    for i in range(size.size):
+        found = atan2(y[i], x[i])
+        theta[i] = found if size[i] > feeble else theta[i]
+
+
+@jitable
+def lengthwise(way, noise, force, sigma, along):
+    """Sigma along the force: of noise, which is told along the elastic one, and of the rest."""
+    assume_noalias()
+    elastic_x, elastic_y, elastic_along = way
+    noise_x, noise_y, sharper = noise
+    (x, y, size), (sigma_x, sigma_y) = force, sigma
+    real = along.dtype.type
+    feeble, zero, one = real(FEEBLE_N), real(0.0), real(1.0)
+    for i in range(along.size):
+        firm, noisier2 = max(size[i], feeble), sharper[i] * sharper[i]
+        noise_x2 = noisier2 * (noise_x[i] * noise_x[i])
+        noise_y2 = noisier2 * (noise_y[i] * noise_y[i])
+        along2 = noisier2 * (elastic_along[i] * elastic_along[i])
+        across2 = max(noise_x2 + noise_y2 - along2, zero)
+        was = np.sqrt(elastic_x[i] * elastic_x[i] + elastic_y[i] * elastic_y[i])
+        aligned = elastic_x[i] * x[i] + elastic_y[i] * y[i]
+        aligned /= max(was, feeble) * firm
+        share = x[i] / firm
+        share *= share
+        more_x2 = max(sigma_x[i] * sigma_x[i] - noise_x2, zero)
+        more_y2 = max(sigma_y[i] * sigma_y[i] - noise_y2, zero)
+        total = across2 + min(aligned * aligned, one) * (along2 - across2)
+        along[i] = np.sqrt(total + share * more_x2 + (one - share) * more_y2)
+
+
+@jitable
+def across(sigma_x, sigma_y, along, size, theta_sigma):
+    """Sigma of the direction: what the sigma along it leaves of that of both axes."""
+    assume_noalias()
+    real = along.dtype.type
+    feeble, zero, most = real(FEEBLE_N), real(0.0), real(THETA_MOST_RAD)
+    for i in range(along.size):
+        rest = sigma_x[i] * sigma_x[i] + sigma_y[i] * sigma_y[i] - along[i] * along[i]
+        theta_sigma[i] = min(np.sqrt(max(rest, zero)) / max(size[i], feeble), most)
 
 
 relax = compiled(relax_python, fastmath={"contract"})
@@ -203,20 +294,21 @@ class Creep:
         self.borne = Results(names, 1, n, elastic.values.dtype)
         self.borne.flags, self.borne.valid = elastic.flags, elastic.valid
         self.borne.arrays = self.borne.values, elastic.flags, elastic.valid
-        shape = (CREEP_TERMS, 3, n)
+        shape = (CREEP_TERMS, 3 * n)
         laws = ("shear", "shear", "normal")
-        weight = np.stack([p[f"{law}_creep_relative"] for law in laws], axis=1)
-        time_s = np.stack([p[f"{law}_creep_s"] for law in laws], axis=1)
+        weight = np.hstack([p[f"{law}_creep_relative"] for law in laws])
+        time_s = np.hstack([p[f"{law}_creep_s"] for law in laws])
         # a term without weight may have any time
         time_s = np.where(weight > 0.0, time_s, 1.0)
         self._periods = 1.0 / (topology.cycle_rate_hz * time_s)
-        left = np.stack([p[f"{law}_creep_sigma_relative"] for law in laws])
-        kept, gained, spread, h, variance = (zeros(shape, np.float64) for _ in range(5))
+        left = np.hstack([p[f"{law}_creep_sigma_relative"] for law in laws])
+        real = elastic.values.dtype
+        faded, gained, spread, h, variance = (zeros(shape, real) for _ in range(5))
         self._model = CreepModel(
-            np.ascontiguousarray(weight), kept, gained, spread, np.zeros((3, n)), left**2,
-            _rows(names),
+            weight.astype(real), faded, gained, spread, zeros(3 * n, real),
+            np.square(left).astype(real), _rows(names),
         )  # fmt: skip
-        first = Memory(np.zeros((3, n)), h, variance)
+        first = Memory(zeros(3 * n, real), h, variance)
         self._memories = first, Memory(*(array.copy() for array in first))
         self._elastic = elastic
         self._calls: list[Callable[[], object]] = []
@@ -238,9 +330,13 @@ class Creep:
         from bus.compiled.bound import Bound
 
         a, b = self._memories
-        arrays = self._elastic.values, self.borne.values
+        arrays, scratch = (
+            (self._elastic.values, self.borne.values),
+            zeros((3, a.elastic.size), a.h.dtype),
+        )
         self._calls = [
-            Bound(relax, self._model, CreepData(*arrays, *turns)) for turns in ((a, b), (b, a))
+            Bound(relax, self._model, CreepData(*arrays, *turns, *scratch))
+            for turns in ((a, b), (b, a))
         ]  # fmt: skip
 
     def __call__(self, advance: bool) -> None:
@@ -265,14 +361,12 @@ class Creep:
     def _stretch(self, steps: float) -> None:
         """Coefficients of a step of so many periods."""
         model, lag = self._model, steps * self._periods
-        model.kept[:] = np.exp(-lag)
+        gained, square = np.ones_like(lag), np.ones_like(lag)
         if steps > 0.0:
-            model.gained[:] = -np.expm1(-lag) / lag
-            # below 1e-3 the difference is lost in rounding, and lag² / 12
-            square = -np.expm1(-2.0 * lag) / (2.0 * lag) - model.gained**2
-            model.spread[:] = np.where(lag > 1e-3, square, lag**2 / 12.0)
-        else:
-            model.gained[:], model.spread[:] = 1.0, 0.0
+            gained, square = -np.expm1(-lag) / lag, -np.expm1(-2.0 * lag) / (2.0 * lag)
+        model.faded[:], model.gained[:] = -np.expm1(-lag), gained
+        # near 0 the difference is lost in rounding, and lag² / 12
+        model.spread[:] = np.where(lag > 1e-3, square - gained**2, lag**2 / 12.0)
         model.sharper[:] = 1.0 + (model.weight * model.gained).sum(axis=0)
         self._steps = steps
 
