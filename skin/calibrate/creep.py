@@ -47,6 +47,8 @@ FOLDS = 5
 OUTLIER_SIGMAS = 3.0
 """Residuals beyond count as their size, not as its square [assumed]."""
 SAMPLES_LEAST = 30
+BINS = 13
+"""Ages of a load at which misfits are looked at."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,6 +236,17 @@ def _prior(order: int, span: tuple[float, float] = TIMES_S) -> _Found:
     return _Found(values, np.diag(np.square(sigma)))
 
 
+def _ages(data: _Data) -> np.ndarray:
+    """How long each sample's load has been held, s."""
+    ages, began_s, held = np.empty_like(data.time_s), 0.0, 0.0
+    moved = HELD_SHARE * np.ptp(data.elastic)
+    for i, (time_s, elastic) in enumerate(zip(data.time_s, data.elastic, strict=True)):
+        if data.begins[i] or abs(elastic - held) > moved:
+            began_s, held = time_s, elastic
+        ages[i] = time_s - began_s
+    return ages
+
+
 def _decades(data: _Data) -> tuple[np.ndarray, tuple[float, float]]:
     """Of which terms of the prior the recording tells, and between which times.
 
@@ -241,12 +254,7 @@ def _decades(data: _Data) -> tuple[np.ndarray, tuple[float, float]]:
     that it leaves there could as well be elastic.
     """
     interval_s = float(np.median(np.diff(data.time_s)[~data.begins[1:]]))
-    hold_s = began_s = held = 0.0
-    moved = HELD_SHARE * np.ptp(data.elastic)
-    for time_s, begins, elastic in zip(data.time_s, data.begins, data.elastic, strict=True):
-        if begins or abs(elastic - held) > moved:
-            began_s, held = time_s, elastic
-        hold_s = max(hold_s, time_s - began_s)
+    hold_s = _ages(data).max()
     times_s = _prior(CREEP_TERMS).terms()[1]
     told = (times_s >= SAMPLES_A_TERM * interval_s) & (times_s <= hold_s)
     edges = np.geomspace(*TIMES_S, CREEP_TERMS + 1)
@@ -322,7 +330,13 @@ def _left(found: _Found, whole: _Found, data: _Data) -> float:
     unknown = np.einsum("pt,pq,qt->t", slopes, whole.covariance, slopes)
     memory, residual = _followed(found.values, data)
     relaxing = np.vstack([data.elastic, memory])
-    misfit = np.mean(residual[1:] * residual[:-1]) / np.mean(np.max(relaxing**2, axis=0))
+    # each age of a load counts alike, however many samples it has
+    bins = np.digitize(_ages(data)[1:], np.geomspace(*TIMES_S, BINS))
+    product, count = (
+        np.bincount(bins, weights) for weights in (residual[1:] * residual[:-1], None)
+    )  # fmt: skip
+    common = np.mean(product[count > 0] / count[count > 0])
+    misfit = common / np.mean(np.max(relaxing**2, axis=0))
     return float(np.sqrt(np.mean(unknown + (wanted - taken) ** 2) + max(misfit, 0.0)))
 
 
