@@ -64,8 +64,7 @@ def open(
     ----------
     source : Topology, str or Path
         A loaded topology, a file, or the name of a built-in one ("palm", "fingertip", …).
-    want, estimator, dtype, sweeps, ambient, creep, skip, slip,
-    false_contacts_per_day
+    want, estimator, dtype, sweeps, ambient, creep, skip, slip, false_contacts_per_day
         What is computed, and how: see `skin.options.Options`.
     sync : "host" or "bus"
         Who sends SYNC: this host, or another node (then this end only listens).
@@ -92,10 +91,8 @@ def open(
 
     Raises
     ------
-    topology.TopologyError
-        The file cannot be used; every problem is listed.
-    bus.BusOpenError, bus.LogError
-        A bus cannot be opened, or no log be written there.
+    topology.TopologyError, bus.BusOpenError, bus.LogError
+        The file cannot be used (every problem is listed), a bus not opened, or a log not written.
     skin.errors.SkinError
         An option is not one of those there are.
     """

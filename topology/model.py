@@ -39,20 +39,24 @@ VARIANCE_TERMS = 6
 """Coefficients of a film's variance over R and H in mm: entry 2 i + j is of R^(3 i) H^(2 j)."""
 CREEP_TERMS = 3
 """Terms of a relaxation; those that are not needed have weight 0."""
+CREEP = ("relative", "s", "sigma_relative")
+"""Parts of it, after ``normal_creep_`` and ``shear_creep_``."""
 TABLES = {
     "theta_correction_rad": THETA_KNOTS,
     "field_angle_mm": FIELD_ANGLE_TERMS,
     "field_angle_variance_relative": VARIANCE_TERMS,
-    "normal_creep_relative": CREEP_TERMS,
-    "normal_creep_s": CREEP_TERMS,
-    "shear_creep_relative": CREEP_TERMS,
-    "shear_creep_s": CREEP_TERMS,
+    **{f"{law}_creep_{part}": CREEP_TERMS for law in ("normal", "shear") for part in CREEP[:2]},
 }
 """Parameters that are tables, and how long; an empty one reads as zeros."""
 
 
 def _doc(text: str, **bounds: Any) -> Meta:
     return Meta(description=text, **bounds)
+
+
+_Shares = tuple[Annotated[float, Meta(ge=0, le=10)], ...]
+_Times = tuple[Annotated[float, Meta(ge=0, le=1e6)], ...]
+_CREEP_LEFT = _doc("One-sigma that the terms leave, of what relaxes [calibrated]", ge=0, le=1)
 
 
 class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -190,38 +194,15 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     ] = 0.0
     film_y_mm: Annotated[float, _doc("The same along y [calibrated]", ge=-10, le=10)] = 0.0
 
-    # -- relaxation: F = F_e + sum w_j integral exp(-(t - s) / T_j) dF_e(s), F_e by the laws above --
+    # -- relaxation: F = F_e + sum w_j integral exp(-(t - s) / T_j) dF_e(s), F_e by these laws ----
     normal_creep_relative: Annotated[
-        tuple[Annotated[float, Meta(ge=0, le=10)], ...],
-        _doc(
-            "w_j of the normal force: by how much more a sudden press resists than a held one; "
-            f"{CREEP_TERMS} terms, 0 where there is none; empty: no relaxation [calibrated]"
-        ),
+        _Shares, _doc("w_j of the normal force, 0 for fewer terms; empty: none [calibrated]")
     ] = ()
-    normal_creep_s: Annotated[
-        tuple[Annotated[float, Meta(ge=0, le=1e6)], ...],
-        _doc("T_j of the normal force, rising [calibrated]"),
-    ] = ()
-    normal_creep_sigma_relative: Annotated[
-        float,
-        _doc(
-            "One-sigma of what the terms leave, of the force that relaxes [calibrated]", ge=0, le=1
-        ),
-    ] = 0.0
-    shear_creep_relative: Annotated[
-        tuple[Annotated[float, Meta(ge=0, le=10)], ...],
-        _doc("w_j of the tangential force, as of the normal one [calibrated]"),
-    ] = ()
-    shear_creep_s: Annotated[
-        tuple[Annotated[float, Meta(ge=0, le=1e6)], ...],
-        _doc("T_j of the tangential force, rising [calibrated]"),
-    ] = ()
-    shear_creep_sigma_relative: Annotated[
-        float,
-        _doc(
-            "One-sigma of what the terms leave, of the force that relaxes [calibrated]", ge=0, le=1
-        ),
-    ] = 0.0
+    normal_creep_s: Annotated[_Times, _doc("T_j of the normal force, rising [calibrated]")] = ()
+    normal_creep_sigma_relative: Annotated[float, _CREEP_LEFT] = 0.0
+    shear_creep_relative: Annotated[_Shares, _doc("w_j of the tangential force [calibrated]")] = ()
+    shear_creep_s: Annotated[_Times, _doc("T_j of the tangential force [calibrated]")] = ()
+    shear_creep_sigma_relative: Annotated[float, _CREEP_LEFT] = 0.0
 
     # -- temperature of film and Hall chip -------------------------------------------------------
     film_drift_per_k: Annotated[
@@ -409,12 +390,7 @@ ZEROS = (
     "placement_sigma_mm",
     "placement_sigma_rad",
     "frozen_cycles",
-    "normal_creep_relative",
-    "normal_creep_s",
-    "normal_creep_sigma_relative",
-    "shear_creep_relative",
-    "shear_creep_s",
-    "shear_creep_sigma_relative",
+    *(f"{law}_creep_{part}" for law in ("normal", "shear") for part in CREEP),
 )
 """Parameters that say nothing of a unit's elastic laws: a unit of which only these are known is not
 calibrated. The frequency at rest and its sigma come from a tare."""

@@ -290,8 +290,8 @@ def _solve(
     chi2 = max(float(np.mean(best.fun[: len(rows)] ** 2)), 1.0)
     own = np.linalg.inv(rows.T @ rows / chi2 + np.linalg.inv(prior.covariance))
     # kept terms are known as well as their prior says
-    terms, apart = order + kept.shape[1], np.sqrt(np.diag(_prior(CREEP_TERMS).covariance))
-    sigma = np.concatenate([[0.0], np.full(terms, apart[1]), np.full(terms, apart[-1])])
+    terms, known = order + kept.shape[1], np.sqrt(np.diag(_prior(CREEP_TERMS).covariance))
+    sigma = np.concatenate([[0.0], np.full(terms, known[1]), np.full(terms, known[-1])])
     covariance = np.diag(sigma**2)
     free = np.r_[0 : 1 + order, 1 + terms : 1 + terms + order]
     covariance[np.ix_(free, free)] = own

@@ -176,7 +176,7 @@ def parameter_faults(p: Mapping[str, np.ndarray]) -> Iterator[Fault]:
         got, least = (
             np.take_along_axis(a, term[np.newaxis], axis=0)[0] for a in (times, limit)
         )  # fmt: skip
-        yield Fault("creep-times", f"{law}_creep_s", wrong.any(axis=0),
+        yield Fault("creep-times", f"{law}_creep_s", np.asarray(wrong.any(axis=0)),
                     {"limit": least, "got": got, "term": term})  # fmt: skip
 
 
