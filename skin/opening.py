@@ -45,6 +45,7 @@ def open(
     dtype: DType = "float32",
     sweeps: Sweeps = 1,
     ambient: bool = True,
+    creep: bool = True,
     skip: bool = False,
     slip: SlipSettings | None = None,
     false_contacts_per_day: float = 1.0,
@@ -63,7 +64,7 @@ def open(
     ----------
     source : Topology, str or Path
         A loaded topology, a file, or the name of a built-in one ("palm", "fingertip", …).
-    want, estimator, dtype, sweeps, ambient, skip, slip, false_contacts_per_day
+    want, estimator, dtype, sweeps, ambient, creep, skip, slip, false_contacts_per_day
         What is computed, and how: see `skin.options.Options`.
     sync : "host" or "bus"
         Who sends SYNC: this host, or another node (then this end only listens).
@@ -90,10 +91,8 @@ def open(
 
     Raises
     ------
-    topology.TopologyError
-        The file cannot be used; every problem is listed.
-    bus.BusOpenError, bus.LogError
-        A bus cannot be opened, or no log be written there.
+    topology.TopologyError, bus.BusOpenError, bus.LogError
+        The file cannot be used (every problem is listed), a bus not opened, or a log not written.
     skin.errors.SkinError
         An option is not one of those there are.
     """
@@ -101,8 +100,8 @@ def open(
     with ExitStack() as undo:
         ends = [undo.enter_context(end) for end in _given(transports)]
         options = Options(
-            want=want, estimator=estimator, dtype=dtype, sweeps=sweeps, ambient=ambient, skip=skip,
-            slip=slip, false_contacts_per_day=false_contacts_per_day,
+            want=want, estimator=estimator, dtype=dtype, sweeps=sweeps, ambient=ambient,
+            creep=creep, skip=skip, slip=slip, false_contacts_per_day=false_contacts_per_day,
         )  # fmt: skip
         _check(sync, wait, pace, seed, log)
         undo.callback(announcer().hold().finish)

@@ -41,6 +41,9 @@ class Options:
         Of the cross-talk of neighbours: not subtracted; as of the last cycle; accurate.
     ambient : bool
         Estimate the ambient field and the zeros of untouched units, and subtract them.
+    creep : bool
+        Forces with what the elastomer has not yet relaxed, of units whose calibration tells it;
+        see `skin.decode.creep`.
     skip : bool
         Leave out what untouched units do not need: they show NaN for all that is tangential and
         the flag IDLE, temperatures are held for 0.05 s, and the ambient field is estimated less
@@ -66,6 +69,7 @@ class Options:
     dtype: DType = "float32"
     sweeps: Sweeps = 1
     ambient: bool = True
+    creep: bool = True
     skip: bool = False
     slip: SlipSettings | None = None
     false_contacts_per_day: float = 1.0
@@ -78,6 +82,7 @@ class Options:
         if type(self.sweeps) is not int or self.sweeps not in (0, 1, 2):
             raise OptionError(f"sweeps: must be 0, 1 or 2; got {shown(self.sweeps)}")
         check_flag("ambient", self.ambient)
+        check_flag("creep", self.creep)
         check_flag("skip", self.skip)
         if self.slip is not None and not hasattr(self.slip, "model"):
             raise OptionError(f"slip: must be SlipSettings or None; got {shown(self.slip)}")

@@ -3,12 +3,13 @@
 from topology.arrays import Frames, Topology
 from topology.errors import TopologyError
 from topology.load import builtin, load
-from topology.model import MODELS, THETA_KNOTS, UnitModel
+from topology.model import CREEP_TERMS, MODELS, THETA_KNOTS, UnitModel
 from topology.schema import Bus
 from topology.wire import CHANNELS, LAYOUTS, Signal, WireLayout
 
 __all__ = [
     "CHANNELS",
+    "CREEP_TERMS",
     "LAYOUTS",
     "MODELS",
     "THETA_KNOTS",

@@ -75,6 +75,8 @@ MESSAGES: dict[str, str] = {
     "{angle:.2f} rad",
     "theta-fold": "must fall by less than {spacing:.4g} from knot to knot, or directions fold "
     "over; got {got:.4g} after knot {knot}",
+    "creep-times": "must rise from 0 where a term has a weight; got {got:g} after {limit:g} at "
+    "term {term}",
     "scale": "must be from {least:g} to {most:g}, whatever its sign; got {got:g}",
     "calibration-patch": "must be {patch}, the patch that names this file (line {line} of {file}); "
     "got {got}",

@@ -20,6 +20,7 @@ import msgspec
 from msgspec import Meta
 
 __all__ = [
+    "CREEP_TERMS",
     "FIELD_ANGLE_TERMS",
     "MODELS",
     "SIGMAS",
@@ -36,16 +37,26 @@ FIELD_ANGLE_TERMS = 16
 """Coefficients of R(psi, H): entry 4 i + j is of ``psi**(2 i + 1) * H**j``, rad and mm."""
 VARIANCE_TERMS = 6
 """Coefficients of a film's variance over R and H in mm: entry 2 i + j is of R^(3 i) H^(2 j)."""
+CREEP_TERMS = 3
+"""Terms of a relaxation; those that are not needed have weight 0."""
+CREEP = ("relative", "s", "sigma_relative")
+"""Parts of it, after ``normal_creep_`` and ``shear_creep_``."""
 TABLES = {
     "theta_correction_rad": THETA_KNOTS,
     "field_angle_mm": FIELD_ANGLE_TERMS,
     "field_angle_variance_relative": VARIANCE_TERMS,
+    **{f"{law}_creep_{part}": CREEP_TERMS for law in ("normal", "shear") for part in CREEP[:2]},
 }
 """Parameters that are tables, and how long; an empty one reads as zeros."""
 
 
 def _doc(text: str, **bounds: Any) -> Meta:
     return Meta(description=text, **bounds)
+
+
+_Shares = tuple[Annotated[float, Meta(ge=0, le=10)], ...]
+_Times = tuple[Annotated[float, Meta(ge=0, le=1e6)], ...]
+_CREEP_LEFT = _doc("One-sigma that the terms leave, of what relaxes [calibrated]", ge=0, le=1)
 
 
 class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -182,6 +193,16 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         ),
     ] = 0.0
     film_y_mm: Annotated[float, _doc("The same along y [calibrated]", ge=-10, le=10)] = 0.0
+
+    # -- relaxation: F = F_e + sum w_j integral exp(-(t - s) / T_j) dF_e(s), F_e by these laws ----
+    normal_creep_relative: Annotated[
+        _Shares, _doc("w_j of the normal force, 0 for fewer terms; empty: none [calibrated]")
+    ] = ()
+    normal_creep_s: Annotated[_Times, _doc("T_j of the normal force, rising [calibrated]")] = ()
+    normal_creep_sigma_relative: Annotated[float, _CREEP_LEFT] = 0.0
+    shear_creep_relative: Annotated[_Shares, _doc("w_j of the tangential force [calibrated]")] = ()
+    shear_creep_s: Annotated[_Times, _doc("T_j of the tangential force [calibrated]")] = ()
+    shear_creep_sigma_relative: Annotated[float, _CREEP_LEFT] = 0.0
 
     # -- temperature of film and Hall chip -------------------------------------------------------
     film_drift_per_k: Annotated[
@@ -353,6 +374,8 @@ SIGMAS = (
     "field_angle_sigma_mm",
     "field_amplitude_sigma_relative",
     "shear_sigma_relative",
+    "normal_creep_sigma_relative",
+    "shear_creep_sigma_relative",
     "placement_sigma_mm",
     "placement_sigma_rad",
 )
@@ -367,8 +390,9 @@ ZEROS = (
     "placement_sigma_mm",
     "placement_sigma_rad",
     "frozen_cycles",
+    *(f"{law}_creep_{part}" for law in ("normal", "shear") for part in CREEP),
 )
-"""Parameters that say nothing of a unit's laws: a unit of which only these are known is not
+"""Parameters that say nothing of a unit's elastic laws: a unit of which only these are known is not
 calibrated. The frequency at rest and its sigma come from a tare."""
 MODELS: dict[str, UnitModel] = {"f3t-paper": UnitModel()}
 """Built-in unit models by name."""

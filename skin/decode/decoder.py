@@ -12,7 +12,7 @@ import numpy as np
 from bus.compiled.aligned import zeros
 from skin.decode import records, sharing
 from skin.decode.aging import Aging
-from skin.decode.loop import Looks, Loop
+from skin.decode.loop import Looks, Loop, estimators
 from skin.decode.passes import Passes, check_call, plain
 from skin.decode.plan import DecodeOptions, Plan
 from skin.decode.results import Results, results_of
@@ -21,8 +21,7 @@ from skin.state import Reading
 from topology import CHANNELS, Topology
 
 if TYPE_CHECKING:
-    from skin.decode.ambient import Ambient
-    from skin.decode.crosstalk import CrossTalk
+    from skin.decode.creep import Creep
     from skin.decode.kernel import DecodeData
     from skin.physics.stencil import Stencil
 
@@ -46,7 +45,7 @@ class Decoder:
     Parameters
     ----------
     topology : Topology
-    want, estimator, dtype, consistency, temperature_every, skip, sweeps, ambient
+    want, estimator, dtype, consistency, temperature_every, skip, sweeps, ambient, creep
         As of `skin.decode.plan.DecodeOptions`.
     stencil : Stencil, optional
         Of the neighbours' fields; from magnet theory if not given. With `sweeps` only.
@@ -62,10 +61,11 @@ class Decoder:
     ----------
     plan : Plan
         What follows from these.
-    crosstalk : CrossTalk or None
-    ambient : Ambient or None
+    crosstalk, ambient : CrossTalk, Ambient, or None
     loop : Loop or None
         What takes these off; None where neither is there.
+    creep : Creep or None
+        What adds to forces what has not relaxed.
 
     Raises
     ------
@@ -95,6 +95,7 @@ class Decoder:
         skip: bool = False,
         sweeps: int = 0,
         ambient: bool = False,
+        creep: bool = True,
         stencil: Stencil | None = None,
         rest_ut: np.ndarray | None = None,
         workers: int | None = None,
@@ -103,31 +104,18 @@ class Decoder:
         if stencil is not None and not sweeps:
             raise OptionError("stencil: must be given with sweeps; got sweeps 0")
         options = DecodeOptions(
-            want, estimator, dtype, consistency, temperature_every, skip, sweeps, ambient
+            want, estimator, dtype, consistency, temperature_every, skip, sweeps, ambient, creep
         )
         self.topology = topology
         self.plan = plan = Plan.of(topology, options)
         self.dtype = np.dtype(plan.dtype)
         if workers is not None:
             check_number("workers", workers, 1, MOST_WORKERS, whole=True)
-        self.crosstalk: CrossTalk | None = None
-        self.ambient: Ambient | None = None
+        self.crosstalk, self.ambient = estimators(topology, plan, stencil)
         felt_ut = rest_ut
-        if sweeps:
-            from skin.decode.crosstalk import ACCURATE_UT, LIVE_UT, CrossTalk
-
-            self.crosstalk = CrossTalk(
-                topology, stencil, dtype=plan.dtype,
-                tolerance_ut=LIVE_UT if sweeps == 1 else ACCURATE_UT,
-            )  # fmt: skip
+        if self.crosstalk is not None:
             felt_ut = self.crosstalk.stencil.rest_ut
             rest_ut = felt_ut if rest_ut is None else rest_ut
-        if ambient:
-            from skin.decode.ambient import Ambient
-
-            self.ambient = Ambient(
-                topology, plan.dtype, crosstalk=sweeps > 0, every=plan.looks_every
-            )
         self._alone = threading.Lock()
         self._make_kernel(rest_ut, felt_ut)
         self._make_buffers(workers or sharing.processors())
@@ -160,7 +148,13 @@ class Decoder:
         )  # fmt: skip
         self._background = zeros((1, 5, n), real)
         self._taken = self._background[0]
-        self._out = Results(self._names, 1, n, real)
+        self._out = self._shown = Results(self._names, 1, n, real)
+        self.creep: Creep | None = None
+        if self.plan.creep:
+            from skin.decode.creep import Creep
+
+            self.creep = Creep(self.topology, self._names, self._out)
+            self._shown = self.creep.borne
         self.loop = None
         if self.crosstalk is not None or self.ambient is not None:
             self.loop = Loop(
@@ -169,10 +163,10 @@ class Decoder:
                 self._out.values[0, -1] if "film_above" in self._names else None, self._taken,
                 Looks(self._control["phase"][self._live], self.plan, self.topology.cycle_rate_hz),
             )  # fmt: skip
-        self._reading = self._out.reading(0, self.plan.quantities)
-        self._shape = (len(CHANNELS), n)
+        self._remembering = [part for part in (self.loop, self.creep) if part is not None]
+        self._reading = self._shown.reading(0, self.plan.quantities)
         self._none_known = zeros(n, np.uint16)
-        self._inputs = zeros((1, *self._shape), np.int16), zeros((1, n), np.uint16)
+        self._inputs = zeros((1, len(CHANNELS), n), np.int16), zeros((1, n), np.uint16)
         self._own = self._passes(*self._inputs)
         self._decode_own = functools.partial(self._decode_cycle, self._own, False)
 
@@ -201,10 +195,10 @@ class Decoder:
         self._aging.reset()
         self._mode: tuple[bool, bool] | None = None
         self._background[:] = 0.0
-        for array in self._out.arrays:
+        for array in (*self._out.arrays, self._shown.values):
             array[:] = 0
-        if self.loop is not None:
-            self.loop.reset()
+        for part in self._remembering:
+            part.reset()
 
     def elapse(self, seconds: float) -> None:
         """Say how long after the last cycle the next one is, if that is not a period.
@@ -216,7 +210,10 @@ class Decoder:
         """
         if self.loop is not None:
             self.loop.looks.elapse(seconds)
-        self._aging(seconds * self.topology.cycle_rate_hz)
+        periods = seconds * self.topology.cycle_rate_hz
+        self._aging(periods)
+        if self.creep is not None:
+            self.creep.elapse(periods)
 
     def warmup(self, *, background: bool = False) -> None:
         """Compile what a cycle needs, or load it; the state stays as it is.
@@ -227,8 +224,8 @@ class Decoder:
             Whether for calls with a background of the caller's.
         """
         self._own.at(not background and self.loop is None)
-        if self.loop is not None:
-            self.loop.warmup()
+        for part in self._remembering:
+            part.warmup()
 
     def bind(self, counts: np.ndarray, status: np.ndarray) -> Callable[[], Reading]:
         """A call for each cycle, on arrays that the caller writes anew in place.
@@ -347,6 +344,8 @@ class Decoder:
         if (bare, advance) != self._mode:
             self._tell(bare, advance)
         call()
+        if self.creep is not None:
+            self.creep(advance)
         return self._reading
 
     def _tell(self, bare: bool, advance: bool) -> None:
@@ -388,7 +387,7 @@ class Decoder:
         if self.loop is not None:
             for t in range(raw.shape[0]):
                 self._one(raw[t], status[t], None if background is None else background[t], advance)
-                for whole, array in zip(out.arrays, self._out.arrays, strict=True):
+                for whole, array in zip(out.arrays, self._shown.arrays, strict=True):
                     whole[t] = array[0]
         else:
             if background is not None:
@@ -396,4 +395,6 @@ class Decoder:
                 taken[:, : background.shape[1]] = background
                 background = taken
             self._decode_batch(plain(raw), plain(status), background, advance, out)
+            if self.creep is not None:
+                self.creep.batch(out, advance)
         return out.reading(slice(None), self.plan.quantities)

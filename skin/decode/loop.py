@@ -13,8 +13,29 @@ if TYPE_CHECKING:
     from skin.decode.ambient import Ambient
     from skin.decode.crosstalk import CrossTalk
     from skin.decode.plan import Plan
+    from skin.physics.stencil import Stencil
+    from topology import Topology
 
-__all__ = ["Looks", "Loop"]
+__all__ = ["Looks", "Loop", "estimators"]
+
+
+def estimators(
+    topology: Topology, plan: Plan, stencil: Stencil | None
+) -> tuple[CrossTalk | None, Ambient | None]:
+    """What predicts the fields of neighbours and the ambient field; None what a plan leaves out."""
+    crosstalk = ambient = None
+    if plan.sweeps:
+        from skin.decode.crosstalk import ACCURATE_UT, LIVE_UT, CrossTalk
+
+        tolerance_ut = LIVE_UT if plan.sweeps == 1 else ACCURATE_UT
+        crosstalk = CrossTalk(topology, stencil, dtype=plan.dtype, tolerance_ut=tolerance_ut)
+    if plan.ambient:
+        from skin.decode.ambient import Ambient
+
+        ambient = Ambient(
+            topology, plan.dtype, crosstalk=plan.sweeps > 0, every=plan.looks_every
+        )  # fmt: skip
+    return crosstalk, ambient
 
 
 class Looks:

@@ -24,6 +24,7 @@ LOOK_CYCLES = 4
 """Cycles, at least, from one look at units without load to the next."""
 
 TANGENTIAL = ("force", "tangential", "theta", "displacement")
+FORCES = ("force", "tangential", "theta")
 NEEDS = {
     "temperature": ("gel",),
     **dict.fromkeys(TANGENTIAL, ("frequency", "bx", "by")),
@@ -39,7 +40,7 @@ class DecodeOptions(NamedTuple):
     ----------
     want : collection of str, or None
         Of `skin.state.UNIT_WANTS`; all of them if None.
-    estimator, dtype, sweeps, ambient
+    estimator, dtype, sweeps, ambient, creep
         As of `skin.options.Options`. The estimator `sine` is the paper's, R = asin(|B| / M0) / k
         (eq. 1); `field-angle` is a polynomial of psi = atan2(|B|, Bz) and the depth: it has no
         crest, and neither the temperature of the magnet nor the gain of the chip is in it.
@@ -65,6 +66,7 @@ class DecodeOptions(NamedTuple):
     skip: bool = False
     sweeps: int = 0
     ambient: bool = False
+    creep: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,8 +86,8 @@ class Plan:
     film_compensation, chip_compensation, chip_lags : bool
         Films, the neighbours' among them, and Hall chip have a drift that matters here; chips
         follow the gel, as the wire does not carry their temperature.
-    estimator, consistency, dtype, temperature_every, skip, sweeps, ambient
-        As of `DecodeOptions`, decided.
+    estimator, consistency, dtype, temperature_every, skip, sweeps, ambient, creep
+        As of `DecodeOptions`, decided; `creep` where a force is wanted and a unit has terms.
     """
 
     quantities: tuple[str, ...]
@@ -102,6 +104,7 @@ class Plan:
     skip: bool
     sweeps: int
     ambient: bool
+    creep: bool
 
     @classmethod
     def of(cls, topology: Topology, options: DecodeOptions) -> Plan:
@@ -119,7 +122,7 @@ class Plan:
         estimator, consistent = _inversion(topology, options, needed)
         if type(options.sweeps) is not int or options.sweeps not in (0, 1, 2):
             raise OptionError(f"sweeps: must be 0, 1 or 2; got {shown(options.sweeps)}")
-        for name in ("skip", "ambient"):
+        for name in ("skip", "ambient", "creep"):
             check_flag(name, getattr(options, name))
         looped = options.sweeps > 0 or options.ambient
         tangential = looped or not names.isdisjoint(TANGENTIAL)
@@ -131,6 +134,7 @@ class Plan:
         drift = any(p[f"hall_drift_{axis}_ut_per_k"].any() for axis in "xyz")
         chip = bool(gain or drift) and (tangential or field)
         gel, own = (topology.wired[CHANNELS.index(name)] for name in ("gel", "hall_temperature"))
+        relaxes = any(p[f"{law}_creep_relative"].any() for law in ("normal", "shear"))
         film = (magnet or options.sweeps) and (p["film_drift_per_k"] * gel).any()
         return cls(
             quantities=tuple(name for name in UNIT_WANTS if name in names - {"sigma"}),
@@ -147,6 +151,7 @@ class Plan:
             skip=options.skip,
             sweeps=options.sweeps,
             ambient=options.ambient,
+            creep=bool(options.creep and relaxes and not names.isdisjoint(FORCES)),
         )
 
     @property

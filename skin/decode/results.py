@@ -69,6 +69,8 @@ def results_of(plan: Plan, topology: Topology) -> tuple[str, ...]:
     temperature is steady, where the wire of all units tells it.
     """
     needed = set(plan.quantities)
+    if plan.creep:
+        needed |= {"force", "tangential"}
     if plan.sweeps or plan.ambient:
         needed |= {"displacement"}
     if plan.ambient:

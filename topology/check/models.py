@@ -166,6 +166,19 @@ def parameter_faults(p: Mapping[str, np.ndarray]) -> Iterator[Fault]:
     yield Fault("field-angle-fold", "field_angle_mm", slope <= 0.0,
                 {"got": slope, "angle": angle})  # fmt: skip
 
+    for law in ("normal", "shear"):
+        weights, times = p[f"{law}_creep_relative"], p[f"{law}_creep_s"]
+        # a term without weight counts for nothing, whatever its time
+        before = np.maximum.accumulate(np.where(weights > 0.0, times, 0.0), axis=0)
+        limit = np.vstack([np.zeros_like(before[:1]), before[:-1]])
+        wrong = (weights > 0.0) & (times <= limit)
+        term = np.argmax(wrong, axis=0)
+        got, least = (
+            np.take_along_axis(a, term[np.newaxis], axis=0)[0] for a in (times, limit)
+        )  # fmt: skip
+        yield Fault("creep-times", f"{law}_creep_s", np.asarray(wrong.any(axis=0)),
+                    {"limit": least, "got": got, "term": term})  # fmt: skip
+
 
 def _least_slope(table: np.ndarray, reach_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Where R(psi, H) rises least, within the range of R and 0 to 2 mm of depth, and how steeply.

@@ -10,15 +10,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 
 from bus.compiled.jit import compiled
+from topology import Topology
 
-__all__ = ["Hysteresis", "Prony"]
+__all__ = ["Hysteresis", "Material", "Prony"]
 
+SILICONE, SILICONE_S = (0.05, 0.05, 0.08), (0.05, 0.5, 10.0)
+"""Weights and times, s, of a soft silicone [assumed]."""
 OPERATORS = 5
 """More make loops smoother."""
+
+
+class Material(Protocol):
+    """How faces creep."""
+
+    def elastic(self, force: np.ndarray, dt_s: float) -> np.ndarray:
+        """Go on by one step, to the elastic force of the displacement under `force`."""
+        ...
 
 
 class Prony:
@@ -31,9 +43,9 @@ class Prony:
     ----------
     shape : tuple of int
         Shape of the forces, the unit axis last.
-    weights : sequence of float
+    weights : sequence of float, or ndarray, shape (j, ...)
         Of each term, at least 0. The default is a soft silicone's [assumed].
-    times_s : sequence of float
+    times_s : sequence of float, or ndarray, shape (j, ...)
         As many relaxation times, more than 0.
 
     Attributes
@@ -53,23 +65,39 @@ class Prony:
     def __init__(
         self,
         shape: tuple[int, ...],
-        weights: Sequence[float] = (0.05, 0.05, 0.08),
-        times_s: Sequence[float] = (0.05, 0.5, 10.0),
+        weights: Sequence[float] | np.ndarray = SILICONE,
+        times_s: Sequence[float] | np.ndarray = SILICONE_S,
     ) -> None:
-        column = (-1,) + (1,) * len(shape)
-        self._weights = np.reshape(np.asarray(weights, float), column)
-        self._times_s = np.reshape(np.asarray(times_s, float), column)
         self.terms = np.zeros((len(weights), *shape))
+        # of all units, or of each
+        self._weights, self._times_s = (
+            np.ascontiguousarray(np.broadcast_to(np.asarray(each, float).T, self.terms.T.shape).T)
+            for each in (weights, times_s)
+        )
         self._elastic = np.zeros(shape)
         self._dt_s, self._kept, self._gained = -1.0, self._weights, self._weights
+
+    @classmethod
+    def of(cls, topology: Topology, soft: bool) -> Prony | None:
+        """That of n units, shape (3, n), by their parameters; those that have none are soft, or do
+        not relax. None where no unit does."""
+        p, laws = topology.parameters, ("shear", "shear", "normal")
+        weight = np.stack([p[f"{law}_creep_relative"] for law in laws], axis=1)
+        time_s = np.stack([p[f"{law}_creep_s"] for law in laws], axis=1)
+        own = weight.any(axis=(0, 1))
+        if soft:
+            weight[..., ~own] = np.reshape(SILICONE, (-1, 1, 1))
+            time_s[..., ~own] = np.reshape(SILICONE_S, (-1, 1, 1))
+        time_s[weight == 0.0] = 1.0
+        return cls((3, topology.n), weight, time_s) if soft or own.any() else None
 
     def elastic(self, force: np.ndarray, dt_s: float) -> np.ndarray:
         """Go on by one step, to the elastic force of the displacement under `force`."""
         self._adapt(dt_s)
+        flat = (len(self.terms), force.size)
         _creep(
-            np.ascontiguousarray(force, float).reshape(-1), self._kept.reshape(-1),
-            self._gained.reshape(-1), self.terms.reshape(len(self.terms), force.size),
-            self._elastic.reshape(-1),
+            np.ascontiguousarray(force, float).reshape(-1), self._kept.reshape(flat),
+            self._gained.reshape(flat), self.terms.reshape(flat), self._elastic.reshape(-1),
         )  # fmt: skip
         return self._elastic.copy()
 
@@ -188,17 +216,15 @@ def _yield_python(force, weights, low, high, stops, elastic):
 
 def _creep_python(force, kept, gained, terms, elastic):
     """`Prony.elastic`, in place."""
-    gain = 0.0
-    for j in range(gained.size):
-        gain += gained[j]
     for i in range(force.size):
-        over = 0.0
-        for j in range(kept.size):
-            terms[j, i] *= kept[j]
+        over = gain = 0.0
+        for j in range(len(terms)):
+            terms[j, i] *= kept[j, i]
             over += terms[j, i]
+            gain += gained[j, i]
         new = (force[i] - over + gain * elastic[i]) / (1.0 + gain)
-        for j in range(kept.size):
-            terms[j, i] += gained[j] * (new - elastic[i])
+        for j in range(len(terms)):
+            terms[j, i] += gained[j, i] * (new - elastic[i])
         elastic[i] = new
 
 

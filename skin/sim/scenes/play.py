@@ -22,7 +22,7 @@ from skin.sim.mechanics.contact import Mechanics
 from skin.sim.mechanics.foundation import Foundation
 from skin.sim.mechanics.friction import Friction
 from skin.sim.mechanics.springs import under
-from skin.sim.mechanics.viscoelastic import Hysteresis, Prony
+from skin.sim.mechanics.viscoelastic import Hysteresis, Material, Prony
 from skin.sim.scenes.motion import Motion, Track, shape_of
 from skin.sim.scenes.script import HalfSpace, LoadTable, NonIdeal, SceneFile
 from skin.sim.scenes.tools import MovingTool
@@ -175,6 +175,9 @@ class ScriptedScene:
         As from `skin.sim.scenes.load.load_scene`, which checks it against the topology.
     non_ideal : NonIdeal, optional
         In place of the file's own.
+    material : Material, optional
+        How faces creep. If not given as their parameters say; those of which these say nothing as
+        a soft silicone does, if they are to (`viscoelastic`).
 
     Attributes
     ----------
@@ -198,8 +201,9 @@ class ScriptedScene:
     """
 
     def __init__(
-        self, topology: Topology, script: SceneFile, *, non_ideal: NonIdeal | None = None
-    ) -> None:
+        self, topology: Topology, script: SceneFile, *, non_ideal: NonIdeal | None = None,
+        material: Material | None = None,
+    ) -> None:  # fmt: skip
         self.topology, self.script = topology, script
         self.non_ideal = script.non_ideal if non_ideal is None else non_ideal
         self.seconds = script.seconds
@@ -214,7 +218,7 @@ class ScriptedScene:
         self._weights = tuple(_Weights(table, topology, room_c, period_s) for table in script.loads)
         self._springs = foundation.springs
         self._chain = ThermalChain(topology, ambient=room_c, direct=not wanted.thermal)
-        self._prony = Prony((3, n)) if wanted.viscoelastic else None
+        self._material = material or Prony.of(topology, wanted.viscoelastic)
         self._loops = None
         if wanted.hysteresis:
             span_n = float(topology.parameters["normal_max_n"].max())
@@ -322,8 +326,8 @@ class ScriptedScene:
                 dragging.lagging(truth.force[:2]),
                 pressing.lagging(truth.force[2]),
             )
-        if self._prony is not None:
-            needed = self._prony.elastic(needed, dt_s)
+        if self._material is not None:
+            needed = self._material.elastic(needed, dt_s)
         under(self._springs, needed, truth.depth_mm, truth.displacement_mm)
 
     def _field(self) -> Field:

@@ -1,0 +1,380 @@
+"""Relaxation: what displaced faces bear beyond their elastic force, from how they came there.
+
+The elastic laws tell the force F_e of a displacement that is held. An elastomer bears more while it
+is fresh, and less than that after it was let go (quasi-linear viscoelasticity, three Prony terms):
+
+    F = F_e + sum_j w_j h_j,    h_j(t) = integral exp(-(t - s) / T_j) dF_e(s)
+
+for each component of the force in the unit frame. In a step of dt over which F_e changes evenly,
+``h_j = k h_j + m dF_e`` with ``k = exp(-dt / T_j)`` and ``m = (1 - k) T_j / dt``, exactly. When in
+the step F_e changed is not known: at an even chance, ``exp(-s / T_j)`` has the mean m and the
+variance ``(1 - k²) T_j / (2 dt) - m²``, which is kept beside each h_j and fades with it; it matters
+after gaps. Of a unit whose first reading shows F_e0, all between "just now" and "long ago" is
+equally likely: ``h_j = F_e0 / 2``, with the variance F_e0² / 12.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from bus.compiled.aligned import zeros
+from bus.compiled.intrinsics import assume_noalias
+from bus.compiled.jit import compiled, jitable
+from skin.decode.functions import atan2
+from skin.decode.records import tile_rows
+from skin.decode.results import Results
+from topology import CREEP_TERMS, Topology
+
+__all__ = ["Creep", "relax", "relax_python"]
+
+STEPS_A_PERIOD = 4
+"""Times of steps are rounded to this share of a period and the rest is carried on, so that as a
+rule the coefficients of the step before hold."""
+FEEBLE_N = 1e-9
+"""N: a force that has no direction."""
+THETA_MOST_RAD = float(np.pi / np.sqrt(3.0))
+"""Sigma of a direction that is not known: even over the circle."""
+
+
+class Rows(NamedTuple):
+    """First rows of results; -1 for those that are not there."""
+
+    force: int
+    tangential: int
+    theta: int
+    force_sigma: int
+    tangential_sigma: int
+    theta_sigma: int
+
+
+class CreepModel(NamedTuple):
+    """What does not change between cycles of the same length; components are those of all units
+    along x, then along y, then along z.
+
+    Attributes
+    ----------
+    weight, faded, gained, spread : ndarray, shape (j, 3 n)
+        w_j; 1 - k, m and the variance of a step.
+    sharper : ndarray, shape (3 n,)
+        What a sudden change counts, 1 + sum of w_j m; so much more the noise of a reading does.
+    left2 : ndarray, shape (3 n,)
+        Variance of what the terms leave, over the square of the force that relaxes.
+    rows : Rows
+    """
+
+    weight: np.ndarray
+    faded: np.ndarray
+    gained: np.ndarray
+    spread: np.ndarray
+    sharper: np.ndarray
+    left2: np.ndarray
+    rows: Rows
+
+
+class Memory(NamedTuple):
+    """What a cycle leaves to the next.
+
+    Attributes
+    ----------
+    elastic : ndarray, shape (3 n,)
+        F_e; NaN of a unit that was never heard.
+    h, variance : ndarray, shape (j, 3 n)
+    """
+
+    elastic: np.ndarray
+    h: np.ndarray
+    variance: np.ndarray
+
+
+class CreepData(NamedTuple):
+    """What changes between cycles.
+
+    Attributes
+    ----------
+    elastic, borne : ndarray, shape (1, r, n)
+        Results with elastic forces; written: the same with those that are borne.
+    before, now : Memory
+        Of the cycle before; written: of this one.
+    over, variance, largest : ndarray, shape (3 n,)
+        Scratch: what is borne beyond the elastic force, its variance, and the largest square of
+        what relaxes.
+    """
+
+    elastic: np.ndarray
+    borne: np.ndarray
+    before: Memory
+    now: Memory
+    over: np.ndarray
+    variance: np.ndarray
+    largest: np.ndarray
+
+
+def relax_python(model, data):
+    """From elastic forces to those that are borne, with their sigma."""
+    elastic, borne, rows = data.elastic[0], data.borne[0], model.rows
+    units = elastic.shape[1]
+    for row in range(borne.shape[0]):
+        for i in range(units):
+            borne[row, i] = elastic[row, i]
+    force, normal = data.now.elastic, elastic[rows.force + 2]
+    for axis in range(3):
+        wanted, at = elastic[rows.force + axis], axis * units
+        for i in range(units):
+            # who has a normal force, and no other, is not touched
+            idle = np.isnan(wanted[i]) and not np.isnan(normal[i])
+            force[at + i] = 0.0 if idle else wanted[i]
+    start(force, data.over, data.variance, data.largest)
+    for j in range(CREEP_TERMS):
+        remember(
+            (model.weight[j], model.faded[j], model.gained[j], model.spread[j]),
+            (data.before.elastic, data.before.h[j], data.before.variance[j]),
+            (force, data.now.h[j], data.now.variance[j]),
+            (data.over, data.variance, data.largest),
+        )
+    for axis in range(3):
+        add(borne[rows.force + axis], data.over, axis * units)
+        if rows.force_sigma >= 0:
+            sigma = borne[rows.force_sigma + axis]
+            widen(sigma, model, data.variance, data.largest, axis * units)
+    turn(model, elastic, borne)
+
+
+@jitable
+def start(force, over, variance, largest):
+    """Before the first term."""
+    assume_noalias()
+    for i in range(force.size):
+        over[i], variance[i], largest[i] = 0.0, 0.0, force[i] * force[i]
+
+
+@jitable
+def remember(term, before, now, sums):
+    """Go on with one term, and add what it bears.
+
+    What fades is taken off: where that is little, 1 less it would be rounded.
+    """
+    assume_noalias()
+    weight, faded, gained, spread = term
+    was_elastic, was_h, was_variance = before
+    elastic, new_h, new_variance = now
+    over, variance, largest = sums
+    half, twelfth, two = weight.dtype.type(0.5), weight.dtype.type(1 / 12), weight.dtype.type(2.0)
+    for i in range(over.size):
+        force, was, f = elastic[i], was_elastic[i], faded[i]
+        begins = was != was  # noqa: PLR0124
+        step = force - was
+        h = was_h[i] - f * was_h[i] + gained[i] * step
+        v = was_variance[i] - f * (two - f) * was_variance[i] + spread[i] * (step * step)
+        h = half * force if begins else h
+        v = twelfth * (force * force) if begins else v
+        new_h[i], new_variance[i] = h, v
+        over[i] += weight[i] * h
+        variance[i] += weight[i] * weight[i] * v
+        square = h * h
+        largest[i] = square if square > largest[i] else largest[i]
+
+
+@jitable
+def add(force, over, first):
+    """Of the components from `first` on."""
+    assume_noalias()
+    for i in range(force.size):
+        force[i] += over[first + i]
+
+
+@jitable
+def widen(sigma, model, variance, largest, first):
+    """Noise counts more, and what is not known is added."""
+    assume_noalias()
+    sharper, left2 = model.sharper, model.left2
+    for i in range(sigma.size):
+        noise = sharper[first + i] * sigma[i]
+        more = variance[first + i] + left2[first + i] * largest[first + i]
+        sigma[i] = np.sqrt(noise * noise + more)
+
+
+@jitable
+def turn(model, elastic, borne):
+    """Size and direction of the tangential force, and their sigma."""
+    rows = model.rows
+    x, y, size = borne[rows.force], borne[rows.force + 1], borne[rows.tangential]
+    size_of(x, y, size)
+    if rows.theta >= 0:
+        direct(x, y, size, borne[rows.theta])
+    if rows.force_sigma >= 0:
+        way = elastic[rows.force], elastic[rows.force + 1], elastic[rows.tangential_sigma]
+        noise = elastic[rows.force_sigma], elastic[rows.force_sigma + 1], model.sharper
+        sigma_x, sigma_y = borne[rows.force_sigma], borne[rows.force_sigma + 1]
+        along = borne[rows.tangential_sigma]
+        lengthwise(way, noise, (x, y, size), (sigma_x, sigma_y), along)
+        if rows.theta >= 0:
+            across(sigma_x, sigma_y, along, size, borne[rows.theta_sigma])
+
+
+@jitable
+def size_of(x, y, size):
+    """Size of the tangential force."""
+    assume_noalias()
+    for i in range(size.size):
+        size[i] = np.sqrt(x[i] * x[i] + y[i] * y[i])
+
+
+@jitable
+def direct(x, y, size, theta):
+    """Its direction, which stays as it is where there is no force."""
+    assume_noalias()
+    feeble = size.dtype.type(FEEBLE_N)
+    for i in range(size.size):
+        found = atan2(y[i], x[i])
+        theta[i] = found if size[i] > feeble else theta[i]
+
+
+@jitable
+def lengthwise(way, noise, force, sigma, along):
+    """Sigma along the force: of noise, which is told along the elastic one, and of the rest."""
+    assume_noalias()
+    elastic_x, elastic_y, elastic_along = way
+    noise_x, noise_y, sharper = noise
+    (x, y, size), (sigma_x, sigma_y) = force, sigma
+    real = along.dtype.type
+    feeble, zero, one = real(FEEBLE_N), real(0.0), real(1.0)
+    for i in range(along.size):
+        firm, noisier2 = max(size[i], feeble), sharper[i] * sharper[i]
+        noise_x2 = noisier2 * (noise_x[i] * noise_x[i])
+        noise_y2 = noisier2 * (noise_y[i] * noise_y[i])
+        along2 = noisier2 * (elastic_along[i] * elastic_along[i])
+        across2 = max(noise_x2 + noise_y2 - along2, zero)
+        was = np.sqrt(elastic_x[i] * elastic_x[i] + elastic_y[i] * elastic_y[i])
+        aligned = elastic_x[i] * x[i] + elastic_y[i] * y[i]
+        aligned /= max(was, feeble) * firm
+        share = x[i] / firm
+        share *= share
+        more_x2 = max(sigma_x[i] * sigma_x[i] - noise_x2, zero)
+        more_y2 = max(sigma_y[i] * sigma_y[i] - noise_y2, zero)
+        total = across2 + min(aligned * aligned, one) * (along2 - across2)
+        along[i] = np.sqrt(total + share * more_x2 + (one - share) * more_y2)
+
+
+@jitable
+def across(sigma_x, sigma_y, along, size, theta_sigma):
+    """Sigma of the direction: what the sigma along it leaves of that of both axes."""
+    assume_noalias()
+    real = along.dtype.type
+    feeble, zero, most = real(FEEBLE_N), real(0.0), real(THETA_MOST_RAD)
+    for i in range(along.size):
+        rest = sigma_x[i] * sigma_x[i] + sigma_y[i] * sigma_y[i] - along[i] * along[i]
+        theta_sigma[i] = min(np.sqrt(max(rest, zero)) / max(size[i], feeble), most)
+
+
+relax = compiled(relax_python, fastmath={"contract"})
+
+
+class Creep:
+    """Adds to the forces of a cycle what its displacements have not yet relaxed.
+
+    Parameters
+    ----------
+    topology : Topology
+    names : tuple of str
+        Results in the order of the kernel's rows, "force" and "tangential" among them.
+    elastic : Results
+        What is decoded, of one cycle: written anew before each call.
+
+    Attributes
+    ----------
+    borne : Results
+        The same with the forces that are borne; flags are those of `elastic`.
+    """
+
+    def __init__(self, topology: Topology, names: tuple[str, ...], elastic: Results) -> None:
+        p, n = topology.parameters, topology.n
+        self.borne = Results(names, 1, n, elastic.values.dtype)
+        self.borne.flags, self.borne.valid = elastic.flags, elastic.valid
+        self.borne.arrays = self.borne.values, elastic.flags, elastic.valid
+        shape = (CREEP_TERMS, 3 * n)
+        laws = ("shear", "shear", "normal")
+        weight = np.hstack([p[f"{law}_creep_relative"] for law in laws])
+        time_s = np.hstack([p[f"{law}_creep_s"] for law in laws])
+        # a term without weight may have any time
+        time_s = np.where(weight > 0.0, time_s, 1.0)
+        self._periods = 1.0 / (topology.cycle_rate_hz * time_s)
+        left = np.hstack([p[f"{law}_creep_sigma_relative"] for law in laws])
+        real = elastic.values.dtype
+        faded, gained, spread, h, variance = (zeros(shape, real) for _ in range(5))
+        self._model = CreepModel(
+            weight.astype(real), faded, gained, spread, zeros(3 * n, real),
+            np.square(left).astype(real), _rows(names),
+        )  # fmt: skip
+        first = Memory(zeros(3 * n, real), h, variance)
+        self._memories = first, Memory(*(array.copy() for array in first))
+        self._elastic = elastic
+        self._calls: list[Callable[[], object]] = []
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the history: the next cycle is the first."""
+        for memory in self._memories:
+            memory.elastic[:] = np.nan
+        self._last, self._missing = 0, 0.0
+        self._stretch(1.0)
+
+    def elapse(self, periods: float) -> None:
+        """Say how many periods the next cycle is after the last one."""
+        self._missing += periods - 1.0
+
+    def warmup(self) -> None:
+        """Compile what a cycle needs, or load it."""
+        from bus.compiled.bound import Bound
+
+        a, b = self._memories
+        arrays, scratch = (
+            (self._elastic.values, self.borne.values),
+            zeros((3, a.elastic.size), a.h.dtype),
+        )
+        self._calls = [
+            Bound(relax, self._model, CreepData(*arrays, *turns, *scratch))
+            for turns in ((a, b), (b, a))
+        ]  # fmt: skip
+
+    def __call__(self, advance: bool) -> None:
+        """Go on to the cycle that stands in `elastic`; without `advance`, to it once more."""
+        if not self._calls:
+            self.warmup()
+        if advance:
+            self._last = 1 - self._last
+            steps = max(round((1.0 + self._missing) * STEPS_A_PERIOD) / STEPS_A_PERIOD, 0.0)
+            self._missing += 1.0 - steps
+            if steps != self._steps:
+                self._stretch(steps)
+        self._calls[self._last]()
+
+    def batch(self, results: Results, advance: bool) -> None:
+        """Do the same, in place, with consecutive cycles."""
+        for t in range(len(results.values)):
+            self._elastic.values[0] = results.values[t]
+            self(advance)
+            results.values[t] = self.borne.values[0]
+
+    def _stretch(self, steps: float) -> None:
+        """Coefficients of a step of so many periods."""
+        model, lag = self._model, steps * self._periods
+        gained, square = np.ones_like(lag), np.ones_like(lag)
+        if steps > 0.0:
+            gained, square = -np.expm1(-lag) / lag, -np.expm1(-2.0 * lag) / (2.0 * lag)
+        model.faded[:], model.gained[:] = -np.expm1(-lag), gained
+        # near 0 the difference is lost in rounding, and lag² / 12
+        model.spread[:] = np.where(lag > 1e-3, square - gained**2, lag**2 / 12.0)
+        model.sharper[:] = 1.0 + (model.weight * model.gained).sum(axis=0)
+        self._steps = steps
+
+
+def _rows(names: tuple[str, ...]) -> Rows:
+    """Where results stand."""
+    first, row = {}, 0
+    for name in names:
+        first[name] = row
+        row += len(tile_rows(name))
+    return Rows(*(first.get(name, -1) for name in Rows._fields))

@@ -1,0 +1,293 @@
+"""Forces that have not relaxed: against the integral itself, over gaps and starts, and on no unit
+that has no terms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.signal import detrend
+
+from bus.status import Status
+from skin.decode import creep as room
+from skin.decode.decoder import Decoder
+from skin.errors import OptionError
+from skin.physics.elastic import Elastic
+from skin.sim.mechanics.viscoelastic import Prony
+from tests.fixtures.decode import row_of, with_parameters
+from tests.skin.decode.test_field_angle import counts_at
+
+UNITS, RATE_HZ = 24, 50.0
+WEIGHTS, TIMES_S = np.array([0.08, 0.05, 0.06]), np.array([0.1, 1.5, 20.0])
+DIRECTION = np.linspace(-3.0, 3.0, UNITS)
+
+
+def column(values):
+    return np.asarray(values, float)[:, np.newaxis]
+
+
+def creeping(normal=WEIGHTS, shear=0.7 * WEIGHTS, left=0.0, units=UNITS):
+    """Units that relax; the last three of them do not."""
+    own = np.arange(units) < units - 3
+    return with_parameters(
+        row_of(units, rate_hz=RATE_HZ),
+        normal_creep_relative=column(normal) * own, normal_creep_s=column(TIMES_S),
+        shear_creep_relative=column(shear) * own, shear_creep_s=column(TIMES_S),
+        normal_creep_sigma_relative=left * own, shear_creep_sigma_relative=left * own,
+    )  # fmt: skip
+
+
+SKIN = creeping()
+RELAXING = np.arange(UNITS) < UNITS - 3
+
+
+def history(rng, cycles):
+    """Depths and displacements (t, n) that change evenly from cycle to cycle, from rest."""
+    corners = rng.uniform(0.0, 1.0, (cycles // 10 + 2, 2, UNITS))
+    corners[:1] = 0.0
+    at = np.arange(cycles) / 10.0
+    low = at.astype(int)
+    share = (at - low)[:, np.newaxis, np.newaxis]
+    way = corners[low] * (1.0 - share) + corners[low + 1] * share
+    return 1.5 * way[:, 0], 1.8 * way[:, 1]
+
+
+def integral(time_s, elastic, weights, times_s):
+    """F_e + sum of w_j integral exp(-(t - s) / T_j) dF_e, each piece in closed form."""
+    slope = np.diff(elastic, axis=0) / np.diff(time_s)[:, None, None]
+    total = elastic.copy()
+    for i, now in enumerate(time_s):
+        for weight, tau in zip(weights, times_s, strict=True):
+            since = np.exp(-(now - time_s[: i + 1]) / tau)
+            total[i] += weight * tau * np.einsum("s,san->an", np.diff(since), slope[:i])
+    return total
+
+
+def elastic_of(skin, depth, reach):
+    """Elastic forces (t, 3, n) by the simulator's own laws."""
+    law = Elastic(skin)
+    size = law.tangential(reach, depth)
+    return np.stack([size * np.cos(DIRECTION), size * np.sin(DIRECTION), law.normal(depth)], axis=1)
+
+
+def run(decoder, raw, gaps=None):
+    """What single cycles show; `gaps` in periods before each."""
+    found = []
+    for i, counts in enumerate(raw):
+        if gaps is not None and i:
+            decoder.elapse(gaps[i] / RATE_HZ)
+        found.append(decoder(counts).force.copy())
+    return np.array(found)
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_forces_are_those_of_the_integral(dtype):
+    """On each axis, with gaps; units without terms bear the elastic force alone."""
+    rng = np.random.default_rng(3)
+    depth, reach = history(rng, 120)
+    gaps = rng.choice([0.5, 1.0, 1.25, 3.0, 40.0], 120)
+    raw = counts_at(SKIN, depth, reach, DIRECTION)
+    plain = run(Decoder(SKIN, dtype=dtype, creep=False), raw).astype(float)
+    got = run(Decoder(SKIN, dtype=dtype), raw, gaps)
+    time_s = np.cumsum(gaps) / RATE_HZ
+    tangential = integral(time_s, plain[:, :2], 0.7 * WEIGHTS, TIMES_S)
+    normal = integral(time_s, plain[:, 2:], WEIGHTS, TIMES_S)
+    expected = np.concatenate([tangential, normal], axis=1)
+    close = 2e-6 if dtype == "float32" else 1e-9
+    np.testing.assert_allclose(got[..., RELAXING], expected[..., RELAXING], atol=close * 10.0)
+    assert np.abs(expected - plain)[..., RELAXING].max() > 0.2
+    np.testing.assert_array_equal(got[..., ~RELAXING], plain[..., ~RELAXING].astype(dtype))
+
+
+def test_loads_on_the_simulators_elastomer_are_decoded_as_they_are():
+    """The simulator solves for the displacement, the decoder sums up: one law, two ways."""
+    rng = np.random.default_rng(8)
+    depth, reach = history(rng, 200)
+    load = 0.8 * elastic_of(SKIN, depth, reach)
+    prony, law = Prony.of(SKIN, soft=False), Elastic(SKIN)
+    assert prony is not None
+    needed = np.array([prony.elastic(force, 1.0 / RATE_HZ) for force in load])
+    pressed = law.depth(np.maximum(needed[:, 2], 0.0))
+    size = np.hypot(needed[:, 0], needed[:, 1])
+    raw = counts_at(SKIN, pressed, law.displacement(size, pressed),
+                    np.arctan2(needed[:, 1], needed[:, 0]))  # fmt: skip
+    step = 2e-3  # N: counts are rounded
+    borne = needed[:, 2] > 0.0
+    off = run(Decoder(SKIN, sweeps=0), raw) - load
+    assert np.abs(np.where(borne[:, np.newaxis], off, 0.0))[20:].max() < 2.0 * step
+    elastic = run(Decoder(SKIN, creep=False), raw) - load
+    assert np.abs(elastic[..., RELAXING]).max() > 50.0 * step
+
+
+def test_without_terms_or_when_not_wanted_nothing_is_there():
+    bare = row_of(UNITS, rate_hz=RATE_HZ)
+    raw = counts_at(bare, 1.0, 1.0, DIRECTION)
+    off = Decoder(SKIN, creep=False)
+    for decoder in (Decoder(bare), off, Decoder(SKIN, {"temperature", "displacement"})):
+        assert decoder.creep is None
+        assert not decoder.plan.creep
+    np.testing.assert_array_equal(off(raw).force, Decoder(bare)(raw).force)
+    with pytest.raises(OptionError, match="creep: must be True or False; got 1"):
+        Decoder(SKIN, creep=1)
+
+
+@pytest.mark.parametrize("want", [{"force"}, {"tangential"}, {"theta", "sigma"}, None])
+@pytest.mark.parametrize("loop", [{}, {"sweeps": 2, "ambient": True}])
+def test_batches_are_single_cycles_whatever_is_wanted(want, loop):
+    rng = np.random.default_rng(5)
+    raw = counts_at(SKIN, *history(rng, 20), DIRECTION)
+    whole = Decoder(SKIN, want, **loop)(raw)
+    one = Decoder(SKIN, want, **loop)
+    for t, counts in enumerate(raw):
+        reading = one(counts)
+        for name in ("force", "tangential", "theta", "force_sigma", "theta_sigma", "valid"):
+            of_batch, single = getattr(whole, name), getattr(reading, name)
+            assert (of_batch is None) == (single is None)
+            if single is not None:
+                np.testing.assert_array_equal(of_batch[t], single, err_msg=name)
+
+
+def test_size_and_direction_are_those_of_the_force():
+    rng = np.random.default_rng(6)
+    decoder = Decoder(SKIN, dtype="float64")
+    for counts in counts_at(SKIN, *history(rng, 40), DIRECTION + rng.uniform(-1, 1, (40, 1))):
+        reading = decoder(counts)
+    x, y, _ = reading.force
+    np.testing.assert_allclose(reading.tangential, np.hypot(x, y), rtol=1e-12)
+    turn = np.angle(np.exp(1j * (reading.theta - np.arctan2(y, x))))
+    assert np.abs(turn).max() < 1e-6
+
+
+def test_a_cycle_that_is_decoded_once_more_does_not_move_on():
+    raw = counts_at(SKIN, np.array([[0.0], [1.5]]), 1.0, DIRECTION)
+    plain, again = Decoder(SKIN), Decoder(SKIN)
+    run(plain, raw)
+    run(again, raw)
+    for _ in range(3):
+        again(raw[0], advance=False)
+    np.testing.assert_array_equal(
+        again(raw[1], advance=False).force, plain(raw[1], advance=False).force
+    )
+    np.testing.assert_array_equal(again(raw[0]).force, plain(raw[0]).force)
+
+
+def test_reset_forgets():
+    raw = counts_at(SKIN, np.array([[0.0], [1.5], [1.5]]), 1.0, DIRECTION)
+    decoder = Decoder(SKIN)
+    first = run(decoder, raw)
+    decoder.elapse(7.3 / RATE_HZ)
+    decoder.reset()
+    np.testing.assert_array_equal(run(decoder, raw), first)
+
+
+def test_a_run_that_starts_under_load_shows_what_it_cannot_know():
+    """Anything from the elastic force to that of a fresh load is equally likely."""
+    raw = counts_at(SKIN, 1.5, 1.0, DIRECTION)
+    plain = Decoder(SKIN, creep=False, dtype="float64")(raw)
+    reading = Decoder(SKIN, dtype="float64")(raw)
+    fresh = WEIGHTS.sum()
+    normal, elastic = reading.force[2, RELAXING], plain.force[2, RELAXING]
+    np.testing.assert_allclose(normal, (1.0 + 0.5 * fresh) * elastic)
+    # each term is spread evenly from 0 to w F, for itself
+    spread = np.sqrt(np.sum(WEIGHTS**2) / 12.0) * elastic
+    noise = plain.force_sigma[2, RELAXING]
+    assert (reading.force_sigma[2, RELAXING] >= np.hypot(spread, noise)).all()
+    decoder = Decoder(SKIN, dtype="float64")
+    for _ in range(3):
+        decoder(raw)
+        decoder.elapse(5.0 * TIMES_S.max())
+    later = decoder(raw)
+    np.testing.assert_allclose(later.force[2, RELAXING], elastic, rtol=1e-2)
+    assert (later.force_sigma[2, RELAXING] < 1.2 * noise).all()
+
+
+def test_sigma_holds_what_a_gap_hides():
+    """A step somewhere in a gap: over even chances, the mean and the spread are those told."""
+    weights, gap_s = np.array([0.3, 0.0, 0.0]), 0.25
+    skin = creeping(weights, weights)
+    raw = counts_at(skin, np.array([[0.0], [1.5]]), 0.0, DIRECTION)
+    decoder = Decoder(skin, dtype="float64")
+    decoder(raw[0])
+    decoder.elapse(gap_s)
+    reading = decoder(raw[1])
+    elastic = Decoder(skin, creep=False, dtype="float64")(raw[1])
+    went = elastic.force[2, 0] - Decoder(skin, creep=False, dtype="float64")(raw[0]).force[2, 0]
+
+    def left(since_s):
+        return 0.3 * went * np.exp(-since_s / TIMES_S[0])
+
+    mean = quad(left, 0.0, gap_s)[0] / gap_s
+    variance = quad(lambda s: (left(s) - mean) ** 2, 0.0, gap_s)[0] / gap_s
+    assert reading.force[2, 0] == pytest.approx(elastic.force[2, 0] + mean, rel=1e-4)
+    sharper = 1.0 + mean / went
+    expected = np.hypot(sharper * elastic.force_sigma[2, 0], np.sqrt(variance))
+    assert reading.force_sigma[2, 0] == pytest.approx(expected, rel=1e-3)
+
+
+def test_sigma_holds_noise_and_what_the_terms_leave():
+    """Noise of a reading counts as often as a sudden step does; what is left goes with the load."""
+    skin, rng = creeping(left=0.05), np.random.default_rng(2)
+    depth = np.append(0.0, np.ones(400))[:, np.newaxis]
+    noisy = counts_at(skin, depth, depth, DIRECTION, noise=rng)
+    exact = Decoder(creeping(), dtype="float64")
+    forces = run(exact, noisy)[100:, :, RELAXING]
+    told = exact.reading.force_sigma[:, RELAXING]
+    noise = detrend(forces, axis=0).std(axis=(0, 2))  # of what still relaxes
+    np.testing.assert_allclose(noise, np.sqrt((told**2).mean(axis=1)), rtol=0.1)
+    some, none = Decoder(skin, dtype="float64"), Decoder(creeping(), dtype="float64")
+    for counts in noisy[:2]:
+        a, b = some(counts), none(counts)
+    elastic = Decoder(skin, creep=False, dtype="float64")(noisy[1]).force
+    more = np.sqrt(a.force_sigma**2 - b.force_sigma**2)[:, RELAXING]
+    np.testing.assert_allclose(more, 0.05 * np.abs(elastic[:, RELAXING]), rtol=1e-2, atol=1e-9)
+
+
+def test_tangential_sigmas_are_those_of_the_turned_ellipse():
+    """By the covariance matrix itself, where the force has turned since."""
+    rng = np.random.default_rng(4)
+    skin = creeping(left=0.1)
+    decoder, plain = (Decoder(skin, dtype="float64", creep=on) for on in (True, False))
+    for counts in counts_at(skin, 1.0, 1.5, np.array([[0.0], [0.0], [1.2]]) + DIRECTION):
+        reading, bare = decoder(counts), plain(counts)
+    for i in rng.integers(0, UNITS - 3, 6):
+        x, y = bare.force[:2, i] / np.hypot(*bare.force[:2, i])
+        along2 = bare.tangential_sigma[i] ** 2
+        across2 = (bare.force_sigma[:2, i] ** 2).sum() - along2
+        turn = np.array([[x, -y], [y, x]])
+        sharper2 = decoder.creep._model.sharper[i] ** 2
+        own = sharper2 * turn @ np.diag([along2, across2]) @ turn.T
+        more = reading.force_sigma[:2, i] ** 2 - np.diag(own)
+        whole = own + np.diag(more)
+        d = reading.force[:2, i] / reading.tangential[i]
+        n = np.array([-d[1], d[0]])
+        assert reading.tangential_sigma[i] == pytest.approx(np.sqrt(d @ whole @ d), rel=1e-6)
+        expected = np.sqrt(n @ whole @ n) / reading.tangential[i]
+        assert reading.theta_sigma[i] == pytest.approx(expected, rel=1e-6)
+
+
+def test_units_that_are_skipped_are_untouched_and_those_never_heard_begin_later():
+    rows = np.array([[0.0], [1.5], [1.5], [0.0], [1.5]])
+    raw = counts_at(SKIN, rows, 0.6 * rows, DIRECTION)
+    whole, skipping = Decoder(SKIN), Decoder(SKIN, skip=True, temperature_every=1)
+    shown = run(skipping, raw)
+    assert np.isnan(shown[[0, 3], :2]).all()
+    idle = skipping(raw[0])
+    for name in ("tangential", "theta", "tangential_sigma", "theta_sigma"):
+        assert np.isnan(getattr(idle, name)).all(), name
+    assert np.isfinite(idle.force_sigma[2]).all()
+    np.testing.assert_allclose(shown[[1, 2, 4], 2], run(whole, raw)[[1, 2, 4], 2], rtol=1e-6)
+    np.testing.assert_allclose(shown[[1, 2, 4]], run(Decoder(SKIN), raw)[[1, 2, 4]], atol=2e-2)
+    late = Decoder(SKIN)
+    never = np.full(UNITS, Status.NEVER, np.uint16)
+    assert np.isnan(late(raw[0], never).force).all()
+    late(raw[1], never)
+    np.testing.assert_array_equal(late(raw[1]).force, Decoder(SKIN)(raw[1]).force)
+
+
+def test_the_kernel_is_its_python(monkeypatch):
+    raw = counts_at(SKIN, *history(np.random.default_rng(1), 12), DIRECTION)
+    compiled = Decoder(SKIN, dtype="float64")(raw)
+    monkeypatch.setattr(room, "relax", room.relax_python)
+    plain = Decoder(SKIN, dtype="float64")(raw)
+    for name in ("force", "force_sigma", "tangential_sigma", "theta", "theta_sigma"):
+        np.testing.assert_allclose(getattr(compiled, name), getattr(plain, name), rtol=1e-9)
