@@ -122,7 +122,9 @@ def unseen(seconds: float, seed: int) -> Path3:
         return np.clip(0.5 + waves / 5.0, 0.0, 1.0)
 
     radius, turn = 2.5 * wander(7.0), 4.0 * np.pi * wander(15.0)
-    stage = np.stack([radius * np.cos(turn), radius * np.sin(turn), TOUCH_MM + 0.05 + 1.92 * wander(5.0)])
+    stage = np.stack(
+        [radius * np.cos(turn), radius * np.sin(turn), TOUCH_MM + 0.05 + 1.92 * wander(5.0)]
+    )
     source = ROOM_C + 40.0 * wander(30.0)
     return Path3(t, stage, _heat(source), ())
 

@@ -15,10 +15,11 @@ import numpy as np
 
 from skin.calibrate.bench import laws
 from skin.calibrate.bench.posterior import KEPT, Posterior, robust_sigma
-from skin.calibrate.bench.series import Blocks, Series
+from skin.calibrate.bench.series import Blocks, Series, alone
 from skin.calibrate.film import FilmFit
 from skin.calibrate.read import as_fit
 from skin.calibrate.unit import fit_crest, left_of, with_fits
+from skin.decode.model import field_angle_ends
 from skin.errors import ScanError
 from skin.physics.least_squares import Fit
 from topology import CHANNELS, Topology
@@ -30,6 +31,7 @@ LOADED = ("normal", "shear", "circles")
 SHEARED = ("shear", "circles")
 SLOW_S = 1.0
 """Block of what changes slowly: temperatures, and fields of poses that are held [assumed]."""
+ROUNDS = 10
 MOST = 2500
 """Samples of film and shear: more would only average noise that is far below their misfit."""
 NEAREST_MM = 0.2
@@ -154,11 +156,26 @@ def fit_unit(topology: Topology, series: Series, unit: int) -> UnitResult:
     work.goodness["lag_sigma_s"] = series.alignment.lag_sigma_s
     work.goodness["drift_ppm"] = series.alignment.drift_ppm
     work.fits.append(as_fit({name: (value, np.nan) for name, value in work.spread.items()}, 0))
+    if "film" in work.plots:
+        work.fits.append(_end_of_table(topology, unit, work.fits))
     _recorded(work, placed, gel_c)
     return UnitResult(
         topology.unit_names[unit], tuple(work.fits), work.kept, work.left, work.goodness,
         work.plots, _ranges(placed, gel_c), series.hash,
     )  # fmt: skip
+
+
+def _end_of_table(topology: Topology, unit: int, fits: list[Fit]) -> Fit:
+    """Range of R(psi, H) that a decoder can use at all depths up to the deepest, and a little on."""
+    known = with_fits(alone(topology, unit), {topology.unit_names[unit]: tuple(fits)})
+    most = float(known.parameters["field_angle_max_mm"][0])
+    for _ in range(ROUNDS):
+        known.parameters["field_angle_max_mm"] = np.array([most])
+        reach = float(field_angle_ends(known)[1][0])
+        if reach >= most:
+            break
+        most = reach
+    return as_fit({"field_angle_max_mm": (most, np.nan)}, 0)
 
 
 def _placed(blocks: Blocks, touch_mm: float) -> Blocks:
@@ -176,8 +193,9 @@ def _decoded(topology: Topology, series: Series, unit: int) -> np.ndarray:
     """Displacement by the unit's own model, where the reference has none; shape (3, t)."""
     from skin.decode.decoder import Decoder
 
-    decoder = Decoder(topology, {"displacement"}, dtype="float64")
-    return np.array(decoder(series.counts.counts).displacement_mm[:, :, unit], float).T
+    decoder = Decoder(alone(topology, unit), {"displacement"}, dtype="float64")
+    counts = np.ascontiguousarray(series.counts.counts[:, :, unit : unit + 1])
+    return np.array(decoder(counts).displacement_mm[:, :, 0], float).T
 
 
 def _gel(work: _Work, blocks: Blocks) -> None:

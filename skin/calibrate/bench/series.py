@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,13 +20,34 @@ from skin.calibrate.bench.table import head_of, read_table
 from skin.errors import OptionError, ScanError
 from topology import CHANNELS, Topology
 
-__all__ = ["BLOCK_S", "AXES", "Blocks", "Counts", "Series", "hash_of", "load_series",
-           "read_counts", "series_of"]  # fmt: skip
+__all__ = [
+    "AXES",
+    "BLOCK_S",
+    "Blocks",
+    "Counts",
+    "Series",
+    "alone",
+    "hash_of",
+    "load_series",
+    "read_counts",
+    "series_of",
+    "standing",
+]  # fmt: skip
 
 AXES = "xyz"
+OF_UNITS = ("patch", "enabled", "position", "rotation", "area", "calibrated", "tared", "scale",
+            "offset", "wired")  # fmt: skip
+"""Arrays of a topology whose last axis is the unit's."""
 BLOCK_S = 0.1
 """Length of a block: in it a bench at 2 mm/s goes 0.2 mm, over which the laws are straight to
 0.3 µm of a circle of 2 mm [derived]."""
+GAP_S = 0.25
+"""Longest time without a reading that is no gap [assumed]."""
+STANDING = 10
+"""Readings at the end of a range that noise does not make [derived: of noise of a count or more
+each is there by chance once in three at most, all of ten once in 60 000]."""
+SPAN_SHARE = 0.2
+"""Of the fall of another unit, below which a unit is not the one that is pressed [assumed]."""
 FREQUENCY, GEL = CHANNELS.index("frequency"), CHANNELS.index("gel")
 UNHEARD = INVALID & ~Status.FROZEN
 """A unit that stands still on the bench is no fault of the bus."""
@@ -66,6 +89,8 @@ class Series:
     temperature : ndarray, shape (t,)
         Degree Celsius; NaN where it was not measured.
     alignment : Alignment
+    faults : tuple of str
+        What is wrong with the reference table itself.
     hash : str
         SHA-256 of both files.
     """
@@ -78,11 +103,8 @@ class Series:
     displacement: np.ndarray
     temperature: np.ndarray
     alignment: Alignment
+    faults: tuple[str, ...]
     hash: str
-
-    def within(self, *kinds: str) -> np.ndarray:
-        """Which cycles are of segments of these kinds, shape (t,), bool."""
-        return np.isin(self.kind, [KINDS.index(kind) for kind in kinds])
 
     def blocks(self, topology: Topology, unit: int, seconds: float = BLOCK_S) -> Blocks:
         """Means of blocks of some time, of one unit; of single cycles if the time is 0."""
@@ -211,7 +233,50 @@ def series_of(
     if "temperature" in columns:
         warm = np.interp(at, columns["time"], columns["temperature"], left=np.nan, right=np.nan)
     return Series(units, counts, kind, segment, vector("force"), vector("displacement"), warm,
-                  told, source[1])  # fmt: skip
+                  told, tuple(_faults_of(columns, recording, source[0])), source[1])  # fmt: skip
+
+
+def _faults_of(columns: dict[str, np.ndarray], recording: Recording, name: str) -> Iterator[str]:
+    """Gaps of the reference within segments, and forces that stand at the end of their range."""
+    time = columns["time"]
+    step = np.diff(time)
+    limit = max(GAP_S, 5.0 * float(np.median(step)))
+    for at in np.flatnonzero(step > limit):
+        if any(s.start_s < time[at + 1] and time[at] < s.end_s for s in recording.segments):
+            yield (f"{name}: time: must go on without a gap above {limit:.2g} s; got none from "
+                   f"{time[at]:.2f} to {time[at + 1]:.2f} s")  # fmt: skip
+    for letter in AXES:
+        values = columns.get(f"force_{letter}")
+        if values is not None and (run := standing(values)) is not None:
+            yield (f"{name}: force_{letter}: must not stand at the end of its range; got "
+                   f"{values[run[0]]:.4g} N in {run[1]} rows from {time[run[0]]:.2f} s on")  # fmt: skip
+
+
+def standing(values: np.ndarray) -> tuple[int, int] | None:
+    """Where values first stand at their highest or lowest for longer than noise allows: start and
+    length of the run, or None. A channel that mostly stands still anyway has no noise to tell."""
+    if np.mean(np.diff(values) == 0.0) > 0.5:
+        return None
+    for end in (values.max(), values.min()):
+        at_end = np.concatenate([[0], values == end, [0]]).astype(np.int8)
+        edges = np.flatnonzero(np.diff(at_end)).reshape(-1, 2)
+        longest = edges[np.argmax(edges[:, 1] - edges[:, 0])]
+        if longest[1] - longest[0] >= STANDING:
+            return int(longest[0]), int(longest[1] - longest[0])
+    return None
+
+
+def alone(topology: Topology, unit: int) -> Topology:
+    """The skin of one unit alone, to decode its counts without the others'."""
+    units = topology.frames.units
+    sliced = {name: getattr(topology, name)[..., unit : unit + 1] for name in OF_UNITS}
+    none = np.zeros(0, np.int32)
+    return dataclasses.replace(
+        topology, **sliced, unit_names=(topology.unit_names[unit],),
+        parameters={k: v[..., unit : unit + 1] for k, v in topology.parameters.items()},
+        frames=dataclasses.replace(topology.frames, units=np.where(units == unit, 0, -1)),
+        neighbour_start=np.zeros(2, np.int32), neighbour_index=none,
+    )  # fmt: skip
 
 
 def hash_of(paths: list[Path]) -> str:
@@ -262,11 +327,25 @@ def _aligned(
             f"brought together; got {', '.join(columns)}"
         )
     heard = counts.heard[:, units].all(axis=1)
+    if channel == FREQUENCY:
+        _check_pressed(topology, counts, units)
     moved = counts.counts[heard][:, channel, units] * topology.scale[channel, units]
     try:
         return align(counts.time_s[heard], moved.mean(axis=1), columns["time"], columns[name])
     except ScanError as error:
         raise ScanError(f"{path}: {name}: {error}") from None
+
+
+def _check_pressed(topology: Topology, counts: Counts, units: tuple[int, ...]) -> None:
+    """Refuse a recording in which another unit than those named is pressed."""
+    low, high = np.percentile(counts.counts[:, FREQUENCY], [0.5, 99.5], axis=0)
+    fall_hz = (high - low) * topology.scale[FREQUENCY] * counts.heard.any(axis=0)
+    most, own = int(np.argmax(fall_hz)), float(fall_hz[list(units)].max())
+    if most not in units and own < SPAN_SHARE * fall_hz[most]:
+        names = ", ".join(topology.unit_names[unit] for unit in units)
+        raise ScanError(f"units: must be those that the bench presses; got {names}, whose frequency "
+                        f"moves by {own:.0f} Hz, while that of {topology.unit_names[most]} falls by "
+                        f"{fall_hz[most]:.0f} Hz: are they exchanged?")  # fmt: skip
 
 
 def read_counts(topology: Topology, path: Path) -> Counts:
