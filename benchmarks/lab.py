@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 import topology
 from benchmarks.accuracy_skin import differing
+from benchmarks.foreign_laws import ForeignUnit, Hyperelastic
 from skin.calibrate.bench.file import Column, Recording, Segment
 from skin.calibrate.bench.series import Counts, Series, series_of
 from skin.physics.elastic import Elastic
@@ -98,7 +99,7 @@ def protocol(order: tuple[str, ...] = ORDER, share: float = 1.0) -> Path3:
                 depth, x, y = (np.full(t.size, v) for v in (1.5, 1.0, 1.0))
         elif kind == "hold":
             depth = np.where(t > 0.2 * seconds, 1.5, 0.0)
-        touching = np.full(t.size, kind != "tare" and kind != "heated-free")
+        touching = np.full(t.size, kind not in {"tare", "heated-free"})
         ways.append(np.stack([x, y, np.where(touching, depth + TOUCH_MM, 0.0)]))
         sources.append(source)
         # the stage moves on between two segments
@@ -106,8 +107,16 @@ def protocol(order: tuple[str, ...] = ORDER, share: float = 1.0) -> Path3:
         start += t.size / RATE_HZ
     stage, source = np.concatenate(ways, axis=1), np.concatenate(sources)
     smooth = np.ones(round(0.2 * RATE_HZ)) / round(0.2 * RATE_HZ)
-    stage = np.stack([np.convolve(np.pad(row, (smooth.size // 2, smooth.size - 1
-                      - smooth.size // 2), mode="edge"), smooth, "valid") for row in stage])  # fmt: skip
+    stage = np.stack(
+        [
+            np.convolve(
+                np.pad(row, (smooth.size // 2, smooth.size - 1 - smooth.size // 2), mode="edge"),
+                smooth,
+                "valid",
+            )
+            for row in stage
+        ]
+    )
     time = np.arange(source.size) / RATE_HZ
     return Path3(time, stage, _heat(source), tuple(segments))
 
@@ -177,11 +186,15 @@ class Lab:
     rows, columns : int
         Units of the skin; on the bench each is alone.
     seed : int
+    laws : frozenset of str
+        Of `benchmarks.foreign_laws`, that are not the decoder's; films are as drawn then.
     """
 
-    def __init__(self, rows: int, columns: int = 1, *, seed: int = 0) -> None:
+    def __init__(
+        self, rows: int, columns: int = 1, *, seed: int = 0, laws: frozenset[str] = frozenset()
+    ) -> None:
         self.text = TOPOLOGY.format(rate=RATE_HZ, rows=rows, columns=columns)
-        self.seed = seed
+        self.seed, self.laws = seed, laws
 
     @cached_property
     def nominal(self) -> Topology:
@@ -204,18 +217,25 @@ class Lab:
     def counts(self, path: Path3, *, noise: bool = True) -> Counts:
         """Counts of all units, that all do the same."""
         n = self.true.n
-        units = UnitSimulator(self.true, seed=300 + self.seed, noise=noise,
-                              field=HalbachField(self.true, fabrication=self.films, reach_m=0.0))  # fmt: skip
+        seed = 300 + self.seed
+        if self.laws:
+            units = ForeignUnit(self.true, self.laws, seed=seed)
+        else:
+            field = HalbachField(self.true, fabrication=self.films, reach_m=0.0)
+            units = UnitSimulator(self.true, seed=seed, field=field)
         place = np.repeat(path.place_mm.T[:, :, np.newaxis], n, axis=2)
         depth, gel, film, chip = (np.repeat(v[:, np.newaxis], n, axis=1)
                                   for v in (path.depth_mm, *path.warm_c))  # fmt: skip
-        values = units.disturb(units.quantities(depth, place, gel, film, chip))
+        values = units.quantities(depth, place, gel, film, chip)
+        if noise:
+            units.disturb(values)
         counts = units.quantise(values)
         return Counts(path.time_s, counts, np.ones((len(counts), n), bool))
 
     def force(self, path: Path3) -> np.ndarray:
         """True force on each unit, shape (t, 3, n), newton, unit frame."""
-        elastic, n = Elastic(self.true), self.true.n
+        elastic = Hyperelastic(self.true) if "force" in self.laws else Elastic(self.true)
+        n = self.true.n
         depth = np.repeat(path.depth_mm[:, np.newaxis], n, axis=1)
         reach = np.hypot(*path.place_mm)[:, np.newaxis]
         along = path.place_mm.T[:, :, np.newaxis] / np.maximum(reach, 1e-9)[:, np.newaxis]
@@ -251,12 +271,19 @@ class Lab:
         return Recording(counts="", reference="", units={name: f"F3T-{1000 + unit}"},
                          columns=columns, segments=segments)  # fmt: skip
 
-    def series(self, path: Path3, counts: Counts, unit: int) -> Series:
+    def series(
+        self, path: Path3, counts: Counts, unit: int,
+        reference: dict[str, np.ndarray] | None = None,
+    ) -> Series:  # fmt: skip
         """A recording of one unit, on one clock."""
-        columns = self.reference(path, unit)
+        columns = self.reference(path, unit) if reference is None else reference
         lag = float(columns["time"][0] - path.time_s[0])
-        return series_of(self.nominal, self.recording(path, unit, lag), counts, columns,
-                         (f"unit {unit}", ""))  # fmt: skip
+        recording = self.recording(path, unit, lag)
+        return series_of(self.nominal, recording, counts, columns, (f"unit {unit}", ""))
+
+    def lag_s(self, unit: int) -> float:
+        """True lag of a unit's reference, in the middle of its recording."""
+        return float(np.random.default_rng((self.seed, unit)).uniform(-LAG_S, LAG_S))
 
 
 def table_of_counts(skin: Topology, counts: Counts, unit: int, file: Path) -> None:
@@ -270,3 +297,27 @@ def table_of_reference(columns: dict[str, np.ndarray], file: Path) -> None:
     """Write a reference table."""
     np.savetxt(file, np.column_stack(list(columns.values())), delimiter=",",
                header=",".join(columns), comments="", fmt="%.6f")  # fmt: skip
+
+
+def write_bench(lab: Lab, path: Path3, folder: Path, units: tuple[int, ...] = (0,)) -> Path:
+    """Record units one by one, and write BENCH file, topology and tables; the BENCH file's path."""
+    counts = lab.counts(path)
+    (folder / "lab.toml").write_text(lab.text)
+    lines = ["format = 1", 'topology = "lab.toml"', 'bench = "simulated lab"', "", "[columns]"]
+    for unit in units:
+        reference = lab.reference(path, unit)
+        if unit == units[0]:
+            lines += [f'{name} = {{ column = "{name}" }}' for name in reference]
+        table_of_counts(lab.nominal, counts, unit, folder / f"counts{unit}.csv")
+        table_of_reference(reference, folder / f"reference{unit}.csv")
+        recording = lab.recording(path, unit, float(reference["time"][0]))
+        ((name, serial),) = recording.units.items()
+        lines += ["", "[[recordings]]", f'counts = "counts{unit}.csv"',
+                  f'reference = "reference{unit}.csv"', f'units = {{ "{name}" = "{serial}" }}',
+                  "segments = ["]  # fmt: skip
+        lines += [f'  {{ kind = "{s.kind}", start_s = {s.start_s:.3f}, end_s = {s.end_s:.3f} }},'
+                  for s in recording.segments]  # fmt: skip
+        lines += ["]"]
+    file = folder / "bench.toml"
+    file.write_text("\n".join(lines) + "\n")
+    return file

@@ -110,8 +110,10 @@ def plan(file: options.File, /, *, json: options.Json = False) -> int:
         print(f"{head}, {minutes:.0f} min:")
         rows = [(step.kind, f"{step.seconds:g} s", step.text) for step in protocol]
         print("\n".join(f"  {line}" for line in columns(("segment", "time", "what"), rows)))
-    print("\nReference: time, and any of force (N), displacement (mm), temperature (°C); what it "
-          "lacks stays as\nthe model has it, and is said to. docs/calibrate.md has the formats.")  # fmt: skip
+    print(
+        "\nReference: time, and any of force (N), displacement (mm), temperature (°C); what it "
+        "lacks stays as\nthe model has it, and is said to. docs/calibrate.md has the formats."
+    )
     if json:
         told = {"topology": loaded.name, "unit": [step._asdict() for step in unit],
                 "array": [step._asdict() for step in array]}  # fmt: skip
@@ -141,11 +143,19 @@ def check(
     for name, entry in told.items():
         score = entry.get("score")
         over = score.over_sigma if score else {}
-        rows.append((
-            name, entry["serial"], f"{score.force_rmse_n:.4f}" if score else "-",
-            *(f"{over[q]:.2f}" if q in over else "-" for q in ("tangential", "normal", "temperature")),
-            f"{score.rest_hz:.1f}" if score else "-", "drifted" if entry["faults"] else "holds",
-        ))  # fmt: skip
+        rows.append(
+            (
+                name,
+                entry["serial"],
+                f"{score.force_rmse_n:.4f}" if score else "-",
+                *(
+                    f"{over[q]:.2f}" if q in over else "-"
+                    for q in ("tangential", "normal", "temperature")
+                ),
+                f"{score.rest_hz:.1f}" if score else "-",
+                "drifted" if entry["faults"] else "holds",
+            )
+        )
     head = ("unit", "serial", "force rmse / N", "Ft / sigma", "Fz / sigma", "T / sigma",
             "rest / Hz", "")  # fmt: skip
     print("\n".join(columns(head, rows)))

@@ -107,8 +107,11 @@ def _charts(result: UnitResult) -> list[Chart]:
             lines = {"law": (at[order], law[order])} if key != "shear" else {}
             points = {"measured": (at, measured)} | ({"law": (at, law)} if key == "shear" else {})
             found.append(Chart(title, x, y, points, lines))
-    residuals = {name: (plots[key][2], 1e3 * (plots[key][1] - plots[key][2]))
-                 for key, name in (("normal", "normal"), ("shear", "tangential")) if key in plots}  # fmt: skip
+    residuals = {
+        name: (plots[key][2], 1e3 * (plots[key][1] - plots[key][2]))
+        for key, name in (("normal", "normal"), ("shear", "tangential"))
+        if key in plots
+    }
     if residuals:
         found.append(Chart("residuals of the forces", "force by the law / N", "mN", residuals))
     if "film" in plots:

@@ -23,7 +23,7 @@ SETTLED_S = 1e-7
 
 @dataclass(frozen=True)
 class Alignment:
-    """The reference's clock over that of the counts: ``reference = counts + lag + drift (t - mid)``.
+    """The reference's clock by that of the counts: ``reference = t + lag + drift (t - mid)``.
 
     Attributes
     ----------
@@ -72,8 +72,10 @@ def align(
     step = max(float(np.median(np.diff(time_s))), float(np.median(np.diff(reference_s))))
     grids = [np.arange(t[0], t[-1], step) for t in (time_s, reference_s)]
     if min(map(len, grids)) < 2 * PIECES:
-        raise ScanError(f"recording: must be {2 * PIECES * step:.3g} s or longer to be aligned; got "
-                        f"{min(np.ptp(time_s), np.ptp(reference_s)):.3g} s")  # fmt: skip
+        raise ScanError(
+            f"recording: must be {2 * PIECES * step:.3g} s or longer to be aligned; got "
+            f"{min(np.ptp(time_s), np.ptp(reference_s)):.3g} s"
+        )
     left, right = (
         _standard(np.interp(grid, t, v))
         for grid, t, v in zip(grids, (time_s, reference_s), (counts, reference), strict=True)

@@ -122,5 +122,13 @@ def _result(topology: Topology, series: Series, unit: int, i: int, posterior: An
     rows = {f"force_{axis}": row for axis, row in zip(AXES, series.force, strict=True)}
     told = {name: (float(np.nanmin(row)), float(np.nanmax(row)))
             for name, row in rows.items() if np.isfinite(row).any()}  # fmt: skip
-    return UnitResult(topology.unit_names[unit], (as_fit(values, posterior.fit.samples),), kept, left,
-                      goodness, {}, told, series.hash)  # fmt: skip
+    return UnitResult(
+        topology.unit_names[unit],
+        (as_fit(values, posterior.fit.samples),),
+        kept,
+        left,
+        goodness,
+        {},
+        told,
+        series.hash,
+    )

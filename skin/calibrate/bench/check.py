@@ -20,7 +20,6 @@ DRIFTED = 1.5
 """Errors over their sigma, from which a calibration does not hold: 1 where it does [assumed]."""
 FREQUENCY = CHANNELS.index("frequency")
 SCORED = ("tare", "normal", "shear", "circles", "heated-free", "heated-load")
-REST_SIGMAS = 5.0
 
 
 @dataclass(frozen=True)
@@ -95,7 +94,10 @@ def score(topology: Topology, series: Series, unit: int) -> Score:
     if warm.any():
         error = reading.temperature[warm, 0] - series.temperature[warm]
         warm_rmse = float(np.sqrt(np.mean(error**2)))
-        over["temperature"] = _about_zero(error / reading.temperature_sigma[warm, 0])
+        # thermometers are no better than the gel: their own noise, from reading to reading
+        noise = robust_sigma(np.diff(series.temperature[warm])) / np.sqrt(2.0)
+        sigma_c = np.hypot(reading.temperature_sigma[warm, 0], noise)
+        over["temperature"] = _about_zero(error / sigma_c)
     rest = series.kind == KINDS.index("tare")
     scale, offset = (rows[FREQUENCY, unit] for rows in (topology.scale, topology.offset))
     at_rest = scale * series.counts.counts[rest, FREQUENCY, unit] + offset

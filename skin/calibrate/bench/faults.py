@@ -73,8 +73,10 @@ def _unit_faults(topology: Topology, series: Series, unit: int) -> Iterator[str]
     for channel, name in enumerate(CHANNELS):
         counts = series.counts.counts[inside, channel, unit]
         if topology.wired[channel, unit] and (run := standing(counts.astype(float))) is not None:
-            yield (f"{name}: must not stand at the end of its range; got {counts[run[0]]} counts in "
-                   f"{run[1]} cycles from {time[run[0]]:.2f} s on")  # fmt: skip
+            yield (
+                f"{name}: must not stand at the end of its range; got {counts[run[0]]} counts in "
+                f"{run[1]} cycles from {time[run[0]]:.2f} s on"
+            )
     p = {name: values[..., unit] for name, values in topology.parameters.items()}
     blocks = series.blocks(topology, unit)
     yield from _tare_faults(p, blocks.of("tare"))
@@ -100,15 +102,20 @@ def _tare_faults(p: Mapping[str, np.ndarray], rest: Blocks) -> Iterator[str]:
     if not len(rest):
         return
     rows = {"frequency": (rest.values[FREQUENCY], float(p["frequency_noise_hz"]), "Hz")}
-    rows |= {f"force_{letter}": (row, robust_sigma(row) * np.sqrt(rest.size.mean()), "N")
-             for letter, row in zip(AXES, rest.force, strict=True) if np.isfinite(row).all()}  # fmt: skip
+    rows |= {
+        f"force_{letter}": (row, robust_sigma(row) * np.sqrt(rest.size.mean()), "N")
+        for letter, row in zip(AXES, rest.force, strict=True)
+        if np.isfinite(row).all()
+    }
     for name, (values, noise, unit) in rows.items():
         away = values - np.median(values)
         sigma = np.maximum(noise / np.sqrt(rest.size), 1e-9)
         at = int(np.argmax(np.abs(away) / sigma))
         if abs(away[at]) > PRESSED_SIGMAS * sigma[at]:
-            yield (f"tare: must be untouched; got {name} off its median by {away[at]:.3g} {unit} at "
-                   f"{rest.time_s[at]:.2f} s, a press")  # fmt: skip
+            yield (
+                f"tare: must be untouched; got {name} off its median by {away[at]:.3g} {unit} at "
+                f"{rest.time_s[at]:.2f} s, a press"
+            )
             return
 
 
@@ -178,16 +185,20 @@ def _axis_faults(name: str, decoded: np.ndarray, told: np.ndarray) -> Iterator[s
             continue
         ratios.append((moves[axis], sizes[row] / moves[axis]))
         if axis != own or like < 0.0:
-            yield (f"{name}_{AXES[own]}: must be along {AXES[own]} of the unit; got what goes along "
-                   f"{'-' if like < 0.0 else ''}{AXES[axis]}")  # fmt: skip
+            yield (
+                f"{name}_{AXES[own]}: must be along {AXES[own]} of the unit; got what goes along "
+                f"{'-' if like < 0.0 else ''}{AXES[axis]}"
+            )
     if ratios:
         ratio = max(ratios)[1]
         units = {unit: 1.0 / scale for unit, scale in QUANTITIES[f"{name}_x"].items()}
         nearest = min(units, key=lambda unit: abs(np.log(ratio / units[unit])))
         if units[nearest] != 1.0:
             stated = "N" if name == "force" else "mm"
-            yield (f"{name}: must be in the unit of measure that columns states; got values "
-                   f"{ratio:.3g} times those of the unit's model in {stated}, as of {nearest}")  # fmt: skip
+            yield (
+                f"{name}: must be in the unit of measure that columns states; got values "
+                f"{ratio:.3g} times those of the unit's model in {stated}, as of {nearest}"
+            )
 
 
 def _warm_faults(decoded: np.ndarray, told: np.ndarray) -> Iterator[str]:

@@ -150,8 +150,10 @@ def fit_unit(topology: Topology, series: Series, unit: int) -> UnitResult:
     cycles = _placed(series.blocks(topology, unit, 0.0).of("normal", *SHEARED), touch["mm"])
     work.attempt("shear", lambda: _shear(work, _held(cycles).thinned(MOST)))
     if not work.fits:
-        raise ScanError("recording: must tell a law at least; got none:\n"
-                        + "\n".join(f"  {law}: {why}" for law, why in work.kept.items()))  # fmt: skip
+        raise ScanError(
+            "recording: must tell a law at least; got none:\n"
+            + "\n".join(f"  {law}: {why}" for law, why in work.kept.items())
+        )
     work.goodness["lag_s"] = series.alignment.lag_s
     work.goodness["lag_sigma_s"] = series.alignment.lag_sigma_s
     work.goodness["drift_ppm"] = series.alignment.drift_ppm
@@ -166,7 +168,7 @@ def fit_unit(topology: Topology, series: Series, unit: int) -> UnitResult:
 
 
 def _end_of_table(topology: Topology, unit: int, fits: list[Fit]) -> Fit:
-    """Range of R(psi, H) that a decoder can use at all depths up to the deepest, and a little on."""
+    """Range of R(psi, H) that a decoder can use at all depths."""
     known = with_fits(alone(topology, unit), {topology.unit_names[unit]: tuple(fits)})
     most = float(known.parameters["field_angle_max_mm"][0])
     for _ in range(ROUNDS):

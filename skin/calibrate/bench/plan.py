@@ -21,7 +21,8 @@ UNIT = (
     Step("tare", 15, "nothing touches the unit; stage and force sensor are zeroed here"),
     Step("normal", 60, "press straight down from above the touch to {depth:g} mm and back in "
          "10 s, six times"),
-    Step("shear", 60, "held {a:.1f} mm deep: strokes to {far:g} mm and back in 16 directions, 1.5 mm/s"),
+    Step("shear", 60, "held {a:.1f} mm deep: strokes to {far:g} mm and back in 16 "
+         "directions, 1.5 mm/s"),
     Step("shear", 60, "the same {b:.1f} mm deep"),
     Step("shear", 60, "the same {c:.1f} mm deep"),
     Step("circles", 180, "circles of 0.3 to {far:g} mm at 2 mm/s while the depth goes from 0 to "
@@ -36,13 +37,25 @@ UNIT = (
 """One unit on a stage with a force sensor and a thermometer."""
 ARRAY = (
     Step("tare", 15, "nothing touches the skin"),
-    Step("array", 60, "one flat plate, or a bag of air, on all units at once: 0 to {most:.0f} N in "
-         "steps of a second, six times; all normal gains"),
-    Step("array", 120, "a ball of 30 mm rolled and dragged over all units by hand, on a force plate "
-         "or with a force sensor behind the ball; normal and tangential gains"),
-    Step("array", 120, "the hand presses and strokes whatever is firm, with the force-torque sensor "
-         "of its wrist as the reference, skin frame; all gains at once"),
-)  # fmt: skip
+    Step(
+        "array",
+        60,
+        "one flat plate, or a bag of air, on all units at once: 0 to {most:.0f} N in "
+        "steps of a second, six times; all normal gains",
+    ),
+    Step(
+        "array",
+        120,
+        "a ball of 30 mm rolled and dragged over all units by hand, on a force plate "
+        "or with a force sensor behind the ball; normal and tangential gains",
+    ),
+    Step(
+        "array",
+        120,
+        "the hand presses and strokes whatever is firm, with the force-torque sensor "
+        "of its wrist as the reference, skin frame; all gains at once",
+    ),
+)
 """All units in their places: one of the ways, or all."""
 
 

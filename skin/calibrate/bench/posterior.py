@@ -15,7 +15,7 @@ from skin.physics.least_squares import Fit
 __all__ = ["KEPT", "Posterior", "cross_validated", "fit_posterior", "robust_sigma"]
 
 HUBER = 1.345
-"""Residual in sigmas beyond which its weight falls: 95 % efficient for normal noise [Huber 1981]."""
+"""Sigmas beyond which a residual's weight falls: 95 % efficient for normal noise [Huber 1981]."""
 PIECES = 40
 """Stretches of samples whose errors are taken for independent of each other [assumed]."""
 KEPT = 0.9

@@ -217,8 +217,10 @@ def check_bench(
             if result.faults:
                 faults += [f"{name}: {fault}" for fault in result.faults]
                 if (owner := owner_of(known, series, index)) is not None:
-                    faults.append(f"{name}: must read as the unit that was calibrated; got what "
-                                  f"reads as {skin.unit_names[owner]}: are they exchanged?")  # fmt: skip
+                    faults.append(
+                        f"{name}: must read as the unit that was calibrated; got what "
+                        f"reads as {skin.unit_names[owner]}: are they exchanged?"
+                    )
     return told
 
 

@@ -248,8 +248,10 @@ def _faults_of(columns: dict[str, np.ndarray], recording: Recording, name: str) 
     for letter in AXES:
         values = columns.get(f"force_{letter}")
         if values is not None and (run := standing(values)) is not None:
-            yield (f"{name}: force_{letter}: must not stand at the end of its range; got "
-                   f"{values[run[0]]:.4g} N in {run[1]} rows from {time[run[0]]:.2f} s on")  # fmt: skip
+            yield (
+                f"{name}: force_{letter}: must not stand at the end of its range; got "
+                f"{values[run[0]]:.4g} N in {run[1]} rows from {time[run[0]]:.2f} s on"
+            )
 
 
 def standing(values: np.ndarray) -> tuple[int, int] | None:
@@ -303,8 +305,10 @@ def _reference(path: Path, recording: Recording) -> dict[str, np.ndarray]:
     time = found["time"]
     back = np.flatnonzero(np.diff(time[np.isfinite(time)]) <= 0.0)
     if back.size:
-        raise ScanError(f"{path}: row {back[0] + 3}: time: must rise from row to row; got "
-                        f"{time[np.isfinite(time)][back[0] + 1]:.6g} s again or earlier")  # fmt: skip
+        raise ScanError(
+            f"{path}: row {back[0] + 3}: time: must rise from row to row; got "
+            f"{time[np.isfinite(time)][back[0] + 1]:.6g} s again or earlier"
+        )
     whole = np.isfinite(np.stack(list(found.values()))).all(axis=0)
     if whole.sum() < 2:
         raise ScanError(f"{path}: must have rows with all its columns; got {int(whole.sum())}")
@@ -343,9 +347,11 @@ def _check_pressed(topology: Topology, counts: Counts, units: tuple[int, ...]) -
     most, own = int(np.argmax(fall_hz)), float(fall_hz[list(units)].max())
     if most not in units and own < SPAN_SHARE * fall_hz[most]:
         names = ", ".join(topology.unit_names[unit] for unit in units)
-        raise ScanError(f"units: must be those that the bench presses; got {names}, whose frequency "
-                        f"moves by {own:.0f} Hz, while that of {topology.unit_names[most]} falls by "
-                        f"{fall_hz[most]:.0f} Hz: are they exchanged?")  # fmt: skip
+        raise ScanError(
+            f"units: must be those that the bench presses; got {names}, whose frequency "
+            f"moves by {own:.0f} Hz, while that of {topology.unit_names[most]} falls by "
+            f"{fall_hz[most]:.0f} Hz: are they exchanged?"
+        )
 
 
 def read_counts(topology: Topology, path: Path) -> Counts:
