@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import tempfile
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
@@ -73,6 +73,7 @@ class Path3:
         return np.where(self.depth_mm > 0.0, self.stage_mm[:2], 0.0)
 
 
+@cache
 def protocol(order: tuple[str, ...] = ORDER, share: float = 1.0) -> Path3:
     """The bench's way through segments, each `share` of its usual length."""
     ways, sources, segments, start, shears = [], [], [], 0.0, 0
@@ -195,6 +196,7 @@ class Lab:
     ) -> None:
         self.text = TOPOLOGY.format(rate=RATE_HZ, rows=rows, columns=columns)
         self.seed, self.laws = seed, laws
+        self._forces: tuple[Path3, np.ndarray] | None = None
 
     @cached_property
     def nominal(self) -> Topology:
@@ -249,7 +251,9 @@ class Lab:
         lag, drift = rng.uniform(-LAG_S, LAG_S), 1e-6 * rng.uniform(-DRIFT_PPM, DRIFT_PPM)
         turn = Rotation.from_rotvec(np.radians(rng.uniform(-SENSOR_DEG, SENSOR_DEG, 3)))
         time = np.arange(path.time_s[0], path.time_s[-1], 1.0 / rng.uniform(*REFERENCE_HZ))
-        force = turn.apply(self.force(path)[:, :, unit]) + rng.normal(0.0, 0.3, 3)
+        if self._forces is None or self._forces[0] is not path:
+            self._forces = path, self.force(path)
+        force = turn.apply(self._forces[1][:, :, unit]) + rng.normal(0.0, 0.3, 3)
         rows = {
             **{f"force_{a}": (v, FORCE_NOISE_N) for a, v in zip("xyz", force.T, strict=True)},
             **{f"displacement_{a}": (v, WAY_NOISE_MM)

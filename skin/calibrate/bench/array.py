@@ -25,6 +25,8 @@ MOST = 1500
 LEAST = 100
 FORCE_SIGMA_N = 0.02
 """Of the sum of all units' forces and the sensor, one cycle, at least [assumed]."""
+FAR_SIGMAS = 5.0
+"""Of the prior, beyond which a gain is none of a unit's [assumed]."""
 GAINS = {"normal": ("normal_soft_n_per_hz", "normal_stiff_n_per_hz"),
          "shear": ("shear_soft_n_per_mm", "shear_stiff_n_per_mm")}  # fmt: skip
 """Parameters that a gain of the normal and of the tangential force multiplies."""
@@ -47,7 +49,7 @@ def fit_array(topology: Topology, series: Series) -> list[UnitResult]:
     Raises
     ------
     ScanError
-        No such segment, or no force.
+        No such segment, no force, or a gain that no unit has.
     """
     units = list(series.units)
     at_rest = _tared(topology, series)
@@ -112,6 +114,13 @@ def _result(topology: Topology, series: Series, unit: int, i: int, posterior: An
         at = posterior.fit.names.index(f"{kind} {i}")
         gain, sigma = posterior.fit.values[at], posterior.fit.sigma[at]
         share = float(posterior.left[at])
+        far = FAR_SIGMAS * PRIOR[names[1]][0]
+        if abs(gain - 1.0) > far:
+            raise ScanError(
+                f"{topology.unit_names[unit]}: gain of the {kind} force: must be {1.0 - far:g} to "
+                f"{1.0 + far:g}, as units of its model have; got {gain:.3g}: are the forces in "
+                "newton, in the skin frame?"
+            )
         left |= dict.fromkeys(names, share)
         goodness[f"{kind}_gain"] = float(gain)
         if share > KEPT:

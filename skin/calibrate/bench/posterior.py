@@ -86,7 +86,13 @@ def fit_posterior(
 
     for _ in range(2):  # the second with the scatter that the first has left
         solved: Any = optimize.least_squares(
-            both, at, loss=lambda z: _loss(z, samples), f_scale=HUBER, x_scale="jac", max_nfev=60
+            both,
+            at,
+            loss=lambda z: _loss(z, samples),
+            f_scale=HUBER,
+            x_scale="jac",
+            ftol=1e-6,
+            max_nfev=60,
         )
         at = solved.x
         spread = np.array([max(1.0, robust_sigma(group)) if len(group) else 1.0
@@ -111,10 +117,9 @@ def _loss(square: np.ndarray, samples: int) -> np.ndarray:
     """Huber's for the data, and the square for the rows of the prior behind them."""
     root = np.sqrt(np.maximum(square, 1.0))
     rho = np.stack([2.0 * root - 1.0, 1.0 / root, -0.5 / root**3])
-    rho[:, square <= 1.0] = np.stack([square, np.ones_like(square), np.zeros_like(square)])[
-        :, square <= 1.0
-    ]
-    rho[:, samples:] = np.stack([square, np.ones_like(square), np.zeros_like(square)])[:, samples:]
+    plain = square <= 1.0
+    plain[samples:] = True
+    rho[0, plain], rho[1, plain], rho[2, plain] = square[plain], 1.0, 0.0
     return rho
 
 
