@@ -6,6 +6,7 @@ import dataclasses
 from typing import Any
 
 import numpy as np
+from scipy.signal import savgol_filter
 
 from bus.status import INVALID
 from skin.calibrate.bench.file import KINDS
@@ -25,6 +26,9 @@ MOST = 1500
 LEAST = 100
 FORCE_SIGMA_N = 0.02
 """Of the sum of all units' forces and the sensor, one cycle, at least [assumed]."""
+LAG_SIGMA_S, SMOOTHED = 0.1, 11
+"""What aligning leaves of the lag where the force wanders from unit to unit, which no function of
+the mean frequency follows [assumed]; cycles over which the force's rise is taken."""
 FAR_SIGMAS = 5.0
 """Of the prior, beyond which a gain is none of a unit's [assumed]."""
 GAINS = {"normal": ("normal_soft_n_per_hz", "normal_stiff_n_per_hz"),
@@ -71,6 +75,11 @@ def fit_array(topology: Topology, series: Series) -> list[UnitResult]:
     prior = {f"{kind} {i}": (1.0, _known(topology, kind, unit, spread[kind]))
              for kind in GAINS for i, unit in enumerate(units)}  # fmt: skip
     prior |= {f"turn_{axis}": (0.0, TURN_RAD) for axis in AXES}
+    prior["lag_s"] = 0.0, LAG_SIGMA_S
+    rise = np.stack(
+        [savgol_filter(np.nan_to_num(row), SMOOTHED, 2, deriv=1) for row in series.force]
+    )
+    rise = rise[:, at] / float(np.median(np.diff(series.counts.time_s)))
     force = series.force[:, at]
 
     def residual(p: dict[str, Any]) -> list[np.ndarray]:
@@ -78,7 +87,9 @@ def fit_array(topology: Topology, series: Series) -> list[UnitResult]:
                     for kind in GAINS)  # fmt: skip
         turn = np.array([p[f"turn_{axis}"] for axis in AXES])
         seen = np.asarray(total) + np.cross(turn, total)
-        return [(force[row] - seen[:, row]) / FORCE_SIGMA_N for row in rows]
+        return [
+            (force[row] - p["lag_s"] * rise[row] - seen[:, row]) / FORCE_SIGMA_N for row in rows
+        ]
 
     posterior = fit_posterior(residual, prior)
     return [_result(at_rest, series, unit, i, posterior) for i, unit in enumerate(units)]

@@ -128,7 +128,7 @@ def fit_unit(topology: Topology, series: Series, unit: int) -> UnitResult:
     if not measured:
         series = replace(series, displacement=_decoded(topology, series, unit))
     blocks = series.blocks(topology, unit)
-    work.attempt("gel", lambda: _gel(work, series.blocks(topology, unit, SLOW_S)))
+    work.attempt("gel", lambda: _gel(work, series.blocks(topology, unit, 0.0).thinned(2 * MOST)))
     touch = {"mm": 0.0}
     work.attempt("normal", lambda: _normal(work, blocks, measured, touch))
     gel_c = laws.gel_temperature(work.p, blocks)
@@ -213,9 +213,8 @@ def _gel(work: _Work, blocks: Blocks) -> None:
     work.goodness["temperature_rms_c"] = _rms(error[seen])
     corner = np.stack([np.ones(2), [0.0, 1.0]])
     ends = fit.covariance / np.outer(fit.values, fit.values)
-    work.spread["temperature_sigma_c"] = kelvin * float(
-        np.sqrt(np.einsum("ia,ij,ja->a", corner, ends, corner).max())
-    )
+    unknown = kelvin * np.sqrt(np.einsum("ia,ij,ja->a", corner, ends, corner).max())
+    work.spread["temperature_sigma_c"] = float(np.hypot(unknown, _misfit(error[seen])))
     work.plots["temperature"] = blocks.temperature[seen], current[seen], law[seen]
 
 

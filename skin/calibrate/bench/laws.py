@@ -47,6 +47,9 @@ TURN_RAD = 0.035
 OUTLIER = 5.0
 """Sigmas beyond which a block is none of the film [assumed]."""
 LEAST_BLOCKS = 30
+HEAT_LOST = 0.016
+"""Of a change of the gel's temperature that does not reach the film, which is taken to follow it
+whole: 1 - 0.974 / 0.99 of the 1-D heat model in long contact [assumed]."""
 CHECKED = 600
 """Samples of a cross-validation [assumed: an order is told by far fewer]."""
 TILT_RAD = np.radians(1.0) / np.sqrt(3.0)
@@ -189,7 +192,11 @@ def fit_drift(p: Parameters, blocks: Blocks, film_c: np.ndarray) -> Posterior:
             for axis, letter in enumerate(AXES)
         ]  # fmt: skip
 
-    return fit_posterior(residual, prior).told(names)
+    found = fit_posterior(residual, prior).told(names)
+    more = np.zeros(len(names))
+    more[0] = (HEAT_LOST * float(p["film_drift_per_k"])) ** 2
+    covariance = found.fit.covariance + np.diag(more)
+    return replace(found, fit=replace(found.fit, covariance=covariance))
 
 
 def offsets(p: Parameters) -> np.ndarray:

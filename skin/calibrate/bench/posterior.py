@@ -108,6 +108,10 @@ def fit_posterior(
     np.add.at(scores, piece, rows * (weight * data)[:, np.newaxis])
     meat = scores.T @ scores * PIECES / (PIECES - 1) + np.eye(len(names))
     scaled = bread @ meat @ bread
+    # few pieces may tell a parameter and agree by chance: never less than white noise leaves
+    white = np.diag(np.linalg.inv(rows.T @ rows + np.eye(len(names))))
+    more = np.sqrt(np.maximum(white / np.diag(scaled), 1.0))
+    scaled = scaled * np.outer(more, more)
     fit = Fit(names, mean + sigma * at, scaled * np.outer(sigma, sigma),
               float(np.sqrt(np.mean(data**2))), float(np.mean(data**2)), samples)  # fmt: skip
     return Posterior(fit, np.minimum(np.diag(scaled), 1.0))

@@ -66,8 +66,8 @@ def test_a_gap_of_the_counts_is_named_with_its_time():
 
     (fault,) = faults(with_counts(lose))
     assert fault == (
-        f"{UNIT}: counts: must go on without a gap above 0.25 s in segments[1]; got none from 15.98 "
-        "to 17.00 s"
+        f"{UNIT}: counts: must go on without a gap above 0.25 s in segments[1]; got none from "
+        "15.98 to 17.00 s"
     )
 
 
