@@ -166,6 +166,7 @@ name = "lab"
 name = "main"
 data_bitrate = 5_000_000
 cycle_rate_hz = {rate:g}
+sync_id = 0x80
 
 [[patches]]
 name = "pad"

@@ -6,7 +6,7 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-from scipy.signal import savgol_filter
+from scipy.ndimage import uniform_filter1d
 
 from bus.status import INVALID
 from skin.calibrate.bench.file import KINDS
@@ -28,7 +28,7 @@ FORCE_SIGMA_N = 0.02
 """Of the sum of all units' forces and the sensor, one cycle, at least [assumed]."""
 LAG_SIGMA_S, SMOOTHED = 0.1, 11
 """What aligning leaves of the lag where the force wanders from unit to unit, which no function of
-the mean frequency follows [assumed]; cycles over which the force's rise is taken."""
+the mean frequency follows [assumed]; cycles over which both are averaged."""
 FAR_SIGMAS = 5.0
 """Of the prior, beyond which a gain is none of a unit's [assumed]."""
 GAINS = {"normal": ("normal_soft_n_per_hz", "normal_stiff_n_per_hz"),
@@ -68,19 +68,19 @@ def fit_array(topology: Topology, series: Series) -> list[UnitResult]:
         raise ScanError(f"array: must be {LEAST} cycles or more with force and all its units; got "
                         f"{int(used.sum()) if rows else 0}")  # fmt: skip
     at = np.flatnonzero(used)
-    at = at[:: max(at.size // MOST, 1)]
-    own = np.einsum("abn,tbn->tabn", topology.rotation[:, :, units], reading.force[at][:, :, units])
+    few = slice(None, None, max(at.size // MOST, 1))
+    # noise of what is multiplied would make gains too small
+    felt = uniform_filter1d(reading.force[at][:, :, units], SMOOTHED, axis=0)[few]
+    own = np.einsum("abn,tbn->tabn", topology.rotation[:, :, units], felt)
     parts = {"shear": own[:, :, :2].sum(axis=2), "normal": own[:, :, 2]}
     spread = {"normal": PRIOR["normal_stiff_n_per_hz"][0], "shear": PRIOR["shear_soft_n_per_mm"][0]}
     prior = {f"{kind} {i}": (1.0, _known(topology, kind, unit, spread[kind]))
              for kind in GAINS for i, unit in enumerate(units)}  # fmt: skip
     prior |= {f"turn_{axis}": (0.0, TURN_RAD) for axis in AXES}
     prior["lag_s"] = 0.0, LAG_SIGMA_S
-    rise = np.stack(
-        [savgol_filter(np.nan_to_num(row), SMOOTHED, 2, deriv=1) for row in series.force]
-    )
-    rise = rise[:, at] / float(np.median(np.diff(series.counts.time_s)))
-    force = series.force[:, at]
+    told = uniform_filter1d(series.force[:, at], SMOOTHED, axis=1)
+    rise = np.gradient(told, series.counts.time_s[at], axis=1)[:, few]
+    force = told[:, few]
 
     def residual(p: dict[str, Any]) -> list[np.ndarray]:
         total = sum(parts[kind] @ np.array([p[f"{kind} {i}"] for i in range(len(units))])

