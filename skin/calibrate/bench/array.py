@@ -29,6 +29,9 @@ FORCE_SIGMA_N = 0.02
 LAG_SIGMA_S, SMOOTHED = 0.1, 11
 """What aligning leaves of the lag where the force wanders from unit to unit, which no function of
 the mean frequency follows [assumed]; cycles over which both are averaged."""
+NOT_A_GAIN = 0.63
+"""Of what a bend of the film changes of a displacement, the share that one gain does not take up:
+it is six times as much across the bend as along it [derived: python -m benchmarks curved]."""
 FAR_SIGMAS = 5.0
 """Of the prior, beyond which a gain is none of a unit's [assumed]."""
 GAINS = {"normal": ("normal_soft_n_per_hz", "normal_stiff_n_per_hz"),
@@ -138,6 +141,8 @@ def _result(topology: Topology, series: Series, unit: int, i: int, posterior: An
             kept |= dict.fromkeys(names, f"the recordings leave {share:.0%} of its prior variance")
             continue
         values |= {n: (float(gain * p[n][unit]), float(sigma * p[n][unit])) for n in names}
+        if kind == "shear" and topology.calibrated[unit]:
+            sigma = np.hypot(sigma, NOT_A_GAIN * _known(topology, kind, unit, 0.0))
         values[f"{kind}_sigma_relative"] = float(sigma), float("nan")
     rows = {f"force_{axis}": row for axis, row in zip(AXES, series.force, strict=True)}
     told = {name: (float(np.nanmin(row)), float(np.nanmax(row)))

@@ -8,9 +8,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from bus.status import INVALID
+from skin.calibrate.bench.alone import alone
 from skin.calibrate.bench.file import KINDS
 from skin.calibrate.bench.posterior import robust_sigma
-from skin.calibrate.bench.series import Series, alone
+from skin.calibrate.bench.series import Series
 from skin.decode.decoder import Decoder
 from topology import CHANNELS, Topology
 

@@ -8,9 +8,10 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from bus.status import INVALID
+from skin.calibrate.bench.alone import alone
 from skin.calibrate.bench.file import KINDS, QUANTITIES, Recording
 from skin.calibrate.bench.posterior import robust_sigma
-from skin.calibrate.bench.series import AXES, GAP_S, Blocks, Series, alone, standing
+from skin.calibrate.bench.series import AXES, GAP_S, Blocks, Series, standing
 from skin.decode.decoder import Decoder
 from topology import CHANNELS, Topology
 

@@ -145,7 +145,7 @@ def calibrate_bench(
         if found and not force:
             continue
         try:
-            new = _fitted(skin, series)
+            new = _fitted(skin, series, bench.mount_radius_mm)
         except ScanError as error:
             faults.append(f"{', '.join(recording.units)}: {error}")
             continue
@@ -249,8 +249,8 @@ def _judged(skin: Topology, recording: Recording, folder: Path) -> tuple[Series,
     return series, find_faults(skin, recording, series)
 
 
-def _fitted(skin: Topology, series: Series) -> list[UnitResult]:
+def _fitted(skin: Topology, series: Series, radius_mm: float | None) -> list[UnitResult]:
     """Units of a recording: one by all its laws, several by their shares of a common force."""
     if len(series.units) == 1:
-        return [fit_unit(skin, series, series.units[0])]
+        return [fit_unit(skin, series, series.units[0], radius_mm)]
     return fit_array(skin, series)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -26,7 +25,7 @@ __all__ = [
     "Blocks",
     "Counts",
     "Series",
-    "alone",
+
     "hash_of",
     "load_series",
     "read_counts",
@@ -35,9 +34,6 @@ __all__ = [
 ]  # fmt: skip
 
 AXES = "xyz"
-OF_UNITS = ("patch", "enabled", "position", "rotation", "area", "calibrated", "tared", "scale",
-            "offset", "wired")  # fmt: skip
-"""Arrays of a topology whose last axis is the unit's."""
 BLOCK_S = 0.1
 """Length of a block: in it a bench at 2 mm/s goes 0.2 mm, over which the laws are straight to
 0.3 µm of a circle of 2 mm [derived]."""
@@ -266,19 +262,6 @@ def standing(values: np.ndarray) -> tuple[int, int] | None:
         if longest[1] - longest[0] >= STANDING:
             return int(longest[0]), int(longest[1] - longest[0])
     return None
-
-
-def alone(topology: Topology, unit: int) -> Topology:
-    """The skin of one unit alone, to decode its counts without the others'."""
-    units = topology.frames.units
-    sliced = {name: getattr(topology, name)[..., unit : unit + 1] for name in OF_UNITS}
-    none = np.zeros(0, np.int32)
-    return dataclasses.replace(
-        topology, **sliced, unit_names=(topology.unit_names[unit],),
-        parameters={k: v[..., unit : unit + 1] for k, v in topology.parameters.items()},
-        frames=dataclasses.replace(topology.frames, units=np.where(units == unit, 0, -1)),
-        neighbour_start=np.zeros(2, np.int32), neighbour_index=none,
-    )  # fmt: skip
 
 
 def hash_of(paths: list[Path]) -> str:

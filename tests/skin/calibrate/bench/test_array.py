@@ -87,6 +87,16 @@ def test_a_plate_that_tells_the_normal_force_alone_leaves_shear_as_the_model_has
         assert result.kept["shear_soft_n_per_mm"].startswith("the recordings leave")
 
 
+def test_on_calibrated_units_what_no_gain_takes_up_stays_in_sigma():
+    skin, told = series()
+    known = {"calibrated": np.ones(UNITS, bool)}
+    p = dict(skin.parameters) | {"shear_sigma_relative": np.full(UNITS, 0.06)}
+    for result in fit_array(dataclasses.replace(skin, parameters=p, **known), told):
+        (fit,) = result.fits
+        assert 0.63 * 0.06 < fit["shear_sigma_relative"] < 0.06
+        assert fit["normal_sigma_relative"] < 0.01
+
+
 def test_a_force_that_goes_the_other_way_is_refused():
     skin, told = series()
     with pytest.raises(ScanError) as caught:

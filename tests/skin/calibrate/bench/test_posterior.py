@@ -63,8 +63,8 @@ def test_intervals_hold_their_share_where_errors_go_on_for_a_while():
         y = 2.0 + 3.0 * x + slow + 0.1 * rng.standard_normal(400)
         fit = fitted(x, y, {"a": (0.0, 100.0), "b": (0.0, 100.0)}).fit
         inside += list(np.abs(fit.values - [2.0, 3.0]) <= 1.96 * fit.sigma)
-    # 40 pieces, of two errors each, make an interval of 95 % hold in 92 % (of 300): 50 of 60 or more
-    # in 99 %; if every sample counted, about half of them would
+    # 40 pieces, of two errors each, make an interval of 95 % hold in 92 % (of 300): in 99 %, 50 of
+    # 60 or more; if every sample counted, about half of them would
     assert sum(inside) >= 50
 
 

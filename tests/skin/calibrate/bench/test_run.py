@@ -240,6 +240,18 @@ def test_parquet_is_read_as_csv_is(tmp_path):
         np.testing.assert_array_equal(read_table(tmp_path / "a.parquet")[name], values)
 
 
+def test_a_curved_mount_is_in_sigma(bench, fitted, tmp_path):
+    new = copied(bench, tmp_path)
+    text = new.read_text()
+    new.write_text(text[: text.rindex("[[recordings]]")].replace(
+        "format = 1", "format = 1\nmount_radius_mm = 20.0"))  # fmt: skip
+    curved, flat = (
+        outcome.topology.parameters["shear_sigma_relative"][0]
+        for outcome in (calibrate_bench(new), fitted)
+    )
+    assert curved == pytest.approx(np.hypot(flat, 0.06), rel=1e-6)
+
+
 def test_the_plan_has_every_segment_and_its_time(capsys):
     assert main(["calibrate", "plan", "palm", "--json"]) == 0
     said = capsys.readouterr().out
