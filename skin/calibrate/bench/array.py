@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from bus.status import INVALID
+from skin.calibrate.bench.alone import tared
 from skin.calibrate.bench.file import KINDS
 from skin.calibrate.bench.fit import UnitResult
 from skin.calibrate.bench.laws import PRIOR, TURN_RAD
@@ -17,11 +17,10 @@ from skin.calibrate.bench.series import AXES, Series
 from skin.calibrate.read import as_fit
 from skin.decode.decoder import Decoder
 from skin.errors import ScanError
-from topology import CHANNELS, Topology
+from topology import Topology
 
 __all__ = ["fit_array"]
 
-FREQUENCY = CHANNELS.index("frequency")
 MOST = 1500
 LEAST = 100
 FORCE_SIGMA_N = 0.02
@@ -59,7 +58,7 @@ def fit_array(topology: Topology, series: Series) -> list[UnitResult]:
         No such segment, no force, or a gain that no unit has.
     """
     units = list(series.units)
-    at_rest = _tared(topology, series)
+    at_rest = tared(topology, series)
     decoder = Decoder(at_rest, {"force"}, dtype="float64")
     reading = decoder(series.counts.counts)
     rows = [axis for axis in range(3) if np.isfinite(series.force[axis]).any()]
@@ -104,19 +103,6 @@ def _known(topology: Topology, kind: str, unit: int, spread: float) -> float:
     if not topology.calibrated[unit]:
         return spread
     return max(float(topology.parameters[f"{kind}_sigma_relative"][unit]), 1e-4)
-
-
-def _tared(topology: Topology, series: Series) -> Topology:
-    """The skin with its rest frequencies from the tare."""
-    rest = series.kind == KINDS.index("tare")
-    if not rest.any():
-        return topology
-    units = list(series.units)
-    scale, offset = (v[FREQUENCY, units] for v in (topology.scale, topology.offset))
-    parameters = {name: values.copy() for name, values in topology.parameters.items()}
-    counts = series.counts.counts[rest][:, FREQUENCY, units]
-    parameters["frequency_rest_hz"][units] = scale * counts.mean(axis=0) + offset
-    return dataclasses.replace(topology, parameters=parameters)
 
 
 def _result(topology: Topology, series: Series, unit: int, i: int, posterior: Any) -> UnitResult:

@@ -80,7 +80,7 @@ def score(topology: Topology, series: Series, unit: int) -> Score:
     if whole.sum() > 2:
         pressed = whole & (np.linalg.norm(told, axis=1) > 0.5)
         if pressed.sum() > 2:
-            turn, _ = Rotation.align_vectors(force[pressed], told[pressed])
+            turn = Rotation.align_vectors(force[pressed], told[pressed])[0]
             told = turn.apply(np.nan_to_num(told))
         error = (force - told)[whole]
         rmse = float(np.sqrt(np.mean(np.sum(error**2, axis=1))))

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from skin.calibrate.bench import laws
-from skin.calibrate.bench.alone import alone
+from skin.calibrate.bench.alone import alone, tared
 from skin.calibrate.bench.posterior import KEPT, Posterior, robust_sigma
 from skin.calibrate.bench.series import Blocks, Series
 from skin.calibrate.film import FilmFit
@@ -138,6 +138,8 @@ def fit_unit(
     if not measured:
         series = replace(series, displacement=_decoded(topology, series, unit))
     blocks = series.blocks(topology, unit)
+    if not len(blocks):
+        raise ScanError("segments: must have counts of the unit; got none")
     work.attempt("gel", lambda: _gel(work, series.blocks(topology, unit, 0.0).thinned(2 * MOST)))
     touch = {"mm": 0.0}
     work.attempt("normal", lambda: _normal(work, blocks, measured, touch))
@@ -210,7 +212,7 @@ def _decoded(topology: Topology, series: Series, unit: int) -> np.ndarray:
     """Displacement by the unit's own model, where the reference has none; shape (3, t)."""
     from skin.decode.decoder import Decoder
 
-    decoder = Decoder(alone(topology, unit), {"displacement"}, dtype="float64")
+    decoder = Decoder(alone(tared(topology, series), unit), {"displacement"}, dtype="float64")
     counts = np.ascontiguousarray(series.counts.counts[:, :, unit : unit + 1])
     return np.array(decoder(counts).displacement_mm[:, :, 0], float).T
 

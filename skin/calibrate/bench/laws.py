@@ -66,7 +66,7 @@ def prior_of(p: Parameters, *names: str) -> dict[str, tuple[float, float]]:
 
 def _needed(blocks: Blocks, what: str, *arrays: np.ndarray) -> Blocks:
     """The blocks where everything was measured."""
-    whole = np.isfinite(np.stack([*arrays])).all(axis=0) if arrays else np.ones(len(blocks), bool)
+    whole = np.asarray(np.isfinite(np.stack(arrays)).all(axis=0))
     if whole.sum() < LEAST_BLOCKS:
         raise ScanError(f"{what}: must be {LEAST_BLOCKS} blocks of 0.1 s or more; got "
                         f"{int(whole.sum())}")  # fmt: skip

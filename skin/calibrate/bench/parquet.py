@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +23,7 @@ def read_parquet(path: Path) -> dict[str, np.ndarray]:
         The file is damaged, or a column holds no numbers.
     """
     try:
-        import pyarrow as arrow
-        from pyarrow import parquet
+        arrow, parquet = import_module("pyarrow"), import_module("pyarrow.parquet")
     except ImportError as error:
         raise LibraryError(
             f"{path}: must have pyarrow to be read; not installed: pip install 'f3t-skin[parquet]'"

@@ -84,8 +84,10 @@ def fit_posterior(
     def both(now: np.ndarray) -> np.ndarray:
         return np.concatenate([*(g / s for g, s in zip(groups(now), spread, strict=True)), now])
 
+    solve: Any = optimize.least_squares
+    slopes: Any = optimize.approx_fprime
     for _ in range(2):  # the second with the scatter that the first has left
-        solved: Any = optimize.least_squares(
+        solved = solve(
             both,
             at,
             loss=lambda z: _loss(z, samples),
@@ -97,8 +99,7 @@ def fit_posterior(
         at = solved.x
         spread = np.array([max(1.0, robust_sigma(group)) if len(group) else 1.0
                            for group in groups(at)])  # fmt: skip
-    jacobian = optimize.approx_fprime(at, both, 1e-6)
-    data, rows = both(at)[:samples], jacobian[:samples]
+    data, rows = both(at)[:samples], slopes(at, both, 1e-6)[:samples]
     weight = np.minimum(1.0, HUBER / np.maximum(np.abs(data), 1e-12))
     # Huber's curvature counts what lies within, and its gradients are cut off there
     bread = np.linalg.inv((rows * (np.abs(data) <= HUBER)[:, np.newaxis]).T @ rows
