@@ -78,9 +78,10 @@ class BenchFile(_Table, frozen=True, kw_only=True):
     topology: Annotated[str, Meta(description="Topology file, or a ready-made one")]
     date: str = ""
     bench: str = ""
-    mount_radius_mm: Annotated[
-        float | None, Meta(description="Of the mount that units go to afterwards", ge=5, le=1e6)
-    ] = None
+    mount_radius_mm: (
+        Annotated[float, Meta(description="Of the mount that units go to afterwards", ge=5, le=1e6)]
+        | None
+    ) = None
     columns: dict[str, Column] = {}
     segments: tuple[Segment, ...] = ()
     recordings: Annotated[tuple[Recording, ...], Meta(min_length=1)]

@@ -39,12 +39,12 @@ def read_table(path: Path) -> dict[str, np.ndarray]:
         raise ScanError(f"{path}:1: {twice}: must be a column of its own; got two of that name")
     with open_regular(path) as raw:
         text = raw.read().decode("utf-8-sig", errors="replace")
+    if not text.partition("\n")[2].strip():
+        raise ScanError(f"{path}: must have rows below its head; got none")
     try:
         cells = np.loadtxt(io.StringIO(text), delimiter=",", skiprows=1, ndmin=2)
     except ValueError:  # empty cells, or what is none of numbers: told with its line
         cells = _slowly(path, head, text)
-    if not cells.size:
-        raise ScanError(f"{path}: must have rows below its head; got none")
     if cells.shape[1] != len(head):
         raise ScanError(f"{path}:1: must have as many names as columns, {cells.shape[1]}; got "
                         f"{len(head)}")  # fmt: skip
