@@ -66,6 +66,7 @@ def _unit(outcome: Outcome, result: UnitResult) -> str:
              if key in result.goodness]  # fmt: skip
     if score is not None:
         facts.append(("force against the reference, rms", f"{score.force_rmse_n:.4f} N"))
+        facts.append(("temperature against it, rms", f"{score.temperature_rmse_c:.3f} °C"))
         facts += [(f"{what}, errors over sigma", f"{z:.2f}")
                   for what, z in score.over_sigma.items()]  # fmt: skip
     facts += [(f"recorded {key}", f"{low:.4g} to {high:.4g}")

@@ -377,8 +377,3 @@ def _ranges(blocks: Blocks, gel_c: np.ndarray) -> dict[str, tuple[float, float]]
 
 def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(values)))) if values.size else float("nan")
-
-
-def calibrated(topology: Topology, results: list[UnitResult]) -> Topology:
-    """The skin with what was found."""
-    return with_fits(topology, {result.unit: result.fits for result in results})

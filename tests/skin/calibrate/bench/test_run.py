@@ -149,7 +149,7 @@ def test_what_is_killed_while_it_writes_leaves_the_old_file(fitted, tmp_path, mo
     out = tmp_path / "pad.toml"
     out.write_text('format = 1\npatch = "pad"\n')
 
-    def killed(before, after):
+    def killed(*_):
         raise SystemExit(143)  # as the command does at SIGTERM
 
     monkeypatch.setattr("skin.calibrate.write.carry_comments", killed)
