@@ -347,6 +347,35 @@ class File(_Table, frozen=True, kw_only=True):
     units: tuple[UnitException, ...] = ()
 
 
+_Share = Annotated[float, Meta(ge=-1e15, le=1e15)]
+
+
+class Covariance(_Table, frozen=True, kw_only=True):
+    """How well parameters that were fitted together are known."""
+
+    parameters: Annotated[tuple[str, ...], Meta(description='Names; "name[3]" is of a list')]
+    sigma: Annotated[tuple[_Share, ...], Meta(description="One sigma of each")]
+    correlation: Annotated[
+        tuple[Annotated[float, Meta(ge=-1.0, le=1.0)], ...],
+        Meta(description="Below the diagonal, row by row"),
+    ] = ()
+
+
+class Measured(_Table, frozen=True, kw_only=True):
+    """Which unit it was, what was recorded of it, and how well the laws follow it."""
+
+    serial: Annotated[str, Meta(description="Serial number")] = ""
+    hash: Annotated[str, Meta(description="SHA-256 of the recordings")] = ""
+    range: Annotated[
+        dict[str, tuple[_Share, _Share]], Meta(description="Lowest and highest recorded value")
+    ] = {}
+    goodness: Annotated[dict[str, _Share], Meta(description="Residuals of the laws")] = {}
+    kept: Annotated[
+        tuple[str, ...], Meta(description="Parameters and laws that stay as the model has them")
+    ] = ()
+    covariance: tuple[Covariance, ...] = ()
+
+
 class CalibrationFile(_Table, frozen=True, kw_only=True):
     """A calibration file: what was measured of the units of one patch."""
 
@@ -356,6 +385,9 @@ class CalibrationFile(_Table, frozen=True, kw_only=True):
     bench: Annotated[str, Meta(description="Where and how it was measured")] = ""
     units: Annotated[
         dict[str, Overrides], Meta(description="Unit (`r3c4`) to the parameters that differ")
+    ] = {}
+    measured: Annotated[
+        dict[str, Measured], Meta(description="Unit to how its parameters were measured")
     ] = {}
 
 

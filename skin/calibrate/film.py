@@ -28,6 +28,8 @@ TABLE = 7
 NAMES = ("field_xx", "field_xy", "field_yx", "field_yy", *RAW[3:], "field_angle_max_mm")
 SHORTEST = 0.5
 """Least share of the scan's displacements over which the angle must grow [assumed]."""
+LEVELS = 50
+"""Depths at which the range is looked for, where a scan has more [assumed]."""
 ROUNDS = 3
 """Fits with the spread that the one before has left."""
 
@@ -147,7 +149,10 @@ def _spread(residual: np.ndarray, noise: np.ndarray, freedom: int) -> float:
 
 def _range(table: np.ndarray, depth: np.ndarray, longest_mm: float) -> float:
     """Displacement up to which R(psi, H) rises with psi at every depth, at most `longest_mm`."""
-    angle, level = np.meshgrid(np.linspace(0.0, 0.75 * np.pi, 400), np.unique(depth))
+    levels = np.unique(depth)
+    if levels.size > LEVELS:
+        levels = np.linspace(levels[0], levels[-1], LEVELS)
+    angle, level = np.meshgrid(np.linspace(0.0, 0.75 * np.pi, 400), levels)
     place = angle.ravel(), level.ravel()
     rises = angle_slope(table.reshape(4, 4), *place).reshape(angle.shape) > 0.0
     rises = np.logical_and.accumulate(rises, axis=1)

@@ -137,6 +137,7 @@ class Tare:
                 path, patch, units, date=date or datetime.date.today().isoformat(),
                 bench=f"{bench}; {how}" if bench else how, tangential_max_mm=0.0,
                 before="" if source is None else source.read_text(encoding="utf-8"),
+                measured=before.get("measured"),
             )  # fmt: skip
         return files
 

@@ -29,7 +29,7 @@ from skin.physics.least_squares import Fit
 from skin.physics.scan import Recordings, Scan
 from topology import CHANNELS, Topology
 
-__all__ = ["Calibration", "calibrate", "calibrate_unit"]
+__all__ = ["Calibration", "calibrate", "calibrate_unit", "fit_crest", "left_of", "with_fits"]
 
 GEL = CHANNELS.index("gel")
 
@@ -88,7 +88,7 @@ def calibrate(topology: Topology, recordings: Recordings) -> Calibration:
             units[name], films[name] = calibrate_unit(topology, recordings, unit)
         except ScanError as error:
             raise ScanError(f"{name}: {error}") from None
-    return Calibration(_with(topology, units), units, films)
+    return Calibration(with_fits(topology, units), units, films)
 
 
 def calibrate_unit(
@@ -137,7 +137,7 @@ def calibrate_unit(
     way = place[1] * np.exp(1j * sheared["direction_rad"])
     way += film.fit["film_x_mm"] + 1j * film.fit["film_y_mm"]
     lateral = (x * np.real(way) + y * np.imag(way)) / np.abs(way)
-    amplitude = _amplitude(lateral, place[0], np.abs(way), float(p["field_reference_mm"]), field_ut)
+    amplitude = fit_crest(lateral, place[0], np.abs(way), float(p["field_reference_mm"]), field_ut)
     shear = fit_shear(
         sheared["force_n"][:, 0], place[1], place[0],
         reference_mm=float(p["field_reference_mm"]), sigma_n=force_n,
@@ -145,13 +145,13 @@ def calibrate_unit(
     strength_ut, force = _rms(lateral), (pressed["force_n"][:, 1], sheared["force_n"][:, 0])
     kelvin = 60.0 / np.log(gel["gel_current_ratio"])
     spread = {
-        "temperature_sigma_c": kelvin * _left(gel, float(p["gel_noise_relative"])),
-        "frequency_sigma_hz": _left(frequency, noise_hz),
-        "normal_sigma_relative": np.hypot(_left(normal, force_n) / _rms(force[0]), slope_sigma),
-        "field_sigma_ut": _left(chip, field_ut),
+        "temperature_sigma_c": kelvin * left_of(gel, float(p["gel_noise_relative"])),
+        "frequency_sigma_hz": left_of(frequency, noise_hz),
+        "normal_sigma_relative": np.hypot(left_of(normal, force_n) / _rms(force[0]), slope_sigma),
+        "field_sigma_ut": left_of(chip, field_ut),
         "field_angle_sigma_mm": film.sigma_mm,
-        "field_amplitude_sigma_relative": _left(amplitude, field_ut) / strength_ut,
-        "shear_sigma_relative": _left(shear, force_n) / _rms(force[1]),
+        "field_amplitude_sigma_relative": left_of(amplitude, field_ut) / strength_ut,
+        "shear_sigma_relative": left_of(shear, force_n) / _rms(force[1]),
     }
     # a spread of t samples is known to a share of 1 / sqrt(2 t)
     relative = 1.0 / np.sqrt(2.0 * film.fit.samples)
@@ -163,7 +163,7 @@ def calibrate_unit(
     return (gel, frequency, normal, drift, chip, film.fit, amplitude, shear, told), film
 
 
-def _left(fit: Fit, noise: float) -> float:
+def left_of(fit: Fit, noise: float) -> float:
     """One sigma of a fitted law: how far it is off beyond the noise, and its covariance.
 
     Over its own samples, the covariance of p parameters amounts to p / t of a residual's variance.
@@ -185,11 +185,18 @@ def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _amplitude(
+def fit_crest(
     lateral: np.ndarray, depth: np.ndarray, displacement: np.ndarray, reference_mm: float,
     sigma_ut: float,
 ) -> Fit:  # fmt: skip
-    """M0(H) and k, of what lies before the crest."""
+    """M0(H) and k, of what lies before the crest.
+
+    Parameters
+    ----------
+    lateral, depth, displacement : ndarray, shape (t,)
+        As of `skin.calibrate.amplitude.fit_amplitude`.
+    reference_mm, sigma_ut : float
+    """
     fit = functools.partial(fit_amplitude, reference_mm=reference_mm, sigma_ut=sigma_ut)
     first = fit(lateral, depth, displacement)
     before = displacement <= 0.5 * np.pi / first["field_wavenumber_rad_per_mm"]
@@ -208,12 +215,20 @@ def _poses(scan: Mapping[str, np.ndarray]) -> np.ndarray:
     return np.unique(poses, axis=0, return_inverse=True)[1].ravel()
 
 
-def _with(topology: Topology, units: Mapping[str, tuple[Fit, ...]]) -> Topology:
-    """The skin with fitted parameters."""
+def with_fits(topology: Topology, units: Mapping[str, tuple[Fit, ...]]) -> Topology:
+    """The skin with fitted parameters.
+
+    Parameters
+    ----------
+    topology : Topology
+    units : dict of str to tuple of Fit
+        Units and their fits; those that are missing stay as they are.
+    """
     changed = {name: values.copy() for name, values in topology.parameters.items()}
-    for index, name in enumerate(topology.unit_names):
+    for name, fits in units.items():
+        index = topology.unit_index(name)
         most = float(topology.parameters["tangential_max_mm"][index])
-        for parameter, (value, _) in parameter_values(name, units[name], most).items():
+        for parameter, (value, _) in parameter_values(name, fits, most).items():
             changed[parameter][..., index] = value
     for values in changed.values():
         values.flags.writeable = False

@@ -7,6 +7,7 @@ import os
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -33,6 +34,7 @@ def write_calibration(
     bench: str = "",
     tangential_max_mm: float = UnitModel().tangential_max_mm,
     before: str = "",
+    measured: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> None:
     """Write what was fitted of the units of a patch, with the sigma of each value beside it.
 
@@ -52,6 +54,8 @@ def write_calibration(
         it, the range ends at the crest.
     before : str
         Text of the file whose comments go over to this one.
+    measured : dict of str to dict, optional
+        Unit to its table of `topology.schema.Measured`.
 
     Raises
     ------
@@ -64,8 +68,11 @@ def write_calibration(
     lines += [f"{key} = {_text(text)}" for key, text in (("date", date), ("bench", bench)) if text]
     for unit, fits in units.items():
         found = parameter_values(f"{patch}/{unit}", fits, tangential_max_mm)
-        lines += ["", f"[units.{unit if BARE.fullmatch(unit) else _text(unit)}]"]
+        lines += ["", f"[units.{_key(unit)}]"]
         lines += [_line(name, value, sigma) for name, (value, sigma) in found.items()]
+    for unit, table in (measured or {}).items():
+        lines += ["", f"[measured.{_key(unit)}]"]
+        lines += [f"{_key(name)} = {_value(value)}" for name, value in table.items()]
     with whole_file(Path(file), "w", encoding="utf-8") as out:
         out.write(carry_comments(before, "\n".join(lines) + "\n"))
 
@@ -130,6 +137,19 @@ def _line(name: str, value: float | np.ndarray, sigma: float) -> str:
         return f"{name} = {int(value) if whole else value!r}{known}"
     values = ", ".join(repr(float(entry)) for entry in value)
     return f"{name} = [{values}]{known + ' at most' if known else ''}"
+
+
+def _key(name: str) -> str:
+    return name if BARE.fullmatch(name) else _text(name)
+
+
+def _value(value: Any) -> str:
+    """A value of TOML, tables in one line."""
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{_key(k)} = {_value(v)}" for k, v in value.items()) + " }"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_value, value)) + "]"
+    return _text(value) if isinstance(value, str) else f"{value:.6g}"
 
 
 def _text(text: str) -> str:

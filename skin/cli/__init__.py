@@ -23,6 +23,7 @@ COMMANDS = {
     "run": "listen to the buses of a topology and show what the skin feels",
     "doctor": "listen to the buses of a topology, and say what is wrong and why",
     "tare": "take the zeros of an untouched skin, and save them",
+    "calibrate": "fit units to the recordings of a bench, and write their calibration file",
     "decode": "turn a recorded log into forces",
     "dbc": "write a DBC file for each bus, for every other CAN tool",
 }
@@ -46,7 +47,12 @@ def main(arguments: list[str] | None = None) -> int:
         from skin.errors import OptionError
 
         return _refuse(str(OptionError.unknown("skin", name, COMMANDS)))
-    command: Callable[..., int] = getattr(import_module(f"skin.cli.{name}"), name)
+    module = import_module(f"skin.cli.{name}")
+    command: Callable[..., int] = getattr(module, name)
+    if rest and rest[0] in (words := getattr(module, "SUBCOMMANDS", {})):
+        place, function = words[rest[0]].split(":")
+        command = getattr(import_module(place), function)
+        name, rest = f"{name} {rest[0]}", rest[1:]
     return _guarded(
         lambda: tyro.cli(
             command,

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import io
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +18,7 @@ from topology.files import whole_file
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["Run", "save_run"]
+__all__ = ["Chart", "Run", "charts_svg", "save_run"]
 
 INK = "#1b1f24"
 MUTED = "#6b7280"
@@ -55,6 +58,61 @@ def save_run(path: Path, topology: Topology, run: Run) -> None:
     LibraryError
         matplotlib is not installed.
     """
+    with _figure((11.0, 7.6)) as figure:
+        maps, lines = figure.subfigures(2, 1, height_ratios=(1.1, 1.0))
+        _draw_maps(maps, topology, run)
+        _draw_lines(lines, run)
+        with whole_file(path) as file:
+            figure.savefig(file, dpi=120, format="png")
+
+
+@dataclass
+class Chart:
+    """One chart: points and lines over one axis.
+
+    Attributes
+    ----------
+    title, x_label, y_label : str
+    points, lines : dict of str to (x, y)
+        Label to arrays, shape (t,).
+    """
+
+    title: str
+    x_label: str
+    y_label: str
+    points: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+    lines: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+
+
+def charts_svg(charts: list[Chart], columns: int = 4) -> str:
+    """Charts side by side as the text of an SVG element; points are embedded as pixels.
+
+    Raises
+    ------
+    LibraryError
+        matplotlib is not installed.
+    """
+    rows = -(-len(charts) // columns)
+    with _figure((3.3 * columns, 2.6 * rows)) as figure:
+        for number, chart in enumerate(charts, start=1):
+            axes = figure.add_subplot(rows, columns, number)
+            for hue, (label, (x, y)) in zip(HUES, chart.points.items(), strict=False):
+                axes.plot(x, y, ".", color=hue, markersize=2.5, label=label, rasterized=True)
+            for hue, (label, (x, y)) in zip((INK, MUTED), chart.lines.items(), strict=False):
+                axes.plot(x, y, color=hue, linewidth=1.2, label=label)
+            axes.set(xlabel=chart.x_label, ylabel=chart.y_label)
+            axes.set_title(chart.title, fontsize=9)
+            if len(chart.points) + len(chart.lines) > 1:
+                axes.legend(frameon=False, fontsize=7, loc="best")
+        out = io.StringIO()
+        figure.savefig(out, format="svg", dpi=110)
+    text = out.getvalue()
+    return text[text.index("<svg") :]
+
+
+@contextmanager
+def _figure(size: tuple[float, float]) -> Iterator[Any]:
+    """A figure in this package's style."""
     try:
         import matplotlib as mpl
     except ImportError as error:
@@ -70,13 +128,9 @@ def save_run(path: Path, topology: Topology, run: Run) -> None:
         "axes.spines.right": False,
     }  # fmt: skip
     with mpl.rc_context(style):
-        figure: Any = Figure(figsize=(11.0, 7.6), layout="constrained")
+        figure: Any = Figure(figsize=size, layout="constrained")
         FigureCanvasAgg(figure)
-        maps, lines = figure.subfigures(2, 1, height_ratios=(1.1, 1.0))
-        _draw_maps(maps, topology, run)
-        _draw_lines(lines, run)
-        with whole_file(path) as file:
-            figure.savefig(file, dpi=120, format="png")
+        yield figure
 
 
 def moments(run: Run) -> np.ndarray:

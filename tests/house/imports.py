@@ -36,7 +36,7 @@ ROOMS: dict[str, frozenset[str]] = {
     "live": COMMON | {"physics", "decode", "contact", "pipeline", "compiling", "sim"},
     "opening": COMMON | {"contact", "pipeline", "compiling", "sim", "live"},
     "offline": COMMON | {"pipeline", "compiling"},
-    "view": COMMON | {"live"},
+    "view": COMMON | {"live", "calibrate"},
 }
 """What each room may import of `skin`, beside itself. `opening` starts simulated units when a skin
 is opened with ``simulate=True``. `cli` and the package's own `__init__` may import everything."""

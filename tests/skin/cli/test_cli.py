@@ -408,9 +408,11 @@ def test_who_reads_no_further_breaks_nothing():
     assert process.returncode == 0
 
 
-@pytest.mark.parametrize("name", sorted(set(COMMANDS) - {"decode"}))
+@pytest.mark.parametrize(
+    "name", [*sorted(set(COMMANDS) - {"decode", "calibrate"}), "calibrate plan"]
+)
 def test_an_unknown_topology_is_refused_alike(name, capsys):
-    assert main([name, "plam"]) == 2
+    assert main([*name.split(), "plam"]) == 2
     assert capsys.readouterr().err == (
         "plam: must be a file or a ready-made topology (fingertip, hand, palm, strip); "
         "got no such file; nearest: 'palm'\n"

@@ -1,0 +1,153 @@
+"""BENCH files, format version 1: which recordings there are of which units, and what they hold.
+
+See docs/calibrate.md for the format.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args
+
+import msgspec
+from msgspec import Meta
+
+from topology.errors import nearest
+from topology.files import check_path, missing
+from topology.read import open_source, read
+from topology.report import Report
+from topology.source import Source
+
+__all__ = ["KINDS", "QUANTITIES", "BenchFile", "Column", "Recording", "Segment", "read_bench"]
+
+Kind = Literal[
+    "tare", "normal", "shear", "circles", "heated-free", "heated-load", "hold", "neighbours",
+    "bare", "array",
+]  # fmt: skip
+KINDS: tuple[str, ...] = get_args(Kind)
+"""What a segment is; see `skin.calibrate.bench.plan`."""
+
+
+class _Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A table of the file."""
+
+
+class Column(_Table, frozen=True, kw_only=True):
+    """Where a quantity stands in the reference table, and in what."""
+
+    column: Annotated[str, Meta(description="Name at the head of the table")]
+    unit: Annotated[str, Meta(description="Unit of measure")] = ""
+    reversed: Annotated[bool, Meta(description="Whether the axis points the other way")] = False
+
+
+_TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_FORCE = {"N": 1.0, "mN": 1e-3, "gf": 9.80665e-3, "kgf": 9.80665, "lbf": 4.4482216}
+_LENGTH = {"mm": 1.0, "um": 1e-3, "m": 1e3}
+_WARM = {"C": (1.0, 0.0), "K": (1.0, -273.15), "F": (1.0 / 1.8, -32.0 / 1.8)}
+QUANTITIES: dict[str, dict[str, Any]] = {
+    "time": _TIME,
+    "force_x": _FORCE, "force_y": _FORCE, "force_z": _FORCE,
+    "displacement_x": _LENGTH, "displacement_y": _LENGTH, "displacement_z": _LENGTH,
+    "temperature": _WARM,
+}  # fmt: skip
+"""Quantities of a reference table, and what a unit of measure is in s, N, mm, °C."""
+
+
+class Segment(_Table, frozen=True, kw_only=True):
+    """What the bench does for a while."""
+
+    kind: Kind
+    start_s: Annotated[float, Meta(description="On the clock of the reference", ge=-1e12, le=1e12)]
+    end_s: Annotated[float, Meta(ge=-1e12, le=1e12)]
+
+
+class Recording(_Table, frozen=True, kw_only=True):
+    """Counts of one or more units, and what was measured of them meanwhile."""
+
+    counts: Annotated[str, Meta(description="Log of the bus, or table of counts")]
+    reference: Annotated[str, Meta(description="Table of the reference sensors: .csv, .parquet")]
+    units: Annotated[dict[str, str], Meta(description="Unit to its serial number")]
+    columns: Annotated[dict[str, Column] | None, Meta(description="In place of the file's")] = None
+    segments: Annotated[tuple[Segment, ...], Meta(description="In place of the file's")] = ()
+
+
+class BenchFile(_Table, frozen=True, kw_only=True):
+    """A BENCH file."""
+
+    format: Literal[1]
+    topology: Annotated[str, Meta(description="Topology file, or a ready-made one")]
+    date: str = ""
+    bench: str = ""
+    mount_radius_mm: (
+        Annotated[float, Meta(description="Of the mount that units go to afterwards", ge=5, le=1e6)]
+        | None
+    ) = None
+    columns: dict[str, Column] = {}
+    segments: tuple[Segment, ...] = ()
+    recordings: Annotated[tuple[Recording, ...], Meta(min_length=1)]
+
+
+def read_bench(file: str | os.PathLike[str]) -> tuple[BenchFile, Source]:
+    """Read a BENCH file; columns and segments of the file are put into its recordings.
+
+    Raises
+    ------
+    topology.TopologyError
+        Everything that is wrong, each with its line and key.
+    """
+    check_path("bench", file, TypeError)
+    report, shown = Report(), os.fspath(file)
+    if missing(file):
+        report.about_file("no-file", shown, path=shown)
+    source = None if missing(file) else open_source(Path(file), shown, report)
+    report.raise_if_any()
+    assert source is not None
+    bench = read(BenchFile, source, report)
+    report.raise_if_any()
+    _check_columns(bench.columns, ("columns",), source, report)
+    _check_segments(bench.segments, ("segments",), source, report)
+    recordings = []
+    for index, each in enumerate(bench.recordings):
+        key = ("recordings", index)
+        if not each.units:
+            report.add("value", source, (*key, "units"), expected="a table with one unit at least",
+                       got="none")  # fmt: skip
+        for name in ("counts", "reference"):
+            path = source.path.parent / getattr(each, name)
+            if missing(path):
+                report.add("no-file", source, (*key, name), path=str(path))
+        _check_columns(each.columns or {}, (*key, "columns"), source, report)
+        _check_segments(each.segments, (*key, "segments"), source, report)
+        columns = bench.columns if each.columns is None else each.columns
+        segments = each.segments or bench.segments
+        place = key if each.columns is not None or not bench.columns else ()
+        if "time" not in columns:
+            report.add("missing-key", source, (*place, "columns"), part="time", name="time",
+                       expected="a table with the column of the time")  # fmt: skip
+        if not segments:
+            report.add("missing-key", source, key, part="segments", name="segments",
+                       expected="tables with kind, start_s and end_s")  # fmt: skip
+        recordings.append(msgspec.structs.replace(each, columns=columns, segments=segments))
+    report.raise_if_any()
+    return msgspec.structs.replace(bench, recordings=tuple(recordings)), source
+
+
+def _check_columns(
+    columns: dict[str, Column], key: tuple[str | int, ...], source: Source, report: Report
+) -> None:
+    for name, column in columns.items():
+        if name not in QUANTITIES:
+            hint = nearest(name, QUANTITIES)
+            report.add("unknown-key", source, (*key, name), hint, name=repr(name))
+        elif column.unit and column.unit not in QUANTITIES[name]:
+            report.add("value", source, (*key, name, "unit"), got=repr(column.unit),
+                       expected=" or ".join(map(repr, QUANTITIES[name])))  # fmt: skip
+
+
+def _check_segments(
+    segments: tuple[Segment, ...], key: tuple[str | int, ...], source: Source, report: Report
+) -> None:
+    for index, each in enumerate(segments):
+        if each.end_s <= each.start_s:
+            report.add("value", source, (*key, index, "end_s"), got=f"{each.end_s:g}",
+                       expected=f"above start_s, {each.start_s:g}")  # fmt: skip

@@ -1,0 +1,379 @@
+"""From the recordings of a unit to all of its parameters that they fix.
+
+The order is that of decoding: gel, normal force, drifts, film, shear; what is fitted later stands
+on what was fitted before. What a recording lacks, or does not fix, stays as the model has it, and
+is said to (`UnitResult.kept`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from skin.calibrate.bench import laws
+from skin.calibrate.bench.alone import alone, tared
+from skin.calibrate.bench.posterior import KEPT, Posterior, robust_sigma
+from skin.calibrate.bench.series import Blocks, Series
+from skin.calibrate.film import FilmFit
+from skin.calibrate.read import as_fit
+from skin.calibrate.unit import fit_crest, left_of, with_fits
+from skin.decode.model import field_angle_ends
+from skin.errors import ScanError
+from skin.physics.least_squares import Fit
+from topology import CHANNELS, Topology
+
+__all__ = ["UnitResult", "fit_unit"]
+
+GEL, FREQUENCY = CHANNELS.index("gel"), CHANNELS.index("frequency")
+LOADED = ("normal", "shear", "circles")
+SHEARED = ("shear", "circles")
+SLOW_S = 1.0
+"""Block of what changes slowly: temperatures, and fields of poses that are held [assumed]."""
+CURVED_MM = 1.2
+"""Error of the displacement of a film that was bent after its calibration, over the displacement,
+times the radius of the mount: 8 % across and 1.3 % along a cylinder of 20 mm, root mean square
+[derived: python -m benchmarks curved]."""
+ROUNDS = 10
+MOST = 2500
+"""Samples of film and shear: more would only average noise that is far below their misfit."""
+NEAREST_MM = 0.2
+"""Displacement from which the field has a direction that a film's fit can stand on: that of the
+simulated bench's shortest stroke [assumed]."""
+TOUCHED_MM = 0.02
+"""Depth from which a face is held, and sheared with what presses it [assumed]."""
+
+
+@dataclass(frozen=True, eq=False)
+class UnitResult:
+    """What was found of one unit.
+
+    Attributes
+    ----------
+    unit : str
+    fits : tuple of Fit
+        Of parameters of `UnitModel`, in the order of decoding.
+    kept : dict of str to str
+        Parameters, or laws, that stay as the model has them, and why.
+    left : dict of str to float
+        Variance of each parameter over that of its prior.
+    goodness : dict of str to float
+        Residuals of each law, root mean square; sensor's turn, touch, lag.
+    plots : dict of str to tuple of ndarray
+        What the report draws: for each law x, measured, fitted.
+    range : dict of str to tuple of float
+        Lowest and highest value that was recorded.
+    hash : str
+        SHA-256 of the files.
+    """
+
+    unit: str
+    fits: tuple[Fit, ...]
+    kept: dict[str, str]
+    left: dict[str, float]
+    goodness: dict[str, float]
+    plots: dict[str, tuple[np.ndarray, ...]]
+    range: dict[str, tuple[float, float]]
+    hash: str
+
+
+@dataclass
+class _Work:
+    """What is known so far of one unit."""
+
+    p: dict[str, Any]
+    fits: list[Fit] = field(default_factory=list)
+    kept: dict[str, str] = field(default_factory=dict)
+    left: dict[str, float] = field(default_factory=dict)
+    goodness: dict[str, float] = field(default_factory=dict)
+    spread: dict[str, float] = field(default_factory=dict)
+    plots: dict[str, tuple[np.ndarray, ...]] = field(default_factory=dict)
+
+    def attempt(self, law: str, stage: Callable[[], None]) -> None:
+        """Run a stage; where the recording cannot tell its law, say so and keep the model's."""
+        try:
+            stage()
+        except ScanError as error:
+            self.kept[law] = str(error)
+
+    def take(self, posterior: Posterior) -> None:
+        """Take what the data have fixed of these parameters."""
+        told = [name for name, left in zip(posterior.fit.names, posterior.left, strict=True)
+                if left <= KEPT]  # fmt: skip
+        for name, left in zip(posterior.fit.names, posterior.left.tolist(), strict=True):
+            self.left[name] = left
+            if name not in told:
+                self.kept[name] = f"the recordings leave {left:.0%} of its prior variance"
+        fit = posterior.told(told).fit
+        self.fits.append(fit)
+        self.p |= dict(zip(fit.names, fit.values.tolist(), strict=True))
+
+
+def fit_unit(
+    topology: Topology, series: Series, unit: int, mount_radius_mm: float | None = None
+) -> UnitResult:
+    """Fit one unit to its recording.
+
+    Parameters
+    ----------
+    topology : Topology
+        Nominal parameters: the prior.
+    series : Series
+        A recording of this unit alone.
+    unit : int
+        Its index in the topology.
+    mount_radius_mm : float, optional
+        Of the cylinder that the unit is glued on afterwards; what its bend may change is part of
+        `shear_sigma_relative` then, until an array in place tells the gain.
+
+    Raises
+    ------
+    ScanError
+        The recording tells no law at all.
+    """
+    work = _Work({name: values[..., unit] for name, values in topology.parameters.items()})
+    measured = bool(np.isfinite(series.displacement).any())
+    if not measured:
+        series = replace(series, displacement=_decoded(topology, series, unit))
+    blocks = series.blocks(topology, unit)
+    if not len(blocks):
+        raise ScanError("segments: must have counts of the unit; got none")
+    work.attempt("gel", lambda: _gel(work, series.blocks(topology, unit, 0.0).thinned(2 * MOST)))
+    touch = {"mm": 0.0}
+    work.attempt("normal", lambda: _normal(work, blocks, measured, touch))
+    gel_c = laws.gel_temperature(work.p, blocks)
+    film_c = laws.low_pass(blocks.time_s, gel_c, float(work.p["film_lag_s"]))
+
+    def film_of(some: Blocks) -> np.ndarray:
+        return np.interp(some.time_s, blocks.time_s, film_c)
+
+    heated = series.blocks(topology, unit, SLOW_S).of("heated-free", "heated-load")
+    work.attempt("drift", lambda: work.take(laws.fit_drift(work.p, heated, film_of(heated))))
+    placed = _placed(blocks, touch["mm"])
+    sheared = _held(placed.of(*SHEARED))
+    sheared = sheared.where(np.hypot(*sheared.displacement[:2]) > NEAREST_MM).thinned(MOST)
+    if measured:
+        work.attempt("film", lambda: _film(work, sheared, film_of(sheared)))
+    else:
+        work.kept["film"] = "the reference has no displacement"
+    # single cycles: a mean over the break of the law would round it
+    cycles = _placed(series.blocks(topology, unit, 0.0).of("normal", *SHEARED), touch["mm"])
+    work.attempt("shear", lambda: _shear(work, _held(cycles).thinned(MOST)))
+    if not work.fits:
+        raise ScanError(
+            "recording: must tell a law at least; got none:\n"
+            + "\n".join(f"  {law}: {why}" for law, why in work.kept.items())
+        )
+    work.goodness["lag_s"] = series.alignment.lag_s
+    work.goodness["lag_sigma_s"] = series.alignment.lag_sigma_s
+    work.goodness["drift_ppm"] = series.alignment.drift_ppm
+    if mount_radius_mm is not None and "shear_sigma_relative" in work.spread:
+        bent = CURVED_MM / mount_radius_mm
+        work.spread["shear_sigma_relative"] = float(
+            np.hypot(work.spread["shear_sigma_relative"], bent)
+        )
+    work.fits.append(as_fit({name: (value, np.nan) for name, value in work.spread.items()}, 0))
+    if "film" in work.plots:
+        work.fits.append(_end_of_table(topology, unit, work.fits))
+    _recorded(work, placed, gel_c)
+    return UnitResult(
+        topology.unit_names[unit], tuple(work.fits), work.kept, work.left, work.goodness,
+        work.plots, _ranges(placed, gel_c), series.hash,
+    )  # fmt: skip
+
+
+def _end_of_table(topology: Topology, unit: int, fits: list[Fit]) -> Fit:
+    """Range of R(psi, H) that a decoder can use at all depths."""
+    known = with_fits(alone(topology, unit), {topology.unit_names[unit]: tuple(fits)})
+    most = float(known.parameters["field_angle_max_mm"][0])
+    for _ in range(ROUNDS):
+        known.parameters["field_angle_max_mm"] = np.array([most])
+        reach = float(field_angle_ends(known)[1][0])
+        if reach >= most:
+            break
+        most = reach
+    return as_fit({"field_angle_max_mm": (most, np.nan)}, 0)
+
+
+def _placed(blocks: Blocks, touch_mm: float) -> Blocks:
+    """Blocks whose depth begins at the touch."""
+    x, y, z = blocks.displacement
+    return replace(blocks, displacement=np.stack([x, y, np.maximum(z - touch_mm, 0.0)]))
+
+
+def _held(blocks: Blocks) -> Blocks:
+    """The blocks in which the face is pressed."""
+    return blocks.where(np.nan_to_num(blocks.displacement[2]) > TOUCHED_MM)
+
+
+def _decoded(topology: Topology, series: Series, unit: int) -> np.ndarray:
+    """Displacement by the unit's own model, where the reference has none; shape (3, t)."""
+    from skin.decode.decoder import Decoder
+
+    decoder = Decoder(alone(tared(topology, series), unit), {"displacement"}, dtype="float64")
+    counts = np.ascontiguousarray(series.counts.counts[:, :, unit : unit + 1])
+    return np.array(decoder(counts).displacement_mm[:, :, 0], float).T
+
+
+def _gel(work: _Work, blocks: Blocks) -> None:
+    posterior = laws.fit_gel(work.p, blocks)
+    work.take(posterior)
+    fit = posterior.fit
+    kelvin = 60.0 / np.log(work.p["gel_current_ratio"])
+    share = (blocks.temperature - 20.0) / 60.0
+    law = work.p["gel_current_20c_ua"] * work.p["gel_current_ratio"] ** share
+    current = blocks.values[GEL]
+    error = kelvin * np.log(current / law)
+    seen = np.isfinite(error)
+    work.goodness["temperature_rms_c"] = _rms(error[seen])
+    corner = np.stack([np.ones(2), [0.0, 1.0]])
+    ends = fit.covariance / np.outer(fit.values, fit.values)
+    unknown = kelvin * np.sqrt(np.einsum("ia,ij,ja->a", corner, ends, corner).max())
+    work.spread["temperature_sigma_c"] = float(np.hypot(unknown, _misfit(error[seen])))
+    work.plots["temperature"] = blocks.temperature[seen], current[seen], law[seen]
+
+
+def _normal(work: _Work, blocks: Blocks, measured: bool, touch: dict[str, float]) -> None:
+    posterior = laws.fit_normal(work.p, blocks.of("tare", *LOADED), measured)
+    fit = posterior.fit
+    if measured:
+        touch["mm"] = work.goodness["touch_mm"] = fit["touch_mm"]
+    names = [name for name in fit.names if name not in ("touch_mm", "turn_x", "turn_y")]
+    work.take(posterior.told(names))
+    slope = float(work.p["frequency_slope_hz_per_mm"])
+    seen = blocks.of("normal", "circles")
+    fall = slope * np.maximum(seen.displacement[2] - touch["mm"], 0.0)
+    law = normal_law(work.p, fall)
+    law = law + fit["turn_x"] * np.nan_to_num(seen.force[1])
+    law = law - fit["turn_y"] * np.nan_to_num(seen.force[0])
+    seen_force = np.isfinite(seen.force[2])
+    error = (seen.force[2] - law)[seen_force]
+    if error.size:
+        work.goodness["normal_rms_n"] = _rms(error)
+        # what a fit of this many samples leaves unknown of a law of its size
+        unknown = robust_sigma(error) * np.sqrt(len(names) / error.size)
+        most = max(_rms(law[seen_force]), 1e-9)
+        work.spread["normal_sigma_relative"] = float(np.hypot(_misfit(error), unknown)) / most
+        work.spread["normal_max_n"] = float(law.max())
+        work.plots["normal"] = fall[seen_force], seen.force[2][seen_force], law[seen_force]
+    work.spread["frequency_sigma_hz"] = float(fit.sigma[fit.names.index("frequency_rest_hz")])
+
+
+def normal_law(p: dict[str, Any], fall_hz: np.ndarray) -> np.ndarray:
+    """Normal force at a fall of the frequency, newton."""
+    knee = float(p["normal_break_hz"])
+    beyond = np.maximum(fall_hz - knee, 0.0)
+    return float(p["normal_soft_n_per_hz"]) * np.minimum(fall_hz, knee) + (
+        float(p["normal_stiff_n_per_hz"]) * beyond
+    )
+
+
+def _misfit(error: np.ndarray) -> float:
+    """What goes on from block to block: the part of the scatter that is no noise.
+
+    Neighbouring blocks share it, noise is each block's own: their covariance.
+    """
+    centred = error - error.mean()
+    return float(np.sqrt(max(np.mean(centred[1:] * centred[:-1]), 0.0)))
+
+
+def _film(work: _Work, blocks: Blocks, film_c: np.ndarray) -> None:
+    film, good, field_ut = laws.robust_film(work.p, blocks, film_c)
+    depth, length = blocks.displacement[2][good], np.hypot(*blocks.displacement[:2])[good]
+    noise = float(work.p["field_noise_ut"])
+    x, y = laws.displaced(film.fit, field_ut, blocks.displacement[2])
+    lateral = _along(film, field_ut[good], blocks.displacement[:2, good])
+    reach = np.hypot(blocks.displacement[0] + film.fit["film_x_mm"],
+                     blocks.displacement[1] + film.fit["film_y_mm"])[good]  # fmt: skip
+    block_ut = noise / float(np.sqrt(np.mean(blocks.size)))
+    crest = fit_crest(lateral, depth, reach, float(work.p["field_reference_mm"]), block_ut)
+    rest = work.p["field_vertical_ratio"] * crest["field_amplitude_ut"] * np.exp(
+        -crest["field_growth_per_mm"] * float(work.p["field_reference_mm"]))  # fmt: skip
+    _take_film(work, laws.widened(film, float(rest)), crest)
+    work.spread |= {
+        "field_sigma_ut": float(np.max(film.fit.sigma[4:6])),
+        "field_angle_sigma_mm": film.sigma_mm,
+        "field_amplitude_sigma_relative": left_of(crest, block_ut) / max(_rms(lateral), 1e-9),
+        **{f"field_angle_variance_relative[{i}]": s for i, s in enumerate(film.shape)},
+    }
+    error = np.concatenate([x - blocks.displacement[0], y - blocks.displacement[1]])
+    work.goodness["displacement_rms_mm"] = _rms(error)
+    work.goodness["blocks_left_out"] = float(np.sum(~good))
+    work.plots["film"] = length, length, np.hypot(x, y)[good]
+
+
+def _along(film: FilmFit, field_ut: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Lateral field along the displacement, shape (b,)."""
+    from skin.calibrate.amplitude import map_field
+
+    x, y = map_field(field_ut, film.fit)
+    way = place + np.array([film.fit["film_x_mm"], film.fit["film_y_mm"]])[:, np.newaxis]
+    return (x * way[0] + y * way[1]) / np.maximum(np.hypot(*way), 1e-9)
+
+
+def _take_film(work: _Work, film: Fit, crest: Fit) -> None:
+    """The film's fits have no prior: all that they tell is the data's."""
+    for fit in (film, crest):
+        work.fits.append(fit)
+        for name, value, sigma in zip(fit.names, fit.values, fit.sigma, strict=True):
+            if name in laws.PRIOR:
+                work.left[name] = float(sigma / laws.PRIOR[name][1]) ** 2
+                work.p[name] = float(value)
+
+
+def _shear(work: _Work, blocks: Blocks) -> None:
+    slope = float(work.p["frequency_slope_hz_per_mm"])
+    normal_n = normal_law(work.p, slope * blocks.displacement[2])
+    posterior, deeper = laws.fit_shear(work.p, blocks, normal_n)
+    fit = posterior.fit
+    names = [name for name in fit.names if not name.startswith("turn")]
+    work.take(posterior.told(names))
+    for axis in "xyz":
+        work.goodness[f"sensor_turn_{axis}_deg"] = float(np.degrees(fit[f"turn_{axis}"]))
+    if not deeper:
+        work.kept["shear_gain_per_mm"] = "it predicts no better than without, by cross-validation"
+    x, y, depth = blocks.displacement
+    reach = np.hypot(x, y)
+    along = np.stack([x, y]) / np.maximum(reach, 1e-9)
+    p = work.p
+    law = p["shear_soft_n_per_mm"] * reach
+    law = law + p["shear_stiff_n_per_mm"] * np.maximum(reach - p["shear_break_mm"], 0.0)
+    law = law * (1.0 + float(p["shear_gain_per_mm"]) * (depth - float(p["field_reference_mm"])))
+    tilt = np.stack([fit["turn_y"] * normal_n, -fit["turn_x"] * normal_n])
+    force = blocks.force[:2] - tilt
+    seen = np.isfinite(force).all(axis=0)
+    push = (force * along).sum(axis=0)
+    error = (push - law)[seen]
+    unknown = robust_sigma(error) * np.sqrt(len(names) / error.size)
+    work.goodness["shear_rms_n"] = _rms(error)
+    work.spread["shear_sigma_relative"] = float(
+        np.hypot(_misfit(error), unknown) / max(_rms(law[seen]), 1e-9)
+    )
+    work.plots["shear"] = reach[seen], push[seen], law[seen]
+
+
+def _recorded(work: _Work, blocks: Blocks, gel_c: np.ndarray) -> None:
+    """What the report draws of the recording itself."""
+    work.plots["coverage"] = tuple(blocks.displacement)
+    slope, rest = (float(work.p[name]) for name in
+                   ("frequency_slope_hz_per_mm", "frequency_rest_hz"))  # fmt: skip
+    pressed = blocks.of("normal")
+    fall = rest - pressed.values[FREQUENCY]
+    work.plots["hysteresis"] = fall / slope, pressed.force[2], normal_law(work.p, fall)
+    work.plots["warming"] = blocks.time_s, gel_c, blocks.temperature
+
+
+def _ranges(blocks: Blocks, gel_c: np.ndarray) -> dict[str, tuple[float, float]]:
+    rows = {
+        "depth_mm": blocks.displacement[2], "displacement_mm": np.hypot(*blocks.displacement[:2]),
+        "normal_n": blocks.force[2], "tangential_n": np.hypot(*blocks.force[:2]),
+        "temperature_c": gel_c,
+    }  # fmt: skip
+    return {name: (float(np.nanmin(v)), float(np.nanmax(v)))
+            for name, v in rows.items() if np.isfinite(v).any()}  # fmt: skip
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(values)))) if values.size else float("nan")

@@ -1,0 +1,256 @@
+"""From a BENCH file to calibration files: read, judge, fit, check, write."""
+
+from __future__ import annotations
+
+import datetime
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from skin.calibrate.bench.array import fit_array
+from skin.calibrate.bench.check import Score, owner_of, score
+from skin.calibrate.bench.faults import find_faults
+from skin.calibrate.bench.file import BenchFile, Recording, read_bench
+from skin.calibrate.bench.fit import UnitResult, fit_unit
+from skin.calibrate.bench.series import Series, load_series
+from skin.calibrate.read import read_calibration
+from skin.calibrate.tare import calibration_files
+from skin.calibrate.unit import with_fits
+from skin.calibrate.write import write_calibration
+from skin.errors import ScanError
+from skin.physics.least_squares import Fit
+from topology import Topology, load
+
+__all__ = ["Outcome", "calibrate_bench", "check_bench"]
+
+Progress = Callable[[int, int, str], None]
+"""Called with how many of how many recordings are done, and what comes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What the recordings of a BENCH file tell.
+
+    Attributes
+    ----------
+    bench : BenchFile
+    topology : Topology
+        The skin with what was found.
+    results : tuple of UnitResult
+    scores : dict of str to Score
+        Unit to how its new calibration fares on its own recording.
+    serials : dict of str to str
+    faults : tuple of str
+        What is wrong with the recordings, or with what was found: nothing should be written.
+    """
+
+    bench: BenchFile
+    topology: Topology
+    results: tuple[UnitResult, ...]
+    scores: dict[str, Score]
+    serials: dict[str, str]
+    faults: tuple[str, ...]
+
+    def write(self, out: str | os.PathLike[str] | None = None) -> dict[str, Path]:
+        """Write calibration files, each whole or not at all; units that were not measured, and
+        comments, stay as they are in a file that is there.
+
+        Parameters
+        ----------
+        out : str or path, optional
+            As of `skin.calibrate.tare.calibration_files`.
+
+        Returns
+        -------
+        dict of str to Path
+            Patch to its file.
+        """
+        found = {result.unit: result for result in self.results}
+        taken = np.array([name in found for name in self.topology.unit_names])
+        files = calibration_files(self.topology, taken, out)
+        for patch, path in files.items():
+            head = f"{patch}/"
+            before, units = read_calibration(path if path.exists() else None)
+            measured = dict(before.get("measured", {}))
+            for name, result in found.items():
+                if name.startswith(head):
+                    units[name.removeprefix(head)] = list(result.fits)
+                    measured[name.removeprefix(head)] = self._measured(result)
+            write_calibration(
+                path, patch, units, date=self.bench.date or datetime.date.today().isoformat(),
+                bench=self.bench.bench, measured=measured,
+                before=path.read_text(encoding="utf-8") if path.exists() else "",
+            )  # fmt: skip
+        return files
+
+    def _measured(self, result: UnitResult) -> dict[str, Any]:
+        """The table of `topology.schema.Measured` of a unit."""
+        told = self.scores.get(result.unit)
+        goodness = {name: value for name, value in result.goodness.items() if np.isfinite(value)}
+        if told is not None and np.isfinite(told.force_rmse_n):
+            goodness["force_rmse_n"] = told.force_rmse_n
+        return {
+            "serial": self.serials.get(result.unit, ""), "hash": result.hash,
+            "range": result.range, "goodness": goodness, "kept": list(result.kept),
+            "covariance": [_covariance(fit) for fit in result.fits if np.isfinite(fit.sigma).all()],
+        }  # fmt: skip
+
+
+def _covariance(fit: Fit) -> dict[str, Any]:
+    at = np.flatnonzero(fit.sigma > 0.0)
+    sigma = fit.sigma[at]
+    correlation = fit.covariance[np.ix_(at, at)] / np.outer(sigma, sigma)
+    below = correlation[np.tril_indices(at.size, -1)]
+    return {"parameters": [fit.names[i] for i in at], "sigma": sigma.tolist(),
+            "correlation": np.clip(np.round(below, 4), -1.0, 1.0).tolist()}  # fmt: skip
+
+
+def calibrate_bench(
+    file: str | os.PathLike[str], *, force: bool = False, progress: Progress | None = None
+) -> Outcome:
+    """Fit the units of a BENCH file.
+
+    Parameters
+    ----------
+    file : str or path
+    force : bool
+        Fit recordings all the same that have faults.
+    progress : callable, optional
+        As of `Progress`.
+
+    Returns
+    -------
+    Outcome
+        Without results of recordings that have faults, unless `force` says so.
+
+    Raises
+    ------
+    topology.TopologyError
+        The BENCH file or the topology is wrong.
+    ScanError, bus.LogError
+        A recording cannot be read, or its clocks cannot be brought together.
+    """
+    bench, skin, folder = _opened(file)
+    results, scores, faults, serials = [], {}, [], {}
+    for done, recording in enumerate(bench.recordings):
+        if progress is not None:
+            progress(done, len(bench.recordings), ", ".join(recording.units))
+        series, found = _judged(skin, recording, folder)
+        faults += found
+        serials |= recording.units
+        if found and not force:
+            continue
+        try:
+            new = _fitted(skin, series, bench.mount_radius_mm)
+        except ScanError as error:
+            faults.append(f"{', '.join(recording.units)}: {error}")
+            continue
+        results += new
+        known = with_fits(skin, {result.unit: result.fits for result in new})
+        if len(new) == 1:
+            scores[new[0].unit] = told = score(known, series, series.units[0])
+            faults += [f"{new[0].unit}: result: {fault}" for fault in told.faults]
+    if progress is not None:
+        progress(len(bench.recordings), len(bench.recordings), "")
+    known = with_fits(skin, {result.unit: result.fits for result in results})
+    return Outcome(bench, known, tuple(results), scores, serials, tuple(faults))
+
+
+def check_bench(
+    calibration: str | os.PathLike[str],
+    file: str | os.PathLike[str],
+    progress: Progress | None = None,
+) -> dict[str, dict[str, Any]]:
+    """Score an old calibration on new recordings.
+
+    Parameters
+    ----------
+    calibration : str or path
+        Calibration file of a patch.
+    file : str or path
+        BENCH file of the new recordings.
+    progress : callable, optional
+
+    Returns
+    -------
+    dict of str to dict
+        Unit to its ``score``, its ``serial`` in the recordings, and ``faults``: what has drifted,
+        and whether it is another unit than the one that was calibrated.
+
+    Raises
+    ------
+    topology.TopologyError, ScanError, bus.LogError
+        As of `calibrate_bench`.
+    """
+    bench, skin, folder = _opened(file)
+    table, units = read_calibration(Path(calibration))
+    patch = table.get("patch", "")
+    if patch not in skin.patch_names:
+        raise ScanError(f"{calibration}: patch: must be one of {skin.name!r}, "
+                        f"{', '.join(skin.patch_names)}; got {patch!r}")  # fmt: skip
+    fits = {f"{patch}/{name}": tuple(known) for name, known in units.items()}
+    known = with_fits(skin, {name: fits[name] for name in fits if name in skin.unit_names})
+    calibrated = np.array([name in fits for name in skin.unit_names])
+    known = Topology(**{**vars(known), "calibrated": calibrated, "tared": calibrated})
+    serials = {f"{patch}/{name}": entry.get("serial", "")
+               for name, entry in table.get("measured", {}).items()}  # fmt: skip
+    told: dict[str, dict[str, Any]] = {}
+    for done, recording in enumerate(bench.recordings):
+        if progress is not None:
+            progress(done, len(bench.recordings), ", ".join(recording.units))
+        series, found = _judged(skin, recording, folder)
+        for name, serial in recording.units.items():
+            index = skin.unit_index(name)
+            faults = [*found, *_swapped(name, serial, serials)]
+            entry: dict[str, Any] = {"serial": serial, "faults": faults}
+            told[name] = entry
+            if name not in fits:
+                faults.append(f"{name}: must be a unit of {calibration}; got none of that name")
+                continue
+            if len(recording.units) > 1:
+                continue
+            entry["score"] = result = score(known, series, index)
+            if result.faults:
+                faults += [f"{name}: {fault}" for fault in result.faults]
+                if (owner := owner_of(known, series, index)) is not None:
+                    faults.append(
+                        f"{name}: must read as the unit that was calibrated; got what "
+                        f"reads as {skin.unit_names[owner]}: are they exchanged?"
+                    )
+    return told
+
+
+def _swapped(name: str, serial: str, serials: dict[str, str]) -> list[str]:
+    """What serial numbers say of a unit's place."""
+    known = serials.get(name, "")
+    if not known or not serial or known == serial:
+        return []
+    other = next((unit for unit, entry in serials.items() if entry == serial), None)
+    where = f", which is calibrated as {other}" if other else ""
+    return [f"{name}: serial number: must be {known}, which was calibrated; got {serial}{where}"]
+
+
+def _opened(file: str | os.PathLike[str]) -> tuple[BenchFile, Topology, Path]:
+    bench, source = read_bench(file)
+    path = source.path.parent / bench.topology
+    skin = load(path if path.exists() else bench.topology)
+    for recording in bench.recordings:
+        for name in recording.units:
+            skin.unit_index(name)
+    return bench, skin, source.path.parent
+
+
+def _judged(skin: Topology, recording: Recording, folder: Path) -> tuple[Series, list[str]]:
+    series = load_series(skin, recording, folder)
+    return series, find_faults(skin, recording, series)
+
+
+def _fitted(skin: Topology, series: Series, radius_mm: float | None) -> list[UnitResult]:
+    """Units of a recording: one by all its laws, several by their shares of a common force."""
+    if len(series.units) == 1:
+        return [fit_unit(skin, series, series.units[0], radius_mm)]
+    return fit_array(skin, series)

@@ -1,0 +1,386 @@
+"""A recording as it is fitted: counts and reference on one clock, then means of short blocks."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bus.assemble import Assembler
+from bus.cycle import RawCycle
+from bus.logs import buses_of, read
+from bus.status import INVALID, Status
+from skin.calibrate.bench.align import Alignment, align
+from skin.calibrate.bench.file import KINDS, QUANTITIES, Recording
+from skin.calibrate.bench.table import head_of, read_table
+from skin.errors import OptionError, ScanError
+from topology import CHANNELS, Topology
+
+__all__ = [
+    "AXES",
+    "BLOCK_S",
+    "Blocks",
+    "Counts",
+    "Series",
+
+    "hash_of",
+    "load_series",
+    "read_counts",
+    "series_of",
+    "standing",
+]  # fmt: skip
+
+AXES = "xyz"
+BLOCK_S = 0.1
+"""Length of a block: in it a bench at 2 mm/s goes 0.2 mm, over which the laws are straight to
+0.3 µm of a circle of 2 mm [derived]."""
+GAP_S = 0.25
+"""Longest time without a reading that is no gap [assumed]."""
+STANDING = 10
+"""Readings at the end of a range that noise does not make [derived: of noise of a count or more
+each is there by chance once in three at most, all of ten once in 60 000]."""
+SPAN_SHARE = 0.2
+"""Of the fall of another unit, below which a unit is not the one that is pressed [assumed]."""
+FREQUENCY, GEL = CHANNELS.index("frequency"), CHANNELS.index("gel")
+UNHEARD = INVALID & ~Status.FROZEN
+"""A unit that stands still on the bench is no fault of the bus."""
+
+
+@dataclass(frozen=True, eq=False)
+class Counts:
+    """Counts of all units of a skin over t cycles.
+
+    Attributes
+    ----------
+    time_s : ndarray, shape (t,)
+    counts : ndarray, shape (t, c, n), int16
+    heard : ndarray, shape (t, n), bool
+        Whether the counts of a unit are of this cycle.
+    """
+
+    time_s: np.ndarray
+    counts: np.ndarray
+    heard: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """A recording of the units that it names, m of them, on the clock of the counts.
+
+    Attributes
+    ----------
+    units : tuple of int, length m
+        Indices in the topology.
+    counts : Counts
+        Of the whole skin.
+    kind : ndarray, shape (t,), int
+        Index of `KINDS` of each cycle; -1 between segments.
+    segment : ndarray, shape (t,), int
+        Number of the segment; -1 between them.
+    force, displacement : ndarray, shape (3, t)
+        Newton, millimetre, unit frame; NaN where it was not measured. Zero in the tare.
+    temperature : ndarray, shape (t,)
+        Degree Celsius; NaN where it was not measured.
+    alignment : Alignment
+    faults : tuple of str
+        What is wrong with the reference table itself.
+    hash : str
+        SHA-256 of both files.
+    """
+
+    units: tuple[int, ...]
+    counts: Counts
+    kind: np.ndarray
+    segment: np.ndarray
+    force: np.ndarray
+    displacement: np.ndarray
+    temperature: np.ndarray
+    alignment: Alignment
+    faults: tuple[str, ...]
+    hash: str
+
+    def blocks(self, topology: Topology, unit: int, seconds: float = BLOCK_S) -> Blocks:
+        """Means of blocks of some time, of one unit; of single cycles if the time is 0."""
+        heard = self.counts.heard[:, unit] & (self.segment >= 0)
+        at = np.flatnonzero(heard)
+        number = np.floor(self.counts.time_s[at] / seconds).astype(np.int64) if seconds else at
+        fresh = np.diff(number, prepend=-1) != 0
+        fresh |= np.diff(self.segment[at], prepend=-1) != 0
+        start = np.flatnonzero(fresh)
+        size = np.diff(np.append(start, at.size))
+        scale, offset = topology.scale[:, unit], topology.offset[:, unit]
+        values = scale * self.counts.counts[at, :, unit] + offset
+
+        def mean(rows: np.ndarray) -> np.ndarray:
+            return np.add.reduceat(rows, start, axis=-1) / size
+
+        return Blocks(
+            mean(self.counts.time_s[at]), size, self.kind[at][start], self.segment[at][start],
+            mean(values.T), mean(self.force[:, at]), mean(self.displacement[:, at]),
+            mean(self.temperature[at]),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """Means of b blocks of one unit.
+
+    Attributes
+    ----------
+    time_s : ndarray, shape (b,)
+    size : ndarray, shape (b,), int
+        Cycles of each.
+    kind, segment : ndarray, shape (b,), int
+        As of `Series`.
+    values : ndarray, shape (c, b)
+        Physical values of the channels.
+    force, displacement : ndarray, shape (3, b)
+    temperature : ndarray, shape (b,)
+    """
+
+    time_s: np.ndarray
+    size: np.ndarray
+    kind: np.ndarray
+    segment: np.ndarray
+    values: np.ndarray
+    force: np.ndarray
+    displacement: np.ndarray
+    temperature: np.ndarray
+
+    def of(self, *kinds: str) -> Blocks:
+        """The blocks of segments of these kinds."""
+        return self.where(np.isin(self.kind, [KINDS.index(kind) for kind in kinds]))
+
+    def thinned(self, most: int) -> Blocks:
+        """As many blocks at most, evenly taken from all of them."""
+        every = -(-len(self) // most) or 1
+        return self.where(np.arange(len(self)) % every == 0)
+
+    def where(self, chosen: np.ndarray) -> Blocks:
+        """The blocks chosen by a mask, shape (b,)."""
+        return Blocks(*(values[..., chosen] for values in vars(self).values()))
+
+    def __len__(self) -> int:
+        return self.size.size
+
+
+def load_series(topology: Topology, recording: Recording, folder: Path) -> Series:
+    """Read the files of a recording and bring them on one clock.
+
+    Raises
+    ------
+    ScanError
+        A table lacks a column or has no numbers; the clocks cannot be brought together.
+    bus.LogError
+        As of `bus.logs.read`.
+    """
+    paths = [folder / recording.counts, folder / recording.reference]
+    counts, columns = read_counts(topology, paths[0]), _reference(paths[1], recording)
+    units = [topology.unit_index(name) for name in recording.units]
+    if not counts.heard[:, units].any():
+        raise ScanError(f"{paths[0]}: must have counts of {', '.join(recording.units)}; got none")
+    return series_of(topology, recording, counts, columns, (str(paths[1]), hash_of(paths)))
+
+
+def series_of(
+    topology: Topology, recording: Recording, counts: Counts, columns: dict[str, np.ndarray],
+    source: tuple[str, str],
+) -> Series:  # fmt: skip
+    """Counts and reference on one clock.
+
+    Parameters
+    ----------
+    topology : Topology
+    recording : Recording
+        Its units and segments.
+    counts : Counts
+    columns : dict of str to ndarray, shape (r,)
+        Quantities of the reference, of `QUANTITIES`, in s, N, mm, °C; finite.
+    source : tuple of str
+        Name of the reference in messages, and hash of the data.
+
+    Raises
+    ------
+    ScanError
+        The clocks cannot be brought together.
+    """
+    units = tuple(topology.unit_index(name) for name in recording.units)
+    told = _aligned(topology, counts, columns, units, source[0])
+    at = told.reference_time(counts.time_s)
+    kind, segment = np.full(at.size, -1), np.full(at.size, -1)
+    for number, each in enumerate(recording.segments):
+        inside = (at >= each.start_s) & (at < each.end_s)
+        kind[inside], segment[inside] = KINDS.index(each.kind), number
+    rest = kind == KINDS.index("tare")
+
+    def vector(name: str) -> np.ndarray:
+        rows = np.full((3, at.size), np.nan)
+        for axis, letter in enumerate(AXES):
+            if (given := columns.get(f"{name}_{letter}")) is not None:
+                rows[axis] = np.interp(at, columns["time"], given, left=np.nan, right=np.nan)
+                if rest.any():
+                    rows[axis] -= np.nanmedian(rows[axis, rest])
+        return rows
+
+    warm = np.full(at.size, np.nan)
+    if "temperature" in columns:
+        warm = np.interp(at, columns["time"], columns["temperature"], left=np.nan, right=np.nan)
+    return Series(units, counts, kind, segment, vector("force"), vector("displacement"), warm,
+                  told, tuple(_faults_of(columns, recording, source[0])), source[1])  # fmt: skip
+
+
+def _faults_of(columns: dict[str, np.ndarray], recording: Recording, name: str) -> Iterator[str]:
+    """Gaps of the reference within segments, and forces that stand at the end of their range."""
+    time = columns["time"]
+    step = np.diff(time)
+    limit = max(GAP_S, 5.0 * float(np.median(step)))
+    for at in np.flatnonzero(step > limit):
+        if any(s.start_s < time[at + 1] and time[at] < s.end_s for s in recording.segments):
+            yield (f"{name}: time: must go on without a gap above {limit:.2g} s; got none from "
+                   f"{time[at]:.2f} to {time[at + 1]:.2f} s")  # fmt: skip
+    for letter in AXES:
+        values = columns.get(f"force_{letter}")
+        if values is not None and (run := standing(values)) is not None:
+            yield (
+                f"{name}: force_{letter}: must not stand at the end of its range; got "
+                f"{values[run[0]]:.4g} N in {run[1]} rows from {time[run[0]]:.2f} s on"
+            )
+
+
+def standing(values: np.ndarray) -> tuple[int, int] | None:
+    """Where values first stand at their highest or lowest for longer than noise allows: start and
+    length of the run, or None. A channel that mostly stands still anyway has no noise to tell."""
+    if np.mean(np.diff(values) == 0.0) > 0.5:
+        return None
+    for end in (values.max(), values.min()):
+        at_end = np.concatenate([[0], values == end, [0]]).astype(np.int8)
+        edges = np.flatnonzero(np.diff(at_end)).reshape(-1, 2)
+        longest = edges[np.argmax(edges[:, 1] - edges[:, 0])]
+        if longest[1] - longest[0] >= STANDING:
+            return int(longest[0]), int(longest[1] - longest[0])
+    return None
+
+
+def hash_of(paths: list[Path]) -> str:
+    """SHA-256 of files, one after the other."""
+    digest = hashlib.sha256()
+    for path in paths:
+        with path.open("rb") as file:
+            while piece := file.read(1 << 20):
+                digest.update(piece)
+    return digest.hexdigest()
+
+
+def _reference(path: Path, recording: Recording) -> dict[str, np.ndarray]:
+    """Columns of the reference by quantity, in s, N, mm, °C; rows without a time are left out."""
+    table, found = read_table(path), {}
+    for name, column in (recording.columns or {}).items():
+        if column.column not in table:
+            wrong = OptionError.unknown(name, column.column, table)
+            raise ScanError(f"{path}:1: {wrong}")
+        scale = QUANTITIES[name][column.unit] if column.unit else 1.0
+        factor, shift = scale if isinstance(scale, tuple) else (scale, 0.0)
+        sign = -1.0 if column.reversed else 1.0
+        found[name] = sign * (factor * table[column.column] + shift)
+    time = found["time"]
+    back = np.flatnonzero(np.diff(time[np.isfinite(time)]) <= 0.0)
+    if back.size:
+        raise ScanError(
+            f"{path}: row {back[0] + 3}: time: must rise from row to row; got "
+            f"{time[np.isfinite(time)][back[0] + 1]:.6g} s again or earlier"
+        )
+    whole = np.isfinite(np.stack(list(found.values()))).all(axis=0)
+    if whole.sum() < 2:
+        raise ScanError(f"{path}: must have rows with all its columns; got {int(whole.sum())}")
+    return {name: values[whole] for name, values in found.items()}
+
+
+def _aligned(
+    topology: Topology, counts: Counts, columns: dict[str, np.ndarray], units: tuple[int, ...],
+    path: str,
+) -> Alignment:  # fmt: skip
+    """By what moves most plainly in both: depth, normal force, else temperature."""
+    channel = FREQUENCY
+    for name in ("displacement_z", "force_z", "temperature"):
+        if name in columns:
+            channel = GEL if name == "temperature" else FREQUENCY
+            break
+    else:
+        raise ScanError(
+            f"{path}: must have displacement_z, force_z or temperature, by which the clocks are "
+            f"brought together; got {', '.join(columns)}"
+        )
+    heard = counts.heard[:, units].all(axis=1)
+    if channel == FREQUENCY:
+        _check_pressed(topology, counts, units)
+    moved = counts.counts[heard][:, channel, units] * topology.scale[channel, units]
+    try:
+        return align(counts.time_s[heard], moved.mean(axis=1), columns["time"], columns[name])
+    except ScanError as error:
+        raise ScanError(f"{path}: {name}: {error}") from None
+
+
+def _check_pressed(topology: Topology, counts: Counts, units: tuple[int, ...]) -> None:
+    """Refuse a recording in which another unit than those named is pressed."""
+    low, high = np.percentile(counts.counts[:, FREQUENCY], [0.5, 99.5], axis=0)
+    fall_hz = (high - low) * topology.scale[FREQUENCY] * counts.heard.any(axis=0)
+    most, own = int(np.argmax(fall_hz)), float(fall_hz[list(units)].max())
+    if most not in units and own < SPAN_SHARE * fall_hz[most]:
+        names = ", ".join(topology.unit_names[unit] for unit in units)
+        raise ScanError(
+            f"units: must be those that the bench presses; got {names}, whose frequency "
+            f"moves by {own:.0f} Hz, while that of {topology.unit_names[most]} falls by "
+            f"{fall_hz[most]:.0f} Hz: are they exchanged?"
+        )
+
+
+def read_counts(topology: Topology, path: Path) -> Counts:
+    """Counts of a log of the bus, or of a table.
+
+    A table has a column ``time_s`` and, for each unit and channel, one named ``palm/r3c4 bx``.
+
+    Raises
+    ------
+    ScanError, bus.LogError
+        As of `load_series`.
+    """
+    suffix = path.suffix.lower()
+    if suffix == ".parquet" or (suffix == ".csv" and "time_s" in head_of(path)):
+        return _table_of_counts(topology, path)
+    buses = buses_of(topology, path) if len(topology.buses) > 1 else None
+    assembler, cycles = Assembler(topology), []
+
+    def keep(cycle: RawCycle | None) -> None:
+        if cycle is not None:
+            cycles.append((cycle.stamp_ns, cycle.counts.copy(), cycle.status.copy()))
+
+    for batch in read(path, buses=buses):
+        batch.frames["origin"] = 0
+        for cycle in assembler.feed(batch.frames):
+            keep(cycle)
+    keep(assembler.flush())
+    if not cycles:
+        raise ScanError(f"{path}: must have cycles of {topology.name!r}; got none")
+    stamps, counts, status = map(np.stack, zip(*cycles, strict=True))
+    return Counts(1e-9 * (stamps - stamps[0]), counts, status & UNHEARD == 0)
+
+
+def _table_of_counts(topology: Topology, path: Path) -> Counts:
+    table = read_table(path)
+    known = {f"{unit} {channel}": (c, u) for u, unit in enumerate(topology.unit_names)
+             for c, channel in enumerate(CHANNELS)}  # fmt: skip
+    if "time_s" not in table:
+        raise ScanError(f"{path}:1: must have a column time_s; got {', '.join(table)[:80]}")
+    time = table.pop("time_s")
+    counts = np.full((time.size, len(CHANNELS), topology.n), np.nan)
+    for name, values in table.items():
+        if name not in known:
+            raise ScanError(f"{path}:1: {OptionError.unknown('column', name, known)}")
+        counts[(slice(None), *known[name])] = values
+    heard = (np.isfinite(counts) | ~topology.wired).all(axis=1) & np.isfinite(time)[:, np.newaxis]
+    limits = np.iinfo(np.int16)
+    whole = np.clip(np.nan_to_num(counts), limits.min, limits.max).astype(np.int16)
+    return Counts(time, whole, heard)

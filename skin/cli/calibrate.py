@@ -1,0 +1,199 @@
+"""`skin calibrate`: from a bench to a calibration file."""
+
+from __future__ import annotations
+
+import json as json_text
+import sys
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from skin.cli import options
+from skin.cli.table import columns
+
+if TYPE_CHECKING:
+    from skin.calibrate.bench.run import Outcome
+
+__all__ = ["SUBCOMMANDS", "calibrate", "check", "plan"]
+
+SUBCOMMANDS = {
+    "plan": "skin.cli.calibrate:plan",
+    "check": "skin.cli.calibrate:check",
+}
+"""Words that stand for commands of their own: module and function."""
+BAR = 30
+
+Bench = Annotated[
+    Path, tyro.conf.Positional, tyro.conf.arg(metavar="BENCH", help="BENCH file of the recordings")
+]
+
+
+def calibrate(
+    bench: Bench,
+    /,
+    *,
+    output: Annotated[
+        Path | None,
+        options.quiet(
+            "calibration file to write, or a folder of one for each patch; otherwise those that "
+            "the topology names",
+            metavar="FILE|DIR",
+            aliases=["-o"],
+        ),
+    ] = None,
+    report: Annotated[
+        Path | None,
+        options.quiet("report with plots to write, one HTML file", metavar="FILE"),
+    ] = None,
+    force: Annotated[
+        bool, options.quiet("fit and write although recordings or results have faults")
+    ] = False,
+    json: options.Json = False,
+) -> int:
+    """Fit units to the recordings of a bench and write their calibration file.
+
+    Also: `skin calibrate plan FILE` prints what to record, `skin calibrate check FILE BENCH` scores
+    an old calibration on new recordings. docs/calibrate.md has the formats.
+
+    Recordings are judged first, and what was found is checked on them at the end. If anything is
+    wrong, it is named, nothing is written and the exit status is 1.
+    """
+    from skin.calibrate.bench.run import calibrate_bench
+    from skin.compiling import announcer
+    from skin.errors import SkinError
+
+    options.check_folder("--report", report)
+    if output is not None and not output.is_dir():
+        options.check_folder("--output", output)
+    announcer()
+    outcome = calibrate_bench(bench, force=force, progress=_progress())
+    for fault in outcome.faults:
+        print(fault, file=sys.stderr)
+    files: dict[str, str] = {}
+    refused = bool(outcome.faults) and not force
+    if not refused:
+        if not outcome.results:
+            raise SkinError(f"{bench}: must tell something of a unit; got nothing")
+        files = {patch: str(path.resolve()) for patch, path in outcome.write(output).items()}
+    if report is not None and outcome.results:
+        from skin.view.calibration import write_report
+
+        write_report(report, outcome)
+        print(f"report: written to {report}")
+    print(_table(outcome))
+    for patch, path in files.items():
+        print(f"{patch}: written to {path}")
+    if refused:
+        print("nothing was written (--force writes all the same)", file=sys.stderr)
+    if json:
+        told = {"topology": outcome.topology.name, "units": len(outcome.results),
+                "faults": list(outcome.faults), "files": files,
+                "results": {r.unit: {"goodness": r.goodness, "kept": r.kept, "left": r.left,
+                                     "range": r.range} for r in outcome.results},
+                "report": None if report is None else str(report.resolve())}  # fmt: skip
+        print(json_text.dumps(told))
+    return int(refused)
+
+
+def plan(file: options.File, /, *, json: options.Json = False) -> int:
+    """Print what to record of the units of a topology, in which order and for how long."""
+    from skin.calibrate.bench.plan import steps
+    from topology import load
+
+    loaded = load(file)
+    unit, array = steps(loaded)
+    for head, protocol in (("each unit on a bench", unit), ("all units in their places", array)):
+        minutes = sum(step.seconds for step in protocol) / 60.0
+        print(f"{head}, {minutes:.0f} min:")
+        rows = [(step.kind, f"{step.seconds:g} s", step.text) for step in protocol]
+        print("\n".join(f"  {line}" for line in columns(("segment", "time", "what"), rows)))
+    print(
+        "\nReference: time, and any of force (N), displacement (mm), temperature (°C); what it "
+        "lacks stays as\nthe model has it, and is said to. docs/calibrate.md has the formats."
+    )
+    if json:
+        told = {"topology": loaded.name, "unit": [step._asdict() for step in unit],
+                "array": [step._asdict() for step in array]}  # fmt: skip
+        print(json_text.dumps(told))
+    return 0
+
+
+def check(
+    calibration: Annotated[
+        Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE", help="calibration file")
+    ],
+    bench: Bench,
+    /,
+    *,
+    json: options.Json = False,
+) -> int:
+    """Score a calibration on new recordings, and name the units that drifted or were swapped.
+
+    Exits with 1 if a unit has.
+    """
+    from skin.calibrate.bench.run import check_bench
+    from skin.compiling import announcer
+
+    announcer()
+    told = check_bench(calibration, bench, _progress())
+    rows = []
+    for name, entry in told.items():
+        score = entry.get("score")
+        over = score.over_sigma if score else {}
+        rows.append(
+            (
+                name,
+                entry["serial"],
+                f"{score.force_rmse_n:.4f}" if score else "-",
+                *(
+                    f"{over[q]:.2f}" if q in over else "-"
+                    for q in ("tangential", "normal", "temperature")
+                ),
+                f"{score.rest_hz:.1f}" if score else "-",
+                "drifted" if entry["faults"] else "holds",
+            )
+        )
+    head = ("unit", "serial", "force rmse / N", "Ft / sigma", "Fz / sigma", "T / sigma",
+            "rest / Hz", "")  # fmt: skip
+    print("\n".join(columns(head, rows)))
+    faults = [fault for entry in told.values() for fault in entry["faults"]]
+    for fault in faults:
+        print(fault, file=sys.stderr)
+    if json:
+        units = {name: entry | ({"score": asdict(entry["score"])} if "score" in entry else {})
+                 for name, entry in told.items()}  # fmt: skip
+        print(json_text.dumps({"calibration": str(calibration), "units": units}))
+    return int(bool(faults))
+
+
+def _table(outcome: Outcome) -> str:
+    rows = []
+    for result in outcome.results:
+        good = result.goodness
+        score: Any = outcome.scores.get(result.unit)
+        lag = f"{good['lag_s']:.4f} ± {good['lag_sigma_s']:.4f}" if "lag_s" in good else "-"
+        rows.append((
+            result.unit, outcome.serials.get(result.unit, ""), lag,
+            f"{score.force_rmse_n:.4f}" if score else "-",
+            f"{1e3 * good['displacement_rms_mm']:.0f}" if "displacement_rms_mm" in good else "-",
+            ", ".join(result.kept) or "nothing",
+        ))  # fmt: skip
+    head = ("unit", "serial", "lag / s", "force rmse / N", "film / µm", "kept as the model has it")
+    return "\n".join(columns(head, rows))
+
+
+def _progress() -> Callable[[int, int, str], None] | None:
+    """A bar on a terminal, nothing elsewhere."""
+    if not sys.stderr.isatty():
+        return None
+
+    def show(done: int, of: int, what: str) -> None:
+        full = BAR * done // max(of, 1)
+        end = "\n" if done == of else ""
+        print(f"\r[{'#' * full}{'.' * (BAR - full)}] {done}/{of} {what:<24.24}", end=end,
+              file=sys.stderr, flush=True)  # fmt: skip
+
+    return show
