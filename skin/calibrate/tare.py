@@ -13,6 +13,7 @@ bench has measured it. It is told beside the others, and left as it is.
 
 from __future__ import annotations
 
+import dataclasses
 import datetime
 import os
 import re
@@ -102,6 +103,26 @@ class Tare:
                 "axial_ut": float(self.axial_ut[i]),
             }
         return told
+
+    def applied(self, rest_ut: np.ndarray | None = None) -> Topology:
+        """The skin with these zeros.
+
+        Parameters
+        ----------
+        rest_ut : ndarray, shape (3, n), optional
+            What a decoder is to take off for neighbours at rest and this tare has included.
+        """
+        p = self.topology.parameters
+        offset = self.offset_ut if rest_ut is None else self.offset_ut - rest_ut[:2]
+        sigma = np.maximum(p["field_sigma_ut"], self.offset_sigma_ut.max(axis=0))
+        zeros = {
+            "frequency_rest_hz": self.frequency_hz, "frequency_sigma_hz": self.frequency_sigma_hz,
+            "hall_offset_x_ut": offset[0], "hall_offset_y_ut": offset[1], "field_sigma_ut": sigma,
+        }  # fmt: skip
+        changed = {name: np.where(self.taken, new, p[name]) for name, new in zeros.items()}
+        return dataclasses.replace(
+            self.topology, parameters={**p, **changed}, tared=self.topology.tared | self.taken
+        )
 
     def write(
         self, out: str | os.PathLike[str] | None = None, *, date: str | None = None

@@ -1,0 +1,467 @@
+"""What films really add at their neighbours' chips, learned from the skin itself.
+
+The theoretical stencil is right for one film in places as drawn. What it can be wrong in is little:
+the multipoles that all films of a skin share (`skin.physics.multipoles`), and of every unit the
+strength, the place and the tilt. These are estimated, with theory as the prior, from two kinds of
+readings:
+
+- **at rest**: what a tare reads beside the chip's offset and the own film is the field of the
+  neighbours at rest, and the ambient field, which is estimated along;
+- **in touch**: where one unit is pressed and its neighbour is not, the neighbour's chip reads the
+  stray field directly.
+
+It is an extended Kalman filter without process noise: films do not change. Every pair of a skin has
+coefficients of its own in the result, whether it was touched or not, since a lattice, a cylinder
+and scattered units share the multipoles; what no reading has told keeps its prior, and is in sigma.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from typing import NamedTuple
+
+import numpy as np
+
+from skin.calibrate.tare import Tare
+from skin.errors import ScanError, SkinError
+from skin.physics.film_table import load_film_table
+from skin.physics.halbach import CHIP_AXES
+from skin.physics.multipoles import ORDERS, films_as_made, multipole_field
+from skin.physics.rest import axial_at_rest_ut
+from skin.physics.stencil import Stencil
+from skin.physics.stray import HORIZON_M, monomials, near, scan_poses
+from topology import Topology
+
+__all__ = ["MOST_UNITS", "StrayEstimate"]
+
+MOST_UNITS = 256
+"""The covariance of all units is held in one matrix; that of these takes 43 MB."""
+AXIAL_SHARE = 0.005
+"""By which the own field at rest differs from what the table of angles makes of it [derived: the
+fit of a film of another shape, `python -m benchmarks films`]."""
+STRENGTH = 0.02
+"""One sigma of a film's stray field over its own, from film to film [assumed]."""
+AMBIENT_UT = 50.0
+"""One sigma of an axis of the ambient field while a skin is tared [derived: the Earth's]."""
+OUTLIER = 3.0
+"""Chips that miss what is expected by more than this many sigma count as if their noise were as
+large [assumed]."""
+ROUNDS, TOUCH_ROUNDS = 4, 2
+"""Linearisations of readings at rest, where shapes may be off by a third, and in touch. In the
+latter half chips that miss what is expected are held for outliers."""
+SCENES = 12
+"""Of films moved at random, over which the sigma of a stencil is a mean."""
+AT_ONCE = 100_000
+"""Points whose field is computed together: some ten megabytes."""
+STEP = 1e-4
+"""mm or rad, of differences: errors of truncation and rounding are both below 1e-4 of a slope."""
+AXES = 3
+AMBIENT = slice(ORDERS, ORDERS + AXES)
+EACH = 9
+"""Parameters of a unit: strength; place, mm, skin frame; tilt about its x and y, rad; what the
+field of its chip at rest is off that of the tare, µT."""
+
+
+class _Slopes(NamedTuple):
+    """Stray fields of p pairs and their slopes, µT, axes of the chip."""
+
+    field: np.ndarray  # (3, p)
+    shape: np.ndarray  # (3, p, ORDERS)
+    moved: np.ndarray  # (3, p, 3) by the place of the chip against that of the film
+    chip: np.ndarray  # (3, p, 2) by the tilt of the chip's unit
+    film: np.ndarray  # (3, p, 2) by that of the film's
+
+    def since(self, resting: _Slopes, cycles: int) -> _Slopes:
+        """Since all films were at rest, cycle by cycle."""
+        shapes = (whole.shape for whole in self)
+        pairs = zip(self, resting, shapes, strict=True)
+        return _Slopes(*(
+            (whole.reshape(AXES, cycles, *part.shape[1:]) - part[:, np.newaxis]).reshape(shape)
+            for whole, part, shape in pairs
+        ))  # fmt: skip
+
+
+class StrayEstimate:
+    """Stray fields of the films of a skin, and how well they are known.
+
+    Parameters
+    ----------
+    topology : Topology
+        Places as drawn; `placement_sigma_mm` and `placement_sigma_rad` say how well they are kept.
+    stencil : Stencil, optional
+        From magnet theory, of these units; made if not given.
+
+    Attributes
+    ----------
+    mean : ndarray, shape (p,)
+        Multipoles of a film of strength 1; ambient field of the tare, skin frame, µT; of each unit
+        its strength above `field_amplitude_ut`, as a share, place, mm, and tilt, rad.
+    covariance : ndarray, shape (p, p)
+    touches : ndarray, shape (n,), int
+        Readings in which each unit was the one that was pressed.
+
+    Raises
+    ------
+    SkinError
+        More than `MOST_UNITS` units.
+    """
+
+    def __init__(self, topology: Topology, stencil: Stencil | None = None) -> None:
+        n = topology.n
+        if n > MOST_UNITS:
+            raise SkinError(f"{topology.name}: must have {MOST_UNITS} units or fewer for its stray "
+                            f"fields to be learned; got {n}")  # fmt: skip
+        self.topology = topology
+        self.theory = Stencil.of(topology) if stencil is None else stencil
+        p = topology.parameters
+        self._films = np.flatnonzero(self.theory.strength > 0.0)
+        shape, covariance = films_as_made()
+        size = ORDERS + AXES + EACH * n
+        self.mean = np.concatenate([shape, np.zeros(size - ORDERS)])
+        strength = np.hypot(p["field_amplitude_sigma_relative"], STRENGTH)
+        place, tilt = p["placement_sigma_mm"], p["placement_sigma_rad"]
+        none = np.zeros(n)
+        each = np.stack([strength, *3 * [place], *2 * [tilt], *3 * [none]], axis=1)
+        sigma = np.concatenate([np.zeros(ORDERS), np.full(3, AMBIENT_UT), each.ravel()])
+        self.covariance = np.diag(sigma**2)
+        self.covariance[:ORDERS, :ORDERS] = covariance
+        self.touches = np.zeros(n, int)
+        self._start = self.mean.copy()
+        self._tared_ut: np.ndarray | None = None
+        # a film of one frame is not seen from another
+        frames = topology.patch_frames or ("",) * len(topology.patch_names)
+        self._frame = np.unique(np.array(frames)[topology.patch], return_inverse=True)[1]
+
+    # -- readings ----------------------------------------------------------------------------------
+
+    def rest(self, field_ut: np.ndarray, sigma_ut: np.ndarray) -> None:
+        """Take what untouched chips read.
+
+        Parameters
+        ----------
+        field_ut : ndarray, shape (3, n)
+            Axes of the chips: the reading less the chip's own offset and the own film; NaN of units
+            or axes that tell nothing.
+        sigma_ut : ndarray, shape (3, n)
+            One sigma: of offset and own film; the noise of a mean is little beside them.
+
+        Raises
+        ------
+        ScanError
+            Arrays of another shape, or a sigma that is not positive.
+        """
+        n = self.topology.n
+        for name, array in (("field_ut", field_ut), ("sigma_ut", sigma_ut)):
+            if np.shape(array) != (3, n):
+                raise ScanError(f"{name}: must be of shape (3, {n}); got {np.shape(array)}")
+        told = np.isfinite(field_ut)
+        if not (sigma_ut[told] > 0.0).all():
+            raise ScanError(f"sigma_ut: must be above 0; got {np.min(sigma_ut[told])}")
+        variance = np.where(told, sigma_ut, np.inf) ** 2
+        self._learn(np.where(told, field_ut, 0.0)[np.newaxis], variance[np.newaxis], None)
+
+    def touch(
+        self, displacement_mm: np.ndarray, change_ut: np.ndarray, free: np.ndarray,
+        sigma_ut: np.ndarray | float,
+    ) -> None:  # fmt: skip
+        """Take what chips read while others are pressed.
+
+        Parameters
+        ----------
+        displacement_mm : ndarray, shape (t, 3, n)
+            dx, dy, H of all units; 0 of those that nothing touches.
+        change_ut : ndarray, shape (t, 3, n)
+            Axes of the chips: the reading less that at rest.
+        free : ndarray, shape (n,), bool
+            Units that nothing touches.
+        sigma_ut : ndarray, shape (n,), or float
+            Noise of an axis of a reading.
+        """
+        n = self.topology.n
+        shape = np.shape(displacement_mm)
+        if shape[1:] != (3, n) or np.shape(change_ut) != shape or np.shape(free) != (n,):
+            raise ScanError(f"displacement_mm, change_ut, free: must be of shapes (t, 3, {n}), "
+                            f"(t, 3, {n}) and ({n},); got {shape}, {np.shape(change_ut)} and "
+                            f"{np.shape(free)}")  # fmt: skip
+        told = np.isfinite(change_ut) & np.asarray(free, bool)
+        noise = np.broadcast_to(np.asarray(sigma_ut, float) ** 2, np.shape(change_ut))
+        moved = np.nan_to_num(np.where(free, 0.0, displacement_mm))
+        self.touches += np.any(moved != 0.0, axis=1).sum(axis=0)
+        self._learn(np.where(told, change_ut, 0.0), np.where(told, noise, np.inf), moved)
+
+    def _learn(
+        self, values: np.ndarray, variance: np.ndarray, moved: np.ndarray | None
+    ) -> None:  # fmt: skip
+        """The update of an iterated extended Kalman filter, in the form of information: readings
+        are many, and tell of a few units."""
+        before, covariance = self.mean, self.covariance
+        usual = np.isfinite(variance).any(axis=(0, 1))
+        louder = np.ones(self.topology.n)
+        rounds = ROUNDS if moved is None else TOUCH_ROUNDS
+        for turn in range(rounds):
+            normal, told, columns, miss = self._normal(values, variance * louder, moved, before)
+            block = covariance[np.ix_(columns, columns)]
+            gain = np.linalg.solve(np.eye(columns.size) + normal @ block, np.column_stack([
+                told, normal @ covariance[columns]
+            ]))  # fmt: skip
+            step = covariance[:, columns] @ gain[:, 0]
+            after = covariance - covariance[:, columns] @ gain[:, 1:]
+            self.mean = before + step
+            if turn >= rounds // 2 - 1:  # what is left is no error of the start
+                louder = np.where(usual, np.maximum(1.0, miss / OUTLIER**2), 1.0)
+        self.covariance = 0.5 * (after + after.T)
+
+    def _normal(
+        self, values: np.ndarray, variance: np.ndarray, moved: np.ndarray | None,
+        before: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+        """Normal equations of readings about the mean, for steps from `before`; of the parameters
+        that they tell of; and by how much each chip misses, mean square over its sigma."""
+        n, cycles = self.topology.n, len(values)
+        tells = np.isfinite(variance).any(axis=(0, 1))
+        at, by = self._pairs if moved is None else (self.theory.unit, self.theory.neighbour)
+        keep = tells[at]
+        if moved is not None:
+            keep &= moved[:, :, by].any(axis=(0, 1))
+        at, by = at[keep], by[keep]
+        chips = np.flatnonzero(tells) if moved is None else np.unique(at)
+        units = np.union1d(by, chips).astype(int)
+        first = ORDERS + AXES + EACH * units[:, np.newaxis]
+        columns = np.append(np.arange(ORDERS + AXES), first + np.arange(EACH))
+        row, place = np.zeros(n, int), np.zeros(n, int)
+        row[chips], place[units] = np.arange(chips.size), np.arange(units.size)
+        rows = chips.size * np.arange(cycles)[:, np.newaxis] + row[at]
+        many = [np.tile(pair, cycles) for pair in (at, by)]
+        still = np.zeros((AXES, at.size))
+        there = still if moved is None else moved[:, :, by].transpose(1, 0, 2).reshape(AXES, -1)
+        slopes = self._slopes(*many, there)
+        if moved is not None:
+            slopes = slopes.since(self._slopes(at, by, still), cycles)
+        matrix, expected = self._rows(
+            slopes, *many, rows.ravel(), place, cycles * chips.size, columns.size
+        )
+        if moved is not None:
+            chip = np.tile(place[chips], cycles)[:, np.newaxis]
+            still_ut = ORDERS + AXES + EACH * chip + np.arange(EACH - AXES, EACH)
+            matrix[np.arange(len(matrix))[:, np.newaxis], np.arange(AXES), still_ut] = 1.0
+            expected += np.tile(self._units(self.mean)[-AXES:, chips].T, (cycles, 1))
+        else:
+            matrix[:, :, AMBIENT] = self._to_chip[:, :, chips].transpose(2, 0, 1)
+            expected += matrix[:, :, AMBIENT] @ self.mean[AMBIENT]
+        weight = 1.0 / variance[:, :, chips].transpose(0, 2, 1).reshape(-1, AXES)
+        off = values[:, :, chips].transpose(0, 2, 1).reshape(-1, AXES) - expected
+        miss, count = np.zeros(n), np.zeros(n)
+        np.add.at(miss, np.tile(chips, cycles), np.sum(off**2 * weight, axis=1))
+        np.add.at(count, np.tile(chips, cycles), np.sum(weight > 0.0, axis=1))
+        off += matrix @ (self.mean - before)[columns]
+        matrix = matrix.reshape(-1, columns.size)
+        weighted = matrix.T * weight.ravel()
+        return weighted @ matrix, weighted @ off.ravel(), columns, miss / np.maximum(count, 1.0)
+
+    def tared(self, found: Tare) -> Stencil:
+        """Take the readings of a tare, in which resting neighbours are included.
+
+        Parameters
+        ----------
+        found : Tare
+            Of this skin, taken without `rest_ut`; its units were calibrated on a bench, or their
+            sigma says how little is known of them.
+
+        Returns
+        -------
+        Stencil
+            As `stencil`.
+        """
+        p = self.topology.parameters
+        known = np.stack([p["hall_offset_x_ut"], p["hall_offset_y_ut"]])
+        up_ut = axial_at_rest_ut(self.topology)
+        field = np.vstack([found.offset_ut - known, found.axial_ut - up_ut])
+        lateral = np.hypot(p["field_sigma_ut"], found.offset_sigma_ut)
+        relative = np.hypot(p["field_amplitude_sigma_relative"], AXIAL_SHARE)
+        axial = np.hypot(lateral.max(axis=0), relative * up_ut)
+        sigma = np.vstack([lateral, axial])
+        self.rest(np.where(found.taken & (sigma > 0.0), field, np.nan), sigma)
+        first = ORDERS + AXES + EACH * np.arange(self.topology.n) + EACH - AXES
+        noise = np.where(found.taken, found.offset_sigma_ut.max(axis=0), 0.0) ** 2
+        for axis in range(AXES):
+            self.covariance[first + axis, first + axis] = noise
+        stencil = self.stencil()
+        self._tared_ut = stencil.rest_ut[:2].copy()
+        return stencil
+
+    # -- what follows ------------------------------------------------------------------------------
+
+    def stencil(self) -> Stencil:
+        """The stencil as it is known now, with its sigma, in place of that of theory.
+
+        `rest_ut` is all that untouched chips read beside their own: neighbours and the ambient
+        field of the tare. Once the skin is tared its lateral part stays that which the tare has
+        left out of the offsets, and what chips were seen to be off it.
+        """
+        theory = self.theory
+        at, by = theory.unit, theory.neighbour
+        poses, share = scan_poses(theory.depth_max_mm, theory.displacement_max_mm)
+        terms = monomials(poses.T, theory.degree)
+        solve = np.linalg.pinv(terms.T)
+        values, missed = np.empty((at.size, 3, len(terms))), np.empty((at.size, 3))
+        chunk = max(1, AT_ONCE // len(poses))
+        for first in range(0, at.size, chunk):
+            part = slice(first, first + chunk)
+            found = self._moving(at[part], by[part], poses, self.mean)
+            values[part] = np.einsum("pat,kt->pak", found, solve)
+            drawn = self._moving(at[part], by[part], poses, self._start)
+            known = theory.coefficients[theory.kind[part]] * theory.strength[by[part], None, None]
+            # what the multipoles cannot tell of the film as drawn, they cannot of another
+            left = (found - values[part] @ terms) ** 2 + (drawn - known @ terms) ** 2
+            missed[part] = np.sqrt(left @ share)
+        rest = theory.rest_ut + self._resting(self.mean) - self._resting(self._start)
+        rest += np.einsum("abn,b->an", self._to_chip, self.mean[AMBIENT])
+        if self._tared_ut is not None:
+            rest[:2] = self._tared_ut + self._units(self.mean)[-AXES:-1]
+        # the lateral one is in the offsets of a tare
+        rest_ut2 = self.rest_sigma_ut()[2] ** 2 / AXES
+        return dataclasses.replace(
+            theory, kind=np.arange(at.size, dtype=np.int32), coefficients=values, sigma_ut=missed,
+            strength=np.where(theory.strength > 0.0, 1.0, 0.0), rest_ut=rest,
+            left_out_rms_ut=np.sqrt(theory.left_out_rms_ut**2 + self.sigma_ut() ** 2 + rest_ut2),
+        )  # fmt: skip
+
+    def sigma_ut(self) -> np.ndarray:
+        """One sigma of a lateral axis of the field at every chip by what is not known, the mean
+        over films that all move at random, µT, shape (n,)."""
+        n, at, by = self.topology.n, self.theory.unit, self.theory.neighbour
+        depth, far = self.theory.depth_max_mm, self.theory.displacement_max_mm
+        rng, each = np.random.default_rng(0), np.arange(n)
+        resting = self._slopes(at, by, np.zeros((3, at.size)))
+        variance = np.zeros(n)
+        for _ in range(SCENES):
+            around, radius = rng.uniform(-np.pi, np.pi, n), far * np.sqrt(rng.random(n))
+            moved = np.stack(
+                [radius * np.cos(around), radius * np.sin(around), depth * rng.random(n)]
+            )
+            slopes = self._slopes(at, by, moved[:, by])
+            slopes = slopes.since(resting, 1)
+            matrix, _ = self._rows(slopes, at, by, at, each, n, self.mean.size)
+            lateral = matrix[:, :2].reshape(2 * n, -1)
+            spread = np.einsum("rp,rp->r", lateral @ self.covariance, lateral)
+            variance += spread.reshape(n, 2).mean(axis=1) / SCENES
+        return np.sqrt(variance)
+
+    def rest_sigma_ut(self) -> np.ndarray:
+        """One sigma of `Stencil.rest_ut`, shape (3, n)."""
+        n, (at, by) = self.topology.n, self._pairs
+        each = np.arange(n)
+        slopes = self._slopes(at, by, np.zeros((3, at.size)))
+        matrix, _ = self._rows(slopes, at, by, at, each, n, self.mean.size)
+        matrix[:, :, AMBIENT] = self._to_chip.transpose(2, 0, 1)
+        return np.sqrt(np.einsum("nap,pq,naq->an", matrix, self.covariance, matrix, optimize=True))
+
+    # -- the model ---------------------------------------------------------------------------------
+
+    @functools.cached_property
+    def _pairs(self) -> tuple[np.ndarray, np.ndarray]:
+        """Chips, and the films that they see at rest."""
+        i, j = near(self.topology, HORIZON_M)
+        at, by = np.concatenate([i, j]), np.concatenate([j, i])
+        seen = (self._frame[at] == self._frame[by]) & np.isin(by, self._films)
+        return at[seen], by[seen]
+
+    @functools.cached_property
+    def _to_chip(self) -> np.ndarray:
+        """From the skin frame to the axes of each chip, shape (3, 3, n)."""
+        return CHIP_AXES[:, np.newaxis, np.newaxis] * self.topology.rotation.transpose(1, 0, 2)
+
+    def _units(self, mean: np.ndarray) -> np.ndarray:
+        """Parameters of the units, shape (EACH, n)."""
+        return mean[ORDERS + AXES :].reshape(-1, EACH).T
+
+    def _seen(
+        self, at: np.ndarray, by: np.ndarray, moved: np.ndarray, mean: np.ndarray,
+        aside: np.ndarray | None = None, chip: np.ndarray | None = None,
+        film: np.ndarray | None = None,
+    ) -> np.ndarray:  # fmt: skip
+        """Field of each multipole of films at chips, shape (ORDERS, 3, p), the chip being `aside`
+        against the film, and both further tilted."""
+        units, film_mm = self._units(mean), load_film_table().film
+        turned = [
+            _tilted(self.topology.rotation[:, :, unit], units[4:6, unit], more)
+            for unit, more in ((at, chip), (by, film))
+        ]  # fmt: skip
+        place = 1e3 * self.topology.position + units[1:4]
+        between = (
+            place[:, at] - place[:, by] + (film_mm.middle_mm + film_mm.chip_mm) * turned[0][:, 2]
+        )
+        between -= film_mm.middle_mm * turned[1][:, 2]
+        if aside is not None:
+            between = between + aside[:, np.newaxis]
+        points = np.einsum("abm,am->bm", turned[1], between) - moved
+        turn = CHIP_AXES[:, np.newaxis, np.newaxis] * np.einsum("bam,bcm->acm", *turned)
+        strength = self.theory.strength[by] * (1.0 + units[0, by])
+        return np.einsum("acm,kcm->kam", turn * strength, multipole_field(points))
+
+    def _slopes(self, at: np.ndarray, by: np.ndarray, moved: np.ndarray) -> _Slopes:
+        shape, mean = self._seen(at, by, moved, self.mean), self.mean
+        field = np.einsum("k,kam->am", mean[:ORDERS], shape)
+
+        def slope(**bumps: np.ndarray) -> np.ndarray:
+            there = np.einsum("k,kam->am", mean[:ORDERS], self._seen(at, by, moved, mean, **bumps))
+            return (there - field) / STEP
+
+        axes, turns = STEP * np.eye(3), STEP * np.eye(2)
+        return _Slopes(
+            field, shape.transpose(1, 2, 0),
+            np.stack([slope(aside=axis) for axis in axes], axis=-1),
+            np.stack([slope(chip=turn) for turn in turns], axis=-1),
+            np.stack([slope(film=turn) for turn in turns], axis=-1),
+        )  # fmt: skip
+
+    def _rows(
+        self, slopes: _Slopes, at: np.ndarray, by: np.ndarray, row: np.ndarray, place: np.ndarray,
+        rows: int, width: int,
+    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+        """Derivatives of the sums over films at each chip, shape (rows, 3, width), and the sums."""
+        matrix, sums = np.zeros((rows, 3, width)), np.zeros((rows, 3))
+        np.add.at(sums, row, slopes.field.T)
+        np.add.at(matrix[:, :, :ORDERS], row, slopes.shape.transpose(1, 0, 2))
+        axes = np.arange(3)[np.newaxis, :, np.newaxis]
+        gain = slopes.field / (1.0 + self._units(self.mean)[0, by])
+        film = np.concatenate([gain[..., np.newaxis], -slopes.moved, slopes.film], axis=-1)
+        none = np.zeros((*slopes.field.shape, 1))
+        chip = np.concatenate([none, slopes.moved, slopes.chip], axis=-1)
+        for unit, values in ((by, film), (at, chip)):
+            first = (ORDERS + AXES + EACH * place[unit])[:, np.newaxis, np.newaxis] + np.arange(
+                EACH - AXES
+            )
+            np.add.at(
+                matrix, (row[:, np.newaxis, np.newaxis], axes, first), values.transpose(1, 0, 2)
+            )
+        return matrix, sums
+
+    def _moving(
+        self, at: np.ndarray, by: np.ndarray, poses: np.ndarray, mean: np.ndarray
+    ) -> np.ndarray:
+        """Change of the field of each pair since rest, shape (p, 3, t)."""
+        poses = np.vstack([np.zeros(3), poses])
+        many = [np.repeat(units, len(poses)) for units in (at, by)]
+        seen = self._seen(*many, np.tile(poses.T, at.size), mean)
+        field = np.einsum("k,kam->am", mean[:ORDERS], seen).reshape(3, at.size, len(poses))
+        return (field[:, :, 1:] - field[:, :, :1]).transpose(1, 0, 2)
+
+    def _resting(self, mean: np.ndarray) -> np.ndarray:
+        """Field of all films at rest at every chip, shape (3, n)."""
+        at, by = self._pairs
+        each = np.einsum(
+            "k,kam->am", mean[:ORDERS], self._seen(at, by, np.zeros((3, at.size)), mean)
+        )
+        return np.stack([np.bincount(at, axis, minlength=self.topology.n) for axis in each])
+
+
+def _tilted(rotation: np.ndarray, tilt: np.ndarray, more: np.ndarray | None) -> np.ndarray:
+    """Rotations, shape (3, 3, m), after turns by small rotation vectors in their own x and y."""
+    x, y = tilt if more is None else tilt + more[:, np.newaxis]
+    # to second order: what is left of a tilt of 0.1 rad is 2e-4
+    zero = np.zeros_like(x)
+    cross = np.array([[zero, zero, y], [zero, zero, -x], [-y, x, zero]])
+    small = np.eye(3)[:, :, np.newaxis] + cross + 0.5 * np.einsum("abm,bcm->acm", cross, cross)
+    return np.einsum("abm,bcm->acm", rotation, small)
