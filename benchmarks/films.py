@@ -31,6 +31,7 @@ from skin.calibrate.tare import tare
 from skin.calibrate.touch import TouchTest
 from skin.physics.stencil import Stencil
 from topology import Topology
+from topology.model import UnitModel
 
 SIDE, RATE_HZ = 6, 200.0
 FIRST_SEED = 100
@@ -68,6 +69,7 @@ def _ways(array: Array) -> dict[str, tuple[Topology, Stencil | None]]:
     known = with_parameters(
         array.known, placement_sigma_mm=np.full(n, PLACE_MM),
         placement_sigma_rad=np.full(n, np.radians(TILT_DEG)),
+        stray_sigma_relative=np.full(n, UnitModel().stray_sigma_relative),
     )  # fmt: skip
     cycles = round(TARE_S * RATE_HZ)
     still = np.zeros((cycles, 2, n)), np.zeros((cycles, n))
@@ -89,7 +91,7 @@ def _ways(array: Array) -> dict[str, tuple[Topology, Stencil | None]]:
 
 
 def press(unit: int, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """A finger on one unit: down, round in a widening and narrowing circle, up.
+    """A finger on one unit: down, round in circles, up.
 
     Returns
     -------
@@ -99,8 +101,9 @@ def press(unit: int, n: int) -> tuple[np.ndarray, np.ndarray]:
     count = round(PRESS_S * RATE_HZ)
     share = (np.arange(count) + 0.5) / count
     displacement, depth = np.zeros((count, 2, n)), np.zeros((count, n))
-    depth[:, unit] = 2.0 * np.sqrt(np.sin(np.pi * share))
-    radius, around = 2.2 * np.sin(np.pi * share), 4.0 * np.pi * share
+    down = np.sin(np.pi * share) ** 0.3
+    depth[:, unit] = 2.0 * down
+    radius, around = 2.4 * down, 4.0 * np.pi * share
     displacement[:, :, unit] = (radius * np.stack([np.cos(around), np.sin(around)])).T
     return displacement, depth
 

@@ -148,22 +148,31 @@ class DipoleField:
         self, displacement_mm: np.ndarray, depth_mm: np.ndarray, film_temperature: np.ndarray
     ) -> np.ndarray:
         """As of `skin.sim.field.Field`."""
-        at, by = self._pairs
         moved = np.concatenate([displacement_mm, depth_mm[..., np.newaxis, :]], axis=-2)
         moved = moved.reshape(-1, 3, self._n)
-        cycles = len(moved)
+        warm = np.broadcast_to(film_temperature, depth_mm.shape).reshape(-1, self._n)
+        gain = 1.0 + self._p["film_drift_per_k"] * (warm - self._p["film_reference_c"])
+        resting = self._seen(*self._pairs, np.zeros((3, self._pairs[0].size)))
+        out = np.zeros((len(moved), 3, self._n))
+        for film in range(self._n):
+            pairs = self._pairs[1] == film
+            at, away = self._pairs[0][pairs], moved[:, :, film].any(axis=1)
+            seen = np.repeat(resting[np.newaxis, :, pairs], len(moved), axis=0)
+            if away.any():
+                chips, films = np.tile(at, away.sum()), np.full(at.size * away.sum(), film)
+                there = np.repeat(moved[away, :, film].T, at.size, axis=1)
+                found = self._seen(chips, films, there).reshape(3, -1, at.size)
+                seen[away] = found.transpose(1, 0, 2)
+            out[:, :, at] += seen * gain[:, film, np.newaxis, np.newaxis]
+        return out.reshape(*depth_mm.shape[:-1], 3, self._n)
+
+    def _seen(self, at: np.ndarray, by: np.ndarray, moved: np.ndarray) -> np.ndarray:
+        """Field of films at chips, axes of the chips, shape (3, p)."""
         turn = self._rotation[:, :, by]
         between = np.einsum("abm,am->bm", turn, self._chip[:, at] - self._film[:, by])
-        points = (between - moved[:, :, by]).transpose(1, 0, 2).reshape(3, -1)
-        seen = self._shape.field(points).reshape(3, cycles, -1).transpose(1, 0, 2)
         to_chip = np.einsum("bam,bcm->acm", self._rotation[:, :, at], turn)
-        seen = np.einsum("acm,tcm->tam", to_chip, seen) * np.array([-1.0, -1.0, 1.0])[:, None]
-        warm = np.broadcast_to(film_temperature, depth_mm.shape).reshape(cycles, self._n)
-        gain = 1.0 + self._p["film_drift_per_k"] * (warm - self._p["film_reference_c"])
-        seen *= (self._strength * gain)[:, np.newaxis, by]
-        out = np.zeros((cycles, 3, self._n))
-        np.add.at(out, (slice(None), slice(None), at), seen)
-        return out.reshape(*depth_mm.shape[:-1], 3, self._n)
+        seen = np.einsum("acm,cm->am", to_chip, self._shape.field(between - moved))
+        return seen * self._strength[by] * np.array([[-1.0], [-1.0], [1.0]])
 
 
 class _Bench(Bench):
