@@ -18,19 +18,16 @@ and scattered units share the multipoles; what no reading has told keeps its pri
 from __future__ import annotations
 
 import dataclasses
-import functools
-from typing import NamedTuple
 
 import numpy as np
 
+from skin.calibrate.stray_model import AMBIENT, AXES, EACH, StrayModel
 from skin.calibrate.tare import Tare
 from skin.errors import ScanError, SkinError
-from skin.physics.film_table import load_film_table
-from skin.physics.halbach import CHIP_AXES
-from skin.physics.multipoles import ORDERS, films_as_made, multipole_field
+from skin.physics.multipoles import ORDERS, films_as_made
 from skin.physics.rest import axial_at_rest_ut
 from skin.physics.stencil import Stencil
-from skin.physics.stray import HORIZON_M, monomials, near, scan_poses
+from skin.physics.stray import monomials, scan_poses
 from topology import Topology
 
 __all__ = ["MOST_UNITS", "StrayEstimate"]
@@ -54,32 +51,6 @@ SCENES = 12
 """Of films moved at random, over which the sigma of a stencil is a mean."""
 AT_ONCE = 100_000
 """Points whose field is computed together: some ten megabytes."""
-STEP = 1e-4
-"""mm or rad, of differences: errors of truncation and rounding are both below 1e-4 of a slope."""
-AXES = 3
-AMBIENT = slice(ORDERS, ORDERS + AXES)
-EACH = 9
-"""Parameters of a unit: strength; place, mm, skin frame; tilt about its x and y, rad; what the
-field of its chip at rest is off that of the tare, µT."""
-
-
-class _Slopes(NamedTuple):
-    """Stray fields of p pairs and their slopes, µT, axes of the chip."""
-
-    field: np.ndarray  # (3, p)
-    shape: np.ndarray  # (3, p, ORDERS)
-    moved: np.ndarray  # (3, p, 3) by the place of the chip against that of the film
-    chip: np.ndarray  # (3, p, 2) by the tilt of the chip's unit
-    film: np.ndarray  # (3, p, 2) by that of the film's
-
-    def since(self, resting: _Slopes, cycles: int) -> _Slopes:
-        """Since all films were at rest, cycle by cycle."""
-        shapes = (whole.shape for whole in self)
-        pairs = zip(self, resting, shapes, strict=True)
-        return _Slopes(*(
-            (whole.reshape(AXES, cycles, *part.shape[1:]) - part[:, np.newaxis]).reshape(shape)
-            for whole, part, shape in pairs
-        ))  # fmt: skip
 
 
 class StrayEstimate:
@@ -95,8 +66,7 @@ class StrayEstimate:
     Attributes
     ----------
     mean : ndarray, shape (p,)
-        Multipoles of a film of strength 1; ambient field of the tare, skin frame, µT; of each unit
-        its strength above `field_amplitude_ut`, as a share, place, mm, and tilt, rad.
+        Parameters of `skin.calibrate.stray_model`.
     covariance : ndarray, shape (p, p)
     touches : ndarray, shape (n,), int
         Readings in which each unit was the one that was pressed.
@@ -115,7 +85,7 @@ class StrayEstimate:
         self.topology = topology
         self.theory = Stencil.of(topology) if stencil is None else stencil
         p = topology.parameters
-        self._films = np.flatnonzero(self.theory.strength > 0.0)
+        self._model = StrayModel(topology, self.theory)
         shape, covariance = films_as_made()
         size = ORDERS + AXES + EACH * n
         self.mean = np.concatenate([shape, np.zeros(size - ORDERS)])
@@ -129,9 +99,6 @@ class StrayEstimate:
         self.touches = np.zeros(n, int)
         self._start = self.mean.copy()
         self._tared_ut: np.ndarray | None = None
-        # a film of one frame is not seen from another
-        frames = topology.patch_frames or ("",) * len(topology.patch_names)
-        self._frame = np.unique(np.array(frames)[topology.patch], return_inverse=True)[1]
 
     # -- readings ----------------------------------------------------------------------------------
 
@@ -219,8 +186,8 @@ class StrayEstimate:
         """Normal equations of readings about the mean, for steps from `before`; of the parameters
         that they tell of; and by how much each chip misses, mean square over its sigma."""
         n, cycles = self.topology.n, len(values)
-        tells = np.isfinite(variance).any(axis=(0, 1))
-        at, by = self._pairs if moved is None else (self.theory.unit, self.theory.neighbour)
+        tells: np.ndarray = np.isfinite(variance).any(axis=(0, 1))
+        at, by = self._model.pairs if moved is None else (self.theory.unit, self.theory.neighbour)
         keep = tells[at]
         if moved is not None:
             keep &= moved[:, :, by].any(axis=(0, 1))
@@ -232,22 +199,22 @@ class StrayEstimate:
         row, place = np.zeros(n, int), np.zeros(n, int)
         row[chips], place[units] = np.arange(chips.size), np.arange(units.size)
         rows = chips.size * np.arange(cycles)[:, np.newaxis] + row[at]
-        many = [np.tile(pair, cycles) for pair in (at, by)]
+        ats, bys = np.tile(at, cycles), np.tile(by, cycles)
         still = np.zeros((AXES, at.size))
         there = still if moved is None else moved[:, :, by].transpose(1, 0, 2).reshape(AXES, -1)
-        slopes = self._slopes(*many, there)
+        slopes = self._model.slopes(ats, bys, there, self.mean)
         if moved is not None:
-            slopes = slopes.since(self._slopes(at, by, still), cycles)
-        matrix, expected = self._rows(
-            slopes, *many, rows.ravel(), place, cycles * chips.size, columns.size
+            slopes = slopes.since(self._model.slopes(at, by, still, self.mean), cycles)
+        matrix, expected = self._model.rows(
+            slopes, ats, bys, rows.ravel(), place, cycles * chips.size, columns.size, self.mean
         )
         if moved is not None:
             chip = np.tile(place[chips], cycles)[:, np.newaxis]
             still_ut = ORDERS + AXES + EACH * chip + np.arange(EACH - AXES, EACH)
             matrix[np.arange(len(matrix))[:, np.newaxis], np.arange(AXES), still_ut] = 1.0
-            expected += np.tile(self._units(self.mean)[-AXES:, chips].T, (cycles, 1))
+            expected += np.tile(self._model.units(self.mean)[-AXES:, chips].T, (cycles, 1))
         else:
-            matrix[:, :, AMBIENT] = self._to_chip[:, :, chips].transpose(2, 0, 1)
+            matrix[:, :, AMBIENT] = self._model.to_chip[:, :, chips].transpose(2, 0, 1)
             expected += matrix[:, :, AMBIENT] @ self.mean[AMBIENT]
         weight = 1.0 / variance[:, :, chips].transpose(0, 2, 1).reshape(-1, AXES)
         off = values[:, :, chips].transpose(0, 2, 1).reshape(-1, AXES) - expected
@@ -308,17 +275,17 @@ class StrayEstimate:
         chunk = max(1, AT_ONCE // len(poses))
         for first in range(0, at.size, chunk):
             part = slice(first, first + chunk)
-            found = self._moving(at[part], by[part], poses, self.mean)
+            found = self._model.moving(at[part], by[part], poses, self.mean)
             values[part] = np.einsum("pat,kt->pak", found, solve)
-            drawn = self._moving(at[part], by[part], poses, self._start)
+            drawn = self._model.moving(at[part], by[part], poses, self._start)
             known = theory.coefficients[theory.kind[part]] * theory.strength[by[part], None, None]
             # what the multipoles cannot tell of the film as drawn, they cannot of another
             left = (found - values[part] @ terms) ** 2 + (drawn - known @ terms) ** 2
             missed[part] = np.sqrt(left @ share)
-        rest = theory.rest_ut + self._resting(self.mean) - self._resting(self._start)
-        rest += np.einsum("abn,b->an", self._to_chip, self.mean[AMBIENT])
+        rest = theory.rest_ut + self._model.resting(self.mean) - self._model.resting(self._start)
+        rest += np.einsum("abn,b->an", self._model.to_chip, self.mean[AMBIENT])
         if self._tared_ut is not None:
-            rest[:2] = self._tared_ut + self._units(self.mean)[-AXES:-1]
+            rest[:2] = self._tared_ut + self._model.units(self.mean)[-AXES:-1]
         # the lateral one is in the offsets of a tare
         rest_ut2 = self.rest_sigma_ut()[2] ** 2 / AXES
         return dataclasses.replace(
@@ -333,16 +300,16 @@ class StrayEstimate:
         n, at, by = self.topology.n, self.theory.unit, self.theory.neighbour
         depth, far = self.theory.depth_max_mm, self.theory.displacement_max_mm
         rng, each = np.random.default_rng(0), np.arange(n)
-        resting = self._slopes(at, by, np.zeros((3, at.size)))
+        resting = self._model.slopes(at, by, np.zeros((3, at.size)), self.mean)
         variance = np.zeros(n)
         for _ in range(SCENES):
             around, radius = rng.uniform(-np.pi, np.pi, n), far * np.sqrt(rng.random(n))
             moved = np.stack(
                 [radius * np.cos(around), radius * np.sin(around), depth * rng.random(n)]
             )
-            slopes = self._slopes(at, by, moved[:, by])
+            slopes = self._model.slopes(at, by, moved[:, by], self.mean)
             slopes = slopes.since(resting, 1)
-            matrix, _ = self._rows(slopes, at, by, at, each, n, self.mean.size)
+            matrix, _ = self._model.rows(slopes, at, by, at, each, n, self.mean.size, self.mean)
             lateral = matrix[:, :2].reshape(2 * n, -1)
             spread = np.einsum("rp,rp->r", lateral @ self.covariance, lateral)
             variance += spread.reshape(n, 2).mean(axis=1) / SCENES
@@ -350,118 +317,9 @@ class StrayEstimate:
 
     def rest_sigma_ut(self) -> np.ndarray:
         """One sigma of `Stencil.rest_ut`, shape (3, n)."""
-        n, (at, by) = self.topology.n, self._pairs
+        n, (at, by) = self.topology.n, self._model.pairs
         each = np.arange(n)
-        slopes = self._slopes(at, by, np.zeros((3, at.size)))
-        matrix, _ = self._rows(slopes, at, by, at, each, n, self.mean.size)
-        matrix[:, :, AMBIENT] = self._to_chip.transpose(2, 0, 1)
+        slopes = self._model.slopes(at, by, np.zeros((3, at.size)), self.mean)
+        matrix, _ = self._model.rows(slopes, at, by, at, each, n, self.mean.size, self.mean)
+        matrix[:, :, AMBIENT] = self._model.to_chip.transpose(2, 0, 1)
         return np.sqrt(np.einsum("nap,pq,naq->an", matrix, self.covariance, matrix, optimize=True))
-
-    # -- the model ---------------------------------------------------------------------------------
-
-    @functools.cached_property
-    def _pairs(self) -> tuple[np.ndarray, np.ndarray]:
-        """Chips, and the films that they see at rest."""
-        i, j = near(self.topology, HORIZON_M)
-        at, by = np.concatenate([i, j]), np.concatenate([j, i])
-        seen = (self._frame[at] == self._frame[by]) & np.isin(by, self._films)
-        return at[seen], by[seen]
-
-    @functools.cached_property
-    def _to_chip(self) -> np.ndarray:
-        """From the skin frame to the axes of each chip, shape (3, 3, n)."""
-        return CHIP_AXES[:, np.newaxis, np.newaxis] * self.topology.rotation.transpose(1, 0, 2)
-
-    def _units(self, mean: np.ndarray) -> np.ndarray:
-        """Parameters of the units, shape (EACH, n)."""
-        return mean[ORDERS + AXES :].reshape(-1, EACH).T
-
-    def _seen(
-        self, at: np.ndarray, by: np.ndarray, moved: np.ndarray, mean: np.ndarray,
-        aside: np.ndarray | None = None, chip: np.ndarray | None = None,
-        film: np.ndarray | None = None,
-    ) -> np.ndarray:  # fmt: skip
-        """Field of each multipole of films at chips, shape (ORDERS, 3, p), the chip being `aside`
-        against the film, and both further tilted."""
-        units, film_mm = self._units(mean), load_film_table().film
-        turned = [
-            _tilted(self.topology.rotation[:, :, unit], units[4:6, unit], more)
-            for unit, more in ((at, chip), (by, film))
-        ]  # fmt: skip
-        place = 1e3 * self.topology.position + units[1:4]
-        between = (
-            place[:, at] - place[:, by] + (film_mm.middle_mm + film_mm.chip_mm) * turned[0][:, 2]
-        )
-        between -= film_mm.middle_mm * turned[1][:, 2]
-        if aside is not None:
-            between = between + aside[:, np.newaxis]
-        points = np.einsum("abm,am->bm", turned[1], between) - moved
-        turn = CHIP_AXES[:, np.newaxis, np.newaxis] * np.einsum("bam,bcm->acm", *turned)
-        strength = self.theory.strength[by] * (1.0 + units[0, by])
-        return np.einsum("acm,kcm->kam", turn * strength, multipole_field(points))
-
-    def _slopes(self, at: np.ndarray, by: np.ndarray, moved: np.ndarray) -> _Slopes:
-        shape, mean = self._seen(at, by, moved, self.mean), self.mean
-        field = np.einsum("k,kam->am", mean[:ORDERS], shape)
-
-        def slope(**bumps: np.ndarray) -> np.ndarray:
-            there = np.einsum("k,kam->am", mean[:ORDERS], self._seen(at, by, moved, mean, **bumps))
-            return (there - field) / STEP
-
-        axes, turns = STEP * np.eye(3), STEP * np.eye(2)
-        return _Slopes(
-            field, shape.transpose(1, 2, 0),
-            np.stack([slope(aside=axis) for axis in axes], axis=-1),
-            np.stack([slope(chip=turn) for turn in turns], axis=-1),
-            np.stack([slope(film=turn) for turn in turns], axis=-1),
-        )  # fmt: skip
-
-    def _rows(
-        self, slopes: _Slopes, at: np.ndarray, by: np.ndarray, row: np.ndarray, place: np.ndarray,
-        rows: int, width: int,
-    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-        """Derivatives of the sums over films at each chip, shape (rows, 3, width), and the sums."""
-        matrix, sums = np.zeros((rows, 3, width)), np.zeros((rows, 3))
-        np.add.at(sums, row, slopes.field.T)
-        np.add.at(matrix[:, :, :ORDERS], row, slopes.shape.transpose(1, 0, 2))
-        axes = np.arange(3)[np.newaxis, :, np.newaxis]
-        gain = slopes.field / (1.0 + self._units(self.mean)[0, by])
-        film = np.concatenate([gain[..., np.newaxis], -slopes.moved, slopes.film], axis=-1)
-        none = np.zeros((*slopes.field.shape, 1))
-        chip = np.concatenate([none, slopes.moved, slopes.chip], axis=-1)
-        for unit, values in ((by, film), (at, chip)):
-            first = (ORDERS + AXES + EACH * place[unit])[:, np.newaxis, np.newaxis] + np.arange(
-                EACH - AXES
-            )
-            np.add.at(
-                matrix, (row[:, np.newaxis, np.newaxis], axes, first), values.transpose(1, 0, 2)
-            )
-        return matrix, sums
-
-    def _moving(
-        self, at: np.ndarray, by: np.ndarray, poses: np.ndarray, mean: np.ndarray
-    ) -> np.ndarray:
-        """Change of the field of each pair since rest, shape (p, 3, t)."""
-        poses = np.vstack([np.zeros(3), poses])
-        many = [np.repeat(units, len(poses)) for units in (at, by)]
-        seen = self._seen(*many, np.tile(poses.T, at.size), mean)
-        field = np.einsum("k,kam->am", mean[:ORDERS], seen).reshape(3, at.size, len(poses))
-        return (field[:, :, 1:] - field[:, :, :1]).transpose(1, 0, 2)
-
-    def _resting(self, mean: np.ndarray) -> np.ndarray:
-        """Field of all films at rest at every chip, shape (3, n)."""
-        at, by = self._pairs
-        each = np.einsum(
-            "k,kam->am", mean[:ORDERS], self._seen(at, by, np.zeros((3, at.size)), mean)
-        )
-        return np.stack([np.bincount(at, axis, minlength=self.topology.n) for axis in each])
-
-
-def _tilted(rotation: np.ndarray, tilt: np.ndarray, more: np.ndarray | None) -> np.ndarray:
-    """Rotations, shape (3, 3, m), after turns by small rotation vectors in their own x and y."""
-    x, y = tilt if more is None else tilt + more[:, np.newaxis]
-    # to second order: what is left of a tilt of 0.1 rad is 2e-4
-    zero = np.zeros_like(x)
-    cross = np.array([[zero, zero, y], [zero, zero, -x], [-y, x, zero]])
-    small = np.eye(3)[:, :, np.newaxis] + cross + 0.5 * np.einsum("abm,bcm->acm", cross, cross)
-    return np.einsum("abm,bcm->acm", rotation, small)

@@ -37,7 +37,7 @@ class TouchTest:
     Parameters
     ----------
     topology : Topology
-        Tared: `Tare.applied`.
+        Tared: `Tare.leaving_out` and `Tare.applied`.
     estimate : StrayEstimate
         Is updated.
     stencil : Stencil
