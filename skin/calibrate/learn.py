@@ -18,6 +18,7 @@ and scattered units share the multipoles; what no reading has told keeps its pri
 from __future__ import annotations
 
 import dataclasses
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,15 +43,23 @@ STRENGTH = 0.02
 AMBIENT_UT = 50.0
 """One sigma of an axis of the ambient field while a skin is tared [derived: the Earth's]."""
 OUTLIER = 3.0
-"""Chips that miss what is expected by more than this many sigma count as if their noise were as
-large [assumed]."""
+"""Sigmas by which a chip, root mean square over its readings, may miss what is expected; else they
+are left out [assumed]."""
 ROUNDS, TOUCH_ROUNDS = 4, 2
-"""Linearisations of readings at rest, where shapes may be off by a third, and in touch. In the
-latter half chips that miss what is expected are held for outliers."""
+"""Linearisations of readings at rest, where films may be off by a third, and in touch."""
 SCENES = 12
 """Of films moved at random, over which the sigma of a stencil is a mean."""
 AT_ONCE = 100_000
 """Points whose field is computed together: some ten megabytes."""
+
+
+class _Normal(NamedTuple):
+    """Normal equations of p parameters."""
+
+    normal: np.ndarray  # (p, p)
+    told: np.ndarray  # (p,)
+    columns: np.ndarray  # (p,) which parameters of all
+    miss: np.ndarray  # (n,) of each chip, mean square over the variance that is expected
 
 
 class StrayEstimate:
@@ -163,30 +172,26 @@ class StrayEstimate:
         """The update of an iterated extended Kalman filter, in the form of information: readings
         are many, and tell of a few units."""
         before, covariance = self.mean, self.covariance
-        usual = np.isfinite(variance).any(axis=(0, 1))
-        louder = np.ones(self.topology.n)
-        rounds = ROUNDS if moved is None else TOUCH_ROUNDS
-        for turn in range(rounds):
-            normal, told, columns, miss = self._normal(values, variance * louder, moved, before)
-            block = covariance[np.ix_(columns, columns)]
-            gain = np.linalg.solve(np.eye(columns.size) + normal @ block, np.column_stack([
-                told, normal @ covariance[columns]
-            ]))  # fmt: skip
-            step = covariance[:, columns] @ gain[:, 0]
-            after = covariance - covariance[:, columns] @ gain[:, 1:]
-            self.mean = before + step
-            if turn >= rounds // 2 - 1:  # what is left is no error of the start
-                louder = np.where(usual, np.maximum(1.0, miss / OUTLIER**2), 1.0)
+        found = self._normal(values, variance, moved, before)
+        if (odd := found.miss > OUTLIER**2).any():
+            variance = np.where(odd, np.inf, variance)
+            found = self._normal(values, variance, moved, before)
+        for _ in range(ROUNDS if moved is None else TOUCH_ROUNDS):
+            columns = found.columns
+            seen = found.normal @ covariance[columns]
+            left = np.eye(columns.size) + seen[:, columns]
+            self.mean = before + covariance[:, columns] @ np.linalg.solve(left, found.told)
+            found = self._normal(values, variance, moved, before)
+        after = covariance - covariance[:, columns] @ np.linalg.solve(left, seen)
         self.covariance = 0.5 * (after + after.T)
 
     def _normal(
         self, values: np.ndarray, variance: np.ndarray, moved: np.ndarray | None,
         before: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-        """Normal equations of readings about the mean, for steps from `before`; of the parameters
-        that they tell of; and by how much each chip misses, mean square over its sigma."""
+    ) -> _Normal:  # fmt: skip
+        """Normal equations of readings, linear about the mean, for steps from `before`."""
         n, cycles = self.topology.n, len(values)
-        tells: np.ndarray = np.isfinite(variance).any(axis=(0, 1))
+        tells = np.asarray(np.isfinite(variance).any(axis=(0, 1)))
         at, by = self._model.pairs if moved is None else (self.theory.unit, self.theory.neighbour)
         keep = tells[at]
         if moved is not None:
@@ -218,13 +223,15 @@ class StrayEstimate:
             expected += matrix[:, :, AMBIENT] @ self.mean[AMBIENT]
         weight = 1.0 / variance[:, :, chips].transpose(0, 2, 1).reshape(-1, AXES)
         off = values[:, :, chips].transpose(0, 2, 1).reshape(-1, AXES) - expected
-        miss, count = np.zeros(n), np.zeros(n)
-        np.add.at(miss, np.tile(chips, cycles), np.sum(off**2 * weight, axis=1))
-        np.add.at(count, np.tile(chips, cycles), np.sum(weight > 0.0, axis=1))
-        off += matrix @ (self.mean - before)[columns]
-        matrix = matrix.reshape(-1, columns.size)
-        weighted = matrix.T * weight.ravel()
-        return weighted @ matrix, weighted @ off.ravel(), columns, miss / np.maximum(count, 1.0)
+        matrix, weight, off = matrix.reshape(-1, columns.size), weight.ravel(), off.ravel()
+        spread = np.einsum("rp,rp->r", matrix @ self.covariance[np.ix_(columns, columns)], matrix)
+        told, chip = weight > 0.0, np.repeat(np.tile(chips, cycles), AXES)
+        share = np.where(told, off**2 * weight / (1.0 + spread * weight), 0.0)
+        count = np.bincount(chip, told, minlength=n)
+        miss = np.bincount(chip, share, minlength=n) / np.maximum(count, 1.0)
+        off = off + matrix @ (self.mean - before)[columns]
+        weighted = matrix.T * weight
+        return _Normal(weighted @ matrix, weighted @ off, columns, miss)
 
     def tared(self, found: Tare) -> Stencil:
         """Take the readings of a tare, in which resting neighbours are included.

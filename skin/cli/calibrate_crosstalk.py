@@ -58,7 +58,7 @@ def calibrate_crosstalk(
     """Learn the stray field of every film: hands off for two seconds, then press where it says.
 
     Press and shear each unit for a second, in all directions; units beside it are to be left alone.
-    It ends when each has been pressed, or after the time given (a second a unit and two more).
+    It ends when each has been pressed, or after the time given (two seconds a unit).
     Exit status 1, and nothing is written, if the skin could not be tared or no press was seen.
     """
     from skin.calibrate.learn import StrayEstimate
@@ -75,7 +75,7 @@ def calibrate_crosstalk(
     taken = chosen(loaded)
     calibration_files(loaded, taken, output)  # refused before, not after
     estimate = StrayEstimate(loaded)
-    rest_s = seconds or WINDOW_S * 1.1 * int(taken.sum()) + UNTOUCHED_S
+    most_s = seconds or 2.0 * WINDOW_S * int(taken.sum()) + UNTOUCHED_S
     with _hearing(loaded, sync, simulate) as hear:
         print(f"hands off for {UNTOUCHED_S:g} s …", file=sys.stderr, flush=True)
         still, flags = hear(UNTOUCHED_S)
@@ -85,7 +85,7 @@ def calibrate_crosstalk(
             return _refused(str(error), loaded, json)
         tared = estimate.tared(found)
         test = TouchTest(found.leaving_out(tared.rest_ut).applied(), estimate, tared, still)
-        missing = _touched(test, taken, hear, rest_s)
+        missing = _touched(test, taken, hear, most_s)
     if not test.pressed.any():
         return _refused(
             "touch: must press units one by one, their neighbours untouched; got none that was",
@@ -179,20 +179,19 @@ class _Finger:
     """A scene of a finger that presses one unit after the other, and moves it in circles."""
 
     def __init__(self, n: int) -> None:
-        from skin.sim.truth import Truth
-
-        self._n, self._truth = n, Truth.at_rest(n, 24.0)
+        self._n = n
 
     def at(self, time_s: float) -> Truth:
         import numpy as np
 
-        truth, since = self._truth, time_s - UNTOUCHED_S - 0.1
+        from skin.sim.truth import Truth
+
+        truth = Truth.at_rest(self._n, 24.0)
         truth.time_s = time_s
-        truth.depth_mm[:] = truth.displacement_mm[:] = 0.0
-        if since >= 0.0:
-            share = since / WINDOW_S % 1.0
-            unit = int(since / WINDOW_S) % self._n
-            down, around = np.sin(np.pi * share) ** 0.3, 4.0 * np.pi * share
+        press, share = divmod((time_s - 1.5 * UNTOUCHED_S) / WINDOW_S, 1.0)
+        if press >= 0.0:
+            unit, around = int(press) % self._n, 4.0 * np.pi * share
+            down = np.sin(np.pi * share) ** 0.3
             truth.depth_mm[unit] = 2.0 * down
             truth.displacement_mm[:, unit] = 2.2 * down * np.array([np.cos(around), np.sin(around)])
         return truth
