@@ -75,7 +75,7 @@ def calibrate_crosstalk(
     taken = chosen(loaded)
     calibration_files(loaded, taken, output)  # refused before, not after
     estimate = StrayEstimate(loaded)
-    most_s = seconds or 2.0 * WINDOW_S * int(taken.sum()) + UNTOUCHED_S
+    most_s = seconds or 2.0 * WINDOW_S * int(taken.sum()) + 2.0 * UNTOUCHED_S
     with _hearing(loaded, sync, simulate) as hear:
         print(f"hands off for {UNTOUCHED_S:g} s …", file=sys.stderr, flush=True)
         still, flags = hear(UNTOUCHED_S)
@@ -176,7 +176,8 @@ def _hearing(
 
 
 class _Finger:
-    """A scene of a finger that presses one unit after the other, and moves it in circles."""
+    """A scene of a finger that presses one unit after the other, moves it in circles, and pauses as
+    long, so that no window has two units that are pressed."""
 
     def __init__(self, n: int) -> None:
         self._n = n
@@ -188,8 +189,8 @@ class _Finger:
 
         truth = Truth.at_rest(self._n, 24.0)
         truth.time_s = time_s
-        press, share = divmod((time_s - 1.5 * UNTOUCHED_S) / WINDOW_S, 1.0)
-        if press >= 0.0:
+        press, share = divmod((time_s - 1.5 * UNTOUCHED_S) / WINDOW_S, 2.0)
+        if press >= 0.0 and share < 1.0:
             unit, around = int(press) % self._n, 4.0 * np.pi * share
             down = np.sin(np.pi * share) ** 0.3
             truth.depth_mm[unit] = 2.0 * down

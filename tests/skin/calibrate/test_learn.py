@@ -56,7 +56,7 @@ def missed_ut(stencil, field, n):
     return np.sqrt(np.mean((stencil(moved) - true)[:, :2] ** 2))
 
 
-def touched(skin, field, estimate, rng, noise_ut=20.0, spoilt=()):
+def touched(skin, field, estimate, rng, noise_ut=10.0, spoilt=()):
     n = skin.n
     for unit in (0, 4, 8):
         displacement, depth = (values[::15] for values in press(unit, n))
@@ -70,7 +70,8 @@ def touched(skin, field, estimate, rng, noise_ut=20.0, spoilt=()):
 def test_readings_at_rest_and_in_touch_each_bring_the_stencil_nearer_to_the_truth(skin, field):
     estimate, n = StrayEstimate(skin), skin.n
     drawn, prior = missed_ut(estimate.theory, field, n), estimate.sigma_ut().mean()
-    estimate.rest(field(*at_rest(n))[0], np.full((3, n), 10.0))
+    noise = 10.0 * np.random.default_rng(4).standard_normal((3, n))
+    estimate.rest(field(*at_rest(n))[0] + noise, np.full((3, n), 10.0))
     tared, rest = missed_ut(estimate.stencil(), field, n), estimate.sigma_ut().mean()
     touched(skin, field, estimate, np.random.default_rng(2))
     learned, last = missed_ut(estimate.stencil(), field, n), estimate.sigma_ut().mean()
