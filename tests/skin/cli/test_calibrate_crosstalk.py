@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 
 import numpy as np
 import pytest
 
+import skin
 import topology
 from skin.cli.calibrate_crosstalk import calibrate_crosstalk
 from skin.errors import SkinError
@@ -48,9 +50,9 @@ def test_a_finger_teaches_the_stencil_and_files_can_be_read_again(file, tmp_path
     told = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert status == 0
     assert told["missing"] == []
-    skin = topology.load(file)
-    learned, drawn = Stencil.load(out, skin), Stencil.of(skin)
-    moved = np.zeros((3, skin.n))
+    pad = topology.load(file)
+    learned, drawn = Stencil.load(out, pad), Stencil.of(pad)
+    moved = np.zeros((3, pad.n))
     moved[:, 0] = 1.0, 0.5, 1.5
     assert np.allclose(learned(moved), drawn(moved), atol=40.0)  # films are as drawn
     assert "tared in place" in zeros.read_text(encoding="utf-8")
@@ -66,6 +68,21 @@ def test_where_no_press_is_seen_nothing_is_written(file, tmp_path, capsys):
     assert "touch: must press units one by one" in capsys.readouterr().err
     assert not out.exists()
     assert not zeros.exists()
+
+
+def test_a_live_skin_takes_what_was_learned_from_its_file(tmp_path):
+    palm = topology.load("palm")
+    drawn = Stencil.of(palm)
+    Stencil.save(dataclasses.replace(drawn, rest_ut=drawn.rest_ut + 7.0), tmp_path / "stray.npz")
+    with skin.open(palm, want={"force"}, stencil=tmp_path / "stray.npz", simulate=True) as opened:
+        taken = opened.pipeline.decoder.crosstalk.stencil
+    assert np.array_equal(taken.rest_ut, drawn.rest_ut + 7.0)
+    with pytest.raises(SkinError, match="must be the stencil of 10 units"):
+        skin.open("strip", stencil=tmp_path / "stray.npz", simulate=True)
+    with pytest.raises(SkinError, match="stencil: must be given with sweeps; got sweeps 0"):
+        skin.open(palm, sweeps=0, stencil=drawn, simulate=True)
+    with pytest.raises(SkinError, match="stencil: must be a Stencil or None; got 3"):
+        skin.open(palm, stencil=3, simulate=True)
 
 
 def test_wrong_use_is_refused_before_anything_is_heard(file, tmp_path):
