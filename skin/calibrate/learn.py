@@ -77,8 +77,6 @@ class StrayEstimate:
     mean : ndarray, shape (p,)
         Parameters of `skin.calibrate.stray_model`.
     covariance : ndarray, shape (p, p)
-    touches : ndarray, shape (n,), int
-        Readings in which each unit was the one that was pressed.
 
     Raises
     ------
@@ -105,7 +103,6 @@ class StrayEstimate:
         sigma = np.concatenate([np.zeros(ORDERS), np.full(3, AMBIENT_UT), each.ravel()])
         self.covariance = np.diag(sigma**2)
         self.covariance[:ORDERS, :ORDERS] = covariance
-        self.touches = np.zeros(n, int)
         self._start = self.mean.copy()
         self._tared_ut: np.ndarray | None = None
 
@@ -163,7 +160,6 @@ class StrayEstimate:
         told = np.isfinite(change_ut) & np.asarray(free, bool)
         noise = np.broadcast_to(np.asarray(sigma_ut, float) ** 2, np.shape(change_ut))
         moved = np.nan_to_num(np.where(free, 0.0, displacement_mm))
-        self.touches += np.any(moved != 0.0, axis=1).sum(axis=0)
         self._learn(np.where(told, change_ut, 0.0), np.where(told, noise, np.inf), moved)
 
     def _learn(
