@@ -30,6 +30,7 @@ from topology import Topology
 
 if TYPE_CHECKING:
     from skin.contact.slip import SlipSettings
+    from skin.physics.stencil import Stencil
     from skin.sim.node import Nodes
     from skin.sim.scene import Scene
     from skin.sim.scenes.script import SceneFile
@@ -49,6 +50,7 @@ def open(
     skip: bool = False,
     slip: SlipSettings | None = None,
     false_contacts_per_day: float = 1.0,
+    stencil: Stencil | str | os.PathLike[str] | None = None,
     sync: Sync = "host",
     wait: Wait = "event",
     pace: bool = True,
@@ -66,6 +68,8 @@ def open(
         A loaded topology, a file, or the name of a built-in one ("palm", "fingertip", …).
     want, estimator, dtype, sweeps, ambient, creep, skip, slip, false_contacts_per_day
         What is computed, and how: see `skin.options.Options`.
+    stencil : Stencil or path, optional
+        The same, or the file that it was saved to, as by `skin calibrate crosstalk`.
     sync : "host" or "bus"
         Who sends SYNC: this host, or another node (then this end only listens).
     wait : "event" or "drain"
@@ -102,6 +106,7 @@ def open(
         options = Options(
             want=want, estimator=estimator, dtype=dtype, sweeps=sweeps, ambient=ambient,
             creep=creep, skip=skip, slip=slip, false_contacts_per_day=false_contacts_per_day,
+            stencil=_stencil(stencil, loaded),
         )  # fmt: skip
         _check(sync, wait, pace, seed, log)
         undo.callback(announcer().hold().finish)
@@ -116,6 +121,15 @@ def open(
         recording = Recording(log, loaded) if isinstance(log, str | os.PathLike) else log
         undo.pop_all()  # all is well: the skin closes them
     return Skin(pipeline, ends, sync=sync, wait=wait, pace=pace, nodes=nodes, recording=recording)
+
+
+def _stencil(given: Any, topology: Topology) -> Stencil | None:
+    """What was learned of the neighbours' fields, read where its file is given."""
+    if not isinstance(given, str | os.PathLike):
+        return given
+    from skin.physics.stencil import Stencil
+
+    return Stencil.load(Path(given), topology)
 
 
 def _check(sync: str, wait: str, pace: bool, seed: int, log: object) -> None:

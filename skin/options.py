@@ -13,6 +13,7 @@ from skin.state import WANTS
 
 if TYPE_CHECKING:
     from skin.contact.slip import SlipSettings
+    from skin.physics.stencil import Stencil
 
 __all__ = ["DTYPES", "ESTIMATORS", "DType", "Estimator", "Options", "Sweeps", "wanted"]
 
@@ -39,6 +40,9 @@ class Options:
         Of the readings and of the arithmetic that makes them.
     sweeps : 0, 1 or 2
         Of the cross-talk of neighbours: not subtracted; as of the last cycle; accurate.
+    stencil : Stencil or None
+        Of the neighbours' fields, as learned from the skin (`skin.calibrate.learn`); from magnet
+        theory if None. With `sweeps` only.
     ambient : bool
         Estimate the ambient field and the zeros of untouched units, and subtract them.
     creep : bool
@@ -73,6 +77,7 @@ class Options:
     skip: bool = False
     slip: SlipSettings | None = None
     false_contacts_per_day: float = 1.0
+    stencil: Stencil | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "want", wanted(self.want))
@@ -86,6 +91,10 @@ class Options:
         check_flag("skip", self.skip)
         if self.slip is not None and not hasattr(self.slip, "model"):
             raise OptionError(f"slip: must be SlipSettings or None; got {shown(self.slip)}")
+        if self.stencil is not None and not hasattr(self.stencil, "coefficients"):
+            raise OptionError(f"stencil: must be a Stencil or None; got {shown(self.stencil)}")
+        if self.stencil is not None and not self.sweeps:
+            raise OptionError("stencil: must be given with sweeps; got sweeps 0")
         check_number("false_contacts_per_day", self.false_contacts_per_day, 1e-9, 1e9)
 
     @property

@@ -127,7 +127,7 @@ class Pipeline:
         return Decoder(
             topology, needed, options.estimator, options.dtype, skip=options.skip,
             sweeps=options.sweeps if lateral else 0, ambient=options.ambient and lateral,
-            creep=options.creep,
+            creep=options.creep, stencil=options.stencil if lateral else None,
         )  # fmt: skip
 
     def _make_contacts(self) -> ContactStream | None:

@@ -351,6 +351,17 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         ),
     ] = 0.01
 
+    stray_sigma_relative: Annotated[
+        float,
+        _doc(
+            "Of the field that films add at their neighbours' chips, at rest and moved, the own "
+            "one being known: films whose radius and wavelength are off by 5 %, thickness and "
+            "profile by 20 %; until it is learned (`skin.physics.multipoles`) [derived]",
+            ge=0,
+            le=10,
+        ),
+    ] = 0.25
+
     # -- geometry and health ---------------------------------------------------------------------
     radius_m: Annotated[float, _doc("Radius of the cylindrical unit [paper]", ge=1e-4, le=1)] = (
         0.006
@@ -378,6 +389,7 @@ SIGMAS = (
     "shear_creep_sigma_relative",
     "placement_sigma_mm",
     "placement_sigma_rad",
+    "stray_sigma_relative",
 )
 """Parameters that say how well the others are known."""
 ZEROS = (
@@ -389,6 +401,7 @@ ZEROS = (
     "field_sigma_ut",
     "placement_sigma_mm",
     "placement_sigma_rad",
+    "stray_sigma_relative",
     "frozen_cycles",
     *(f"{law}_creep_{part}" for law in ("normal", "shear") for part in CREEP),
 )

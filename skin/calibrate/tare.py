@@ -13,6 +13,7 @@ bench has measured it. It is told beside the others, and left as it is.
 
 from __future__ import annotations
 
+import dataclasses
 import datetime
 import os
 import re
@@ -102,6 +103,31 @@ class Tare:
                 "axial_ut": float(self.axial_ut[i]),
             }
         return told
+
+    def leaving_out(self, rest_ut: np.ndarray) -> Tare:
+        """The same tare without what a decoder is to take off for neighbours at rest itself.
+
+        Parameters
+        ----------
+        rest_ut : ndarray, shape (3, n)
+            `Stencil.rest_ut`, which this tare has included.
+        """
+        left = self.offset_ut - rest_ut[:2]
+        return dataclasses.replace(self, offset_ut=left, neighbours=LEFT_OUT)
+
+    def applied(self) -> Topology:
+        """The skin with these zeros, without any file."""
+        p = self.topology.parameters
+        sigma = np.maximum(p["field_sigma_ut"], self.offset_sigma_ut.max(axis=0))
+        zeros = {
+            "frequency_rest_hz": self.frequency_hz, "frequency_sigma_hz": self.frequency_sigma_hz,
+            "hall_offset_x_ut": self.offset_ut[0], "hall_offset_y_ut": self.offset_ut[1],
+            "field_sigma_ut": sigma,
+        }  # fmt: skip
+        changed = {name: np.where(self.taken, new, p[name]) for name, new in zeros.items()}
+        return dataclasses.replace(
+            self.topology, parameters={**p, **changed}, tared=self.topology.tared | self.taken
+        )
 
     def write(
         self, out: str | os.PathLike[str] | None = None, *, date: str | None = None

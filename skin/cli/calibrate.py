@@ -22,6 +22,7 @@ __all__ = ["SUBCOMMANDS", "calibrate", "check", "plan"]
 SUBCOMMANDS = {
     "plan": "skin.cli.calibrate:plan",
     "check": "skin.cli.calibrate:check",
+    "crosstalk": "skin.cli.calibrate_crosstalk:calibrate_crosstalk",
 }
 """Words that stand for commands of their own: module and function."""
 BAR = 30

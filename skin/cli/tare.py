@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from skin.sim.truth import Truth
     from topology import Topology
 
-__all__ = ["tare"]
+__all__ = ["Heard", "Ticks", "tare"]
 
 SHOWN = 16
 
@@ -101,7 +101,7 @@ def tare(
     return 0
 
 
-class _Recording:
+class Heard:
     """Counts and flags of every cycle that `bus.discover.listen` hears."""
 
     def __init__(self, topology: Topology, clock: Callable[[], int]) -> None:
@@ -145,8 +145,8 @@ def _listen(
 
     # simulated units answer at once: nobody need wait for them, but where they send on their own
     synced = all(bus.sync_id is not None for bus in topology.buses)
-    clock = _Ticks(topology.cycle_rate_hz) if nodes and synced else time.monotonic_ns
-    recording = _Recording(topology, clock)
+    clock = Ticks(topology.cycle_rate_hz) if nodes and synced else time.monotonic_ns
+    recording = Heard(topology, clock)
     with ExitStack() as opened:
         if nodes is not None:
             opened.callback(nodes.close)
@@ -175,7 +175,7 @@ def _simulated(topology: Topology) -> Nodes:
     return Nodes(topology, _Untouched(topology.n), history=0)
 
 
-class _Ticks:
+class Ticks:
     """A clock that goes on by a third of a cycle whenever `listen` looks at it, thrice a cycle."""
 
     def __init__(self, rate_hz: float) -> None:

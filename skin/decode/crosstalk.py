@@ -52,7 +52,7 @@ from skin.decode.crosstalk_kernels import (
     PairModel,
 )
 from skin.decode.crosstalk_lattice import Lattice
-from skin.decode.crosstalk_placement import placement_ut2
+from skin.decode.crosstalk_placement import films_ut2, placement_ut2
 from skin.decode.crosstalk_scattered import Scattered
 from skin.decode.crosstalk_terms import Part
 from skin.decode.density import sparse_enough
@@ -118,9 +118,9 @@ class CrossTalk:
         One-sigma, per axis, of what a prediction from true displacements misses: fits, terms that
         were saved, neighbours beyond the reach.
     residue_ut2 : ndarray, shape (n,)
-        Its square, plus what errors of placement add where the stencil is that of the drawn places,
-        plus what neighbours may add that are not known now: not usable, NaN, or so far beyond the
-        stencil's range that they are taken to stand at its end.
+        Its square, plus what errors of placement and films of another make add where the stencil
+        is that of the drawing, plus what neighbours may add that are not known now: not usable,
+        NaN, or so far beyond the stencil's range that they are taken to stand at its end.
     idle_ut : float
         What neighbours that count as at rest may add to any axis of the worst unit.
     terms : int
@@ -185,7 +185,7 @@ class CrossTalk:
         always = self._residues()
         self.residue_ut = np.sqrt(always)
         if drawn:
-            always = always + placement_ut2(topology, stencil)
+            always = always + placement_ut2(topology, stencil) + films_ut2(topology, stencil)
         self._pair_model = self._pairs_of(always)
         self.residue_ut2 = self._pair_model.always_ut2.copy()
         stale, self._todo = np.zeros((2, topology.n), np.uint8)

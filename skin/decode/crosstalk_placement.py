@@ -14,7 +14,7 @@ from skin.physics.stencil import Stencil
 from skin.physics.stray import powers, scan_poses
 from topology import Topology
 
-__all__ = ["placement_ut2"]
+__all__ = ["films_ut2", "placement_ut2"]
 
 TURNED = 5.0 / 9.0
 """What a tilt leaves of the variance by which it moves a film, as it turns the film's field too
@@ -61,6 +61,24 @@ def placement_ut2(topology: Topology, stencil: Stencil) -> np.ndarray:
     variance = aside * (each[:, 0] + each[:, 1]) + place2 * each[:, 2]
     variance += np.bincount(at, other * strength**2, minlength=topology.n)
     return 0.5 * variance + tilt2 * stencil.rest_ut[2] ** 2
+
+
+def films_ut2(topology: Topology, stencil: Stencil) -> np.ndarray:
+    """Variance of an axis of the field by films that are not made as the stencil has it, µT²,
+    shape (n,): the mean over the axes, and over the range of all neighbours.
+
+    All films of a skin are made alike, so that what they add is off by one and the same share,
+    `stray_sigma_relative`, at rest and as they move.
+    """
+    at, by = stencil.unit, stencil.neighbour
+    strength = stencil.strength[by]
+    mean = (stencil.coefficients @ stencil.mean)[stencil.kind] * strength[:, np.newaxis]
+    square = np.sum((stencil.coefficients @ stencil.gram) * stencil.coefficients, axis=(1, 2))
+    own = square[stencil.kind] * strength**2 - np.sum(mean**2, axis=1)
+    total = stencil.rest_ut.T.copy()
+    np.add.at(total, at, mean)
+    variance = np.sum(total**2, axis=1) + np.bincount(at, own, minlength=topology.n)
+    return topology.parameters["stray_sigma_relative"] ** 2 * variance / 3.0
 
 
 def _slopes(stencil: Stencil) -> tuple[np.ndarray, np.ndarray]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from topology import Topology
 
-__all__ = ["film_at_rest_ut", "inverse_map"]
+__all__ = ["axial_at_rest_ut", "film_at_rest_ut", "inverse_map"]
 
 
 def film_at_rest_ut(topology: Topology) -> np.ndarray:
@@ -31,6 +31,17 @@ def film_at_rest_ut(topology: Topology) -> np.ndarray:
     lateral = crest * k * np.sinc(phase / np.pi) * way
     axial = p["field_vertical_ratio"] * crest * np.cos(phase)
     return np.concatenate([lateral, axial[np.newaxis]])
+
+
+def axial_at_rest_ut(topology: Topology) -> np.ndarray:
+    """Bz of each unit's own film at rest, µT, shape (n,), as the bench has found it: the lateral
+    field per mm over the angle per mm, both of a small displacement; without a table of angles as
+    of `film_at_rest_ut`."""
+    p = topology.parameters
+    crest = film_at_rest_ut(topology)[2] / p["field_vertical_ratio"]
+    slope = p["field_angle_mm"][0]
+    tabled = crest * p["field_wavenumber_rad_per_mm"] * slope
+    return np.where(slope > 0.0, tabled, film_at_rest_ut(topology)[2])
 
 
 def inverse_map(topology: Topology) -> np.ndarray:

@@ -34,7 +34,7 @@ ROOMS: dict[str, frozenset[str]] = {
     "clock": frozenset(),
     "pipeline": COMMON | {"physics", "decode", "contact", "clock"},
     "live": COMMON | {"physics", "decode", "contact", "pipeline", "compiling", "sim"},
-    "opening": COMMON | {"contact", "pipeline", "compiling", "sim", "live"},
+    "opening": COMMON | {"physics", "contact", "pipeline", "compiling", "sim", "live"},
     "offline": COMMON | {"pipeline", "compiling"},
     "view": COMMON | {"live", "calibrate"},
 }
@@ -50,6 +50,7 @@ ONLY_OF_BUS = {"physics": ("bus.compiled",)}
 TYPE_ONLY = {
     ("state", "contact"),  # a State holds contacts; who makes them imports State
     ("options", "contact"),  # Options may hold the parameters of slip
+    ("options", "physics"),  # and a stencil
 }
 """Edges allowed under ``if TYPE_CHECKING``, although the rooms' order is the other way."""
 

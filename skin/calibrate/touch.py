@@ -1,0 +1,125 @@
+"""From counts while a skin is touched to what chips read of their neighbours' films.
+
+A unit whose frequency stays at its zero is provably untouched: whatever its chip reads beyond what
+it read at rest comes from the films around, whose displacements their own chips tell.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bus.status import INVALID
+from skin.calibrate.learn import StrayEstimate
+from skin.decode.decoder import Decoder
+from skin.errors import ScanError
+from skin.physics.rest import axial_at_rest_ut, film_at_rest_ut, inverse_map
+from skin.physics.stencil import Stencil
+from topology import Topology
+
+__all__ = ["TouchTest"]
+
+PRESSED_MM = 0.3
+"""Depth from which on the displacement of a unit is told well enough, to 0.06 mm [derived]."""
+UNTOUCHED_SIGMAS = 4.0
+"""Within which the mean depth of every quarter of a recording is of an untouched unit: a press of
+10 µm, 0.015 N, is seen in a second at 100 Hz [derived]."""
+QUARTERS = 4
+MEAN_OF = 4
+"""Cycles whose means are learned from: a film that moves by 0.5 mm meanwhile adds 0.2 µT more at
+its neighbour than one that stands in the middle [derived]."""
+LEAST = 40
+"""Readings of a recording, for its quarters to be means [assumed]."""
+
+
+class TouchTest:
+    """Tells an estimate of the stray fields what readings of a touched skin say.
+
+    Parameters
+    ----------
+    topology : Topology
+        Tared: `Tare.leaving_out` and `Tare.applied`.
+    estimate : StrayEstimate
+        Is updated.
+    stencil : Stencil
+        Whose `rest_ut` the tare has left out.
+    still : ndarray, shape (t, c, n), int16, optional
+        Counts of the skin while nothing touched it; if not given, the zeros alone say what chips
+        read at rest, to their sigma.
+
+    Attributes
+    ----------
+    pressed : ndarray, shape (n,), int
+        Readings of each unit while it was pressed and an untouched one was near.
+    """
+
+    def __init__(
+        self, topology: Topology, estimate: StrayEstimate, stencil: Stencil,
+        still: np.ndarray | None = None,
+    ) -> None:  # fmt: skip
+        self.topology, self.estimate = topology, estimate
+        self.pressed = np.zeros(topology.n, int)
+        self._decoder = Decoder(topology, {"displacement", "field"}, rest_ut=stencil.rest_ut)
+        self._to_counts = inverse_map(topology)
+        p = topology.parameters
+        step = np.abs(topology.scale) / np.sqrt(12.0)
+        self._depth_sigma = np.hypot(p["frequency_noise_hz"], step[1])
+        self._depth_sigma = self._depth_sigma / p["frequency_slope_hz_per_mm"]
+        self._noise = np.hypot(p["field_noise_ut"], step[2:5].max(axis=0))
+        own = film_at_rest_ut(topology)
+        own[:2] = np.einsum("abn,bn->an", self._to_counts, own[:2])
+        own[2] = axial_at_rest_ut(topology)
+        self._rest = own if still is None else self._field(still)[0].mean(axis=0)
+
+    def __call__(self, counts: np.ndarray, status: np.ndarray | None = None) -> int:
+        """Take a recording, of a second or so, and update the estimate.
+
+        Parameters
+        ----------
+        counts : ndarray, shape (t, c, n), int16
+        status : ndarray, shape (t, n), uint16, optional
+
+        Returns
+        -------
+        int
+            Readings that have told something; 0 where nothing was pressed beside an untouched unit.
+
+        Raises
+        ------
+        ScanError
+            Fewer than `LEAST` readings.
+        """
+        if len(counts) < LEAST:
+            raise ScanError(f"counts: must be {LEAST} cycles or more; got {len(counts)}")
+        field, moved, good = self._field(counts, status)
+        cut = len(field) // MEAN_OF * MEAN_OF
+        field, moved = (each[:cut].reshape(-1, MEAN_OF, *each.shape[1:]).mean(axis=1)
+                        for each in (field, moved))  # fmt: skip
+        depth = moved[:, 2]
+        quarters = np.array_split(np.arange(len(field)), QUARTERS)
+        means = np.stack([depth[part].mean(axis=0) for part in quarters])
+        room = UNTOUCHED_SIGMAS * self._depth_sigma / np.sqrt(len(counts) / QUARTERS)
+        with np.errstate(invalid="ignore"):
+            free = good & (np.abs(means) <= room).all(axis=0)
+            known = good & ~free
+            told = (depth > PRESSED_MM) & known
+        cycles = told.any(axis=1)
+        near = np.isin(self.estimate.theory.neighbour, np.flatnonzero(told.any(axis=0)))
+        if not cycles.any() or not free[self.estimate.theory.unit[near]].any():
+            return 0
+        self.estimate.touch(
+            moved[cycles], (field - self._rest)[cycles], free, self._noise / np.sqrt(MEAN_OF)
+        )
+        self.pressed += MEAN_OF * told.sum(axis=0)
+        return MEAN_OF * int(cycles.sum())
+
+    def _field(
+        self, counts: np.ndarray, status: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Field, axes of the chips, and displacement, shape (t, 3, n), and units that are valid
+        throughout."""
+        self._decoder.reset()
+        reading = self._decoder(counts, status)
+        field = reading.field_ut.astype(float)
+        field[:, :2] = np.einsum("abn,tbn->tan", self._to_counts, field[:, :2])
+        flagged = np.bitwise_or.reduce(reading.status, axis=0) & int(INVALID) != 0
+        return field, reading.displacement_mm.astype(float), ~flagged

@@ -1,0 +1,198 @@
+"""`skin calibrate crosstalk`: what films add at their neighbours' chips, from a finger."""
+
+from __future__ import annotations
+
+import json as json_text
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from skin.cli import options
+from skin.cli.tare import Heard, Ticks
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from skin.calibrate.touch import TouchTest
+    from skin.sim.truth import Truth
+    from topology import Topology
+
+__all__ = ["calibrate_crosstalk"]
+
+UNTOUCHED_S, WINDOW_S = 2.0, 0.9
+"""Of the tare, and of what is heard before the estimate is updated: about a press."""
+ENOUGH = 40
+"""Readings under a press that are enough for a unit to be named no more."""
+
+
+def calibrate_crosstalk(
+    file: options.File,
+    /,
+    *,
+    stencil: Annotated[
+        Path, tyro.conf.arg(metavar="FILE", help="file to write what was learned to")
+    ],
+    output: Annotated[
+        str | None,
+        options.quiet(
+            "calibration file to write the zeros to, or a folder of one for each patch; otherwise "
+            "those that the topology names",
+            metavar="FILE|DIR",
+            aliases=["-o"],
+        ),
+    ] = None,
+    seconds: options.Until = None,
+    simulate: Annotated[
+        bool, options.quiet("touch simulated units, one after the other, in this process")
+    ] = False,
+    interface: options.Interface = None,
+    channel: options.Channel = None,
+    sync: options.Sync = "host",
+    json: options.Json = False,
+) -> int:
+    """Learn the stray field of every film: hands off for two seconds, then press where it says.
+
+    Press and shear each unit for a second, in all directions; units beside it are to be left alone.
+    It ends when each has been pressed, or after the time given (two seconds a unit).
+    Exit status 1, and nothing is written, if the skin could not be tared or no press was seen.
+    """
+    from skin.calibrate.learn import StrayEstimate
+    from skin.calibrate.tare import calibration_files, chosen, tare
+    from skin.calibrate.touch import TouchTest
+    from skin.compiling import announcer
+    from skin.errors import ScanError
+    from topology import load
+
+    options.check_seconds(seconds)
+    options.check_folder("--stencil", stencil)
+    announcer()
+    loaded = load(file).on(interface=interface, channel=channel)
+    taken = chosen(loaded)
+    calibration_files(loaded, taken, output)  # refused before, not after
+    estimate = StrayEstimate(loaded)
+    most_s = seconds or 2.0 * WINDOW_S * int(taken.sum()) + 2.0 * UNTOUCHED_S
+    with _hearing(loaded, sync, simulate) as hear:
+        print(f"hands off for {UNTOUCHED_S:g} s …", file=sys.stderr, flush=True)
+        still, flags = hear(UNTOUCHED_S)
+        try:
+            found = tare(loaded, still, flags)
+        except ScanError as error:
+            return _refused(str(error), loaded, json)
+        tared = estimate.tared(found)
+        test = TouchTest(found.leaving_out(tared.rest_ut).applied(), estimate, tared, still)
+        missing = _touched(test, taken, hear, most_s)
+    if not test.pressed.any():
+        return _refused(
+            "touch: must press units one by one, their neighbours untouched; got none that was",
+            loaded, json,
+        )  # fmt: skip
+    learned = estimate.stencil()
+    files = found.leaving_out(tared.rest_ut).write(output)
+    learned.save(stencil)
+    names = [loaded.unit_names[i] for i in missing]
+    print(f"{stencil}: stray fields within {estimate.sigma_ut().mean():.1f} µT, of "
+          f"{loaded.n - len(names)} units from their own touch")  # fmt: skip
+    for patch, path in files.items():
+        print(f"{patch}: zeros written to {path}")
+    if names:
+        print(f"not pressed: {', '.join(names)}")
+    if json:
+        told = {
+            "topology": loaded.name, "units": loaded.n, "missing": names, "refused": [],
+            "sigma_ut": float(estimate.sigma_ut().mean()), "stencil": str(stencil.resolve()),
+            "files": {patch: str(path.resolve()) for patch, path in files.items()},
+        }  # fmt: skip
+        print(json_text.dumps(told))
+    return 0
+
+
+def _touched(
+    test: TouchTest, taken: np.ndarray, hear: Callable[..., tuple[np.ndarray, np.ndarray]],
+    seconds: float,
+) -> list[int]:  # fmt: skip
+    """Learn window by window; units that were not pressed in that time."""
+    import numpy as np
+
+    names = test.topology.unit_names
+    missing = np.flatnonzero(taken)
+    for _ in range(max(1, round(seconds / WINDOW_S))):
+        print(f"{missing.size} units to go; press {names[missing[0]]}", file=sys.stderr, flush=True)
+        counts, flags = hear(WINDOW_S)
+        test(counts, flags)
+        missing = np.flatnonzero(taken & (test.pressed < ENOUGH))
+        if not missing.size:
+            break
+    return missing.tolist()
+
+
+def _refused(message: str, topology: Topology, json: bool) -> int:
+    print(message, file=sys.stderr)
+    if json:
+        refused = message.splitlines()
+        print(json_text.dumps({"topology": topology.name, "refused": refused, "files": {}}))
+    return 1
+
+
+@contextmanager
+def _hearing(
+    topology: Topology, sync: Literal["host", "bus"], simulate: bool
+) -> Iterator[Callable[[float], tuple[np.ndarray, np.ndarray]]]:
+    """Open the buses; gives a call for the counts and flags of the next so many seconds."""
+    from bus.discover import listen
+    from bus.errors import BusClosedError
+    from bus.open import open_transport
+    from skin.sim.attached import in_process
+    from skin.sim.node import Nodes
+
+    import numpy as np  # isort: skip
+
+    with ExitStack() as opened:
+        if simulate:
+            nodes = Nodes(topology, _Finger(topology.n), history=0)
+            opened.callback(nodes.close)
+            ends = [opened.enter_context(end) for end in in_process(nodes)]
+            clock: Callable[[], int] = Ticks(topology.cycle_rate_hz)
+        else:
+            ends = [
+                opened.enter_context(open_transport(bus, i)) for i, bus in enumerate(topology.buses)
+            ]
+            clock = time.monotonic_ns
+
+        def hear(seconds: float) -> tuple[np.ndarray, np.ndarray]:
+            heard = Heard(topology, clock)
+            listen(heard, ends, seconds, sync=sync, clock=clock)
+            if heard.closed:
+                raise BusClosedError(heard.closed)
+            shapes = (0, *topology.scale.shape), (0, topology.n)
+            empty = np.zeros(shapes[0], np.int16), np.zeros(shapes[1], np.uint16)
+            return (np.stack(heard.counts), np.stack(heard.status)) if heard.counts else empty
+
+        yield hear
+
+
+class _Finger:
+    """A scene of a finger that presses one unit after the other, moves it in circles, and pauses as
+    long, so that no window has two units that are pressed."""
+
+    def __init__(self, n: int) -> None:
+        self._n = n
+
+    def at(self, time_s: float) -> Truth:
+        import numpy as np
+
+        from skin.sim.truth import Truth
+
+        truth = Truth.at_rest(self._n, 24.0)
+        truth.time_s = time_s
+        press, share = divmod((time_s - 1.5 * UNTOUCHED_S) / WINDOW_S, 2.0)
+        if press >= 0.0 and share < 1.0:
+            unit, around = int(press) % self._n, 4.0 * np.pi * share
+            down = np.sin(np.pi * share) ** 0.3
+            truth.depth_mm[unit] = 2.0 * down
+            truth.displacement_mm[:, unit] = 2.2 * down * np.array([np.cos(around), np.sin(around)])
+        return truth

@@ -1,0 +1,135 @@
+"""Stray fields learned from a tare and from touch; the truth is a sum of dipoles."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from benchmarks.accuracy_skin import square, with_parameters
+from benchmarks.films import press
+from benchmarks.films_truth import DipoleField, FilmShape
+from skin.calibrate.learn import MOST_UNITS, StrayEstimate
+from skin.calibrate.stray_model import AXES, EACH
+from skin.errors import ScanError, SkinError
+from skin.physics.multipoles import ORDERS
+
+SHAPE = FilmShape(5.5, 0.6, 10.0, 12, 0.1)
+SIDE = 3
+
+
+@pytest.fixture(scope="module")
+def skin():
+    flat = square(SIDE, 0.012)
+    sigma = {"placement_sigma_mm": 0.2, "placement_sigma_rad": 0.03}
+    return with_parameters(flat, **{name: np.full(flat.n, s) for name, s in sigma.items()})
+
+
+@pytest.fixture(scope="module")
+def field(skin):
+    """What films of another shape, off their places, add at the chips."""
+    place = 2e-4 * np.random.default_rng(0).standard_normal((3, skin.n))
+    real = dataclasses.replace(skin, position=skin.position + place)
+
+    def stray(displacement, depth):
+        room = np.full(depth.shape, 25.0)
+        both, own = (DipoleField(real, SHAPE, alone=alone) for alone in (False, True))
+        return both(displacement, depth, room) - own(displacement, depth, room)
+
+    return stray
+
+
+def at_rest(n, count=1):
+    return np.zeros((count, 2, n)), np.zeros((count, n))
+
+
+def scenes(n, count=10):
+    rng = np.random.default_rng(1)
+    return rng.uniform(-1.5, 1.5, (count, 2, n)), rng.uniform(0.0, 2.0, (count, n))
+
+
+def missed_ut(stencil, field, n):
+    displacement, depth = scenes(n)
+    true = field(displacement, depth) - field(*at_rest(n))
+    moved = np.concatenate([displacement, depth[:, np.newaxis]], axis=1)
+    return np.sqrt(np.mean((stencil(moved) - true)[:, :2] ** 2))
+
+
+def touched(skin, field, estimate, rng, noise_ut=10.0, spoilt=()):
+    n = skin.n
+    for unit in (0, 4, 8):
+        displacement, depth = (values[::15] for values in press(unit, n))
+        change = field(displacement, depth) - field(*at_rest(n))
+        change += noise_ut * rng.standard_normal(change.shape)
+        change[:, :, list(spoilt)] += 2000.0
+        moved = np.concatenate([displacement, depth[:, np.newaxis]], axis=1)
+        estimate.touch(moved, change, np.arange(n) != unit, noise_ut)
+
+
+def test_readings_at_rest_and_in_touch_each_bring_the_stencil_nearer_to_the_truth(skin, field):
+    estimate, n = StrayEstimate(skin), skin.n
+    drawn, prior = missed_ut(estimate.theory, field, n), estimate.sigma_ut().mean()
+    noise = 10.0 * np.random.default_rng(4).standard_normal((3, n))
+    estimate.rest(field(*at_rest(n))[0] + noise, np.full((3, n), 10.0))
+    tared, rest = missed_ut(estimate.stencil(), field, n), estimate.sigma_ut().mean()
+    touched(skin, field, estimate, np.random.default_rng(2))
+    learned, last = missed_ut(estimate.stencil(), field, n), estimate.sigma_ut().mean()
+    assert learned < tared < drawn
+    assert last < rest < prior
+    assert learned < 2.0 * last + estimate.theory.left_out_rms_ut.mean()
+
+
+def test_the_rest_that_is_learned_lies_within_its_sigma(skin, field):
+    estimate, n = StrayEstimate(skin), skin.n
+    true = field(*at_rest(n))[0]
+    estimate.rest(true, np.full((3, n), 10.0))
+    off = (estimate.stencil().rest_ut - true) / estimate.rest_sigma_ut()
+    assert np.sqrt(np.mean(off**2)) < 1.5
+
+
+def test_a_chip_that_reads_something_else_does_not_spoil_the_others(skin, field):
+    honest, spoilt = StrayEstimate(skin), StrayEstimate(skin)
+    touched(skin, field, honest, np.random.default_rng(3))
+    touched(skin, field, spoilt, np.random.default_rng(3), spoilt=(0,))
+    assert missed_ut(spoilt.stencil(), field, skin.n) < 3.0 * missed_ut(
+        honest.stencil(), field, skin.n
+    )
+
+
+def test_slopes_of_the_model_are_those_of_its_field(skin):
+    estimate = StrayEstimate(skin)
+    model, mean, n = estimate._model, estimate.mean, skin.n
+    at, by = model.pairs
+    slopes = model.slopes(at, by, np.zeros((3, at.size)), mean)
+    each = np.arange(n)
+    matrix, sums = model.rows(slopes, at, by, at, each, n, mean.size, mean)
+    assert np.allclose(sums.T, model.resting(mean))
+    for k in [*range(ORDERS), *(ORDERS + AXES + EACH * 4 + np.arange(EACH - AXES))]:
+        step = np.zeros(mean.size)
+        step[k] = 1e-3
+        numeric = (model.resting(mean + step) - model.resting(mean - step)) / 2e-3
+        assert np.abs(numeric - matrix[:, :, k].T).max() < 2e-3 * np.abs(numeric).max() + 1e-9
+
+
+def test_nothing_told_changes_nothing(skin):
+    estimate, n = StrayEstimate(skin), skin.n
+    before = estimate.mean.copy(), estimate.covariance.copy()
+    estimate.rest(np.full((3, n), np.nan), np.ones((3, n)))
+    assert np.array_equal(estimate.mean, before[0])
+    assert np.allclose(estimate.covariance, before[1])
+
+
+def test_arrays_that_do_not_fit_are_refused(skin):
+    estimate, n = StrayEstimate(skin), skin.n
+    with pytest.raises(ScanError, match=r"field_ut: must be of shape \(3, 9\); got \(3, 8\)"):
+        estimate.rest(np.zeros((3, n - 1)), np.ones((3, n)))
+    with pytest.raises(ScanError, match="sigma_ut: must be above 0; got 0"):
+        estimate.rest(np.zeros((3, n)), np.zeros((3, n)))
+    with pytest.raises(ScanError, match="must be of shapes"):
+        estimate.touch(np.zeros((4, 3, n)), np.zeros((5, 3, n)), np.ones(n, bool), 1.0)
+
+
+def test_a_skin_of_too_many_units_is_refused():
+    with pytest.raises(SkinError, match=f"must have {MOST_UNITS} units or fewer"):
+        StrayEstimate(square(17, 0.012), object())

@@ -1,0 +1,94 @@
+"""`skin calibrate crosstalk`, on simulated units."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+import skin
+import topology
+from skin.cli.calibrate_crosstalk import calibrate_crosstalk
+from skin.errors import SkinError
+from skin.physics.stencil import Stencil
+
+FILE = """format = 1
+name = "pad"
+
+[[buses]]
+name = "main"
+data_bitrate = 5_000_000
+cycle_rate_hz = 100
+
+[[patches]]
+name = "pad"
+kind = "grid"
+rows = 1
+columns = 2
+pitch_m = 0.012
+bus = "main"
+layout = "f3t-fd64"
+first_id = 0x100
+"""
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "pad.toml"
+    path.write_text(FILE, encoding="utf-8")
+    return path
+
+
+@pytest.mark.long
+def test_a_finger_teaches_the_stencil_and_files_can_be_read_again(file, tmp_path, capsys):
+    out, zeros = tmp_path / "stray.npz", tmp_path / "zeros.toml"
+    status = calibrate_crosstalk(
+        str(file), stencil=out, output=str(zeros), simulate=True, json=True
+    )
+    told = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert status == 0
+    assert told["missing"] == []
+    pad = topology.load(file)
+    learned, drawn = Stencil.load(out, pad), Stencil.of(pad)
+    moved = np.zeros((3, pad.n))
+    moved[:, 0] = 1.0, 0.5, 1.5
+    assert np.allclose(learned(moved), drawn(moved), atol=40.0)  # films are as drawn
+    assert "tared in place" in zeros.read_text(encoding="utf-8")
+
+
+@pytest.mark.long
+def test_where_no_press_is_seen_nothing_is_written(file, tmp_path, capsys):
+    out, zeros = tmp_path / "stray.npz", tmp_path / "zeros.toml"
+    status = calibrate_crosstalk(
+        str(file), stencil=out, output=str(zeros), simulate=True, seconds=0.5
+    )
+    assert status == 1
+    assert "touch: must press units one by one" in capsys.readouterr().err
+    assert not out.exists()
+    assert not zeros.exists()
+
+
+def test_a_live_skin_takes_what_was_learned_from_its_file(tmp_path):
+    palm = topology.load("palm")
+    drawn = Stencil.of(palm)
+    Stencil.save(dataclasses.replace(drawn, rest_ut=drawn.rest_ut + 7.0), tmp_path / "stray.npz")
+    with skin.open(palm, want={"force"}, stencil=tmp_path / "stray.npz", simulate=True) as opened:
+        taken = opened.pipeline.decoder.crosstalk.stencil
+    assert np.array_equal(taken.rest_ut, drawn.rest_ut + 7.0)
+    with pytest.raises(SkinError, match="must be the stencil of 10 units"):
+        skin.open("strip", stencil=tmp_path / "stray.npz", simulate=True)
+    with pytest.raises(SkinError, match="stencil: must be given with sweeps; got sweeps 0"):
+        skin.open(palm, sweeps=0, stencil=drawn, simulate=True)
+    with pytest.raises(SkinError, match="stencil: must be a Stencil or None; got 3"):
+        skin.open(palm, stencil=3, simulate=True)
+
+
+def test_wrong_use_is_refused_before_anything_is_heard(file, tmp_path):
+    with pytest.raises(SkinError, match="--seconds: must be above 0"):
+        calibrate_crosstalk(str(file), stencil=tmp_path / "a.npz", seconds=0.0)
+    with pytest.raises(SkinError, match="--stencil: must be in a folder that exists"):
+        calibrate_crosstalk(str(file), stencil=tmp_path / "none" / "a.npz")
+    with pytest.raises(SkinError, match="must name a calibration file"):
+        calibrate_crosstalk(str(file), stencil=tmp_path / "a.npz", simulate=True)
