@@ -66,10 +66,8 @@ def open(
     ----------
     source : Topology, str or Path
         A loaded topology, a file, or the name of a built-in one ("palm", "fingertip", …).
-    want, estimator, dtype, sweeps, ambient, creep, skip, slip, false_contacts_per_day
-        What is computed, and how: see `skin.options.Options`.
-    stencil : Stencil or path, optional
-        The same, or the file that it was saved to, as by `skin calibrate crosstalk`.
+    want, estimator, dtype, sweeps, ambient, creep, skip, slip, false_contacts_per_day, stencil
+        What is computed, and how: see `skin.options.Options`; of a stencil its file will do.
     sync : "host" or "bus"
         Who sends SYNC: this host, or another node (then this end only listens).
     wait : "event" or "drain"
@@ -77,10 +75,10 @@ def open(
     pace : bool
         Keep the cycle rate of the topology; False asks for the next cycle as soon as one is done.
     deadline_s : float, optional
-        How long after its SYNC a cycle waits for missing frames; 0.9 periods if not given.
+        How long after its SYNC a cycle waits for frames; 0.9 periods if not given.
     simulate : bool, str, Path, SceneFile or Scene
-        Attach simulated units instead: True for the scene "demo", one of `skin.sim.scenes.names`,
-        a file, a loaded one (`skin.sim.load_scene`), or your own. False, None and "": none.
+        Attach simulated units: True for the scene "demo", a name of `skin.sim.scenes.names`, a
+        file, a loaded one (`skin.sim.load_scene`), or your own. False, None and "": none.
     transports : iterable of Transport, optional
         Transports to use instead of opening the file's buses, one for each bus, in order.
     seed : int
@@ -95,10 +93,9 @@ def open(
 
     Raises
     ------
-    topology.TopologyError, bus.BusOpenError, bus.LogError
-        The file cannot be used (every problem is listed), a bus not opened, or a log not written.
-    skin.errors.SkinError
-        An option is not one of those there are.
+    topology.TopologyError, bus.BusOpenError, bus.LogError, skin.errors.SkinError
+        The file cannot be used (every problem is listed), a bus not opened, a log not written, or
+        an option is not one of those there are.
     """
     loaded = source if isinstance(source, Topology) else topology_package.load(source)
     with ExitStack() as undo:

@@ -10,7 +10,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from topology.errors import MESSAGES, Issue, TopologyError, unknown_unit
-from topology.model import SIGMAS
+from topology.parameter_roles import SIGMAS
 from topology.schema import Bus
 from topology.wire import WireLayout
 

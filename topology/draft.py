@@ -12,7 +12,8 @@ from topology.check.addresses import Claim, check_ids
 from topology.check.models import given_parameters, parameter_faults, to_arrays
 from topology.check.names import all_named, entries, refer
 from topology.check.patches import Placed
-from topology.model import MODELS, ZEROS
+from topology.model import MODELS
+from topology.parameter_roles import ZEROS
 from topology.parts import Parts
 from topology.pose import rotate
 from topology.report import Report

@@ -23,11 +23,9 @@ __all__ = [
     "CREEP_TERMS",
     "FIELD_ANGLE_TERMS",
     "MODELS",
-    "SIGMAS",
     "TABLES",
     "THETA_KNOTS",
     "VARIANCE_TERMS",
-    "ZEROS",
     "UnitModel",
 ]
 
@@ -377,35 +375,5 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     ] = 50
 
 
-SIGMAS = (
-    "temperature_sigma_c",
-    "frequency_sigma_hz",
-    "normal_sigma_relative",
-    "field_sigma_ut",
-    "field_angle_sigma_mm",
-    "field_amplitude_sigma_relative",
-    "shear_sigma_relative",
-    "normal_creep_sigma_relative",
-    "shear_creep_sigma_relative",
-    "placement_sigma_mm",
-    "placement_sigma_rad",
-    "stray_sigma_relative",
-)
-"""Parameters that say how well the others are known."""
-ZEROS = (
-    "frequency_rest_hz",
-    "frequency_sigma_hz",
-    "hall_offset_x_ut",
-    "hall_offset_y_ut",
-    "hall_offset_z_ut",
-    "field_sigma_ut",
-    "placement_sigma_mm",
-    "placement_sigma_rad",
-    "stray_sigma_relative",
-    "frozen_cycles",
-    *(f"{law}_creep_{part}" for law in ("normal", "shear") for part in CREEP),
-)
-"""Parameters that say nothing of a unit's elastic laws: a unit of which only these are known is not
-calibrated. The frequency at rest and its sigma come from a tare."""
 MODELS: dict[str, UnitModel] = {"f3t-paper": UnitModel()}
 """Built-in unit models by name."""

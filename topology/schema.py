@@ -1,6 +1,6 @@
 """The topology file, format version 1, as frozen structs.
 
-A file is TOML. `json_schema()` describes it to editors; `topology/builtin/palm.toml` is the
+A file is TOML. `topology.json_schema` describes it to editors; `topology/builtin/palm.toml` is the
 commented example. Lengths are metres and angles degrees, and every name says so.
 """
 
@@ -33,7 +33,6 @@ __all__ = [
     "Pose",
     "Scale",
     "UnitException",
-    "json_schema",
 ]
 
 Name = Annotated[
@@ -389,29 +388,3 @@ class CalibrationFile(_Table, frozen=True, kw_only=True):
     measured: Annotated[
         dict[str, Measured], Meta(description="Unit to how its parameters were measured")
     ] = {}
-
-
-def json_schema(struct: type[msgspec.Struct] = File) -> dict[str, Any]:
-    """JSON Schema of a topology file (or of a `CalibrationFile`), for editors of TOML.
-
-    Examples
-    --------
-    >>> json_schema()["$ref"]
-    '#/$defs/File'
-    """
-    schema = _without_null(msgspec.json.schema(struct))
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
-
-
-def _without_null(node: Any) -> Any:
-    """TOML has no null: an optional key is one that may be absent."""
-    if isinstance(node, list):
-        return [_without_null(item) for item in node]
-    if not isinstance(node, dict):
-        return node
-    node = {key: _without_null(value) for key, value in node.items() if value is not None}
-    choices = [item for item in node.get("anyOf", ()) if item != {"type": "null"}]
-    if len(choices) == 1:
-        del node["anyOf"]
-        node = {**choices[0], **node}
-    return node

@@ -34,8 +34,8 @@ def check(
     """
     import msgspec
 
+    from topology.json_schema import json_schema
     from topology.load import load
-    from topology.schema import json_schema
     from topology.summary import summary
 
     if schema:

@@ -66,7 +66,7 @@ def sim(
     from skin.errors import SkinError
     from skin.sim.scenes.script import SceneFile
     from topology import load
-    from topology.schema import json_schema
+    from topology.json_schema import json_schema
 
     if schema:
         print(json_text.dumps(json_schema(SceneFile), indent=2))

@@ -7,7 +7,7 @@ import pytest
 from skin.cli import main
 from tests.fixtures.topology import write_topology
 from topology import builtin, load
-from topology.schema import json_schema
+from topology.json_schema import json_schema
 from topology.summary import summary
 
 FULL = """

@@ -10,10 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from topology import TopologyError, load
+from topology.json_schema import json_schema
 from topology.load import builtin
 from topology.read import open_source, read
 from topology.report import Report
-from topology.schema import File, json_schema
+from topology.schema import File
 from topology.source import Source
 
 

@@ -190,10 +190,10 @@ def _end_of_table(topology: Topology, unit: int, fits: list[Fit]) -> Fit:
     most = float(known.parameters["field_angle_max_mm"][0])
     for _ in range(ROUNDS):
         known.parameters["field_angle_max_mm"] = np.array([most])
-        reach = float(field_angle_ends(known)[1][0])
-        if reach >= most:
+        displacement = float(field_angle_ends(known)[1][0])
+        if displacement >= most:
             break
-        most = reach
+        most = displacement
     return as_fit({"field_angle_max_mm": (most, np.nan)}, 0)
 
 
@@ -285,10 +285,10 @@ def _film(work: _Work, blocks: Blocks, film_c: np.ndarray) -> None:
     noise = float(work.p["field_noise_ut"])
     x, y = laws.displaced(film.fit, field_ut, blocks.displacement[2])
     lateral = _along(film, field_ut[good], blocks.displacement[:2, good])
-    reach = np.hypot(blocks.displacement[0] + film.fit["film_x_mm"],
+    displacement = np.hypot(blocks.displacement[0] + film.fit["film_x_mm"],
                      blocks.displacement[1] + film.fit["film_y_mm"])[good]  # fmt: skip
     block_ut = noise / float(np.sqrt(np.mean(blocks.size)))
-    crest = fit_crest(lateral, depth, reach, float(work.p["field_reference_mm"]), block_ut)
+    crest = fit_crest(lateral, depth, displacement, float(work.p["field_reference_mm"]), block_ut)
     rest = work.p["field_vertical_ratio"] * crest["field_amplitude_ut"] * np.exp(
         -crest["field_growth_per_mm"] * float(work.p["field_reference_mm"]))  # fmt: skip
     _take_film(work, laws.widened(film, float(rest)), crest)
@@ -335,11 +335,11 @@ def _shear(work: _Work, blocks: Blocks) -> None:
     if not deeper:
         work.kept["shear_gain_per_mm"] = "it predicts no better than without, by cross-validation"
     x, y, depth = blocks.displacement
-    reach = np.hypot(x, y)
-    along = np.stack([x, y]) / np.maximum(reach, 1e-9)
+    displacement = np.hypot(x, y)
+    along = np.stack([x, y]) / np.maximum(displacement, 1e-9)
     p = work.p
-    law = p["shear_soft_n_per_mm"] * reach
-    law = law + p["shear_stiff_n_per_mm"] * np.maximum(reach - p["shear_break_mm"], 0.0)
+    law = p["shear_soft_n_per_mm"] * displacement
+    law = law + p["shear_stiff_n_per_mm"] * np.maximum(displacement - p["shear_break_mm"], 0.0)
     law = law * (1.0 + float(p["shear_gain_per_mm"]) * (depth - float(p["field_reference_mm"])))
     tilt = np.stack([fit["turn_y"] * normal_n, -fit["turn_x"] * normal_n])
     force = blocks.force[:2] - tilt
@@ -351,7 +351,7 @@ def _shear(work: _Work, blocks: Blocks) -> None:
     work.spread["shear_sigma_relative"] = float(
         np.hypot(_misfit(error), unknown) / max(_rms(law[seen]), 1e-9)
     )
-    work.plots["shear"] = reach[seen], push[seen], law[seen]
+    work.plots["shear"] = displacement[seen], push[seen], law[seen]
 
 
 def _recorded(work: _Work, blocks: Blocks, gel_c: np.ndarray) -> None:

@@ -276,9 +276,9 @@ def displaced(film: Fit, field_ut: np.ndarray, depth_mm: np.ndarray) -> list[np.
     lateral = map_field(field_ut, film)
     size = np.maximum(np.hypot(*lateral), 1e-9)
     table = np.array([film[name] for name in ANGLE_NAMES])
-    reach = angle_powers(np.arctan2(size, field_ut[:, 2]), depth_mm) @ table
-    return [lateral[0] / size * reach - film["film_x_mm"],
-            lateral[1] / size * reach - film["film_y_mm"]]  # fmt: skip
+    displacement = angle_powers(np.arctan2(size, field_ut[:, 2]), depth_mm) @ table
+    return [lateral[0] / size * displacement - film["film_x_mm"],
+            lateral[1] / size * displacement - film["film_y_mm"]]  # fmt: skip
 
 
 def fit_shear(p: Parameters, blocks: Blocks, normal_n: np.ndarray) -> tuple[Posterior, bool]:
@@ -303,16 +303,16 @@ def fit_shear(p: Parameters, blocks: Blocks, normal_n: np.ndarray) -> tuple[Post
     whole = np.isfinite(blocks.force[:2]).all(axis=0)
     normal_n = normal_n[whole]
     (x, y, depth), force = seen.displacement, seen.force[:2]
-    reach = np.hypot(x, y)
-    along = np.stack([x, y]) / np.maximum(reach, 1e-9)
+    radius = np.hypot(x, y)
+    along = np.stack([x, y]) / np.maximum(radius, 1e-9)
     deeper = depth - float(p["field_reference_mm"])
     sigma = 0.005 / np.sqrt(seen.size)
     names = ("shear_soft_n_per_mm", "shear_break_mm", "shear_stiff_n_per_mm")
     turns = {f"turn_{axis}": (0.0, TURN_RAD) for axis in AXES}
 
     def misfit(at: Parameters) -> np.ndarray:
-        law = at["shear_soft_n_per_mm"] * reach
-        law = law + at["shear_stiff_n_per_mm"] * np.maximum(reach - at["shear_break_mm"], 0.0)
+        law = at["shear_soft_n_per_mm"] * radius
+        law = law + at["shear_stiff_n_per_mm"] * np.maximum(radius - at["shear_break_mm"], 0.0)
         fx, fy = law * (1.0 + at.get("shear_gain_per_mm", 0.0) * deeper) * along
         seen_x = fx + at["turn_y"] * normal_n - at["turn_z"] * fy
         seen_y = fy + at["turn_z"] * fx - at["turn_x"] * normal_n

@@ -1,0 +1,38 @@
+"""Parameters of units by what they tell."""
+
+from __future__ import annotations
+
+from topology.model import CREEP
+
+__all__ = ["SIGMAS", "ZEROS"]
+
+SIGMAS = (
+    "temperature_sigma_c",
+    "frequency_sigma_hz",
+    "normal_sigma_relative",
+    "field_sigma_ut",
+    "field_angle_sigma_mm",
+    "field_amplitude_sigma_relative",
+    "shear_sigma_relative",
+    "normal_creep_sigma_relative",
+    "shear_creep_sigma_relative",
+    "placement_sigma_mm",
+    "placement_sigma_rad",
+    "stray_sigma_relative",
+)
+"""Parameters that say how well the others are known."""
+ZEROS = (
+    "frequency_rest_hz",
+    "frequency_sigma_hz",
+    "hall_offset_x_ut",
+    "hall_offset_y_ut",
+    "hall_offset_z_ut",
+    "field_sigma_ut",
+    "placement_sigma_mm",
+    "placement_sigma_rad",
+    "stray_sigma_relative",
+    "frozen_cycles",
+    *(f"{law}_creep_{part}" for law in ("normal", "shear") for part in CREEP),
+)
+"""Parameters that say nothing of a unit's elastic laws: a unit of which only these are known is not
+calibrated. The frequency at rest and its sigma come from a tare."""
