@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.accuracy_array import PLACEMENTS, crosstalk, placed, turning
-from benchmarks.accuracy_coverage import coverage, lines
+from benchmarks.accuracy_coverage import by_chance, coverage, lines
 from benchmarks.accuracy_noise import Cells, Found, explore
 from benchmarks.accuracy_picture import draw
 from benchmarks.accuracy_skin import Made, made
@@ -86,6 +86,7 @@ def run(quick: bool) -> dict[str, Any]:
         }
     figures["coverage_min"] = min(rows["coverage_min"] for rows in (best, worst))
     figures["coverage_max"] = max(rows["coverage_max"] for rows in (best, worst))
+    figures |= by_chance((best, worst))
     return {
         **figures,
         "targets": TARGETS,

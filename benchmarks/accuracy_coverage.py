@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from scipy.special import ndtri
 
 from benchmarks.accuracy_noise import COMPONENTS, TIMES, Cells, Found
 
+RIGHT = 0.6827
+"""Share of normal errors within one sigma."""
 STATED_MM = {"field-angle": 3.0, "sine": 1.5}
 """R to which the sigma of an estimator is held to its share, at all depths to the deepest. Beyond,
 the sine nears its crest, where an error has no normal distribution: SATURATED says so."""
@@ -35,6 +39,26 @@ def coverage(found: Found, cells: Cells, estimator: str, units: int, rounds: int
         "coverage_interval": 1.96 * float(np.sqrt(share * (1.0 - share) / readings)),
         "coverage": held.round(4).tolist(),
     }  # fmt: skip
+
+
+def by_chance(films: Sequence[dict[str, Any]]) -> dict[str, float]:
+    """How far chance alone takes the cells of some films from 68.3 %.
+
+    Returns
+    -------
+    dict
+        ``coverage_interval``: half of the 95 % interval of one cell; ``coverage_min_by_chance``,
+        ``coverage_max_by_chance``: median of the least and of the largest of so many cells, if
+        all of them have the right sigma.
+    """
+    half = max(rows["coverage_interval"] for rows in films)
+    cells = sum(np.size(rows["coverage"]) for rows in films)
+    furthest = float(-ndtri(1.0 - 0.5 ** (1.0 / cells))) * half / 1.96
+    return {
+        "coverage_interval": half,
+        "coverage_min_by_chance": RIGHT - furthest,
+        "coverage_max_by_chance": RIGHT + furthest,
+    }
 
 
 def lines(rows: dict[str, Any], cells: Cells, name: str) -> list[str]:

@@ -117,6 +117,9 @@ def _poses(
         "rms": {part: scale[part] * float(np.sqrt(np.mean(error[:, rows] ** 2)))
                 for part, rows in PARTS.items()},
         "held": {part: float(within[:, rows].mean()) for part, rows in PARTS.items()},
+        # of 95 %, from unit to unit: what is wrong with a unit is wrong in all of its readings
+        "held_interval": {part: 1.96 * float(within[:, rows].mean(axis=(0, 1)).std(ddof=1))
+                          / float(np.sqrt(true.n)) for part, rows in PARTS.items()},
     }  # fmt: skip
 
 

@@ -6,7 +6,8 @@ by turns with the others; what is found goes into `figures.json` beside this fil
 lies in 95 of 100 cases [derived: prediction interval of Student's t on logarithms]; that of a rate
 its 95 % interval after Wilson. Everything else has a seed, and another run tells the same.
 
-``--only decode,skip`` renews the figures of these alone.
+``--only decode,skip`` renews the figures of these alone. A run with ``--quick`` does not overwrite
+what a whole one has found.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ FOLDER = Path(__file__).parent
 STORE = FOLDER / "figures.json"
 PAGE = FOLDER.parent / "docs" / "figures.md"
 HELD = {True: "held", False: "**missed**", None: ""}
+SHORT_RUN = " ¹"
 README = FOLDER.parent / "README.md"
 BEGIN, END = "<!-- figures -->\n", "<!-- end of figures -->\n"
 
@@ -48,7 +50,8 @@ def run(quick: bool, only: Collection[str] | None = None) -> dict[str, Any]:
                 found[name].append(_once(name, quick))
     stored = json.loads(STORE.read_text(encoding="utf-8")) if STORE.exists() else {}
     for figure in FIGURES:
-        if figure.benchmark in found:
+        whole = not stored.get(_key(figure), {"quick": True})["quick"]
+        if figure.benchmark in found and not (quick and whole):
             stored[_key(figure)] = described(figure, found[figure.benchmark], quick)
     kept = {_key(figure): stored[_key(figure)] for figure in FIGURES if _key(figure) in stored}
     STORE.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
@@ -63,8 +66,10 @@ def table(figures: dict[str, Any]) -> str:
     for figure in FIGURES:
         row = figures["figures"].get(_key(figure))
         if row is not None:
-            lines.append(f"{_key(figure):<62}{value_of(row):>26} {figure.unit:<10}"
-                         f"{figure.target:>10}  {HELD[row['held']]}")  # fmt: skip
+            quick = "  (quick)" if row["quick"] else ""
+            lines += [f"{figure.compared}:",
+                      f"  {_key(figure):<60}{value_of(row):>26} {figure.unit:<10}"
+                      f"{figure.target:>10}  {verdict(figure, row)}{quick}"]  # fmt: skip
     return "\n".join(lines)
 
 
@@ -92,6 +97,9 @@ def described(figure: Figure, found: list[dict[str, Any]], quick: bool) -> dict[
         hits = round(known[0] * trials)
         interval = stats.binomtest(hits, trials).proportion_ci(0.95, "wilson")
         low, high = float(interval.low), float(interval.high)
+    elif known and figure.interval:
+        half = _at(found[0], figure.interval)
+        low, high = known[0] - half, known[0] + half
     value = float(np.median(known)) if known else None
     machine = found[0].get("machine", {})
     return {
@@ -116,12 +124,20 @@ def held(figure: Figure, value: float | None, low: float | None, high: float | N
     if not figure.target or value is None:
         return None
     relation, wanted = figure.target.split()
-    rate = bool(figure.trials) and low is not None and high is not None
+    rate = bool(figure.trials or figure.interval) and low is not None and high is not None
     if relation == "<=":
         return (low if rate else value) <= float(wanted)
     if relation == ">=":
         return (high if rate else value) >= float(wanted)
     return value == float(wanted)
+
+
+def verdict(figure: Figure, row: dict[str, Any]) -> str:
+    """Whether the target is held, and whether another run might tell otherwise."""
+    if row["held"] is None or row["low"] is None or figure.trials or figure.interval:
+        return HELD[row["held"]]
+    ends = {held(figure, end, None, None) for end in (row["low"], row["high"])}
+    return HELD[row["held"]] + (", not decided" if len(ends) == 2 else "")
 
 
 def page(stored: dict[str, dict[str, Any]]) -> str:
@@ -135,7 +151,7 @@ def page(stored: dict[str, dict[str, Any]]) -> str:
             lines.append(
                 f"| {figure.benchmark} | {figure.compared} (`{figure.path}`) "
                 f"| {number(row['value'])} {figure.unit} | {spread(row)} | {bound(figure)} "
-                f"| {HELD[row['held']]} | {row['runs']}{quick}, {row['date']} |"
+                f"| {verdict(figure, row)} | {row['runs']}{quick}, {row['date']} |"
             )
     machines = sorted({row["on"] for row in stored.values()})
     return "\n".join([*lines, "", f"Measured on: {'; '.join(machines)}.", ""])
@@ -147,8 +163,13 @@ def with_short(readme: str, stored: dict[str, dict[str, Any]]) -> str:
     for figure in FIGURES:
         row = stored.get(_key(figure))
         if figure.short and row is not None:
-            lines.append(f"| {figure.compared} | {number(row['value'])} {figure.unit} "
-                         f"| {spread(row)} | {bound(figure)} | {HELD[row['held']]} |")  # fmt: skip
+            mark = SHORT_RUN if row["quick"] else ""
+            lines.append(
+                f"| {figure.compared} | {number(row['value'])} {figure.unit}{mark} "
+                f"| {spread(row)} | {bound(figure)} | {verdict(figure, row)} |"
+            )
+    if any(SHORT_RUN in line for line in lines):
+        lines += ["", f"{SHORT_RUN.strip()} `--quick`: fewer units, cycles or trials."]
     short = BEGIN + "\n".join(lines) + "\n" + END
     return re.sub(re.escape(BEGIN) + ".*?" + re.escape(END), lambda _: short, readme, flags=re.S)
 

@@ -10,6 +10,7 @@ import pytest
 
 from benchmarks import __main__ as command
 from benchmarks import report
+from benchmarks.accuracy_coverage import by_chance
 from benchmarks.report_figures import FIGURES, TIMED, Figure
 
 
@@ -67,7 +68,7 @@ def test_what_tells_of_the_machine_runs_several_times(small):
     assert text.startswith("above\n")
     assert text.endswith("below\n")
     assert "before" not in text
-    assert "**missed** |" in text
+    assert "**missed**, not decided |" in text
     assert " held |" in text
     assert "held" in report.table(figures)
 
@@ -83,12 +84,54 @@ def test_only_some_are_renewed(small):
     report.run(quick=False)
     before = json.loads((folder / "STORE").read_text())
     asked.clear()
+    (folder / "STORE").write_text(json.dumps(before | {"slip: rows/0/caught": {"quick": True}}))
     after = report.run(quick=True, only=["slip"])["figures"]
     assert asked == [("slip", True)]
     assert after["decode: ratio"] == before["decode: ratio"]
-    assert after["slip: rows/0/caught"]["quick"]
+    assert after["slip: rows/0/caught"]["value"] == 0.94
     with pytest.raises(SystemExit, match="only: must be of decode, slip; got grip"):
         report.run(quick=True, only=["grip"])
+
+
+def test_a_quick_run_does_not_overwrite_what_a_whole_one_found(small):
+    whole = report.run(quick=False)["figures"]
+    assert report.run(quick=True)["figures"] == whole
+    assert "¹" not in (small[1] / "README").read_text()
+
+
+def test_the_readme_marks_quick_runs(small):
+    report.run(quick=True)
+    text = (small[1] / "README").read_text()
+    assert "| 1.7 ¹ |" in text.replace("1.7  ¹", "1.7 ¹")
+    assert "¹ `--quick`" in text
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "told"),
+    [(1.1, 1.4, "held"), (1.1, 1.6, "held, not decided"), (None, None, "held")],
+)
+def test_a_spread_that_holds_both_does_not_decide(low, high, told):
+    figure = Figure("decode", "x", "", "", "<= 1.5")
+    assert report.verdict(figure, {"held": True, "low": low, "high": high}) == told
+
+
+def test_an_interval_that_the_benchmark_tells_is_that_of_the_rate():
+    figure = Figure("accuracy", "share", "", "", ">= 0.66", interval="half")
+    for share, expected in ((0.65, True), (0.62, False)):
+        row = report.described(figure, [{"share": share, "half": 0.02}], quick=False)
+        assert (row["low"], row["high"]) == pytest.approx((share - 0.02, share + 0.02))
+        assert row["held"] is expected
+
+
+def test_cells_that_are_right_are_as_far_off_as_chance_takes_them():
+    rng = np.random.default_rng(5)
+    readings, cells = 5000, 400
+    shares = rng.binomial(readings, 0.6827, (300, cells)) / readings
+    half = 1.96 * np.sqrt(0.6827 * 0.3173 / readings)
+    found = by_chance([{"coverage_interval": half, "coverage": np.zeros((20, 10, 1))}] * 2)
+    least, largest = np.median(shares.min(axis=1)), np.median(shares.max(axis=1))
+    assert found["coverage_min_by_chance"] == pytest.approx(least, abs=5e-4)
+    assert found["coverage_max_by_chance"] == pytest.approx(largest, abs=5e-4)
 
 
 def test_another_run_lies_within_the_spread_in_95_of_100_cases():
