@@ -134,10 +134,8 @@ def table(figures: dict) -> str:
         )
     lines.append(f"\n{'what lasts or is large':<52}{'float32 N':>11}{'float64 N':>11}  seen")
     for name, row in figures["lasting"].items():
-        lines.append(
-            f"{name:<52}{row['error_n_float32']:>11.1e}"
-            f"{row.get('error_n_float64', np.nan):>11.1e}  {row['seen']}"
-        )
+        double = f"{row['error_n_float64']:.1e}" if "error_n_float64" in row else "–"
+        lines.append(f"{name:<52}{row['error_n_float32']:>11.1e}{double:>11}  {row['seen']}")
     lines.append(f"\n{'time of a cycle over a calm one':<52}")
     lines += [f"{name:<52}{ratio:>11.2f}" for name, ratio in figures["slowdowns"].items()]
     lines.append(f"\nworst of the {len(figures['seeds'])} seeds, where valid")
