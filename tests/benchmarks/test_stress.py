@@ -240,10 +240,11 @@ def test_readings_that_are_not_valid_hide_no_difference():
     one.force[:, 3], one.status[3] = np.nan, int(Status.NEVER)
     other.force[0, 5] += 1.0
     one.valid[:], other.valid[:] = True, True
-    one.valid[3] = False
+    one.valid[[3, 7]] = False
+    other.force[0, 7] += 5.0
     off_n, apart = stress_lasting._apart(one, other)
     assert off_n == pytest.approx(1.0, abs=1e-3)
-    assert apart == 1
+    assert apart == 2
 
 
 def test_report_has_its_keys_and_its_picture(monkeypatch, tmp_path):
