@@ -8,11 +8,13 @@ as those of CAN. `process`: the frames of a cycle are there as soon as SYNC is s
 not counted. `drain` is `sockets` with one wake-up a cycle (`wait="drain"`).
 
 A frame is lost if the state of its cycle does not show the temperatures that stand in it: neither
-the receiver's counters nor its flags are asked. A cycle is late if it was left out, or closed
-without all its units. `held up` are the frames of cycles which the units' process itself, held up
-by the machine, has not ended by 0.85 of their period, and of those right after them, which do not
-wait for units that were late for long: they are neither lost nor late. `cpu` is user and system
-time of the receiving process for a cycle, over the period: cycles left out make it no smaller.
+the receiver's counters nor its flags are asked. Units send only when asked: the frames of a period
+that the host left out, since it was not ready for it, are lost as well. A cycle is late if it was
+left out, or closed without all its units; `late_share` is that over all periods. `held up` are the
+frames of cycles which the units' process itself, held up by the machine, has not ended by 0.85 of
+their period, and of those right after them, which do not wait for units that were late for long:
+they are neither lost nor late. `cpu` is user and system time of the receiving process for a cycle,
+over the period: cycles left out make it no smaller, and waiting makes it no larger.
 
 Beside it what is published of another skin of 1260 cells; that machine and work are not these.
 """
@@ -75,6 +77,7 @@ def run(quick: bool) -> dict:
     slow = [row for name in SKINS for row in cases[name]["ways"].values()]
     return {
         "lost_frames": sum(row["lost"] for row in slow),
+        "late_share": sum(row["late"] for row in slow) / sum(row["periods"] for row in slow),
         "held_up_share": sum(row["held_up"] for row in slow) / sum(row["sent"] for row in slow),
         "cpu_share_1260": cases["1260"]["ways"]["sockets"]["cpu_share"],
         "target_cpu_share": TARGET_SHARE,
@@ -87,7 +90,7 @@ def table(figures: dict) -> str:
     """The figures for a person."""
     lines = [
         f"{'units':>6}{'buses':>7}{'Hz':>6}{'frames/s':>10}  {'way':<9}{'sent':>10}{'lost':>6}"
-        f"{'held up':>9}{'cycles':>8}{'late':>6}{'cpu %':>7}"
+        f"{'held up':>9}{'periods':>9}{'left out':>9}{'late':>6}{'cpu %':>7}"
         f"{'cycle ms p50':>14}{'p99':>7}{'max':>7}{'work us p50':>13}{'p99':>7}"
     ]
     for case in figures["cases"].values():
@@ -96,14 +99,15 @@ def table(figures: dict) -> str:
             lines.append(
                 f"{case['units']:>6}{case['buses']:>7}{case['rate_hz']:>6.0f}"
                 f"{case['frames_per_s']:>10.0f}  {way:<9}{row['sent']:>10}{row['lost']:>6}"
-                f"{row['held_up']:>9}{row['cycles']:>8}{row['late']:>6}"
+                f"{row['held_up']:>9}{row['periods']:>9}{row['left_out']:>9}{row['late']:>6}"
                 f"{100 * row['cpu_share']:>7.1f}"
                 f"{cycle['p50']:>14.2f}{cycle['p99']:>7.2f}{cycle['max']:>7.1f}"
                 f"{work['p50']:>13.0f}{work['p99']:>7.0f}"
             )
     lines += [
-        f"lost at {RATE_HZ:g} Hz: {figures['lost_frames']} (target 0), not judged as held up: "
-        f"{figures['held_up_share']:.1%}; 1260 units over sockets: "
+        f"lost at {RATE_HZ:g} Hz: {figures['lost_frames']} (target 0), late or left out: "
+        f"{figures['late_share']:.1%} of periods, not judged as held up: "
+        f"{figures['held_up_share']:.1%} of frames; 1260 units over sockets: "
         f"{100 * figures['cpu_share_1260']:.0f} % of a core "
         f"(target {100 * figures['target_cpu_share']:.0f} %)",
         f"published: {figures['published']}",
@@ -134,7 +138,7 @@ def measure(skin: Topology, units: Units, way: str, seconds: float) -> dict:
 
 
 def judge(skin: Topology, units: Units, seen: _Seen, sent: np.ndarray, on_time: np.ndarray) -> dict:
-    """Frames that were sent, and those of them that no state shows.
+    """Frames that were sent, and those that no state shows: of them, and of periods left out.
 
     Parameters
     ----------
@@ -159,10 +163,12 @@ def judge(skin: Topology, units: Units, seen: _Seen, sent: np.ndarray, on_time: 
     window = slice(int(seen.number[0]), count)
     lost = np.where(held_up, 0, sent - was_shown)[window]
     return {
+        "periods": seen.number.size + seen.left_out,
+        "left_out": seen.left_out,
         "late": int((~seen.complete & ~held_up[seen.number]).sum()) + seen.left_out,
         "sent": int(sent[window].sum()),
         "held_up": int(sent[window][held_up[window]].sum()),
-        "lost": int(lost.sum()),
+        "lost": int(lost.sum()) + frames * seen.left_out,
     }
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +16,14 @@ LEAST_N = {"float32": 1e-8, "float64": 1e-17}
 TARGET_N = {"float32": 2e-5, "float64": 1e-9}
 
 
-def draw(path: Path, judged: Mapping[tuple[str, str], Mapping[str, Any]]) -> None:
+def draw(path: Path, judged: Mapping[tuple[str, str], Mapping[str, Sequence[Any]]]) -> None:
     """Errors of what was judged over its condition, a panel an estimator and type.
 
     Parameters
     ----------
     path : Path
-    judged : mapping of (case, estimator) to mapping of type to `benchmarks.stress.Worst`
+    judged : mapping of (case, estimator) to mapping of type to `benchmarks.stress.Worst` of
+        each seed
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -34,13 +35,16 @@ def draw(path: Path, judged: Mapping[tuple[str, str], Mapping[str, Any]]) -> Non
     for axes, dtype in zip(panels, ("float32", "float64"), strict=True):
         for axis, estimator in zip(axes, ("field-angle", "sine"), strict=True):
             for i, case in enumerate(cases):
-                found = judged[case, estimator][dtype]
-                bound = found.flags & int(Status.SATURATED) != 0
+                flags, condition, error_n = (
+                    np.concatenate([getattr(one, name) for one in judged[case, estimator][dtype]])
+                    for name in ("flags", "condition", "error_n")
+                )
+                bound = flags & int(Status.SATURATED) != 0
                 hue, mark = HUES[i % len(HUES)], MARKS[i // len(HUES)]
                 for chosen, filled in ((~bound, hue), (bound, "none")):
                     axis.scatter(
-                        np.maximum(found.condition[chosen], 1e-3),
-                        np.maximum(found.error_n[chosen], LEAST_N[dtype]),
+                        np.maximum(condition[chosen], 1e-3),
+                        np.maximum(error_n[chosen], LEAST_N[dtype]),
                         s=12.0, marker=mark, facecolors=filled, edgecolors=hue, linewidths=0.7,
                         label=case if filled != "none" else None,
                     )  # fmt: skip

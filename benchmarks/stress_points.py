@@ -12,16 +12,22 @@ from benchmarks.peers_decode import array_of, counts_of
 from skin.decode.decoder import Decoder
 from skin.decode.model import field_angle_ends
 from skin.errors import CalibrationError
+from skin.options import ESTIMATORS
+from skin.state import Reading, Status
 from topology import CHANNELS, Topology, UnitModel
 from topology.check.models import parameter_faults
-from topology.model import SIGMAS, TABLES
+from topology.model import TABLES
+from topology.parameter_roles import SIGMAS
 
 FREQUENCY, BX, BY, BZ = (CHANNELS.index(name) for name in ("frequency", "bx", "by", "bz"))
+AT_ENDS = "calibrations at their ends"
 WHOLE = 1 << 16
 """Counts of a channel."""
 RAILS = (-32768, -32767, -4096, -1, 0, 1, 4095, 4096, 32766, 32767)
 MOST_ENDS = 3
 """Parameters of a unit that stand at an end together."""
+ENDS, TRIES = 400, 30
+"""Units at ends, and draws of the counts of each until both estimators read a value from them."""
 
 
 def points(quick: bool, seed: int = 1) -> Iterator[tuple[str, Topology, np.ndarray]]:
@@ -44,10 +50,8 @@ def points(quick: bool, seed: int = 1) -> Iterator[tuple[str, Topology, np.ndarr
         at = rng.random(skin.n) < 0.3
         counts[channel, at] = rng.choice(RAILS, int(at.sum()))
     yield "rails", skin, counts
-    ends = at_ends(40 if quick else 400, rng)
-    whole = rng.integers(-32768, 32768, (len(CHANNELS), ends.n)).astype(np.int16)
-    near = _inside(ends, rng)
-    yield "calibrations at their ends", ends, np.where(rng.random(ends.n) < 0.3, whole, near)
+    skin = at_ends(ENDS, rng)
+    yield AT_ENDS, skin, end_counts(skin, rng)
 
 
 def _put(skin: Topology, counts: np.ndarray, channel: int, values: np.ndarray) -> None:
@@ -102,6 +106,33 @@ def _knees(skin: Topology, calm: np.ndarray, rng: np.random.Generator) -> np.nda
     return counts
 
 
+def end_counts(skin: Topology, rng: np.random.Generator) -> np.ndarray:
+    """Any counts for three units of ten; for the others such as both estimators read a value from,
+    or one of them, as far as `TRIES` draws find any."""
+    counts = _inside(skin, rng)
+    read = _estimators_that_read(skin, counts)
+    for _ in range(TRIES):
+        other = _inside(skin, rng)
+        found = _estimators_that_read(skin, other)
+        counts = np.where(found > read, other, counts)
+        read = np.maximum(read, found)
+    whole = rng.integers(-32768, 32768, counts.shape).astype(np.int16)
+    return np.where(rng.random(skin.n) < 0.3, whole, counts)
+
+
+def _estimators_that_read(skin: Topology, counts: np.ndarray) -> np.ndarray:
+    """How many estimators hold a reading to be valid and no bound, shape (n,)."""
+    read = np.zeros(skin.n, int)
+    for estimator in ESTIMATORS:
+        read += is_held(Decoder(skin, {"force"}, estimator, consistency=False)(counts))
+    return read
+
+
+def is_held(reading: Reading) -> np.ndarray:
+    """Readings that are valid and no bounds, shape (n,)."""
+    return reading.valid & (reading.status & int(Status.SATURATED) == 0)
+
+
 def _inside(skin: Topology, rng: np.random.Generator) -> np.ndarray:
     """Counts within the ranges of units, as far as they have any."""
     p = skin.parameters
@@ -111,9 +142,16 @@ def _inside(skin: Topology, rng: np.random.Generator) -> np.ndarray:
     drop = rng.uniform(0.0, 1.0, skin.n) * p["normal_max_n"] / p["normal_stiff_n_per_hz"]
     for channel, values in ((0, gel), (FREQUENCY, p["frequency_rest_hz"] - drop), (5, warm)):
         _put(skin, counts, channel, values)
-    for channel in (BX, BY, BZ):
-        spread = rng.uniform(-1.0, 1.0, skin.n) * p["field_amplitude_ut"]
-        _put(skin, counts, channel, spread)
+    strength = p["field_amplitude_ut"] * 10.0 ** rng.uniform(-3.0, 0.0, skin.n)
+    turn = rng.uniform(-np.pi, np.pi, skin.n)
+    x, y = strength * np.cos(turn), strength * np.sin(turn)
+    spread = p["field_xx"] * p["field_yy"] - p["field_xy"] * p["field_yx"]
+    bx = (p["field_yy"] * x - p["field_xy"] * y) / spread
+    by = (p["field_xx"] * y - p["field_yx"] * x) / spread
+    bz = rng.uniform(-1.0, 1.0, skin.n) * p["field_amplitude_ut"]
+    shown = rng.random(skin.n) < 0.5  # offsets at their ends are beyond what counts can show
+    for channel, axis, values in ((BX, "x", bx), (BY, "y", by), (BZ, "z", bz)):
+        _put(skin, counts, channel, values + shown * p[f"hall_offset_{axis}_ut"])
     return counts
 
 

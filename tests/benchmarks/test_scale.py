@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import time
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ if not has_batches():
 
 from benchmarks import scale
 from benchmarks.scale_units import LAP, most_rows, on_fewest_buses, simulate, strip
+from skin.pipeline import Pipeline
 from topology import TopologyError
 
 
@@ -49,10 +51,27 @@ def test_the_units_touch_and_come_back_to_where_they_began(small):
 def test_what_is_sent_is_shown(small, way, monkeypatch):
     monkeypatch.setattr(scale, "WARM_S", 0.1)
     row = scale.measure(*small, way, 0.4)
-    assert row["cycles"] == 100
-    assert row["lost"] == 0
-    assert row["sent"] + 3 * row["late"] >= 100 * len(small[0].frames) > 0
-    assert 0.0 < row["cpu_share"] < 1.0
+    frames = len(small[0].frames)
+    assert row["cycles"] == row["periods"] - row["left_out"] == 100
+    assert row["lost"] == frames * row["left_out"], "only what a busy machine was not ready for"
+    assert row["sent"] + 3 * row["late"] >= 100 * frames > 0
+    assert row["cpu_share"] > 0.0
+
+
+@pytest.mark.parametrize("way", ["process", "sockets"])
+def test_a_host_too_slow_for_its_units_loses_what_it_never_asks_for(small, way, monkeypatch):
+    monkeypatch.setattr(scale, "WARM_S", 0.1)
+    state = Pipeline.state
+
+    def slow(self, *given):
+        time.sleep(0.03)
+        return state(self, *given)
+
+    monkeypatch.setattr(Pipeline, "state", slow)
+    row = scale.measure(*small, way, 0.1)
+    assert row["left_out"] >= 6 * row["cycles"], "a cycle takes 7.5 periods at least"
+    assert row["lost"] >= len(small[0].frames) * row["left_out"]
+    assert row["periods"] >= row["late"] >= row["left_out"]
 
 
 def test_a_frame_that_is_dropped_or_forged_is_counted(small, monkeypatch):
@@ -76,9 +95,10 @@ def test_a_frame_that_is_dropped_or_forged_is_counted(small, monkeypatch):
     with scale.product.open(skin, transports=played.ends) as live:
         seen = scale._watch(live, played, 20, 80)
     row = scale.judge(skin, units, seen, *played.tell())
-    assert (row["lost"], row["late"] - seen.left_out) == (1, 1)
+    never = len(skin.frames) * seen.left_out
+    assert (row["lost"] - never, row["late"] - seen.left_out) == (1, 1)
     seen.temperature[50, 7] += 0.01
-    assert scale.judge(skin, units, seen, *played.tell())["lost"] == 2
+    assert scale.judge(skin, units, seen, *played.tell())["lost"] - never == 2
 
 
 def test_frames_that_the_units_held_up_are_nobodys_loss(small):
@@ -95,7 +115,12 @@ def test_frames_that_the_units_held_up_are_nobodys_loss(small):
     seen.complete[[3, 4, 7]] = False
     row = scale.judge(skin, units, seen, sent, on_time)
     frames = len(skin.frames)
-    assert row == {"late": 1, "sent": 10 * frames, "held_up": 2 * frames, "lost": frames}
+    expected = {"periods": 10, "left_out": 0, "late": 1, "sent": 10 * frames,
+                "held_up": 2 * frames, "lost": frames}  # fmt: skip
+    assert row == expected
+    seen.left_out = 3
+    left = {"periods": 13, "left_out": 3, "late": 4, "lost": 4 * frames}
+    assert scale.judge(skin, units, seen, sent, on_time) == expected | left
 
 
 def test_table_shows_every_row_and_what_others_publish(small, monkeypatch):
@@ -103,6 +128,8 @@ def test_table_shows_every_row_and_what_others_publish(small, monkeypatch):
     monkeypatch.setattr(scale, "simulate", lambda _: None)
     figures = json.loads(json.dumps(scale.run(quick=True)))
     assert figures["lost_frames"] == 9
+    assert figures["late_share"] == 0.2
+    assert figures["held_up_share"] == 0.1
     assert figures["cpu_share_1260"] == 0.25
     text = scale.table(figures)
     assert len(text.splitlines()) == 1 + 4 * 3 + 2
@@ -112,10 +139,12 @@ def test_table_shows_every_row_and_what_others_publish(small, monkeypatch):
 @dataclasses.dataclass
 class _Row:
     cycles: int = 10
-    late: int = 0
+    periods: int = 10
+    left_out: int = 1
+    late: int = 2
     lost: int = 1
     sent: int = 130
-    held_up: int = 0
+    held_up: int = 13
     cpu_share: float = 0.25
     cycle_ms: dict = dataclasses.field(default_factory=lambda: {"p50": 4, "p99": 5, "max": 6})
     work_us: dict = dataclasses.field(default_factory=lambda: {"p50": 40, "p99": 50, "max": 60})
