@@ -28,6 +28,7 @@ from benchmarks.report_figures import FIGURES, HEAD, RUNS, TIMED, Figure
 FOLDER = Path(__file__).parent
 STORE = FOLDER / "figures.json"
 PAGE = FOLDER.parent / "docs" / "figures.md"
+UNDECIDED = ", not decided"
 HELD = {True: "held", False: "**missed**", None: ""}
 SHORT_RUN = " ¹"
 README = FOLDER.parent / "README.md"
@@ -134,10 +135,12 @@ def held(figure: Figure, value: float | None, low: float | None, high: float | N
 
 def verdict(figure: Figure, row: dict[str, Any]) -> str:
     """Whether the target is held, and whether another run might tell otherwise."""
+    if row["held"] and row["quick"] and figure.extreme:
+        return HELD[True] + UNDECIDED
     if row["held"] is None or row["low"] is None or figure.trials or figure.interval:
         return HELD[row["held"]]
     ends = {held(figure, end, None, None) for end in (row["low"], row["high"])}
-    return HELD[row["held"]] + (", not decided" if len(ends) == 2 else "")
+    return HELD[row["held"]] + (UNDECIDED if len(ends) == 2 else "")
 
 
 def page(stored: dict[str, dict[str, Any]]) -> str:

@@ -112,7 +112,14 @@ def test_the_readme_marks_quick_runs(small):
 )
 def test_a_spread_that_holds_both_does_not_decide(low, high, told):
     figure = Figure("decode", "x", "", "", "<= 1.5")
-    assert report.verdict(figure, {"held": True, "low": low, "high": high}) == told
+    assert report.verdict(figure, {"held": True, "low": low, "high": high, "quick": True}) == told
+
+
+@pytest.mark.parametrize(("quick", "told"), [(True, "held, not decided"), (False, "held")])
+def test_a_short_run_does_not_find_the_worst_of_very_many(quick, told):
+    figure = Figure("stress", "x", "", "", "<= 1.5", extreme=True)
+    row = {"held": True, "low": None, "high": None, "quick": quick}
+    assert report.verdict(figure, row) == told
 
 
 def test_an_interval_that_the_benchmark_tells_is_that_of_the_rate():
