@@ -48,7 +48,7 @@ class NumpyContacts:
         self._skin = skin
         arm, turn = skin.position, skin.rotation
         cross = np.stack([np.cross(arm, turn[:, c], axis=0) for c in range(3)], axis=1)
-        self._to_wrench = np.concatenate([turn, cross]).transpose(2, 0, 1)
+        self._to_wrench = np.concatenate([turn, cross])
         start, index = skin.neighbour_start, skin.neighbour_index
         self._graph = csr_matrix((np.ones(index.size), index, start), shape=(skin.n, skin.n))
         self._touching = np.zeros(skin.n, bool)
@@ -98,17 +98,16 @@ class NumpyContacts:
         depth: np.ndarray, temperature: np.ndarray,
     ) -> Found:  # fmt: skip
         skin = self._skin
-        to_wrench, own = self._to_wrench[units], force[:, units]
-        wrench = np.einsum("nij,jn->i", to_wrench, own)
-        spread = to_wrench * sigma[:, units].T[:, np.newaxis] ** 2
-        covariance = np.einsum("nij,nkj->ik", spread, to_wrench)
+        own, to_wrench = force[:, units], self._to_wrench[:, :, units].reshape(6, -1)
+        wrench = to_wrench @ own.ravel()
+        covariance = (to_wrench * sigma[:, units].ravel() ** 2) @ to_wrench.T
         load = own[2].sum()
         place = skin.position[:, units]
         centre = place @ own[2] / load
         away = (place - centre[:, np.newaxis]) * sigma[2, units] / load
         x, y, z = centre
         moved = np.eye(6)
-        moved[3:, :3] = -np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        moved[[3, 3, 4, 4, 5, 5], [1, 2, 0, 2, 0, 1]] = z, -y, -z, x, y, -x
         about = moved @ wrench
         touched = place + 1e-3 * depth[units] * skin.rotation[:, 2, units]
         middle = touched @ own[2] / load
@@ -117,13 +116,13 @@ class NumpyContacts:
         outward = -(skin.rotation[:, 2, units] @ own[2])
         normal = axes[:, 0] * np.sign(axes[:, 0] @ outward)
         if units.size < 3 or square[1] < 0.05**2 * square[2]:
-            normal = outward / np.linalg.norm(outward)
+            normal = outward / np.sqrt(outward @ outward)
         along = (moved @ covariance @ moved.T)[3:, 3:]
-        area = skin.area[units]
+        area, aside = skin.area[units], wrench[:3] - normal * (normal @ wrench[:3])
         return Found(
             name, units, load, wrench, covariance, centre, away @ away.T, about[3:], area.sum(),
             (own[2] / area).max(), np.sqrt(np.maximum(square[:0:-1], 0.0)),
-            float(np.linalg.norm(wrench[:3] - normal * (normal @ wrench[:3]))),
+            float(np.sqrt(aside @ aside)),
             float(about[3:] @ normal), float(np.sqrt(normal @ along @ normal)),
             float(temperature[units] @ area / area.sum()),
         )  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
 
 import numpy as np
@@ -174,3 +175,14 @@ def test_numpy_sigma_is_that_of_the_noise():
     assert loaded.sum() > 8
     ratio = sigma[:, loaded] / rows[:, 1:4, loaded].std(axis=0)
     assert np.median(ratio, axis=1) == pytest.approx(1.0, abs=0.06)
+
+
+def test_numpy_has_one_thread_as_the_live_skin_has():
+    """Of the libraries below it, from the first import on: in a process of its own."""
+    code = (
+        "import os, sys; from benchmarks import __main__ as main; from importlib import import_module\n"
+        "assert 'numpy' not in sys.modules\n"
+        "main.import_module = lambda name: sys.exit(dict(os.environ)['OPENBLAS_NUM_THREADS'] != '1')\n"
+        "sys.argv = ['benchmarks', 'contact']; main.main()"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
