@@ -49,8 +49,8 @@ class NumpyContacts:
         arm, turn = skin.position, skin.rotation
         cross = np.stack([np.cross(arm, turn[:, c], axis=0) for c in range(3)], axis=1)
         self._to_wrench = np.concatenate([turn, cross])
-        start, index = skin.neighbour_start, skin.neighbour_index
-        self._graph = csr_matrix((np.ones(index.size), index, start), shape=(skin.n, skin.n))
+        self._start, self._other = skin.neighbour_start, skin.neighbour_index
+        self._one = np.repeat(np.arange(skin.n), np.diff(self._start))
         self._touching = np.zeros(skin.n, bool)
         self._owner = np.zeros(skin.n, int)
         self._last = 0
@@ -70,12 +70,12 @@ class NumpyContacts:
         fz = force[2]
         above = fz > KEEP_SIGMA * sigma[2]
         units = np.flatnonzero(above)
-        parts, label = connected_components(self._graph[units][:, units], directed=False)
+        label = self._clusters(above)[units]
         seeds = self._touching[units] | (fz[units] > START_SIGMA * sigma[2, units])
         found = []
         self._touching[:] = False
         owner = np.zeros_like(self._owner)
-        for part in range(parts):
+        for part in np.unique(label):
             inside = label == part
             if not seeds[inside].any():
                 continue
@@ -92,6 +92,14 @@ class NumpyContacts:
             found.append(self._describe(name, own, force, sigma, depth, temperature))
         self._owner = owner
         return sorted(found)
+
+    def _clusters(self, above: np.ndarray) -> np.ndarray:
+        """Labels of units that neighbours connect; each that is not `above` is by itself."""
+        pairs = above[self._one] & above[self._other]
+        start = np.concatenate([[0], np.cumsum(pairs)])[self._start]
+        other = self._other[pairs]
+        graph = csr_matrix((np.ones(other.size), other, start), shape=(above.size, above.size))
+        return connected_components(graph, directed=False)[1]
 
     def _describe(
         self, name: int, units: np.ndarray, force: np.ndarray, sigma: np.ndarray,

@@ -167,8 +167,8 @@ class NumpyAmbient:
     def _beyond(self, field: np.ndarray) -> np.ndarray:
         """The field without the unit's own, Bz without that at rest."""
         x, y, z = field - self._own
-        warmer = np.nan_to_num(self._film - self._rest_film)
-        rest = np.nan_to_num(self._rest) * (1.0 + self._drift * warmer)
+        rest = self._rest * (1.0 + self._drift * (self._film - self._rest_film))
+        rest = np.where(np.isnan(rest), 0.0, rest)
         return np.stack([x, y, np.where(self._upright, z - rest, 0.0)])
 
     def _average(self, drop: np.ndarray, gel: np.ndarray, off: np.ndarray) -> None:
