@@ -19,6 +19,8 @@ from importlib import import_module, metadata
 from pathlib import Path
 
 FOLDER = Path(__file__).parent
+BLAS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+"""Variables that tell the libraries below numpy how many threads to take."""
 
 
 def names() -> list[str]:
@@ -71,6 +73,9 @@ def main() -> int:
         message = f"benchmarks: must be one of {', '.join(known)}; got {options.name!r}{hint}"
         print(message, file=sys.stderr)
         return 2
+    os.environ |= dict.fromkeys(
+        BLAS, "1"
+    )  # read as numpy is imported: peers have one, as ours have
     module = import_module(f"benchmarks.{options.name}")
     if options.only is not None and options.name != "report":
         parser.error("--only: must be used with report")

@@ -4,7 +4,8 @@ Time: `live`, the headline, is all that `skin.open` computes if not told otherwi
 of a cycle to its state: field-angle, sigma, one sweep of cross-talk, ambient field, contacts, slip,
 friction, events; for 0, 1 and 3 contacts, each on a fourteenth of the units. Beside it, in turn, in
 one process, numpy and scipy doing the same but for slip and friction (`benchmarks.peers_live`; both
-tell the same contacts, as far as two ways to add up can). `lean` is the least that tells contacts
+tell the same contacts, as far as two ways to add up can). The ratio to it is the median over laps
+that take turns, with its 95 % interval. `lean` is the least that tells contacts
 with slip: the paper's estimator, no neighbours, no ambient field; with it decoding alone, contacts
 without slip and numpy doing that, contacts with slip of plain arrays that are new ones each cycle,
 and the contact stage of nb-touch on forces that are decoded already, against what the lean pass
@@ -23,12 +24,14 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
 import topology
 from benchmarks.peers_contact import Found, NumpyContacts, nb_touch
 from benchmarks.peers_live import NumpyLive, stencil_of
+from benchmarks.timing import Timed, ratio
 from bus.cycle import ClosedBy, RawCycle
 from skin.contact.contact import Contact
 from skin.contact.stream import ContactStream
@@ -68,13 +71,14 @@ def run(quick: bool) -> dict:
         sizes[str(n)] = {str(touches): _size(skin, touches, quick) for touches in TOUCHES}
     most = str(TOUCHES[-1])
     return {
-        **{f"live_numpy_ratio_{n}": rows[most]["live_numpy_ratio"] for n, rows in sizes.items()},
+        **{f"live_numpy_ratio_{n}{end}": rows[most][f"live_numpy_ratio{end}"]
+           for n, rows in sizes.items() for end in ("", "_95")},
         **{f"cycle_us_p50_{n}": rows[most]["full"]["us_p50"] for n, rows in sizes.items()},
         **{f"live_us_p50_{n}": rows[most]["live"]["us_p50"] for n, rows in sizes.items()},
         **{f"plain_us_p50_{n}": rows[most]["plain"]["us_p50"] for n, rows in sizes.items()},
         "sizes": sizes,
         "centre_of_pressure": centre_of_pressure(TRIALS[not quick]),
-    }
+    }  # fmt: skip
 
 
 def table(figures: dict) -> str:
@@ -221,50 +225,75 @@ def lean(want: set[str], dtype: DType = "float32") -> Options:
     return Options(want=want, dtype=dtype, estimator="sine", sweeps=0, ambient=False)
 
 
-def _size(skin: Topology, touches: int, quick: bool) -> dict:
-    counts = counts_of(skin, touches)
-    passes = {name: Pass(skin, lean(want)) for name, want in PASSES.items()}
-    passes["live"] = Pass(skin, Options())
-    felt = counts_of(skin, touches, live=True)
-    assert_same(skin, counts[:8], touches)
-    assert_live_same(skin, felt[:8], touches)
-    numpy_pass, stage, stream = NumpyContacts(skin), nb_touch(skin), plain(skin)
-    numpy_passes = {"numpy": numpy_pass, "numpy_live": NumpyLive(skin)}
-    samples: dict[str, list[int]] = {
-        name: [] for name in (*passes, *numpy_passes, "plain", "nb_touch")
-    }
-    for lap in range(LAPS[not quick]):
-        for name, one in passes.items():
-            for cycle in felt if name == "live" else counts:
-                raw = one.load(cycle)
-                started = time.perf_counter_ns()
-                one.pipeline.state(raw)
-                samples[name].append(time.perf_counter_ns() - started)
-        decode = passes["decode"]
-        for cycle in counts:
-            units = decode.pipeline.state(decode.load(cycle)).units
-            arrays = [array.copy() for array in _shown(units)]
+class Side(NamedTuple):
+    """One of those that are timed, cycle by cycle.
+
+    Attributes
+    ----------
+    prepare : callable
+        Of the counts of a cycle, before the clock starts, what `call` takes.
+    call : callable
+    counts : sequence of ndarray
+    pipeline : Pipeline or None
+        That of the call, if it is one of ours.
+    """
+
+    prepare: Callable[[np.ndarray], Any]
+    call: Callable[[Any], Any]
+    counts: Sequence[np.ndarray]
+    pipeline: Pipeline | None = None
+
+    def lap(self) -> list[int]:
+        """Nanoseconds of each cycle."""
+        taken = []
+        for cycle in self.counts:
+            given = self.prepare(cycle)
             started = time.perf_counter_ns()
-            stream(*arrays)
-            samples["plain"].append(time.perf_counter_ns() - started)
-        if lap % 10 == 0:
-            for name, one in numpy_passes.items():
-                for cycle in felt if name == "numpy_live" else counts:
-                    started = time.perf_counter_ns()
-                    one(cycle)
-                    samples[name].append(time.perf_counter_ns() - started)
-        if lap % 10 == 0 and stage is not None:
-            for cycle in counts:
-                force = decode.pipeline.state(decode.load(cycle)).units.force.astype(np.float64)
-                started = time.perf_counter_ns()
-                stage(force)
-                samples["nb_touch"].append(time.perf_counter_ns() - started)
-    found = {name: {"us_p50": float(np.percentile(taken, 50)) * 1e-3,
-                    "us_p99": float(np.percentile(taken, 99)) * 1e-3}
-             for name, taken in samples.items() if taken}  # fmt: skip
-    found["numpy_ratio"] = found["numpy"]["us_p50"] / found["contacts"]["us_p50"]
-    found["live_numpy_ratio"] = found["numpy_live"]["us_p50"] / found["live"]["us_p50"]
+            self.call(given)
+            taken.append(time.perf_counter_ns() - started)
+        return taken
+
+
+def sides_of(skin: Topology, touches: int) -> dict[str, Side]:
+    """All that is timed, each beside what it is compared with."""
+    counts, felt = counts_of(skin, touches), counts_of(skin, touches, live=True)
+
+    def ours(options: Options, cycles: Sequence[np.ndarray]) -> Side:
+        one = Pass(skin, options)
+        return Side(one.load, one.pipeline.state, cycles, one.pipeline)
+
+    def read(cycle: np.ndarray) -> Reading:
+        return decode.pipeline.state(decode.load(cycle)).units
+
+    decode, stream, stage = Pass(skin, lean(PASSES["decode"])), plain(skin), nb_touch(skin)
+    sides = {
+        "live": ours(Options(), felt),
+        "numpy_live": Side(np.asarray, NumpyLive(skin), felt),
+        **{name: ours(lean(want), counts) for name, want in PASSES.items()},
+        "numpy": Side(np.asarray, NumpyContacts(skin), counts),
+        "plain": Side(lambda cycle: [a.copy() for a in _shown(read(cycle))],
+                      lambda arrays: stream(*arrays), counts),
+    }  # fmt: skip
     if stage is not None:
+        sides["nb_touch"] = Side(lambda cycle: read(cycle).force.astype(float), stage, counts)
+    return sides
+
+
+def _size(skin: Topology, touches: int, quick: bool) -> dict:
+    sides = sides_of(skin, touches)
+    assert_same(skin, sides["numpy"].counts[:8], touches)
+    assert_live_same(skin, sides["numpy_live"].counts[:8], touches)
+    laps = [{name: side.lap() for name, side in sides.items()} for _ in range(LAPS[not quick])]
+    found, timed = {}, {}
+    for name in sides:
+        taken = np.array([lap[name] for lap in laps])
+        p50, p99 = np.percentile(taken, (50, 99))
+        found[name] = {"us_p50": float(p50) * 1e-3, "us_p99": float(p99) * 1e-3}
+        timed[name] = Timed(float(p50), float(taken.min()), np.median(taken, axis=1))
+    for key, theirs, mine in (("numpy_ratio", "numpy", "contacts"),
+                              ("live_numpy_ratio", "numpy_live", "live")):  # fmt: skip
+        found[key], *found[f"{key}_95"] = ratio(timed[theirs], timed[mine])
+    if "nb_touch" in sides:
         own = found["contacts"]["us_p50"] - found["decode"]["us_p50"]
         found["nb_touch_ratio"] = found["nb_touch"]["us_p50"] / own
     return found

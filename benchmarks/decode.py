@@ -4,9 +4,10 @@ Everything decodes the same counts, in turn, in one process; times are medians o
 fastest round stands beside them: on a machine that others use it is the better measure of the code.
 Ratios are medians of rounds, with their 95 % intervals.
 
-`copy` moves as many bytes as the decoder beside it reads and writes but for its calibration, in as
-many threads: one, but for `shared`, which has what a decoder takes if not told otherwise. Arrays of
-a million units are one cycle, recordings many cycles of 64 units. `numpy` and `paper` have float64,
+`copy` moves as many bytes as the decoder beside it reads and writes, its calibration among them, in
+as many threads: one, but for `shared` and `default`, which take what a decoder takes if not told
+otherwise (`benchmarks.decode_sides`). Arrays of a million units are one cycle, recordings many
+cycles of 64 units, whose calibration counts once. `numpy` and `paper` have float64,
 a calibration for each unit, and neither flags nor lags.
 
 How fast the processor itself is, is told by the bare arithmetic in C (`benchmarks.peers_bare`):
@@ -18,41 +19,41 @@ it, which is what a decoder does if not told otherwise, over the same C.
 from __future__ import annotations
 
 import functools
-import itertools
 import tempfile
-from collections.abc import Callable
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 import topology
-from benchmarks.peers_bare import Bare, compiler
-from benchmarks.peers_decode import Paper, array_of, counts_of, exact, numpy_decode
+from benchmarks.decode_sides import (
+    BARE,
+    NINE,
+    Side,
+    calibrated_sides,
+    recording_side,
+    sides_of,
+    with_copies,
+)
+from benchmarks.peers_decode import exact
 from benchmarks.skip import cycles_of
 from benchmarks.timing import Timed, ratio, times
-from bus.compiled.aligned import zeros
 from skin.decode import sharing
 from skin.decode.decoder import Decoder
-from skin.options import ESTIMATORS
 from skin.physics.elastic import Elastic
 from skin.physics.halbach import HalbachField
 from skin.sim.truth import Truth
 from skin.sim.unit import UnitSimulator
-from skin.state import Reading
-from topology import CHANNELS, Topology
+from topology import Topology
 
 SIZES = (64, 4096, 65536, 1 << 20)
-NINE = {"temperature", "force", "tangential", "theta", "displacement"}
-"""The quantities of the peers."""
-LIVE = {"temperature", "force"}
 CALIBRATED = 4096
 LATTICE = 32
 """Units along an edge of the lattice for cross-talk."""
 REFERENCE = "float32 sine per unit"
 """Which decoder the ratios to the peers are for."""
-BARE = "bare arithmetic in C"
-CYCLES, FEW = 16384, 64
-"""Of a recording, and its units."""
+CYCLES = 16384
+"""Of a recording."""
 SAMPLE = 200
 
 
@@ -124,73 +125,17 @@ def table(figures: dict) -> str:
 
 
 def _size(n: int, quick: bool) -> dict:
-    threads = sharing.processors() if n >= sharing.ENOUGH else 1
-    skins = {"per unit": array_of(n, alike=False), "alike": array_of(n, alike=True)}
-    counts = {name: counts_of(skin) for name, skin in skins.items()}
+    sides = sides_of(n)
     units = np.random.default_rng(2).permutation(n)[:SAMPLE]
-    truth = {
-        (kind, estimator): exact(skins[kind], counts[kind], units, estimator)
-        for kind in skins
-        for estimator in ESTIMATORS
-    }
-    own = skins["per unit"], counts["per unit"]
-    paper = Paper(own[0])
-    runs: dict[str, Callable[[], object]] = {
-        "numpy": lambda: numpy_decode(*own),
-        "paper": lambda: paper(own[1]),
-    }
-    plain = truth["per unit", "sine"]
-    errors = {
-        "numpy": _errors(numpy_decode(*own)[:, units], plain),
-        "paper": _errors(paper(own[1])[:, units], plain),
-    }
-    sizes = {}
-    wanted = [("float64", "sine", "per unit"), ("float32", "sine", "per unit"),
-              ("float32", "field-angle", "per unit"), ("float32", "sine", "alike"),
-              ("float32", "field-angle", "alike")]  # fmt: skip
-    for dtype, estimator, kind in wanted:
-        decoder = Decoder(skins[kind], NINE, estimator, dtype=dtype, workers=1)
-        raw = counts[kind]
-        name = f"{dtype} {estimator} {kind}"
-        got = _rows(decoder(raw))[:, units]
-        errors[name] = _errors(got, truth[kind, estimator])
-        decoder.reset()
-        runs[name] = _cycle(decoder, raw)
-        sizes[name] = _bytes(decoder)
-        runs[f"copy for {name}"] = _copy(sizes[name], 1)
-    for name, workers in (("live", 1), ("shared", None)):
-        live = Decoder(skins["alike"], LIVE, "sine", consistency=False, workers=workers)
-        runs[name] = _cycle(live, counts["alike"])
-        runs[f"copy for {name}"] = _copy(_bytes(live), workers or threads)
-    usual = Decoder(skins["per unit"], LIVE)
-    got = np.stack([*_flat(usual(counts["per unit"]))])[:, units]
-    usual_error = _errors(got, truth["per unit", "field-angle"][:4])
-    usual.reset()
-    runs["default"] = _cycle(usual, counts["per unit"])
-    runs["copy for default"] = _copy(_bytes(usual), threads)
-
-    seconds = times(runs, target_s=0.15 if quick else 0.6)
-    found = {}
-    for name, error in errors.items():
-        found[name] = _row(seconds[name], n, error)
-        if name in sizes:
-            found[name]["bytes_per_unit"] = sizes[name] / n
-            found[name] |= _of_copy(seconds, name)
-    error = _errors(np.stack([*_flat(live(counts["alike"]))])[:, units], truth["alike", "sine"][:4])
+    errors = _errors(sides, units)
+    seconds = times(with_copies(sides), target_s=0.15 if quick else 0.6)
+    found = {name: _row(seconds[name], n, errors[name]) for name in sides}
+    for name, side in sides.items():
+        if side.decoder is not None:
+            found[name] |= {"bytes_per_unit": side.moved / n, **_of_copy(seconds, name)}
     return {
+        **{name: found.pop(name) for name in ("live", "shared", "default")},
         "decoders": found,
-        **{
-            name: {
-                **_row(seconds[name], n, wrong),
-                "bytes_per_unit": _bytes(decoder) / n,
-                **_of_copy(seconds, name),
-            }
-            for name, decoder, wrong in (
-                ("live", live, error),
-                ("shared", live, error),
-                ("default", usual, usual_error),
-            )
-        },
         "numpy_ratio": ratio(seconds["numpy"], seconds[REFERENCE])[0],
         "literal_ratio": ratio(seconds["paper"], seconds[REFERENCE])[0],
     }
@@ -198,53 +143,28 @@ def _size(n: int, quick: bool) -> dict:
 
 def _calibrated(quick: bool) -> dict:
     """Temperature and force of units with a calibration each."""
-    skin = array_of(CALIBRATED, alike=False)
-    counts = counts_of(skin)
-    units = np.random.default_rng(3).permutation(CALIBRATED)[:SAMPLE]
-    truths = {name: exact(skin, counts, units, name)[:4] for name in ESTIMATORS}
-    runs: dict[str, Callable[[], object]] = {}
-    errors = {}
-    if compiler() is not None:
-        bare = Bare(skin)
-        runs[BARE] = bare.bind(counts)
-        errors[BARE] = _errors(bare(counts)[:, units], truths["sine"])
-    for estimator, truth in truths.items():
-        for name, options in (("", {"consistency": False}), (", consistency", {}),
-                              (", every 8th temperature", {"consistency": False,
-                                                           "temperature_every": 8})):  # fmt: skip
-            decoder = Decoder(skin, LIVE, estimator, workers=1, **options)
-            got = np.stack([*_flat(decoder(counts))])[:, units]
-            errors[estimator + name] = _errors(got, truth)
-            runs[estimator + name] = _cycle(decoder, counts)
-    seconds = times(runs, target_s=0.15 if quick else 0.6)
-    found = {name: _row(seconds[name], CALIBRATED, errors[name]) for name in runs}
-    for name in found if BARE in runs else ():
+    sides = calibrated_sides(CALIBRATED)
+    errors = _errors(sides, np.random.default_rng(3).permutation(CALIBRATED)[:SAMPLE])
+    seconds = times(
+        {name: side.call for name, side in sides.items()}, target_s=0.15 if quick else 0.6
+    )
+    found = {name: _row(seconds[name], CALIBRATED, errors[name]) for name in sides}
+    for name in found if BARE in sides else ():
         value, low, high = ratio(seconds[name], seconds[BARE])
         found[name] |= {"bare_ratio": value, "bare_ratio_95": [low, high]}
     return found
 
 
 def _recording(quick: bool) -> dict:
-    """Many cycles of few units with a calibration each, by what a decoder does if not told
-    otherwise, into new arrays; the copy makes a new array, too."""
-    skin = array_of(FEW, alike=False)
-    cycles = CYCLES // 16 if quick else CYCLES
-    threads = sharing.processors() if cycles * FEW >= sharing.ENOUGH else 1
-    counts = np.tile(counts_of(skin), (cycles, 1, 1))
-    decoder = Decoder(skin, LIVE)
-    got = decoder(counts)
-    units = np.arange(FEW)
-    truth = exact(skin, counts[0], units, decoder.estimator)[:4]
-    error = _errors(np.stack([got.temperature[0], *got.force[0]]), truth)
-    decoder.reset()
-    moved = cycles * _bytes(decoder)
-    seconds = times(
-        {"decode": lambda: decoder(counts), "copy for decode": _copy(moved, threads, new=True)},
-        target_s=0.3 if quick else 1.2,
-    )
+    """Many cycles of few units in one call."""
+    side = recording_side(CYCLES // 16 if quick else CYCLES)
+    units = side.skin.n * side.cycles
+    (error,) = _errors({"decode": side}, np.arange(side.skin.n)).values()
+    seconds = times(with_copies({"decode": side}), target_s=0.3 if quick else 1.2)
     return {
-        **_row(seconds["decode"], cycles * FEW, error), **_of_copy(seconds, "decode"),
-        "cycles": cycles, "units": FEW, "threads": threads,
+        **_row(seconds["decode"], units, error), **_of_copy(seconds, "decode"),
+        "bytes_per_unit": side.moved / units, "cycles": side.cycles, "units": side.skin.n,
+        "threads": side.threads,
     }  # fmt: skip
 
 
@@ -252,18 +172,6 @@ def _of_copy(seconds: dict[str, Timed], name: str) -> dict:
     """Time of the copy over that of the decoder: 1 where decoding is as fast as copying."""
     value, low, high = ratio(seconds[f"copy for {name}"], seconds[name])
     return {"copy_floor_ratio": value, "copy_floor_ratio_95": [low, high]}
-
-
-def _flat(reading: Reading) -> tuple[np.ndarray, ...]:
-    """Temperature and force."""
-    return (reading.temperature, *reading.force)
-
-
-def _cycle(decoder: Decoder, counts: np.ndarray) -> Callable[[], Reading]:
-    """A cycle as a live bus decodes it, in arrays that stay the same."""
-    here = zeros(counts.shape, np.int16)
-    here[:] = counts
-    return decoder.bind(here, zeros(counts.shape[1], np.uint16))
 
 
 def _full(quick: bool) -> dict:
@@ -319,46 +227,21 @@ def _row(seconds: Timed, n: int, error: dict[str, float]) -> dict[str, float]:
     }
 
 
-def _rows(reading: Reading) -> np.ndarray:
-    """A reading in the peers' rows."""
-    flat = (reading.tangential, reading.theta)
-    return np.stack([reading.temperature, *reading.force, *flat, *reading.displacement_mm])
+def _errors(sides: Mapping[str, Side], units: np.ndarray) -> dict[str, dict[str, float]]:
+    """Largest errors of force and temperature in the first cycle of each call that is timed."""
 
+    @functools.cache
+    def truth(skin: int, estimator: str) -> np.ndarray:
+        one = next(side for side in sides.values() if id(side.skin) == skin)
+        return exact(one.skin, one.first, units, estimator)
 
-def _errors(rows: np.ndarray, truth: np.ndarray) -> dict[str, float]:
-    """Largest errors of force and temperature."""
-    wrong = np.abs(rows.astype(float) - truth)
-    return {"error_n": float(wrong[1:5].max()), "error_c": float(wrong[0].max())}
-
-
-def _bytes(decoder: Decoder) -> int:
-    """Bytes that one cycle must read and write: counts, results, flags, and what is remembered.
-
-    Calibration is left out, of which a kernel reads what its plan needs: with one for each unit,
-    the copy moves less than the decoder does.
-    """
-    real = decoder.dtype.itemsize
-    results = sum(3 if name in ("force", "displacement") else 1 for name in decoder.plan.quantities)
-    memory = 2 * 2 * real if decoder.plan.film_compensation else 0
-    each = len(CHANNELS) * 2 + 2 + results * real + 2 + 1 + memory
-    return decoder.topology.n * each
-
-
-def _copy(size: int, threads: int, *, new: bool = False) -> Callable[[], None]:
-    """A copy that reads and writes `size` bytes in all, each thread its share; into a `new` array
-    each time, or into one that stays."""
-    source = np.ones(size // 2, np.uint8)
-    kept = np.empty_like(source)
-    cuts = np.arange(threads + 1) * source.size // threads
-    parts = [slice(*ends) for ends in itertools.pairwise(cuts.tolist())]
-
-    def copy() -> None:
-        target = np.empty_like(source) if new else kept
-        if threads == 1:
-            np.copyto(target, source)
-        else:
-            sharing.together(
-                [functools.partial(np.copyto, target[part], source[part]) for part in parts]
-            )
-
-    return copy
+    found = {}
+    for name, side in sides.items():
+        told, decoder = side.told(), side.decoder
+        first = told[:, 0] if told.ndim == 3 else told
+        known = truth(id(side.skin), "sine" if decoder is None else decoder.estimator)
+        wrong = np.abs(first[:, units].astype(float) - known[: len(first)])
+        found[name] = {"error_n": float(wrong[1:5].max()), "error_c": float(wrong[0].max())}
+        if decoder is not None:
+            decoder.reset()
+    return found

@@ -50,6 +50,11 @@ class Bare:
     skin : Topology
         Of a multiple of `LANES` units.
 
+    Attributes
+    ----------
+    out : ndarray, shape (4, n)
+        Temperature and force of the last call.
+
     Raises
     ------
     SystemExit
@@ -63,16 +68,16 @@ class Bare:
         blocks = np.stack([np.broadcast_to(rows[name], skin.n) for name in ROWS])
         self._coefficients = zeros((skin.n // LANES, len(ROWS), LANES), np.float32)
         self._coefficients[:] = blocks.reshape(len(ROWS), -1, LANES).transpose(1, 0, 2)
-        self._out = zeros((4, skin.n), np.float32)
+        self.out = zeros((4, skin.n), np.float32)
         self._kernel = _kernel()
         self._given = (
-            skin.n, self._coefficients.ctypes.data, self._out.ctypes.data
+            skin.n, self._coefficients.ctypes.data, self.out.ctypes.data
         )  # fmt: skip
 
     def __call__(self, counts: np.ndarray) -> np.ndarray:
         """Temperature and force, shape (4, n), by counts of shape (6, n), which are contiguous."""
         self.bind(counts)()
-        return self._out
+        return self.out
 
     def bind(self, counts: np.ndarray) -> Callable[[], object]:
         """A call that decodes the same array again and again, as `Decoder.bind` makes one: to look

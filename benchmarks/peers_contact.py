@@ -48,9 +48,9 @@ class NumpyContacts:
         self._skin = skin
         arm, turn = skin.position, skin.rotation
         cross = np.stack([np.cross(arm, turn[:, c], axis=0) for c in range(3)], axis=1)
-        self._to_wrench = np.concatenate([turn, cross]).transpose(2, 0, 1)
-        start, index = skin.neighbour_start, skin.neighbour_index
-        self._graph = csr_matrix((np.ones(index.size), index, start), shape=(skin.n, skin.n))
+        self._to_wrench = np.concatenate([turn, cross])
+        self._start, self._other = skin.neighbour_start, skin.neighbour_index
+        self._one = np.repeat(np.arange(skin.n), np.diff(self._start))
         self._touching = np.zeros(skin.n, bool)
         self._owner = np.zeros(skin.n, int)
         self._last = 0
@@ -70,12 +70,12 @@ class NumpyContacts:
         fz = force[2]
         above = fz > KEEP_SIGMA * sigma[2]
         units = np.flatnonzero(above)
-        parts, label = connected_components(self._graph[units][:, units], directed=False)
+        label = self._clusters(above)[units]
         seeds = self._touching[units] | (fz[units] > START_SIGMA * sigma[2, units])
         found = []
         self._touching[:] = False
         owner = np.zeros_like(self._owner)
-        for part in range(parts):
+        for part in np.unique(label):
             inside = label == part
             if not seeds[inside].any():
                 continue
@@ -93,22 +93,29 @@ class NumpyContacts:
         self._owner = owner
         return sorted(found)
 
+    def _clusters(self, above: np.ndarray) -> np.ndarray:
+        """Labels of units that neighbours connect; each that is not `above` is by itself."""
+        pairs = above[self._one] & above[self._other]
+        start = np.concatenate([[0], np.cumsum(pairs)])[self._start]
+        other = self._other[pairs]
+        graph = csr_matrix((np.ones(other.size), other, start), shape=(above.size, above.size))
+        return connected_components(graph, directed=False)[1]
+
     def _describe(
         self, name: int, units: np.ndarray, force: np.ndarray, sigma: np.ndarray,
         depth: np.ndarray, temperature: np.ndarray,
     ) -> Found:  # fmt: skip
         skin = self._skin
-        to_wrench, own = self._to_wrench[units], force[:, units]
-        wrench = np.einsum("nij,jn->i", to_wrench, own)
-        spread = to_wrench * sigma[:, units].T[:, np.newaxis] ** 2
-        covariance = np.einsum("nij,nkj->ik", spread, to_wrench)
+        own, to_wrench = force[:, units], self._to_wrench[:, :, units].reshape(6, -1)
+        wrench = to_wrench @ own.ravel()
+        covariance = (to_wrench * sigma[:, units].ravel() ** 2) @ to_wrench.T
         load = own[2].sum()
         place = skin.position[:, units]
         centre = place @ own[2] / load
         away = (place - centre[:, np.newaxis]) * sigma[2, units] / load
         x, y, z = centre
         moved = np.eye(6)
-        moved[3:, :3] = -np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        moved[[3, 3, 4, 4, 5, 5], [1, 2, 0, 2, 0, 1]] = z, -y, -z, x, y, -x
         about = moved @ wrench
         touched = place + 1e-3 * depth[units] * skin.rotation[:, 2, units]
         middle = touched @ own[2] / load
@@ -117,13 +124,13 @@ class NumpyContacts:
         outward = -(skin.rotation[:, 2, units] @ own[2])
         normal = axes[:, 0] * np.sign(axes[:, 0] @ outward)
         if units.size < 3 or square[1] < 0.05**2 * square[2]:
-            normal = outward / np.linalg.norm(outward)
+            normal = outward / np.sqrt(outward @ outward)
         along = (moved @ covariance @ moved.T)[3:, 3:]
-        area = skin.area[units]
+        area, aside = skin.area[units], wrench[:3] - normal * (normal @ wrench[:3])
         return Found(
             name, units, load, wrench, covariance, centre, away @ away.T, about[3:], area.sum(),
             (own[2] / area).max(), np.sqrt(np.maximum(square[:0:-1], 0.0)),
-            float(np.linalg.norm(wrench[:3] - normal * (normal @ wrench[:3]))),
+            float(np.sqrt(aside @ aside)),
             float(about[3:] @ normal), float(np.sqrt(normal @ along @ normal)),
             float(temperature[units] @ area / area.sum()),
         )  # fmt: skip

@@ -1,10 +1,14 @@
-"""What a live skin is measured against: the same chain of stages in numpy and scipy, float64.
+"""What a live skin is measured against: the same chain of stages in numpy and scipy.
 
-Each cycle: the neighbours' fields by a sparse product of where the last cycle left the films, off
-the counts with the ambient field; temperature, force, displacement by the angle of the field; the
-filter of ambient field and zeros; contacts. It does less than the live skin: no slip, no friction,
-no events, no flags, no lag of the chip, and neighbours to 30 mm in the second degree, which misses
-twice what the live skin misses of them. So a ratio to it is a lower bound.
+In float64, where ours is float32, and BLAS in one thread, as ours is (`benchmarks.__main__`). What
+does not change between cycles is worked out beforehand; sums over units are matrix products.
+
+Each cycle: the neighbours' fields by where the last cycle left the films, a matrix product for all
+kinds of pairs and a sparse one that hands them out, off the counts with the ambient field;
+temperature, force, displacement by the angle of the field; the filter of ambient field and zeros;
+contacts. It does less than the live skin: no slip, no friction, no events, no flags, no lag of the
+chip, and neighbours to 30 mm in the second degree, which misses twice what the live skin misses of
+them. So a ratio to it is a lower bound.
 """
 
 from __future__ import annotations
@@ -18,7 +22,6 @@ from scipy.spatial import cKDTree
 from benchmarks.peers_contact import Found, NumpyContacts, force_sigma
 from skin.physics.rest import film_at_rest_ut
 from skin.physics.stencil import Stencil
-from skin.physics.stray import monomials
 from topology import CHANNELS, Topology
 
 __all__ = ["NumpyLive", "stencil_of"]
@@ -44,23 +47,23 @@ class NumpyLive:
     """
 
     def __init__(self, skin: Topology) -> None:
-        n, stencil = skin.n, stencil_of(skin)
+        n, stencil, p = skin.n, stencil_of(skin), skin.parameters
         self._skin, self._rest = skin, stencil.rest_ut
         self._contacts, self._ambient = NumpyContacts(skin), NumpyAmbient(skin)
-        shares = stencil.coefficients[stencil.kind]  # (pairs, 3, terms)
-        axis, term = np.indices(shares.shape[1:])
-        row = axis * n + stencil.unit[:, np.newaxis, np.newaxis]
-        column = term * n + stencil.neighbour[:, np.newaxis, np.newaxis]
-        entries = shares.ravel(), (np.broadcast_to(row, shares.shape).ravel(),
-                                   np.broadcast_to(column, shares.shape).ravel())  # fmt: skip
-        self._stray = csr_matrix(entries, shape=(3 * n, shares.shape[2] * n))
+        kinds, _, terms = stencil.coefficients.shape
+        self._fields = stencil.coefficients.transpose(1, 0, 2).reshape(-1, terms)
+        entries = np.ones(stencil.kind.size), (stencil.unit, stencil.kind * n + stencil.neighbour)
+        self._gather = csr_matrix(entries, shape=(n, kinds * n))
         self._strength = stencil.strength
         self.displacement_mm, self.force = np.zeros((2, 3, n))
         self._warm_film: np.ndarray | None = None
-        p = skin.parameters
         with np.errstate(divide="ignore"):
             self._film_step = 1.0 - np.exp(-1.0 / (skin.cycle_rate_hz * p["film_lag_s"]))
         self._table = p["field_angle_mm"].reshape(4, 4, n)
+        self._per_log = 60.0 / np.log(p["gel_current_ratio"])
+        self._stiffer = p["normal_stiff_n_per_hz"] - p["normal_soft_n_per_hz"]
+        self._offset = np.stack([p[f"hall_offset_{axis}_ut"] for axis in "xyz"])
+        self._drift = np.stack([p[f"hall_drift_{axis}_ut_per_k"] for axis in "xyz"])
 
     def __call__(self, counts: np.ndarray, sigma: np.ndarray | None = None) -> Sequence[Found]:
         """Contacts of the next cycle, by counts of shape (6, n); sigma of the forces if known."""
@@ -68,8 +71,11 @@ class NumpyLive:
         warmer = 0.0
         if self._warm_film is not None:
             warmer = p["film_drift_per_k"] * (self._warm_film - p["film_reference_c"])
-        terms = monomials(self.displacement_mm, DEGREE) * (self._strength * (1.0 + warmer))
-        stray = (self._stray @ terms.ravel()).reshape(3, -1) + self._rest * warmer
+        x, y, h = self.displacement_mm
+        terms = np.stack([x, y, h, x * x, x * y, x * h, y * y, y * h, h * h])
+        fields = self._fields @ (terms * (self._strength * (1.0 + warmer)))
+        stray = np.stack([self._gather @ axis for axis in fields.reshape(3, -1)])
+        stray += self._rest * warmer
         background = ambient.background_ut + stray
         temperature, field = self._decode(counts, ambient.background_hz, background)
         ambient.update(self.displacement_mm[2], temperature, field)
@@ -83,35 +89,31 @@ class NumpyLive:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Temperature (n,) and field (3, n); displacement and force are kept."""
         p = self._skin.parameters
-        current, frequency, *told, chip = self._skin.scale * counts + self._skin.offset
-        temperature = 20.0 + 60.0 * np.log(current / p["gel_current_20c_ua"]) / np.log(
-            p["gel_current_ratio"]
-        )
+        told = self._skin.scale * counts + self._skin.offset
+        current, frequency, chip = told[0], told[1], told[5]
+        temperature = 20.0 + self._per_log * np.log(current / p["gel_current_20c_ua"])
         film = temperature if self._warm_film is None else self._warm_film
         self._warm_film = film + self._film_step * (temperature - film)
         drop = p["frequency_rest_hz"] - frequency - fallen_hz
         depth = drop / p["frequency_slope_hz_per_mm"]
-        stiffer = p["normal_stiff_n_per_hz"] - p["normal_soft_n_per_hz"]
-        load = p["normal_soft_n_per_hz"] * drop + stiffer * np.maximum(
-            drop - p["normal_break_hz"], 0.0
-        )
+        beyond = np.maximum(drop - p["normal_break_hz"], 0.0)
+        load = p["normal_soft_n_per_hz"] * drop + self._stiffer * beyond
         above = chip - p["hall_reference_c"]
-        offset = np.stack([p[f"hall_offset_{axis}_ut"] for axis in "xyz"])
-        drift = np.stack([p[f"hall_drift_{axis}_ut_per_k"] for axis in "xyz"])
         gain = 1.0 + p["hall_gain_per_k"] * above
-        bx, by, bz = (np.stack(told) - offset - drift * above) / gain - self._rest - background_ut
+        field = (told[2:5] - self._offset - self._drift * above) / gain
+        bx, by, bz = field - self._rest - background_ut
         bx, by = p["field_xx"] * bx + p["field_xy"] * by, p["field_yx"] * bx + p["field_yy"] * by
-        strength = np.hypot(bx, by)
-        angle, held = np.arctan2(strength, bz), np.clip(depth, -0.5, 4.0)
-        odd = angle * angle
-        row = [t[0] + held * (t[1] + held * (t[2] + held * t[3])) for t in self._table]
+        strength = np.sqrt(bx * bx + by * by)
+        angle, held = np.arctan2(strength, bz), np.minimum(np.maximum(depth, -0.5), 4.0)
+        odd, table = angle * angle, self._table
+        row = table[:, 0] + held * (table[:, 1] + held * (table[:, 2] + held * table[:, 3]))
         reach = angle * (row[0] + odd * (row[1] + odd * (row[2] + odd * row[3])))
-        tangential = p["shear_soft_n_per_mm"] * reach + p["shear_stiff_n_per_mm"] * np.maximum(
-            reach - p["shear_break_mm"], 0.0
-        )
-        way = np.stack([bx, by]) / np.maximum(strength, 1e-6)
-        self.displacement_mm = np.vstack([reach * way, depth])
-        self.force = np.vstack([tangential * way, load])
+        further = np.maximum(reach - p["shear_break_mm"], 0.0)
+        tangential = p["shear_soft_n_per_mm"] * reach + p["shear_stiff_n_per_mm"] * further
+        wide = np.maximum(strength, 1e-6)
+        x, y = bx / wide, by / wide
+        self.displacement_mm = np.stack([reach * x, reach * y, depth])
+        self.force = np.stack([tangential * x, tangential * y, load])
         return temperature, np.stack([bx, by, bz])
 
 
@@ -131,9 +133,12 @@ class NumpyAmbient:
         self._own = np.vstack([own[:2], np.zeros(n)])
         growth = own[2] * p["field_growth_per_mm"]
         self._witness = 0.5 * self._sigma_hz / self._per_mm * growth
-        self._turn = skin.rotation * np.array([-1.0, -1.0, 1.0])[:, np.newaxis]
-        self._map = np.stack([[p["field_xx"], p["field_xy"]], [p["field_yx"], p["field_yy"]]])
-        self._unmap = np.moveaxis(np.linalg.inv(np.moveaxis(self._map, -1, 0)), 0, -1)
+        self._limit = 5.0 * np.sqrt(self._lateral)
+        self._weight = 1.0 / np.stack([self._lateral, self._lateral, self._axial])
+        turn = skin.rotation * np.array([-1.0, -1.0, 1.0])[:, np.newaxis]
+        self._turn = turn.reshape(3, -1)
+        lateral = np.stack([[p["field_xx"], p["field_xy"]], [p["field_yx"], p["field_yy"]]])
+        self._unmap = np.moveaxis(np.linalg.inv(np.moveaxis(lateral, -1, 0)), 0, -1).copy()
         self._dt = 1.0 / skin.cycle_rate_hz
         self._slow = max(1.0, 100.0 * self._dt)
         self._fast_hz, self._slow_hz, self._gel, self._film, self._age, self._alone, self._calm = (
@@ -155,15 +160,15 @@ class NumpyAmbient:
         self._alone[~votes] = 0.0
         self._filter(votes, self._beyond(field))
         self._follow(votes)
-        body = np.einsum("abn,a->bn", self._turn, self._field)
-        zeros = np.einsum("abn,bn->an", self._unmap, body[:2] + self._zero[1:])
-        self.background_hz, self.background_ut = self._zero[0], np.vstack([zeros, body[2]])
+        x, y, z = (self._field @ self._turn).reshape(3, -1)
+        x, y = self._unmap[:, 0] * (x + self._zero[1]) + self._unmap[:, 1] * (y + self._zero[2])
+        self.background_hz, self.background_ut = self._zero[0], np.stack([x, y, z])
 
     def _beyond(self, field: np.ndarray) -> np.ndarray:
         """The field without the unit's own, Bz without that at rest."""
         x, y, z = field - self._own
-        warmer = np.nan_to_num(self._film - self._rest_film)
-        rest = np.nan_to_num(self._rest) * (1.0 + self._drift * warmer)
+        rest = self._rest * (1.0 + self._drift * (self._film - self._rest_film))
+        rest = np.where(np.isnan(rest), 0.0, rest)
         return np.stack([x, y, np.where(self._upright, z - rest, 0.0)])
 
     def _average(self, drop: np.ndarray, gel: np.ndarray, off: np.ndarray) -> None:
@@ -184,18 +189,16 @@ class NumpyAmbient:
 
     def _filter(self, votes: np.ndarray, seen: np.ndarray) -> None:
         """A step of the Kalman filter, units weighted by Geman and McClure."""
-        sigma = np.sqrt(self._lateral)
-        known = ~np.isnan(self._rest)
-        off = self._long * np.stack([np.ones(known.size), np.ones(known.size), known])
-        trust = votes / (1.0 + (off**2).sum(axis=0) / self._lateral) ** 2
-        still = known & self._upright & (np.abs(self._slow_hz) < 0.5 * self._sigma_hz)
-        weight = trust / np.stack([self._lateral, self._lateral, self._axial])
-        weight[2] *= still
-        information = np.einsum("abn,bn,cbn->ac", self._turn, weight, self._turn, optimize=True)
-        told = np.einsum("abn,bn->a", self._turn, weight * np.clip(seen, -5.0 * sigma, 5.0 * sigma))
+        known, (x, y, z) = ~np.isnan(self._rest), self._long
+        off = x * x + y * y + known * z * z
+        trust = votes / (1.0 + off / self._lateral) ** 2
+        weight = trust * self._weight
+        weight[2] *= known & self._upright & (np.abs(self._slow_hz) < 0.5 * self._sigma_hz)
+        information = (self._turn * weight.ravel()) @ self._turn.T
+        told = self._turn @ (weight * _within(seen, self._limit)).ravel()
         walk = min(self._dt * (WALK_UT2 + 2.0 * TURN_UT2 * self._held) / PRIOR_UT2, 1.0)
         self._covariance = (1.0 - walk) * self._covariance + walk * PRIOR_UT2 * np.eye(3)
-        if votes.sum() < 4:
+        if np.count_nonzero(votes) < 4:
             self._held += self._dt
             return
         self._held = 0.0
@@ -220,11 +223,16 @@ class NumpyAmbient:
         self._long[2] = np.where(now, 0.0, self._long[2])
         gone = ~learning & (self._calm >= 5.0 * slow)
         off = np.stack([
-            np.clip(self._slow_hz / max(30.0, 4.0 * slow), -1.0 / 60.0, 1.0 / 60.0),
-            *np.clip(self._long[:2] / (40.0 * slow), -0.1, 0.1),
+            _within(self._slow_hz / max(30.0, 4.0 * slow), 1.0 / 60.0),
+            *_within(self._long[:2] / (40.0 * slow), 0.1),
         ])  # fmt: skip
         span = np.array([[60.0], [200.0], [200.0]])
-        self._zero = np.where(gone, np.clip(self._zero + dt * off, -span, span), self._zero)
+        self._zero = np.where(gone, _within(self._zero + dt * off, span), self._zero)
         slowly = gone & self._upright & (load < 0.5 * self._sigma_hz)
-        rate = np.clip(self._long[2] / (40.0 * slow), -0.005, 0.005)
+        rate = _within(self._long[2] / (40.0 * slow), 0.005)
         self._rest = np.where(slowly, self._rest + dt * rate, self._rest)
+
+
+def _within(values: np.ndarray, most: np.ndarray | float) -> np.ndarray:
+    """Values to either side of zero by this at most; `np.clip` takes several times as long."""
+    return np.minimum(np.maximum(values, -most), most)

@@ -16,6 +16,8 @@ is in the table.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+
 import numpy as np
 
 from benchmarks.contact import Pass, plate
@@ -115,26 +117,40 @@ def _share(skin: Topology, share: float, target_s: float) -> dict:
                 raise AssertionError(f"{differ} values of units that were not skipped have changed")
         off.append(np.nanmax(np.abs(full(raw).force - plain(raw).force)))
         idle.append(np.mean(left_out.status & Status.IDLE != 0))
-    passes = {name: Pass(skin, Options(skip=name == "skip")) for name in ("default", "skip")}
-    _same_contacts(*(one.contacts(counts) for one in passes.values()))
-    decoders = {
-        f"{name} decoding": Decoder(skin, sweeps=1, ambient=True, skip=name == "skip")
-        for name in passes
-    }
-    runs = {name: one.cycles(counts) for name, one in passes.items()}
-    runs |= {name: cycles_of(decoder, counts) for name, decoder in decoders.items()}
+    sides = sides_of(skin)
+    _same_contacts(*(sides[name].contacts(counts) for name in ("default", "skip")))
+    runs = calls_of(sides, counts)
     for call in runs.values():
         for _ in range(WARM):
             call()
     seconds = times(runs, target_s)
     value, low, high = ratio(seconds["skip"], seconds["default"])
     return {
-        **{f"{name}_us": 1e6 * seconds[name].median / CYCLES for name in passes},
+        **{f"{name}_us": 1e6 * seconds[name].median / CYCLES for name in ("default", "skip")},
         "ratio": value,
         "ratio_95": [low, high],
         "ratio_decoding": ratio(seconds["skip decoding"], seconds["default decoding"])[0],
         "off_n": float(np.max(off)),
         "idle": float(np.mean(idle)),
+    }
+
+
+def sides_of(skin: Topology) -> dict[str, Pass | Decoder]:
+    """Both passes, and both decoders alone."""
+    skips = {"default": False, "skip": True}
+    return {name: Pass(skin, Options(skip=skip)) for name, skip in skips.items()} | {
+        f"{name} decoding": Decoder(skin, sweeps=1, ambient=True, skip=skip)
+        for name, skip in skips.items()
+    }
+
+
+def calls_of(
+    sides: Mapping[str, Pass | Decoder], counts: np.ndarray
+) -> dict[str, Callable[[], None]]:
+    """A call for each side that takes all cycles."""
+    return {
+        name: one.cycles(counts) if isinstance(one, Pass) else cycles_of(one, counts)
+        for name, one in sides.items()
     }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
 
 import numpy as np
@@ -11,6 +12,8 @@ import pytest
 import topology
 from benchmarks import contact, peers_contact, peers_live
 from benchmarks.peers_contact import NumpyContacts, force_sigma
+from skin.decode.decoder import Decoder
+from skin.options import Options
 from skin.sim.unit import UnitSimulator
 
 
@@ -22,6 +25,8 @@ def test_benchmark_gives_errors_beside_times(monkeypatch):
     figures = json.loads(json.dumps(contact.run(quick=True)))
     rows = figures["sizes"]["64"]
     assert set(rows) == {"0", "1", "3"}
+    low, high = figures["live_numpy_ratio_64_95"]
+    assert low <= figures["live_numpy_ratio_64"] <= high
     assert figures["cycle_us_p50_64"] == rows["3"]["full"]["us_p50"]
     for row in rows.values():
         assert 0.0 < row["full"]["us_p50"] <= row["full"]["us_p99"]
@@ -34,6 +39,68 @@ def test_benchmark_gives_errors_beside_times(monkeypatch):
     text = contact.table(figures)
     assert "above 5" in text
     assert ("nb-touch is not installed" in text) == ("nb_touch" not in rows["1"])
+
+
+def test_each_side_does_the_work_that_it_is_named_after(monkeypatch):
+    """The very calls that are timed: their options, contacts, and how often they decode."""
+    monkeypatch.setattr(contact, "CYCLES", 8)
+    decoded, decode = [], Decoder._decode_cycle
+    monkeypatch.setattr(
+        Decoder, "_decode_cycle", lambda self, *args: (decoded.append(self), decode(self, *args))[1]
+    )
+    skin = contact.plate(64)
+    sides = contact.sides_of(skin, 3)
+    lean = {"estimator": "sine", "sweeps": 0, "ambient": False}
+    options = {"live": Options(), "contacts": Options(want={"contacts"}, **lean),
+               "full": Options(want={"wrench", "centroid", "slip"}, **lean)}  # fmt: skip
+    ours = {}
+    for name, wanted in options.items():
+        assert sides[name].pipeline.options == wanted
+        side, reference = sides[name], contact.Pass(skin, wanted)
+        decoded.clear()
+        expected = reference.contacts(side.counts)
+        often = len(decoded)
+        decoded.clear()
+        ours[name] = [side.call(side.prepare(cycle)).contacts for cycle in side.counts]
+        assert len(decoded) == often >= len(side.counts) == 8, name
+        for found, others in zip(ours[name], expected, strict=True):
+            assert [c.load for c in found] == [c.load for c in others]
+    assert all(c.slip is not None for found in ours["live"] for c in found)
+    for name, theirs in (("live", "numpy_live"), ("contacts", "numpy")):
+        side = sides[theirs]
+        assert np.array_equal(side.counts, sides[name].counts)
+        for found, cycle in zip(ours[name], side.counts, strict=True):
+            others = side.call(side.prepare(cycle))
+            assert [c.id for c in found] == [c.id for c in others] == [1, 2, 3]
+            for one, other in zip(found, others, strict=True):
+                assert one.load == pytest.approx(other.load, rel=0.02)
+                np.testing.assert_allclose(one.centroid, other.centroid, atol=1e-4)
+    assert not np.array_equal(sides["live"].counts, sides["contacts"].counts)
+
+
+def test_laps_of_both_sides_take_turns(monkeypatch):
+    """As many of one as of the other, one after the other; the ratio is of neighbours."""
+    monkeypatch.setattr(contact, "LAPS", (7, 7))
+    monkeypatch.setattr(contact, "assert_same", lambda *args: None)
+    monkeypatch.setattr(contact, "assert_live_same", lambda *args: None)
+    order, spell = [], {}
+
+    def side(name, ns):
+        def lap(self):
+            order.append(name)
+            spell[name] = spell.get(name, 0) + 1
+            return [ns * spell[name]] * 3
+
+        return type("Side", (), {"lap": lap, "counts": []})()
+
+    times = {"live": 2, "numpy_live": 60, "decode": 1, "contacts": 2, "full": 3, "numpy": 20}
+    monkeypatch.setattr(
+        contact, "sides_of", lambda *args: {name: side(name, ns) for name, ns in times.items()}
+    )
+    found = contact._size(None, 3, True)
+    assert order == list(times) * 7
+    assert (found["live_numpy_ratio"], found["live_numpy_ratio_95"]) == (30.0, [30.0, 30.0])
+    assert (found["numpy_ratio"], found["numpy_ratio_95"]) == (10.0, [10.0, 10.0])
 
 
 @pytest.mark.parametrize(("n", "kind", "touches"), [(64, "grid", 3), (363, "cylinder", 1)])
@@ -108,3 +175,14 @@ def test_numpy_sigma_is_that_of_the_noise():
     assert loaded.sum() > 8
     ratio = sigma[:, loaded] / rows[:, 1:4, loaded].std(axis=0)
     assert np.median(ratio, axis=1) == pytest.approx(1.0, abs=0.06)
+
+
+def test_numpy_has_one_thread_as_the_live_skin_has():
+    """Of the libraries below it, from the first import on: in a process of its own."""
+    code = (
+        "import os, sys; from benchmarks import __main__ as main\n"
+        "assert 'numpy' not in sys.modules\n"
+        "main.import_module = lambda name: sys.exit(os.environ['OPENBLAS_NUM_THREADS'] != '1')\n"
+        "sys.argv = ['benchmarks', 'contact']; main.main()"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -11,9 +11,7 @@ import pytest
 from benchmarks import decode, peers_bare, timing
 from benchmarks.peers_bare import Bare
 from benchmarks.peers_decode import ROWS, array_of, counts_of, exact, numpy_decode
-from skin.decode import sharing
 from skin.decode.decoder import Decoder
-from skin.state import UNIT_WANTS
 
 needs_compiler = pytest.mark.skipif(
     peers_bare.compiler() is None, reason="needs a C compiler: apt-get install gcc"
@@ -26,8 +24,6 @@ def test_benchmark_gives_errors_beside_times(monkeypatch):
     monkeypatch.setattr(decode, "CALIBRATED", 96)
     monkeypatch.setattr(decode, "LATTICE", 4)
     monkeypatch.setattr(decode, "CYCLES", 64)
-    for quantities in ("NINE", "LIVE"):  # all of them: kernels that other tests have as well
-        monkeypatch.setattr(decode, quantities, set(UNIT_WANTS))
     monkeypatch.setattr(timing, "ROUNDS", 2)
     figures = json.loads(json.dumps(decode.run(quick=True)))
     for name in ("copy_floor_ratio", "copy_floor_ratio_default", "copy_floor_ratio_recording",
@@ -84,20 +80,6 @@ def test_without_a_compiler_nothing_is_said_of_the_processor(monkeypatch):
     assert peers_bare.compiler() is None
     with pytest.raises(SystemExit, match="bare: must have a C compiler"):
         Bare(array_of(16, alike=False))
-
-
-@pytest.mark.parametrize("threads", [1, 3])
-def test_a_copy_moves_all_of_its_bytes_in_as_many_threads(monkeypatch, threads):
-    moved, asked = [], []
-    monkeypatch.setattr(decode.np, "copyto", lambda to, of: moved.append((to.size, of.size)))
-    together = sharing.together
-    monkeypatch.setattr(
-        decode.sharing, "together", lambda calls: (asked.append(len(calls)), together(calls))
-    )
-    decode._copy(10_000, threads)()
-    assert sum(map(sum, moved)) == 10_000
-    assert len(moved) == threads
-    assert asked == ([threads] if threads > 1 else [])
 
 
 def test_a_ratio_is_of_rounds_that_took_turns():

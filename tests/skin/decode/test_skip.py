@@ -15,6 +15,7 @@ from benchmarks import skip as benchmark
 from benchmarks import timing
 from bus.status import Status
 from skin.decode.decoder import Decoder
+from skin.options import Options
 from tests.fixtures.decode import row_of
 from tests.skin.decode.test_field_angle import counts_at
 from tests.skin.decode.test_plan import FIELDS, scene
@@ -108,6 +109,37 @@ def test_a_live_skin_that_skips_tells_the_same_contacts():
         idle |= bool((status & Status.IDLE).any())
     assert idle
     assert shown[0][-1][0][2] < -1.0  # something is pressed in the end
+
+
+def test_both_sides_of_the_benchmark_decode_each_cycle_as_often_as_a_skin_does(monkeypatch):
+    monkeypatch.setattr(benchmark, "CYCLES", 6)
+    decoded, decode = [], Decoder._decode_cycle
+    monkeypatch.setattr(
+        Decoder, "_decode_cycle", lambda self, *args: (decoded.append(self), decode(self, *args))[1]
+    )
+    plate = benchmark.plate(64)
+    counts = benchmark.counts_of(plate, 0.25)
+    sides, others = benchmark.sides_of(plate), benchmark.sides_of(plate)
+    calls = benchmark.calls_of(sides, counts)
+    assert [*calls] == ["default", "skip", "default decoding", "skip decoding"]
+    for name, call in calls.items():
+        skips, one = name.startswith("skip"), others[name]
+        decoded.clear()
+        call()
+        taken = len(decoded)
+        decoded.clear()
+        if name.endswith("decoding"):
+            assert sides[name].plan == Decoder(plate, sweeps=1, ambient=True, skip=skips).plan
+            for cycle in counts:
+                one(cycle)
+            told = sides[name].reading, one.reading
+        else:
+            assert sides[name].pipeline.options == Options(skip=skips)
+            for cycle in counts:
+                one.pipeline.state(one.load(cycle))
+            told = sides[name].pipeline.decoder.reading, one.pipeline.decoder.reading
+        assert taken == len(decoded) >= len(counts) == 6, name
+        np.testing.assert_array_equal(told[0].force, told[1].force)
 
 
 def test_the_benchmark_compares_what_it_times(monkeypatch):
