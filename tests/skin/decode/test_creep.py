@@ -235,7 +235,8 @@ def test_sigma_holds_noise_and_what_the_terms_leave():
     noise = detrend(forces, axis=0).std(axis=(0, 2))  # of what still relaxes
     np.testing.assert_allclose(noise, np.sqrt((told**2).mean(axis=1)), rtol=0.1)
     some, none = Decoder(skin, dtype="float64"), Decoder(creeping(), dtype="float64")
-    for counts in noisy[:2]:
+    rested = counts_at(skin, depth[:1], depth[:1], DIRECTION)[0]  # nothing relaxes but the step
+    for counts in (rested, noisy[1]):
         a, b = some(counts), none(counts)
     elastic = Decoder(skin, creep=False, dtype="float64")(noisy[1]).force
     more = np.sqrt(a.force_sigma**2 - b.force_sigma**2)[:, RELAXING]
