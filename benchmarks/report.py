@@ -98,6 +98,9 @@ def described(figure: Figure, found: list[dict[str, Any]], quick: bool) -> dict[
         hits = round(known[0] * trials)
         interval = stats.binomtest(hits, trials).proportion_ci(0.95, "wilson")
         low, high = float(interval.low), float(interval.high)
+    elif known and figure.spread:
+        ends = _at(found[0], figure.spread)
+        low, high = float(min(ends)), float(max(ends))
     elif known and figure.interval:
         half = _at(found[0], figure.interval)
         low, high = known[0] - half, known[0] + half

@@ -18,7 +18,7 @@ The simulated units obey the same laws of gel, capacitor and force that the deco
 """
 
 RUNS = 3
-TIMED = ("contact", "decode", "ingest", "logs", "scale", "simulate", "skip", "stress", "unpack")
+TIMED = ("contact", "decode", "ingest", "logs", "scale", "simulate", "skip", "unpack")
 """Benchmarks whose figures tell of the machine: each is run `RUNS` times, in processes of its own,
 by turns."""
 
@@ -44,6 +44,9 @@ class Figure(NamedTuple):
         Path of half of its 95 % interval, where the benchmark tells that.
     extreme : bool
         The worst of very many, which a short run does not find: it cannot decide that it is held.
+    spread : str
+        Path of a list, between whose least and largest item the spread goes, where it is not that
+        of some runs.
     """
 
     benchmark: str
@@ -55,6 +58,7 @@ class Figure(NamedTuple):
     trials: str = ""
     interval: str = ""
     extreme: bool = False
+    spread: str = ""
 
 
 FIGURES = (
@@ -63,14 +67,14 @@ FIGURES = (
     Figure("decode", "bare_ratio_default", "the same of field-angle with the check of the field, the default, over the same C", "", "<= 2.2", True),
     Figure("decode", "calibrated/field-angle, consistency/error_n", "largest error of that decoder against 40 digits", "N", "<= 2e-5"),
     Figure("decode", "calibrated/field-angle, consistency/error_c", "the same of the temperature", "°C", "<= 1e-4"),
-    Figure("decode", "copy_floor_ratio", "time of copying as many bytes over decoding them: sine, one calibration for all, an array far larger than the caches (a million units; 65 536 in a short run), as many threads both (1: as fast as a copy)"),
+    Figure("decode", "copy_floor_ratio", "time of copying as many bytes, calibration and memory among them, over decoding them: sine, one calibration for all, an array far larger than the caches (a million units; 65 536 in a short run), as many threads both (1: as fast as a copy)"),
     Figure("decode", "copy_floor_ratio_default", "the same of the default decoder, a calibration each"),
-    Figure("decode", "copy_floor_ratio_recording", "the same of a recording, 16 384 cycles of 64 units (1 024 in a short run)"),
+    Figure("decode", "copy_floor_ratio_recording", "the same of a recording, 16 384 cycles of 64 units (1 024 in a short run), calibration and memory counted once, one thread both"),
     Figure("decode", "numpy_ratio", "time of numpy, float64, no flags, over a decoder of the same quantities (sine, a calibration each, float32), 4096 units, one thread both"),
     # a live skin
     Figure("contact", "live_us_p50_64", "median cycle, counts to contacts with slip: all that skin.open does if not told otherwise; 64 units, 3 contacts", "µs", "<= 15", True),
     Figure("contact", "live_us_p50_1024", "the same of 1024 units", "µs", "<= 80", True),
-    Figure("contact", "live_numpy_ratio_64", "median cycle of numpy and scipy doing the same but for slip, over ours; 64 units", "", ">= 30", True),
+    Figure("contact", "live_numpy_ratio_64", "time of a cycle of numpy and scipy (float64, BLAS in one thread) doing the same but for slip, over ours (float32), median over laps that take turns; 64 units", "", ">= 30", True),
     Figure("contact", "live_numpy_ratio_1024", "the same of 1024 units", "", ">= 20", True),
     Figure("contact", "cycle_us_p50_64", "the lean cycle: sine, no neighbours, no ambient field, contacts with slip; 64 units", "µs"),
     Figure("contact", "cycle_us_p50_1024", "the same of 1024 units", "µs"),
@@ -122,14 +126,14 @@ FIGURES = (
     Figure("foreign", "cases/force/field-angle/held/Fz", "share of these errors within one sigma (0.683 if it is right)", "", ">= 0.66", True, "", "cases/force/field-angle/held_interval/Fz"),
     Figure("foreign", "cases/gel/field-angle/rms/T", "error of the temperature of calibrated units whose gel follows another law (VFT)", "°C rms", "", True),
     Figure("foreign", "cases/gel/field-angle/held/T", "share of these errors within one sigma", "", ">= 0.66", False, "", "cases/gel/field-angle/held_interval/T"),
-    Figure("stress", "worst_error_n_float32", "largest error of a valid force, no bound, against 40 digits where float32 is worst; of 6 seeds of 65 536 points (a short run: 3 of 2 048, which the tail escapes)", "N", "<= 2e-5", True, extreme=True),
+    Figure("stress", "worst_error_n_float32", "largest error of a valid force, no bound, against 40 digits where float32 is worst; of 6 seeds of 65 536 points (a short run: 3 of 2 048, which the tail escapes)", "N", "<= 2e-5", True, extreme=True, spread="worst_error_n_by_seed_float32"),
     Figure("stress", "worst_error_over_sigma_float32", "the same over the sigma that the reading tells"),
-    Figure("stress", "worst_error_n_float64", "the same of float64", "N", "<= 1e-9", extreme=True),
+    Figure("stress", "worst_error_n_float64", "the same of float64", "N", "<= 1e-9", extreme=True, spread="worst_error_n_by_seed_float64"),
     Figure("stress", "nonfinite_valid", "valid readings that are not finite", "", "= 0", True, extreme=True),
     Figure("stress", "broken_covariances", "covariances of filters that were not positive, over a million cycles (20 000 in a short run)", "", "= 0", extreme=True),
     Figure("stress", "differ_valid", "units that were valid in one of float32 and float64 alone there", "", "= 0", extreme=True),
     Figure("stress", "differ_by_size", "readings that were others in an array of another size, 1 to 65 536 units", "", "= 0", extreme=True),
-    Figure("stress", "slowdown", "time of a cycle under stress over a calm one, worst kind of stress and type", "", "<= 1.5", True),
+    Figure("stress", "slowdown", "time of a cycle under stress over a calm one, worst kind of stress and type", "", "<= 1.5", True, spread="slowdown_95"),
     Figure("slip", "caught_with_warning", "slips told before gross slip, without a false alarm before, of those that are 40 ms or more before it", "", "", True, "detectors/displacement/warned"),
     Figure("slip", "false_alarm_hold", "held contacts in which slip was told, of contacts that stick", "", "", True, "detectors/displacement/holds"),
     Figure("slip", "latency_ms_median", "from the onset of slip to its state, median", "ms"),

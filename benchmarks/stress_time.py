@@ -20,15 +20,16 @@ AGES = {"float32": 95.0, "float64": 725.0}
 """Time constants after which a lag of some kelvin is denormal."""
 
 
-def slowdowns(quick: bool) -> dict[str, float]:
-    """Ratio of every kind of stress, by type; decoders of one plan, by turns in one process."""
+def slowdowns(quick: bool) -> dict[str, tuple[float, float, float]]:
+    """Ratio of every kind of stress, by type, and the ends of its 95 % interval; decoders of one
+    plan, by turns in one process."""
     skin, target_s = plate(UNITS), 0.05 if quick else 0.5
     ratios = {}
     for dtype in DTYPES:
         runs = cases(skin, dtype)
         seconds = times(runs, target_s)
         calm = seconds.pop("calm")
-        ratios |= {f"{name}, {dtype}": ratio(s, calm)[0] for name, s in seconds.items()}
+        ratios |= {f"{name}, {dtype}": ratio(s, calm) for name, s in seconds.items()}
     return ratios
 
 

@@ -257,7 +257,7 @@ def test_report_has_its_keys_and_its_picture(monkeypatch, tmp_path):
     monkeypatch.setattr(stress, "points", two)
     row = {"error_n_float32": 1e-6, "nonfinite": 0, "seen": "", "differ_by_size": 2}
     monkeypatch.setattr(stress, "LASTING", {"nothing": lambda _: row})
-    monkeypatch.setattr(stress, "slowdowns", lambda _: {"nothing": 1.0})
+    monkeypatch.setattr(stress, "slowdowns", lambda _: {"nothing": (1.0, 0.9, 1.1)})
     monkeypatch.setattr(stress, "PICTURE", tmp_path / "stress.png")
     figures = json.loads(json.dumps(stress.run(quick=True)))
     assert figures["nonfinite_valid"] == 0
