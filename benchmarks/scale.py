@@ -13,8 +13,9 @@ that the host left out, since it was not ready for it, are lost as well. A cycle
 left out, or closed without all its units; `late_share` is that over all periods. `held up` are the
 frames of cycles which the units' process itself, held up by the machine, has not ended by 0.85 of
 their period, and of those right after them, which do not wait for units that were late for long:
-they are neither lost nor late. `cpu` is user and system time of the receiving process for a cycle,
-over the period: cycles left out make it no smaller, and waiting makes it no larger.
+they are neither lost nor late, nor are periods that were left out between such cycles. `cpu` is
+user and system time of the receiving process for a cycle, over the period: cycles left out make it
+no smaller, and waiting makes it no larger.
 
 Beside it what is published of another skin of 1260 cells; that machine and work are not these.
 """
@@ -162,13 +163,15 @@ def judge(skin: Topology, units: Units, seen: _Seen, sent: np.ndarray, on_time: 
     was_shown[seen.number] = shown
     window = slice(int(seen.number[0]), count)
     lost = np.where(held_up, 0, sent - was_shown)[window]
+    judged = ~held_up[seen.number]
+    own_fault = int(seen.left_out[judged].sum())
     return {
-        "periods": seen.number.size + seen.left_out,
-        "left_out": seen.left_out,
-        "late": int((~seen.complete & ~held_up[seen.number]).sum()) + seen.left_out,
+        "periods": seen.number.size + int(seen.left_out.sum()),
+        "left_out": int(seen.left_out.sum()),
+        "late": int((~seen.complete & judged).sum()) + own_fault,
         "sent": int(sent[window].sum()),
         "held_up": int(sent[window][held_up[window]].sum()),
-        "lost": int(lost.sum()) + frames * seen.left_out,
+        "lost": int(lost.sum()) + frames * own_fault,
     }
 
 
@@ -181,7 +184,7 @@ class _Seen:
         self.at_ns = np.zeros(cycles, np.int64)
         self.work_ns = np.zeros(cycles, np.int64)
         self.complete = np.zeros(cycles, bool)
-        self.left_out = 0
+        self.left_out = np.zeros(cycles, np.int64)  # periods before each
         self.figures: dict[str, object] = {}
 
 
@@ -200,8 +203,9 @@ def _watch(live: product.Skin, played: _Played, warm: int, cycles: int) -> _Seen
         seen.temperature[i] = state.units.temperature
         seen.work_ns[i] = live.timing.work_ns
         seen.complete[i] = state.closed_by is ClosedBy.COMPLETE
+        seen.left_out[i] = live.timing.overruns - overruns
+        overruns += seen.left_out[i]
     cpu = time.process_time_ns() - cpu - (played.own_ns - own_ns)
-    seen.left_out = live.timing.overruns - overruns
     apart_ms = 1e-6 * np.diff(seen.at_ns)
     seen.figures = {
         "cycles": cycles,

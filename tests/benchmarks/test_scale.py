@@ -53,7 +53,7 @@ def test_what_is_sent_is_shown(small, way, monkeypatch):
     row = scale.measure(*small, way, 0.4)
     frames = len(small[0].frames)
     assert row["cycles"] == row["periods"] - row["left_out"] == 100
-    assert row["lost"] == frames * row["left_out"], "only what a busy machine was not ready for"
+    assert row["lost"] <= frames * row["left_out"], "only what a busy machine was not ready for"
     assert row["sent"] + 3 * row["late"] >= 100 * frames > 0
     assert row["cpu_share"] > 0.0
 
@@ -70,8 +70,8 @@ def test_a_host_too_slow_for_its_units_loses_what_it_never_asks_for(small, way, 
     monkeypatch.setattr(Pipeline, "state", slow)
     row = scale.measure(*small, way, 0.1)
     assert row["left_out"] >= 6 * row["cycles"], "a cycle takes 7.5 periods at least"
-    assert row["lost"] >= len(small[0].frames) * row["left_out"]
-    assert row["periods"] >= row["late"] >= row["left_out"]
+    assert row["lost"] >= 0.5 * len(small[0].frames) * row["left_out"], "unless units are held up"
+    assert row["periods"] >= row["late"] >= 0.5 * row["left_out"]
 
 
 def test_a_frame_that_is_dropped_or_forged_is_counted(small, monkeypatch):
@@ -95,10 +95,10 @@ def test_a_frame_that_is_dropped_or_forged_is_counted(small, monkeypatch):
     with scale.product.open(skin, transports=played.ends) as live:
         seen = scale._watch(live, played, 20, 80)
     row = scale.judge(skin, units, seen, *played.tell())
-    never = len(skin.frames) * seen.left_out
-    assert (row["lost"] - never, row["late"] - seen.left_out) == (1, 1)
+    never = int(seen.left_out.sum())
+    assert (row["lost"] - len(skin.frames) * never, row["late"] - never) == (1, 1)
     seen.temperature[50, 7] += 0.01
-    assert scale.judge(skin, units, seen, *played.tell())["lost"] - never == 2
+    assert scale.judge(skin, units, seen, *played.tell())["lost"] == row["lost"] + 1
 
 
 def test_frames_that_the_units_held_up_are_nobodys_loss(small):
@@ -118,8 +118,8 @@ def test_frames_that_the_units_held_up_are_nobodys_loss(small):
     expected = {"periods": 10, "left_out": 0, "late": 1, "sent": 10 * frames,
                 "held_up": 2 * frames, "lost": frames}  # fmt: skip
     assert row == expected
-    seen.left_out = 3
-    left = {"periods": 13, "left_out": 3, "late": 4, "lost": 4 * frames}
+    seen.left_out[[3, 4, 7]] = 1, 2, 3  # cycles 4 and 5 are held up
+    left = {"periods": 16, "left_out": 6, "late": 4, "lost": 4 * frames}
     assert scale.judge(skin, units, seen, sent, on_time) == expected | left
 
 
