@@ -48,6 +48,9 @@ class Status(IntFlag):
     UNCALIBRATED = 1 << 14
     """The unit's constants are those of its model, its sigma holds the spread from unit to unit. A
     note: the reading is valid."""
+    UNTARED = 1 << 15
+    """The unit's zeros are those of its bench or its model, not of its place: its sigma holds what
+    neighbours at rest may add. A note: the reading is valid."""
 
 
 INVALID = (

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
 from inspect import GEN_CLOSED, getgeneratorstate
 from itertools import chain
 from threading import Lock, RLock
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -73,13 +74,14 @@ class Skin:
         pace: bool = True,
         nodes: Nodes | None = None,
         recording: Recording | None = None,
+        zeros: str | os.PathLike[str] | None = None,
     ) -> None:
         self.topology = topology = pipeline.topology
         self.pipeline = pipeline
         self.transports = transports
         self.timing = Timing()
         self.nodes = nodes
-        self._recording = recording
+        self._recording, self._zeros_file = recording, zeros
         self._position, self._rotation = topology.position, topology.rotation
         self._batch = FrameBatch(4096)
         self._waiter = Waiter(transports, wait)
@@ -104,6 +106,14 @@ class Skin:
     def simulated(self) -> bool:
         """Whether the units are simulated ones that `skin.open` has attached: no force is real."""
         return self.nodes is not None
+
+    @property
+    def zeros(self) -> dict[str, Any]:
+        """Zeros that this run has taken: ``tared``, units that were tared in it; ``taken_up``,
+        units that have those of the run before; ``refused``, unit to why it could not be tared yet.
+        """
+        taken = self.pipeline.zeros
+        return {"tared": [], "taken_up": [], "refused": {}} if taken is None else taken.report()
 
     @property
     def bus_changes(self) -> list[tuple[str, BusChange]]:
@@ -245,6 +255,9 @@ class Skin:
                 transport.close()
             if self._recording is not None:
                 self._recording.close()
+            if self._zeros_file is not None and self.pipeline.zeros is not None:
+                self.pipeline.zeros.save(self._zeros_file)
+                self._zeros_file = None
 
     def __iter__(self) -> Iterator[State]:
         """One state a cycle; a later loop goes on where the one before has ended.

@@ -46,11 +46,13 @@ def open(
     dtype: DType = "float32",
     sweeps: Sweeps = 1,
     ambient: bool = True,
+    tare: bool = True,
     creep: bool = True,
     skip: bool = False,
     slip: SlipSettings | None = None,
     false_contacts_per_day: float = 1.0,
     stencil: Stencil | str | os.PathLike[str] | None = None,
+    zeros: str | os.PathLike[str] | None = None,
     sync: Sync = "host",
     wait: Wait = "event",
     pace: bool = True,
@@ -66,8 +68,12 @@ def open(
     ----------
     source : Topology, str or Path
         A loaded topology, a file, or the name of a built-in one ("palm", "fingertip", …).
-    want, estimator, dtype, sweeps, ambient, creep, skip, slip, false_contacts_per_day, stencil
+    want, estimator, dtype, sweeps, ambient, tare, creep, skip, slip, false_contacts_per_day : …
+    stencil : Stencil or path, optional
         What is computed, and how: see `skin.options.Options`; of a stencil its file will do.
+    zeros : path, optional
+        File in which zeros and ambient field go from run to run: taken up where boards, temperature
+        and calibration are the same, and written when the skin is closed.
     sync : "host" or "bus"
         Who sends SYNC: this host, or another node (then this end only listens).
     wait : "event" or "drain"
@@ -102,7 +108,8 @@ def open(
         ends = [undo.enter_context(end) for end in _given(transports)]
         options = Options(
             want=want, estimator=estimator, dtype=dtype, sweeps=sweeps, ambient=ambient,
-            creep=creep, skip=skip, slip=slip, false_contacts_per_day=false_contacts_per_day,
+            tare=tare, creep=creep, skip=skip, slip=slip,
+            false_contacts_per_day=false_contacts_per_day,
             stencil=_stencil(stencil, loaded),
         )  # fmt: skip
         _check(sync, wait, pace, seed, log)
@@ -115,9 +122,14 @@ def open(
             ends = [undo.enter_context(end) for end in _ends(loaded, nodes)]
         _check_ends(ends, loaded)
         pipeline = Pipeline(loaded, options, deadline_s=deadline_s)
+        if zeros is not None:
+            pipeline.take_zeros(zeros)
         recording = Recording(log, loaded) if isinstance(log, str | os.PathLike) else log
         undo.pop_all()  # all is well: the skin closes them
-    return Skin(pipeline, ends, sync=sync, wait=wait, pace=pace, nodes=nodes, recording=recording)
+    return Skin(
+        pipeline, ends, sync=sync, wait=wait, pace=pace, nodes=nodes, recording=recording,
+        zeros=zeros,
+    )  # fmt: skip
 
 
 def _stencil(given: Any, topology: Topology) -> Stencil | None:

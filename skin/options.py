@@ -45,6 +45,9 @@ class Options:
         theory if None. With `sweeps` only.
     ambient : bool
         Estimate the ambient field and the zeros of untouched units, and subtract them.
+    tare : bool
+        Take the zeros of units that were never tared in their places from the first second in which
+        nothing touches them; see `skin.calibrate.zeros`.
     creep : bool
         Forces with what the elastomer has not yet relaxed, of units whose calibration tells it;
         see `skin.decode.creep`.
@@ -73,6 +76,7 @@ class Options:
     dtype: DType = "float32"
     sweeps: Sweeps = 1
     ambient: bool = True
+    tare: bool = True
     creep: bool = True
     skip: bool = False
     slip: SlipSettings | None = None
@@ -87,6 +91,7 @@ class Options:
         if type(self.sweeps) is not int or self.sweeps not in (0, 1, 2):
             raise OptionError(f"sweeps: must be 0, 1 or 2; got {shown(self.sweeps)}")
         check_flag("ambient", self.ambient)
+        check_flag("tare", self.tare)
         check_flag("creep", self.creep)
         check_flag("skip", self.skip)
         if self.slip is not None and not hasattr(self.slip, "model"):

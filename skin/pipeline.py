@@ -10,6 +10,7 @@ stage to its arrays before the first cycle; no stage asks whether it was given t
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
@@ -26,6 +27,7 @@ from skin.state import ARRAY_WANTS, UNIT_WANTS, UNWANTED, State
 from topology import CHANNELS, Topology
 
 if TYPE_CHECKING:
+    from skin.calibrate.zeros import Zeros
     from skin.contact.contact import Contact
     from skin.contact.stream import ContactStream
 
@@ -55,6 +57,8 @@ class Pipeline:
     decoder : Decoder
     contacts : ContactStream or None
         None where no feature of the array is wanted.
+    zeros : Zeros or None
+        What takes the zeros of units; None where all units have theirs.
     counts : ndarray, shape (c, n), int16
     status : ndarray, shape (n,), uint16
         What the decoder reads: counts and flags of the last cycle, as the assembler writes them.
@@ -87,6 +91,7 @@ class Pipeline:
         check_kind("options", options, Options)
         if deadline_s is not None:
             check_number("deadline_s", deadline_s, 1e-6, LONGEST_S)
+        self.zeros: Zeros | None = None
         self._lists_contacts = not options.quantities.isdisjoint(("contacts", "slip", "shocks"))
         self.assembler = Assembler(topology, deadline_s=deadline_s)
         self.counts, self.status = self.assembler.counts, self.assembler.status
@@ -105,6 +110,27 @@ class Pipeline:
                 reading.displacement_sigma_mm, reading.temperature, reading.valid,
             )  # fmt: skip
             self._show(self.contacts)
+        if options.tare and self._lacks_zeros():
+            self.take_zeros()
+
+    def _lacks_zeros(self) -> bool:
+        topology = self.topology
+        return bool((topology.enabled & ~topology.counts_only & ~topology.tared).any())
+
+    def take_zeros(self, file: str | os.PathLike[str] | None = None) -> None:
+        """Take the zeros of units that were never tared from the first second in which nothing
+        touches them, where the options say so, and those of the run before from its file.
+
+        Raises
+        ------
+        CalibrationError
+            The file is of other units, or damaged.
+        """
+        from skin.calibrate.zeros import Zeros
+
+        self.zeros = Zeros(self.decoder, tare=self.options.tare)
+        if file is not None:
+            self.zeros.carry(file)
 
     # -- stages, made and bound once ---------------------------------------------------------------
 
@@ -188,6 +214,8 @@ class Pipeline:
         ----------
         frames : ndarray, shape (m,), FRAME_DTYPE
         """
+        if self.zeros is not None:
+            self.zeros.hear(frames)
         for cycle in self.assembler.feed(frames):
             yield self.state(cycle)
 
@@ -256,6 +284,8 @@ class Pipeline:
         contacts = UNWANTED
         if self._describe is not None:
             contacts = self._describe(clock.now_ns)
+        if self.zeros is not None:
+            self.zeros.look(self.counts, self.status)
         return State(
             cycle.number,
             cycle.stamp_ns,

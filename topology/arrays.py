@@ -84,8 +84,8 @@ class Topology:
         Every parameter of `UnitModel` for each unit, calibration files applied;
         those of `topology.model.TABLES` have shape (length, n).
     calibrated, tared : ndarray, shape (n,), bool
-        Whether a file gives the laws of the unit, and its zeros; else they are those of its model,
-        and their sigma is the spread from unit to unit.
+        Whether a file gives the laws of the unit, else they are those of its model and their sigma
+        is the spread from unit to unit; and whether its zeros were taken in its place on the skin.
     scale, offset : ndarray, shape (c, n), float64
         Physical value = scale * count + offset, channels as in `topology.CHANNELS`. A count is the
         integer on the wire, but for 16 bits unsigned, which are 32768 above it.

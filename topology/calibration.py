@@ -6,6 +6,7 @@
     patch = "palm"
     date = "2026-03-01"                 # optional, as is `bench`
     bench = "six-axis reference cell, 25 °C"
+    tared = ["r3c4"]                    # optional: zeros taken in place
 
     [units.r3c4]                        # any parameter of `UnitModel`
     frequency_rest_hz = 4512.5
@@ -33,7 +34,7 @@ __all__ = ["read_calibration"]
 
 def read_calibration(
     patch: str, units: tuple[str, ...], key: Key, source: Source, report: Report
-) -> tuple[Source | None, dict[int, dict[str, Any]]]:
+) -> tuple[Source | None, dict[int, dict[str, Any]], list[int]]:
     """Read the calibration file that a patch names.
 
     Parameters
@@ -55,28 +56,33 @@ def read_calibration(
         The calibration file.
     parameters : dict of int to dict
         Parameters by index of the unit in its patch.
+    tared : list of int
+        Units whose zeros were taken in their places.
     """
     given = source.data["patches"][key[1]]["calibration"]
     path = source.path.parent / given
     shown = str(Path(source.shown).parent / given)
     if missing(path):
         report.add("no-file", source, key, path=shown)
-        return None, {}
+        return None, {}, []
     calibration = open_source(path, shown, report)
     if calibration is None:
-        return None, {}
+        return None, {}, []
     table = read(CalibrationFile, calibration, report)
     if report.sound(calibration, (), "patch") and table.patch != patch:
         report.add("calibration-patch", calibration, ("patch",), patch=repr(patch),
                    line=source.line(key), file=source.shown, got=repr(table.patch))  # fmt: skip
     known = {name: index for index, name in enumerate(units)}
-    parameters = {}
+    parameters, kind = {}, f"a unit of patch {patch!r}"
+    tared = [
+        known[name] for i, name in enumerate(table.tared)
+        if refer(name, kind, known, ("tared", i), calibration, report)
+    ]  # fmt: skip
     for name, entry in table.units.items():
         at = ("units", name)
-        kind = f"a unit of patch {patch!r}"
         if not refer(name, kind, known, at, calibration, report) or entry is None:
             continue
         given = given_parameters(entry, at, calibration, report)
         if given:
             parameters[known[name]] = given
-    return calibration, parameters
+    return calibration, parameters, tared

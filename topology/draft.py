@@ -170,9 +170,10 @@ class Draft:
         if placed.patch.calibration is None:
             return
         name, units = placed.patch.name, placed.units.names
-        calibration, parameters = read_calibration(name, units, at, source, report)
+        calibration, parameters, tared = read_calibration(name, units, at, source, report)
         if calibration is None:
             return
+        self.tared[[int(self.starts[index]) + unit for unit in tared]] = True
         for unit, given in parameters.items():
             entry = (calibration, ("units", units[unit]), given)
             self._given.setdefault(int(self.starts[index]) + unit, []).append(entry)
@@ -237,7 +238,6 @@ class Draft:
         for unit, changes in self._given.items():
             for _, _, given in changes:
                 self.calibrated[unit] |= not given.keys() <= {*ZEROS}
-                self.tared[unit] |= "frequency_rest_hz" in given
                 for name, value in given.items():
                     parameters[name][..., unit] = 0.0 if value == () else value
         single = np.zeros(len(self.names), bool)

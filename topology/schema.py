@@ -382,6 +382,9 @@ class CalibrationFile(_Table, frozen=True, kw_only=True):
     patch: Annotated[str, Meta(description="Patch that it belongs to")]
     date: Annotated[str, Meta(description="When it was measured")] = ""
     bench: Annotated[str, Meta(description="Where and how it was measured")] = ""
+    tared: Annotated[
+        tuple[str, ...], Meta(description="Units whose zeros were taken in their places")
+    ] = ()
     units: Annotated[
         dict[str, Overrides], Meta(description="Unit (`r3c4`) to the parameters that differ")
     ] = {}

@@ -17,40 +17,21 @@ import dataclasses
 import datetime
 import os
 import re
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from bus.status import INVALID, Status
 from skin.calibrate.read import as_fit, named_file, read_calibration
+from skin.calibrate.untouched import Readings
 from skin.calibrate.write import write_calibration
 from skin.errors import CountsError, OptionError, ScanError, SkinError
 from skin.physics.least_squares import Fit
-from skin.physics.rest import film_at_rest_ut, inverse_map
 from topology import CHANNELS, Topology
 
 __all__ = ["Tare", "calibration_files", "chosen", "tare"]
 
-LEAST_CYCLES = 100
-"""Good readings that a mean needs [assumed]."""
-NOISY = 2.0
-"""Noise over that of the model that no working unit has [assumed]."""
-MOVED_SIGMAS = 5.0
-"""Difference of the means of both halves that chance does not make [assumed]."""
-WARMED_C = 0.5
-"""Change of temperature between both halves, °C [assumed]."""
-UNTARED_SHARE = 0.03
-"""How far the frequency of a unit that was never tared may be from its rest unless it is pressed,
-as a share of that: the spread of units as made [assumed]."""
-TARED_HZ = 60.0
-"""The same in Hz once it was tared: how far a zero drifts, 0.1 N [assumed]."""
-OFFSET_UT, OFFSET_BLIND_UT = 1000.0, 2000.0
-"""Lateral field beyond which a unit is sheared: beside what resting neighbours add, and where that
-is not known, which on a fingertip is 1.2 mT [derived]. 1000 µT are 0.6 mm at rest [assumed]."""
-
-GEL, FREQUENCY, BX, BY, BZ, CHIP = range(len(CHANNELS))
 INCLUDED, LEFT_OUT = "included", "left out"
 TARED = re.compile(f"(; )?tared in place, resting neighbours ({INCLUDED}|{LEFT_OUT})$")
 
@@ -152,16 +133,18 @@ class Tare:
             source = named_file(self.topology, patch)
             before, units = read_calibration(source)
             here = self.topology.patch == self.topology.patch_names.index(patch)
+            tared = {*before.get("tared", ())}
             for i in np.flatnonzero(self.taken & here):
                 unit = self.topology.unit_names[i].removeprefix(f"{patch}/")
                 known = units.setdefault(unit, [])
                 known.append(self._fit(int(i), known))
+                tared.add(unit)
             path.parent.mkdir(parents=True, exist_ok=True)
             bench = TARED.sub("", before.get("bench", ""))
             how = f"tared in place, resting neighbours {self.neighbours}"
             write_calibration(
                 path, patch, units, date=date or datetime.date.today().isoformat(),
-                bench=f"{bench}; {how}" if bench else how, tangential_max_mm=0.0,
+                bench=f"{bench}; {how}" if bench else how, tared=tared, tangential_max_mm=0.0,
                 before="" if source is None else source.read_text(encoding="utf-8"),
                 measured=before.get("measured"),
             )  # fmt: skip
@@ -267,119 +250,15 @@ def tare(
     _check("counts", counts, np.int16, (len(CHANNELS), topology.n))
     flags = np.zeros(counts.shape[::2], np.uint16) if status is None else status
     _check("status", flags, np.uint16, (topology.n,), len(counts))
-    rest = np.zeros((3, topology.n)) if rest_ut is None else np.asarray(rest_ut, float)
-    room_ut = OFFSET_BLIND_UT if rest_ut is None else OFFSET_UT
-    good = flags & int(INVALID) == 0
-    value = topology.scale[:, :, np.newaxis] * counts.transpose(1, 2, 0)
-    value += topology.offset[:, :, np.newaxis]
-    found = [_Unit(topology, i, value[:, i, good[:, i]]) for i in range(topology.n)]
+    readings = Readings(topology, counts, flags, rest_ut)
     faults = [
         f"{topology.unit_names[i]}: {fault}"
-        for i in np.flatnonzero(taken)
-        for fault in found[i].faults(flags[:, i], rest[:, i], room_ut)
-    ]
+        for i in np.flatnonzero(taken) for fault in readings.look(int(i)).faults
+    ]  # fmt: skip
     if faults:
         raise ScanError("\n".join(faults))
-    p = topology.parameters
-    mean, sigma = (
-        np.array([getattr(unit, name) for unit in found]).T for name in ("mean", "sigma")
-    )
-    own = np.einsum("abn,bn->an", inverse_map(topology), film_at_rest_ut(topology)[:2])
-    offset = np.array([unit.offsets(own[:, i]) for i, unit in enumerate(found)]).T
-    axial = np.where(topology.wired[BZ], offset[2] - p["hall_offset_z_ut"] - rest[2], np.nan)
-    return Tare(
-        topology, taken, mean[FREQUENCY], sigma[FREQUENCY], offset[:2] - rest[:2],
-        sigma[BX : BY + 1], axial, good.sum(axis=0), INCLUDED if rest_ut is None else LEFT_OUT,
-    )  # fmt: skip
-
-
-class _Unit:
-    """The good readings of one unit: physical values, shape (c, t)."""
-
-    def __init__(self, topology: Topology, i: int, values: np.ndarray) -> None:
-        self.p = {name: array[..., i] for name, array in topology.parameters.items()}
-        self.tared = bool(topology.tared[i])
-        self.wired, self.step = topology.wired[:, i], np.abs(topology.scale[:, i])
-        self.values, self.count = values, values.shape[1]
-        if self.count < 2:
-            self.mean = self.sigma = self.spread = np.full(len(CHANNELS), np.nan)
-            return
-        self.mean, self.spread = values.mean(axis=1), values.std(axis=1, ddof=1)
-        # where the noise is below a step, so is what a mean can tell
-        coarse = np.where(self.spread < 0.5 * self.step, self.step / np.sqrt(12.0), 0.0)
-        self.sigma = np.hypot(self.spread / np.sqrt(self.count), coarse)
-
-    def temperature(self, channel: int) -> float:
-        """Mean of chip or gel, degree Celsius."""
-        if channel == CHIP or not self.count:
-            return float(self.mean[channel])
-        share = np.maximum(self.values[GEL], 1e-9) / self.p["gel_current_20c_ua"]
-        return float(20.0 + 60.0 * np.mean(np.log(share)) / np.log(self.p["gel_current_ratio"]))
-
-    def offsets(self, own: np.ndarray) -> np.ndarray:
-        """Mean field at the chip's reference temperature, shape (3,), without the lateral one of
-        the film itself, shape (2,)."""
-        p = self.p
-        told = [self.temperature(channel) for channel in (CHIP, GEL) if self.wired[channel]]
-        chip, film = (told[0], told[-1]) if told else (p["hall_reference_c"], p["film_reference_c"])
-        above = chip - p["hall_reference_c"]
-        gain = 1.0 + p["hall_gain_per_k"] * above
-        gain *= 1.0 + p["film_drift_per_k"] * (film - p["film_reference_c"])
-        drift = np.array([p[f"hall_drift_{axis}_ut_per_k"] for axis in "xyz"])
-        return self.mean[BX : BZ + 1] - drift * above - gain * np.array([*own, 0.0])
-
-    def faults(self, flags: np.ndarray, rest: np.ndarray, room_ut: float) -> Iterator[str]:
-        """Why this unit cannot be tared.
-
-        Parameters
-        ----------
-        flags : ndarray, shape (t,)
-            Of all cycles.
-        rest : ndarray, shape (3,)
-            Field of resting neighbours.
-        room_ut : float
-            How far the lateral field may be from that.
-        """
-        if self.count < LEAST_CYCLES:
-            seen = Status(int(np.bitwise_or.reduce(flags & int(INVALID), initial=0)))
-            why = f" ({seen.name})" if seen else ""
-            yield f"must have {LEAST_CYCLES} good readings or more; got {self.count}{why}"
-            return
-        noise = {
-            "frequency": (FREQUENCY, self.p["frequency_noise_hz"], "Hz"),
-            "bx": (BX, self.p["field_noise_ut"], "µT"),
-            "by": (BY, self.p["field_noise_ut"], "µT"),
-        }
-        half = self.count // 2
-        for name, (channel, nominal, unit) in noise.items():
-            values = self.values[channel]
-            usual = np.hypot(nominal, self.step[channel] / np.sqrt(12.0))
-            moved = values[half:].mean() - values[:half].mean()
-            if abs(moved) > MOVED_SIGMAS * usual * 2.0 / np.sqrt(self.count):
-                yield f"{name}: must hold still; moved by {moved:.3g} {unit} from half to half"
-            elif self.spread[channel] > NOISY * usual:
-                yield (f"{name}: must have noise of {usual:.3g} {unit}, twice that at most; got "
-                       f"{self.spread[channel]:.3g} {unit}")  # fmt: skip
-            elif self.spread[channel] == 0.0 and nominal > self.step[channel]:
-                yield f"{name}: must have noise of {usual:.3g} {unit}; got readings all alike"
-        yield from self._loaded(rest, room_ut)
-        if self.wired[GEL]:
-            gel = np.log(np.maximum(self.values[GEL], 1e-9))
-            warmed = gel[half:].mean() - gel[:half].mean()
-            warmed *= 60.0 / np.log(self.p["gel_current_ratio"])
-            if abs(warmed) > WARMED_C:
-                yield f"temperature: must be steady; changed by {warmed:.2g} °C from half to half"
-
-    def _loaded(self, rest_ut: np.ndarray, room_ut: float) -> Iterator[str]:
-        rest = self.p["frequency_rest_hz"]
-        room = TARED_HZ if self.tared else UNTARED_SHARE * rest
-        if abs(self.mean[FREQUENCY] - rest) > room:
-            yield (f"frequency: must be within {room:.4g} Hz of {rest:.6g} Hz where nothing "
-                   f"presses or pulls; got {self.mean[FREQUENCY]:.6g} Hz")  # fmt: skip
-        for name, channel, there in (("bx", BX, rest_ut[0]), ("by", BY, rest_ut[1])):
-            if abs(self.mean[channel] - there) > room_ut:
-                yield (f"{name}: must be within {room_ut:g} µT of {there:.4g} µT where nothing "
-                       f"shears; got {self.mean[channel]:.4g} µT")  # fmt: skip
+    neighbours = INCLUDED if rest_ut is None else LEFT_OUT
+    return Tare(topology, taken, *readings.zeros(taken), neighbours)
 
 
 def _check(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,7 @@ def write_calibration(
     *,
     date: str = "",
     bench: str = "",
+    tared: Collection[str] = (),
     tangential_max_mm: float = UnitModel().tangential_max_mm,
     before: str = "",
     measured: Mapping[str, Mapping[str, Any]] | None = None,
@@ -49,6 +50,8 @@ def write_calibration(
         Unit, without the patch's name ("r3c4"), to its fits; a later fit stands above an earlier.
     date, bench : str
         When, where and how it was measured.
+    tared : collection of str
+        Units whose zeros were taken in their places.
     tangential_max_mm : float
         Of the units' model. Where the crest of a fitted `field_wavenumber_rad_per_mm` lies before
         it, the range ends at the crest.
@@ -66,6 +69,7 @@ def write_calibration(
     """
     lines = ["format = 1", f"patch = {_text(patch)}"]
     lines += [f"{key} = {_text(text)}" for key, text in (("date", date), ("bench", bench)) if text]
+    lines += [f"tared = {_value(sorted(tared))}"] if tared else []
     for unit, fits in units.items():
         found = parameter_values(f"{patch}/{unit}", fits, tangential_max_mm)
         lines += ["", f"[units.{_key(unit)}]"]

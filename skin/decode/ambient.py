@@ -207,6 +207,39 @@ class Ambient:
         bodies.covariance_ut2[:] = PRIOR_UT2 * np.eye(3)
         self.residue_ut2[:] = PRIOR_UT2
 
+    def forget(self, units: np.ndarray, *, field: bool) -> None:
+        """Begin anew with units that have new zeros, and with the ambient field too if asked to.
+
+        Parameters
+        ----------
+        units : ndarray, shape (n,), bool
+        field : bool
+        """
+        memory = self._data.memory
+        for array in memory:
+            array[..., units] = 0.0
+        memory.rest_ut[units] = memory.rest_film_c[units] = np.nan
+        self._data.zero[:, units] = 0.0
+        self._data.marks[units] = 0
+        if field:
+            self.begin(np.zeros_like(self.field_ut))
+        kernels.compose(self._model, self._data)
+
+    def begin(self, field_ut: np.ndarray) -> None:
+        """Set out from an ambient field that was known long ago.
+
+        Parameters
+        ----------
+        field_ut : ndarray, shape (3, bodies)
+            As the attribute.
+        """
+        bodies = self._data.bodies
+        for array in bodies:
+            array[:] = 0.0
+        bodies.field_ut[:] = field_ut.T
+        bodies.covariance_ut2[:] = PRIOR_UT2 * np.eye(3)
+        kernels.compose(self._model, self._data)
+
     def bound(self, reading: Reading) -> Callable[..., None]:
         """`update` with a reading whose arrays stay the same, as a decoder's: they are looked at
         once.
@@ -259,8 +292,9 @@ class Ambient:
         self._own(dt_s)
 
     def warmup(self, reading: Reading) -> None:
-        """Compile the kernel, or load it, for such a reading; the state stays as it is."""
+        """Compile the kernels, or load them, for such a reading; the state stays as it is."""
         self.bound(reading)
+        kernels.compose(self._model, self._data)
 
     # -- saved state -------------------------------------------------------------------------------
 

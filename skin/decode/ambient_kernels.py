@@ -14,7 +14,9 @@ from skin.decode.ambient_model import BLOCK, PRIOR_UT2
 
 __all__ = ["compose", "update", "update_python"]
 
-REFUSED = 0xFFFF & ~int(Status.EXTRAPOLATED | Status.IDLE)
+REFUSED = 0xFFFF & ~int(
+    Status.EXTRAPOLATED | Status.IDLE | Status.UNCALIBRATED | Status.UNTARED
+)  # fmt: skip
 """Any other flag, and a unit is not used."""
 NEAR, LOADED, VOTES, FOLLOWED = 1, 2, 4, 8
 """Marks of a unit in this cycle: near a loaded one, loaded, one that tells of the ambient field,

@@ -184,8 +184,9 @@ class CrossTalk:
         self._film_model = self._films_of(topology, idle_mm)
         always = self._residues()
         self.residue_ut = np.sqrt(always)
-        if drawn:
-            always = always + placement_ut2(topology, stencil) + films_ut2(topology, stencil)
+        self._films_ut2 = films_ut2(topology, stencil) if drawn else None
+        if self._films_ut2 is not None:
+            always = always + placement_ut2(topology, stencil) + self._films_ut2
         self._pair_model = self._pairs_of(always)
         self.residue_ut2 = self._pair_model.always_ut2.copy()
         stale, self._todo = np.zeros((2, topology.n), np.uint8)
@@ -263,6 +264,15 @@ class CrossTalk:
             return out
 
         return call
+
+    def retare(self, topology: Topology) -> None:
+        """Count what films at rest may be off by only in units that are not tared now."""
+        if self._films_ut2 is None:
+            return
+        now = films_ut2(topology, self.stencil)
+        for variance in (self._pair_model.always_ut2, self.residue_ut2):
+            np.add(variance, (now - self._films_ut2).astype(variance.dtype), out=variance)
+        self._films_ut2 = now
 
     def warmup(self) -> None:
         """Compile what a cycle of this skin needs, or load it; nothing is predicted."""

@@ -68,14 +68,14 @@ def films_ut2(topology: Topology, stencil: Stencil) -> np.ndarray:
     shape (n,): the mean over the axes, and over the range of all neighbours.
 
     All films of a skin are made alike, so that what they add is off by one and the same share,
-    `stray_sigma_relative`, at rest and as they move.
+    `stray_sigma_relative`, as they move and, in units that were not tared in their places, at rest.
     """
     at, by = stencil.unit, stencil.neighbour
     strength = stencil.strength[by]
     mean = (stencil.coefficients @ stencil.mean)[stencil.kind] * strength[:, np.newaxis]
     square = np.sum((stencil.coefficients @ stencil.gram) * stencil.coefficients, axis=(1, 2))
     own = square[stencil.kind] * strength**2 - np.sum(mean**2, axis=1)
-    total = stencil.rest_ut.T.copy()
+    total = np.where(topology.tared, 0.0, stencil.rest_ut).T
     np.add.at(total, at, mean)
     variance = np.sum(total**2, axis=1) + np.bincount(at, own, minlength=topology.n)
     return topology.parameters["stray_sigma_relative"] ** 2 * variance / 3.0

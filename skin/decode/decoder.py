@@ -12,13 +12,13 @@ import numpy as np
 from bus.compiled.aligned import zeros
 from skin.decode import records, sharing
 from skin.decode.aging import Aging
-from skin.decode.loop import Looks, Loop, estimators
-from skin.decode.passes import Passes, check_call, plain
+from skin.decode.loop import estimators, loop_of
+from skin.decode.passes import Passes, arrays_of, check_call, plain
 from skin.decode.plan import DecodeOptions, Plan
 from skin.decode.results import Results, results_of
 from skin.errors import CountsError, OptionError, check_kind, check_number
 from skin.state import Reading
-from topology import CHANNELS, Topology
+from topology import Topology
 
 if TYPE_CHECKING:
     from skin.decode.creep import Creep
@@ -26,11 +26,6 @@ if TYPE_CHECKING:
     from skin.physics.stencil import Stencil
 
 __all__ = ["Decoder"]
-
-COPIED = 1 << 14
-"""Units up to which the counts of a call are copied: to exchange addresses takes as long."""
-MOST_WORKERS = 1024
-"""Threads that anybody can mean."""
 
 
 class Decoder:
@@ -61,6 +56,8 @@ class Decoder:
     ----------
     plan : Plan
         What follows from these.
+    rest_ut : ndarray, shape (3, n), or None
+        As given, or of the stencil: it is not in the offsets of the units.
     crosstalk, ambient : CrossTalk, Ambient, or None
     loop : Loop or None
         What takes these off; None where neither is there.
@@ -110,28 +107,37 @@ class Decoder:
         self.plan = plan = Plan.of(topology, options)
         self.dtype = np.dtype(plan.dtype)
         if workers is not None:
-            check_number("workers", workers, 1, MOST_WORKERS, whole=True)
+            check_number("workers", workers, 1, sharing.MOST_WORKERS, whole=True)
         self.crosstalk, self.ambient = estimators(topology, plan, stencil)
         felt_ut = rest_ut
         if self.crosstalk is not None:
             felt_ut = self.crosstalk.stencil.rest_ut
             rest_ut = felt_ut if rest_ut is None else rest_ut
         self._alone = threading.Lock()
-        self._make_kernel(rest_ut, felt_ut)
+        self.rest_ut, self._felt_ut = rest_ut, felt_ut
+        self._make_kernel()
         self._make_buffers(workers or sharing.processors())
         self.reset()
 
-    def _make_kernel(self, rest_ut: np.ndarray | None, felt_ut: np.ndarray | None) -> None:
+    def _make_kernel(self) -> None:
         """The kernel and its model."""
         from skin.decode import kernel
         from skin.decode.model import model_of
         from skin.decode.parts import Parts
+        from skin.decode.uncertainty import neighbours_ut
 
         self._names = results_of(self.plan, self.topology)
         parts = Parts.of(self.plan, self._names, self.topology.n)
         self._kernel = kernel.decode(parts)
         self._data_of: type[DecodeData] = kernel.DecodeData
-        self._model = model_of(self.topology, self.plan, self._names, rest_ut, felt_ut)
+        stray_ut = neighbours_ut(
+            self.topology, self._felt_ut if self.plan.sweeps else None, self.rest_ut is not None
+        )
+        self._model_of = functools.partial(
+            model_of, plan=self.plan, results=self._names, rest_ut=self.rest_ut,
+            felt_ut=self._felt_ut, stray_ut=stray_ut,
+        )  # fmt: skip
+        self._model = self._model_of(self.topology)
 
     def _make_buffers(self, workers: int) -> None:
         """All that cycles are read from, written to and remembered in."""
@@ -155,19 +161,14 @@ class Decoder:
 
             self.creep = Creep(self.topology, self._names, self._out)
             self._shown = self.creep.borne
-        self.loop = None
-        if self.crosstalk is not None or self.ambient is not None:
-            self.loop = Loop(
-                self.crosstalk, self.ambient, self.plan.sweeps,
-                self._out.reading(0, {*self._names} - {"film_above"}),
-                self._out.values[0, -1] if "film_above" in self._names else None, self._taken,
-                Looks(self._control["phase"][self._live], self.plan, self.topology.cycle_rate_hz),
-            )  # fmt: skip
+        self.loop = loop_of(
+            self.crosstalk, self.ambient, self.plan, self.topology, self._names, self._out,
+            self._taken, self._control["phase"][self._live],
+        )  # fmt: skip
         self._remembering = [part for part in (self.loop, self.creep) if part is not None]
         self._reading = self._shown.reading(0, self.plan.quantities)
-        self._none_known = zeros(n, np.uint16)
-        self._inputs = zeros((1, len(CHANNELS), n), np.int16), zeros((1, n), np.uint16)
-        self._own = self._passes(*self._inputs)
+        self._bound: list[Passes] = []
+        self._own = self._passes()
         self._decode_own = functools.partial(self._decode_cycle, self._own, False)
 
     @property
@@ -200,6 +201,23 @@ class Decoder:
         for part in self._remembering:
             part.reset()
 
+    def retare(self, topology: Topology) -> None:
+        """Go on with other zeros; what is remembered stays (but see `Ambient.forget`).
+
+        Parameters
+        ----------
+        topology : Topology
+            The same but for frequencies at rest, lateral offsets, their sigmas, and `tared`.
+        """
+        self._model = self._model_of(topology)
+        for passes in self._bound:
+            passes.renew(self._model)
+        if self.crosstalk is not None:
+            self.crosstalk.retare(topology)
+        if self.ambient is not None:
+            self.ambient.topology = topology
+        self.topology, self._mode = topology, None
+
     def elapse(self, seconds: float) -> None:
         """Say how long after the last cycle the next one is, if that is not a period.
 
@@ -216,13 +234,8 @@ class Decoder:
             self.creep.elapse(periods)
 
     def warmup(self, *, background: bool = False) -> None:
-        """Compile what a cycle needs, or load it; the state stays as it is.
-
-        Parameters
-        ----------
-        background : bool
-            Whether for calls with a background of the caller's.
-        """
+        """Compile what a cycle needs, or load it: one of a call with a `background`, or another;
+        the state stays as it is."""
         self._own.at(not background and self.loop is None)
         for part in self._remembering:
             part.warmup()
@@ -232,16 +245,13 @@ class Decoder:
 
         Parameters
         ----------
-        counts : ndarray, shape (c, n), int16
+        counts, status : ndarray, shape (c, n), int16, and shape (n,), uint16
             As of a call; contiguous and writeable.
-        status : ndarray, shape (n,), uint16
-            Likewise.
 
         Returns
         -------
         callable
-            Without arguments: decodes the cycle that stands in the arrays. Its `Reading` stays the
-            same object, `reading`.
+            Decodes the cycle that stands in the arrays; its `Reading` is always `reading`.
 
         Raises
         ------
@@ -272,13 +282,11 @@ class Decoder:
         raw : ndarray, shape (c, n) or (t, c, n), int16
             Counts, channels as in `topology.CHANNELS`; a batch holds consecutive cycles.
         status : ndarray, shape (n,) or (t, n), uint16, optional
-            Flags of the bus; the decoder adds its own. Without them every enabled unit counts as
-            heard of.
+            Flags of the bus; without them every enabled unit counts as heard of.
         background : ndarray, shape (4, n) or (t, 4, n), of the decoder's type, optional
-            What is not the unit's own signal, and is subtracted: row 0 Hz by which the frequency
-            fell, rows 1-3 the field in µT, in the axes of the chip, which reads it with its gain. A
-            fifth row, if there is one, is the variance of what is not known of the field, µT² of an
-            axis.
+            What is not the unit's own signal, and is subtracted: Hz by which the frequency fell,
+            then µT in the axes of the chip, which reads it with its gain; a fifth row is the
+            variance of what is not known of the field, µT² of an axis.
         advance : bool
             False to decode the cycle before once more, with another background: what lags behind
             the gel does not move on.
@@ -286,8 +294,7 @@ class Decoder:
         Returns
         -------
         Reading
-            For one cycle, views of the decoder's own arrays, valid until its next call; for a
-            batch, new arrays with a leading axis t.
+            Views of the decoder's own arrays, valid until its next call; of a batch, new arrays.
 
         Raises
         ------
@@ -308,7 +315,8 @@ class Decoder:
 
     def _one(self, raw, status, background, advance: bool) -> Reading:
         """Decode one cycle."""
-        self._accept(raw, status, background)
+        check_call(self.topology, self.dtype, raw, status, background)
+        self._own.take(raw, status)
         told = background is not None
         if self.loop is not None:
             if told:
@@ -328,15 +336,17 @@ class Decoder:
             for scratch in self._shares.scratch[share]
         ]  # fmt: skip
 
-    def _passes(self, counts: np.ndarray, status: np.ndarray) -> Passes:
-        """The kernel on the arrays of one cycle."""
-        return Passes(
+    def _passes(self, *inputs: np.ndarray) -> Passes:
+        """The kernel on the arrays of one cycle: counts and flags, or arrays of its own."""
+        passes = Passes(
             self._kernel, self._model,
             lambda counts, status, bare: self._data(
                 self._live, counts, status, None if bare else self._background, self._out
             ),
-            counts, status,
+            *inputs or arrays_of(self.topology.n),
         )  # fmt: skip
+        self._bound.append(passes)
+        return passes
 
     def _decode_cycle(self, passes: Passes, bare: bool, advance: bool) -> Reading:
         """Decode the cycle that stands in the inputs, `bare` without a background."""
@@ -355,28 +365,6 @@ class Decoder:
             self._control["reuse"] = False
         self._mode = bare, advance
 
-    def _decode_batch(self, counts, status, background, advance, out) -> None:
-        """Decode consecutive cycles of arrays of the caller's."""
-        share, phase = self._shares.of(counts.shape[0]), self._control["phase"]
-        self._mode = None
-        self._tell(background is None, advance)
-        phase[share] = phase[self._live.start or 0]
-        sharing.together([
-            functools.partial(self._kernel, self._model, data)
-            for data in self._data(share, counts, status, background, out)
-        ])  # fmt: skip
-        phase[self._live] = phase[share.start or 0]
-        self._mode = None
-
-    def _accept(self, raw, status, background) -> None:
-        """Check the arrays of one cycle, and let the kernel read them."""
-        check_call(self.topology, self.dtype, raw, status, background)
-        known = self._none_known if status is None else status
-        if known.size <= COPIED:
-            self._inputs[0][0], self._inputs[1][0] = raw, known
-        else:
-            self._own.put(plain(raw)[np.newaxis], plain(known)[np.newaxis])
-
     def _batch(self, raw, status, background, advance: bool) -> Reading:
         """Decode consecutive cycles into new arrays."""
         cycles = raw.shape[:1] if isinstance(raw, np.ndarray) else ()
@@ -389,12 +377,21 @@ class Decoder:
                 self._one(raw[t], status[t], None if background is None else background[t], advance)
                 for whole, array in zip(out.arrays, self._shown.arrays, strict=True):
                     whole[t] = array[0]
-        else:
-            if background is not None:
-                taken = np.zeros((*cycles, 5, known[-1]), self.dtype)
-                taken[:, : background.shape[1]] = background
-                background = taken
-            self._decode_batch(plain(raw), plain(status), background, advance, out)
-            if self.creep is not None:
-                self.creep.batch(out, advance)
+            return out.reading(slice(None), self.plan.quantities)
+        if background is not None:
+            taken = np.zeros((*cycles, 5, known[-1]), self.dtype)
+            taken[:, : background.shape[1]] = background
+            background = taken
+        share, phase = self._shares.of(raw.shape[0]), self._control["phase"]
+        self._mode = None
+        self._tell(background is None, advance)
+        phase[share] = phase[self._live.start or 0]
+        sharing.together([
+            functools.partial(self._kernel, self._model, data)
+            for data in self._data(share, plain(raw), plain(status), background, out)
+        ])  # fmt: skip
+        phase[self._live] = phase[share.start or 0]
+        self._mode = None
+        if self.creep is not None:
+            self.creep.batch(out, advance)
         return out.reading(slice(None), self.plan.quantities)

@@ -49,7 +49,9 @@ def limits_of(topology: Topology, vertical: bool) -> dict[str, np.ndarray | dict
     }
     status = np.where(topology.enabled, 0, int(Status.DISABLED))
     status += np.where(topology.counts_only, int(Status.NOT_F3T), 0)
-    note = np.where(topology.calibrated | (status != 0), 0, k.UNCALIBRATED)
+    note = np.where(topology.calibrated, 0, k.UNCALIBRATED)
+    note += np.where(topology.tared, 0, k.UNTARED)
+    note[status != 0] = 0
     never_usual = np.zeros(topology.n, bool)
     for name in k.CHANNEL_NAMES:
         kinds = [f"{kind}_{name}" for kind in ("rail", "possible", "calibrated")]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,10 +13,11 @@ if TYPE_CHECKING:
     from skin.decode.ambient import Ambient
     from skin.decode.crosstalk import CrossTalk
     from skin.decode.plan import Plan
+    from skin.decode.results import Results
     from skin.physics.stencil import Stencil
     from topology import Topology
 
-__all__ = ["Looks", "Loop", "estimators"]
+__all__ = ["Looks", "Loop", "estimators", "loop_of"]
 
 
 def estimators(
@@ -153,3 +154,29 @@ class Loop:
             whole.displacement_mm, whole.valid, self._taken, base, self._film_above
         )
         return predict
+
+
+def loop_of(
+    crosstalk: CrossTalk | None, ambient: Ambient | None, plan: Plan, topology: Topology,
+    names: Collection[str], out: Results, taken: np.ndarray, phase: np.ndarray,
+) -> Loop | None:  # fmt: skip
+    """What takes off the fields of neighbours and drifts; None where neither is estimated.
+
+    Parameters
+    ----------
+    crosstalk, ambient, taken
+        As of `Loop`.
+    plan : Plan
+    topology : Topology
+    names : collection of str
+        Of the results in `out`.
+    phase : ndarray
+        As of `Looks`.
+    """
+    if crosstalk is None and ambient is None:
+        return None
+    film_above = out.values[0, -1] if "film_above" in names else None
+    return Loop(
+        crosstalk, ambient, plan.sweeps, out.reading(0, {*names} - {"film_above"}), film_above,
+        taken, Looks(phase, plan, topology.cycle_rate_hz),
+    )  # fmt: skip

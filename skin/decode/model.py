@@ -17,7 +17,7 @@ from skin.decode.functions import OCTAVES_MAX
 from skin.decode.limits import STEP_SIGMA, frequency_sigma_hz, limits_of, tidy_drop
 from skin.decode.passes import check
 from skin.decode.plan import Plan
-from skin.decode.uncertainty import neighbours_ut, uncertainty
+from skin.decode.uncertainty import uncertainty
 from skin.errors import CalibrationError
 from topology import THETA_KNOTS, Topology
 
@@ -61,8 +61,9 @@ def model_of(
     topology: Topology,
     plan: Plan,
     results: Collection[str],
-    rest_ut: np.ndarray | None = None,
-    felt_ut: np.ndarray | None = None,
+    rest_ut: np.ndarray | None,
+    felt_ut: np.ndarray | None,
+    stray_ut: np.ndarray,
 ) -> DecodeModel:
     """What a decoder of a topology must know.
 
@@ -72,11 +73,13 @@ def model_of(
     plan : Plan
     results : collection of str
         Of `skin.decode.records.TILE_ROWS`, in the order in which they go out.
-    rest_ut : ndarray, shape (3, n), optional
+    rest_ut : ndarray, shape (3, n), or None
         Field that resting neighbours add, axes of the chips, and that the offsets do not hold.
         Without it the model of the field is held to less.
-    felt_ut : ndarray, shape (3, n), optional
+    felt_ut : ndarray, shape (3, n), or None
         The same, whether the offsets hold it or not: it is read with the chip's gain as it is.
+    stray_ut : ndarray, shape (n,)
+        Of `skin.decode.uncertainty.neighbours_ut`.
 
     Raises
     ------
@@ -95,8 +98,6 @@ def model_of(
         **_field(topology, rest_ut, felt_ut),
         **_tangential(topology, angle),
     }
-    summed_ut = felt_ut if plan.sweeps else None
-    stray_ut = neighbours_ut(topology, summed_ut, rest_ut is not None)
     found |= uncertainty(topology, found, stray_ut)
     return DecodeModel(
         _blocks(found, k.coefficients(plan.dtype)),

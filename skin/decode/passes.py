@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from bus.compiled.aligned import zeros
 from skin.decode import sharing
 from skin.errors import CountsError
 from topology import CHANNELS, Topology
@@ -16,7 +17,10 @@ if TYPE_CHECKING:
     from bus.compiled.bound import Bound
     from skin.decode.kernel import DecodeData
 
-__all__ = ["Passes", "check", "check_call", "plain"]
+__all__ = ["Passes", "arrays_of", "check", "check_call", "plain"]
+
+COPIED = 1 << 14
+"""Units up to which the counts of a call are copied: to exchange addresses takes as long."""
 
 
 class Passes:
@@ -47,6 +51,7 @@ class Passes:
     ) -> None:
         self._kernel, self._model, self._data = kernel, model, data
         self._inputs = counts, status
+        self._none: np.ndarray | None = None
         self.calls: dict[bool, Bound | sharing.Shared] = {}
 
     def at(self, bare: bool) -> Bound | sharing.Shared:
@@ -59,12 +64,29 @@ class Passes:
         call = self.calls[bare] = calls[0] if len(calls) == 1 else sharing.Shared(calls)
         return call
 
-    def put(self, counts: np.ndarray, status: np.ndarray) -> None:
-        """Decode other arrays from now on."""
-        self._inputs = counts, status
+    def renew(self, model: tuple) -> None:
+        """Decode by another model from now on."""
+        self._model = model
+        self.calls.clear()
+
+    def take(self, raw: np.ndarray, status: np.ndarray | None) -> None:
+        """Decode other counts, shape (c, n), and flags, shape (n,), None for none, from now on."""
+        counts, flags = self._inputs
+        if raw.shape[1] <= COPIED:
+            counts[0], flags[0] = raw, 0 if status is None else status
+            return
+        if self._none is None:
+            self._none = zeros(raw.shape[1], np.uint16)
+        status = self._none if status is None else status
+        self._inputs = plain(raw)[np.newaxis], plain(status)[np.newaxis]
         for call in self.calls.values():
-            call.put((1, "counts"), counts)
-            call.put((1, "status"), status)
+            for name, array in zip(("counts", "status"), self._inputs, strict=True):
+                call.put((1, name), array)
+
+
+def arrays_of(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Counts and flags of a cycle of n units, to be written."""
+    return zeros((1, len(CHANNELS), n), np.int16), zeros((1, n), np.uint16)
 
 
 def plain(array: np.ndarray) -> np.ndarray:

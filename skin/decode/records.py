@@ -37,8 +37,8 @@ UNKNOWN = NEVER | NOT_F3T
 SILENT = UNKNOWN | DISABLED
 INVALID = int(status.INVALID)
 """Flags with which array features leave a unit out."""
-UNCALIBRATED = int(Status.UNCALIBRATED)
-FLAGS = sum(map(int, Status)) & ~UNCALIBRATED
+UNCALIBRATED, UNTARED = int(Status.UNCALIBRATED), int(Status.UNTARED)
+FLAGS = sum(map(int, Status)) & ~UNCALIBRATED & ~UNTARED
 """Those that differ from cycle to cycle."""
 UNUSUAL = 1 << 14
 """In the status of `LIMITS`: no counts are usual."""
@@ -49,7 +49,7 @@ RANGE = np.dtype([("low", np.int16, (LANES,)), ("width", np.int16, (LANES,))])
 
 LIMITS = np.dtype([
     ("status", np.int16, (LANES,)),  # before a count has come: DISABLED, NOT_F3T
-    ("note", np.int16, (LANES,)),  # whatever comes: UNCALIBRATED
+    ("note", np.uint16, (LANES,)),  # whatever comes: UNCALIBRATED, UNTARED
     *((f"rail_{name}", RANGE) for name in CHANNEL_NAMES),  # off the rails
     *((f"possible_{name}", RANGE) for name in ("gel", "frequency", "chip")),  # of a working unit
     *((f"calibrated_{name}", RANGE) for name in ("gel", "frequency")),

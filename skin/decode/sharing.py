@@ -16,11 +16,13 @@ from skin.decode import records
 if TYPE_CHECKING:
     from bus.compiled.bound import Bound
 
-__all__ = ["ENOUGH", "Shared", "Shares", "processors", "together"]
+__all__ = ["ENOUGH", "MOST_WORKERS", "Shared", "Shares", "processors", "together"]
 
 ENOUGH = 1 << 18
 """Units times cycles from which on work is shared: about a millisecond of it, where to hand over to
 a thread takes about a tenth of one."""
+MOST_WORKERS = 1024
+"""Threads that anybody can mean."""
 
 
 def processors() -> int:

@@ -32,7 +32,7 @@ ROOMS: dict[str, frozenset[str]] = {
     "sim": COMMON | {"physics"},
     "compiling": frozenset({"errors"}),
     "clock": frozenset(),
-    "pipeline": COMMON | {"physics", "decode", "contact", "clock"},
+    "pipeline": COMMON | {"physics", "decode", "contact", "calibrate", "clock"},
     "live": COMMON | {"physics", "decode", "contact", "pipeline", "compiling", "sim"},
     "opening": COMMON | {"physics", "contact", "pipeline", "compiling", "sim", "live"},
     "offline": COMMON | {"pipeline", "compiling"},

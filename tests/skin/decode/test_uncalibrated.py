@@ -95,7 +95,7 @@ def test_what_a_file_gives_of_a_unit_makes_it_tared_or_calibrated(tmp_path):
     text = text.replace('# calibration = "palm-calibration.toml"', 'calibration = "palm.toml"')
     (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
     calibration.write_text(
-        'format = 1\npatch = "palm"\n[units.r0c0]\nfrequency_rest_hz = 4510.0\n'
+        'format = 1\npatch = "palm"\ntared = ["r0c0"]\n[units.r0c0]\nfrequency_rest_hz = 4510.0\n'
         "[units.r0c1]\nfield_amplitude_ut = 11000.0\nfield_amplitude_sigma_relative = 0.002\n",
         encoding="utf-8",
     )

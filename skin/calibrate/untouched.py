@@ -1,0 +1,196 @@
+"""Whether something touches a unit while its counts are recorded, and what it reads if not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from bus.status import INVALID, Status
+from skin.physics.rest import film_at_rest_ut, inverse_map
+from topology import CHANNELS, Topology
+
+__all__ = ["LEAST_CYCLES", "Look", "Readings", "Zeros"]
+
+LEAST_CYCLES = 100
+"""Good readings that a mean needs [assumed]."""
+NOISY = 2.0
+"""Noise over that of the model that no working unit has [assumed]."""
+MOVED_SIGMAS = 5.0
+"""Difference of the means of both halves that chance does not make [assumed]."""
+WARMED_C = 0.5
+"""Change of temperature between both halves, °C [assumed]."""
+DRIFTED_HZ = 60.0
+"""How far the frequency at rest drifts, 0.1 N [assumed]. A unit as made may be off by its spread as
+well: a press of 0.25 N that stands still passes for rest there."""
+SPREAD = np.sqrt(3.0)
+"""Sigmas to the ends of an even spread."""
+OFFSET_UT, OFFSET_BLIND_UT = 1000.0, 2000.0
+"""Lateral field beyond which a unit is sheared: beside what resting neighbours add, and where that
+is not known, which on a fingertip is 1.2 mT [derived]. 1000 µT are 0.6 mm at rest [assumed]."""
+
+GEL, FREQUENCY, BX, BY, BZ, CHIP = range(len(CHANNELS))
+
+
+class Look(NamedTuple):
+    """What was seen of a unit: why it cannot be tared, and whether because something presses it."""
+
+    faults: list[str]
+    is_pressed: bool
+
+
+class Zeros(NamedTuple):
+    """As of `skin.calibrate.tare.Tare`; NaN of units that were not taken."""
+
+    frequency_hz: np.ndarray
+    frequency_sigma_hz: np.ndarray
+    offset_ut: np.ndarray
+    offset_sigma_ut: np.ndarray
+    axial_ut: np.ndarray
+    cycles: np.ndarray
+
+
+class Readings:
+    """Some cycles of counts, looked at unit by unit.
+
+    Parameters
+    ----------
+    topology, counts, status, rest_ut
+        As of `skin.calibrate.tare.tare`.
+    """
+
+    def __init__(
+        self,
+        topology: Topology,
+        counts: np.ndarray,
+        status: np.ndarray,
+        rest_ut: np.ndarray | None = None,
+    ) -> None:
+        self.topology, self.counts, self.status = topology, counts, status
+        self._room_ut = OFFSET_BLIND_UT if rest_ut is None else OFFSET_UT
+        self._rest_ut = np.zeros((3, topology.n)) if rest_ut is None else np.asarray(rest_ut, float)
+        self._own_ut = np.einsum("abn,bn->an", inverse_map(topology), film_at_rest_ut(topology)[:2])
+        self._seen: dict[int, _Unit] = {}
+
+    def look(self, i: int) -> Look:
+        """Look at one unit, by its index."""
+        topology, flags = self.topology, self.status[:, i]
+        counts = self.counts[flags & int(INVALID) == 0, :, i].T
+        values = topology.scale[:, i, np.newaxis] * counts + topology.offset[:, i, np.newaxis]
+        unit = self._seen[i] = _Unit(topology, i, values)
+        few = unit.too_few(flags)
+        if few:
+            return Look([few], False)
+        pressed = [*unit.moves(), *unit.loaded(self._rest_ut[:, i], self._room_ut)]
+        return Look([*pressed, *unit.faults()], bool(pressed))
+
+    def zeros(self, taken: np.ndarray) -> Zeros:
+        """The zeros of units that were looked at.
+
+        Parameters
+        ----------
+        taken : ndarray, shape (n,), bool
+        """
+        topology, rest, p = self.topology, self._rest_ut, self.topology.parameters
+        mean, sigma = np.full((2, len(CHANNELS), topology.n), np.nan)
+        offset, cycles = np.full((3, topology.n), np.nan), np.zeros(topology.n, int)
+        for i in np.flatnonzero(taken):
+            unit = self._seen[int(i)]
+            mean[:, i], sigma[:, i], cycles[i] = unit.mean, unit.sigma, unit.count
+            offset[:, i] = unit.offsets(self._own_ut[:, i])
+        axial = np.where(topology.wired[BZ], offset[2] - p["hall_offset_z_ut"] - rest[2], np.nan)
+        return Zeros(
+            mean[FREQUENCY], sigma[FREQUENCY], offset[:2] - rest[:2], sigma[BX : BY + 1], axial,
+            cycles,
+        )  # fmt: skip
+
+
+class _Unit:
+    """The good readings of one unit: physical values, shape (c, t)."""
+
+    def __init__(self, topology: Topology, i: int, values: np.ndarray) -> None:
+        self.p = {name: array[..., i] for name, array in topology.parameters.items()}
+        self.wired, self.step = topology.wired[:, i], np.abs(topology.scale[:, i])
+        self.values, self.count = values, values.shape[1]
+        if self.count < 2:
+            self.mean = self.sigma = self.spread = np.full(len(CHANNELS), np.nan)
+            return
+        self.mean, self.spread = values.mean(axis=1), values.std(axis=1, ddof=1)
+        # where the noise is below a step, so is what a mean can tell
+        coarse = np.where(self.spread < 0.5 * self.step, self.step / np.sqrt(12.0), 0.0)
+        self.sigma = np.hypot(self.spread / np.sqrt(self.count), coarse)
+
+    def temperature(self, channel: int) -> float:
+        """Mean of chip or gel, degree Celsius."""
+        if channel == CHIP or not self.count:
+            return float(self.mean[channel])
+        share = np.maximum(self.values[GEL], 1e-9) / self.p["gel_current_20c_ua"]
+        return float(20.0 + 60.0 * np.mean(np.log(share)) / np.log(self.p["gel_current_ratio"]))
+
+    def offsets(self, own: np.ndarray) -> np.ndarray:
+        """Mean field at the chip's reference temperature, shape (3,), without the lateral one of
+        the film itself, shape (2,)."""
+        p = self.p
+        told = [self.temperature(channel) for channel in (CHIP, GEL) if self.wired[channel]]
+        chip, film = (told[0], told[-1]) if told else (p["hall_reference_c"], p["film_reference_c"])
+        above = chip - p["hall_reference_c"]
+        gain = 1.0 + p["hall_gain_per_k"] * above
+        gain *= 1.0 + p["film_drift_per_k"] * (film - p["film_reference_c"])
+        drift = np.array([p[f"hall_drift_{axis}_ut_per_k"] for axis in "xyz"])
+        return self.mean[BX : BZ + 1] - drift * above - gain * np.array([*own, 0.0])
+
+    def too_few(self, flags: np.ndarray) -> str:
+        """What is wrong with the number of good readings, given the flags of all, shape (t,)."""
+        if self.count >= LEAST_CYCLES:
+            return ""
+        seen = Status(int(np.bitwise_or.reduce(flags & int(INVALID), initial=0)))
+        why = f" ({seen.name})" if seen else ""
+        return f"must have {LEAST_CYCLES} good readings or more; got {self.count}{why}"
+
+    def _usual(self) -> Iterator[tuple[str, int, float, float, str]]:
+        """Of each channel that is tared: name, number, noise of the model and with steps, unit."""
+        for name, channel, key, unit in (
+            ("frequency", FREQUENCY, "frequency_noise_hz", "Hz"),
+            ("bx", BX, "field_noise_ut", "µT"), ("by", BY, "field_noise_ut", "µT"),
+        ):  # fmt: skip
+            usual = np.hypot(self.p[key], self.step[channel] / np.sqrt(12.0))
+            yield name, channel, float(self.p[key]), float(usual), unit
+
+    def moves(self) -> Iterator[str]:
+        """Channels that do not hold still."""
+        half = self.count // 2
+        for name, channel, _, usual, unit in self._usual():
+            values = self.values[channel]
+            moved = values[half:].mean() - values[:half].mean()
+            if abs(moved) > MOVED_SIGMAS * usual * 2.0 / np.sqrt(self.count):
+                yield f"{name}: must hold still; moved by {moved:.3g} {unit} from half to half"
+
+    def faults(self) -> Iterator[str]:
+        """What tells of a unit that does not work as its model, and of one that warms up."""
+        for name, channel, nominal, usual, unit in self._usual():
+            if self.spread[channel] > NOISY * usual:
+                yield (f"{name}: must have noise of {usual:.3g} {unit}, twice that at most; got "
+                       f"{self.spread[channel]:.3g} {unit}")  # fmt: skip
+            elif self.spread[channel] == 0.0 and nominal > self.step[channel]:
+                yield f"{name}: must have noise of {usual:.3g} {unit}; got readings all alike"
+        if self.wired[GEL]:
+            half = self.count // 2
+            gel = np.log(np.maximum(self.values[GEL], 1e-9))
+            warmed = gel[half:].mean() - gel[:half].mean()
+            warmed *= 60.0 / np.log(self.p["gel_current_ratio"])
+            if abs(warmed) > WARMED_C:
+                yield f"temperature: must be steady; changed by {warmed:.2g} °C from half to half"
+
+    def loaded(self, rest_ut: np.ndarray, room_ut: float) -> Iterator[str]:
+        """What tells of a press, a pull or shear, given the field of resting neighbours, shape
+        (3,), and how far the lateral field may be from that."""
+        rest = self.p["frequency_rest_hz"]
+        room = DRIFTED_HZ + SPREAD * self.p["frequency_sigma_hz"]
+        if abs(self.mean[FREQUENCY] - rest) > room:
+            yield (f"frequency: must be within {room:.4g} Hz of {rest:.6g} Hz where nothing "
+                   f"presses or pulls; got {self.mean[FREQUENCY]:.6g} Hz")  # fmt: skip
+        for name, channel, there in (("bx", BX, rest_ut[0]), ("by", BY, rest_ut[1])):
+            if abs(self.mean[channel] - there) > room_ut:
+                yield (f"{name}: must be within {room_ut:g} µT of {there:.4g} µT where nothing "
+                       f"shears; got {self.mean[channel]:.4g} µT")  # fmt: skip

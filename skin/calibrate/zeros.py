@@ -1,0 +1,321 @@
+"""Zeros of a running skin: of its first untouched second, or of the run before.
+
+Units whose zeros were not taken in their places (`Topology.tared`) are looked at in windows of a
+good second, the first from the first cycle on. Those that nothing touches are tared (see
+`skin.calibrate.tare`); one that something presses is refused, as are those near it, which read its
+film, and is looked at again later, at longer and longer intervals. The ambient field of that second
+goes into the offsets, as of every tare; of units that are tared after others, what is followed of
+it by then does not.
+
+What a run has followed can be saved at its end and taken up by the next. A zero is that of a unit
+on its board, at its temperature: it is taken up if the board tells the same serial number, the
+temperature is the same within `SAME_C`, and the calibration has not changed.
+
+A press that stands still from the first cycle on and is smaller than units as made differ from each
+other (0.25 N; 0.1 N where a bench has measured the frequency at rest) cannot be told from rest.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bus.boards import Boards
+from bus.configure import node_numbers
+from skin.calibrate.tare import INCLUDED, LEFT_OUT, Tare
+from skin.calibrate.untouched import LEAST_CYCLES, Look, Readings
+from skin.errors import CalibrationError
+from skin.physics.rest import inverse_map
+from skin.physics.stray import near
+from topology import CHANNELS
+from topology.files import check_path, missing, read_arrays, whole_file
+
+if TYPE_CHECKING:
+    from skin.decode.decoder import Decoder
+
+__all__ = ["Zeros"]
+
+WINDOW_S = 1.2
+"""A second, and time for a heartbeat of every board."""
+SPARE = 1.2
+"""Cycles of a window over those that a mean needs: some are lost [assumed]."""
+UNITS_A_CYCLE = 2
+"""Units that are looked at in one cycle: less than a millisecond [assumed]."""
+LONGEST_WAIT_S = 60.0
+"""Between two looks at a unit that was refused [assumed]."""
+NEAR_M = 0.03
+"""A film that is pressed is felt this far [assumed: as `skin.decode.ambient`]."""
+SAME_C = 5.0
+"""Difference of temperatures at which a zero still is the same [assumed]."""
+
+GEL, CHIP = CHANNELS.index("gel"), CHANNELS.index("hall_temperature")
+FORMAT = 1
+KINDS = {"known": "b", "calibration": "U", "serial": "i"}
+"""Types of the arrays of a file that are no float."""
+FINITE = ("frequency_hz", "frequency_sigma_hz", "offset_ut", "field_sigma_ut", "field_ut")
+
+
+class Zeros:
+    """Takes the zeros of the units that a decoder reads, while it runs.
+
+    Parameters
+    ----------
+    decoder : Decoder
+        Is told of new zeros.
+    tare : bool
+        Whether units that were never tared are.
+
+    Attributes
+    ----------
+    taken, taken_up : list of str
+        Units that were tared in this run, and those that have the zeros of the run before.
+    refused : dict of str to str
+        Units that could not be tared yet, and why.
+    """
+
+    def __init__(self, decoder: Decoder, *, tare: bool = True) -> None:
+        topology = decoder.topology
+        self._decoder, self._filed = decoder, topology
+        self.taken: list[str] = []
+        self.taken_up: list[str] = []
+        self.refused: dict[str, str] = {}
+        known = topology.tared | ~topology.enabled | topology.counts_only
+        self._pending = ~known & tare
+        self._before: dict[str, np.ndarray] = {}
+        self._saved: dict[str, np.ndarray] | None = None
+        self._boards: Boards | None = None
+        rate = topology.cycle_rate_hz
+        self._cycles = max(round(WINDOW_S * rate), round(SPARE * LEAST_CYCLES))
+        self._wait, self._longest = self._cycles, round(LONGEST_WAIT_S * rate)
+        self._last: tuple[np.ndarray, np.ndarray] | None = None  # views, written each cycle
+        self._steps = self._windows() if self._pending.any() else None
+
+    @property
+    def active(self) -> bool:
+        """Whether cycles are to be looked at."""
+        return self._steps is not None
+
+    def report(self) -> dict[str, Any]:
+        """What was taken, for people and for JSON."""
+        return {"tared": self.taken, "taken_up": self.taken_up, "refused": self.refused}
+
+    def hear(self, frames: np.ndarray) -> None:
+        """Take serial numbers from the heartbeats among frames, shape (m,), FRAME_DTYPE, where
+        zeros go from run to run."""
+        if self._boards is not None:
+            self._boards.hear(frames, np.zeros(frames.size))
+
+    def look(self, counts: np.ndarray, status: np.ndarray) -> None:
+        """Look at a cycle, as the assembler has it: counts, shape (c, n), and flags, shape (n,)."""
+        self._last = counts, status
+        if self._steps is not None and next(self._steps, True):
+            self._steps = None
+
+    # -- window by window -------------------------------------------------------------------------
+
+    def _windows(self) -> Iterator[None]:
+        """One step a cycle, until nothing is left to be taken."""
+        while self._pending.any() or self._saved is not None:
+            n = self._filed.n
+            counts = np.empty((self._cycles, len(CHANNELS), n), np.int16)
+            status = np.empty((self._cycles, n), np.uint16)
+            for t in range(self._cycles):
+                if self._last is not None:
+                    counts[t], status[t] = self._last
+                yield
+            if self._saved is not None:
+                self._take_up(self._saved, counts)
+                continue
+            readings = Readings(self._decoder.topology, counts, status, self._decoder.rest_ut)
+            looks = {}
+            for k, i in enumerate(np.flatnonzero(self._pending).tolist()):
+                looks[i] = readings.look(i)
+                if k % UNITS_A_CYCLE:
+                    yield
+            self._tare(readings, looks)
+            if self._pending.any():
+                del counts, status, readings
+                for _ in range(self._wait):
+                    yield
+                self._wait = min(2 * self._wait, self._longest)
+
+    def _tare(self, readings: Readings, looks: dict[int, Look]) -> None:
+        """Tare the units that nothing touches; tell of the others."""
+        topology, names = self._decoder.topology, self._filed.unit_names
+        faults = {i: look.faults[0] for i, look in looks.items() if look.faults}
+        pressed = np.zeros(topology.n, bool)
+        pressed[[i for i, look in looks.items() if look.is_pressed]] = True
+        if pressed.any():
+            for i, j in zip(*near(topology, NEAR_M), strict=True):
+                for unit, other in ((i, j), (j, i)):
+                    if pressed[other] and unit in looks:
+                        faults.setdefault(
+                            int(unit), f"must have nothing pressed near it; got {names[other]}"
+                        )
+        taken = self._pending.copy()
+        taken[list(faults)] = False
+        self.refused = {names[i]: fault for i, fault in sorted(faults.items())}
+        if not taken.any():
+            return
+        followed = self._forget(taken)
+        zeros = readings.zeros(taken)
+        zeros = zeros._replace(offset_ut=zeros.offset_ut - followed)
+        self._apply(Tare(topology, taken, *zeros, self._neighbours()))
+        self.taken += [names[i] for i in np.flatnonzero(taken)]
+
+    def _forget(self, taken: np.ndarray) -> np.ndarray:
+        """What is taken off the lateral field of units otherwise, µT, shape (2, n): the ambient
+        field, once other units tell it; nothing of it is known while there is none."""
+        ambient = self._decoder.ambient
+        if ambient is None:
+            return np.zeros((2, taken.size))
+        ambient.forget(taken, field=not self._decoder.topology.tared.any())
+        return ambient.background[1:3].astype(float)
+
+    def _apply(self, found: Tare) -> None:
+        """Let the decoder have new zeros."""
+        self._decoder.retare(found.applied())
+        self._pending &= ~found.taken
+
+    def _neighbours(self) -> str:
+        return INCLUDED if self._decoder.rest_ut is None else LEFT_OUT
+
+    # -- from run to run --------------------------------------------------------------------------
+
+    def save(self, file: str | os.PathLike[str]) -> None:
+        """Write zeros and ambient field as they are now, as an .npz without pickle; there whole or
+        not at all. Units without a zero of this run keep the one that the file had; nothing is
+        written before the run has seen what it carries."""
+        if self._last is None or self._saved is not None:
+            return
+        topology, ambient = self._decoder.topology, self._decoder.ambient
+        p = topology.parameters
+        frequency = p["frequency_rest_hz"].copy()
+        offset = np.stack([p["hall_offset_x_ut"], p["hall_offset_y_ut"]])
+        bodies, field = np.zeros(0, str), np.zeros((3, 0))
+        if ambient is not None:
+            bodies, field, zero = np.array(ambient.bodies), ambient.field_ut, ambient.zero
+            frequency -= zero[0]
+            offset += np.einsum("abn,bn->an", inverse_map(topology), zero[1:])
+        now = {
+            "known": topology.tared, "calibration": self._calibration(), "frequency_hz": frequency,
+            "frequency_sigma_hz": p["frequency_sigma_hz"], "offset_ut": offset,
+            "field_sigma_ut": p["field_sigma_ut"], "serial": self._serial(),
+            "temperature_c": self._temperature_c(self._last[0]),
+        }  # fmt: skip
+        kept: dict[str, Any] = {
+            name: np.where(topology.tared, values, self._before.get(name, values))
+            for name, values in now.items()
+        }  # fmt: skip
+        with whole_file(Path(file)) as out:
+            np.savez_compressed(
+                out, format=FORMAT, units=np.array(topology.unit_names), bodies=bodies,
+                field_ut=field, **kept,
+            )  # fmt: skip
+
+    def carry(self, file: str | os.PathLike[str]) -> None:
+        """Take up what a run before has saved, where there is such a file, once boards and
+        temperatures are known; and hear what `save` needs.
+
+        Raises
+        ------
+        CalibrationError
+            Saved for other units, or not by `save`.
+        """
+        check_path("zeros", file, CalibrationError)
+        self._boards = Boards(self._filed)
+        if missing(file):
+            return
+        try:
+            found = read_arrays(file)
+            units = found["units"].tolist()
+        except (OSError, LookupError, ValueError) as error:
+            raise CalibrationError(f"{file}: must be zeros that were saved; got {error}") from None
+        n, bodies = self._filed.n, found.get("bodies", np.zeros(0, str))
+        if units != list(self._filed.unit_names):
+            raise CalibrationError(
+                f"{file}: must be saved with the units of {self._filed.name!r} as now; got others"
+            )
+        shapes = {
+            "known": (n,), "calibration": (n,), "frequency_hz": (n,), "frequency_sigma_hz": (n,),
+            "offset_ut": (2, n), "field_sigma_ut": (n,), "serial": (n,), "temperature_c": (n,),
+            "field_ut": (3, len(bodies)),
+        }  # fmt: skip
+        for name, shape in shapes.items():
+            got = found.get(name, np.empty(0))
+            is_sound = got.shape == shape and got.dtype.kind in KINDS.get(name, "f")
+            if is_sound and name in FINITE:
+                is_sound = bool(np.isfinite(got).all())
+            if not is_sound:
+                raise CalibrationError(
+                    f"{file}: {name}: must be finite numbers, shape {shape}; "
+                    f"got {got.dtype}, {got.shape}"
+                )
+        self._saved = self._before = found
+        self._steps = self._steps or self._windows()
+
+    def _take_up(self, saved: dict[str, np.ndarray], counts: np.ndarray) -> None:
+        """Take the zeros of the run before of units that are the same, as warm as then."""
+        topology, names = self._decoder.topology, self._filed.unit_names
+        self._saved = None
+        warmer = self._temperature_c(np.mean(counts, axis=0)) - saved["temperature_c"]
+        faults = {
+            "must be of the calibration as it is now": saved["calibration"] != self._calibration(),
+            "must be of the board that is there now": saved["serial"] != self._serial(),
+            f"must be within {SAME_C:g} °C of the temperature now": ~(np.abs(warmer) <= SAME_C),
+        }
+        taken = saved["known"] & ~topology.counts_only
+        for fault, found in faults.items():
+            for i in np.flatnonzero(taken & found):
+                self.refused[names[i]] = f"zero of the run before: {fault}"
+            taken &= ~found
+        if not taken.any():
+            return
+        nothing, none = np.full(topology.n, np.nan), np.zeros(topology.n, int)
+        sigma = np.broadcast_to(saved["field_sigma_ut"], (2, topology.n))
+        self._apply(Tare(
+            topology, taken, saved["frequency_hz"], saved["frequency_sigma_hz"], saved["offset_ut"],
+            sigma, nothing, none, self._neighbours(),
+        ))  # fmt: skip
+        ambient = self._decoder.ambient
+        if ambient is not None:
+            ambient.forget(taken, field=True)
+            if list(saved["bodies"]) == list(ambient.bodies):
+                ambient.begin(saved["field_ut"])
+        self.taken_up += [names[i] for i in np.flatnonzero(taken)]
+
+    def _calibration(self) -> np.ndarray:
+        """A hash of all that files say of each unit, and of what is taken off for its neighbours at
+        rest; shape (n,), str."""
+        rest_ut = self._decoder.rest_ut
+        rows = [np.atleast_2d(self._filed.parameters[name]) for name in self._filed.parameters]
+        rows += [] if rest_ut is None else [rest_ut]
+        table = np.ascontiguousarray(np.vstack(rows).T)
+        return np.array([hashlib.sha256(row.tobytes()).hexdigest() for row in table])
+
+    def _serial(self) -> np.ndarray:
+        """Serial number of the board of each unit, shape (n,), int; -1 where none was heard, -2
+        where boards disagree."""
+        frames, found = self._filed.frames, np.full(self._filed.n, -1)
+        heard = {} if self._boards is None else self._boards.heard
+        for frame, node in enumerate(node_numbers(self._filed).tolist()):
+            board = heard.get((int(frames.bus[frame]), node))
+            if board is not None:
+                units = frames.units[frame]
+                several = len(board.serials) != 1
+                found[units[units >= 0]] = -2 if several else next(iter(board.serials))
+        return found
+
+    def _temperature_c(self, counts: np.ndarray) -> np.ndarray:
+        """Of gel, or chip, by counts of shape (c, n); NaN where the wire has neither."""
+        topology, p = self._filed, self._filed.parameters
+        values = topology.scale * counts + topology.offset
+        share = np.maximum(values[GEL], 1e-9) / p["gel_current_20c_ua"]
+        gel = 20.0 + 60.0 * np.log(share) / np.log(p["gel_current_ratio"])
+        chip = np.where(topology.wired[CHIP], values[CHIP], np.nan)
+        return np.where(topology.wired[GEL], gel, chip)

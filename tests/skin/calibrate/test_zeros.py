@@ -1,0 +1,283 @@
+"""Zeros that a running skin takes: in its first untouched second, or from the run before."""
+
+from __future__ import annotations
+
+import dataclasses
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import skin
+import topology
+from benchmarks.accuracy_skin import differing
+from bus.status import Status
+from skin.errors import CalibrationError
+from skin.options import Options
+from skin.physics.halbach import CHIP_AXES, HalbachField
+from skin.pipeline import Pipeline
+from skin.sim.attached import in_process
+from skin.sim.node import Nodes
+from skin.sim.truth import Truth
+from skin.sim.unit import UnitSimulator
+from topology import CHANNELS
+
+PALM = topology.load("palm")
+TRUE = dataclasses.replace(differing(PALM, seed=3))
+N, PERIOD_NS = PALM.n, round(1e9 / PALM.cycle_rate_hz)
+WINDOW = 300
+"""Cycles of a window at 250 Hz."""
+PRESSED = PALM.unit_index("palm/r3c4")
+FREQUENCY, BX, BY = (CHANNELS.index(name) for name in ("frequency", "bx", "by"))
+
+
+class Hand:
+    """Units that are none like the model, and the pipeline that decodes what they read."""
+
+    def __init__(self, known=PALM, **options):
+        self.units = UnitSimulator(TRUE, seed=1, field=HalbachField(TRUE))
+        self.pipeline = Pipeline(known, Options(**options))
+        self.number = 0
+
+    def run(self, cycles, *, depth_mm=None, ambient_ut=(0.0, 0.0, 0.0)):
+        """The state of the last of some cycles, one unit being pressed, in an ambient field."""
+        depth = np.zeros((1, N))
+        if depth_mm is not None:
+            depth[0, PRESSED] = depth_mm
+        still = self.units.quantities(depth, np.zeros((1, 2, N)), np.full((1, N), 25.0))
+        turn = PALM.rotation * CHIP_AXES[:, np.newaxis]
+        still[0, BX : BX + 3] += np.einsum("abn,a->bn", turn, np.asarray(ambient_ut))
+        for _ in range(cycles):
+            counts = self.units.quantise(self.units.disturb(still.copy()))[0]
+            self.pipeline.counts[:], self.pipeline.status[:] = counts, 0
+            cycle = SimpleNamespace(
+                number=self.number, stamp_ns=self.number * PERIOD_NS, closed_by="complete",
+                counters=None,
+            )  # fmt: skip
+            state = self.pipeline.state(cycle)
+            self.number += 1
+        return state
+
+
+def known(hand):
+    """Zeros that the decoder goes by: frequency and lateral offsets."""
+    p = hand.pipeline.decoder.topology.parameters
+    return p["frequency_rest_hz"], np.stack([p["hall_offset_x_ut"], p["hall_offset_y_ut"]])
+
+
+def test_the_first_untouched_second_is_the_zero():
+    hand = Hand()
+    before = hand.run(2)
+    assert (before.units.status & Status.UNTARED != 0).all()
+    shown, sigma = before.units.force.copy(), before.units.force_sigma.copy()
+    after = hand.run(WINDOW + N + 250)
+    assert (after.units.status & Status.UNTARED == 0).all()
+    frequency, _ = known(hand)
+    off = frequency - TRUE.parameters["frequency_rest_hz"]
+    assert np.abs(off).max() < 5.0 * 6.0 / np.sqrt(WINDOW)
+    assert np.abs(after.units.force[2]).max() < 5.0 * 0.01
+    assert np.sqrt(np.mean(after.units.force**2)) < 0.5 * np.sqrt(np.mean(shown**2))
+    assert (after.units.force_sigma < sigma).all()
+    assert hand.pipeline.zeros.report() == {
+        "tared": list(PALM.unit_names), "taken_up": [], "refused": {},
+    }  # fmt: skip
+    assert not hand.pipeline.zeros.active
+
+
+def test_a_pressed_unit_and_those_near_it_are_refused_until_nothing_presses():
+    hand = Hand()
+    hand.run(WINDOW + N, depth_mm=1.0)
+    report = hand.pipeline.zeros.report()
+    name = PALM.unit_names[PRESSED]
+    assert report["refused"][name].startswith("frequency: must be within 150.1 Hz of 4500 Hz")
+    apart = np.linalg.norm(PALM.position - PALM.position[:, [PRESSED]], axis=0)
+    near = set(np.array(PALM.unit_names)[(apart < 0.03) & (apart > 0.0)])
+    assert near == {unit for unit, why in report["refused"].items() if "pressed near it" in why}
+    assert set(report["tared"]) == {*PALM.unit_names} - near - {name}
+    state = hand.run(1, depth_mm=1.0)
+    assert state.units.force[2, PRESSED] > 0.5
+    assert state.units.status[PRESSED] & Status.UNTARED
+    # the field has changed by then: of these units it is told by the others
+    turned = np.array([40.0, -20.0, 30.0])
+    hand.run(WINDOW + 50, ambient_ut=turned)
+    hand.run(WINDOW + N, ambient_ut=turned)
+    assert not hand.pipeline.zeros.active
+    _, offset = known(hand)
+    alone = Hand()
+    alone.run(WINDOW + N)
+    _, expected = known(alone)
+    late = np.isin(PALM.unit_names, [*near, name])
+    assert np.abs(offset - expected)[:, late].max() < 6.0 * 105.0 * np.sqrt(2.0 / WINDOW)
+
+
+def test_units_that_are_silent_are_not_tared_and_hinder_nobody():
+    hand = Hand()
+    pipeline = hand.pipeline
+    look, dead = pipeline.zeros.look, PRESSED
+
+    def silent(counts, status):
+        status[dead] = Status.LATE
+        look(counts, status)
+
+    pipeline.zeros.look = silent
+    hand.run(WINDOW + N)
+    report = pipeline.zeros.report()
+    assert list(report["refused"]) == [PALM.unit_names[dead]]
+    assert "must have 100 good readings or more; got 0 (LATE)" in report["refused"][
+        PALM.unit_names[dead]
+    ]  # fmt: skip
+
+
+def test_who_does_not_want_it_is_not_tared():
+    hand = Hand(tare=False)
+    assert hand.pipeline.zeros is None
+    assert (hand.run(2 * WINDOW).units.status & Status.UNTARED != 0).all()
+    assert Hand(known=PALM.exact()).pipeline.zeros is None
+
+
+def test_tared_units_do_not_count_what_films_at_rest_may_be_off_by():
+    crosstalk = Pipeline(PALM, Options()).decoder.crosstalk
+    first = crosstalk.residue_ut2.copy()
+    tared = dataclasses.replace(PALM, tared=np.arange(N) < 8)
+    crosstalk.retare(tared)
+    assert (crosstalk.residue_ut2[:8] < first[:8]).all()
+    assert np.allclose(crosstalk.residue_ut2[8:], first[8:])
+    fresh = Pipeline(tared, Options()).decoder.crosstalk
+    assert np.allclose(crosstalk.residue_ut2, fresh.residue_ut2, rtol=1e-4)
+
+
+def test_a_decoder_with_new_zeros_is_one_that_was_made_with_them():
+    hand = Hand()
+    hand.run(WINDOW + N)
+    tared = hand.pipeline.decoder.topology
+    counts = hand.pipeline.counts.copy()
+    for options in ({}, {"sweeps": 0, "ambient": False}, {"skip": True}):
+        old, new = (Pipeline(known, Options(**options)).decoder for known in (PALM, tared))
+        old(counts)
+        old.reset()
+        old.retare(tared)
+        one, other = old(counts), new(counts)
+        for name in ("force", "force_sigma", "status", "valid"):
+            a, b = getattr(one, name), getattr(other, name)
+            assert np.allclose(a, b, rtol=2e-6, atol=1e-9, equal_nan=True), (options, name)
+        batch = np.repeat(counts[np.newaxis], 3, axis=0)
+        assert np.allclose(old(batch).force, new(batch).force, rtol=2e-6, equal_nan=True)
+
+
+# -- from run to run -------------------------------------------------------------------------------
+
+
+class Still:
+    """A scene in which nothing happens."""
+
+    def __init__(self, temperature_c=25.0):
+        self._truth = Truth.at_rest(N, temperature_c)
+
+    def at(self, time_s):
+        self._truth.time_s = time_s
+        return self._truth
+
+
+def opened(file, *, known=PALM, serial=0, temperature_c=25.0, cycles=WINDOW + 40):
+    """A run on units that are none like the model, whose boards have numbers from `serial` on."""
+    nodes = Nodes(TRUE, Still(temperature_c), history=0)
+    ends = in_process(nodes)
+    run = skin.open(known, transports=ends, zeros=file, pace=False, want={"force"})
+    board = run.pipeline.zeros._boards
+    hear = board.hear
+
+    def heard(frames, when):
+        frames = frames.copy()
+        beats = (frames["id"] > 0x700) & (frames["id"] < 0x7E0)
+        frames["data"][beats, 4] += serial
+        hear(frames, when)
+
+    board.hear = heard
+    with run:
+        for _, state in zip(range(cycles), run, strict=False):
+            status = state.units.status.copy()
+    return run.zeros, status
+
+
+@pytest.fixture
+def saved(tmp_path):
+    file = tmp_path / "zeros.npz"
+    told, status = opened(file, cycles=WINDOW + N)
+    assert len(told["tared"]) == N
+    assert not (status & Status.UNTARED).any()
+    return file
+
+
+def test_zeros_are_taken_up_by_the_next_run(saved):
+    told, status = opened(saved)
+    assert told == {"tared": [], "taken_up": list(PALM.unit_names), "refused": {}}
+    assert not (status & Status.UNTARED).any()
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ({"serial": 1}, "must be of the board that is there now"),
+        ({"temperature_c": 33.0}, "must be within 5 °C of the temperature now"),
+        (
+            {"known": dataclasses.replace(
+                PALM, parameters=PALM.parameters | {"film_x_mm": np.full(N, 0.02)}
+            )},
+            "must be of the calibration as it is now",
+        ),
+    ],
+)  # fmt: skip
+def test_zeros_of_another_board_temperature_or_calibration_are_not(saved, change, why):
+    told, status = opened(saved, **change)
+    assert told["taken_up"] == []
+    assert set(told["refused"]) == set(PALM.unit_names)
+    assert all(why in text for text in told["refused"].values())
+    assert (status & Status.UNTARED).all()
+
+
+def test_a_run_that_sees_little_loses_nothing(saved):
+    before = saved.read_bytes()
+    opened(saved, cycles=20)
+    assert saved.read_bytes() == before
+    opened(saved, temperature_c=33.0)  # too warm, and too short to be tared anew
+    with np.load(saved) as kept:
+        assert kept["known"].all()
+        assert np.abs(kept["temperature_c"] - 25.0).max() < 2.0
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda a: a.update(units=a["units"][::-1]), "must be saved with the units of 'palm'"),
+        (lambda a: a.update(offset_ut=a["offset_ut"][0]), "offset_ut: must be finite numbers"),
+        (lambda a: a.update(frequency_hz=a["frequency_hz"] * np.nan), "frequency_hz: must be fin"),
+        (lambda a: a.pop("serial"), "serial: must be finite numbers"),
+        (lambda a: a.pop("units"), "must be zeros that were saved"),
+    ],
+)
+def test_a_file_of_something_else_is_refused(saved, damage, message):
+    with np.load(saved) as found:
+        arrays = dict(found)
+    damage(arrays)
+    np.savez(saved, **arrays)
+    with pytest.raises(CalibrationError, match=message):
+        skin.open(PALM, simulate=True, zeros=saved)
+
+
+def test_what_is_no_archive_is_refused(tmp_path):
+    (tmp_path / "zeros.npz").write_text("zeros")
+    with pytest.raises(CalibrationError, match="must be zeros that were saved"):
+        skin.open(PALM, simulate=True, zeros=tmp_path / "zeros.npz")
+
+
+def test_a_log_is_tared_where_the_live_run_was(tmp_path):
+    nodes = Nodes(TRUE, Still(), history=0)
+    log = tmp_path / "run.blf"
+    flags = []
+    with skin.open(PALM, transports=in_process(nodes), pace=False, log=log) as run:
+        for _, state in zip(range(WINDOW + N), run, strict=False):
+            flags.append(state.units.status.copy())
+    replay = skin.decode_log(PALM, log)
+    again = [state.units.status.copy() for state in replay]
+    assert np.array_equal(np.array(flags), np.array(again)[: len(flags)])
+    assert not (again[-1] & Status.UNTARED).any()
