@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
@@ -29,6 +28,7 @@ from topology import Topology
 from topology.pose import pose_fault
 
 if TYPE_CHECKING:
+    from skin.calibrate.background import Learning
     from skin.sim.node import Nodes
 
 __all__ = ["Skin", "Sync", "Timing", "Wait"]
@@ -74,14 +74,13 @@ class Skin:
         pace: bool = True,
         nodes: Nodes | None = None,
         recording: Recording | None = None,
-        zeros: str | os.PathLike[str] | None = None,
     ) -> None:
         self.topology = topology = pipeline.topology
         self.pipeline = pipeline
         self.transports = transports
         self.timing = Timing()
         self.nodes = nodes
-        self._recording, self._zeros_file = recording, zeros
+        self._recording = recording
         self._position, self._rotation = topology.position, topology.rotation
         self._batch = FrameBatch(4096)
         self._waiter = Waiter(transports, wait)
@@ -109,11 +108,15 @@ class Skin:
 
     @property
     def zeros(self) -> dict[str, Any]:
-        """Zeros that this run has taken: ``tared``, units that were tared in it; ``taken_up``,
-        units that have those of the run before; ``refused``, unit to why it could not be tared yet.
-        """
+        """Zeros of this run: units ``tared`` in it, units that have those ``taken_up`` of the run
+        before, and those ``refused`` so far, with the reason."""
         taken = self.pipeline.zeros
         return {"tared": [], "taken_up": [], "refused": {}} if taken is None else taken.report()
+
+    @property
+    def learning(self) -> Learning | None:
+        """What learns the fields of neighbours, with ``learn=True``: has `report` and `save`."""
+        return self.pipeline.learning
 
     @property
     def bus_changes(self) -> list[tuple[str, BusChange]]:
@@ -255,9 +258,7 @@ class Skin:
                 transport.close()
             if self._recording is not None:
                 self._recording.close()
-            if self._zeros_file is not None and self.pipeline.zeros is not None:
-                self.pipeline.zeros.save(self._zeros_file)
-                self._zeros_file = None
+            self.pipeline.close()
 
     def __iter__(self) -> Iterator[State]:
         """One state a cycle; a later loop goes on where the one before has ended.

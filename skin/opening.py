@@ -53,6 +53,7 @@ def open(
     false_contacts_per_day: float = 1.0,
     stencil: Stencil | str | os.PathLike[str] | None = None,
     zeros: str | os.PathLike[str] | None = None,
+    learn: bool = False,
     sync: Sync = "host",
     wait: Wait = "event",
     pace: bool = True,
@@ -74,6 +75,9 @@ def open(
     zeros : path, optional
         File in which zeros and ambient field go from run to run: taken up where boards, temperature
         and calibration are the same, and written when the skin is closed.
+    learn : bool
+        Learn the stray fields of neighbours while the skin is in use, in a thread; see
+        `Skin.learning`.
     sync : "host" or "bus"
         Who sends SYNC: this host, or another node (then this end only listens).
     wait : "event" or "drain"
@@ -112,7 +116,7 @@ def open(
             false_contacts_per_day=false_contacts_per_day,
             stencil=_stencil(stencil, loaded),
         )  # fmt: skip
-        _check(sync, wait, pace, seed, log)
+        _check(sync, wait, pace, learn, seed, log)
         undo.callback(announcer().hold().finish)
         if simulate := _scene(simulate):
             _check_simulated(transports is not None, sync, loaded)
@@ -124,12 +128,11 @@ def open(
         pipeline = Pipeline(loaded, options, deadline_s=deadline_s)
         if zeros is not None:
             pipeline.take_zeros(zeros)
+        if learn:
+            pipeline.learn()
         recording = Recording(log, loaded) if isinstance(log, str | os.PathLike) else log
         undo.pop_all()  # all is well: the skin closes them
-    return Skin(
-        pipeline, ends, sync=sync, wait=wait, pace=pace, nodes=nodes, recording=recording,
-        zeros=zeros,
-    )  # fmt: skip
+    return Skin(pipeline, ends, sync=sync, wait=wait, pace=pace, nodes=nodes, recording=recording)
 
 
 def _stencil(given: Any, topology: Topology) -> Stencil | None:
@@ -141,10 +144,11 @@ def _stencil(given: Any, topology: Topology) -> Stencil | None:
     return Stencil.load(Path(given), topology)
 
 
-def _check(sync: str, wait: str, pace: bool, seed: int, log: object) -> None:
+def _check(sync: str, wait: str, pace: bool, learn: bool, seed: int, log: object) -> None:
     for name, value, known in (("sync", sync, get_args(Sync)), ("wait", wait, get_args(Wait))):
         check_choice(name, value, known)
     check_flag("pace", pace)
+    check_flag("learn", learn)
     check_number("seed", seed, 0, MOST_SEED, whole=True)
     if log is not None and not isinstance(log, str | os.PathLike):
         check_kind("log", log, Recording)

@@ -27,6 +27,7 @@ from skin.state import ARRAY_WANTS, UNIT_WANTS, UNWANTED, State
 from topology import CHANNELS, Topology
 
 if TYPE_CHECKING:
+    from skin.calibrate.background import Learning
     from skin.calibrate.zeros import Zeros
     from skin.contact.contact import Contact
     from skin.contact.stream import ContactStream
@@ -59,6 +60,8 @@ class Pipeline:
         None where no feature of the array is wanted.
     zeros : Zeros or None
         What takes the zeros of units; None where all units have theirs.
+    learning : Learning or None
+        What learns the fields of neighbours, once `learn` was called.
     counts : ndarray, shape (c, n), int16
     status : ndarray, shape (n,), uint16
         What the decoder reads: counts and flags of the last cycle, as the assembler writes them.
@@ -92,6 +95,7 @@ class Pipeline:
         if deadline_s is not None:
             check_number("deadline_s", deadline_s, 1e-6, LONGEST_S)
         self.zeros: Zeros | None = None
+        self.learning: Learning | None = None
         self._lists_contacts = not options.quantities.isdisjoint(("contacts", "slip", "shocks"))
         self.assembler = Assembler(topology, deadline_s=deadline_s)
         self.counts, self.status = self.assembler.counts, self.assembler.status
@@ -131,6 +135,12 @@ class Pipeline:
         self.zeros = Zeros(self.decoder, tare=self.options.tare)
         if file is not None:
             self.zeros.carry(file)
+
+    def learn(self) -> None:
+        """Learn the stray fields of neighbours beside decoding, from now on."""
+        from skin.calibrate.background import Learning
+
+        self.learning = Learning(self.decoder)
 
     # -- stages, made and bound once ---------------------------------------------------------------
 
@@ -190,8 +200,17 @@ class Pipeline:
     def warmup(self) -> None:
         """Load or compile the kernels, so that the first cycle is not late."""
         self.decoder.warmup()
+        if self.learning is not None:
+            self.learning.warmup()
         if self.contacts is not None:
             self.contacts.warmup()
+
+    def close(self) -> None:
+        """Save zeros for the next run, and end learning, where these are wanted."""
+        if self.learning is not None:
+            self.learning.close()
+        if self.zeros is not None:
+            self.zeros.close()
 
     # -- cycles ------------------------------------------------------------------------------------
 
@@ -286,6 +305,8 @@ class Pipeline:
             contacts = self._describe(clock.now_ns)
         if self.zeros is not None:
             self.zeros.look(self.counts, self.status)
+        if self.learning is not None:
+            self.learning.look(self.counts, self.status)
         return State(
             cycle.number,
             cycle.stamp_ns,

@@ -85,10 +85,8 @@ class StrayEstimate:
     """
 
     def __init__(self, topology: Topology, stencil: Stencil | None = None) -> None:
+        self.check_size(topology)
         n = topology.n
-        if n > MOST_UNITS:
-            raise SkinError(f"{topology.name}: must have {MOST_UNITS} units or fewer for its stray "
-                            f"fields to be learned; got {n}")  # fmt: skip
         self.topology = topology
         self.theory = Stencil.of(topology) if stencil is None else stencil
         p = topology.parameters
@@ -105,6 +103,13 @@ class StrayEstimate:
         self.covariance[:ORDERS, :ORDERS] = covariance
         self._start = self.mean.copy()
         self._tared_ut: np.ndarray | None = None
+
+    @staticmethod
+    def check_size(topology: Topology) -> None:
+        """Raise SkinError if there are more than `MOST_UNITS` units."""
+        if topology.n > MOST_UNITS:
+            raise SkinError(f"{topology.name}: must have {MOST_UNITS} units or fewer for its stray "
+                            f"fields to be learned; got {topology.n}")  # fmt: skip
 
     # -- readings ----------------------------------------------------------------------------------
 

@@ -16,7 +16,7 @@ from skin.physics.rest import axial_at_rest_ut, film_at_rest_ut, inverse_map
 from skin.physics.stencil import Stencil
 from topology import Topology
 
-__all__ = ["TouchTest"]
+__all__ = ["TouchTest", "warmup"]
 
 PRESSED_MM = 0.3
 """Depth from which on the displacement of a unit is told well enough, to 0.06 mm [derived]."""
@@ -58,7 +58,7 @@ class TouchTest:
     ) -> None:  # fmt: skip
         self.topology, self.estimate = topology, estimate
         self.pressed = np.zeros(topology.n, int)
-        self._decoder = Decoder(topology, {"displacement", "field"}, rest_ut=stencil.rest_ut)
+        self._decoder = _decoder(topology, stencil.rest_ut)
         self._to_counts = inverse_map(topology)
         p = topology.parameters
         step = np.abs(topology.scale) / np.sqrt(12.0)
@@ -70,13 +70,20 @@ class TouchTest:
         own[2] = axial_at_rest_ut(topology)
         self._rest = own if still is None else self._field(still)[0].mean(axis=0)
 
-    def __call__(self, counts: np.ndarray, status: np.ndarray | None = None) -> int:
+    def __call__(
+        self,
+        counts: np.ndarray,
+        status: np.ndarray | None = None,
+        background: np.ndarray | None = None,
+    ) -> int:
         """Take a recording, of a second or so, and update the estimate.
 
         Parameters
         ----------
         counts : ndarray, shape (t, c, n), int16
         status : ndarray, shape (t, n), uint16, optional
+        background : ndarray, shape (4, n), optional
+            Of all cycles, as of `Decoder`: what has changed since the skin was at rest.
 
         Returns
         -------
@@ -90,7 +97,7 @@ class TouchTest:
         """
         if len(counts) < LEAST:
             raise ScanError(f"counts: must be {LEAST} cycles or more; got {len(counts)}")
-        field, moved, good = self._field(counts, status)
+        field, moved, good = self._field(counts, status, background)
         cut = len(field) // MEAN_OF * MEAN_OF
         field, moved = (each[:cut].reshape(-1, MEAN_OF, *each.shape[1:]).mean(axis=1)
                         for each in (field, moved))  # fmt: skip
@@ -113,13 +120,30 @@ class TouchTest:
         return MEAN_OF * int(cycles.sum())
 
     def _field(
-        self, counts: np.ndarray, status: np.ndarray | None = None
+        self,
+        counts: np.ndarray,
+        status: np.ndarray | None = None,
+        background: np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Field, axes of the chips, and displacement, shape (t, 3, n), and units that are valid
         throughout."""
         self._decoder.reset()
-        reading = self._decoder(counts, status)
+        if background is not None:
+            background = np.repeat(background[np.newaxis].astype(np.float32), len(counts), axis=0)
+        reading = self._decoder(counts, status, background)
         field = reading.field_ut.astype(float)
         field[:, :2] = np.einsum("abn,tbn->tan", self._to_counts, field[:, :2])
         flagged = np.bitwise_or.reduce(reading.status, axis=0) & int(INVALID) != 0
         return field, reading.displacement_mm.astype(float), ~flagged
+
+
+def warmup(topology: Topology) -> None:
+    """Compile what a `TouchTest` of a skin needs, or load it."""
+    decoder = _decoder(topology, np.zeros((3, topology.n)))
+    counts = np.zeros((1, *topology.scale.shape), np.int16)
+    decoder(counts)
+    decoder(counts, None, np.zeros((1, 4, topology.n), np.float32))
+
+
+def _decoder(topology: Topology, rest_ut: np.ndarray) -> Decoder:
+    return Decoder(topology, {"displacement", "field"}, rest_ut=rest_ut)

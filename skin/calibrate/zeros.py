@@ -86,6 +86,7 @@ class Zeros:
         self.refused: dict[str, str] = {}
         known = topology.tared | ~topology.enabled | topology.counts_only
         self._pending = ~known & tare
+        self._file: str | os.PathLike[str] | None = None
         self._before: dict[str, np.ndarray] = {}
         self._saved: dict[str, np.ndarray] | None = None
         self._boards: Boards | None = None
@@ -187,6 +188,11 @@ class Zeros:
 
     # -- from run to run --------------------------------------------------------------------------
 
+    def close(self) -> None:
+        """Save to the file that was carried, if one was."""
+        if self._file is not None:
+            self.save(self._file)
+
     def save(self, file: str | os.PathLike[str]) -> None:
         """Write zeros and ambient field as they are now, as an .npz without pickle; there whole or
         not at all. Units without a zero of this run keep the one that the file had; nothing is
@@ -220,7 +226,7 @@ class Zeros:
 
     def carry(self, file: str | os.PathLike[str]) -> None:
         """Take up what a run before has saved, where there is such a file, once boards and
-        temperatures are known; and hear what `save` needs.
+        temperatures are known; `close` saves there what this run has.
 
         Raises
         ------
@@ -228,6 +234,7 @@ class Zeros:
             Saved for other units, or not by `save`.
         """
         check_path("zeros", file, CalibrationError)
+        self._file = file
         self._boards = Boards(self._filed)
         if missing(file):
             return

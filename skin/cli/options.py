@@ -151,12 +151,12 @@ def unreachable(file: str, topology: Topology) -> str | None:
 
 
 def never_tared(topology: Topology) -> list[str]:
-    """Units whose zeros are those of their model; none where all buses are within the process."""
+    """Units whose zeros were not taken in their places; none on buses within the process."""
     return _lacking(topology, topology.tared)
 
 
 def uncalibrated(topology: Topology) -> list[str]:
-    """Units whose laws are those of their model; none where all buses are within the process."""
+    """Units whose laws are those of their model; likewise."""
     return _lacking(topology, topology.calibrated)
 
 
@@ -170,12 +170,13 @@ def _lacking(topology: Topology, known: np.ndarray) -> list[str]:
     ]
 
 
-def hints(file: str, topology: Topology) -> list[str]:
+def hints(file: str, topology: Topology, *, will_tare: bool = False) -> list[str]:
     """A line about units that were never tared, and one about those without a calibration."""
     found = []
     if names := never_tared(topology):
         units = f"unit {names[0]} has" if len(names) == 1 else f"{len(names)} units have"
-        found.append(f"{units} never been tared: skin tare {file}")
+        now = ", or touch nothing for a second" if will_tare else ""
+        found.append(f"{units} never been tared: skin tare {file}{now}")
     if names := uncalibrated(topology):
         units = f"unit {names[0]} has" if len(names) == 1 else f"{len(names)} units have"
         found.append(f"{units} no calibration: sigma holds the spread from unit to unit")

@@ -7,6 +7,7 @@ import sys
 import time
 from contextlib import ExitStack
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -18,6 +19,7 @@ from skin.cli.table import counted, facts
 
 if TYPE_CHECKING:
     from bus.transport import Transport
+    from skin.calibrate.background import Learning
     from skin.state import State
     from topology import Topology
 
@@ -44,6 +46,26 @@ def run(
     scene: options.Scene = None,
     seed: options.Seed = None,
     log: options.Log = None,
+    tare: Annotated[
+        bool,
+        options.quiet(
+            "take the zeros of units that were never tared from the first second in which nothing "
+            "touches them"
+        ),
+    ] = True,
+    zeros: Annotated[
+        Path | None,
+        options.quiet(
+            "take up the zeros of the run before, and save them for the next", metavar="FILE"
+        ),
+    ] = None,
+    learn: Annotated[
+        Path | None,
+        options.quiet(
+            "learn the stray fields of neighbours while the skin is used, and save them",
+            metavar="FILE",
+        ),
+    ] = None,
     json: options.Json = False,
 ) -> int:
     """Listen to the buses of a topology, send SYNC, and show what the skin feels.
@@ -59,20 +81,25 @@ def run(
 
     options.check_seconds(seconds)
     options.check_folder("--log", log)
+    options.check_folder("--zeros", zeros)
+    options.check_folder("--learn", learn)
     _check_simulated(simulate, scene, seed, sync, interface, channel)
     filed = load(file)
     loaded = filed.on(interface=interface, channel=channel)
     if not simulate:
-        _note(file, loaded)
+        _note(file, loaded, tare)
     table = LiveTable(loaded)
     tally = _Tally(loaded)
     end = transports = None
     with ExitStack() as ended:
         if simulate:
-            transports, lasting = _simulated(ended, loaded, scene, seed)
-            seconds = seconds or lasting
+            transports, lasting, are_exact = _simulated(ended, loaded, scene, seed)
+            seconds, loaded = seconds or lasting, loaded.exact() if are_exact else loaded
         recording = None if log is None else Recording(log, filed)
-        opened = skin.open(loaded, sync=sync, wait=wait, transports=transports, log=recording)
+        opened = skin.open(
+            loaded, sync=sync, wait=wait, transports=transports, log=recording, tare=tare,
+            zeros=zeros, learn=learn is not None,
+        )  # fmt: skip
         ended.enter_context(opened)
         try:
             for state in opened:
@@ -84,6 +111,9 @@ def run(
                     break
         except KeyboardInterrupt:
             pass
+        learned = None
+        if opened.learning is not None and learn is not None:
+            learned = _learned(opened.learning, learn)
         report = tally.report() | {
             "overruns": opened.timing.overruns,
             "unsent": opened.timing.unsent,
@@ -94,15 +124,17 @@ def run(
             },
             "never_tared": [] if simulate else options.never_tared(loaded),
             "uncalibrated": [] if simulate else options.uncalibrated(loaded),
+            "zeros": opened.zeros,
+            "learned": learned,
             "bus_changes": [f"{name}: {change}" for name, change in opened.bus_changes],
         }
     print(json_text.dumps(report) if json else _table(report))
     return 0 if report["units_heard"] else 1
 
 
-def _note(file: str, topology: Topology) -> None:
+def _note(file: str, topology: Topology, tare: bool) -> None:
     """Say what is worth knowing before the first cycle."""
-    notes = options.hints(file, topology)
+    notes = options.hints(file, topology, will_tare=tare)
     if nobody := options.unreachable(file, topology):
         notes.insert(0, f"nobody can answer: {nobody}")
     for text in notes:
@@ -133,8 +165,9 @@ def _check_simulated(
 
 def _simulated(
     ended: ExitStack, topology: Topology, scene: str | None, seed: int | None
-) -> tuple[list[Transport], float | None]:
-    """This host's ends of buses with simulated units, and how many seconds the scene lasts."""
+) -> tuple[list[Transport], float | None, bool]:
+    """This host's ends of buses with simulated units, how many seconds the scene lasts, and whether
+    their constants are those of the topology."""
     from bus.faults import FaultyTransport
     from skin.sim.attached import in_process
     from skin.sim.node import Nodes
@@ -145,11 +178,11 @@ def _simulated(
     ended.callback(nodes.close)
     ends = in_process(nodes)
     if played is None:
-        return ends, None
+        return ends, None, nodes.exact
     if faults := own_faults(played):
         for i, end in enumerate(ends):
             ends[i] = FaultyTransport(end, faults, topology=topology)
-    return ends, played.seconds
+    return ends, played.seconds, nodes.exact
 
 
 class _Tally:
@@ -212,6 +245,7 @@ def _table(report: dict[str, Any]) -> str:
         "lost on this host": "{losses}",
         "SYNC not taken": "{unsent}",
         "bus changes": "{changes}",
+        "zeros": "{taken}",
         "peak force": "{peak_force_n:.2f} N",
         "contacts, slipped": "{contacts}, {contacts_slipped}",
         "frames to contacts": "{cycle_us_p50:.1f} µs p50, {cycle_us_p99:.1f} µs p99",
@@ -222,8 +256,37 @@ def _table(report: dict[str, Any]) -> str:
         "frames": counted(report["counters"]),
         "losses": _host_losses(report["buses"]),
         "changes": "; ".join(report["bus_changes"][-4:]) or "none",
+        "taken": _zeros(report["zeros"]),
     }
     return facts(rows, report | texts)
+
+
+def _learned(learning: Learning, file: Path) -> dict[str, Any]:
+    """Save what was learned of the neighbours' fields, and tell how much it is."""
+    from skin.errors import SkinError
+
+    try:
+        learning.save(file)
+    except SkinError as error:
+        print(f"nothing learned: {error}", file=sys.stderr)
+        return learning.report() | {"file": None}
+    report = learning.report()
+    print(f"{file}: stray fields within {report['sigma_ut']:.1f} µT, from the touch of "
+          f"{len(report['pressed'])} units", file=sys.stderr)  # fmt: skip
+    return report | {"file": str(file.resolve())}
+
+
+def _zeros(zeros: dict[str, Any]) -> str:
+    """Whose zeros were taken in this run, and the first that was refused."""
+    told = [
+        f"{len(zeros[key])} {text}"
+        for key, text in (("tared", "tared in this run"), ("taken_up", "of the run before"))
+        if zeros[key]
+    ]
+    if zeros["refused"]:
+        unit, why = next(iter(zeros["refused"].items()))
+        told.append(f"{len(zeros['refused'])} refused ({unit}: {why})")
+    return ", ".join(told) or "those of the files"
 
 
 def _host_losses(buses: dict[str, dict[str, int]]) -> str:

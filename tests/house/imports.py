@@ -33,7 +33,7 @@ ROOMS: dict[str, frozenset[str]] = {
     "compiling": frozenset({"errors"}),
     "clock": frozenset(),
     "pipeline": COMMON | {"physics", "decode", "contact", "calibrate", "clock"},
-    "live": COMMON | {"physics", "decode", "contact", "pipeline", "compiling", "sim"},
+    "live": COMMON | {"physics", "decode", "contact", "calibrate", "pipeline", "compiling", "sim"},
     "opening": COMMON | {"physics", "contact", "pipeline", "compiling", "sim", "live"},
     "offline": COMMON | {"pipeline", "compiling"},
     "view": COMMON | {"live", "calibrate"},

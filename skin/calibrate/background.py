@@ -1,0 +1,188 @@
+"""Stray fields of neighbours learned while a skin is in use, in a thread beside it.
+
+Every second of cycles in which something was pressed is handed to the thread, which takes the zeros
+from the first of them in which nothing was, and from the others what untouched chips read of the
+films around (`skin.calibrate.touch`). What the decoder follows, the ambient field and zeros that
+drift, is taken off first. Where the thread is slower than the skin, seconds are left out.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from pathlib import Path
+from queue import Full, Queue
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from skin.calibrate.learn import StrayEstimate
+from skin.calibrate.tare import tare
+from skin.calibrate.touch import LEAST, TouchTest, warmup
+from skin.errors import ScanError, SkinError
+from topology import CHANNELS, Topology
+
+if TYPE_CHECKING:
+    from skin.decode.decoder import Decoder
+
+__all__ = ["Learning"]
+
+WINDOW_S = 1.0
+WAITING = 4
+"""Seconds of cycles that wait for the thread, at most."""
+BACKGROUND_ROWS = 4
+"""Of what the decoder takes off: Hz, and the field."""
+
+
+class Window(NamedTuple):
+    """Cycles of a second: how often there were other zeros before, counts (t, c, n), flags (t, n),
+    and what was followed then (4, n)."""
+
+    zeros: int
+    counts: np.ndarray
+    status: np.ndarray
+    background: np.ndarray
+
+
+class Learning:
+    """Learns the stray fields of a skin from its cycles.
+
+    Parameters
+    ----------
+    decoder : Decoder
+        Of the cycles; tells its zeros and what it follows.
+
+    Attributes
+    ----------
+    left_out : int
+        Seconds of cycles that the thread had no time for.
+
+    Raises
+    ------
+    SkinError
+        More units than can be learned.
+    """
+
+    def __init__(self, decoder: Decoder) -> None:
+        topology = decoder.topology
+        StrayEstimate.check_size(topology)
+        self._decoder, self._topology, self._zeros, n = decoder, topology, 0, topology.n
+        cycles = max(round(WINDOW_S * topology.cycle_rate_hz), LEAST)
+        self._counts = np.empty((cycles, len(CHANNELS), n), np.int16)
+        self._status = np.empty((cycles, n), np.uint16)
+        self._background = np.zeros((BACKGROUND_ROWS, n))
+        self._filled, self.left_out = 0, 0
+        self._queue: Queue[Window | None] = Queue(WAITING)
+        self._lock, self._learner = threading.Lock(), _Learner(topology)
+        self._failed: Exception | None = None
+        self._thread = threading.Thread(target=self._work, name="f3t-skin learning", daemon=True)
+        self._thread.start()
+
+    def look(self, counts: np.ndarray, status: np.ndarray) -> None:
+        """Take a cycle, as the assembler has it: counts, shape (c, n), and flags, shape (n,)."""
+        if self._decoder.topology is not self._topology:  # other zeros: the second begins anew
+            self._topology, self._zeros = self._decoder.topology, self._zeros + 1
+            self._filled, self._background[:] = 0, 0.0
+        self._counts[self._filled], self._status[self._filled] = counts, status
+        self._filled += 1
+        if self._decoder.ambient is not None:
+            self._background += self._decoder.ambient.background
+        if self._filled == len(self._counts):
+            self._hand_over()
+
+    def _hand_over(self) -> None:
+        mean = self._background / self._filled
+        window = Window(self._zeros, self._counts.copy(), self._status.copy(), mean)
+        try:
+            self._queue.put_nowait(window)
+        except Full:
+            self.left_out += 1
+        self._filled = 0
+        self._background[:] = 0.0
+
+    def _work(self) -> None:
+        """The thread: one window after the other."""
+        while (window := self._queue.get()) is not None:
+            try:
+                with self._lock:
+                    self._learner.take(window)
+            except Exception as error:  # told by whoever asks for what was learned
+                self._failed = error
+                return
+            finally:
+                self._queue.task_done()
+
+    def report(self) -> dict[str, Any]:
+        """What was learned so far: ``pressed``, by name, readings of each unit while it was pressed
+        beside an untouched one; ``sigma_ut``, mean one sigma of a lateral axis by what is not
+        known; ``left_out``."""
+        with self._lock:
+            test = self._learner.test
+            pressed = {} if test is None else {
+                name: int(count)
+                for name, count in zip(self._topology.unit_names, test.pressed, strict=True)
+                if count
+            }  # fmt: skip
+            sigma_ut = None if test is None else float(test.estimate.sigma_ut().mean())
+        return {"pressed": pressed, "sigma_ut": sigma_ut, "left_out": self.left_out}
+
+    def save(self, file: str | os.PathLike[str]) -> None:
+        """Write the stencil as it is known now, for `skin.open(stencil=FILE)`, once all that waits
+        was learned from; there whole or not at all.
+
+        Raises
+        ------
+        SkinError
+            Nothing was pressed beside an untouched unit since the skin was untouched for a second.
+        """
+        if self._thread.is_alive():
+            self._queue.join()
+        if self._failed is not None:
+            raise SkinError(f"learn: must learn from every second; got {self._failed}")
+        with self._lock:
+            test = self._learner.test
+            if test is None or not test.pressed.any():
+                lacks = "press beside an untouched unit" if test else "second without a touch"
+                raise SkinError(f"{file}: must be learned from a skin in use; got no {lacks}")
+            test.estimate.stencil().save(Path(file))
+
+    def warmup(self) -> None:
+        """Compile what the thread needs, or load it."""
+        warmup(self._topology)
+
+    def close(self) -> None:
+        """Learn from what waits, and end; closing twice is fine."""
+        if self._thread.is_alive():
+            self._queue.put(None)
+            self._thread.join()
+
+
+class _Learner:
+    """What the thread has: nothing, until nothing has touched the skin for a second.
+
+    Zeros are taken anew, on the skin as files have it: it has the chips' own offsets, without which
+    the field of neighbours at rest could not be told.
+    """
+
+    def __init__(self, topology: Topology) -> None:
+        self.test: TouchTest | None = None
+        self._topology, self._zeros = topology, -1
+
+    def take(self, window: Window) -> None:
+        """Learn from a window; where the decoder has other zeros than before it begins anew, as
+        what is followed is followed from those."""
+        if window.zeros != self._zeros:
+            self.test, self._zeros = None, window.zeros
+        if self.test is not None:
+            self.test(window.counts, window.status, window.background - self._followed)
+            return
+        try:
+            found = tare(self._topology, window.counts, window.status)
+        except ScanError:
+            return  # something presses, or moves
+        estimate = StrayEstimate(self._topology)
+        tared = estimate.tared(found)
+        self._followed = window.background
+        self.test = TouchTest(
+            found.leaving_out(tared.rest_ut).applied(), estimate, tared, window.counts
+        )
