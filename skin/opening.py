@@ -69,15 +69,11 @@ def open(
     ----------
     source : Topology, str or Path
         A loaded topology, a file, or the name of a built-in one ("palm", "fingertip", …).
-    want, estimator, dtype, sweeps, ambient, tare, creep, skip, slip, false_contacts_per_day : …
-    stencil : Stencil or path, optional
-        What is computed, and how: see `skin.options.Options`; of a stencil its file will do.
-    zeros : path, optional
-        File in which zeros and ambient field go from run to run: taken up where boards, temperature
-        and calibration are the same, and written when the skin is closed.
-    learn : bool
-        Learn the stray fields of neighbours while the skin is in use, in a thread; see
-        `Skin.learning`.
+    want, estimator, dtype, sweeps, ambient, tare, creep, skip, slip, false_contacts_per_day, …
+        What is computed, and how: see `skin.options.Options`; of a stencil a file will do.
+    zeros, learn : path, optional, and bool
+        A file carries zeros from run to run (see `skin.calibrate.zeros`); the fields of neighbours
+        are learned (see `Skin.learning`).
     sync : "host" or "bus"
         Who sends SYNC: this host, or another node (then this end only listens).
     wait : "event" or "drain"
@@ -85,10 +81,10 @@ def open(
     pace : bool
         Keep the cycle rate of the topology; False asks for the next cycle as soon as one is done.
     deadline_s : float, optional
-        How long after its SYNC a cycle waits for frames; 0.9 periods if not given.
+        That a cycle waits for frames after its SYNC; 0.9 periods if not given.
     simulate : bool, str, Path, SceneFile or Scene
         Attach simulated units: True for the scene "demo", a name of `skin.sim.scenes.names`, a
-        file, a loaded one (`skin.sim.load_scene`), or your own. False, None and "": none.
+        file, a loaded one (`skin.sim.load_scene`), or your own; what is false: none.
     transports : iterable of Transport, optional
         Transports to use instead of opening the file's buses, one for each bus, in order.
     seed : int
@@ -96,43 +92,42 @@ def open(
     log : path or Recording, optional
         Write down all frames, SYNC included, as candump (.log, .log.gz) or BLF (.blf).
 
-    Returns
-    -------
-    Skin
-        Context manager and iterator of `State`.
-
     Raises
     ------
     topology.TopologyError, bus.BusOpenError, bus.LogError, skin.errors.SkinError
-        The file cannot be used (every problem is listed), a bus not opened, a log not written, or
-        an option is not one of those there are.
+        A file, a bus or an option that cannot be used; every problem of a file is listed.
     """
     loaded = source if isinstance(source, Topology) else topology_package.load(source)
     with ExitStack() as undo:
         ends = [undo.enter_context(end) for end in _given(transports)]
         options = Options(
-            want=want, estimator=estimator, dtype=dtype, sweeps=sweeps, ambient=ambient,
-            tare=tare, creep=creep, skip=skip, slip=slip,
-            false_contacts_per_day=false_contacts_per_day,
+            want=want, estimator=estimator, dtype=dtype, sweeps=sweeps, ambient=ambient, tare=tare,
+            creep=creep, skip=skip, slip=slip, false_contacts_per_day=false_contacts_per_day,
             stencil=_stencil(stencil, loaded),
         )  # fmt: skip
         _check(sync, wait, pace, learn, seed, log)
         undo.callback(announcer().hold().finish)
-        if simulate := _scene(simulate):
-            _check_simulated(transports is not None, sync, loaded)
-        nodes = _nodes(undo, loaded, simulate, seed) if simulate else None
+        nodes = _nodes(undo, loaded, _scene(simulate), seed, transports is not None, sync)
         loaded = loaded.exact() if nodes is not None and nodes.exact else loaded
         if transports is None:
             ends = [undo.enter_context(end) for end in _ends(loaded, nodes)]
         _check_ends(ends, loaded)
-        pipeline = Pipeline(loaded, options, deadline_s=deadline_s)
-        if zeros is not None:
-            pipeline.take_zeros(zeros)
-        if learn:
-            pipeline.learn()
+        pipeline = _pipeline(loaded, options, deadline_s, zeros, learn)
         recording = Recording(log, loaded) if isinstance(log, str | os.PathLike) else log
         undo.pop_all()  # all is well: the skin closes them
     return Skin(pipeline, ends, sync=sync, wait=wait, pace=pace, nodes=nodes, recording=recording)
+
+
+def _pipeline(
+    topology: Topology, options: Options, deadline_s: float | None, zeros: Any, learn: bool
+) -> Pipeline:
+    """The pipeline, with what outlasts a run."""
+    pipeline = Pipeline(topology, options, deadline_s=deadline_s)
+    if zeros is not None:
+        pipeline.take_zeros(zeros)
+    if learn:
+        pipeline.learn()
+    return pipeline
 
 
 def _stencil(given: Any, topology: Topology) -> Stencil | None:
@@ -174,8 +169,13 @@ def _scene(simulate: Any) -> Any:
         raise OptionError(f"simulate: must be a scene; got {shown(simulate)}") from None
 
 
-def _nodes(undo: ExitStack, topology: Topology, scene: Any, seed: int) -> Nodes:
-    """Simulated units."""
+def _nodes(
+    undo: ExitStack, topology: Topology, scene: Any, seed: int, has_transports: bool, sync: str
+) -> Nodes | None:
+    """Simulated units, where a scene is given."""
+    if not scene:
+        return None
+    _check_simulated(has_transports, sync, topology)
     from skin.sim.attached import nodes_of
 
     nodes = nodes_of(topology, scene, seed)

@@ -142,8 +142,8 @@ class Learning:
         with self._lock:
             test = self._learner.test
             if test is None or not test.pressed.any():
-                lacks = "press beside an untouched unit" if test else "second without a touch"
-                raise SkinError(f"{file}: must be learned from a skin in use; got no {lacks}")
+                needed = "press beside an untouched unit" if test else "second without a touch"
+                raise SkinError(f"{file}: must be learned from a skin in use; got no {needed}")
             test.estimate.stencil().save(Path(file))
 
     def warmup(self) -> None:

@@ -25,7 +25,7 @@ import numpy as np
 
 from skin.calibrate.read import as_fit, named_file, read_calibration
 from skin.calibrate.untouched import Readings
-from skin.calibrate.write import write_calibration
+from skin.calibrate.write import OfUnits, write_calibration
 from skin.errors import CountsError, OptionError, ScanError, SkinError
 from skin.physics.least_squares import Fit
 from topology import CHANNELS, Topology
@@ -144,9 +144,9 @@ class Tare:
             how = f"tared in place, resting neighbours {self.neighbours}"
             write_calibration(
                 path, patch, units, date=date or datetime.date.today().isoformat(),
-                bench=f"{bench}; {how}" if bench else how, tared=tared, tangential_max_mm=0.0,
+                bench=f"{bench}; {how}" if bench else how, tangential_max_mm=0.0,
                 before="" if source is None else source.read_text(encoding="utf-8"),
-                measured=before.get("measured"),
+                of_units=OfUnits(tared, before.get("measured", {})),
             )  # fmt: skip
         return files
 

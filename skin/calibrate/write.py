@@ -7,7 +7,8 @@ import os
 import re
 from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -18,11 +19,20 @@ from skin.physics.least_squares import Fit
 from topology import UnitModel
 from topology.files import whole_file
 
-__all__ = ["parameter_values", "write_calibration"]
+__all__ = ["OfUnits", "parameter_values", "write_calibration"]
 
 KNOWN = tuple(field.name for field in msgspec.structs.fields(UnitModel))
 BARE = re.compile(r"[A-Za-z0-9_-]+")
 ENTRY = re.compile(r"(\w+)\[(\d+)\]")
+
+
+class OfUnits(NamedTuple):
+    """What is told of units beside their parameters."""
+
+    tared: Collection[str] = ()
+    """Units whose zeros were taken in their places."""
+    measured: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
+    """Unit to its table of `topology.schema.Measured`."""
 
 
 def write_calibration(
@@ -32,10 +42,9 @@ def write_calibration(
     *,
     date: str = "",
     bench: str = "",
-    tared: Collection[str] = (),
     tangential_max_mm: float = UnitModel().tangential_max_mm,
     before: str = "",
-    measured: Mapping[str, Mapping[str, Any]] | None = None,
+    of_units: OfUnits | None = None,
 ) -> None:
     """Write what was fitted of the units of a patch, with the sigma of each value beside it.
 
@@ -50,15 +59,12 @@ def write_calibration(
         Unit, without the patch's name ("r3c4"), to its fits; a later fit stands above an earlier.
     date, bench : str
         When, where and how it was measured.
-    tared : collection of str
-        Units whose zeros were taken in their places.
     tangential_max_mm : float
         Of the units' model. Where the crest of a fitted `field_wavenumber_rad_per_mm` lies before
         it, the range ends at the crest.
     before : str
         Text of the file whose comments go over to this one.
-    measured : dict of str to dict, optional
-        Unit to its table of `topology.schema.Measured`.
+    of_units : OfUnits, optional
 
     Raises
     ------
@@ -69,12 +75,13 @@ def write_calibration(
     """
     lines = ["format = 1", f"patch = {_text(patch)}"]
     lines += [f"{key} = {_text(text)}" for key, text in (("date", date), ("bench", bench)) if text]
-    lines += [f"tared = {_value(sorted(tared))}"] if tared else []
+    told = OfUnits() if of_units is None else of_units
+    lines += [f"tared = {_value(sorted(told.tared))}"] if told.tared else []
     for unit, fits in units.items():
         found = parameter_values(f"{patch}/{unit}", fits, tangential_max_mm)
         lines += ["", f"[units.{_key(unit)}]"]
         lines += [_line(name, value, sigma) for name, (value, sigma) in found.items()]
-    for unit, table in (measured or {}).items():
+    for unit, table in told.measured.items():
         lines += ["", f"[measured.{_key(unit)}]"]
         lines += [f"{_key(name)} = {_value(value)}" for name, value in table.items()]
     with whole_file(Path(file), "w", encoding="utf-8") as out:

@@ -25,6 +25,35 @@ if TYPE_CHECKING:
 
 __all__ = ["run"]
 
+Wait = Annotated[
+    Literal["event", "drain"],
+    tyro.conf.arg(
+        help="wake as a cycle becomes complete (least latency), or once a cycle (least work)"
+    ),
+]
+Simulate = Annotated[
+    bool, options.quiet("listen to simulated units, in this process, on no bus of the file")
+]
+Tare = Annotated[
+    bool,
+    options.quiet(
+        "take the zeros of units that were never tared from the first second in which nothing "
+        "touches them"
+    ),
+]
+Zeros = Annotated[
+    Path | None,
+    options.quiet(
+        "take up the zeros of the run before, and save them for the next", metavar="FILE"
+    ),
+]
+Learn = Annotated[
+    Path | None,
+    options.quiet(
+        "learn the stray fields of neighbours while the skin is used, and save them", metavar="FILE"
+    ),
+]
+
 
 def run(
     file: options.File,
@@ -34,45 +63,20 @@ def run(
     interface: options.Interface = None,
     channel: options.Channel = None,
     sync: options.Sync = "host",
-    wait: Annotated[
-        Literal["event", "drain"],
-        tyro.conf.arg(
-            help="wake as a cycle becomes complete (least latency), or once a cycle (least work)"
-        ),
-    ] = "event",
-    simulate: Annotated[
-        bool, options.quiet("listen to simulated units, in this process, on no bus of the file")
-    ] = False,
+    wait: Wait = "event",
+    simulate: Simulate = False,
     scene: options.Scene = None,
     seed: options.Seed = None,
     log: options.Log = None,
-    tare: Annotated[
-        bool,
-        options.quiet(
-            "take the zeros of units that were never tared from the first second in which nothing "
-            "touches them"
-        ),
-    ] = True,
-    zeros: Annotated[
-        Path | None,
-        options.quiet(
-            "take up the zeros of the run before, and save them for the next", metavar="FILE"
-        ),
-    ] = None,
-    learn: Annotated[
-        Path | None,
-        options.quiet(
-            "learn the stray fields of neighbours while the skin is used, and save them",
-            metavar="FILE",
-        ),
-    ] = None,
+    tare: Tare = True,
+    zeros: Zeros = None,
+    learn: Learn = None,
     json: options.Json = False,
 ) -> int:
     """Listen to the buses of a topology, send SYNC, and show what the skin feels.
 
     With `--simulate` a sphere presses, slides and lifts all over simulated units, or a scene is
-    played to its end. `skin decode` takes the log of a run as it is. Exits with 1 if no unit ever
-    answered.
+    played to its end. `skin decode` takes the log as it is. Exits with 1 if no unit ever answered.
     """
     import skin
     from bus.logs import Recording
@@ -111,9 +115,6 @@ def run(
                     break
         except KeyboardInterrupt:
             pass
-        learned = None
-        if opened.learning is not None and learn is not None:
-            learned = _learned(opened.learning, learn)
         report = tally.report() | {
             "overruns": opened.timing.overruns,
             "unsent": opened.timing.unsent,
@@ -125,7 +126,7 @@ def run(
             "never_tared": [] if simulate else options.never_tared(loaded),
             "uncalibrated": [] if simulate else options.uncalibrated(loaded),
             "zeros": opened.zeros,
-            "learned": learned,
+            "learned": _learned(opened.learning, learn),
             "bus_changes": [f"{name}: {change}" for name, change in opened.bus_changes],
         }
     print(json_text.dumps(report) if json else _table(report))
@@ -261,10 +262,12 @@ def _table(report: dict[str, Any]) -> str:
     return facts(rows, report | texts)
 
 
-def _learned(learning: Learning, file: Path) -> dict[str, Any]:
+def _learned(learning: Learning | None, file: Path | None) -> dict[str, Any] | None:
     """Save what was learned of the neighbours' fields, and tell how much it is."""
     from skin.errors import SkinError
 
+    if learning is None or file is None:
+        return None
     try:
         learning.save(file)
     except SkinError as error:

@@ -122,13 +122,13 @@ def test_unit_that_dies_ages_and_is_left_out():
         states = iter(strip)
         for _ in range(5):
             state = next(states)
-        assert state.units.status[unit] == Status.UNCALIBRATED
+        assert state.units.status[unit] == Status.UNCALIBRATED | Status.UNTARED
         last = state.units.force[:, unit].copy()
         send = far.send
         far.send = lambda records: send(records[records["id"] != dead])
         flags = [Status(int(next(states).units.status[unit])) for _ in range(10)]
         state = next(states)
-        assert flags[0] == Status.LATE | Status.UNCALIBRATED
+        assert flags[0] == Status.LATE | Status.UNCALIBRATED | Status.UNTARED
         assert Status.STALE in flags[-1]
         assert state.units.force[:, unit] == pytest.approx(last, abs=1e-3)
         assert not state.units.valid[unit]

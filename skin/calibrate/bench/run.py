@@ -20,7 +20,7 @@ from skin.calibrate.bench.series import Series, load_series
 from skin.calibrate.read import read_calibration
 from skin.calibrate.tare import calibration_files
 from skin.calibrate.unit import with_fits
-from skin.calibrate.write import write_calibration
+from skin.calibrate.write import OfUnits, write_calibration
 from skin.errors import ScanError
 from skin.physics.least_squares import Fit
 from topology import Topology, load
@@ -82,7 +82,7 @@ class Outcome:
                     measured[name.removeprefix(head)] = self._measured(result)
             write_calibration(
                 path, patch, units, date=self.bench.date or datetime.date.today().isoformat(),
-                bench=self.bench.bench, measured=measured,
+                bench=self.bench.bench, of_units=OfUnits(measured=measured),
                 before=path.read_text(encoding="utf-8") if path.exists() else "",
             )  # fmt: skip
         return files
