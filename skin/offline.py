@@ -101,6 +101,7 @@ class DecodedLog:
         return [f"{self._reader.path}: {fault}" for fault in self._watch.faults()]
 
     def __iter__(self) -> Iterator[State]:
+        self.pipeline.warmup()
         for batch in self._reader:
             # who recorded a frame as its own sent it on the bus all the same
             batch.frames["origin"] = 0

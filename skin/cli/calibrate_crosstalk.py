@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from skin.cli import options
-from skin.cli.tare import Heard, Ticks
+from skin.cli.tare import Heard, Ticks, refused
 
 if TYPE_CHECKING:
     import numpy as np
@@ -37,15 +37,7 @@ def calibrate_crosstalk(
     stencil: Annotated[
         Path, tyro.conf.arg(metavar="FILE", help="file to write what was learned to")
     ],
-    output: Annotated[
-        str | None,
-        options.quiet(
-            "calibration file to write the zeros to, or a folder of one for each patch; otherwise "
-            "those that the topology names",
-            metavar="FILE|DIR",
-            aliases=["-o"],
-        ),
-    ] = None,
+    output: options.Calibration = None,
     seconds: options.Until = None,
     simulate: Annotated[
         bool, options.quiet("touch simulated units, one after the other, in this process")
@@ -82,12 +74,12 @@ def calibrate_crosstalk(
         try:
             found = tare(loaded, still, flags)
         except ScanError as error:
-            return _refused(str(error), loaded, json)
+            return refused(str(error), loaded, json)
         tared = estimate.tared(found)
         test = TouchTest(found.leaving_out(tared.rest_ut).applied(), estimate, tared, still)
         missing = _touched(test, taken, hear, most_s)
     if not test.pressed.any():
-        return _refused(
+        return refused(
             "touch: must press units one by one, their neighbours untouched; got none that was",
             loaded, json,
         )  # fmt: skip
@@ -128,14 +120,6 @@ def _touched(
         if not missing.size:
             break
     return missing.tolist()
-
-
-def _refused(message: str, topology: Topology, json: bool) -> int:
-    print(message, file=sys.stderr)
-    if json:
-        refused = message.splitlines()
-        print(json_text.dumps({"topology": topology.name, "refused": refused, "files": {}}))
-    return 1
 
 
 @contextmanager

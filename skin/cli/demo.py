@@ -70,7 +70,7 @@ def demo(
             )
             if len(log.time_s) == cycles:
                 break
-        counters = opened.counters
+        counters, overruns = opened.counters, opened.timing.overruns
     run, figures = errors_against_truth(log)
     try:
         save_run(picture, loaded, run)
@@ -83,6 +83,7 @@ def demo(
         "units": loaded.n,
         "calibration": "exact" if opened.topology.calibrated.all() else "of the model",
         "cycles": cycles,
+        "overruns": overruns,
         "frames": counters.data,
         "lost_frames": counters.lost,
         "contacts": len(contacts),
@@ -160,6 +161,7 @@ def _rms(values: np.ndarray) -> float:
 def _table(report: dict[str, Any]) -> str:
     rows = {
         "units, cycles": "{units}, {cycles}",
+        "overruns": "{overruns} periods without a cycle: this machine was late",
         "calibration": "{calibration}: the constants of simulated units are known",
         "frames, lost": "{frames}, {lost_frames}",
         "contacts, slipped": "{contacts}, {contacts_slipped}",
@@ -171,4 +173,6 @@ def _table(report: dict[str, Any]) -> str:
         "frames to contacts": "{cycle_us_p50:.1f} µs p50, {cycle_us_p99:.1f} µs p99",
         "picture": "{picture}",
     }
+    if not report["overruns"]:
+        del rows["overruns"]
     return facts(rows, report | {"picture": report["picture"] or "none"}, 26)

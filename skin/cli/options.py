@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "FILE_HELP",
+    "Calibration",
     "Channel",
     "File",
     "FileOrNone",
@@ -49,6 +50,16 @@ File = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="FILE", help=F
 
 FileOrNone = Annotated[str | None, tyro.conf.Positional, quiet(FILE_HELP, metavar="[FILE]")]
 """Of commands that print a schema without any file; see `given`."""
+
+Calibration = Annotated[
+    str | None,
+    quiet(
+        "calibration file to write, or a folder of one for each patch; otherwise those that the "
+        "topology names",
+        metavar="FILE|DIR",
+        aliases=["-o"],
+    ),
+]
 
 Json = Annotated[bool, quiet("end with one JSON object")]
 

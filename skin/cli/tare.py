@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from skin.sim.truth import Truth
     from topology import Topology
 
-__all__ = ["Heard", "Ticks", "tare"]
+__all__ = ["Heard", "Ticks", "refused", "tare"]
 
 SHOWN = 16
 
@@ -29,15 +29,7 @@ def tare(
     /,
     *,
     seconds: options.Listening = 2.0,
-    output: Annotated[
-        str | None,
-        options.quiet(
-            "calibration file to write, or a folder of one for each patch; otherwise those that "
-            "the topology names",
-            metavar="FILE|DIR",
-            aliases=["-o"],
-        ),
-    ] = None,
+    output: options.Calibration = None,
     leave_out: Annotated[
         tuple[str, ...], options.quiet("units that keep the zeros they have", metavar="[UNIT …]")
     ] = (),
@@ -83,11 +75,7 @@ def tare(
     try:
         found = take(loaded, counts, status, rest_ut=rest_ut, leave_out=leave_out)
     except ScanError as error:
-        print(error, file=sys.stderr)
-        if json:
-            refused = str(error).splitlines()
-            print(json_text.dumps({"topology": loaded.name, "refused": refused, "files": {}}))
-        return 1
+        return refused(str(error), loaded, json)
     changes = found.changes()
     files = {patch: str(path.resolve()) for patch, path in found.write(output).items()}
     print(_table(changes))
@@ -99,6 +87,15 @@ def tare(
                 "files": files}  # fmt: skip
         print(json_text.dumps(told))
     return 0
+
+
+def refused(message: str, topology: Topology, json: bool) -> int:
+    """Tell why nothing was written; the exit status."""
+    print(message, file=sys.stderr)
+    if json:
+        told = {"topology": topology.name, "refused": message.splitlines(), "files": {}}
+        print(json_text.dumps(told))
+    return 1
 
 
 class Heard:

@@ -48,6 +48,17 @@ class SampledScene:
         self._counts = np.zeros((RECENT, len(CHANNELS), n), np.int16)
         self._cycles: list[int | None] = [None] * RECENT
         self._at_once = RECENT if getattr(scene, "steady", True) else 1
+        self._start = self._begun()
+
+    def _begun(self) -> Truth:
+        """Go to the first instant, whatever cycle it will be, and look at it without noise: whoever
+        asks for that cycle does not wait until the scene and its units have compiled kernels."""
+        truth = self.scene.at(0.0)
+        self.units.quantities(
+            truth.depth_mm, truth.displacement_mm, truth.temperature, truth.film_temperature,
+            truth.hall_temperature,
+        )  # fmt: skip
+        return truth
 
     def counts(self, cycle: int) -> np.ndarray:
         """Counts of a cycle, shape (c, n), int16; of the last one where it is not kept."""
@@ -91,8 +102,9 @@ class SampledScene:
     def _go_on(self, cycle: int) -> Truth:
         """Go on to a cycle; its counts are yet to be taken."""
         if self.first < 0:
-            self.first = cycle
-        truth = self.scene.at((cycle - self.first) / self._rate_hz)
+            self.first, truth = cycle, self._start
+        else:
+            truth = self.scene.at((cycle - self.first) / self._rate_hz)
         self._cycles[cycle % RECENT] = cycle
         if self.history.maxlen != 0:
             self.history.append((cycle, truth.copy()))

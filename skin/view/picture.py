@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -53,6 +53,8 @@ class Run:
 def save_run(path: Path, topology: Topology, run: Run) -> None:
     """Draw `run` and write it to `path` as a PNG file, whole or not at all.
 
+    Where cycles were left out, lines are broken.
+
     Raises
     ------
     LibraryError
@@ -61,7 +63,7 @@ def save_run(path: Path, topology: Topology, run: Run) -> None:
     with _figure((11.0, 7.6)) as figure:
         maps, lines = figure.subfigures(2, 1, height_ratios=(1.1, 1.0))
         _draw_maps(maps, topology, run)
-        _draw_lines(lines, run)
+        _draw_lines(lines, _torn(run, 1.0 / topology.cycle_rate_hz))
         with whole_file(path) as file:
             figure.savefig(file, dpi=120, format="png")
 
@@ -189,6 +191,15 @@ def _draw_maps(figure: Any, topology: Topology, run: Run) -> None:
     )
 
 
+def _torn(run: Run, period_s: float) -> Run:
+    """The run with a row of NaN, where lines end, in each place of cycles that were left out.
+
+    Times are whole periods, so that halfway between one and two tells a gap from rounding.
+    """
+    gaps = 1 + np.flatnonzero(np.diff(run.time_s) > 1.5 * period_s)
+    return Run(*(np.insert(getattr(run, each.name), gaps, np.nan, axis=0) for each in fields(run)))
+
+
 def _draw_lines(figure: Any, run: Run) -> None:
     axes = figure.subplots(2, 2, sharex=True, height_ratios=(2.2, 1.0))
     force = [f"F{a}" for a in "xyz"]
@@ -213,10 +224,19 @@ def _compare(
     unit: str,
 ) -> None:
     upper, lower = axes
+    lost = np.isnan(np.concatenate([[np.nan], time_s, [np.nan]]))
+    alone = lost[:-2] & lost[2:]  # no line reaches a cycle between two gaps
+
+    def draw(axis: Axes, values: np.ndarray, width: float, **style: Any) -> None:
+        axis.plot(
+            time_s, values, linewidth=width, marker=".", markersize=2.0 * width,
+            markeredgewidth=0.0, markevery=alone, **style,
+        )  # fmt: skip
+
     for i, (name, hue) in enumerate(zip(names, HUES, strict=True)):
-        upper.plot(time_s, truth[:, i], color=INK, linewidth=2.4, alpha=0.25)
-        upper.plot(time_s, found[:, i], color=hue, linewidth=1.1, label=name)
-        lower.plot(time_s, found[:, i] - truth[:, i], color=hue, linewidth=0.8)
+        draw(upper, truth[:, i], 2.4, color=INK, alpha=0.25)
+        draw(upper, found[:, i], 1.1, color=hue, label=name)
+        draw(lower, found[:, i] - truth[:, i], 0.8, color=hue)
     upper.plot([], [], color=INK, linewidth=2.4, alpha=0.25, label="truth")
     upper.legend(frameon=False, ncols=4, loc="best", fontsize=8)
     upper.set_ylabel(unit)

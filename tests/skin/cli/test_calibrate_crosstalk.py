@@ -13,31 +13,13 @@ import topology
 from skin.cli.calibrate_crosstalk import calibrate_crosstalk
 from skin.errors import SkinError
 from skin.physics.stencil import Stencil
-
-FILE = """format = 1
-name = "pad"
-
-[[buses]]
-name = "main"
-data_bitrate = 5_000_000
-cycle_rate_hz = 100
-
-[[patches]]
-name = "pad"
-kind = "grid"
-rows = 1
-columns = 2
-pitch_m = 0.012
-bus = "main"
-layout = "f3t-fd64"
-first_id = 0x100
-"""
+from tests.fixtures.topology import PAIR
 
 
 @pytest.fixture
 def file(tmp_path):
     path = tmp_path / "pad.toml"
-    path.write_text(FILE, encoding="utf-8")
+    path.write_text(PAIR, encoding="utf-8")
     return path
 
 

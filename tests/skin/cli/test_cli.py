@@ -5,8 +5,10 @@ from __future__ import annotations
 import csv
 import itertools
 import json
+import re
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import can
@@ -20,6 +22,7 @@ from bus.logs import write
 from bus.memory import MemoryTransport
 from skin.cli import COMMANDS, main
 from skin.sim.node import Nodes
+from skin.view.terminal import LiveTable
 from tests.fixtures.live import frames_of
 
 
@@ -80,6 +83,7 @@ def test_demo_ends_with_one_json_object(tmp_path, capsys):
     report = last_json(capsys)
     assert report["units"] == 64
     assert report["cycles"] == 1750
+    assert report["overruns"] == 0
     assert report["lost_frames"] == 0
     assert report["frames"] == 1750 * 13
     assert 0.0 < report["temperature_rmse_c"] <= 0.5
@@ -91,6 +95,18 @@ def test_demo_ends_with_one_json_object(tmp_path, capsys):
     assert report["picture"] == str(picture)
     assert picture.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
     assert list(tmp_path.iterdir()) == [picture]
+
+
+def test_demo_tells_of_overruns(tmp_path, monkeypatch, capsys):
+    show, late = LiveTable.show, iter([0.0, 0.2])
+    monkeypatch.setattr(
+        LiveTable, "show", lambda *given: (show(*given), time.sleep(next(late, 0.0)))
+    )
+    picture = str(tmp_path / "demo.png")
+    assert main(["demo", "strip", "--seconds", "0.1", "--picture", picture]) == 0
+    told = re.search(r"(\d+) periods without a cycle", capsys.readouterr().out)
+    assert told is not None
+    assert int(told[1]) >= topology.load("strip").cycle_rate_hz * 0.2 - 1
 
 
 @pytest.mark.parametrize("name", ["fingertip", "hand", "strip"])
@@ -114,6 +130,7 @@ def test_demo_runs_without_matplotlib(tmp_path, monkeypatch, capsys):
         "picture: must have matplotlib; not installed: pip install 'f3t-skin[plot]'"
     )
     assert "none" in shown.out.splitlines()[-1]
+    assert "overruns" not in shown.out
     assert main([*arguments, "--json"]) == 0
     assert last_json(capsys)["picture"] is None
     assert list(tmp_path.iterdir()) == []

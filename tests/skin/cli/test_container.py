@@ -15,33 +15,13 @@ from pathlib import Path
 import pytest
 
 import skin
+from tests.fixtures.topology import PAIR
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs users and modes of files")
 
 ROOT = Path(skin.__file__).parent.parent
 NOBODY = 54321
 """A user without an entry in the list of users."""
-TOPOLOGY = """format = 1
-name = "pair"
-
-[[buses]]
-name = "main"
-interface = "memory"
-channel = "pair"
-data_bitrate = 5_000_000
-cycle_rate_hz = 100
-sync_id = 0x80
-
-[[patches]]
-name = "pad"
-kind = "grid"
-rows = 1
-columns = 2
-pitch_m = 0.012
-bus = "main"
-layout = "f3t-fd64"
-first_id = 0x100
-"""
 PROGRAM = """
 import sys
 from skin.cli import main
@@ -76,7 +56,7 @@ def ran(folder, environment, user=()):
 def normal(tmp_path_factory):
     """A folder with all that a user with a home and a cache gets, and the reports."""
     folder = tmp_path_factory.mktemp("normal")
-    folder.joinpath("pair.toml").write_text(TOPOLOGY)
+    folder.joinpath("pair.toml").write_text(PAIR)
     return folder, ran(folder, os.environ | {"PYTHONPATH": str(ROOT)})[0]
 
 
@@ -107,7 +87,7 @@ def container():
     for name in ("work", "temporary"):
         folder.joinpath(name).mkdir()
         folder.joinpath(name).chmod(0o777)
-    folder.joinpath("work/pair.toml").write_text(TOPOLOGY)
+    folder.joinpath("work/pair.toml").write_text(PAIR)
     yield folder
     for path in (folder / "package", *folder.glob("package/**/")):
         path.chmod(0o755)
