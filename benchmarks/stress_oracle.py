@@ -9,6 +9,7 @@ Every unit is as warm as its gel says, film included: the first cycle after a st
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -130,9 +131,14 @@ def _model(
         film_c = gel_c if film_c is None else film_c
         radius = _by_strength(p, strength, depth, film_c, above, m)
     else:
-        end = m.of(field_angle_ends(skin)[0][units])
+        end = m.of(_angle_ends(skin)[units])
         radius = _by_angle(p, np.minimum(m.atan2(strength, field[2]), end), depth, m)
     return np.stack([*_shear(p, x / strength, y / strength, radius, depth, m), normal])
+
+
+@functools.lru_cache(maxsize=2)
+def _angle_ends(skin: Topology) -> np.ndarray:
+    return field_angle_ends(skin)[0]
 
 
 def _by_strength(p, strength, depth, film_c, above, m: Numbers):
