@@ -16,7 +16,9 @@ import numpy as np
 from skin.calibrate.bench import laws
 from skin.calibrate.bench.alone import alone, tared
 from skin.calibrate.bench.posterior import KEPT, Posterior, robust_sigma
+from skin.calibrate.bench.relaxation import relaxed
 from skin.calibrate.bench.series import Blocks, Series
+from skin.calibrate.field_angle import angle_powers
 from skin.calibrate.film import FilmFit
 from skin.calibrate.read import as_fit
 from skin.calibrate.unit import fit_crest, left_of, with_fits
@@ -36,7 +38,10 @@ CURVED_MM = 1.2
 """Error of the displacement of a film that was bent after its calibration, over the displacement,
 times the radius of the mount: 8 % across and 1.3 % along a cylinder of 20 mm, root mean square
 [derived: python -m benchmarks curved]."""
-ROUNDS = 10
+ROUNDS, DEPTHS = 10, 9
+BEFORE_FOLD_RAD = np.pi / 64.0
+"""How far before it folds a table ends, so that a topology's check sees it leave its range: the
+step of its angles."""
 MOST = 2500
 """Samples of film and shear: more would only average noise that is far below their misfit."""
 NEAREST_MM = 0.2
@@ -114,7 +119,7 @@ class _Work:
 def fit_unit(
     topology: Topology, series: Series, unit: int, mount_radius_mm: float | None = None
 ) -> UnitResult:
-    """Fit one unit to its recording.
+    """Fit one unit to its recording: its laws, and its relaxation where it was held.
 
     Parameters
     ----------
@@ -133,6 +138,17 @@ def fit_unit(
     ScanError
         The recording tells no law at all.
     """
+
+    def fitted(recorded: Series) -> UnitResult:
+        return _fit_laws(topology, recorded, unit, mount_radius_mm)
+
+    return relaxed(topology, series, unit, fitted)
+
+
+def _fit_laws(
+    topology: Topology, series: Series, unit: int, mount_radius_mm: float | None
+) -> UnitResult:
+    """As of `fit_unit`, of an elastic unit."""
     work = _Work({name: values[..., unit] for name, values in topology.parameters.items()})
     measured = bool(np.isfinite(series.displacement).any())
     if not measured:
@@ -187,13 +203,16 @@ def fit_unit(
 def _end_of_table(topology: Topology, unit: int, fits: list[Fit]) -> Fit:
     """Range of R(psi, H) that a decoder can use at all depths."""
     known = with_fits(alone(topology, unit), {topology.unit_names[unit]: tuple(fits)})
+    table = known.parameters["field_angle_mm"][:, 0]
     most = float(known.parameters["field_angle_max_mm"][0])
+    depth = np.linspace(0.0, float(topology.parameters["field_reference_mm"][unit]), DEPTHS)
     for _ in range(ROUNDS):
         known.parameters["field_angle_max_mm"] = np.array([most])
-        displacement = float(field_angle_ends(known)[1][0])
+        angle, displacement = (float(end[0]) for end in field_angle_ends(known))
         if displacement >= most:
             break
-        most = displacement
+        before = np.full(DEPTHS, max(angle - BEFORE_FOLD_RAD, 0.0))
+        most = float((angle_powers(before, depth) @ table).min())
     return as_fit({"field_angle_max_mm": (most, np.nan)}, 0)
 
 
