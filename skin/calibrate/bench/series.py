@@ -177,12 +177,13 @@ def load_series(topology: Topology, recording: Recording, folder: Path) -> Serie
     bus.LogError
         As of `bus.logs.read`.
     """
-    paths = [folder / recording.counts, folder / recording.reference]
-    counts, columns = read_counts(topology, paths[0]), _reference(paths[1], recording)
+    paths = [folder / name for name in (recording.counts, recording.reference) if name]
+    counts = read_counts(topology, paths[0])
+    columns = _reference(paths[1], recording) if recording.reference else {}
     units = [topology.unit_index(name) for name in recording.units]
     if not counts.heard[:, units].any():
         raise ScanError(f"{paths[0]}: must have counts of {', '.join(recording.units)}; got none")
-    return series_of(topology, recording, counts, columns, (str(paths[1]), hash_of(paths)))
+    return series_of(topology, recording, counts, columns, (str(paths[-1]), hash_of(paths)))
 
 
 def series_of(
@@ -198,7 +199,8 @@ def series_of(
         Its units and segments.
     counts : Counts
     columns : dict of str to ndarray, shape (r,)
-        Quantities of the reference, of `QUANTITIES`, in s, N, mm, °C; finite.
+        Quantities of the reference, of `QUANTITIES`, in s, N, mm, °C; finite. None: there is no
+        reference, and its clock is that of the counts.
     source : tuple of str
         Name of the reference in messages, and hash of the data.
 
@@ -208,7 +210,9 @@ def series_of(
         The clocks cannot be brought together.
     """
     units = tuple(topology.unit_index(name) for name in recording.units)
-    told = _aligned(topology, counts, columns, units, source[0])
+    told = Alignment(0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    if columns:
+        told = _aligned(topology, counts, columns, units, source[0])
     at = told.reference_time(counts.time_s)
     kind, segment = np.full(at.size, -1), np.full(at.size, -1)
     for number, each in enumerate(recording.segments):
@@ -234,6 +238,8 @@ def series_of(
 
 def _faults_of(columns: dict[str, np.ndarray], recording: Recording, name: str) -> Iterator[str]:
     """Gaps of the reference within segments, and forces that stand at the end of their range."""
+    if not columns:
+        return
     time = columns["time"]
     step = np.diff(time)
     limit = max(GAP_S, 5.0 * float(np.median(step)))

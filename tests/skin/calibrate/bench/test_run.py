@@ -266,7 +266,9 @@ def test_the_plan_has_every_segment_and_its_time(capsys):
         "circles",
         "heated-free",
         "heated-load",
-        "neighbours",
     ]
-    assert [step["kind"] for step in told["array"]] == ["tare", "array", "array", "array"]
-    assert "each unit on a bench, 18 min:" in said
+    assert [step["kind"] for step in told["array"]] == [
+        "tare", "neighbours", "array", "array", "array",
+    ]  # fmt: skip
+    assert told["array"][1]["seconds"] == 2 * topology.load("palm").n
+    assert "each unit on a bench, 17 min:" in said
