@@ -91,7 +91,7 @@ def calibrate(
     for patch, path in files.items():
         print(f"{patch}: written to {path}")
     for note in outcome.notes:
-        print(f"no stencil: {note}", file=sys.stderr)
+        print(f"not learned: {note}", file=sys.stderr)
     if stencil is not None and (learned := outcome.learned) is not None:
         print(f"{stencil}: stray fields within {learned.sigma_ut:.1f} µT")
         if learned.missing:

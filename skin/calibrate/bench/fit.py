@@ -117,8 +117,9 @@ class _Work:
 
 
 def fit_unit(
-    topology: Topology, series: Series, unit: int, mount_radius_mm: float | None = None
-) -> UnitResult:
+    topology: Topology, series: Series, unit: int, mount_radius_mm: float | None = None,
+    bare: Series | None = None,
+) -> UnitResult:  # fmt: skip
     """Fit one unit to its recording: its laws, and its relaxation where it was held.
 
     Parameters
@@ -132,6 +133,8 @@ def fit_unit(
     mount_radius_mm : float, optional
         Of the cylinder that the unit is glued on afterwards; what its bend may change is part of
         `shear_sigma_relative` then, until an array in place tells the gain.
+    bare : Series, optional
+        A recording of its chip before it had a film.
 
     Raises
     ------
@@ -140,14 +143,15 @@ def fit_unit(
     """
 
     def fitted(recorded: Series) -> UnitResult:
-        return _fit_laws(topology, recorded, unit, mount_radius_mm)
+        return _fit_laws(topology, recorded, unit, mount_radius_mm, bare)
 
     return relaxed(topology, series, unit, fitted)
 
 
 def _fit_laws(
-    topology: Topology, series: Series, unit: int, mount_radius_mm: float | None
-) -> UnitResult:
+    topology: Topology, series: Series, unit: int, mount_radius_mm: float | None,
+    bare: Series | None,
+) -> UnitResult:  # fmt: skip
     """As of `fit_unit`, of an elastic unit."""
     work = _Work({name: values[..., unit] for name, values in topology.parameters.items()})
     measured = bool(np.isfinite(series.displacement).any())
@@ -166,7 +170,10 @@ def _fit_laws(
         return np.interp(some.time_s, blocks.time_s, film_c)
 
     heated = series.blocks(topology, unit, SLOW_S).of("heated-free", "heated-load")
-    work.attempt("drift", lambda: work.take(laws.fit_drift(work.p, heated, film_of(heated))))
+    chip = bare and bare.blocks(topology, unit, SLOW_S).of("bare")
+    if chip is not None and not len(chip):
+        work.kept["bare"], chip = "must be a segment with counts of the unit; got none", None
+    work.attempt("drift", lambda: work.take(laws.fit_drift(work.p, heated, film_of(heated), chip)))
     placed = _placed(blocks, touch["mm"])
     sheared = _held(placed.of(*SHEARED))
     sheared = sheared.where(np.hypot(*sheared.displacement[:2]) > NEAREST_MM).thinned(MOST)
@@ -264,7 +271,7 @@ def _normal(work: _Work, blocks: Blocks, measured: bool, touch: dict[str, float]
     slope = float(work.p["frequency_slope_hz_per_mm"])
     seen = blocks.of("normal", "circles")
     fall = slope * np.maximum(seen.displacement[2] - touch["mm"], 0.0)
-    law = normal_law(work.p, fall)
+    law = laws.normal_law(work.p, fall)
     law = law + fit["turn_x"] * np.nan_to_num(seen.force[1])
     law = law - fit["turn_y"] * np.nan_to_num(seen.force[0])
     seen_force = np.isfinite(seen.force[2])
@@ -275,18 +282,9 @@ def _normal(work: _Work, blocks: Blocks, measured: bool, touch: dict[str, float]
         unknown = robust_sigma(error) * np.sqrt(len(names) / error.size)
         most = max(_rms(law[seen_force]), 1e-9)
         work.spread["normal_sigma_relative"] = float(np.hypot(_misfit(error), unknown)) / most
-        work.spread["normal_max_n"] = float(law.max())
+        work.spread["normal_max_n"] = float(np.nanmax(law))
         work.plots["normal"] = fall[seen_force], seen.force[2][seen_force], law[seen_force]
     work.spread["frequency_sigma_hz"] = float(fit.sigma[fit.names.index("frequency_rest_hz")])
-
-
-def normal_law(p: dict[str, Any], fall_hz: np.ndarray) -> np.ndarray:
-    """Normal force at a fall of the frequency, newton."""
-    knee = float(p["normal_break_hz"])
-    beyond = np.maximum(fall_hz - knee, 0.0)
-    return float(p["normal_soft_n_per_hz"]) * np.minimum(fall_hz, knee) + (
-        float(p["normal_stiff_n_per_hz"]) * beyond
-    )
 
 
 def _misfit(error: np.ndarray) -> float:
@@ -344,7 +342,7 @@ def _take_film(work: _Work, film: Fit, crest: Fit) -> None:
 
 def _shear(work: _Work, blocks: Blocks) -> None:
     slope = float(work.p["frequency_slope_hz_per_mm"])
-    normal_n = normal_law(work.p, slope * blocks.displacement[2])
+    normal_n = laws.normal_law(work.p, slope * blocks.displacement[2])
     posterior, deeper = laws.fit_shear(work.p, blocks, normal_n)
     fit = posterior.fit
     names = [name for name in fit.names if not name.startswith("turn")]
@@ -380,7 +378,7 @@ def _recorded(work: _Work, blocks: Blocks, gel_c: np.ndarray) -> None:
                    ("frequency_slope_hz_per_mm", "frequency_rest_hz"))  # fmt: skip
     pressed = blocks.of("normal")
     fall = rest - pressed.values[FREQUENCY]
-    work.plots["hysteresis"] = fall / slope, pressed.force[2], normal_law(work.p, fall)
+    work.plots["hysteresis"] = fall / slope, pressed.force[2], laws.normal_law(work.p, fall)
     work.plots["warming"] = blocks.time_s, gel_c, blocks.temperature
 
 

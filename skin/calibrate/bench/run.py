@@ -167,7 +167,10 @@ def calibrate_bench(
     bench, skin, folder = _opened(file)
     results, scores, faults, serials = [], {}, [], {}
     touched: list[Series] = []
-    for done, recording in enumerate(bench.recordings):
+    bare: dict[str, Series] = {}
+    # chips without film first: what they tell belongs to the units' other recordings
+    recordings = sorted(bench.recordings, key=lambda each: not _is_bare(each))
+    for done, recording in enumerate(recordings):
         if progress is not None:
             progress(done, len(bench.recordings), ", ".join(recording.units))
         series, found = _judged(skin, recording, folder)
@@ -177,10 +180,11 @@ def calibrate_bench(
             continue
         kinds = {segment.kind for segment in recording.segments}
         touched += [series] if "neighbours" in kinds else []
+        bare |= dict.fromkeys(recording.units, series) if _is_bare(recording) else {}
         if kinds <= ALONE:
             continue
         try:
-            new = _fitted(skin, series, bench.mount_radius_mm)
+            new = _fitted(skin, series, bench.mount_radius_mm, bare)
         except ScanError as error:
             faults.append(f"{', '.join(recording.units)}: {error}")
             continue
@@ -192,8 +196,15 @@ def calibrate_bench(
     if progress is not None:
         progress(len(bench.recordings), len(bench.recordings), "")
     known = with_fits(skin, {result.unit: result.fits for result in results})
-    learned, notes = _learned(known, touched, tuple(result.unit for result in results))
+    fitted = tuple(result.unit for result in results)
+    learned, notes = _learned(known, touched, fitted)
+    notes += tuple(f"{name}: bare: must be beside another recording of the unit; got none"
+                   for name in bare if name not in fitted)  # fmt: skip
     return Outcome(bench, known, tuple(results), scores, serials, tuple(faults), learned, notes)
+
+
+def _is_bare(recording: Recording) -> bool:
+    return all(segment.kind == "bare" for segment in recording.segments)
 
 
 def _learned(
@@ -301,8 +312,11 @@ def _judged(skin: Topology, recording: Recording, folder: Path) -> tuple[Series,
     return series, find_faults(skin, recording, series)
 
 
-def _fitted(skin: Topology, series: Series, radius_mm: float | None) -> list[UnitResult]:
+def _fitted(
+    skin: Topology, series: Series, radius_mm: float | None, bare: dict[str, Series]
+) -> list[UnitResult]:
     """Units of a recording: one by all its laws, several by their shares of a common force."""
     if len(series.units) == 1:
-        return [fit_unit(skin, series, series.units[0], radius_mm)]
+        (unit,) = series.units
+        return [fit_unit(skin, series, unit, radius_mm, bare.get(skin.unit_names[unit]))]
     return fit_array(skin, series)
