@@ -18,6 +18,7 @@ from skin.calibrate.bench.faults import find_faults
 from skin.calibrate.bench.file import ALONE, BenchFile, Recording, read_bench
 from skin.calibrate.bench.fit import UnitResult, fit_unit
 from skin.calibrate.bench.neighbours import Learned, learn_stencil
+from skin.calibrate.bench.serials import serial_faults
 from skin.calibrate.bench.series import Series, load_series
 from skin.calibrate.read import read_calibration
 from skin.calibrate.tare import calibration_files
@@ -173,9 +174,9 @@ def calibrate_bench(
     for done, recording in enumerate(recordings):
         if progress is not None:
             progress(done, len(bench.recordings), ", ".join(recording.units))
-        series, found = _judged(skin, recording, folder)
+        series, found = _judged(skin, recording, folder, bench)
         faults += found
-        serials |= recording.units
+        serials |= _serials(recording, series)
         if found and not force:
             continue
         kinds = {segment.kind for segment in recording.segments}
@@ -265,8 +266,8 @@ def check_bench(
     for done, recording in enumerate(bench.recordings):
         if progress is not None:
             progress(done, len(bench.recordings), ", ".join(recording.units))
-        series, found = _judged(skin, recording, folder)
-        for name, serial in recording.units.items():
+        series, found = _judged(skin, recording, folder, bench)
+        for name, serial in _serials(recording, series).items():
             index = skin.unit_index(name)
             faults = [*found, *_swapped(name, serial, serials)]
             entry: dict[str, Any] = {"serial": serial, "faults": faults}
@@ -307,9 +308,19 @@ def _opened(file: str | os.PathLike[str]) -> tuple[BenchFile, Topology, Path]:
     return bench, skin, source.path.parent
 
 
-def _judged(skin: Topology, recording: Recording, folder: Path) -> tuple[Series, list[str]]:
+def _judged(
+    skin: Topology, recording: Recording, folder: Path, bench: BenchFile
+) -> tuple[Series, list[str]]:
     series = load_series(skin, recording, folder)
-    return series, find_faults(skin, recording, series)
+    everywhere = {unit: serial for each in bench.recordings for unit, serial in each.units.items()}
+    wrong = serial_faults(recording.units, series.counts.serials, everywhere)
+    return series, wrong + find_faults(skin, recording, series)
+
+
+def _serials(recording: Recording, series: Series) -> dict[str, str]:
+    """Serial numbers of BENCH; where it has none, of heartbeats."""
+    heard = series.counts.serials
+    return {name: serial or heard.get(name, "") for name, serial in recording.units.items()}
 
 
 def _fitted(

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from bus.assemble import Assembler
+from bus.boards import Boards
 from bus.cycle import RawCycle
 from bus.logs import buses_of, read
 from bus.status import INVALID, Status
 from skin.calibrate.bench.align import Alignment, align
 from skin.calibrate.bench.file import KINDS, QUANTITIES, Recording
+from skin.calibrate.bench.serials import of_boards
 from skin.calibrate.bench.table import head_of, read_table
 from skin.errors import OptionError, ScanError
 from topology import CHANNELS, Topology
@@ -59,11 +61,14 @@ class Counts:
     counts : ndarray, shape (t, c, n), int16
     heard : ndarray, shape (t, n), bool
         Whether the counts of a unit are of this cycle.
+    serials : dict of str to str
+        Units to the serial numbers that their boards say, where the log has heartbeats.
     """
 
     time_s: np.ndarray
     counts: np.ndarray
     heard: np.ndarray
+    serials: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -357,7 +362,7 @@ def read_counts(topology: Topology, path: Path) -> Counts:
     if suffix == ".parquet" or (suffix == ".csv" and "time_s" in head_of(path)):
         return _table_of_counts(topology, path)
     buses = buses_of(topology, path) if len(topology.buses) > 1 else None
-    assembler, cycles = Assembler(topology), []
+    assembler, cycles, boards = Assembler(topology), [], Boards(topology)
 
     def keep(cycle: RawCycle | None) -> None:
         if cycle is not None:
@@ -365,13 +370,15 @@ def read_counts(topology: Topology, path: Path) -> Counts:
 
     for batch in read(path, buses=buses):
         batch.frames["origin"] = 0
+        boards.hear(batch.frames, np.zeros(len(batch.frames)))
         for cycle in assembler.feed(batch.frames):
             keep(cycle)
     keep(assembler.flush())
     if not cycles:
         raise ScanError(f"{path}: must have cycles of {topology.name!r}; got none")
     stamps, counts, status = map(np.stack, zip(*cycles, strict=True))
-    return Counts(1e-9 * (stamps - stamps[0]), counts, status & UNHEARD == 0)
+    time_s, heard = 1e-9 * (stamps - stamps[0]), status & UNHEARD == 0
+    return Counts(time_s, counts, heard, of_boards(topology, boards))
 
 
 def _table_of_counts(topology: Topology, path: Path) -> Counts:
