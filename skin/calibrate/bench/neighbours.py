@@ -68,8 +68,7 @@ def learn_stencil(known: Topology, series: Series) -> Learned:
     rest = series.kind == KINDS.index("tare")
     if not rest.any():
         raise ScanError("neighbours: must be in a recording with a tare of the skin; got none")
-    silent = [name for name, some in zip(known.unit_names, heard.any(axis=0), strict=True)
-              if not some]  # fmt: skip
+    silent = [known.unit_names[unit] for unit in np.flatnonzero(~heard.any(axis=0))]
     found = tare(known, counts[rest], status[rest], leave_out=silent)
     estimate = StrayEstimate(known)
     tared = estimate.tared(found)
