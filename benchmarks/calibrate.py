@@ -3,7 +3,9 @@
 Films come from magnet theory, with errors of fabrication, and heat goes through a chain of layers:
 neither is what the fits believe. Every unit has its own reference with lag, drift, rate, turned
 axes, noise, and a zero that is not the touch (`benchmarks.lab`). ``foreign`` decodes units whose
-gel, capacitor and forces follow other laws than the fits' as well.
+gel, capacitor and forces follow other laws than the fits' as well; ``relaxing`` units of which the
+material creeps by stretched exponentials (`benchmarks.lab_creep`), and ``without_hold`` the same
+ones by fits of recordings without their hold.
 
 Errors beyond the noise are those of readings without noise; intervals of 95 % are of a bootstrap
 over units.
@@ -16,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.lab import RATE_HZ, Lab, protocol, unseen
+from benchmarks.lab import ORDER, RATE_HZ, Lab, protocol, unseen
 from skin import Decoder
 from skin.calibrate.bench.fit import UnitResult, fit_unit
 from skin.calibrate.unit import with_fits
@@ -40,7 +42,7 @@ FOREIGN = frozenset({"gel", "capacitor", "force"})
 def run(quick: bool) -> dict[str, Any]:
     """Record, fit and score; see `table` for what the figures are."""
     share = SHARES[quick]
-    lab, path = Lab(*UNITS, seed=1), protocol(share=share)
+    lab, path = Lab(*UNITS, seed=1), protocol(ORDER, share)
     results, seconds = _fitted(lab, share)
     known = with_fits(lab.nominal, {r.unit: r.fits for r in results})
     inside = _inside(lab.true, results)
@@ -57,16 +59,18 @@ def run(quick: bool) -> dict[str, Any]:
         "seconds_against_minutes": _timed((0.125, 0.25, 0.5) if quick else (0.25, 0.5, 1.0)),
         "lag_error_over_sigma": _lags(lab, results),
         "foreign": _scored(foreign, known_foreign, 30.0),
+        **_relaxing(share),
     }
 
 
 def table(figures: dict[str, Any]) -> str:
     """The figures for a person."""
     low, high = figures["force_rmse_interval_n"]
+    columns = [figures, *(figures[name] for name in ("foreign", "relaxing", "without_hold"))]
     rows = [
         f"{figures['units']} units, {figures['minutes']:.1f} min each, "
         f"{figures['seconds_per_unit']:.2f} s a unit to fit",
-        f"{'':<34}{'laws as fitted':>16}{'foreign laws':>16}",
+        f"{'':<34}{'laws as fitted':>16}{'foreign laws':>16}{'relaxing':>16}{'without hold':>16}",
     ]
     for name, label in (
         ("force_rmse_low_n", "force below 1 N beyond noise, N"),
@@ -76,7 +80,7 @@ def table(figures: dict[str, Any]) -> str:
         ("temperature_rmse_c", "temperature with noise, °C"),
         ("force_in_sigma", "share of forces within one sigma"),
     ):
-        rows.append(f"{label:<34}{figures[name]:>16.4f}{figures['foreign'][name]:>16.4f}")
+        rows.append(f"{label:<34}" + "".join(f"{column[name]:>16.4f}" for column in columns))
     rows += [
         f"force to 7 N: 95 % interval {low:.4f} to {high:.4f} N over units",
         f"parameters within their 95 % interval: {figures['interval_share']:.3f}",
@@ -88,9 +92,11 @@ def table(figures: dict[str, Any]) -> str:
     return "\n".join(rows)
 
 
-def _fitted(lab: Lab, share: float) -> tuple[list[UnitResult], float]:
+def _fitted(
+    lab: Lab, share: float, order: tuple[str, ...] = ORDER
+) -> tuple[list[UnitResult], float]:
     """Every unit's fit, and the seconds of aligning and fitting."""
-    path = protocol(share=share)
+    path = protocol(order, share)
     counts, seconds, results = lab.counts(path), 0.0, []
     for unit in range(lab.nominal.n):
         reference = lab.reference(path, unit)
@@ -98,6 +104,16 @@ def _fitted(lab: Lab, share: float) -> tuple[list[UnitResult], float]:
         results.append(fit_unit(lab.nominal, lab.series(path, counts, unit, reference), unit))
         seconds += time.perf_counter() - start
     return results, seconds
+
+
+def _relaxing(share: float) -> dict[str, Any]:
+    """Scores of units that relax, with their holds and without."""
+    lab, told = Lab(FEW, seed=4, laws=frozenset({"creep"})), {}
+    for name, order in (("relaxing", ORDER), ("without_hold", ORDER[:1] + ORDER[2:])):
+        results, _ = _fitted(lab, share, order)
+        known = with_fits(lab.nominal, {r.unit: r.fits for r in results})
+        told[name] = _scored(lab, known, 30.0)
+    return told
 
 
 def _timed(shares: tuple[float, ...]) -> dict[str, float]:

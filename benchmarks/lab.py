@@ -11,6 +11,7 @@ import tempfile
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -18,6 +19,7 @@ from scipy.spatial.transform import Rotation
 import topology
 from benchmarks.accuracy_skin import differing
 from benchmarks.foreign_laws import ForeignUnit, Hyperelastic
+from benchmarks.lab_creep import Relaxing
 from skin.calibrate.bench.file import Column, Recording, Segment
 from skin.calibrate.bench.series import Counts, Series, series_of
 from skin.physics.elastic import Elastic
@@ -37,10 +39,14 @@ TOUCH_MM = 0.3
 """Way of the stage, from where it is tared, to the touch."""
 REFERENCE_HZ = (40.0, 250.0)
 SECONDS = {"tare": 15.0, "normal": 60.0, "shear": 60.0, "circles": 180.0, "heated-free": 240.0,
-           "heated-load": 240.0, "hold": 30.0}  # fmt: skip
-ORDER = ("tare", "normal", "shear", "shear", "shear", "circles", "heated-free", "heated-load",
-         "hold")  # fmt: skip
-"""Segments of a whole recording, 17 minutes."""
+           "heated-load": 240.0, "hold": 105.0}  # fmt: skip
+ORDER = ("tare", "hold", "normal", "shear", "shear", "shear", "circles", "heated-free",
+         "heated-load")  # fmt: skip
+"""Segments of a whole recording, 17.0 minutes."""
+HOLD_FROM_S, HELD_MM = 5.0, (1.2, 1.5, 0.0)
+"""When a hold begins; its depth, x and y."""
+UNTOUCHED = 10
+"""Cycles at the begin of a way that was not recorded."""
 DEPTHS_MM, DEEPEST_MM, FARTHEST_MM = (0.5, 1.2, 2.0), 2.05, 2.8
 
 
@@ -75,10 +81,10 @@ class Path3:
 
 @cache
 def protocol(order: tuple[str, ...] = ORDER, share: float = 1.0) -> Path3:
-    """The bench's way through segments, each `share` of its usual length."""
+    """The bench's way through segments, each `share` of its usual length but for that of holds."""
     ways, sources, segments, start, shears = [], [], [], 0.0, 0
     for kind in order:
-        seconds = share * SECONDS[kind]
+        seconds = (1.0 if kind == "hold" else share) * SECONDS[kind]
         t = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
         depth, x, y = np.full((3, t.size), 0.0)
         source = np.full(t.size, ROOM_C)
@@ -99,7 +105,7 @@ def protocol(order: tuple[str, ...] = ORDER, share: float = 1.0) -> Path3:
             if kind == "heated-load":
                 depth, x, y = (np.full(t.size, v) for v in (1.5, 1.0, 1.0))
         elif kind == "hold":
-            depth = np.where(t > 0.2 * seconds, 1.5, 0.0)
+            depth, x, y = np.outer(HELD_MM, t >= HOLD_FROM_S)
         touching = np.full(t.size, kind not in {"tare", "heated-free"})
         ways.append(np.stack([x, y, np.where(touching, depth + TOUCH_MM, 0.0)]))
         sources.append(source)
@@ -123,7 +129,8 @@ def protocol(order: tuple[str, ...] = ORDER, share: float = 1.0) -> Path3:
 
 
 def unseen(seconds: float, seed: int) -> Path3:
-    """A way that no protocol has: sums of sines over the whole range, warmed slowly."""
+    """A way that no protocol has: from the touch, sums of sines over the whole range, warmed
+    slowly."""
     rng, t = np.random.default_rng(seed), np.arange(round(seconds * RATE_HZ)) / RATE_HZ
 
     def wander(slow_s: float) -> np.ndarray:
@@ -135,6 +142,7 @@ def unseen(seconds: float, seed: int) -> Path3:
     stage = np.stack(
         [radius * np.cos(turn), radius * np.sin(turn), TOUCH_MM + 0.05 + 1.92 * wander(5.0)]
     )
+    stage[2, :UNTOUCHED] = 0.0
     source = ROOM_C + 40.0 * wander(30.0)
     return Path3(t, stage, _heat(source), ())
 
@@ -157,6 +165,14 @@ def _heat(source: np.ndarray) -> np.ndarray:
     touched = np.ones(1, bool)
     warm = np.array([chain.step(1.0 / RATE_HZ, touched, s, ROOM_C)[:, 0].copy() for s in source])
     return warm[:, [0, 1, 3]].T
+
+
+class _Poses(NamedTuple):
+    """Of the faces of n units."""
+
+    depth_mm: np.ndarray  # (t, n)
+    place_mm: np.ndarray  # (t, 2, n)
+    force_n: np.ndarray  # (t, 3, n)
 
 
 TOPOLOGY = """format = 1
@@ -189,15 +205,17 @@ class Lab:
         Units of the skin; on the bench each is alone.
     seed : int
     laws : frozenset of str
-        Of `benchmarks.foreign_laws`, that are not the decoder's; films are as drawn then.
+        Of `benchmarks.foreign_laws`, that are not the decoder's; films are as drawn then. And
+        "creep", of `benchmarks.lab_creep`.
     """
 
     def __init__(
         self, rows: int, columns: int = 1, *, seed: int = 0, laws: frozenset[str] = frozenset()
     ) -> None:
         self.text = TOPOLOGY.format(rate=RATE_HZ, rows=rows, columns=columns)
-        self.seed, self.laws = seed, laws
-        self._forces: tuple[Path3, np.ndarray] | None = None
+        self.seed, self.laws = seed, laws - {"creep"}
+        self.relaxes = "creep" in laws
+        self._poses: tuple[Path3, _Poses] | None = None
 
     @cached_property
     def nominal(self) -> Topology:
@@ -226,25 +244,42 @@ class Lab:
         else:
             field = HalbachField(self.true, fabrication=self.films, reach_m=0.0)
             units = UnitSimulator(self.true, seed=seed, field=field)
-        place = np.repeat(path.place_mm.T[:, :, np.newaxis], n, axis=2)
-        depth, gel, film, chip = (np.repeat(v[:, np.newaxis], n, axis=1)
-                                  for v in (path.depth_mm, *path.warm_c))  # fmt: skip
-        values = units.quantities(depth, place, gel, film, chip)
+        poses = self.poses(path)
+        gel, film, chip = (np.repeat(v[:, np.newaxis], n, axis=1) for v in path.warm_c)
+        values = units.quantities(poses.depth_mm, poses.place_mm, gel, film, chip)
         if noise:
             units.disturb(values)
         counts = units.quantise(values)
         return Counts(path.time_s, counts, np.ones((len(counts), n), bool))
 
-    def force(self, path: Path3) -> np.ndarray:
-        """True force on each unit, shape (t, 3, n), newton, unit frame."""
+    def poses(self, path: Path3) -> _Poses:
+        """Where the faces of all units are, and what they bear."""
+        if self._poses is None or self._poses[0] is not path:
+            self._poses = path, self._moved(path)
+        return self._poses[1]
+
+    def _moved(self, path: Path3) -> _Poses:
         elastic = Hyperelastic(self.true) if "force" in self.laws else Elastic(self.true)
         n = self.true.n
         depth = np.repeat(path.depth_mm[:, np.newaxis], n, axis=1)
+        place = np.repeat(path.place_mm.T[:, :, np.newaxis], n, axis=2)
         reach = np.hypot(*path.place_mm)[:, np.newaxis]
-        along = path.place_mm.T[:, :, np.newaxis] / np.maximum(reach, 1e-9)[:, np.newaxis]
+        along = place / np.maximum(reach, 1e-9)[:, np.newaxis]
         held = elastic.tangential(np.repeat(reach, n, 1), depth)
-        return np.concatenate([held[:, np.newaxis] * along,
-                               elastic.normal(depth)[:, np.newaxis]], axis=1)  # fmt: skip
+        force = np.concatenate([held[:, np.newaxis] * along,
+                                elastic.normal(depth)[:, np.newaxis]], axis=1)  # fmt: skip
+        if not self.relaxes:
+            return _Poses(depth, place, force)
+        assert isinstance(elastic, Elastic)
+        material = Relaxing(n, seed=400 + self.seed)
+        force, borne = material.pressed(force, 1.0 / RATE_HZ)
+        depth, shear = elastic.depth(borne[:, 2]), np.hypot(borne[:, 0], borne[:, 1])
+        reach = elastic.displacement(shear, depth) / np.maximum(shear, 1e-12)
+        return _Poses(depth, reach[:, np.newaxis] * borne[:, :2], force)
+
+    def force(self, path: Path3) -> np.ndarray:
+        """True force on each unit, shape (t, 3, n), newton, unit frame."""
+        return self.poses(path).force_n
 
     def reference(self, path: Path3, unit: int) -> dict[str, np.ndarray]:
         """What the reference sensors write down of a unit, with all that is wrong with them."""
@@ -252,9 +287,7 @@ class Lab:
         lag, drift = rng.uniform(-LAG_S, LAG_S), 1e-6 * rng.uniform(-DRIFT_PPM, DRIFT_PPM)
         turn = Rotation.from_rotvec(np.radians(rng.uniform(-SENSOR_DEG, SENSOR_DEG, 3)))
         time = np.arange(path.time_s[0], path.time_s[-1], 1.0 / rng.uniform(*REFERENCE_HZ))
-        if self._forces is None or self._forces[0] is not path:
-            self._forces = path, self.force(path)
-        force = turn.apply(self._forces[1][:, :, unit]) + rng.normal(0.0, 0.3, 3)
+        force = turn.apply(self.force(path)[:, :, unit]) + rng.normal(0.0, 0.3, 3)
         rows = {
             **{f"force_{a}": (v, FORCE_NOISE_N) for a, v in zip("xyz", force.T, strict=True)},
             **{f"displacement_{a}": (v, WAY_NOISE_MM)

@@ -114,6 +114,8 @@ FIGURES = (
     Figure("films", "seconds_to_learn", "of pressing 64 units, one after the other", "s", "<= 60"),
     Figure("calibrate", "force_rmse_low_n", "error of the force below 1 N beyond the noise, units calibrated from simulated recordings of a bench, unseen trajectories", "N rms", "<= 0.01"),
     Figure("calibrate", "force_rmse_n", "the same to 7 N", "N rms", "<= 0.03", True),
+    Figure("calibrate", "relaxing/force_rmse_n", "the same of units whose material relaxes by stretched exponentials, which the decoder's laws are not", "N rms"),
+    Figure("calibrate", "without_hold/force_rmse_n", "the same units from recordings without a hold, as elastic ones", "N rms"),
     Figure("calibrate", "direction_deg", "error of the direction there", "°", "<= 1"),
     Figure("calibrate", "temperature_rmse_c", "error of the temperature there", "°C rms", "<= 0.2"),
     Figure("calibrate", "interval_share", "share of parameters within their 95 % intervals (0.90 to 0.98)", "", ">= 0.9"),

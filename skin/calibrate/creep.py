@@ -6,9 +6,9 @@ laws, or is what a decoder without terms shows. Fitted is ``F = g (F_e + sum_j w
 g belongs to the elastic law: it is 1 where that was measured on faces that were held for long.
 
 Terms overlap, so that data alone would tell them badly. Each has a prior: that of a soft silicone,
-which relaxes by some per cent in a decade of time. A term that is slower than any hold, or faster
-than the samples, keeps it; of the others as few are taken as predict stretches of the recording
-that they were not fitted to.
+which relaxes by some per cent in a decade of time. As few are taken as predict stretches of the
+recording that they were not fitted to; what holds do not tell of slow ones stays with the prior,
+and is in sigma. Terms that are faster than the samples are as large as the others' mean.
 """
 
 from __future__ import annotations
@@ -22,11 +22,12 @@ from scipy.special import ndtri
 from scipy.stats import median_abs_deviation
 
 from bus.compiled.jit import compiled
+from skin.calibrate.bench.posterior import FOLDS, KEPT, PIECES
 from skin.errors import ScanError, check_choice
 from skin.physics.least_squares import Fit, check_levels, check_samples
 from topology import CREEP_TERMS
 
-__all__ = ["CreepFit", "fit_creep"]
+__all__ = ["CreepFit", "fit_creep", "unrelaxed"]
 
 TIMES_S = (0.1, 100.0)
 """Between these terms lie evenly, as decades go [assumed]: faster ones are over before anybody
@@ -41,9 +42,10 @@ GAIN_MOST = 2.0
 SAMPLES_A_TERM = 5.0
 """Samples within the time of a term that is told [assumed]: a step between two of them is taken for
 a ramp."""
+FRESH_S = 1.0
+"""Age of a load up to which the samples' interval counts: later, nothing is fast [derived]."""
 HELD_SHARE = 0.25
 """Of the range of F_e: within it a face is held [assumed: more than it creeps]."""
-FOLDS = 5
 OUTLIER_SIGMAS = 3.0
 """Residuals beyond count as their size, not as its square [assumed]."""
 SAMPLES_LEAST = 30
@@ -64,7 +66,7 @@ class CreepFit:
     gain, gain_sigma : float
         By which the stiffnesses of the elastic law are to be multiplied.
     told : tuple of bool, length CREEP_TERMS
-        Of each term: whether the data fixed it. Else it is the prior.
+        Of each decade: whether the data leave its term less than `KEPT` of its prior variance.
     scores : tuple of float
         Error in stretches that were left out, N, without a term, with one, and so on.
     """
@@ -74,6 +76,11 @@ class CreepFit:
     gain_sigma: float
     told: tuple[bool, ...]
     scores: tuple[float, ...]
+
+    @property
+    def weights(self) -> np.ndarray:
+        """w_j, shape (CREEP_TERMS,)."""
+        return self.fit.values[:CREEP_TERMS]
 
 
 class _Data(NamedTuple):
@@ -92,7 +99,8 @@ class _Data(NamedTuple):
 
 
 class _Found(NamedTuple):
-    """Gain, weights and logarithms of times, kept priors at the end, with their covariance."""
+    """Gain, weights and logarithms of times, those that are too fast at the end, with their
+    covariance."""
 
     values: np.ndarray
     covariance: np.ndarray
@@ -154,24 +162,47 @@ def fit_creep(
     noise = [_noise(values, begins) for values in (force, elastic)]
     by_force = noise[0] < noise[1]
     data = _Data(time, begins, elastic, force, by_force, max(sigma_n, *noise))
-    told, span = _decades(data)
-    kept = _prior(CREEP_TERMS).terms()[:, ~told]
+    kept_s, span = _decades(data)
     folds = np.cumsum(begins) - 1
-    if folds[-1] == 0:
-        folds = np.arange(time.size) * FOLDS // time.size
-    orders = range(told.sum() + 1)
-    scores = np.array([_held_out(data, order, kept, span, folds) for order in orders])
+    if folds[-1] < FOLDS - 1:
+        folds = np.arange(time.size) * PIECES // time.size % FOLDS
+    orders = range(CREEP_TERMS - kept_s.size + 1)
+    scores = np.array([_held_out(data, order, kept_s, span, folds) for order in orders])
     worse = scores - scores[np.argmin(scores.mean(axis=1))]
     doubt = worse.std(axis=1, ddof=1) / np.sqrt(worse.shape[1])
     order = int(np.argmax(worse.mean(axis=1) <= doubt))
-    whole = _solve(data, orders[-1], kept, span)
-    found = whole if order == orders[-1] else _solve(data, order, kept, span)
+    whole = _solve(data, orders[-1], kept_s, span)
+    found = whole if order == orders[-1] else _solve(data, order, kept_s, span)
     left = _left(found, whole, data)
+    if _relaxation(found) < left:
+        found = _solve(data, 0, kept_s[:0], span)
+        left = _left(found, whole, data)
+    spread = [np.diag(each.covariance)[1 : 1 + orders[-1]]
+              for each in (whole, _prior(orders[-1], span))]  # fmt: skip
+    slow = np.argsort(whole.terms()[1, : orders[-1]])
+    told = [False] * kept_s.size + (spread[0] <= KEPT * spread[1])[slow].tolist()
     means = tuple((data.sigma * np.sqrt(scores.mean(axis=1))).tolist())
     return CreepFit(
         _parameters(found, data, law, left), float(found.values[0]),
-        float(np.sqrt(found.covariance[0, 0])), tuple(told.tolist()), means,
+        float(np.sqrt(found.covariance[0, 0])), tuple(told), means,
     )  # fmt: skip
+
+
+def unrelaxed(fit: CreepFit, time_s: np.ndarray, elastic_n: np.ndarray) -> np.ndarray:
+    """What a face bears beyond its elastic force as it is when held, newton, shape (t,).
+
+    Parameters
+    ----------
+    fit : CreepFit
+    time_s : ndarray, shape (t,)
+        Rising.
+    elastic_n : ndarray, shape (t,)
+        As of `fit_creep`; the face has rested before.
+    """
+    times_s = np.maximum(fit.fit.values[CREEP_TERMS : 2 * CREEP_TERMS], 1e-9)
+    data = _Data(time_s, np.arange(time_s.size) == 0, elastic_n, elastic_n, False, 1.0)
+    memory, _ = _followed(np.concatenate([[1.0], fit.weights, np.log(times_s)]), data)
+    return fit.gain * fit.weights @ memory
 
 
 def _noise(values: np.ndarray, begins: np.ndarray) -> float:
@@ -248,33 +279,34 @@ def _ages(data: _Data) -> np.ndarray:
 
 
 def _decades(data: _Data) -> tuple[np.ndarray, tuple[float, float]]:
-    """Of which terms of the prior the recording tells, and between which times.
-
-    A term is told that is not faster than the samples, nor slower than the longest hold: the force
-    that it leaves there could as well be elastic.
-    """
-    interval_s = float(np.median(np.diff(data.time_s)[~data.begins[1:]]))
-    hold_s = _ages(data).max()
+    """Times of the prior's terms that are faster than the samples, and between which the others
+    lie."""
+    fresh = (_ages(data) < FRESH_S) & ~data.begins
+    intervals_s = np.diff(data.time_s, prepend=0.0)[fresh if fresh.any() else ~data.begins]
+    interval_s = float(np.median(intervals_s))
     times_s = _prior(CREEP_TERMS).terms()[1]
-    told = (times_s >= SAMPLES_A_TERM * interval_s) & (times_s <= hold_s)
+    kept_s = times_s[times_s < SAMPLES_A_TERM * interval_s]
     edges = np.geomspace(*TIMES_S, CREEP_TERMS + 1)
-    if not told.any():
-        return told, TIMES_S
-    first, last = np.flatnonzero(told)[[0, -1]]
-    return told, (float(edges[first]), float(edges[last + 1]))
+    return kept_s, (float(edges[kept_s.size % CREEP_TERMS]), TIMES_S[1])
 
 
 def _solve(
-    data: _Data, order: int, kept: np.ndarray, span: tuple[float, float],
+    data: _Data, order: int, kept_s: np.ndarray, span: tuple[float, float],
     chosen: np.ndarray | slice = slice(None),
 ) -> _Found:  # fmt: skip
     """The likeliest gain and terms, given the samples that are chosen, and terms that are kept."""
     prior = _prior(order, span)
     spread = np.sqrt(np.diag(prior.covariance))
+    # from what is fitted to all terms: those that are kept are as large as the others' mean
+    terms, fitted = order + kept_s.size, CREEP_TERMS - kept_s.size
+    spreading = np.zeros((1 + 2 * terms, 1 + 2 * order))
+    spreading[np.r_[0 : 1 + order, 1 + terms : 1 + terms + order], np.arange(1 + 2 * order)] = 1.0
+    spreading[1 + order : 1 + terms, 1 : 1 + order] = 1.0 / max(fitted, 1)
+    fixed = np.zeros(1 + 2 * terms)
+    fixed[1 + terms + order :] = np.log(kept_s)
 
     def joined(values: np.ndarray) -> np.ndarray:
-        weight, log_s = values[1:].reshape(2, -1)
-        return np.concatenate([values[:1], weight, kept[0], log_s, np.log(kept[1])])
+        return spreading @ values + fixed
 
     def missed(values: np.ndarray) -> np.ndarray:
         data_part = _residual(joined(values), data)[chosen] / data.sigma
@@ -289,26 +321,32 @@ def _solve(
     rows = best.jac[: -prior.values.size]
     chi2 = max(float(np.mean(best.fun[: len(rows)] ** 2)), 1.0)
     own = np.linalg.inv(rows.T @ rows / chi2 + np.linalg.inv(prior.covariance))
-    # kept terms are known as well as their prior says
-    terms, known = order + kept.shape[1], np.sqrt(np.diag(_prior(CREEP_TERMS).covariance))
-    sigma = np.concatenate([[0.0], np.full(terms, known[1]), np.full(terms, known[-1])])
-    covariance = np.diag(sigma**2)
-    free = np.r_[0 : 1 + order, 1 + terms : 1 + terms + order]
-    covariance[np.ix_(free, free)] = own
-    return _Found(joined(best.x), covariance)
+    # each kept term differs from that mean, and in its time, as much as the prior says
+    known = np.diag(_prior(CREEP_TERMS).covariance)
+    more = np.zeros(1 + 2 * terms)
+    more[1 + order : 1 + terms], more[1 + terms + order :] = known[1], known[-1]
+    return _Found(joined(best.x), spreading @ own @ spreading.T + np.diag(more))
 
 
 def _held_out(
-    data: _Data, order: int, kept: np.ndarray, span: tuple[float, float], folds: np.ndarray
+    data: _Data, order: int, kept_s: np.ndarray, span: tuple[float, float], folds: np.ndarray
 ) -> np.ndarray:
     """Mean square error of each fold, over that of the noise, fitted to the others."""
     errors = []
-    for fold in range(folds[-1] + 1):
+    for fold in range(folds.max() + 1):
         out = folds == fold
-        found = _solve(data, order, kept, span, ~out)
+        found = _solve(data, order, kept_s, span, ~out)
         error = _residual(found.values, data)[out] / data.sigma
         errors.append(np.mean(np.minimum(error**2, OUTLIER_SIGMAS**2)))
     return np.array(errors)
+
+
+def _relaxation(found: _Found) -> float:
+    """What a step relaxes by, root mean square from 0.1 to 100 s. Terms that say less of it than
+    they leave unknown are further from the truth than none."""
+    weight, times_s = found.terms()
+    fading = np.exp(-np.geomspace(*TIMES_S, 31) / times_s[:, np.newaxis])
+    return float(np.sqrt(np.mean((found.values[0] * (weight @ fading)) ** 2)))
 
 
 def _left(found: _Found, whole: _Found, data: _Data) -> float:

@@ -16,7 +16,7 @@ from skin.physics.rest import axial_at_rest_ut, film_at_rest_ut, inverse_map
 from skin.physics.stencil import Stencil
 from topology import Topology
 
-__all__ = ["TouchTest", "warmup"]
+__all__ = ["LEAST", "TouchTest", "warmup"]
 
 PRESSED_MM = 0.3
 """Depth from which on the displacement of a unit is told well enough, to 0.06 mm [derived]."""

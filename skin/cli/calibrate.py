@@ -74,11 +74,14 @@ def calibrate(
     for fault in outcome.faults:
         print(fault, file=sys.stderr)
     files: dict[str, str] = {}
+    stencil: Path | None = None
     refused = bool(outcome.faults) and not force
     if not refused:
-        if not outcome.results:
-            raise SkinError(f"{bench}: must tell something of a unit; got nothing")
+        if not outcome.results and outcome.learned is None:
+            raise SkinError("\n".join([f"{bench}: must tell something of a unit; got nothing",
+                                       *outcome.notes]))  # fmt: skip
         files = {patch: str(path.resolve()) for patch, path in outcome.write(output).items()}
+        stencil = outcome.write_stencil(output)
     if report is not None and outcome.results:
         from skin.view.calibration import write_report
 
@@ -87,11 +90,18 @@ def calibrate(
     print(_table(outcome))
     for patch, path in files.items():
         print(f"{patch}: written to {path}")
+    for note in outcome.notes:
+        print(f"not learned: {note}", file=sys.stderr)
+    if stencil is not None and (learned := outcome.learned) is not None:
+        print(f"{stencil}: stray fields within {learned.sigma_ut:.1f} µT")
+        if learned.missing:
+            print(f"not pressed: {', '.join(learned.missing)}")
     if refused:
         print("nothing was written (--force writes all the same)", file=sys.stderr)
     if json:
         told = {"topology": outcome.topology.name, "units": len(outcome.results),
-                "faults": list(outcome.faults), "files": files,
+                "faults": list(outcome.faults), "notes": list(outcome.notes), "files": files,
+                "stencil": None if stencil is None else str(stencil.resolve()),
                 "results": {r.unit: {"goodness": r.goodness, "kept": r.kept, "left": r.left,
                                      "range": r.range} for r in outcome.results},
                 "report": None if report is None else str(report.resolve())}  # fmt: skip

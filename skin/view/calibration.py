@@ -26,6 +26,10 @@ TOLD = {
     "temperature_rms_c": ("temperature, residual", "°C"),
     "normal_rms_n": ("normal force, residual", "N"),
     "shear_rms_n": ("tangential force, residual", "N"),
+    "normal_creep_share": ("a step's normal force relaxes, share of what stays", ""),
+    "shear_creep_share": ("its tangential force", ""),
+    "normal_hold_rms_n": ("normal force of holds, residual", "N"),
+    "shear_hold_rms_n": ("tangential force of holds, residual", "N"),
     "displacement_rms_mm": ("displacement, residual", "mm"),
     "blocks_left_out": ("outliers of the film's fit", ""),
     "sensor_turn_x_deg": ("turn of the force sensor, x", "°"),
@@ -128,6 +132,12 @@ def _charts(result: UnitResult) -> list[Chart]:
             "loading": (depth[down], 1e3 * (force - law)[down]),
             "unloading": (depth[~down], 1e3 * (force - law)[~down]),
         }))  # fmt: skip
+    steps = {key: plots[key] for key in ("normal hold", "shear hold") if key in plots}
+    if steps:
+        found.append(Chart("relaxation", "time of the holds / s", "N",
+                           {f"{key}, measured": (at, n) for key, (at, n, _) in steps.items()},
+                           {f"{key}, by the terms": (at, law)
+                            for key, (at, _, law) in steps.items()}))  # fmt: skip
     if "warming" in plots:
         time, gel, told = plots["warming"]
         found.append(Chart("temperature", "time / s", "°C", {"reference": (time, told)},

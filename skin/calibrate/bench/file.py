@@ -18,7 +18,16 @@ from topology.read import open_source, read
 from topology.report import Report
 from topology.source import Source
 
-__all__ = ["KINDS", "QUANTITIES", "BenchFile", "Column", "Recording", "Segment", "read_bench"]
+__all__ = [
+    "ALONE",
+    "KINDS",
+    "QUANTITIES",
+    "BenchFile",
+    "Column",
+    "Recording",
+    "Segment",
+    "read_bench",
+]
 
 Kind = Literal[
     "tare", "normal", "shear", "circles", "heated-free", "heated-load", "hold", "neighbours",
@@ -26,6 +35,8 @@ Kind = Literal[
 ]  # fmt: skip
 KINDS: tuple[str, ...] = get_args(Kind)
 """What a segment is; see `skin.calibrate.bench.plan`."""
+ALONE = frozenset({"tare", "neighbours", "bare"})
+"""Those that need no reference; without one, times are of the clock of the counts."""
 
 
 class _Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -65,7 +76,9 @@ class Recording(_Table, frozen=True, kw_only=True):
     """Counts of one or more units, and what was measured of them meanwhile."""
 
     counts: Annotated[str, Meta(description="Log of the bus, or table of counts")]
-    reference: Annotated[str, Meta(description="Table of the reference sensors: .csv, .parquet")]
+    reference: Annotated[
+        str, Meta(description="Table of the reference sensors: .csv, .parquet; none: no reference")
+    ] = ""
     units: Annotated[dict[str, str], Meta(description="Unit to its serial number")]
     columns: Annotated[dict[str, Column] | None, Meta(description="In place of the file's")] = None
     segments: Annotated[tuple[Segment, ...], Meta(description="In place of the file's")] = ()
@@ -112,7 +125,7 @@ def read_bench(file: str | os.PathLike[str]) -> tuple[BenchFile, Source]:
         if not each.units:
             report.add("value", source, (*key, "units"), expected="a table with one unit at least",
                        got="none")  # fmt: skip
-        for name in ("counts", "reference"):
+        for name in ("counts", "reference") if each.reference else ("counts",):
             path = source.path.parent / getattr(each, name)
             if missing(path):
                 report.add("no-file", source, (*key, name), path=str(path))
@@ -121,7 +134,10 @@ def read_bench(file: str | os.PathLike[str]) -> tuple[BenchFile, Source]:
         columns = bench.columns if each.columns is None else each.columns
         segments = each.segments or bench.segments
         place = key if each.columns is not None or not bench.columns else ()
-        if "time" not in columns:
+        if not each.reference and any(s.kind not in ALONE for s in segments):
+            report.add("missing-key", source, key, part="reference", name="reference",
+                       expected="the table of the reference sensors")  # fmt: skip
+        if each.reference and "time" not in columns:
             report.add("missing-key", source, (*place, "columns"), part="time", name="time",
                        expected="a table with the column of the time")  # fmt: skip
         if not segments:

@@ -16,7 +16,9 @@ import numpy as np
 from skin.calibrate.bench import laws
 from skin.calibrate.bench.alone import alone, tared
 from skin.calibrate.bench.posterior import KEPT, Posterior, robust_sigma
+from skin.calibrate.bench.relaxation import relaxed
 from skin.calibrate.bench.series import Blocks, Series
+from skin.calibrate.field_angle import angle_powers
 from skin.calibrate.film import FilmFit
 from skin.calibrate.read import as_fit
 from skin.calibrate.unit import fit_crest, left_of, with_fits
@@ -36,7 +38,10 @@ CURVED_MM = 1.2
 """Error of the displacement of a film that was bent after its calibration, over the displacement,
 times the radius of the mount: 8 % across and 1.3 % along a cylinder of 20 mm, root mean square
 [derived: python -m benchmarks curved]."""
-ROUNDS = 10
+ROUNDS, DEPTHS = 10, 9
+BEFORE_FOLD_RAD = np.pi / 64.0
+"""How far before it folds a table ends, so that a topology's check sees it leave its range: the
+step of its angles."""
 MOST = 2500
 """Samples of film and shear: more would only average noise that is far below their misfit."""
 NEAREST_MM = 0.2
@@ -112,9 +117,10 @@ class _Work:
 
 
 def fit_unit(
-    topology: Topology, series: Series, unit: int, mount_radius_mm: float | None = None
-) -> UnitResult:
-    """Fit one unit to its recording.
+    topology: Topology, series: Series, unit: int, mount_radius_mm: float | None = None,
+    bare: Series | None = None,
+) -> UnitResult:  # fmt: skip
+    """Fit one unit to its recording: its laws, and its relaxation where it was held.
 
     Parameters
     ----------
@@ -127,12 +133,26 @@ def fit_unit(
     mount_radius_mm : float, optional
         Of the cylinder that the unit is glued on afterwards; what its bend may change is part of
         `shear_sigma_relative` then, until an array in place tells the gain.
+    bare : Series, optional
+        A recording of its chip before it had a film.
 
     Raises
     ------
     ScanError
         The recording tells no law at all.
     """
+
+    def fitted(recorded: Series) -> UnitResult:
+        return _fit_laws(topology, recorded, unit, mount_radius_mm, bare)
+
+    return relaxed(topology, series, unit, fitted)
+
+
+def _fit_laws(
+    topology: Topology, series: Series, unit: int, mount_radius_mm: float | None,
+    bare: Series | None,
+) -> UnitResult:  # fmt: skip
+    """As of `fit_unit`, of an elastic unit."""
     work = _Work({name: values[..., unit] for name, values in topology.parameters.items()})
     measured = bool(np.isfinite(series.displacement).any())
     if not measured:
@@ -150,7 +170,10 @@ def fit_unit(
         return np.interp(some.time_s, blocks.time_s, film_c)
 
     heated = series.blocks(topology, unit, SLOW_S).of("heated-free", "heated-load")
-    work.attempt("drift", lambda: work.take(laws.fit_drift(work.p, heated, film_of(heated))))
+    chip = bare and bare.blocks(topology, unit, SLOW_S).of("bare")
+    if chip is not None and not len(chip):
+        work.kept["bare"], chip = "must be a segment with counts of the unit; got none", None
+    work.attempt("drift", lambda: work.take(laws.fit_drift(work.p, heated, film_of(heated), chip)))
     placed = _placed(blocks, touch["mm"])
     sheared = _held(placed.of(*SHEARED))
     sheared = sheared.where(np.hypot(*sheared.displacement[:2]) > NEAREST_MM).thinned(MOST)
@@ -187,13 +210,16 @@ def fit_unit(
 def _end_of_table(topology: Topology, unit: int, fits: list[Fit]) -> Fit:
     """Range of R(psi, H) that a decoder can use at all depths."""
     known = with_fits(alone(topology, unit), {topology.unit_names[unit]: tuple(fits)})
+    table = known.parameters["field_angle_mm"][:, 0]
     most = float(known.parameters["field_angle_max_mm"][0])
+    depth = np.linspace(0.0, float(topology.parameters["field_reference_mm"][unit]), DEPTHS)
     for _ in range(ROUNDS):
         known.parameters["field_angle_max_mm"] = np.array([most])
-        displacement = float(field_angle_ends(known)[1][0])
+        angle, displacement = (float(end[0]) for end in field_angle_ends(known))
         if displacement >= most:
             break
-        most = displacement
+        before = np.full(DEPTHS, max(angle - BEFORE_FOLD_RAD, 0.0))
+        most = float((angle_powers(before, depth) @ table).min())
     return as_fit({"field_angle_max_mm": (most, np.nan)}, 0)
 
 
@@ -245,7 +271,7 @@ def _normal(work: _Work, blocks: Blocks, measured: bool, touch: dict[str, float]
     slope = float(work.p["frequency_slope_hz_per_mm"])
     seen = blocks.of("normal", "circles")
     fall = slope * np.maximum(seen.displacement[2] - touch["mm"], 0.0)
-    law = normal_law(work.p, fall)
+    law = laws.normal_law(work.p, fall)
     law = law + fit["turn_x"] * np.nan_to_num(seen.force[1])
     law = law - fit["turn_y"] * np.nan_to_num(seen.force[0])
     seen_force = np.isfinite(seen.force[2])
@@ -256,18 +282,9 @@ def _normal(work: _Work, blocks: Blocks, measured: bool, touch: dict[str, float]
         unknown = robust_sigma(error) * np.sqrt(len(names) / error.size)
         most = max(_rms(law[seen_force]), 1e-9)
         work.spread["normal_sigma_relative"] = float(np.hypot(_misfit(error), unknown)) / most
-        work.spread["normal_max_n"] = float(law.max())
+        work.spread["normal_max_n"] = float(np.nanmax(law))
         work.plots["normal"] = fall[seen_force], seen.force[2][seen_force], law[seen_force]
     work.spread["frequency_sigma_hz"] = float(fit.sigma[fit.names.index("frequency_rest_hz")])
-
-
-def normal_law(p: dict[str, Any], fall_hz: np.ndarray) -> np.ndarray:
-    """Normal force at a fall of the frequency, newton."""
-    knee = float(p["normal_break_hz"])
-    beyond = np.maximum(fall_hz - knee, 0.0)
-    return float(p["normal_soft_n_per_hz"]) * np.minimum(fall_hz, knee) + (
-        float(p["normal_stiff_n_per_hz"]) * beyond
-    )
 
 
 def _misfit(error: np.ndarray) -> float:
@@ -325,7 +342,7 @@ def _take_film(work: _Work, film: Fit, crest: Fit) -> None:
 
 def _shear(work: _Work, blocks: Blocks) -> None:
     slope = float(work.p["frequency_slope_hz_per_mm"])
-    normal_n = normal_law(work.p, slope * blocks.displacement[2])
+    normal_n = laws.normal_law(work.p, slope * blocks.displacement[2])
     posterior, deeper = laws.fit_shear(work.p, blocks, normal_n)
     fit = posterior.fit
     names = [name for name in fit.names if not name.startswith("turn")]
@@ -361,7 +378,7 @@ def _recorded(work: _Work, blocks: Blocks, gel_c: np.ndarray) -> None:
                    ("frequency_slope_hz_per_mm", "frequency_rest_hz"))  # fmt: skip
     pressed = blocks.of("normal")
     fall = rest - pressed.values[FREQUENCY]
-    work.plots["hysteresis"] = fall / slope, pressed.force[2], normal_law(work.p, fall)
+    work.plots["hysteresis"] = fall / slope, pressed.force[2], laws.normal_law(work.p, fall)
     work.plots["warming"] = blocks.time_s, gel_c, blocks.temperature
 
 

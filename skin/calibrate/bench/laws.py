@@ -15,12 +15,13 @@ from skin.calibrate.bench.posterior import (
 )
 from skin.calibrate.bench.series import AXES, Blocks
 from skin.calibrate.film import FilmFit, fit_film
+from skin.calibrate.learn import AMBIENT_UT
 from skin.errors import ScanError
 from skin.physics.least_squares import Fit
 from topology import CHANNELS
 
 __all__ = ["PRIOR", "fit_drift", "fit_gel", "fit_normal", "fit_shear",
-           "gel_temperature", "low_pass", "offsets",
+           "gel_temperature", "low_pass", "normal_law", "offsets",
            "prior_of", "robust_film", "widened"]  # fmt: skip
 
 GEL, FREQUENCY, BX = (CHANNELS.index(name) for name in ("gel", "frequency", "bx"))
@@ -141,6 +142,15 @@ def fit_normal(p: Parameters, blocks: Blocks, measured: bool) -> Posterior:
     return fit_posterior(residual, prior)
 
 
+def normal_law(p: Parameters, fall_hz: np.ndarray) -> np.ndarray:
+    """Normal force at a fall of the frequency, newton."""
+    knee = float(p["normal_break_hz"])
+    beyond = np.maximum(fall_hz - knee, 0.0)
+    return float(p["normal_soft_n_per_hz"]) * np.minimum(fall_hz, knee) + (
+        float(p["normal_stiff_n_per_hz"]) * beyond
+    )
+
+
 def low_pass(time_s: np.ndarray, values: np.ndarray, lag_s: float) -> np.ndarray:
     """Values behind a first-order lag, from rest at the first of them; gaps of time are bridged."""
     share = -np.expm1(-np.diff(time_s, prepend=time_s[0]) / max(lag_s, 1e-6))
@@ -151,11 +161,15 @@ def low_pass(time_s: np.ndarray, values: np.ndarray, lag_s: float) -> np.ndarray
     return out
 
 
-def fit_drift(p: Parameters, blocks: Blocks, film_c: np.ndarray) -> Posterior:
-    """Drift of film and chip, from poses that are held while the unit is heated.
+def fit_drift(
+    p: Parameters, blocks: Blocks, film_c: np.ndarray, bare: Blocks | None = None
+) -> Posterior:
+    """Drift of film and chip, from poses that are held while the unit is heated, and from the chip
+    before it had a film.
 
     ``B = b0 + b1 dT_chip + (1 + a_hall dT_chip)(1 + a_film dT_film) B_pose``; each segment is a
-    pose, whose field is a nuisance parameter.
+    pose, whose field is a nuisance parameter. That of a bare chip is the ambient one, which is
+    small: so its offset is told, to that field, and its gain is not.
 
     Parameters
     ----------
@@ -164,8 +178,10 @@ def fit_drift(p: Parameters, blocks: Blocks, film_c: np.ndarray) -> Posterior:
         Of segments that are heated.
     film_c : ndarray, shape (b,)
         Temperature of the film.
+    bare : Blocks, optional
+        Of the chip without film.
     """
-    if len(blocks) < LEAST_BLOCKS or np.ptp(film_c) < WARMED_K:
+    if bare is None and (len(blocks) < LEAST_BLOCKS or np.ptp(film_c) < WARMED_K):
         got = f"{np.ptp(film_c):.3g}" if len(blocks) else "no such segment"
         raise ScanError(f"heated segments: must change the temperature by {WARMED_K:g} K or more; "
                         f"got {got}")  # fmt: skip
@@ -182,6 +198,18 @@ def fit_drift(p: Parameters, blocks: Blocks, film_c: np.ndarray) -> Posterior:
             mean = float(np.median(field[axis, pose == k]))
             prior[f"pose {k} {letter}"] = mean, 0.2 * abs(mean) + 1000.0
 
+    def alone(at: Parameters) -> list[np.ndarray]:
+        if bare is None:
+            return []
+        above = bare.values[CHIP] - float(p["hall_reference_c"])
+        gain, noise = 1.0 + at["hall_gain_per_k"] * above, float(p["field_noise_ut"])
+        return [
+            (bare.values[BX + axis] - at[f"hall_offset_{letter}_ut"]
+             - at[f"hall_drift_{letter}_ut_per_k"] * above - gain * at[f"ambient {letter}"])
+            / (noise / np.sqrt(bare.size))
+            for axis, letter in enumerate(AXES)
+        ]  # fmt: skip
+
     def residual(at: Parameters) -> list[np.ndarray]:
         gain = (1.0 + at["hall_gain_per_k"] * chip) * (1.0 + at["film_drift_per_k"] * film)
         return [
@@ -192,7 +220,10 @@ def fit_drift(p: Parameters, blocks: Blocks, film_c: np.ndarray) -> Posterior:
             for axis, letter in enumerate(AXES)
         ]  # fmt: skip
 
-    found = fit_posterior(residual, prior).told(names)
+    if bare is not None:
+        prior |= {f"ambient {letter}": (0.0, AMBIENT_UT) for letter in AXES}
+        names += offset
+    found = fit_posterior(lambda at: residual(at) + alone(at), prior).told(names)
     more = np.zeros(len(names))
     more[0] = (HEAT_LOST * float(p["film_drift_per_k"])) ** 2
     covariance = found.fit.covariance + np.diag(more)
@@ -228,6 +259,7 @@ def robust_film(
     field_ut : ndarray, shape (b, 3)
         At the reference temperatures.
     """
+    _needed(blocks, "strokes and circles", blocks.displacement[2])
     field = at_reference(p, blocks, film_c)
     depth, x, y = blocks.displacement[2], *blocks.displacement[:2]
     length, direction = np.hypot(x, y), np.arctan2(y, x)

@@ -19,6 +19,8 @@ class Step(NamedTuple):
 
 UNIT = (
     Step("tare", 15, "nothing touches the unit; stage and force sensor are zeroed here"),
+    Step("hold", 105, "after 5 s of rest, within 0.2 s to {b:.1f} mm deep and 1.5 mm sheared along "
+         "x; held for 100 s"),
     Step("normal", 60, "press straight down from above the touch to {depth:g} mm and back in "
          "10 s, six times"),
     Step("shear", 60, "held {a:.1f} mm deep: strokes to {far:g} mm and back in 16 "
@@ -30,13 +32,16 @@ UNIT = (
     Step("heated-free", 240, "untouched: warm air to {hot:g} °C, hold 90 s, then cool"),
     Step("heated-load", 240, "held 1.5 mm deep, 1 mm sheared along x and y: the same with a warm "
          "plate"),
-    Step("hold", 30, "press to 1.5 mm within 0.2 s and hold"),
-    Step("neighbours", 30, "in its place on the skin, untouched: each neighbour in turn is pressed "
-         "and sheared for 4 s"),
 )  # fmt: skip
 """One unit on a stage with a force sensor and a thermometer."""
 ARRAY = (
     Step("tare", 15, "nothing touches the skin"),
+    Step(
+        "neighbours",
+        2,
+        "a unit: press it with a finger and shear it all around for a second, "
+        "the others untouched, then the next; no reference is needed",
+    ),
     Step(
         "array",
         60,
@@ -85,5 +90,8 @@ def steps(topology: Topology) -> tuple[tuple[Step, ...], tuple[Step, ...]]:
     for protocol in (UNIT, ARRAY):
         has = [step for step in protocol
                if step.kind != "neighbours" or topology.neighbour_index.size]  # fmt: skip
-        told.append(tuple(step._replace(text=step.text.format(**values)) for step in has))
+        each = {"neighbours": topology.n}
+        told.append(tuple(step._replace(text=step.text.format(**values),
+                                        seconds=step.seconds * each.get(step.kind, 1))
+                          for step in has))  # fmt: skip
     return told[0], told[1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import datetime
 import os
 from collections.abc import Callable
@@ -14,14 +15,16 @@ import numpy as np
 from skin.calibrate.bench.array import fit_array
 from skin.calibrate.bench.check import Score, owner_of, score
 from skin.calibrate.bench.faults import find_faults
-from skin.calibrate.bench.file import BenchFile, Recording, read_bench
+from skin.calibrate.bench.file import ALONE, BenchFile, Recording, read_bench
 from skin.calibrate.bench.fit import UnitResult, fit_unit
+from skin.calibrate.bench.neighbours import Learned, learn_stencil
+from skin.calibrate.bench.serials import serial_faults
 from skin.calibrate.bench.series import Series, load_series
 from skin.calibrate.read import read_calibration
 from skin.calibrate.tare import calibration_files
 from skin.calibrate.unit import with_fits
 from skin.calibrate.write import OfUnits, write_calibration
-from skin.errors import ScanError
+from skin.errors import ScanError, SkinError
 from skin.physics.least_squares import Fit
 from topology import Topology, load
 
@@ -46,6 +49,10 @@ class Outcome:
     serials : dict of str to str
     faults : tuple of str
         What is wrong with the recordings, or with what was found: nothing should be written.
+    learned : Learned, optional
+        Stray fields of the skin, where it was recorded while it was touched.
+    notes : tuple of str
+        What could not be learned, and why.
     """
 
     bench: BenchFile
@@ -54,6 +61,8 @@ class Outcome:
     scores: dict[str, Score]
     serials: dict[str, str]
     faults: tuple[str, ...]
+    learned: Learned | None = None
+    notes: tuple[str, ...] = ()
 
     def write(self, out: str | os.PathLike[str] | None = None) -> dict[str, Path]:
         """Write calibration files, each whole or not at all; units that were not measured, and
@@ -70,6 +79,8 @@ class Outcome:
             Patch to its file.
         """
         found = {result.unit: result for result in self.results}
+        if not found:
+            return {}
         taken = np.array([name in found for name in self.topology.unit_names])
         files = calibration_files(self.topology, taken, out)
         for patch, path in files.items():
@@ -86,6 +97,26 @@ class Outcome:
                 before=path.read_text(encoding="utf-8") if path.exists() else "",
             )  # fmt: skip
         return files
+
+    def write_stencil(self, out: str | os.PathLike[str] | None = None) -> Path | None:
+        """Write the stencil that was learned beside the calibration files, whole or not at all.
+
+        Parameters
+        ----------
+        out : str or path, optional
+            As of `write`.
+
+        Returns
+        -------
+        Path or None
+            ``<skin>_stencil.npz``; None where nothing was learned.
+        """
+        if self.learned is None:
+            return None
+        beside = calibration_files(self.topology, self.topology.enabled, out)
+        path = next(iter(beside.values())).parent / f"{self.topology.name}_stencil.npz"
+        self.learned.stencil.save(path)
+        return path
 
     def _measured(self, result: UnitResult) -> dict[str, Any]:
         """The table of `topology.schema.Measured` of a unit."""
@@ -136,16 +167,25 @@ def calibrate_bench(
     """
     bench, skin, folder = _opened(file)
     results, scores, faults, serials = [], {}, [], {}
-    for done, recording in enumerate(bench.recordings):
+    touched: list[Series] = []
+    bare: dict[str, Series] = {}
+    # chips without film first: what they tell belongs to the units' other recordings
+    recordings = sorted(bench.recordings, key=lambda each: not _is_bare(each))
+    for done, recording in enumerate(recordings):
         if progress is not None:
             progress(done, len(bench.recordings), ", ".join(recording.units))
-        series, found = _judged(skin, recording, folder)
+        series, found = _judged(skin, recording, folder, bench)
         faults += found
-        serials |= recording.units
+        serials |= _serials(recording, series)
         if found and not force:
             continue
+        kinds = {segment.kind for segment in recording.segments}
+        touched += [series] if "neighbours" in kinds else []
+        bare |= dict.fromkeys(recording.units, series) if _is_bare(recording) else {}
+        if kinds <= ALONE:
+            continue
         try:
-            new = _fitted(skin, series, bench.mount_radius_mm)
+            new = _fitted(skin, series, bench.mount_radius_mm, bare)
         except ScanError as error:
             faults.append(f"{', '.join(recording.units)}: {error}")
             continue
@@ -157,7 +197,31 @@ def calibrate_bench(
     if progress is not None:
         progress(len(bench.recordings), len(bench.recordings), "")
     known = with_fits(skin, {result.unit: result.fits for result in results})
-    return Outcome(bench, known, tuple(results), scores, serials, tuple(faults))
+    fitted = tuple(result.unit for result in results)
+    learned, notes = _learned(known, touched, fitted)
+    notes += tuple(f"{name}: bare: must be beside another recording of the unit; got none"
+                   for name in bare if name not in fitted)  # fmt: skip
+    return Outcome(bench, known, tuple(results), scores, serials, tuple(faults), learned, notes)
+
+
+def _is_bare(recording: Recording) -> bool:
+    return all(segment.kind == "bare" for segment in recording.segments)
+
+
+def _learned(
+    known: Topology, touched: list[Series], fitted: tuple[str, ...]
+) -> tuple[Learned | None, tuple[str, ...]]:
+    """What the recording of a touched skin tells, or why it tells nothing."""
+    if not touched:
+        return None, ()
+    calibrated = known.calibrated | np.isin(known.unit_names, fitted)
+    try:
+        if len(touched) > 1:
+            raise ScanError("neighbours: must be one recording of the whole skin; got "
+                            f"{len(touched)}")  # fmt: skip
+        return learn_stencil(dataclasses.replace(known, calibrated=calibrated), touched[0]), ()
+    except SkinError as error:
+        return None, tuple(str(error).splitlines())
 
 
 def check_bench(
@@ -202,8 +266,8 @@ def check_bench(
     for done, recording in enumerate(bench.recordings):
         if progress is not None:
             progress(done, len(bench.recordings), ", ".join(recording.units))
-        series, found = _judged(skin, recording, folder)
-        for name, serial in recording.units.items():
+        series, found = _judged(skin, recording, folder, bench)
+        for name, serial in _serials(recording, series).items():
             index = skin.unit_index(name)
             faults = [*found, *_swapped(name, serial, serials)]
             entry: dict[str, Any] = {"serial": serial, "faults": faults}
@@ -244,13 +308,26 @@ def _opened(file: str | os.PathLike[str]) -> tuple[BenchFile, Topology, Path]:
     return bench, skin, source.path.parent
 
 
-def _judged(skin: Topology, recording: Recording, folder: Path) -> tuple[Series, list[str]]:
+def _judged(
+    skin: Topology, recording: Recording, folder: Path, bench: BenchFile
+) -> tuple[Series, list[str]]:
     series = load_series(skin, recording, folder)
-    return series, find_faults(skin, recording, series)
+    everywhere = {unit: serial for each in bench.recordings for unit, serial in each.units.items()}
+    wrong = serial_faults(recording.units, series.counts.serials, everywhere)
+    return series, wrong + find_faults(skin, recording, series)
 
 
-def _fitted(skin: Topology, series: Series, radius_mm: float | None) -> list[UnitResult]:
+def _serials(recording: Recording, series: Series) -> dict[str, str]:
+    """Serial numbers of BENCH; where it has none, of heartbeats."""
+    heard = series.counts.serials
+    return {name: serial or heard.get(name, "") for name, serial in recording.units.items()}
+
+
+def _fitted(
+    skin: Topology, series: Series, radius_mm: float | None, bare: dict[str, Series]
+) -> list[UnitResult]:
     """Units of a recording: one by all its laws, several by their shares of a common force."""
     if len(series.units) == 1:
-        return [fit_unit(skin, series, series.units[0], radius_mm)]
+        (unit,) = series.units
+        return [fit_unit(skin, series, unit, radius_mm, bare.get(skin.unit_names[unit]))]
     return fit_array(skin, series)

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from bus.assemble import Assembler
+from bus.boards import Boards
 from bus.cycle import RawCycle
 from bus.logs import buses_of, read
 from bus.status import INVALID, Status
 from skin.calibrate.bench.align import Alignment, align
 from skin.calibrate.bench.file import KINDS, QUANTITIES, Recording
+from skin.calibrate.bench.serials import of_boards
 from skin.calibrate.bench.table import head_of, read_table
 from skin.errors import OptionError, ScanError
 from topology import CHANNELS, Topology
@@ -59,11 +61,14 @@ class Counts:
     counts : ndarray, shape (t, c, n), int16
     heard : ndarray, shape (t, n), bool
         Whether the counts of a unit are of this cycle.
+    serials : dict of str to str
+        Units to the serial numbers that their boards say, where the log has heartbeats.
     """
 
     time_s: np.ndarray
     counts: np.ndarray
     heard: np.ndarray
+    serials: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,12 +182,13 @@ def load_series(topology: Topology, recording: Recording, folder: Path) -> Serie
     bus.LogError
         As of `bus.logs.read`.
     """
-    paths = [folder / recording.counts, folder / recording.reference]
-    counts, columns = read_counts(topology, paths[0]), _reference(paths[1], recording)
+    paths = [folder / name for name in (recording.counts, recording.reference) if name]
+    counts = read_counts(topology, paths[0])
+    columns = _reference(paths[1], recording) if recording.reference else {}
     units = [topology.unit_index(name) for name in recording.units]
     if not counts.heard[:, units].any():
         raise ScanError(f"{paths[0]}: must have counts of {', '.join(recording.units)}; got none")
-    return series_of(topology, recording, counts, columns, (str(paths[1]), hash_of(paths)))
+    return series_of(topology, recording, counts, columns, (str(paths[-1]), hash_of(paths)))
 
 
 def series_of(
@@ -198,7 +204,8 @@ def series_of(
         Its units and segments.
     counts : Counts
     columns : dict of str to ndarray, shape (r,)
-        Quantities of the reference, of `QUANTITIES`, in s, N, mm, °C; finite.
+        Quantities of the reference, of `QUANTITIES`, in s, N, mm, °C; finite. None: there is no
+        reference, and its clock is that of the counts.
     source : tuple of str
         Name of the reference in messages, and hash of the data.
 
@@ -208,7 +215,9 @@ def series_of(
         The clocks cannot be brought together.
     """
     units = tuple(topology.unit_index(name) for name in recording.units)
-    told = _aligned(topology, counts, columns, units, source[0])
+    told = Alignment(0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    if columns:
+        told = _aligned(topology, counts, columns, units, source[0])
     at = told.reference_time(counts.time_s)
     kind, segment = np.full(at.size, -1), np.full(at.size, -1)
     for number, each in enumerate(recording.segments):
@@ -234,6 +243,8 @@ def series_of(
 
 def _faults_of(columns: dict[str, np.ndarray], recording: Recording, name: str) -> Iterator[str]:
     """Gaps of the reference within segments, and forces that stand at the end of their range."""
+    if not columns:
+        return
     time = columns["time"]
     step = np.diff(time)
     limit = max(GAP_S, 5.0 * float(np.median(step)))
@@ -351,7 +362,7 @@ def read_counts(topology: Topology, path: Path) -> Counts:
     if suffix == ".parquet" or (suffix == ".csv" and "time_s" in head_of(path)):
         return _table_of_counts(topology, path)
     buses = buses_of(topology, path) if len(topology.buses) > 1 else None
-    assembler, cycles = Assembler(topology), []
+    assembler, cycles, boards = Assembler(topology), [], Boards(topology)
 
     def keep(cycle: RawCycle | None) -> None:
         if cycle is not None:
@@ -359,13 +370,15 @@ def read_counts(topology: Topology, path: Path) -> Counts:
 
     for batch in read(path, buses=buses):
         batch.frames["origin"] = 0
+        boards.hear(batch.frames, np.zeros(len(batch.frames)))
         for cycle in assembler.feed(batch.frames):
             keep(cycle)
     keep(assembler.flush())
     if not cycles:
         raise ScanError(f"{path}: must have cycles of {topology.name!r}; got none")
     stamps, counts, status = map(np.stack, zip(*cycles, strict=True))
-    return Counts(1e-9 * (stamps - stamps[0]), counts, status & UNHEARD == 0)
+    time_s, heard = 1e-9 * (stamps - stamps[0]), status & UNHEARD == 0
+    return Counts(time_s, counts, heard, of_boards(topology, boards))
 
 
 def _table_of_counts(topology: Topology, path: Path) -> Counts:

@@ -79,8 +79,8 @@ def test_the_file_tells_serial_hash_range_goodness_and_covariance(bench, fitted)
         p = len(law["parameters"])
         assert len(law["sigma"]) == p
         assert len(law["correlation"]) == p * (p - 1) // 2
-    # shear does not stiffen with depth in this lab
-    assert told["kept"] == ["shear_gain_per_mm"]
+    # shear does not stiffen with depth in this lab, and nothing relaxes
+    assert told["kept"] == ["shear_gain_per_mm", "normal_creep", "shear_creep"]
 
 
 def test_a_tare_keeps_what_was_measured(bench, fitted, tmp_path):
@@ -258,6 +258,7 @@ def test_the_plan_has_every_segment_and_its_time(capsys):
     told = json.loads(said.splitlines()[-1])
     assert [step["kind"] for step in told["unit"]] == [
         "tare",
+        "hold",
         "normal",
         "shear",
         "shear",
@@ -265,8 +266,9 @@ def test_the_plan_has_every_segment_and_its_time(capsys):
         "circles",
         "heated-free",
         "heated-load",
-        "hold",
-        "neighbours",
     ]
-    assert [step["kind"] for step in told["array"]] == ["tare", "array", "array", "array"]
-    assert "each unit on a bench, 16 min:" in said
+    assert [step["kind"] for step in told["array"]] == [
+        "tare", "neighbours", "array", "array", "array",
+    ]  # fmt: skip
+    assert told["array"][1]["seconds"] == 2 * topology.load("palm").n
+    assert "each unit on a bench, 17 min:" in said

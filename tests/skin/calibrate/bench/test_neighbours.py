@@ -1,0 +1,145 @@
+"""A stencil from a recording of a touched skin, whose films are none of the stencil's theory."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import json
+
+import numpy as np
+import pytest
+
+import topology
+from benchmarks.accuracy_skin import with_parameters
+from benchmarks.films import RATE_HZ, press
+from benchmarks.films import _scored as scored
+from benchmarks.films_truth import PLACE_MM, TILT_DEG, array_of
+from skin.calibrate.bench.file import Recording, Segment
+from skin.calibrate.bench.neighbours import learn_stencil
+from skin.calibrate.bench.series import Counts, series_of
+from skin.calibrate.tare import tare
+from skin.cli import main
+from skin.errors import ScanError
+from skin.physics.halbach import HalbachField
+from skin.physics.stencil import Stencil
+from skin.sim.unit import UnitSimulator
+from topology import CHANNELS
+
+TARE = round(2.0 * RATE_HZ)
+SEGMENTS = (Segment(kind="tare", start_s=0.0, end_s=2.0),
+            Segment(kind="neighbours", start_s=2.0, end_s=1e3))  # fmt: skip
+
+
+def way(n, units):
+    """Untouched for two seconds, then one unit after the other."""
+    presses = [press(unit, n) for unit in units]
+    still = np.zeros((TARE, 2, n)), np.zeros((TARE, n))
+    return [np.concatenate(parts) for parts in zip(still, *presses, strict=True)]
+
+
+def series(skin, counts, segments=SEGMENTS):
+    heard = np.ones((len(counts), skin.n), bool)
+    recording = Recording(counts="", units=dict.fromkeys(skin.unit_names, ""), segments=segments)
+    recorded = Counts(np.arange(len(counts)) / RATE_HZ, counts, heard)
+    return series_of(skin, recording, recorded, {}, ("", ""))
+
+
+@functools.cache
+def array():
+    made = array_of(3, 100)
+    placed = {"placement_sigma_mm": PLACE_MM, "placement_sigma_rad": np.radians(TILT_DEG)}
+    known = with_parameters(made.known, **{k: np.full(9, v) for k, v in placed.items()})
+    return dataclasses.replace(made, known=known)
+
+
+@pytest.mark.long
+def test_the_stencil_of_a_recording_is_that_of_the_films_and_not_of_theory():
+    """Errors of tangential forces, beyond those of each unit alone, over those without it."""
+    made, n = array(), 9
+    recorded = series(made.known, made.counts(*way(n, range(n)), seed=1))
+    learned = learn_stencil(made.known, recorded)
+    assert learned.missing == ()
+    untouched = made.counts(np.zeros((TARE, 2, n)), np.zeros((TARE, n)), seed=7)
+    force = {}
+    for name, stencil in (("theory", Stencil.of(made.known)), ("learned", learned.stencil)):
+        zeros = tare(made.known, untouched, rest_ut=stencil.rest_ut).applied()
+        force[name] = scored(made, zeros, stencil, 20)
+    alone = scored(made, made.known, None, 20, alone=True)
+    beyond = {k: np.sqrt(max(v["force_mn"] ** 2 - alone["force_mn"] ** 2, 0.0))
+              for k, v in force.items()}  # fmt: skip
+    assert beyond["learned"] < 0.5 * beyond["theory"]
+    assert 0.64 < force["learned"]["coverage"] < 0.76
+
+
+def test_units_that_were_not_pressed_are_named_and_none_at_all_is_refused():
+    made = array()
+    counts = made.counts(*way(9, (0, 4)), seed=1)
+    learned = learn_stencil(made.known, series(made.known, counts))
+    pressed = {made.known.unit_names[0], made.known.unit_names[4]}
+    assert set(learned.missing) == set(made.known.unit_names) - pressed
+    untouched = made.counts(*way(9, ()), seed=1)
+    longer = np.concatenate([untouched, untouched])
+    with pytest.raises(ScanError, match="neighbours: must be pressed one by one, the units besi"):
+        learn_stencil(made.known, series(made.known, longer))
+    with pytest.raises(ScanError, match="neighbours: must be in a recording with a tare of the"):
+        learn_stencil(made.known, series(made.known, counts, SEGMENTS[1:]))
+    moving = (Segment(kind="tare", start_s=2.0, end_s=2.8),
+              Segment(kind="neighbours", start_s=2.8, end_s=1e3))  # fmt: skip
+    with pytest.raises(ScanError, match=f"{made.known.unit_names[0]}: "):
+        learn_stencil(made.known, series(made.known, counts, moving))
+
+
+@pytest.fixture
+def recorded(tmp_path):
+    """A BENCH file of four units side by side, without a reference; and their topology."""
+    (tmp_path / "skin.toml").write_text(
+        'format = 1\nname = "quad"\n[[buses]]\nname = "main"\ndata_bitrate = 5_000_000\n'
+        f"cycle_rate_hz = {RATE_HZ:g}\nsync_id = 0x80\n"
+        '[[patches]]\nname = "pad"\nkind = "grid"\nrows = 2\ncolumns = 2\npitch_m = 0.012\n'
+        'bus = "main"\nlayout = "f3t-fd16"\nfirst_id = 0x100\ncalibration = "pad.toml"\n'
+    )
+    (tmp_path / "pad.toml").write_text('format = 1\npatch = "pad"\n')
+    skin = topology.load(tmp_path / "skin.toml")
+    units = UnitSimulator(skin, seed=1, field=HalbachField(skin))
+    place, depth = way(4, range(4))
+    values = units.quantities(depth, place, np.full(depth.shape, 25.0))
+    counts = units.quantise(units.disturb(values))
+    head = ",".join(["time_s", *(f"{u} {c}" for c in CHANNELS for u in skin.unit_names)])
+    rows = np.column_stack([np.arange(len(counts)) / RATE_HZ, counts.reshape(len(counts), -1)])
+    np.savetxt(tmp_path / "touch.csv", rows, "%.10g", ",", header=head, comments="")
+    names = ", ".join(f'"{name}" = ""' for name in skin.unit_names)
+    (tmp_path / "bench.toml").write_text(
+        'format = 1\ntopology = "skin.toml"\n[[recordings]]\ncounts = "touch.csv"\n'
+        f"units = {{ {names} }}\nsegments = [\n"
+        '  { kind = "tare", start_s = 0.0, end_s = 2.0 },\n'
+        '  { kind = "neighbours", start_s = 2.0, end_s = 60.0 },\n]\n'
+    )
+    return tmp_path
+
+
+def test_the_command_writes_the_stencil_beside_the_calibration(recorded, capsys):
+    assert main(["calibrate", str(recorded / "bench.toml"), "--json"]) == 0
+    out = capsys.readouterr().out
+    path = recorded / "quad_stencil.npz"
+    assert json.loads(out.splitlines()[-1])["stencil"] == str(path)
+    assert f"{path}: stray fields within" in out
+    loaded = Stencil.load(path, topology.load(recorded / "skin.toml"))
+    assert loaded.rest_ut.shape == (3, 4)
+    assert (recorded / "pad.toml").read_text() == 'format = 1\npatch = "pad"\n'
+
+
+def test_what_could_not_be_learned_is_said_and_nothing_written(recorded, capsys):
+    bench = recorded / "bench.toml"
+    bench.write_text(
+        bench.read_text().replace('{ kind = "tare", start_s = 0.0, end_s = 2.0 },', "")
+    )
+    assert main(["calibrate", str(bench)]) == 2
+    assert "neighbours: must be in a recording with a tare" in capsys.readouterr().err
+    assert not list(recorded.glob("*.npz"))
+
+
+def test_other_segments_need_a_reference(recorded, capsys):
+    bench = recorded / "bench.toml"
+    bench.write_text(bench.read_text().replace('"neighbours"', '"normal"'))
+    assert main(["calibrate", str(bench)]) == 2
+    assert "reference" in capsys.readouterr().err

@@ -1,0 +1,96 @@
+"""Holds of a bench: of a material that is none of the decoder's, and of one that does not relax."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import numpy as np
+import pytest
+
+from benchmarks.creep import SHARE, STRETCH, TIME_S, UNLIKE
+from benchmarks.lab import HELD_MM, Lab, protocol, unseen
+from skin import Decoder
+from skin.calibrate.bench.file import KINDS
+from skin.calibrate.bench.fit import fit_unit
+from skin.calibrate.unit import with_fits
+
+CREEP = frozenset({"creep"})
+
+
+@functools.cache
+def series(laws=frozenset()):
+    lab, path = Lab(1, seed=5, laws=laws), protocol(share=0.25)
+    return lab, lab.series(path, lab.counts(path), 0)
+
+
+def known(lab, result):
+    return with_fits(lab.nominal, {result.unit: result.fits})
+
+
+def scored(lab, skin):
+    """Root mean square error on a way that was not recorded, N, and its share within one sigma."""
+    path = unseen(40.0, seed=17)
+    counts = lab.counts(path, noise=False).counts
+    reading = Decoder(skin, dtype="float64")(counts)
+    error = np.abs(reading.force - lab.force(path))
+    return float(np.sqrt(np.mean(error**2))), float(np.mean(error <= reading.force_sigma))
+
+
+def cut(recorded, seconds):
+    """The recording with a hold that ends so long after the step; without one if that is none."""
+    hold = recorded.kind == KINDS.index("hold")
+    if not seconds:
+        return dataclasses.replace(recorded, segment=np.where(hold, -1, recorded.segment))
+    time_s = recorded.counts.time_s
+    step_s = time_s[hold][np.argmax(recorded.displacement[0, hold] > 0.5 * HELD_MM[1])]
+    late = hold & (time_s > step_s + seconds)
+    return dataclasses.replace(recorded, segment=np.where(late, -1, recorded.segment))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seconds", [100.0, 24.0])
+def test_a_unit_that_relaxes_by_another_law_is_right_on_ways_that_were_not_recorded(seconds):
+    """Errors are within sigma, and stiffnesses off by no more than what relaxes after the hold."""
+    lab, recorded = series(CREEP)
+    result = fit_unit(lab.nominal, cut(recorded, seconds), 0)
+    skin = known(lab, result)
+    without = known(lab, fit_unit(lab.nominal, cut(recorded, 0.0), 0))
+    (rms, share), (elastic, elastic_share) = (scored(lab, each) for each in (skin, without))
+    assert rms < 0.5 * elastic
+    assert share > 0.68 > elastic_share
+    later = (1.0 + UNLIKE) * SHARE * np.exp(-((seconds / (1.0 + UNLIKE) / TIME_S) ** STRETCH))
+    for name in ("normal_stiff_n_per_hz", "shear_soft_n_per_mm"):
+        (fit,) = (fit for fit in result.fits if name in fit.names)
+        true = lab.true.parameters[name][0]
+        assert abs(fit[name] - true) < later * true + 3.0 * fit.sigma[fit.names.index(name)]
+
+
+@pytest.mark.long
+def test_a_unit_that_does_not_relax_gets_no_term_and_the_same_laws():
+    lab, recorded = series()
+    result = fit_unit(lab.nominal, recorded, 0)
+    skin = known(lab, result)
+    assert not Decoder(skin).plan.creep
+    why = "terms predict no better than none, by cross-validation"
+    assert result.kept["normal_creep"] == result.kept["shear_creep"] == why
+    without = fit_unit(lab.nominal, cut(recorded, 0.0), 0)
+    assert without.kept["creep"] == "hold: must be a segment whose force was measured; got none"
+    laws = known(lab, without).parameters
+    for name in ("normal_soft_n_per_hz", "normal_stiff_n_per_hz", "shear_soft_n_per_mm"):
+        np.testing.assert_array_equal(skin.parameters[name], laws[name])
+    # what the holds leave unknown is in sigma, and little
+    for name in ("normal_sigma_relative", "shear_sigma_relative"):
+        assert laws[name] < skin.parameters[name] < laws[name] + 0.002
+
+
+@pytest.mark.long
+def test_a_component_that_was_not_held_is_said_to():
+    lab, recorded = series(CREEP)
+    pressed = recorded.force.copy()
+    pressed[:2] = np.nan
+    result = fit_unit(lab.nominal, dataclasses.replace(recorded, force=pressed), 0)
+    assert result.kept["shear_creep"] == "hold: time_s: must be 30 samples or more; got 0"
+    skin = known(lab, result)
+    assert skin.parameters["normal_creep_relative"].sum() > 0.1
+    assert not skin.parameters["shear_creep_relative"].any()
