@@ -170,7 +170,7 @@ def _scene(simulate: Any) -> Any:
 
 
 def _nodes(
-    undo: ExitStack, topology: Topology, scene: Any, seed: int, has_transports: bool, sync: str
+    undo: ExitStack, topology: Topology, scene: Any, seed: int, has_transports: bool, sync: Sync
 ) -> Nodes | None:
     """Simulated units, where a scene is given."""
     if not scene:
