@@ -24,6 +24,8 @@ WARMED_C = 0.5
 DRIFTED_HZ = 60.0
 """How far the frequency at rest drifts, 0.1 N [assumed]. A unit as made may be off by its spread as
 well: a press of 0.25 N that stands still passes for rest there."""
+DRIFTED_UT = 200.0
+"""The same of the lateral field [assumed: as `skin.decode.ambient` follows it]."""
 SPREAD = np.sqrt(3.0)
 """Sigmas to the ends of an even spread."""
 OFFSET_UT, OFFSET_BLIND_UT = 1000.0, 2000.0
@@ -58,6 +60,9 @@ class Readings:
     ----------
     topology, counts, status, rest_ut
         As of `skin.calibrate.tare.tare`.
+    nobody_asked : bool
+        Whether nobody said that the skin is untouched: then a lateral field that units as made do
+        not have tells of shear, not only one that no unit has.
     """
 
     def __init__(
@@ -66,10 +71,15 @@ class Readings:
         counts: np.ndarray,
         status: np.ndarray,
         rest_ut: np.ndarray | None = None,
+        *,
+        nobody_asked: bool = False,
     ) -> None:
         self.topology, self.counts, self.status = topology, counts, status
-        self._room_ut = OFFSET_BLIND_UT if rest_ut is None else OFFSET_UT
+        room_ut = OFFSET_BLIND_UT if rest_ut is None else OFFSET_UT
+        self._room_ut = np.full(topology.n, room_ut)
         self._rest_ut = np.zeros((3, topology.n)) if rest_ut is None else np.asarray(rest_ut, float)
+        if nobody_asked:
+            self._room_ut = np.minimum(self._room_ut, _spread_ut(topology, self._rest_ut))
         self._own_ut = np.einsum("abn,bn->an", inverse_map(topology), film_at_rest_ut(topology)[:2])
         self._seen: dict[int, _Unit] = {}
 
@@ -82,7 +92,7 @@ class Readings:
         few = unit.too_few(flags)
         if few:
             return Look([few], False)
-        pressed = [*unit.moves(), *unit.loaded(self._rest_ut[:, i], self._room_ut)]
+        pressed = [*unit.moves(), *unit.loaded(self._rest_ut[:, i], self._room_ut[i])]
         return Look([*pressed, *unit.faults()], bool(pressed))
 
     def zeros(self, taken: np.ndarray) -> Zeros:
@@ -104,6 +114,17 @@ class Readings:
             mean[FREQUENCY], sigma[FREQUENCY], offset[:2] - rest[:2], sigma[BX : BY + 1], axial,
             cycles,
         )  # fmt: skip
+
+
+def _spread_ut(topology: Topology, rest_ut: np.ndarray) -> np.ndarray:
+    """How far a lateral axis may be from the field of neighbours at rest, µT, shape (n,): drift,
+    and three sigmas of offset, of where the film sits, and of what neighbours add."""
+    p = topology.parameters
+    per_mm = film_at_rest_ut(topology)[2] / p["field_vertical_ratio"]
+    per_mm = per_mm * p["field_wavenumber_rad_per_mm"]
+    stray = p["stray_sigma_relative"] * np.abs(rest_ut[:2]).max(axis=0)
+    sigma = np.sqrt(p["field_sigma_ut"] ** 2 + (per_mm * p["field_angle_sigma_mm"]) ** 2 + stray**2)
+    return DRIFTED_UT + 3.0 * sigma
 
 
 class _Unit:

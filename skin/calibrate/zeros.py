@@ -132,7 +132,9 @@ class Zeros:
             if self._saved is not None:
                 self._take_up(self._saved, counts)
                 continue
-            readings = Readings(self._decoder.topology, counts, status, self._decoder.rest_ut)
+            readings = Readings(
+                self._decoder.topology, counts, status, self._decoder.rest_ut, nobody_asked=True
+            )
             looks = {}
             for k, i in enumerate(np.flatnonzero(self._pending).tolist()):
                 looks[i] = readings.look(i)

@@ -39,12 +39,13 @@ class Hand:
         self.pipeline = Pipeline(known, Options(**options))
         self.number = 0
 
-    def run(self, cycles, *, depth_mm=None, ambient_ut=(0.0, 0.0, 0.0)):
-        """The state of the last of some cycles, one unit being pressed, in an ambient field."""
-        depth = np.zeros((1, N))
+    def run(self, cycles, *, depth_mm=None, shear_mm=0.0, ambient_ut=(0.0, 0.0, 0.0)):
+        """The state of the last of some cycles, one unit being touched, in an ambient field."""
+        depth, shear = np.zeros((1, N)), np.zeros((1, 2, N))
+        shear[0, 0, PRESSED] = shear_mm
         if depth_mm is not None:
             depth[0, PRESSED] = depth_mm
-        still = self.units.quantities(depth, np.zeros((1, 2, N)), np.full((1, N), 25.0))
+        still = self.units.quantities(depth, shear, np.full((1, N), 25.0))
         turn = PALM.rotation * CHIP_AXES[:, np.newaxis]
         still[0, BX : BX + 3] += np.einsum("abn,a->bn", turn, np.asarray(ambient_ut))
         for _ in range(cycles):
@@ -108,6 +109,20 @@ def test_a_pressed_unit_and_those_near_it_are_refused_until_nothing_presses():
     _, expected = known(alone)
     late = np.isin(PALM.unit_names, [*near, name])
     assert np.abs(offset - expected)[:, late].max() < 6.0 * 105.0 * np.sqrt(2.0 / WINDOW)
+
+
+@pytest.mark.parametrize(
+    ("touch", "why"),
+    [
+        ({"depth_mm": 0.28}, "frequency: must be within 150.1 Hz"),
+        ({"shear_mm": 0.56}, "bx: must be within "),
+    ],
+)
+def test_a_light_touch_that_stands_still_from_the_start_is_seen(touch, why):
+    """0.42 N on it, or 0.28 N along it: more than units as made can differ by."""
+    hand = Hand()
+    hand.run(WINDOW + N, **touch)
+    assert why in hand.pipeline.zeros.report()["refused"][PALM.unit_names[PRESSED]]
 
 
 def test_units_that_are_silent_are_not_tared_and_hinder_nobody():
