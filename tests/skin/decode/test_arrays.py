@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from bus.status import Status
-from skin.decode import decoder as decoder_module
-from skin.decode import sharing
+from skin.decode import passes, sharing
 from skin.decode.decoder import Decoder
 from skin.errors import CountsError, OptionError
 from tests.fixtures.decode import calibrated, row_of, sensible_counts
@@ -27,7 +26,7 @@ def test_many_units_are_read_where_their_counts_lie(monkeypatch):
     for t in range(6):
         reading = copying(raw[t], status[t] if t % 3 else None, background[t] if t % 2 else None)
         expected.append([getattr(reading, name).copy() for name in NAMES])
-    monkeypatch.setattr(decoder_module, "COPIED", 6)
+    monkeypatch.setattr(passes, "COPIED", 6)
     reading_there = Decoder(skin)
     for t in range(6):
         found = reading_there(

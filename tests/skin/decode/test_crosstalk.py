@@ -55,7 +55,8 @@ def part_of(skin, keep):
     """The same skin with some units, in any order, and not at all with the others."""
     return dataclasses.replace(
         skin, position=skin.position[:, keep], rotation=skin.rotation[:, :, keep],
-        patch=skin.patch[keep], unit_names=tuple(skin.unit_names[k] for k in keep),
+        patch=skin.patch[keep], tared=skin.tared[keep],
+        unit_names=tuple(skin.unit_names[k] for k in keep),
         parameters={name: value[..., keep] for name, value in skin.parameters.items()},
     )  # fmt: skip
 
