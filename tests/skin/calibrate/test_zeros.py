@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import errno
 import itertools
 from types import SimpleNamespace
 
@@ -261,6 +262,23 @@ def test_zeros_of_a_board_that_nobody_knows_are_not_taken_up(tmp_path, who):
     told, _ = opened(file, **who)
     assert told["taken_up"] == []
     assert all("board that tells one serial number" in why for why in told["refused"].values())
+
+
+def test_zeros_are_saved_where_the_log_cannot_be_ended(tmp_path):
+    file = tmp_path / "zeros.npz"
+    run = skin.open(PALM, transports=in_process(Nodes(TRUE, Still(), history=0)), zeros=file,
+                    pace=False, want={"force"}, log=tmp_path / "run.log")  # fmt: skip
+    end = run._recording.close
+
+    def full():
+        end()
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    run._recording.close = full
+    with pytest.raises(OSError, match="No space left"), run:
+        for _ in zip(range(5), run, strict=False):
+            pass
+    assert file.exists()
 
 
 @pytest.mark.parametrize("silent", [WINDOW // 2, WINDOW])
