@@ -256,9 +256,11 @@ class Skin:
                 self.nodes.close()
             for transport in self.transports:
                 transport.close()
-            if self._recording is not None:
-                self._recording.close()
-            self.pipeline.close()
+            try:
+                if self._recording is not None:
+                    self._recording.close()
+            finally:  # the log's disk may be full, that of the zeros is another
+                self.pipeline.close()
 
     def __iter__(self) -> Iterator[State]:
         """One state a cycle; a later loop goes on where the one before has ended.

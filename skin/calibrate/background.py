@@ -16,10 +16,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from bus.status import INVALID, Status
 from skin.calibrate.learn import StrayEstimate
 from skin.calibrate.tare import tare
-from skin.calibrate.touch import LEAST, TouchTest, warmup
-from skin.errors import ScanError, SkinError
+from skin.calibrate.touch import TouchTest, warmup
+from skin.calibrate.untouched import LEAST_CYCLES
+from skin.errors import OptionError, ScanError, SkinError
 from topology import CHANNELS, Topology
 
 if TYPE_CHECKING:
@@ -28,6 +30,8 @@ if TYPE_CHECKING:
 __all__ = ["Learning"]
 
 WINDOW_S = 1.0
+SPARE = 1.2
+"""Cycles of a window over those that a tare needs: some are lost [assumed]."""
 WAITING = 4
 """Seconds of cycles that wait for the thread, at most."""
 BACKGROUND_ROWS = 4
@@ -67,7 +71,7 @@ class Learning:
         topology = decoder.topology
         StrayEstimate.check_size(topology)
         self._decoder, self._topology, self._zeros, n = decoder, topology, 0, topology.n
-        cycles = max(round(WINDOW_S * topology.cycle_rate_hz), LEAST)
+        cycles = max(round(WINDOW_S * topology.cycle_rate_hz), round(SPARE * LEAST_CYCLES))
         self._counts = np.empty((cycles, len(CHANNELS), n), np.int16)
         self._status = np.empty((cycles, n), np.uint16)
         self._background = np.zeros((BACKGROUND_ROWS, n))
@@ -101,14 +105,15 @@ class Learning:
         self._background[:] = 0.0
 
     def _work(self) -> None:
-        """The thread: one window after the other."""
+        """The thread: one window after the other; after a failure they are only taken away, so that
+        nobody waits for them."""
         while (window := self._queue.get()) is not None:
             try:
-                with self._lock:
-                    self._learner.take(window)
+                if self._failed is None:
+                    with self._lock:
+                        self._learner.take(window)
             except Exception as error:  # told by whoever asks for what was learned
                 self._failed = error
-                return
             finally:
                 self._queue.task_done()
 
@@ -142,7 +147,9 @@ class Learning:
         with self._lock:
             test = self._learner.test
             if test is None or not test.pressed.any():
-                needed = "press beside an untouched unit" if test else "second without a touch"
+                why = f" ({self._learner.why})" if self._learner.why else ""
+                touch = "press beside an untouched unit"
+                needed = touch if test else f"second without a touch{why}"
                 raise SkinError(f"{file}: must be learned from a skin in use; got no {needed}")
             test.estimate.stencil().save(Path(file))
 
@@ -161,11 +168,13 @@ class _Learner:
     """What the thread has: nothing, until nothing has touched the skin for a second.
 
     Zeros are taken anew, on the skin as files have it: it has the chips' own offsets, without which
-    the field of neighbours at rest could not be told.
+    the field of neighbours at rest could not be told. Units that were silent then are left out from
+    then on. `why` is the last reason against a second.
     """
 
     def __init__(self, topology: Topology) -> None:
         self.test: TouchTest | None = None
+        self.why = ""
         self._topology, self._zeros = topology, -1
 
     def take(self, window: Window) -> None:
@@ -174,12 +183,17 @@ class _Learner:
         if window.zeros != self._zeros:
             self.test, self._zeros = None, window.zeros
         if self.test is not None:
-            self.test(window.counts, window.status, window.background - self._followed)
+            status = window.status | np.where(self._silent, int(Status.FAULT), 0).astype(np.uint16)
+            self.test(window.counts, status, window.background - self._followed)
             return
+        good = np.count_nonzero(window.status & int(INVALID) == 0, axis=0)
+        self._silent = good < LEAST_CYCLES
+        names = [self._topology.unit_names[i] for i in np.flatnonzero(self._silent)]
         try:
-            found = tare(self._topology, window.counts, window.status)
-        except ScanError:
-            return  # something presses, or moves
+            found = tare(self._topology, window.counts, window.status, leave_out=names)
+        except (OptionError, ScanError) as error:  # something presses, or moves; nothing answers
+            self.why = str(error).partition("\n")[0]
+            return
         estimate = StrayEstimate(self._topology)
         tared = estimate.tared(found)
         self._followed = window.background

@@ -1,7 +1,8 @@
 """From counts while a skin is touched to what chips read of their neighbours' films.
 
 A unit whose frequency stays at its zero is provably untouched: whatever its chip reads beyond what
-it read at rest comes from the films around, whose displacements their own chips tell.
+it read at rest comes from the films around, whose displacements their own chips tell. Near a unit
+that does not answer, or not soundly, nothing is learned: its film may be anywhere.
 """
 
 from __future__ import annotations
@@ -97,18 +98,15 @@ class TouchTest:
         """
         if len(counts) < LEAST:
             raise ScanError(f"counts: must be {LEAST} cycles or more; got {len(counts)}")
-        field, moved, good = self._field(counts, status, background)
+        field, moved, valid = self._field(counts, status, background)
+        good, still = valid.all(axis=0), self._still(moved[:, 2], valid)
         cut = len(field) // MEAN_OF * MEAN_OF
         field, moved = (each[:cut].reshape(-1, MEAN_OF, *each.shape[1:]).mean(axis=1)
                         for each in (field, moved))  # fmt: skip
-        depth = moved[:, 2]
-        quarters = np.array_split(np.arange(len(field)), QUARTERS)
-        means = np.stack([depth[part].mean(axis=0) for part in quarters])
-        room = UNTOUCHED_SIGMAS * self._depth_sigma / np.sqrt(len(counts) / QUARTERS)
         with np.errstate(invalid="ignore"):
-            free = good & (np.abs(means) <= room).all(axis=0)
-            known = good & ~free
-            told = (depth > PRESSED_MM) & known
+            told = (moved[:, 2] > PRESSED_MM) & good & ~still
+        moved[:, :, still | ~good] = 0.0
+        free = still & good & ~self._near(self.topology.enabled & ~good & ~still)
         cycles = told.any(axis=1)
         near = np.isin(self.estimate.theory.neighbour, np.flatnonzero(told.any(axis=0)))
         if not cycles.any() or not free[self.estimate.theory.unit[near]].any():
@@ -119,22 +117,38 @@ class TouchTest:
         self.pressed += MEAN_OF * told.sum(axis=0)
         return MEAN_OF * int(cycles.sum())
 
+    def _still(self, depth: np.ndarray, valid: np.ndarray) -> np.ndarray:
+        """Untouched units, by depth and validity of each reading, shape (t, n) each."""
+        room = UNTOUCHED_SIGMAS * self._depth_sigma / np.sqrt(len(depth) / QUARTERS)
+        still = np.ones(self.topology.n, bool)
+        for part in np.array_split(np.arange(len(depth)), QUARTERS):
+            total = np.sum(depth[part], axis=0, where=valid[part])
+            count = np.count_nonzero(valid[part], axis=0)
+            still &= (count > 0) & (np.abs(total) <= count * room)
+        return still
+
+    def _near(self, unseen: np.ndarray) -> np.ndarray:
+        """Chips that units of which nobody knows whether they are pressed would reach."""
+        theory, near = self.estimate.theory, np.zeros(self.topology.n, bool)
+        reaches = unseen[theory.neighbour] & (theory.strength[theory.neighbour] > 0.0)
+        near[theory.unit[reaches]] = True
+        return near
+
     def _field(
         self,
         counts: np.ndarray,
         status: np.ndarray | None = None,
         background: np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Field, axes of the chips, and displacement, shape (t, 3, n), and units that are valid
-        throughout."""
+        """Field, axes of the chips, and displacement, shape (t, 3, n), and whether each
+        reading is valid, shape (t, n)."""
         self._decoder.reset()
         if background is not None:
             background = np.repeat(background[np.newaxis].astype(np.float32), len(counts), axis=0)
         reading = self._decoder(counts, status, background)
         field = reading.field_ut.astype(float)
         field[:, :2] = np.einsum("abn,tbn->tan", self._to_counts, field[:, :2])
-        flagged = np.bitwise_or.reduce(reading.status, axis=0) & int(INVALID) != 0
-        return field, reading.displacement_mm.astype(float), ~flagged
+        return field, reading.displacement_mm.astype(float), reading.status & int(INVALID) == 0
 
 
 def warmup(topology: Topology) -> None:

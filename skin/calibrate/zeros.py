@@ -9,7 +9,8 @@ it by then does not.
 
 What a run has followed can be saved at its end and taken up by the next. A zero is that of a unit
 on its board, at its temperature: it is taken up if the board tells the same serial number, the
-temperature is the same within `SAME_C`, and the calibration has not changed.
+temperature is the same within `SAME_C`, and the calibration has not changed. Zeros of boards that
+tell no serial number, or several as one node, are not taken up.
 
 A press that stands still from the first cycle on and is smaller than units as made differ from each
 other (0.25 N; 0.1 N where a bench has measured the frequency at rest) cannot be told from rest.
@@ -27,6 +28,7 @@ import numpy as np
 
 from bus.boards import Boards
 from bus.configure import node_numbers
+from bus.status import INVALID
 from skin.calibrate.tare import INCLUDED, LEFT_OUT, Tare
 from skin.calibrate.untouched import LEAST_CYCLES, Look, Readings
 from skin.errors import CalibrationError
@@ -55,7 +57,7 @@ SAME_C = 5.0
 
 GEL, CHIP = CHANNELS.index("gel"), CHANNELS.index("hall_temperature")
 FORMAT = 1
-KINDS = {"known": "b", "calibration": "U", "serial": "i"}
+KINDS = {"known": "b", "calibration": "U", "serial": "i", "bodies": "U"}
 """Types of the arrays of a file that are no float."""
 FINITE = ("frequency_hz", "frequency_sigma_hz", "offset_ut", "field_sigma_ut", "field_ut")
 
@@ -130,7 +132,7 @@ class Zeros:
                     counts[t], status[t] = self._last
                 yield
             if self._saved is not None:
-                self._take_up(self._saved, counts)
+                self._take_up(self._saved, counts, status)
                 continue
             readings = Readings(
                 self._decoder.topology, counts, status, self._decoder.rest_ut, nobody_asked=True
@@ -236,6 +238,9 @@ class Zeros:
             Saved for other units, or not by `save`.
         """
         check_path("zeros", file, CalibrationError)
+        folder = Path(file).parent
+        if not folder.is_dir():
+            raise CalibrationError(f"{file}: must be in a folder that is there; got {folder}")
         self._file = file
         self._boards = Boards(self._filed)
         if missing(file):
@@ -245,6 +250,8 @@ class Zeros:
             units = found["units"].tolist()
         except (OSError, LookupError, ValueError) as error:
             raise CalibrationError(f"{file}: must be zeros that were saved; got {error}") from None
+        if (form := str(found.get("format"))) != str(FORMAT):
+            raise CalibrationError(f"{file}: format: must be {FORMAT}; got {form}")
         n, bodies = self._filed.n, found.get("bodies", np.zeros(0, str))
         if units != list(self._filed.unit_names):
             raise CalibrationError(
@@ -253,7 +260,7 @@ class Zeros:
         shapes = {
             "known": (n,), "calibration": (n,), "frequency_hz": (n,), "frequency_sigma_hz": (n,),
             "offset_ut": (2, n), "field_sigma_ut": (n,), "serial": (n,), "temperature_c": (n,),
-            "field_ut": (3, len(bodies)),
+            "bodies": (bodies.size,), "field_ut": (3, bodies.size),
         }  # fmt: skip
         for name, shape in shapes.items():
             got = found.get(name, np.empty(0))
@@ -268,14 +275,22 @@ class Zeros:
         self._saved = self._before = found
         self._steps = self._steps or self._windows()
 
-    def _take_up(self, saved: dict[str, np.ndarray], counts: np.ndarray) -> None:
+    def _take_up(
+        self, saved: dict[str, np.ndarray], counts: np.ndarray, status: np.ndarray
+    ) -> None:
         """Take the zeros of the run before of units that are the same, as warm as then."""
         topology, names = self._decoder.topology, self._filed.unit_names
         self._saved = None
-        warmer = self._temperature_c(np.mean(counts, axis=0)) - saved["temperature_c"]
+        good = status & int(INVALID) == 0
+        count = np.count_nonzero(good, axis=0)
+        mean = np.einsum("tcn,tn->cn", counts, good, dtype=float) / np.maximum(count, 1)
+        warmer = self._temperature_c(mean) - saved["temperature_c"]
+        serial = self._serial()
         faults = {
+            "must have a good reading in the first second; got none": count == 0,
             "must be of the calibration as it is now": saved["calibration"] != self._calibration(),
-            "must be of the board that is there now": saved["serial"] != self._serial(),
+            "must be of a board that tells one serial number; got none or several": serial < 0,
+            "must be of the board that is there now": saved["serial"] != serial,
             f"must be within {SAME_C:g} °C of the temperature now": ~(np.abs(warmer) <= SAME_C),
         }
         taken = saved["known"] & ~topology.counts_only

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import threading
 import time
 
 import numpy as np
@@ -12,6 +13,7 @@ import skin
 from benchmarks.accuracy_skin import square, with_parameters
 from benchmarks.films import press
 from benchmarks.films_truth import PLACE_MM, TILT_DEG, array_of
+from bus.status import Status
 from skin.calibrate.background import Learning
 from skin.decode.decoder import Decoder
 from skin.errors import SkinError
@@ -35,9 +37,9 @@ def array():
     return dataclasses.replace(found, known=known)
 
 
-def fed(learning, decoder, counts):
+def fed(learning, decoder, counts, flags=0):
     """Let a second of cycles be decoded and looked at; wait for the thread."""
-    status = np.zeros(counts.shape[2], np.uint16)
+    status = np.zeros(counts.shape[2], np.uint16) | np.asarray(flags, np.uint16)
     for cycle in counts:
         decoder(cycle, status)
         learning.look(cycle, status)
@@ -150,3 +152,73 @@ def test_a_live_skin_learns_beside_its_cycles(tmp_path):
 def test_large_skins_are_refused():
     with pytest.raises(SkinError, match="must have 256 units or fewer for its stray"):
         Learning(Decoder(square(17, 0.012), {"force"}))
+
+
+@pytest.mark.parametrize("rate_hz", [20.0, 99.0])
+def test_a_slow_skin_learns(rate_hz):
+    known = square(SIDE, 0.012, rate_hz)
+    n, units = known.n, UnitSimulator(known, seed=1, field=HalbachField(known))
+    decoder = Decoder(known, {"force"}, sweeps=1)
+    learning = Learning(decoder)
+    cycles = len(learning._counts)
+    at = np.linspace(0, len(press(4, n)[1]) - 1, cycles).round().astype(int)
+    for displacement, depth in (
+        (np.zeros((cycles, 2, n)), np.zeros((cycles, n))), tuple(a[at] for a in press(4, n)),
+    ):  # fmt: skip
+        values = units.quantities(depth, displacement, np.full((cycles, n), 25.0))
+        fed(learning, decoder, units.quantise(units.disturb(values)))
+    assert set(learning.report()["pressed"]) == {known.unit_names[4]}
+    learning.close()
+
+
+def test_a_silent_unit_hinders_only_those_near_it():
+    known = square(6, 0.012)
+    n, units = known.n, UnitSimulator(known, seed=1, field=HalbachField(known))
+    decoder = Decoder(known, {"force"}, sweeps=1)
+    silent = np.arange(n) == n - 1
+    learning = Learning(decoder)
+    for unit in (None, 0):
+        moved = np.zeros((CYCLES, 2, n)), np.zeros((CYCLES, n))
+        if unit is not None:
+            moved = second(*press(unit, n))
+        values = units.quantities(moved[1], moved[0], np.full((CYCLES, n), 25.0))
+        fed(learning, decoder, units.quantise(units.disturb(values)), silent * int(Status.LATE))
+    assert set(learning.report()["pressed"]) == {known.unit_names[0]}
+    learning.close()
+
+
+def test_what_keeps_a_skin_from_learning_is_told(array, tmp_path):
+    decoder = Decoder(array.known, {"force"}, sweeps=1)
+    learning = Learning(decoder)
+    fed(learning, decoder, array.counts(*second(*press(0, array.known.n)), seed=1))
+    with pytest.raises(SkinError, match=r"without a touch \(.*r0c0: .*must hold still"):
+        learning.save(tmp_path / "a.npz")
+    learning.close()
+
+
+def test_a_thread_that_fails_keeps_nobody_waiting(array, tmp_path):
+    learning = Learning(Decoder(array.known, {"force"}, sweeps=1))
+    waits = threading.Event()
+
+    def take(_window):
+        waits.wait(10.0)
+        raise np.linalg.LinAlgError("singular")
+
+    learning._learner.take = take
+    n = array.known.n
+    for _ in range(3 * len(learning._counts)):
+        learning.look(np.zeros((6, n), np.int16), np.zeros(n, np.uint16))
+    failed = []
+
+    def save():
+        try:
+            learning.save(tmp_path / "a.npz")
+        except SkinError as error:
+            failed.append(str(error))
+
+    saving = threading.Thread(target=save, daemon=True)
+    saving.start()
+    waits.set()
+    saving.join(10.0)
+    assert failed == ["learn: must learn from every second; got singular"]
+    learning.close()

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import errno
+import itertools
 from types import SimpleNamespace
 
 import numpy as np
@@ -193,8 +195,9 @@ class Still:
         return self._truth
 
 
-def opened(file, *, known=PALM, serial=0, temperature_c=25.0, cycles=WINDOW + 40):
-    """A run on units that are none like the model, whose boards have numbers from `serial` on."""
+def opened(file, *, known=PALM, serial=0, temperature_c=25.0, cycles=WINDOW + 40, others=None):
+    """A run on units that are none like the model, whose boards have numbers from `serial` on;
+    they say nothing if that is None, and there are `others` of the same nodes."""
     nodes = Nodes(TRUE, Still(temperature_c), history=0)
     ends = in_process(nodes)
     run = skin.open(known, transports=ends, zeros=file, pace=False, want={"force"})
@@ -204,8 +207,15 @@ def opened(file, *, known=PALM, serial=0, temperature_c=25.0, cycles=WINDOW + 40
     def heard(frames, when):
         frames = frames.copy()
         beats = (frames["id"] > 0x700) & (frames["id"] < 0x7E0)
-        frames["data"][beats, 4] += serial
-        hear(frames, when)
+        if serial is None:
+            frames = frames[~beats]
+        else:
+            frames["data"][beats, 4] += serial
+        if others is not None:
+            more = frames[beats].copy()
+            more["data"][:, 4] += others
+            frames = np.concatenate([frames, more])
+        hear(frames, np.zeros(frames.size))
 
     board.hear = heard
     with run:
@@ -260,6 +270,60 @@ def test_a_run_that_sees_little_loses_nothing(saved):
         assert np.abs(kept["temperature_c"] - 25.0).max() < 2.0
 
 
+@pytest.mark.parametrize("who", [{"serial": None}, {"others": 9}])
+def test_zeros_of_a_board_that_nobody_knows_are_not_taken_up(tmp_path, who):
+    file = tmp_path / "zeros.npz"
+    opened(file, cycles=WINDOW + N, **who)
+    told, _ = opened(file, **who)
+    assert told["taken_up"] == []
+    assert all("board that tells one serial number" in why for why in told["refused"].values())
+
+
+def test_zeros_are_saved_where_the_log_cannot_be_ended(tmp_path):
+    file = tmp_path / "zeros.npz"
+    run = skin.open(PALM, transports=in_process(Nodes(TRUE, Still(), history=0)), zeros=file,
+                    pace=False, want={"force"}, log=tmp_path / "run.log")  # fmt: skip
+    end = run._recording.close
+
+    def full():
+        end()
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    run._recording.close = full
+    with pytest.raises(OSError, match="No space left"), run:
+        for _ in zip(range(5), run, strict=False):
+            pass
+    assert file.exists()
+
+
+@pytest.mark.parametrize("silent", [WINDOW // 2, WINDOW])
+def test_cycles_without_an_answer_are_of_no_temperature(saved, silent):
+    run = skin.open(PALM, transports=in_process(Nodes(TRUE, Still(), history=0)), zeros=saved,
+                    pace=False, want={"force"})  # fmt: skip
+    look, cycle = run.pipeline.zeros.look, itertools.count()
+
+    def late(counts, status):
+        counts, status = counts.copy(), status.copy()
+        if next(cycle) < silent:
+            counts[:, PRESSED], status[PRESSED] = 0, int(Status.NEVER)
+        look(counts, status)
+
+    run.pipeline.zeros.look = late
+    with run:
+        for _ in zip(range(WINDOW + 1), run, strict=False):
+            pass
+    name = PALM.unit_names[PRESSED]
+    if silent < WINDOW:
+        assert name in run.zeros["taken_up"]
+    else:
+        assert "must have a good reading" in run.zeros["refused"][name]
+
+
+def test_a_folder_that_is_not_there_is_refused_before_the_run(tmp_path):
+    with pytest.raises(CalibrationError, match="must be in a folder that is there"):
+        skin.open(PALM, simulate=True, zeros=tmp_path / "nowhere" / "zeros.npz")
+
+
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
@@ -267,6 +331,8 @@ def test_a_run_that_sees_little_loses_nothing(saved):
         (lambda a: a.update(offset_ut=a["offset_ut"][0]), "offset_ut: must be finite numbers"),
         (lambda a: a.update(frequency_hz=a["frequency_hz"] * np.nan), "frequency_hz: must be fin"),
         (lambda a: a.pop("serial"), "serial: must be finite numbers"),
+        (lambda a: a.update(format=99), "format: must be 1; got 99"),
+        (lambda a: a.update(bodies=np.array("x")), "bodies: must be finite numbers, shape"),
         (lambda a: a.pop("units"), "must be zeros that were saved"),
     ],
 )
