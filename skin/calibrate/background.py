@@ -39,10 +39,10 @@ BACKGROUND_ROWS = 4
 
 
 class Window(NamedTuple):
-    """Cycles of a second: how often there were other zeros before, counts (t, c, n), flags (t, n),
-    and what was followed then (4, n)."""
+    """Cycles of a second: how often the ambient field had begun anew, counts (t, c, n), flags
+    (t, n), and what was followed then (t, 4, n)."""
 
-    zeros: int
+    begun: int
     counts: np.ndarray
     status: np.ndarray
     background: np.ndarray
@@ -64,17 +64,23 @@ class Learning:
     Raises
     ------
     SkinError
-        More units than can be learned.
+        More units than can be learned, or no ambient field is followed.
     """
 
     def __init__(self, decoder: Decoder) -> None:
         topology = decoder.topology
         StrayEstimate.check_size(topology)
-        self._decoder, self._topology, self._zeros, n = decoder, topology, 0, topology.n
+        if decoder.ambient is None:
+            raise SkinError(
+                "learn: must be with ambient=True, and with what is tangential in want; got a skin "
+                "that does not follow the ambient field"
+            )
+        self._ambient, self._topology, n = decoder.ambient, topology, topology.n
+        self._begun = self._ambient.begun
         cycles = max(round(WINDOW_S * topology.cycle_rate_hz), round(SPARE * LEAST_CYCLES))
         self._counts = np.empty((cycles, len(CHANNELS), n), np.int16)
         self._status = np.empty((cycles, n), np.uint16)
-        self._background = np.zeros((BACKGROUND_ROWS, n))
+        self._background = np.empty((cycles, BACKGROUND_ROWS, n), np.float32)
         self._filled, self.left_out = 0, 0
         self._queue: Queue[Window | None] = Queue(WAITING)
         self._lock, self._learner = threading.Lock(), _Learner(topology)
@@ -84,25 +90,22 @@ class Learning:
 
     def look(self, counts: np.ndarray, status: np.ndarray) -> None:
         """Take a cycle, as the assembler has it: counts, shape (c, n), and flags, shape (n,)."""
-        if self._decoder.topology is not self._topology:  # other zeros: the second begins anew
-            self._topology, self._zeros = self._decoder.topology, self._zeros + 1
-            self._filled, self._background[:] = 0, 0.0
-        self._counts[self._filled], self._status[self._filled] = counts, status
+        if self._ambient.begun != self._begun:  # what is followed has another origin
+            self._begun, self._filled = self._ambient.begun, 0
+        t = self._filled
+        self._counts[t], self._status[t] = counts, status
+        self._background[t] = self._ambient.background
         self._filled += 1
-        if self._decoder.ambient is not None:
-            self._background += self._decoder.ambient.background
         if self._filled == len(self._counts):
             self._hand_over()
 
     def _hand_over(self) -> None:
-        mean = self._background / self._filled
-        window = Window(self._zeros, self._counts.copy(), self._status.copy(), mean)
+        seen = (self._counts, self._status, self._background)
         try:
-            self._queue.put_nowait(window)
+            self._queue.put_nowait(Window(self._begun, *(array.copy() for array in seen)))
         except Full:
             self.left_out += 1
         self._filled = 0
-        self._background[:] = 0.0
 
     def _work(self) -> None:
         """The thread: one window after the other; after a failure they are only taken away, so that
@@ -175,13 +178,13 @@ class _Learner:
     def __init__(self, topology: Topology) -> None:
         self.test: TouchTest | None = None
         self.why = ""
-        self._topology, self._zeros = topology, -1
+        self._topology, self._begun = topology, -1
 
     def take(self, window: Window) -> None:
-        """Learn from a window; where the decoder has other zeros than before it begins anew, as
-        what is followed is followed from those."""
-        if window.zeros != self._zeros:
-            self.test, self._zeros = None, window.zeros
+        """Learn from a window; where what is followed has another origin than before it begins
+        anew."""
+        if window.begun != self._begun:
+            self.test, self._begun = None, window.begun
         if self.test is not None:
             status = window.status | np.where(self._silent, int(Status.FAULT), 0).astype(np.uint16)
             self.test(window.counts, status, window.background - self._followed)
@@ -196,7 +199,7 @@ class _Learner:
             return
         estimate = StrayEstimate(self._topology)
         tared = estimate.tared(found)
-        self._followed = window.background
+        self._followed = window.background.mean(axis=0)
         self.test = TouchTest(
             found.leaving_out(tared.rest_ut).applied(), estimate, tared, window.counts
         )

@@ -99,7 +99,10 @@ class Tare:
     def applied(self) -> Topology:
         """The skin with these zeros, without any file."""
         p = self.topology.parameters
-        sigma = np.maximum(p["field_sigma_ut"], self.offset_sigma_ut.max(axis=0))
+        measured = self.offset_sigma_ut.max(axis=0)
+        # of a unit without calibration it is the spread of offsets, which are known now
+        left = np.where(self.topology.calibrated, p["field_sigma_ut"], 0.0)
+        sigma = np.maximum(left, measured)
         zeros = {
             "frequency_rest_hz": self.frequency_hz, "frequency_sigma_hz": self.frequency_sigma_hz,
             "hall_offset_x_ut": self.offset_ut[0], "hall_offset_y_ut": self.offset_ut[1],

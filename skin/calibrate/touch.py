@@ -83,8 +83,8 @@ class TouchTest:
         ----------
         counts : ndarray, shape (t, c, n), int16
         status : ndarray, shape (t, n), uint16, optional
-        background : ndarray, shape (4, n), optional
-            Of all cycles, as of `Decoder`: what has changed since the skin was at rest.
+        background : ndarray, shape (t, 4, n), optional
+            As of `Decoder`: what has changed since the skin was at rest.
 
         Returns
         -------
@@ -144,7 +144,7 @@ class TouchTest:
         reading is valid, shape (t, n)."""
         self._decoder.reset()
         if background is not None:
-            background = np.repeat(background[np.newaxis].astype(np.float32), len(counts), axis=0)
+            background = background.astype(np.float32)
         reading = self._decoder(counts, status, background)
         field = reading.field_ut.astype(float)
         field[:, :2] = np.einsum("abn,tbn->tan", self._to_counts, field[:, :2])

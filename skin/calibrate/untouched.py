@@ -179,13 +179,17 @@ class _Unit:
             yield name, channel, float(self.p[key]), float(usual), unit
 
     def moves(self) -> Iterator[str]:
-        """Channels that do not hold still."""
-        half = self.count // 2
+        """Channels that do not hold still: means of halves and quarters that differ by more than
+        chance has it."""
         for name, channel, _, usual, unit in self._usual():
-            values = self.values[channel]
-            moved = values[half:].mean() - values[:half].mean()
-            if abs(moved) > MOVED_SIGMAS * usual * 2.0 / np.sqrt(self.count):
-                yield f"{name}: must hold still; moved by {moved:.3g} {unit} from half to half"
+            for part, count in (("half", 2), ("quarter", 4)):
+                means = [each.mean() for each in np.array_split(self.values[channel], count)]
+                first, last = sorted((int(np.argmin(means)), int(np.argmax(means))))
+                moved = means[last] - means[first]
+                if abs(moved) > MOVED_SIGMAS * usual * np.sqrt(2.0 * count / self.count):
+                    yield (f"{name}: must hold still; moved by {moved:.3g} {unit} from {part} to "
+                           f"{part}")  # fmt: skip
+                    break
 
     def faults(self) -> Iterator[str]:
         """What tells of a unit that does not work as its model, and of one that warms up."""

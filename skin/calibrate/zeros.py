@@ -34,7 +34,7 @@ from skin.calibrate.untouched import LEAST_CYCLES, Look, Readings
 from skin.errors import CalibrationError
 from skin.physics.rest import inverse_map
 from skin.physics.stray import near
-from topology import CHANNELS
+from topology import CHANNELS, Topology
 from topology.files import check_path, missing, read_arrays, whole_file
 
 if TYPE_CHECKING:
@@ -59,7 +59,11 @@ GEL, CHIP = CHANNELS.index("gel"), CHANNELS.index("hall_temperature")
 FORMAT = 1
 KINDS = {"known": "b", "calibration": "U", "serial": "i", "bodies": "U"}
 """Types of the arrays of a file that are no float."""
-FINITE = ("frequency_hz", "frequency_sigma_hz", "offset_ut", "field_sigma_ut", "field_ut")
+BOUNDS = {
+    "frequency_hz": (1.0, 1e5), "frequency_sigma_hz": (0.0, 1e5), "offset_ut": (-1e6, 1e6),
+    "field_sigma_ut": (0.0, 1e6), "field_ut": (-1e6, 1e6),
+}  # fmt: skip
+"""Lowest and highest values: those of calibration files."""
 
 
 class Zeros:
@@ -127,9 +131,12 @@ class Zeros:
             n = self._filed.n
             counts = np.empty((self._cycles, len(CHANNELS), n), np.int16)
             status = np.empty((self._cycles, n), np.uint16)
+            ambient, followed = self._decoder.ambient, np.zeros((2, n))
             for t in range(self._cycles):
                 if self._last is not None:
                     counts[t], status[t] = self._last
+                if ambient is not None:
+                    followed += ambient.field_at_chips_ut[:2] / self._cycles
                 yield
             if self._saved is not None:
                 self._take_up(self._saved, counts, status)
@@ -142,45 +149,41 @@ class Zeros:
                 looks[i] = readings.look(i)
                 if k % UNITS_A_CYCLE:
                     yield
-            self._tare(readings, looks)
+            yield from self._tare(readings, looks, followed)
             if self._pending.any():
                 del counts, status, readings
                 for _ in range(self._wait):
                     yield
                 self._wait = min(2 * self._wait, self._longest)
 
-    def _tare(self, readings: Readings, looks: dict[int, Look]) -> None:
-        """Tare the units that nothing touches; tell of the others."""
+    def _tare(
+        self, readings: Readings, looks: dict[int, Look], followed_ut: np.ndarray
+    ) -> Iterator[None]:
+        """Tare the units that nothing touches; tell of the others. Another step a cycle."""
         topology, names = self._decoder.topology, self._filed.unit_names
         faults = {i: look.faults[0] for i, look in looks.items() if look.faults}
         pressed = np.zeros(topology.n, bool)
         pressed[[i for i, look in looks.items() if look.is_pressed]] = True
         if pressed.any():
-            for i, j in zip(*near(topology, NEAR_M), strict=True):
-                for unit, other in ((i, j), (j, i)):
-                    if pressed[other] and unit in looks:
-                        faults.setdefault(
-                            int(unit), f"must have nothing pressed near it; got {names[other]}"
-                        )
+            for unit, other in _beside(topology, pressed):
+                if unit in looks:
+                    fault = f"must have nothing pressed near it; got {names[other]}"
+                    faults.setdefault(unit, fault)
         taken = self._pending.copy()
         taken[list(faults)] = False
         self.refused = {names[i]: fault for i, fault in sorted(faults.items())}
         if not taken.any():
             return
-        followed = self._forget(taken)
+        yield
         zeros = readings.zeros(taken)
-        zeros = zeros._replace(offset_ut=zeros.offset_ut - followed)
+        yield
+        if self._decoder.ambient is not None:
+            # once others tell the ambient field it is not part of a zero
+            is_first = not topology.tared.any()
+            zeros = zeros._replace(offset_ut=zeros.offset_ut - (0.0 if is_first else followed_ut))
+            self._decoder.ambient.forget(taken, field=is_first)
         self._apply(Tare(topology, taken, *zeros, self._neighbours()))
         self.taken += [names[i] for i in np.flatnonzero(taken)]
-
-    def _forget(self, taken: np.ndarray) -> np.ndarray:
-        """What is taken off the lateral field of units otherwise, µT, shape (2, n): the ambient
-        field, once other units tell it; nothing of it is known while there is none."""
-        ambient = self._decoder.ambient
-        if ambient is None:
-            return np.zeros((2, taken.size))
-        ambient.forget(taken, field=not self._decoder.topology.tared.any())
-        return ambient.background[1:3].astype(float)
 
     def _apply(self, found: Tare) -> None:
         """Let the decoder have new zeros."""
@@ -199,8 +202,8 @@ class Zeros:
 
     def save(self, file: str | os.PathLike[str]) -> None:
         """Write zeros and ambient field as they are now, as an .npz without pickle; there whole or
-        not at all. Units without a zero of this run keep the one that the file had; nothing is
-        written before the run has seen what it carries."""
+        not at all. Units without a zero of this run keep the one of the file, if this run has tared
+        none; nothing is written before the run has seen what it carries."""
         if self._last is None or self._saved is not None:
             return
         topology, ambient = self._decoder.topology, self._decoder.ambient
@@ -218,8 +221,10 @@ class Zeros:
             "field_sigma_ut": p["field_sigma_ut"], "serial": self._serial(),
             "temperature_c": self._temperature_c(self._last[0]),
         }  # fmt: skip
+        # what others were tared to since has another ambient field in it
+        before = {} if self.taken else self._before
         kept: dict[str, Any] = {
-            name: np.where(topology.tared, values, self._before.get(name, values))
+            name: np.where(topology.tared, values, before.get(name, values))
             for name, values in now.items()
         }  # fmt: skip
         with whole_file(Path(file)) as out:
@@ -264,12 +269,14 @@ class Zeros:
         }  # fmt: skip
         for name, shape in shapes.items():
             got = found.get(name, np.empty(0))
+            low, high = BOUNDS.get(name, (-np.inf, np.inf))
             is_sound = got.shape == shape and got.dtype.kind in KINDS.get(name, "f")
-            if is_sound and name in FINITE:
-                is_sound = bool(np.isfinite(got).all())
+            if is_sound and name in BOUNDS:
+                is_sound = bool(((got >= low) & (got <= high)).all())
             if not is_sound:
+                ends = f" from {low:g} to {high:g}" if name in BOUNDS else ""
                 raise CalibrationError(
-                    f"{file}: {name}: must be finite numbers, shape {shape}; "
+                    f"{file}: {name}: must be finite numbers{ends}, shape {shape}; "
                     f"got {got.dtype}, {got.shape}"
                 )
         self._saved = self._before = found
@@ -343,3 +350,10 @@ class Zeros:
         gel = 20.0 + 60.0 * np.log(share) / np.log(p["gel_current_ratio"])
         chip = np.where(topology.wired[CHIP], values[CHIP], np.nan)
         return np.where(topology.wired[GEL], gel, chip)
+
+
+def _beside(topology: Topology, pressed: np.ndarray) -> list[tuple[int, int]]:
+    """Units near pressed ones, each with one that is."""
+    one, other = near(topology, NEAR_M)
+    pairs = np.concatenate([np.stack([one, other]), np.stack([other, one])], axis=1)
+    return [(int(a), int(b)) for a, b in pairs[:, pressed[pairs[1]]].T]

@@ -87,6 +87,8 @@ class Ambient:
     background : ndarray, shape (4, n)
         To be taken off the counts of the next cycle: Hz by which the frequency has fallen without
         a press, then µT in the axes of the chips. One array, written by `update`.
+    begun : int
+        How often the field has begun anew.
     residue_ut2 : ndarray, shape (n,)
         Variance of an axis of the field by what is not known of the ambient field; likewise.
 
@@ -115,7 +117,10 @@ class Ambient:
         if not 0.0 <= guard_m < np.inf:
             raise OptionError(f"guard_m: must be 0 or above, and finite; got {guard_m}")
         self.topology = topology
-        self.bodies = tuple(dict.fromkeys(frames_of(topology)))
+        self.begun = 0
+        of_patch = frames_of(topology)
+        self.bodies = tuple(dict.fromkeys(of_patch))
+        self._body = np.array([self.bodies.index(name) for name in of_patch])[topology.patch]
         self.taken = np.empty((5, topology.n), dtype)
         self.background, self.residue_ut2 = self.taken[:4], self.taken[4]
         self._period_s = every / topology.cycle_rate_hz
@@ -134,6 +139,12 @@ class Ambient:
         In the skin frame, the body being where the topology has it.
         """
         return self._data.bodies.field_ut.T.copy()
+
+    @property
+    def field_at_chips_ut(self) -> np.ndarray:
+        """The ambient field as each chip reads it, shape (3, n), µT in the axes of the chips."""
+        field = self._data.bodies.field_ut[self._body].T
+        return np.einsum("abn,bn->an", self._model.units.counts_skin, field)
 
     @property
     def covariance_ut2(self) -> np.ndarray:
@@ -226,7 +237,7 @@ class Ambient:
         kernels.compose(self._model, self._data)
 
     def begin(self, field_ut: np.ndarray) -> None:
-        """Set out from an ambient field that was known long ago.
+        """Set out from an ambient field that was known long ago; counted in `begun`.
 
         Parameters
         ----------
@@ -238,6 +249,7 @@ class Ambient:
             array[:] = 0.0
         bodies.field_ut[:] = field_ut.T
         bodies.covariance_ut2[:] = PRIOR_UT2 * np.eye(3)
+        self.begun += 1
         kernels.compose(self._model, self._data)
 
     def bound(self, reading: Reading) -> Callable[..., None]:

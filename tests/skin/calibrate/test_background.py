@@ -65,7 +65,7 @@ def used(array, learning, decoder, units, *, offset=0):
 
 def test_a_skin_in_use_tells_the_fields_of_its_films(array, tmp_path):
     n = array.known.n
-    decoder = Decoder(array.known, {"force", "displacement", "sigma"}, sweeps=1)
+    decoder = Decoder(array.known, {"force", "displacement", "sigma"}, sweeps=1, ambient=True)
     learning = Learning(decoder)
     used(array, learning, decoder, range(n))
     file = tmp_path / "stencil.npz"
@@ -97,7 +97,7 @@ def true_change(array, moved):
 
 
 def test_nothing_is_learned_before_nothing_has_touched_the_skin(array, tmp_path):
-    decoder = Decoder(array.known, {"force", "displacement"}, sweeps=1)
+    decoder = Decoder(array.known, {"force", "displacement"}, sweeps=1, ambient=True)
     learning = Learning(decoder)
     with pytest.raises(SkinError, match="got no second without a touch"):
         learning.save(tmp_path / "a.npz")
@@ -158,7 +158,7 @@ def test_large_skins_are_refused():
 def test_a_slow_skin_learns(rate_hz):
     known = square(SIDE, 0.012, rate_hz)
     n, units = known.n, UnitSimulator(known, seed=1, field=HalbachField(known))
-    decoder = Decoder(known, {"force"}, sweeps=1)
+    decoder = Decoder(known, {"force"}, sweeps=1, ambient=True)
     learning = Learning(decoder)
     cycles = len(learning._counts)
     at = np.linspace(0, len(press(4, n)[1]) - 1, cycles).round().astype(int)
@@ -174,7 +174,7 @@ def test_a_slow_skin_learns(rate_hz):
 def test_a_silent_unit_hinders_only_those_near_it():
     known = square(6, 0.012)
     n, units = known.n, UnitSimulator(known, seed=1, field=HalbachField(known))
-    decoder = Decoder(known, {"force"}, sweeps=1)
+    decoder = Decoder(known, {"force"}, sweeps=1, ambient=True)
     silent = np.arange(n) == n - 1
     learning = Learning(decoder)
     for unit in (None, 0):
@@ -188,7 +188,7 @@ def test_a_silent_unit_hinders_only_those_near_it():
 
 
 def test_what_keeps_a_skin_from_learning_is_told(array, tmp_path):
-    decoder = Decoder(array.known, {"force"}, sweeps=1)
+    decoder = Decoder(array.known, {"force"}, sweeps=1, ambient=True)
     learning = Learning(decoder)
     fed(learning, decoder, array.counts(*second(*press(0, array.known.n)), seed=1))
     with pytest.raises(SkinError, match=r"without a touch \(.*r0c0: .*must hold still"):
@@ -197,7 +197,7 @@ def test_what_keeps_a_skin_from_learning_is_told(array, tmp_path):
 
 
 def test_a_thread_that_fails_keeps_nobody_waiting(array, tmp_path):
-    learning = Learning(Decoder(array.known, {"force"}, sweeps=1))
+    learning = Learning(Decoder(array.known, {"force"}, sweeps=1, ambient=True))
     waits = threading.Event()
 
     def take(_window):
@@ -222,3 +222,25 @@ def test_a_thread_that_fails_keeps_nobody_waiting(array, tmp_path):
     saving.join(10.0)
     assert failed == ["learn: must learn from every second; got singular"]
     learning.close()
+
+
+def test_what_was_learned_outlasts_the_tare_of_a_unit_that_was_held(array):
+    known = dataclasses.replace(array.known, tared=np.arange(array.known.n) != 3)
+    decoder = Decoder(known, {"force"}, sweeps=1, ambient=True)
+    learning = Learning(decoder)
+    used(array, learning, decoder, [0])
+    before = learning.report()["pressed"]
+    late = np.arange(known.n) == 3
+    decoder.ambient.forget(late, field=False)
+    decoder.retare(dataclasses.replace(known, tared=np.ones(known.n, bool)))
+    used(array, learning, decoder, [1])
+    after = learning.report()["pressed"]
+    assert [*before] == [known.unit_names[0]]
+    assert [*after] == [*known.unit_names[:2]]
+    assert after[known.unit_names[0]] >= before[known.unit_names[0]]
+    learning.close()
+
+
+def test_without_an_ambient_field_nothing_is_learned(array):
+    with pytest.raises(SkinError, match="learn: must be with ambient=True"):
+        Learning(Decoder(array.known, {"force"}, sweeps=1))

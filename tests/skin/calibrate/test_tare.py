@@ -450,6 +450,16 @@ def test_limits_of_what_is_known_are_narrower(way):
             tare(skin, counts(1.07 * way), rest_ut=rest)
 
 
+@pytest.mark.parametrize("part", [slice(CYCLES // 4, CYCLES * 3 // 4), slice(CYCLES // 4)])
+def test_a_touch_in_a_part_of_the_time_is_seen(part):
+    """Of the middle, which both halves have alike; 0.02 mm deep."""
+    skin = row_of(2)
+    counts = calm(skin)
+    counts[part, FREQUENCY, 1] -= round(18.0 / abs(skin.scale[FREQUENCY, 1]))
+    with pytest.raises(ScanError, match="frequency: must hold still; moved by"):
+        tare(skin, counts)
+
+
 def test_a_hundred_readings_are_enough():
     skin = row_of(2)
     assert tare(skin, calm(skin)[:100]).cycles.tolist() == [100, 100]
