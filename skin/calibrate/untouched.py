@@ -81,17 +81,21 @@ class Readings:
         if nobody_asked:
             self._room_ut = np.minimum(self._room_ut, _spread_ut(topology, self._rest_ut))
         self._own_ut = np.einsum("abn,bn->an", inverse_map(topology), film_at_rest_ut(topology)[:2])
-        self._seen: dict[int, _Unit] = {}
+        self._mean, self._sigma = np.full((2, len(CHANNELS), topology.n), np.nan)
+        self._offset_ut = np.full((3, topology.n), np.nan)
+        self._cycles = np.zeros(topology.n, int)
 
     def look(self, i: int) -> Look:
         """Look at one unit, by its index."""
         topology, flags = self.topology, self.status[:, i]
         counts = self.counts[flags & int(INVALID) == 0, :, i].T
         values = topology.scale[:, i, np.newaxis] * counts + topology.offset[:, i, np.newaxis]
-        unit = self._seen[i] = _Unit(topology, i, values)
+        unit = _Unit(topology, i, values)
         few = unit.too_few(flags)
         if few:
             return Look([few], False)
+        self._mean[:, i], self._sigma[:, i], self._cycles[i] = unit.mean, unit.sigma, unit.count
+        self._offset_ut[:, i] = unit.offsets(self._own_ut[:, i])
         pressed = [*unit.moves(), *unit.loaded(self._rest_ut[:, i], self._room_ut[i])]
         return Look([*pressed, *unit.faults()], bool(pressed))
 
@@ -102,17 +106,14 @@ class Readings:
         ----------
         taken : ndarray, shape (n,), bool
         """
-        topology, rest, p = self.topology, self._rest_ut, self.topology.parameters
-        mean, sigma = np.full((2, len(CHANNELS), topology.n), np.nan)
-        offset, cycles = np.full((3, topology.n), np.nan), np.zeros(topology.n, int)
-        for i in np.flatnonzero(taken):
-            unit = self._seen[int(i)]
-            mean[:, i], sigma[:, i], cycles[i] = unit.mean, unit.sigma, unit.count
-            offset[:, i] = unit.offsets(self._own_ut[:, i])
-        axial = np.where(topology.wired[BZ], offset[2] - p["hall_offset_z_ut"] - rest[2], np.nan)
+        rest, topology = self._rest_ut, self.topology
+        mean, sigma, offset = (
+            np.where(taken, each, np.nan) for each in (self._mean, self._sigma, self._offset_ut)
+        )
+        axial = offset[2] - topology.parameters["hall_offset_z_ut"] - rest[2]
         return Zeros(
-            mean[FREQUENCY], sigma[FREQUENCY], offset[:2] - rest[:2], sigma[BX : BY + 1], axial,
-            cycles,
+            mean[FREQUENCY], sigma[FREQUENCY], offset[:2] - rest[:2], sigma[BX : BY + 1],
+            np.where(topology.wired[BZ], axial, np.nan), np.where(taken, self._cycles, 0),
         )  # fmt: skip
 
 
