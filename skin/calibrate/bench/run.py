@@ -86,14 +86,15 @@ class Outcome:
         for patch, path in files.items():
             head = f"{patch}/"
             before, units = read_calibration(path if path.exists() else None)
-            measured = dict(before.get("measured", {}))
+            measured, tared = dict(before.get("measured", {})), {*before.get("tared", ())}
             for name, result in found.items():
                 if name.startswith(head):
                     units[name.removeprefix(head)] = list(result.fits)
                     measured[name.removeprefix(head)] = self._measured(result)
+                    tared.discard(name.removeprefix(head))
             write_calibration(
                 path, patch, units, date=self.bench.date or datetime.date.today().isoformat(),
-                bench=self.bench.bench, of_units=OfUnits(measured=measured),
+                bench=self.bench.bench, of_units=OfUnits(tared, measured),
                 before=path.read_text(encoding="utf-8") if path.exists() else "",
             )  # fmt: skip
         return files

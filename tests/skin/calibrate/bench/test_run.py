@@ -97,7 +97,8 @@ def test_a_tare_keeps_what_was_measured(bench, fitted, tmp_path):
 
 def test_units_that_were_not_measured_and_comments_stay(bench, fitted, tmp_path):
     out = tmp_path / "pad.toml"
-    out.write_text('# of the left hand\nformat = 1\npatch = "pad"\n[units.r1c0]\n'
+    out.write_text('# of the left hand\nformat = 1\npatch = "pad"\ntared = ["r0c0", "r1c0"]\n'
+                   "[units.r1c0]\n"
                    "frequency_rest_hz = 4444.0  # ± 2\n")  # fmt: skip
     one = type(fitted)(fitted.bench, fitted.topology, fitted.results[:1], fitted.scores,
                        fitted.serials, ())  # fmt: skip
@@ -105,6 +106,7 @@ def test_units_that_were_not_measured_and_comments_stay(bench, fitted, tmp_path)
     table, units = read_calibration(out)
     assert out.read_text().startswith("# of the left hand\n")
     assert table["units"]["r1c0"] == {"frequency_rest_hz": 4444.0}
+    assert table["tared"] == ["r1c0"]  # the other was on the bench since
     assert list(table["measured"]) == ["r0c0"]
     assert len(units["r0c0"]) > 5
 
