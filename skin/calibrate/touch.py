@@ -160,4 +160,5 @@ def warmup(topology: Topology) -> None:
 
 
 def _decoder(topology: Topology, rest_ut: np.ndarray) -> Decoder:
-    return Decoder(topology, {"displacement", "field"}, rest_ut=rest_ut)
+    """Does not hold the field against the unit's own film: what neighbours add is looked for."""
+    return Decoder(topology, {"displacement", "field"}, rest_ut=rest_ut, consistency=False)
