@@ -118,8 +118,10 @@ class Pipeline:
             self.take_zeros()
 
     def _lacks_zeros(self) -> bool:
+        """Whether units were never tared, and that matters to what is decoded."""
         topology = self.topology
-        return bool((topology.enabled & ~topology.counts_only & ~topology.tared).any())
+        lacking = topology.enabled & ~topology.counts_only & ~topology.tared
+        return bool(lacking.any()) and not self.decoder.want <= {"temperature", "sigma"}
 
     def take_zeros(self, file: str | os.PathLike[str] | None = None) -> None:
         """Take the zeros of units that were never tared from the first second in which nothing

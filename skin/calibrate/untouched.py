@@ -60,9 +60,9 @@ class Readings:
     ----------
     topology, counts, status, rest_ut
         As of `skin.calibrate.tare.tare`.
-    nobody_asked : bool
-        Whether nobody said that the skin is untouched: then a lateral field that units as made do
-        not have tells of shear, not only one that no unit has.
+    expected_ut : ndarray, shape (3, n), optional
+        Field of resting neighbours in theory, where nobody said that the skin is untouched: then a
+        lateral field that units as made do not have tells of shear, not only one that no unit has.
     """
 
     def __init__(
@@ -72,14 +72,16 @@ class Readings:
         status: np.ndarray,
         rest_ut: np.ndarray | None = None,
         *,
-        nobody_asked: bool = False,
+        expected_ut: np.ndarray | None = None,
     ) -> None:
         self.topology, self.counts, self.status = topology, counts, status
         room_ut = OFFSET_BLIND_UT if rest_ut is None else OFFSET_UT
         self._room_ut = np.full(topology.n, room_ut)
         self._rest_ut = np.zeros((3, topology.n)) if rest_ut is None else np.asarray(rest_ut, float)
-        if nobody_asked:
-            self._room_ut = np.minimum(self._room_ut, _spread_ut(topology, self._rest_ut))
+        self._there_ut = self._rest_ut
+        if expected_ut is not None:
+            self._there_ut = expected_ut
+            self._room_ut = np.minimum(self._room_ut, _spread_ut(topology, expected_ut))
         self._own_ut = np.einsum("abn,bn->an", inverse_map(topology), film_at_rest_ut(topology)[:2])
         self._mean, self._sigma = np.full((2, len(CHANNELS), topology.n), np.nan)
         self._offset_ut = np.full((3, topology.n), np.nan)
@@ -96,7 +98,7 @@ class Readings:
             return Look([few], False)
         self._mean[:, i], self._sigma[:, i], self._cycles[i] = unit.mean, unit.sigma, unit.count
         self._offset_ut[:, i] = unit.offsets(self._own_ut[:, i])
-        pressed = [*unit.moves(), *unit.loaded(self._rest_ut[:, i], self._room_ut[i])]
+        pressed = [*unit.moves(), *unit.loaded(self._there_ut[:, i], self._room_ut[i])]
         return Look([*pressed, *unit.faults()], bool(pressed))
 
     def zeros(self, taken: np.ndarray) -> Zeros:

@@ -33,7 +33,7 @@ from skin.calibrate.tare import INCLUDED, LEFT_OUT, Tare
 from skin.calibrate.untouched import LEAST_CYCLES, Look, Readings
 from skin.errors import CalibrationError
 from skin.physics.rest import inverse_map
-from skin.physics.stray import near
+from skin.physics.stray import field_at_rest, near
 from topology import CHANNELS, Topology
 from topology.files import check_path, missing, read_arrays, whole_file
 
@@ -100,6 +100,8 @@ class Zeros:
         self._cycles = max(round(WINDOW_S * rate), round(SPARE * LEAST_CYCLES))
         self._wait, self._longest = self._cycles, round(LONGEST_WAIT_S * rate)
         self._last: tuple[np.ndarray, np.ndarray] | None = None  # views, written each cycle
+        rest_ut = decoder.rest_ut
+        self._expected_ut = field_at_rest(topology) if rest_ut is None else rest_ut
         self._steps = self._windows() if self._pending.any() else None
 
     @property
@@ -142,8 +144,9 @@ class Zeros:
                 self._take_up(self._saved, counts, status)
                 continue
             readings = Readings(
-                self._decoder.topology, counts, status, self._decoder.rest_ut, nobody_asked=True
-            )
+                self._decoder.topology, counts, status, self._decoder.rest_ut,
+                expected_ut=self._expected_ut,
+            )  # fmt: skip
             looks = {}
             for k, i in enumerate(np.flatnonzero(self._pending).tolist()):
                 looks[i] = readings.look(i)

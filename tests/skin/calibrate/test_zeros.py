@@ -172,6 +172,32 @@ def test_who_does_not_want_it_is_not_tared():
     assert Hand(known=PALM.exact()).pipeline.zeros is None
 
 
+@pytest.mark.parametrize("name", ["palm", "fingertip"])
+@pytest.mark.parametrize(
+    "options", [{"sweeps": 0, "ambient": False}, {"dtype": "float64", "sweeps": 2}, {"skip": True}]
+)
+def test_every_untouched_unit_is_tared_whatever_is_decoded(name, options):
+    """On a fingertip resting neighbours add more than a millitesla."""
+    skin = topology.load(name)
+    off = dataclasses.replace(skin, enabled=np.arange(skin.n) != 2)
+    units = UnitSimulator(differing(skin, seed=4), seed=1, field=HalbachField(differing(skin, 4)))
+    pipeline = Pipeline(off, Options(**options))
+    still = np.zeros((1, skin.n)), np.zeros((1, 2, skin.n)), np.full((1, skin.n), 25.0)
+    values = units.quantities(*still)
+    for number in range(WINDOW + skin.n + 9):
+        pipeline.counts[:] = units.quantise(units.disturb(values.copy()))[0]
+        state = pipeline.state(SimpleNamespace(
+            number=number, stamp_ns=number * PERIOD_NS, closed_by="complete", counters=None
+        ))  # fmt: skip
+    assert pipeline.zeros.report()["refused"] == {}
+    assert len(pipeline.zeros.taken) == skin.n - 1
+    assert not (state.units.status & Status.UNTARED).any()
+
+
+def test_temperatures_need_no_zeros():
+    assert Hand(want={"temperature"}).pipeline.zeros is None
+
+
 def test_tared_units_do_not_count_what_films_at_rest_may_be_off_by():
     crosstalk = Pipeline(PALM, Options()).decoder.crosstalk
     first = crosstalk.residue_ut2.copy()
