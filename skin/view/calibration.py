@@ -144,8 +144,8 @@ def _charts(result: UnitResult) -> list[Chart]:
                            {"by the gel": (time, gel)}))  # fmt: skip
     if "coverage" in plots:
         x, y, depth = plots["coverage"]
-        bands = {f"H {low:g} to {high:g} mm": (depth > low) & (depth <= high)
-                 for low, high in ((0.0, 0.7), (0.7, 1.4), (1.4, 9.0))}  # fmt: skip
+        bands = {"H to 0.7 mm": depth <= 0.7, "H 0.7 to 1.4 mm": (depth > 0.7) & (depth <= 1.4),
+                 "H above 1.4 mm": depth > 1.4}  # fmt: skip
         found.append(Chart("coverage of the range", "x / mm", "y / mm",
                            {name: (x[band], y[band]) for name, band in bands.items()}))  # fmt: skip
     return found
