@@ -107,10 +107,10 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         ),
     ] = 540.0
     normal_soft_n_per_hz: Annotated[
-        float, _doc("Normal force per Hz below the break (Fig. 3e) [paper]", ge=1e-7, le=10)
+        float, _doc("Normal force per Hz below the break (Fig. 3e) [paper]", ge=1e-7, le=0.1)
     ] = 1.0 / 600.0
     normal_stiff_n_per_hz: Annotated[
-        float, _doc("Normal force per Hz above the break (Fig. 3e) [paper]", ge=1e-7, le=10)
+        float, _doc("Normal force per Hz above the break (Fig. 3e) [paper]", ge=1e-7, le=0.1)
     ] = 1.0 / 200.0
     normal_max_n: Annotated[
         float, _doc("Upper end of the calibrated normal force [paper]", ge=1e-3, le=1000)
