@@ -85,6 +85,9 @@ class RawCycle:
         Totals up to this cycle.
     stuck : ndarray, shape (n,), uint8
         Bit c: channel c stands still, by which the unit is FROZEN; see `bus.assemble.still`.
+    sampled_ns : ndarray, shape (n,), int64
+        Time stamp of when each unit took what it shows: that of the SYNC of its bus, or, without
+        SYNC, of its frame; -1 for never.
     """
 
     number: int
@@ -98,3 +101,4 @@ class RawCycle:
     fault_code: np.ndarray
     counters: FrameCounters = field(default_factory=FrameCounters)
     stuck: np.ndarray = field(default_factory=lambda: np.zeros(0, np.uint8))
+    sampled_ns: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))

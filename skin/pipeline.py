@@ -321,4 +321,5 @@ class Pipeline:
             self._label,
             self._slip,
             clock.overruns,
+            cycle.sampled_ns,
         )

@@ -116,6 +116,9 @@ class State:
     overruns : int
         Cycle periods, so far, that have no state: the consumer or the host was late, or SYNCs were
         lost.
+    sampled_ns : ndarray, shape (n,), int64
+        Time stamp of when each unit took what it shows: that of the SYNC of its bus, or, without
+        SYNC, of its frame's arrival; of units that are missing, of their last value; -1 for never.
     """
 
     cycle: int
@@ -132,6 +135,7 @@ class State:
     label: np.ndarray = UNWANTED
     slip: np.ndarray = UNWANTED
     overruns: int = 0
+    sampled_ns: np.ndarray = UNWANTED
 
     @property
     def time_s(self) -> float:

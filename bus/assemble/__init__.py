@@ -28,6 +28,12 @@ dropped, until the next number goes on from it: a restart. Other bytes under the
 restart after restart, are evidence that two senders share an identifier; three pieces of it within
 a few cycles flag the units DUPLICATE, two dozen cycles or more without any clear them.
 
+After an outage. A link that was down may have kept frames, and deliver them at once. Data of a
+source that was silent for as many cycles as its sequence number tells apart (`stale_cycles`, where
+that is no counter of SYNCs) are late, until a cycle ends in which exactly one frame of it came:
+from then on its frames are taken again. A count of the sender's own that is behind the cycles since
+its last frame, though none came in the cycle before, is late as well.
+
 Layouts of several frames. A set of units is whole when all its frames are in, of the same cycle
 (with SYNC), or of the same sequence number and within half a period (without). A set that is not is
 torn: its frames are counted so, its units flagged, and their last whole values kept.

@@ -231,7 +231,8 @@ class Assembler:
             int(state.closed_number[0]),
             int(state.closed_stamp[0]),
             _CLOSED_BY[state.closed_by[0]],
-            *shown[:-1],
+            *shown[:-2],
             self.counters,
             shown.stuck,
+            shown.sampled_ns,
         )

@@ -9,7 +9,7 @@ import numpy as np
 
 from bus.assemble.gather import tear
 from bus.assemble.judge import ENOUGH
-from bus.assemble.memory import BY_END
+from bus.assemble.memory import BELIEVED, BY_END, IN_DOUBT, NO_DOUBT
 from bus.compiled.jit import jitable
 from bus.status import INVALID, Status
 
@@ -60,7 +60,8 @@ def open_cycle(number, stamp, tables, memory):
             source["heard"] = -1
             source["dropped"] = 0
         source["is_awaited"] = 0
-        if expected["is_awaited"] and source["missed"] < stale_cycles:
+        returns = source["missed"] < stale_cycles or source["doubt"] == BELIEVED
+        if expected["is_awaited"] and returns:
             source["is_awaited"] = 1
             waiting += 1
     state["number"] = number
@@ -111,6 +112,20 @@ def close_cycle_python(why, tables, memory, shown):
 
 
 @jitable
+def doubt(source):
+    """After an outage a link may deliver at once what it had kept: frames of before, whose sequence
+    numbers no longer tell their cycle. They are believed again after a cycle with exactly one."""
+    source["was_alone"] = 1 if source["came"] == 1 else 0
+    if source["missed"] == 0 or source["taken_at"] < 0:
+        source["doubt"] = NO_DOUBT
+    elif source["doubt"] == IN_DOUBT and source["came"] == 1:
+        source["doubt"] = BELIEVED
+    elif source["missed"] >= source["outage"]:
+        source["doubt"] = IN_DOUBT
+    source["came"] = 0
+
+
+@jitable
 def close_sources(why, tables, memory):
     """What the end of a cycle means to the frames and sets of the topology."""
     state, sets = memory.state[0], memory.sets
@@ -122,6 +137,7 @@ def close_sources(why, tables, memory):
             source["missed"] = 0
         else:
             source["missed"] += 1
+        doubt(source)
         evidence = min(source["evidence"], 2 * ENOUGH)
         if evidence >= ENOUGH:
             source["is_duplicate"] = 1
@@ -176,6 +192,7 @@ def show_unit(u, memory, shown):
         unit["seen_at"] = number
         shown.fault_code[u] = memory.staged_codes[u]
         shown.sequence[u] = memory.staged_sequence[u]
+        shown.sampled_ns[u] = memory.staged_stamp[u]
         shown.age[u] = 0
     else:
         if g >= 0 and memory.sets[g]["torn_at"] == number:

@@ -10,7 +10,7 @@ from numba import typeof, types
 
 from bus.assemble.cycles import close_cycle_python, is_tick, open_cycle, sync_number
 from bus.assemble.gather import stage
-from bus.assemble.judge import accept_count, accept_echo, accept_plain, count, drop
+from bus.assemble.judge import accept_count, accept_echo, accept_plain, count, drop, is_old
 from bus.assemble.memory import (
     BY_COMPLETE,
     BY_DEADLINE,
@@ -104,9 +104,15 @@ def take_data(f, row, views, tables, memory):
     ):
         drop(memory, f, Outcome.CRC.value)
         return False
+    source["came"] += 1
     sequence = np.int64(-1)
     if expected["sequence"]["mask"]:
         sequence = np.int64(read_bits(data, row, expected["sequence"]))
+    if is_old(f, sequence, expected, memory):
+        drop(memory, f, Outcome.LATE.value)
+        state["is_busy"] = 1  # the cycle has an end, which may end the doubt
+        return False
+    if expected["sequence"]["mask"]:
         if expected["echoes"]:
             is_taken = accept_echo(f, sequence, row, data, tables, memory)
         else:
@@ -193,6 +199,7 @@ _memory = typeof(
         staged=np.zeros(0, np.int16),
         staged_codes=np.zeros(0, np.uint8),
         staged_sequence=np.zeros(0, np.uint8),
+        staged_stamp=np.zeros(0, np.int64),
         still=np.zeros((0, 0), STILL),
     )
 )

@@ -68,6 +68,17 @@ def gather(f, sequence, stamp, row, data, tables, memory):
 
 
 @jitable
+def sampled_at(f, stamp, tables, memory):
+    """When the units of a frame sampled: at the SYNC of their bus, or, without one, about when the
+    first frame of their set came."""
+    state, g = memory.state[0], np.int64(tables.frames[f]["group"])
+    if state["is_free"]:
+        return stamp if tables.parts[g] == 1 else memory.sets[g]["stamp"]
+    sync = memory.syncs[np.int64(tables.frames[f]["bus"])]
+    return sync["stamp"] if sync["number"] == state["number"] else state["stamp"]
+
+
+@jitable
 def stage(f, sequence, stamp, row, data, tables, memory):
     """Take a frame: its units are shown at the end of the cycle, once their set is whole."""
     g = np.int64(tables.frames[f]["group"])
@@ -77,6 +88,9 @@ def stage(f, sequence, stamp, row, data, tables, memory):
     elif not gather(f, sequence, stamp, row, data, tables, memory):
         return
     memory.sets[g]["whole_at"] = memory.state[0]["number"]
+    sampled = sampled_at(f, stamp, tables, memory)
     for slot in range(tables.units.shape[1]):
-        if tables.units[f, slot] >= 0:
-            memory.staged_sequence[tables.units[f, slot]] = max(sequence, 0) & 0xFF
+        unit = tables.units[f, slot]
+        if unit >= 0:
+            memory.staged_sequence[unit] = max(sequence, 0) & 0xFF
+            memory.staged_stamp[unit] = sampled

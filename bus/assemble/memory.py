@@ -30,7 +30,7 @@ STATE = _integers(
     "stamp",  # time stamp of the open cycle, -1: none yet
     "tick",  # time stamp at which a free-running cycle closes, 0: none yet
     "idle",  # free-running cycles in a row without any data
-    "is_busy",  # whether the open cycle has taken data
+    "is_busy",  # whether data came in the open cycle
     "last_stamp",
     "has_clock",  # whether the caller closes free-running cycles by a clock of its own
     "closed_by",  # a BY_…
@@ -50,9 +50,15 @@ SOURCE = _integers(
     "is_awaited",  # whether the open cycle still waits for it
     "taken_at",  # cycle in which a frame was last taken
     "back",  # sequence of the last frame that stepped back, -1: none
+    "came",  # frames that came in this cycle, taken or not
+    "was_alone",  # whether exactly one came in the cycle before
+    "outage",  # cycles without a frame taken, from which on frames that come may be old ones
+    "doubt",  # one of the below
     "evidence",  # of two senders with this identifier
     "is_duplicate",  # whether there was enough of it
 )
+NO_DOUBT, IN_DOUBT, BELIEVED = range(3)
+"""Of a source after an outage: whose frames are late, and whose next frame is taken."""
 SET = _integers(
     "parts_in",  # bit for each part that is in
     "key",  # sequence number of the parts, -1: none has one
@@ -128,6 +134,8 @@ class Memory(NamedTuple):
     """Shape (n,), uint8: their fault codes."""
     staged_sequence: np.ndarray
     """Shape (n,), uint8: their sequence numbers."""
+    staged_stamp: np.ndarray
+    """Shape (n,), int64: time stamps of when they sampled."""
     still: np.ndarray
     """Shape (c, n), STILL."""
 
@@ -142,6 +150,7 @@ class Shown(NamedTuple):
     sequence: np.ndarray
     fault_code: np.ndarray
     stuck: np.ndarray
+    sampled_ns: np.ndarray
 
 
 def new_memory(topology: Topology, table: FrameTable, stale_cycles: int) -> Memory:
@@ -158,6 +167,7 @@ def new_memory(topology: Topology, table: FrameTable, stale_cycles: int) -> Memo
     syncs = np.array([(identifier, -1, -1) for identifier in identifiers], SYNC)
     sources = np.zeros(frames, SOURCE)
     sources["heard"] = sources["back"] = sources["taken_at"] = -1
+    sources["outage"] = _outages(table, stale_cycles)
     sets = np.zeros(len(table.tables.parts), SET)
     sets["key"] = sets["whole_at"] = sets["torn_at"] = -1
     units = np.zeros(n, UNIT)
@@ -181,8 +191,18 @@ def new_memory(topology: Topology, table: FrameTable, stale_cycles: int) -> Memo
         staged=np.zeros(len(CHANNELS) * n, np.int16),
         staged_codes=np.zeros(n, np.uint8),
         staged_sequence=np.zeros(n, np.uint8),
+        staged_stamp=np.zeros(n, np.int64),
         still=still,
     )
+
+
+def _outages(table: FrameTable, stale_cycles: int) -> np.ndarray:
+    """Cycles of silence after which a frame may be one of before: those that its sequence number
+    tells apart where that is the counter of its SYNC."""
+    frames = table.tables.frames
+    range_of = np.minimum(frames["sequence"]["mask"].astype(np.int64) + 1, 256)
+    counted = (frames["sequence"]["mask"] > 0) & (frames["echoes"] != 0)
+    return np.where(counted, range_of, stale_cycles)
 
 
 def new_shown(n: int) -> Shown:
@@ -195,4 +215,5 @@ def new_shown(n: int) -> Shown:
         sequence=np.zeros(n, np.uint8),
         fault_code=np.zeros(n, np.uint8),
         stuck=np.zeros(n, np.uint8),
+        sampled_ns=np.full(n, -1, np.int64),
     )

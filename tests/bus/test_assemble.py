@@ -407,13 +407,17 @@ def test_a_long_absence_is_silence_not_loss():
 
 @st.composite
 def streams(draw):
-    """Draw SYNCs and frames of three units: lost, twice, and late by up to nine cycles."""
+    """Draw SYNCs and frames of three units: lost, twice, late by up to nine cycles, and one of them
+    silent for up to forty."""
     small = make_topology(units=3)
     events = []
-    for i in range(draw(st.integers(1, 25))):
+    silent = range(first := draw(st.integers(0, 9)), first + draw(st.integers(0, 40)))
+    for i in range(draw(st.integers(1, 25)) + len(silent)):
         if draw(st.integers(0, 9)):
             events.append((i, -1, sync(i)))
         for u, record in enumerate(data_frames(small, i, i)):
+            if u == 1 and i in silent:
+                continue
             fate = draw(st.integers(0, 9))
             delay = {0: None, 1: None, 2: 1, 3: draw(st.integers(1, 9))}.get(fate, 0)
             if delay is not None:

@@ -13,6 +13,8 @@ def assemble(records, units, first_id=0x100, sync_id=0x80, stale_cycles=5):
     known = {u: {"counts": [0] * len(CHANNELS), "cycle": None} for u in range(units)}
     missed = dict.fromkeys(range(units), 0)
     dropped = dict.fromkeys(range(units), 0)
+    heard = dict.fromkeys(range(units), 0)
+    doubt = dict.fromkeys(range(units), "none")
     number, came, waits, is_open = None, {}, set(), False
     cycles = []
 
@@ -25,6 +27,13 @@ def assemble(records, units, first_id=0x100, sync_id=0x80, stale_cycles=5):
                 missed[u] = 0
             else:
                 missed[u] += 1
+            if missed[u] == 0 or known[u]["cycle"] is None:
+                doubt[u] = "none"
+            elif doubt[u] == "old" and heard[u] == 1:
+                doubt[u] = "over"
+            elif missed[u] >= RANGE:
+                doubt[u] = "old"
+            heard[u] = 0
         cycles.append(
             {
                 "number": number,
@@ -52,9 +61,14 @@ def assemble(records, units, first_id=0x100, sync_id=0x80, stale_cycles=5):
                     dropped[u] = 0
             number = data[0] if number is None else number + step
             came, is_open = {}, True
-            waits = {u for u in range(units) if missed[u] < stale_cycles}
+            waits = {u for u in range(units) if missed[u] < stale_cycles or doubt[u] == "over"}
             continue
         u = int(record["id"]) - first_id
+        heard[u] += 1
+        if doubt[u] == "old":
+            totals["late"] += 1
+            dropped[u] += 1
+            continue
         values = {s.name: read(s, data) for s in LAYOUT.signals}
         last = None if known[u].get("restarted") else known[u]["cycle"]
         if u in came:
