@@ -11,10 +11,19 @@ import time
 import numpy as np
 
 from bus import mmsg
+from bus.clock import SEGMENT_NS, ClockModel
 from bus.compiled.bound import direct
 from bus.errors import BusClosedError
 from bus.frame import FRAME_DTYPE, FrameBatch, as_words
-from bus.linux import SO_MEMINFO, SO_RCVBUFFORCE, SO_RXQ_OVFL, SO_TIMESTAMPNS
+from bus.linux import (
+    RAW_HARDWARE,
+    RX_HARDWARE,
+    SO_MEMINFO,
+    SO_RCVBUFFORCE,
+    SO_RXQ_OVFL,
+    SO_TIMESTAMPING,
+    SO_TIMESTAMPNS,
+)
 from bus.state import BusState
 from bus.transport import Transport, TransportCounters
 
@@ -58,6 +67,9 @@ class DatagramTransport(Transport):
     ----------
     queue_frames : int
         Frames that the receive buffer holds, as large as the kernel allowed.
+    clock : ClockModel
+        From the interface's own clock to the kernel's, where the driver stamps frames; then stamps
+        of frames are by it, and not late by what the host was.
     """
 
     def __init__(
@@ -76,12 +88,15 @@ class DatagramTransport(Transport):
         self._receive_many, self._send_many = direct(mmsg.receive), direct(mmsg.send)
         sock.setblocking(False)
         sock.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+        sock.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPING, RX_HARDWARE | RAW_HARDWARE)
         sock.setsockopt(socket.SOL_SOCKET, SO_RXQ_OVFL, 1)
         self.queue_frames = enlarge_queue(sock, queue_bytes) // _FRAME_CHARGE
         self._patience_s = patience_s
         self._wake = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._polled = mmsg.pollfds(self._fd, self._wake)
         self._incoming, self._outgoing = mmsg.new_buffers(), mmsg.new_buffers()
+        self.clock, self._stamped = ClockModel(), self._incoming.clock["count"]
+        self._learned_ns = 0
         # Re-entrant, so that a signal's handler may close what its own thread is waiting for.
         self._receiving, self._sending = threading.RLock(), threading.RLock()
         self._records = np.zeros(0, FRAME_DTYPE)
@@ -137,6 +152,8 @@ class DatagramTransport(Transport):
         drops, failure, errors = into.report.item()
         batch.count = first + taken
         self._counters.received += taken
+        if self._stamped[0]:
+            self._learn_clock()
         if drops != self._drops_heard:
             self._drops_heard = drops
             with self._dropping:
@@ -147,6 +164,21 @@ class DatagramTransport(Transport):
         if failure:
             self._fail(failure)
         return taken
+
+    def _learn_clock(self) -> None:
+        """Hand what was seen of the interface's clock to its model, once a stretch is over."""
+        now_ns = time.monotonic_ns()
+        if now_ns - self._learned_ns < SEGMENT_NS:
+            return
+        self._learned_ns = now_ns
+        seen, clock = self._incoming.clock[0], self.clock
+        clock.learn(int(seen["stamp"]), int(seen["late"]))
+        seen["origin"], seen["offset"], seen["drift"] = (
+            clock.origin_ns,
+            clock.offset_ns,
+            clock.drift,
+        )
+        seen["is_mapped"], seen["count"] = clock.ready, 0
 
     def send(self, records: np.ndarray) -> int:
         """Send frames, in order; see `Transport.send`.

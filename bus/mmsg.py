@@ -45,10 +45,23 @@ REPORT = np.dtype(
     ]
 )
 """What a call has to say beside the number of frames."""
-_CONTROL_BYTES = 64
+CLOCK = np.dtype(
+    [
+        ("origin", np.int64),  # of the map from hardware stamps to the kernel's, `bus.clock`
+        ("offset", np.float64),
+        ("drift", np.float64),
+        ("is_mapped", np.int64),  # whether there is a map
+        ("count", np.int64),  # pairs of stamps in this stretch
+        ("stamp", np.int64),  # stamps of the pair with the least delay by the map
+        ("late", np.int64),
+    ]
+)
+"""Of the interface's own clock, and what was seen of it."""
+_CONTROL_BYTES = 128
 # Control messages as level | type << 32, level SOL_SOCKET.
 _TIME_STAMP = 1 | 35 << 32
 _DROPPED = 1 | 40 << 32
+_HARDWARE = 1 | 37 << 32
 _MSG_CONFIRM = 0x800  # on a frame that this very socket has sent
 _MSG_DONTWAIT = 0x40
 _POLLIN = 1
@@ -64,11 +77,13 @@ class Buffers(NamedTuple):
     vectors: np.ndarray
     """Shape (BATCH,), VECTOR: of one each."""
     control: np.ndarray
-    """Shape (BATCH, 8), int64: time stamp and drop counter, as control messages."""
+    """Shape (BATCH, 16), int64: time stamps and drop counter, as control messages."""
     staged: np.ndarray
     """Shape (BATCH, 9), int64: frames to be sent."""
     report: np.ndarray
     """Shape (1,), REPORT."""
+    clock: np.ndarray
+    """Shape (1,), CLOCK."""
 
 
 def new_buffers() -> Buffers:
@@ -79,11 +94,28 @@ def new_buffers() -> Buffers:
         control=np.zeros((BATCH, _CONTROL_BYTES // 8), np.int64),
         staged=np.zeros((BATCH, FD_SIZE // 8), np.int64),
         report=np.zeros(1, REPORT),
+        clock=np.zeros(1, CLOCK),
     )
     vectors = into.vectors
     into.messages["vectors"] = vectors.ctypes.data + vectors.itemsize * np.arange(BATCH)
     into.messages["vector_count"] = 1
     return into
+
+
+@jitable
+def by_hardware(hardware, stamp, clock):
+    """The stamp of a frame by the interface's own clock, once that is mapped; the pair of stamps
+    counts for the map."""
+    ahead = clock["offset"] + clock["drift"] * (hardware - clock["origin"])
+    mapped = hardware + np.int64(round(ahead))
+    best = clock["stamp"] + np.int64(
+        round(clock["offset"] + clock["drift"] * (clock["stamp"] - clock["origin"]))
+    )
+    if clock["count"] == 0 or stamp - mapped < clock["late"] - best:
+        clock["stamp"], clock["late"] = hardware, stamp
+    clock["count"] += 1
+    # none is received before it was stamped: a clock was set
+    return min(mapped, stamp) if clock["is_mapped"] else stamp
 
 
 @jitable
@@ -94,13 +126,15 @@ def settle_python(count, first, index, words, buffers):
     control, report = buffers.control, buffers.report[0]
     for i in range(count):
         row, message = first + i, buffers.messages[i]
-        stamp, place, end = 0, 0, message["control_size"] // 8
+        stamp, hardware, place, end = 0, 0, 0, message["control_size"] // 8
         while place + 2 < end and control[i, place] > 16:
             kind = control[i, place + 1]
             if kind == _TIME_STAMP:
                 stamp = control[i, place + 2] * 1_000_000_000 + control[i, place + 3]
             elif kind == _DROPPED:
                 report["drops"] = control[i, place + 2] & _LOW
+            elif kind == _HARDWARE:  # of three stamps the last; 0 where there is none
+                hardware = control[i, place + 6] * 1_000_000_000 + control[i, place + 7]
             place += (control[i, place] + 7) // 8
         header = words[row, 1]
         identifier, length, flags = header & _LOW, (header >> 32) & 0xFF, 0
@@ -112,7 +146,7 @@ def settle_python(count, first, index, words, buffers):
         origin = ECHO if message["flags"] & _MSG_CONFIRM else 0
         if identifier & CAN_ERR:
             report["errors"] += 1
-        words[row, 0] = stamp
+        words[row, 0] = by_hardware(hardware, stamp, buffers.clock[0]) if hardware else stamp
         words[row, 1] = identifier | length << 32 | flags << 40 | origin << 48 | bus
 
 

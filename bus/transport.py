@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bus.clock import ClockModel
 from bus.frame import CAN_ERR, FrameBatch
 from bus.state import BusChange, BusState, read_error_frame
 
@@ -64,7 +65,11 @@ class Transport(ABC):
         How the bus is; as it was when last heard of, so `receive` must be called for news.
     changes : deque of BusChange
         The last CHANGES_KEPT changes of `state`, oldest first. The caller may take them out.
+    clock : ClockModel or None
+        From the interface's own clock to the kernel's, for interfaces that may have one.
     """
+
+    clock: ClockModel | None = None
 
     def __init__(self, index: int = 0) -> None:
         self.index = index

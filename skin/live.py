@@ -37,6 +37,12 @@ Sync = Literal["host", "bus"]
 Wait = Literal["event", "drain"]
 
 
+SYNC_BITS = 57
+"""Of a SYNC frame until its end, at which units sample: 52 without stuff bits, at most 62
+[derived: ISO 11898-1, 11 bits of identifier and a byte]. A frame that is on the wire already holds
+it up by its own time."""
+
+
 @dataclass
 class Timing:
     """Where the time of the last cycle went, and how often the host was late."""
@@ -89,6 +95,8 @@ class Skin:
         self._lull, self._has_lull = Lull(self._period_ns), wait == "event"
         self._sends_sync = sync == "host" and topology.buses[0].sync_id is not None
         self._sync_frames = _sync_frames(topology)
+        rates = np.array([bus.bitrate for bus in topology.buses], float)
+        self._wire_ns = np.round(0.0 if nodes else SYNC_BITS * 1e9 / rates).astype(np.int64)
         self._started_ns, self._epoch_ns = time.monotonic_ns(), time.time_ns()
         self._number = 0
         self._cycles: Generator[State] | None = None
@@ -128,6 +136,29 @@ class Skin:
     def counters(self) -> FrameCounters:
         """Frames by what became of them, running totals."""
         return self.pipeline.counters
+
+    @property
+    def clocks(self) -> dict[str, dict[str, Any]]:
+        """What stamps the frames of each bus, by its name: ``by``, "interface" where its driver
+        does, else "kernel"; ``error_ns``, one sigma of the map from the interface's clock to the
+        kernel's, and ``drift_ppm`` of it; how often one of them was set (``steps``)."""
+        found = {}
+        for bus, end in zip(self.topology.buses, self.transports, strict=True):
+            clock = end.clock
+            found[bus.name] = {"by": "kernel"} if clock is None or not clock.ready else {
+                "by": "interface", "error_ns": clock.error_ns, "drift_ppm": 1e6 * clock.drift,
+                "steps": clock.steps,
+            }  # fmt: skip
+        return found
+
+    def realtime_ns(self, stamp_ns: int) -> int:
+        """A stamp of a cycle that this host has begun, as the system's clock has it now.
+
+        `State.stamp_ns` and `State.sampled_ns` are of a clock that nobody sets: it begins with the
+        system's and goes by the monotonic one, so that no step of the system's clock is in forces
+        or contacts. Cameras and other programs stamp by the system's.
+        """
+        return stamp_ns + time.time_ns() - self._stamp_ns()
 
     def configure(self, command: Command, *, node: int = 0, value: int = 0) -> None:
         """Tell the boards on all buses to do something: tare, or answer every k-th SYNC only.
@@ -343,7 +374,7 @@ class Skin:
         """Send SYNC on every bus and return the frames, as a log would show them."""
         frames = self._sync_frames
         frames["data"][:, 0] = number & 0xFF
-        frames["stamp_ns"] = self._stamp_ns()
+        frames["stamp_ns"] = self._stamp_ns() + self._wire_ns
         for i, transport in enumerate(self.transports):
             self.timing.unsent += 1 - transport.send(frames[i : i + 1])
         return frames

@@ -67,6 +67,7 @@ class FaultyTransport(Transport):
         if not isinstance(script, FaultScript):
             script = load_script(script, topology)
         self.inner = inner
+        self.clock = inner.clock
         self._inject = Injector(script, seed, topology, index=inner.index, clock=clock)
         self._receives = direction == "receive"
         self._heard = FrameBatch(1024)

@@ -75,7 +75,7 @@ class LoggedTransport(Transport):
     def __init__(self, inner: Transport, recording: Recording) -> None:
         super().__init__(inner.index)
         self.inner, self._recording = inner, recording
-        self.changes = inner.changes
+        self.changes, self.clock = inner.changes, inner.clock
 
     @property
     def counters(self) -> TransportCounters:

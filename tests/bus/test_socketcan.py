@@ -96,24 +96,28 @@ headers = st.integers(0, 2**32 - 1)
         min_size=1, max_size=5,
     ),
     index=st.integers(0, 255),
+    hardware=st.lists(st.integers(0, 2**50), min_size=5, max_size=5),
 )  # fmt: skip
-def test_settling_is_the_same_compiled_and_in_python(rows, index):
+def test_settling_is_the_same_compiled_and_in_python(rows, index, hardware):
     results = []
     for settle in (mmsg.settle, mmsg.settle_python):
         into = mmsg.new_buffers()
+        into.clock["drift"] = 1e-5
         words = np.zeros((len(rows) + 1, 10), np.int64)
         for i, (identifier, rest, size, flags, stamp, drops, has_drops) in enumerate(rows):
             words[i + 1, 1] = np.array([identifier, rest], np.uint32).view(np.int64)[0]
             into.messages[["control_size", "flags", "size"]][i] = (
-                56 if has_drops else 32,
+                120 if has_drops else 96,
                 flags,
                 size,
             )
             into.control[i, :4] = 32, 1 | 35 << 32, *divmod(stamp, 10**9)
-            into.control[i, 4:7] = 20, 1 | 40 << 32, drops
+            into.control[i, 4:12] = 64, 1 | 37 << 32, 1, 2, 3, 4, *divmod(hardware[i], 10**9)
+            into.control[i, 12:15] = 20, 1 | 40 << 32, drops
         settle(len(rows), 1, index, words, into)
-        results.append((words.view(FRAME_DTYPE).ravel()[1:], into.report[0]))
-    (compiled, report), (plain, same_report) = results
+        results.append((words.view(FRAME_DTYPE).ravel()[1:], into.report[0], into.clock.tobytes()))
+    (compiled, report, clock), (plain, same_report, same_clock) = results
+    assert clock == same_clock
     assert compiled.tobytes() == plain.tobytes()
     assert report == same_report
     for record, (identifier, _, size, flags, stamp, _, _) in zip(plain, rows, strict=True):

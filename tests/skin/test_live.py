@@ -17,6 +17,7 @@ from bus.logs import read_all
 from bus.memory import MemoryTransport
 from bus.status import Status
 from skin.errors import SkinError
+from skin.live import SYNC_BITS
 from skin.sim.node import Nodes
 from skin.state import WANTS
 from tests.fixtures.live import frames_of
@@ -356,3 +357,17 @@ def test_a_bus_that_takes_no_frames_is_counted_and_told():
         assert strip.timing.unsent == 3
         with pytest.raises(SkinError, match=r"configure: must be taken by every bus; got no room"):
             strip.configure(Command.RATE, value=2)
+
+
+def test_the_stamp_of_a_sync_is_its_end_on_the_wire():
+    """57 bits at the rate of the bus, which units that are simulated here have not."""
+    with skin.open("strip", simulate=True) as strip:
+        assert not strip._wire_ns.any()
+        assert strip.clocks == {bus.name: {"by": "kernel"} for bus in strip.topology.buses}
+        state = next(iter(strip))
+        assert (state.sampled_ns[state.units.valid] == state.stamp_ns).all()
+        assert abs(strip.realtime_ns(state.stamp_ns) - time.time_ns()) < 5_000_000_000
+    buses = topology.load("strip").buses
+    ends = [MemoryTransport.pair(index=i)[0] for i in range(len(buses))]
+    with skin.open("strip", transports=ends) as strip:
+        assert strip._wire_ns.tolist() == [round(SYNC_BITS * 1e9 / bus.bitrate) for bus in buses]

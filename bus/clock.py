@@ -1,0 +1,119 @@
+"""ClockModel: the time of an interface's own clock, by the kernel's.
+
+A controller that stamps frames itself is right to a few microseconds, but its clock starts
+anywhere and runs at a rate of its own; the kernel's stamp is of a known clock, but late by an
+interrupt, a queue, a USB transfer. The delay is never negative: the line below all pairs of stamps
+that is nearest to them is the map [Moon, Skelly, Towsley, INFOCOM 1999]. The least delay cannot be
+told from the offset and stays in it.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+__all__ = ["ClockModel"]
+
+SEGMENT_NS = 100_000_000
+"""Of each such stretch the pair with the least delay is kept [assumed]."""
+KEPT = 100
+"""Stretches in the window: 10 s, in which rates of crystals stand still [assumed]."""
+LEAST = 5
+"""Stretches before the map is used [assumed]."""
+STEP_NS = 2_000_000
+"""By which a whole stretch is above the line, or a pair below it, where a clock was set [assumed:
+more than a host that is late has of delay in all of 0.1 s]."""
+STEPPED = 3
+"""Such stretches in a row above the line that show a step [assumed]."""
+FASTEST = 1e-3
+"""Rates of clocks do not differ by more [assumed: ten times a bad crystal]."""
+
+
+class ClockModel:
+    """Maps stamps of one clock to another, from pairs of which the second is late.
+
+    Attributes
+    ----------
+    origin_ns : int
+        Stamp of the first clock at which `offset_ns` holds.
+    offset_ns : float
+        Second clock less first one.
+    drift : float
+        Change of the offset per time.
+    error_ns : float
+        One sigma of the map, root mean square of what the kept pairs are above it; NaN before it
+        is ready.
+    steps : int
+        How often a clock was set.
+
+    Examples
+    --------
+    >>> model = ClockModel()
+    >>> for i in range(10):  # the second clock: 5 s ahead, 40 ppm faster, late by 1 µs or more
+    ...     stamp_ns = i * SEGMENT_NS
+    ...     model.learn(stamp_ns, 5_000_000_000 + round(stamp_ns * 1.00004) + 1000 + i % 2)
+    >>> model.ready, round(1e6 * model.drift), model(2 * SEGMENT_NS)
+    (True, 40, 5200009000)
+    """
+
+    def __init__(self) -> None:
+        self._pairs: deque[tuple[int, int]] = deque(maxlen=KEPT)
+        self._above = 0
+        self.origin_ns, self.offset_ns, self.drift = 0, 0.0, 0.0
+        self.error_ns, self.steps = float("nan"), 0
+
+    @property
+    def ready(self) -> bool:
+        """Whether there are pairs enough for a map."""
+        return len(self._pairs) >= LEAST
+
+    def __call__(self, stamp_ns: int) -> int:
+        """A stamp of the first clock, as one of the second."""
+        return stamp_ns + round(self.offset_ns + self.drift * (stamp_ns - self.origin_ns))
+
+    def learn(self, stamp_ns: int, late_ns: int) -> None:
+        """Take the pair of a stretch that has the least delay: stamps of one event by both clocks.
+
+        Where a clock was set, what was learned before is forgotten.
+        """
+        if self.ready:
+            off = late_ns - self(stamp_ns)
+            self._above = self._above + 1 if off > STEP_NS else 0
+            if off < -STEP_NS or self._above >= STEPPED:
+                self._forget()
+        if self._pairs and stamp_ns <= self._pairs[-1][0]:
+            self._forget()  # the first clock began anew
+        self._pairs.append((stamp_ns, late_ns))
+        if self.ready:
+            self._fit()
+
+    def _forget(self) -> None:
+        self._pairs.clear()
+        self._above, self.error_ns = 0, float("nan")
+        self.steps += 1
+
+    def _fit(self) -> None:
+        """The edge of the lower convex hull over the mean time: of all lines below the pairs the
+        one nearest to them."""
+        self.origin_ns = self._pairs[0][0]
+        first_ns = self._pairs[0][1] - self.origin_ns
+        x = np.array([stamp - self.origin_ns for stamp, _ in self._pairs], float)
+        y = np.array([late - stamp - first_ns for stamp, late in self._pairs], float)
+        hull: list[int] = []
+        for i in range(x.size):
+            while len(hull) > 1 and _turns_right(x, y, hull[-2], hull[-1], i):
+                hull.pop()
+            hull.append(i)
+        middle = x.mean()
+        k = next(k for k, i in enumerate(hull[1:], 1) if x[i] >= middle)
+        i, j = hull[k - 1], hull[k]
+        self.drift = float(np.clip((y[j] - y[i]) / (x[j] - x[i]), -FASTEST, FASTEST))
+        low = y - self.drift * x
+        self.offset_ns = first_ns + float(low.min())
+        self.error_ns = float(np.sqrt(np.mean((low - low.min()) ** 2)))
+
+
+def _turns_right(x: np.ndarray, y: np.ndarray, a: int, b: int, c: int) -> bool:
+    """Whether b is on or above the line from a to c."""
+    return (y[b] - y[a]) * (x[c] - x[a]) >= (y[c] - y[a]) * (x[b] - x[a])
