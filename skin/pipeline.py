@@ -322,4 +322,5 @@ class Pipeline:
             self._slip,
             clock.overruns,
             cycle.sampled_ns,
+            self.topology,
         )

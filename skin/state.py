@@ -76,6 +76,21 @@ class Reading:
     displacement_sigma_mm: np.ndarray = UNWANTED
     field_ut: np.ndarray = UNWANTED
 
+    def __repr__(self) -> str:
+        """Units, what is in touch and what is wrong, in a line."""
+        *cycles, n = self.status.shape
+        heard = np.asarray(self.valid, bool)
+        parts = [f"{cycles[0]} cycles of {n} units" if cycles else f"{n} units"]
+        parts.append(f"{np.count_nonzero(heard) / max(heard.size, 1):.0%} valid")
+        for name, unit, values in (
+            ("Fz", "N", None if self.force is None else self.force[..., 2, :]),
+            ("T", "°C", self.temperature),
+        ):
+            told = np.zeros(0) if values is None else values[heard & np.isfinite(values)]
+            if told.size:
+                parts.append(f"{name} {told.min():.2f} to {told.max():.2f} {unit}")
+        return f"<Reading: {', '.join(parts)}{_flagged(self.status)}>"
+
 
 @dataclass(slots=True)
 class State:
@@ -119,6 +134,8 @@ class State:
     sampled_ns : ndarray, shape (n,), int64
         Time stamp of when each unit took what it shows: that of the SYNC of its bus, or, without
         SYNC, of its frame's arrival; of units that are missing, of their last value; -1 for never.
+    topology : Topology
+        Of the skin; for names and places.
     """
 
     cycle: int
@@ -136,6 +153,33 @@ class State:
     slip: np.ndarray = UNWANTED
     overruns: int = 0
     sampled_ns: np.ndarray = UNWANTED
+    topology: Topology = UNWANTED
+
+    def __repr__(self) -> str:
+        """Units, what touches, and what is wrong, in a line."""
+        units = self.units
+        parts = [f"{units.status.size} units"]
+        if self.label is not None:
+            parts.append(f"{np.count_nonzero(self.label >= 0)} touched")
+        if self.contacts is not None:
+            count = len(self.contacts)
+            parts.append(f"{count} contact" + "s" * (count != 1))
+        if self.wrench is not None:
+            x, y, z = self.wrench[:3]
+            parts.append(f"force ({x:.2f}, {y:.2f}, {z:.2f}) N")
+        if slips := self.slips:
+            parts.append(f"{len(slips)} began to slip")
+        return f"<State {self.cycle}: {', '.join(parts)}{_flagged(units.status, self.topology)}>"
+
+    def _repr_html_(self) -> str | None:
+        """The same over a map of the normal forces, for notebooks."""
+        if self.topology is None or self.units.force is None:
+            return None
+        from skin.notebook import map_svg, with_map
+
+        normal, valid = self.units.force[2], np.asarray(self.units.valid, bool)
+        most = float(np.nan_to_num(normal)[valid].max(initial=0.0))
+        return with_map(repr(self), map_svg(self.topology, normal, valid), most)
 
     @property
     def time_s(self) -> float:
@@ -168,6 +212,25 @@ def _copied(record: T, **others: Any) -> T:
     values = {field.name: getattr(record, field.name) for field in fields(record)}
     arrays = {name: value.copy() for name, value in values.items() if hasattr(value, "copy")}
     return replace(record, **(arrays | others))
+
+
+NAMED = 3
+"""Units that a line names; of more, it tells the number."""
+
+
+def _flagged(status: np.ndarray, topology: Topology | None = None) -> str:
+    """Units that must not be trusted, by flag, as the end of a line."""
+    found = []
+    for flag in Status:
+        if not flag & INVALID:
+            continue
+        units = np.flatnonzero((status & int(flag)).reshape(-1, status.shape[-1]).any(axis=0))
+        if 0 < units.size <= NAMED:
+            names = [str(i) if topology is None else topology.unit_names[i] for i in units]
+            found.append(f"{flag.name} {', '.join(names)}")
+        elif units.size:
+            found.append(f"{flag.name} {units.size} units")
+    return f"; {'; '.join(found)}" if found else ""
 
 
 def trouble(topology: Topology, status: np.ndarray) -> dict[str, Status]:

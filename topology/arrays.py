@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -121,6 +122,20 @@ class Topology:
     neighbour_index: np.ndarray
     patch_frames: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        """What hangs where, in a line."""
+        n, quiet = self.n, int(np.count_nonzero(~self.enabled))
+        parts = [
+            f"{n} units" + (f", {quiet} disabled" if quiet else ""),
+            _named("patch", "patches", self.patch_names),
+            _named("bus", "buses", [bus.name for bus in self.buses]),
+            f"{self.cycle_rate_hz:g} Hz",
+        ]
+        for what, known in (("calibrated", self.calibrated), ("tared", self.tared)):
+            count = int(np.count_nonzero(known))
+            parts.append(what if count == n else f"{count or 'none'} {what}")
+        return f"<Topology {self.name!r}: {', '.join(parts)}>"
+
     @property
     def n(self) -> int:
         """Number of units."""
@@ -187,3 +202,11 @@ class Topology:
             return self.unit_names.index(name)
         except ValueError:
             raise unknown_unit(name, self.name, self.unit_names) from None
+
+
+def _named(one: str, many: str, names: Sequence[str]) -> str:
+    """Names of a few things, the number of many."""
+    if len(names) == 1:
+        return f"{one} {names[0]!r}"
+    listed = f" ({', '.join(names)})" if len(names) <= 4 else ""
+    return f"{len(names)} {many}{listed}"

@@ -192,7 +192,9 @@ class Contact:
 
     def __repr__(self) -> str:
         where = ", ".join(f"{1e3 * x:.1f}" for x in self.centroid)
-        slip = f", {self.slip.name.lower()}" if self.slip else ""
-        return (
-            f"<Contact {self.id}: {self.units.size} units, {self.load:.2f} N at ({where}) mm{slip}>"
-        )
+        parts = [f"{self.units.size} units", f"{self.load:.2f} N at ({where}) mm"]
+        if self.slip:
+            parts.append(f"{self.slip.name.lower()}, stick ratio {self.stick_ratio:.2f}")
+        if np.isfinite(self.margin):
+            parts.append(f"margin {self.margin:.2f}")
+        return f"<Contact {self.id}: {', '.join(parts)}>"

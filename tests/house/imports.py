@@ -24,7 +24,9 @@ COMMON = frozenset({"errors", "options", "state"})
 ROOMS: dict[str, frozenset[str]] = {
     "errors": frozenset(),
     "physics": frozenset({"errors"}),
-    "state": frozenset({"errors"}),
+    "notebook": frozenset(),
+    "worker": frozenset({"errors"}),
+    "state": frozenset({"errors", "notebook"}),
     "options": frozenset({"errors", "state"}),
     "decode": COMMON | {"physics"},
     "contact": COMMON | {"physics"},
