@@ -158,6 +158,15 @@ class Learner:
         self.failed = str(error) or type(error).__name__
 
 
+def answer(learner: Learner, ring: RingBuffer, command: str) -> dict[str, Any]:
+    """What a command is answered."""
+    if command == "report":
+        return learner.report()
+    for _ in range(ring.waiting):
+        learner.take_next(ring)
+    return learner.stencil()
+
+
 def serve(end: WorkerEnd, learner: Learner) -> None:
     """Learn and answer until the loop has ended: it has asked for all that it wants by then."""
     learner.warmup()
@@ -167,12 +176,8 @@ def serve(end: WorkerEnd, learner: Learner) -> None:
             return
         if command is None:
             learner.take_next(end.ring)
-        elif command["command"] == "report":
-            end.answer(**learner.report())
         else:
-            for _ in range(end.ring.waiting):
-                learner.take_next(end.ring)
-            end.answer(**learner.stencil())
+            end.answer(**answer(learner, end.ring, command["command"]))
 
 
 def main() -> None:

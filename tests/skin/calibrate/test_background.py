@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import base64
 import dataclasses
-import io
 import os
 import signal
 import subprocess
@@ -22,20 +20,29 @@ from benchmarks.films_truth import PLACE_MM, TILT_DEG, array_of
 from bus.status import Status
 from skin.calibrate import background
 from skin.calibrate.background import WAITING, Learning
-from skin.calibrate.learner import Learner
+from skin.calibrate.learner import Learner, Window, answer
 from skin.decode.decoder import Decoder
 from skin.errors import SkinError
 from skin.physics.halbach import HalbachField
 from skin.physics.stencil import Stencil
 from skin.sim.unit import UnitSimulator
+from skin.worker import ONE_THREAD, RingBuffer
 from tests.fixtures.process import is_gone
+from topology.packed import unpacked
 
 SIDE, CYCLES = 3, 250
+ARRAYS = ("begun", "counts", "status", "background")
+ROOT = Path(__file__).parents[3]
 EARTH_UT = np.array([40.0, -30.0, 20.0])
 
 
 @pytest.fixture(scope="module")
 def array():
+    """See `made`."""
+    return made()
+
+
+def made():
     """Films that theory does not know, each unit calibrated alone and not quite in its place."""
     found = array_of(2, seed=11)
     n = found.known.n
@@ -57,20 +64,33 @@ def fed(learning, decoder, counts, flags=0):
 
 def wait_for(learning):
     """Until the process has learned from all that waits."""
-    worker = learning._worker
-    while worker is not None and worker.alive and learning._ring.waiting:
+    while learning._worker.alive and learning._ring.waiting:
         time.sleep(0.005)
     learning.report()  # which comes after the window that was taken last
 
 
-def directly(monkeypatch, decoder):
-    """Learning without a process, and what the process would learn with."""
-    with monkeypatch.context() as patched:
-        patched.setattr(background, "Worker", lambda *_: None)
-        learning = Learning(decoder)
-    learner = Learner(decoder.topology)
-    learning.report = lambda: learner.take_next(learning._ring)
-    return learning, learner
+class Here:
+    """In place of a process: learns when it is looked after."""
+
+    def __init__(self, _module, ring, request):
+        self.ring, self.learner = ring, Learner(unpacked(request["topology"]))
+
+    @property
+    def alive(self):
+        self.learner.take_next(self.ring)
+        return True
+
+    def ask(self, command, _timeout_s):
+        return answer(self.learner, self.ring, command)
+
+    def close(self, timeout_s=None):
+        """Nothing runs."""
+
+
+@pytest.fixture
+def here(monkeypatch):
+    """Learn in this process, where only what is learned matters."""
+    monkeypatch.setattr(background, "Worker", Here)
 
 
 def second(displacement, depth):
@@ -138,7 +158,8 @@ def test_nothing_is_learned_before_nothing_has_touched_the_skin(array, tmp_path)
     learning.close()
 
 
-def test_what_the_decoder_follows_is_no_field_of_a_neighbour(monkeypatch):
+@pytest.mark.usefixtures("here")
+def test_what_the_decoder_follows_is_no_field_of_a_neighbour():
     """A robot that turns in the Earth's field between two presses."""
     known = with_parameters(
         square(SIDE, 0.012), field_sigma_ut=np.full(SIDE**2, 5.0),
@@ -148,7 +169,7 @@ def test_what_the_decoder_follows_is_no_field_of_a_neighbour(monkeypatch):
     for field in (np.zeros(3), EARTH_UT):
         units = UnitSimulator(known, seed=1, field=HalbachField(known))
         decoder = Decoder(known, {"force", "displacement"}, sweeps=1, ambient=True)
-        learning, learner = directly(monkeypatch, decoder)
+        learning = Learning(decoder)
         for number, unit in enumerate((None, 4, 0)):
             moved = np.zeros((CYCLES, 2, n)), np.zeros((CYCLES, n))
             if unit is not None:
@@ -157,8 +178,9 @@ def test_what_the_decoder_follows_is_no_field_of_a_neighbour(monkeypatch):
             if number:
                 values[:, 2:5] += np.array([1.0, -1.0, -1.0])[:, None] * field[:, None]
             fed(learning, decoder, units.quantise(units.disturb(values)))
-        found[bool(field.any())] = learner.test.estimate.mean.copy()
-    sigma = np.sqrt(np.diag(learner.test.estimate.covariance))
+        estimate = learning._worker.learner.test.estimate
+        found[bool(field.any())] = estimate.mean.copy()
+    sigma = np.sqrt(np.diag(estimate.covariance))
     off = np.abs(found[True] - found[False]) / np.maximum(sigma, 1e-9)
     assert np.median(off[:8]) < 3.0
 
@@ -181,6 +203,7 @@ def test_large_skins_are_refused():
         Learning(Decoder(square(17, 0.012), {"force"}))
 
 
+@pytest.mark.usefixtures("here")
 @pytest.mark.parametrize("rate_hz", [20.0, 99.0])
 def test_a_slow_skin_learns(rate_hz):
     known = square(SIDE, 0.012, rate_hz)
@@ -198,6 +221,7 @@ def test_a_slow_skin_learns(rate_hz):
     learning.close()
 
 
+@pytest.mark.usefixtures("here")
 def test_a_silent_unit_hinders_only_those_near_it():
     known = square(6, 0.012)
     n, units = known.n, UnitSimulator(known, seed=1, field=HalbachField(known))
@@ -214,6 +238,7 @@ def test_a_silent_unit_hinders_only_those_near_it():
     learning.close()
 
 
+@pytest.mark.usefixtures("here")
 def test_what_keeps_a_skin_from_learning_is_told(array, tmp_path):
     decoder = Decoder(array.known, {"force"}, sweeps=1, ambient=True)
     learning = Learning(decoder)
@@ -224,27 +249,38 @@ def test_what_keeps_a_skin_from_learning_is_told(array, tmp_path):
 
 
 def test_a_process_learns_what_the_same_windows_tell_directly(array, tmp_path, monkeypatch):
+    """To the bit, with linear algebra on one thread as the process has it."""
     decoder = Decoder(array.known, {"force"}, sweeps=1, ambient=True)
     learning = Learning(decoder)
-    beside, learner = directly(monkeypatch, decoder)
+    ring, windows = learning._ring, []
 
-    def look(counts, status):
-        Learning.look(learning, counts, status)
-        beside.look(counts, status)
+    def publish():
+        windows.append(ring.claim()[0].copy())
+        RingBuffer.publish(ring)
 
-    monkeypatch.setattr(learning, "look", look)
-    for unit in (None, 0, 4):
-        used(array, learning, decoder, [] if unit is None else [unit])
-        beside.report()
-    file = tmp_path / "a.npz"
-    learning.save(file)
-    direct = np.load(io.BytesIO(base64.b64decode(learner.stencil()["stencil"])))
-    with np.load(file) as saved:
+    monkeypatch.setattr(ring, "publish", publish)
+    used(array, learning, decoder, [0, 3])
+    learning.save(tmp_path / "process.npz")
+    learning.close()
+    np.savez(tmp_path / "windows.npz", **{k: np.stack([w[k] for w in windows]) for k in ARRAYS})
+    code = "from tests.skin.calibrate.test_background import learn_directly as learn; learn()"
+    subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, check=True,
+        env=os.environ | ONE_THREAD | {"PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    with np.load(tmp_path / "process.npz") as saved, np.load(tmp_path / "direct.npz") as direct:
         assert set(saved) == set(direct)
         for name in saved:
-            np.testing.assert_array_equal(saved[name], direct[name], err_msg=name)
-    assert learner.report() == {k: v for k, v in learning.report().items() if k != "left_out"}
-    learning.close()
+            assert saved[name].tobytes() == direct[name].tobytes(), name
+
+
+def learn_directly():
+    """From the windows of a file, without ring, process or a topology that went as text."""
+    learner = Learner(made().known)
+    with np.load("windows.npz") as windows:
+        for each in zip(*(windows[k] for k in ARRAYS), strict=True):
+            learner.take(Window(*each))
+    learner.test.estimate.stencil().save("direct.npz")
 
 
 def test_a_process_that_fails_keeps_nobody_waiting(array, tmp_path, monkeypatch):
@@ -324,7 +360,7 @@ def test_the_process_ends_with_a_loop_that_was_killed():
     )
     loop = subprocess.Popen(
         [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True,
-        cwd=Path(__file__).parents[3],
+        cwd=ROOT,
     )  # fmt: skip
     assert loop.stdout is not None
     with loop.stdout:
@@ -337,6 +373,7 @@ def test_the_process_ends_with_a_loop_that_was_killed():
         time.sleep(0.05)
 
 
+@pytest.mark.usefixtures("here")
 def test_what_was_learned_outlasts_the_tare_of_a_unit_that_was_held(array):
     known = dataclasses.replace(array.known, tared=np.arange(array.known.n) != 3)
     decoder = Decoder(known, {"force"}, sweeps=1, ambient=True)

@@ -355,7 +355,6 @@ def test_a_run_that_tares_some_anew_keeps_the_zeros_of_those_that_were_silent(sa
 
 
 def test_a_run_that_tares_all_anew_keeps_no_zero_with_another_ambient_field(saved):
-    _, status = opened(saved, temperature_c=33.0, cycles=20)
     nodes = Nodes(TRUE, Still(33.0), history=0)
     run = skin.open(PALM, transports=in_process(nodes), zeros=saved, pace=False, want={"force"})
     look = run.pipeline.zeros.look
