@@ -144,9 +144,9 @@ class Learning:
                 worker.close(0.0)
                 return
             interrupted = {"error": "learn: must learn until it is closed; got an interrupt"}
-            self._last = dict.fromkeys((STENCIL, REPORT), interrupted)
+            self._last = {STENCIL: interrupted, REPORT: interrupted}
             try:
-                for command in self._last:
+                for command in (STENCIL, REPORT):
                     self._last[command] = _answer(worker, command)
             finally:
                 worker.close()
