@@ -60,7 +60,6 @@ class Learning:
             )
         self._ambient, self._begun = decoder.ambient, decoder.ambient.begun
         self._ring = RingBuffer(window_dtype(topology), WAITING + 1)
-        self._window: np.ndarray | None = None
         self._counts = self._status = self._background = np.empty(0)
         self._cycles = self._ring.dtype["status"].shape[0]
         self._filled = self._skipped = self._handed = 0
