@@ -113,6 +113,8 @@ def open(
             ends = [undo.enter_context(end) for end in _ends(loaded, nodes)]
         _check_ends(ends, loaded)
         pipeline = _pipeline(loaded, options, deadline_s, zeros, learn)
+        if pipeline.learning is not None:
+            undo.callback(pipeline.learning.close)
         recording = Recording(log, loaded) if isinstance(log, str | os.PathLike) else log
         undo.pop_all()  # all is well: the skin closes them
     return Skin(pipeline, ends, sync=sync, wait=wait, pace=pace, nodes=nodes, recording=recording)

@@ -202,17 +202,17 @@ class Pipeline:
     def warmup(self) -> None:
         """Load or compile the kernels, so that the first cycle is not late."""
         self.decoder.warmup()
-        if self.learning is not None:
-            self.learning.warmup()
         if self.contacts is not None:
             self.contacts.warmup()
 
     def close(self) -> None:
         """Save zeros for the next run, and end learning, where these are wanted."""
-        if self.learning is not None:
-            self.learning.close()
-        if self.zeros is not None:
-            self.zeros.close()
+        try:
+            if self.zeros is not None:
+                self.zeros.close()
+        finally:  # it may take its time, and zeros are to be saved whatever ends it
+            if self.learning is not None:
+                self.learning.close()
 
     # -- cycles ------------------------------------------------------------------------------------
 

@@ -32,6 +32,9 @@ LONGEST_S = 60.0
 """That an answer may take [assumed: a worker imports and compiles before its first]."""
 ENDS_S = 10.0
 """That a worker has to end, once asked to [assumed]."""
+ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"), "1")
+"""Of linear algebra, where the user has not set another number: more are made before a worker steps
+back, and would not."""
 
 
 class RingBuffer:
@@ -134,7 +137,7 @@ class Worker:
             self._process = subprocess.Popen(
                 [sys.executable, "-P", "-m", module, str(theirs.fileno()), str(ring.fd)],
                 pass_fds=(theirs.fileno(), ring.fd),
-                env=os.environ | {"PYTHONPATH": os.pathsep.join(paths)},
+                env=ONE_THREAD | os.environ | {"PYTHONPATH": os.pathsep.join(paths)},
                 stdin=subprocess.DEVNULL,
                 start_new_session=True,  # Ctrl-C is the loop's: it ends the worker when it ends
             )
@@ -162,8 +165,12 @@ class Worker:
                 self._send({"command": command} | values)
                 self._socket.settimeout(timeout_s)
                 line = self._lines.readline()
-            except OSError as error:
+            except (BrokenPipeError, ConnectionResetError):
+                line = ""
+            except BaseException as error:  # an interrupt, too
                 self._process.kill()  # a late answer would be taken for that of the next command
+                if not isinstance(error, OSError):
+                    raise
                 raise SkinError(f"{self._name}: must answer {command!r}; got {error}") from error
         if not line:
             raise SkinError(f"{self._name}: must answer {command!r}; got the end of its process, "

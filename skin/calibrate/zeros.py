@@ -205,8 +205,9 @@ class Zeros:
 
     def save(self, file: str | os.PathLike[str]) -> None:
         """Write zeros and ambient field as they are now, as an .npz without pickle; there whole or
-        not at all. Units without a zero of this run keep the one of the file, if this run has tared
-        none; nothing is written before the run has seen what it carries."""
+        not at all. Units without a zero of this run keep the one of the file, unless this run has
+        tared others and taken up none; nothing is written before the run has seen what it carries.
+        Of runs on one file at once, the last to end is kept."""
         if self._last is None or self._saved is not None:
             return
         topology, ambient = self._decoder.topology, self._decoder.ambient
@@ -224,8 +225,8 @@ class Zeros:
             "field_sigma_ut": p["field_sigma_ut"], "serial": self._serial(),
             "temperature_c": self._temperature_c(self._last[0]),
         }  # fmt: skip
-        # what others were tared to since has another ambient field in it
-        before = {} if self.taken else self._before
+        # what was tared beside zeros taken up has their ambient field in it, else another
+        before = {} if self.taken and not self.taken_up else self._before
         kept: dict[str, Any] = {
             name: np.where(topology.tared, values, before.get(name, values))
             for name, values in now.items()

@@ -272,7 +272,11 @@ def _learned(learning: Learning | None, file: Path | None) -> dict[str, Any] | N
         learning.save(file)
     except SkinError as error:
         print(f"nothing learned: {error}", file=sys.stderr)
-        return learning.report() | {"file": None}
+        try:
+            return learning.report() | {"file": None}
+        except SkinError:  # what learns is gone
+            nothing = {"pressed": {}, "sigma_ut": None}
+            return nothing | {"left_out": learning.left_out, "file": None}
     report = learning.report()
     print(f"{file}: stray fields within {report['sigma_ut']:.1f} µT, from the touch of "
           f"{len(report['pressed'])} units", file=sys.stderr)  # fmt: skip

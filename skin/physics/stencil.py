@@ -15,7 +15,7 @@ import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
@@ -149,9 +149,13 @@ class Stencil:
 
     def save(self, path: str | Path) -> None:
         """Write all of it to a file, as numpy's .npz, whole or not at all."""
-        values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         with whole_file(Path(path)) as file:
-            np.savez_compressed(file, format=FORMAT, **values)
+            self.write(file)
+
+    def write(self, file: IO[bytes]) -> None:
+        """Write all of it to an open file; see `save`."""
+        values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        np.savez_compressed(file, format=FORMAT, **values)
 
     @classmethod
     def load(cls, path: str | Path, topology: Topology) -> Stencil:

@@ -15,6 +15,7 @@ import pytest
 
 from skin.errors import SkinError
 from skin.worker import RingBuffer, Worker, described
+from tests.fixtures.process import is_gone
 
 DTYPE = np.dtype([("value", np.int64), ("other", np.float32, (3, 2))])
 MODULE = "tests.fixtures.summing_worker"
@@ -120,16 +121,9 @@ def test_a_worker_ends_with_the_loop_however_that_ends() -> None:
     os.kill(loop.pid, signal.SIGKILL)
     loop.wait()
     until = time.monotonic() + 20.0
-    while Path(f"/proc/{pid}/stat").exists() and _state(pid) != "Z":
+    while not is_gone(pid):
         assert time.monotonic() < until
         time.sleep(0.05)
-
-
-def _state(pid: int) -> str:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
-    except FileNotFoundError:
-        return "Z"
 
 
 def test_records_are_of_numbers() -> None:

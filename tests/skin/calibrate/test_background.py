@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import threading
+import os
+import signal
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,19 +18,31 @@ from benchmarks.accuracy_skin import square, with_parameters
 from benchmarks.films import press
 from benchmarks.films_truth import PLACE_MM, TILT_DEG, array_of
 from bus.status import Status
-from skin.calibrate.background import Learning
+from skin.calibrate import background
+from skin.calibrate.background import WAITING, Learning
+from skin.calibrate.learner import Learner, Window, answer
 from skin.decode.decoder import Decoder
 from skin.errors import SkinError
 from skin.physics.halbach import HalbachField
 from skin.physics.stencil import Stencil
 from skin.sim.unit import UnitSimulator
+from skin.worker import ONE_THREAD, RingBuffer
+from tests.fixtures.process import is_gone
+from topology.packed import unpacked
 
 SIDE, CYCLES = 3, 250
+ARRAYS = ("begun", "counts", "status", "background")
+ROOT = Path(__file__).parents[3]
 EARTH_UT = np.array([40.0, -30.0, 20.0])
 
 
 @pytest.fixture(scope="module")
 def array():
+    """See `made`."""
+    return made()
+
+
+def made():
     """Films that theory does not know, each unit calibrated alone and not quite in its place."""
     found = array_of(2, seed=11)
     n = found.known.n
@@ -38,12 +54,43 @@ def array():
 
 
 def fed(learning, decoder, counts, flags=0):
-    """Let a second of cycles be decoded and looked at; wait for the thread."""
+    """Let a second of cycles be decoded and looked at; wait for the process."""
     status = np.zeros(counts.shape[2], np.uint16) | np.asarray(flags, np.uint16)
     for cycle in counts:
         decoder(cycle, status)
         learning.look(cycle, status)
-    learning._queue.join()
+    wait_for(learning)
+
+
+def wait_for(learning):
+    """Until the process has learned from all that waits."""
+    while learning._worker.alive and learning._ring.waiting:
+        time.sleep(0.005)
+    learning.report()  # which comes after the window that was taken last
+
+
+class Here:
+    """In place of a process: learns when it is looked after."""
+
+    def __init__(self, _module, ring, request):
+        self.ring, self.learner = ring, Learner(unpacked(request["topology"]))
+
+    @property
+    def alive(self):
+        self.learner.take_next(self.ring)
+        return True
+
+    def ask(self, command, _timeout_s):
+        return answer(self.learner, self.ring, command)
+
+    def close(self, timeout_s=None):
+        """Nothing runs."""
+
+
+@pytest.fixture
+def here(monkeypatch):
+    """Learn in this process, where only what is learned matters."""
+    monkeypatch.setattr(background, "Worker", Here)
 
 
 def second(displacement, depth):
@@ -111,6 +158,7 @@ def test_nothing_is_learned_before_nothing_has_touched_the_skin(array, tmp_path)
     learning.close()
 
 
+@pytest.mark.usefixtures("here")
 def test_what_the_decoder_follows_is_no_field_of_a_neighbour():
     """A robot that turns in the Earth's field between two presses."""
     known = with_parameters(
@@ -130,9 +178,9 @@ def test_what_the_decoder_follows_is_no_field_of_a_neighbour():
             if number:
                 values[:, 2:5] += np.array([1.0, -1.0, -1.0])[:, None] * field[:, None]
             fed(learning, decoder, units.quantise(units.disturb(values)))
-        found[bool(field.any())] = learning._learner.test.estimate.mean.copy()
-        learning.close()
-    sigma = np.sqrt(np.diag(learning._learner.test.estimate.covariance))
+        estimate = learning._worker.learner.test.estimate
+        found[bool(field.any())] = estimate.mean.copy()
+    sigma = np.sqrt(np.diag(estimate.covariance))
     off = np.abs(found[True] - found[False]) / np.maximum(sigma, 1e-9)
     assert np.median(off[:8]) < 3.0
 
@@ -141,10 +189,11 @@ def test_a_live_skin_learns_beside_its_cycles(tmp_path):
     with skin.open("strip", simulate=True, learn=True, pace=False, want={"force"}) as strip:
         for _, _state in zip(range(600), strip, strict=False):
             pass
-        deadline = time.monotonic() + 60.0
-        while strip.learning._queue.unfinished_tasks and time.monotonic() < deadline:
-            time.sleep(0.01)
-        assert strip.learning.report()["left_out"] <= 2
+        wait_for(strip.learning)
+        assert strip.learning.report()["left_out"] == 0
+        learner = strip.learning._worker._process
+        assert os.getsid(learner.pid) != os.getsid(0)  # it gets no Ctrl-C
+    assert learner.returncode == 0
     with skin.open("strip", simulate=True) as strip:
         assert strip.learning is None
 
@@ -154,13 +203,14 @@ def test_large_skins_are_refused():
         Learning(Decoder(square(17, 0.012), {"force"}))
 
 
+@pytest.mark.usefixtures("here")
 @pytest.mark.parametrize("rate_hz", [20.0, 99.0])
 def test_a_slow_skin_learns(rate_hz):
     known = square(SIDE, 0.012, rate_hz)
     n, units = known.n, UnitSimulator(known, seed=1, field=HalbachField(known))
     decoder = Decoder(known, {"force"}, sweeps=1, ambient=True)
     learning = Learning(decoder)
-    cycles = len(learning._counts)
+    cycles = learning._cycles
     at = np.linspace(0, len(press(4, n)[1]) - 1, cycles).round().astype(int)
     for displacement, depth in (
         (np.zeros((cycles, 2, n)), np.zeros((cycles, n))), tuple(a[at] for a in press(4, n)),
@@ -171,6 +221,7 @@ def test_a_slow_skin_learns(rate_hz):
     learning.close()
 
 
+@pytest.mark.usefixtures("here")
 def test_a_silent_unit_hinders_only_those_near_it():
     known = square(6, 0.012)
     n, units = known.n, UnitSimulator(known, seed=1, field=HalbachField(known))
@@ -187,6 +238,7 @@ def test_a_silent_unit_hinders_only_those_near_it():
     learning.close()
 
 
+@pytest.mark.usefixtures("here")
 def test_what_keeps_a_skin_from_learning_is_told(array, tmp_path):
     decoder = Decoder(array.known, {"force"}, sweeps=1, ambient=True)
     learning = Learning(decoder)
@@ -196,34 +248,132 @@ def test_what_keeps_a_skin_from_learning_is_told(array, tmp_path):
     learning.close()
 
 
-def test_a_thread_that_fails_keeps_nobody_waiting(array, tmp_path):
-    learning = Learning(Decoder(array.known, {"force"}, sweeps=1, ambient=True))
-    waits = threading.Event()
+def test_a_process_learns_what_the_same_windows_tell_directly(array, tmp_path, monkeypatch):
+    """To the bit, with linear algebra on one thread as the process has it."""
+    decoder = Decoder(array.known, {"force"}, sweeps=1, ambient=True)
+    learning = Learning(decoder)
+    ring, windows = learning._ring, []
 
-    def take(_window):
-        waits.wait(10.0)
-        raise np.linalg.LinAlgError("singular")
+    def publish():
+        windows.append(ring.claim()[0].copy())
+        RingBuffer.publish(ring)
 
-    learning._learner.take = take
-    n = array.known.n
-    for _ in range(3 * len(learning._counts)):
-        learning.look(np.zeros((6, n), np.int16), np.zeros(n, np.uint16))
-    failed = []
-
-    def save():
-        try:
-            learning.save(tmp_path / "a.npz")
-        except SkinError as error:
-            failed.append(str(error))
-
-    saving = threading.Thread(target=save, daemon=True)
-    saving.start()
-    waits.set()
-    saving.join(10.0)
-    assert failed == ["learn: must learn from every second; got singular"]
+    monkeypatch.setattr(ring, "publish", publish)
+    used(array, learning, decoder, [0, 3])
+    learning.save(tmp_path / "process.npz")
     learning.close()
+    np.savez(tmp_path / "windows.npz", **{k: np.stack([w[k] for w in windows]) for k in ARRAYS})
+    code = "from tests.skin.calibrate.test_background import learn_directly as learn; learn()"
+    subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, check=True,
+        env=os.environ | ONE_THREAD | {"PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    with np.load(tmp_path / "process.npz") as saved, np.load(tmp_path / "direct.npz") as direct:
+        assert set(saved) == set(direct)
+        for name in saved:
+            assert saved[name].tobytes() == direct[name].tobytes(), name
 
 
+def learn_directly():
+    """From the windows of a file, without ring, process or a topology that went as text."""
+    learner = Learner(made().known)
+    with np.load("windows.npz") as windows:
+        for each in zip(*(windows[k] for k in ARRAYS), strict=True):
+            learner.take(Window(*each))
+    learner.test.estimate.stencil().save("direct.npz")
+
+
+def test_a_process_that_fails_keeps_nobody_waiting(array, tmp_path, monkeypatch):
+    monkeypatch.setattr(background, "LEARNER", "tests.fixtures.failing_learner")
+    learning = Learning(Decoder(array.known, {"force"}, sweeps=1, ambient=True))
+    n = array.known.n
+    for _ in range(3 * learning._cycles):
+        learning.look(np.zeros((6, n), np.int16), np.zeros(n, np.uint16))
+    wait_for(learning)
+    with pytest.raises(SkinError, match=r"^learn: must learn from every second; got singular$"):
+        learning.save(tmp_path / "a.npz")
+    assert learning.report() == {"pressed": {}, "sigma_ut": None, "left_out": 0}
+    learning.close()
+    with pytest.raises(SkinError, match=r"^learn: must learn from every second; got singular$"):
+        learning.save(tmp_path / "a.npz")
+
+
+def test_cycles_wait_for_no_process_and_those_without_room_are_counted(array, monkeypatch):
+    monkeypatch.setattr(background, "LEARNER", "tests.fixtures.stuck_learner")
+    learning = Learning(Decoder(array.known, {"force"}, sweeps=1, ambient=True))
+    n, late = array.known.n, 3
+    for _ in range((WAITING + 1 + late) * learning._cycles):
+        learning.look(np.zeros((6, n), np.int16), np.zeros(n, np.uint16))
+    assert learning.left_out == late
+    learning.close()
+    with pytest.raises(SkinError, match="must answer 'report'; got the end of its process"):
+        learning.report()
+
+
+def test_a_process_that_was_killed_is_told(array, tmp_path):
+    decoder = Decoder(array.known, {"force"}, sweeps=1, ambient=True)
+    learning = Learning(decoder)
+    used(array, learning, decoder, [])
+    os.kill(learning._worker._process.pid, signal.SIGKILL)
+    for _ in range(2):
+        with pytest.raises(SkinError, match="learner: must answer 'stencil'; got the end of its "
+                                            "process, status -9"):  # fmt: skip
+            learning.save(tmp_path / "a.npz")
+        learning.close()
+    assert not (tmp_path / "a.npz").exists()
+
+
+def test_what_was_learned_is_there_after_the_end(array, tmp_path):
+    decoder = Decoder(array.known, {"force"}, sweeps=1, ambient=True)
+    learning = Learning(decoder)
+    used(array, learning, decoder, [0])
+    before = learning.report()
+    learning.close()
+    assert learning.report() == before
+    learning.save(tmp_path / "a.npz")
+    assert Stencil.load(tmp_path / "a.npz", array.known).n == array.known.n
+    with pytest.raises(FileNotFoundError, match=r"nowhere/a\.npz"):
+        learning.save(tmp_path / "nowhere" / "a.npz")
+
+
+def test_a_skin_that_cannot_be_opened_leaves_no_process(tmp_path, monkeypatch):
+    made = []
+
+    class Watched(background.Worker):
+        def __init__(self, *given):
+            super().__init__(*given)
+            made.append(self)
+
+    monkeypatch.setattr(background, "Worker", Watched)
+    with pytest.raises(Exception, match="nowhere"):
+        skin.open("strip", simulate=True, learn=True, log=tmp_path / "nowhere" / "a.log")
+    assert [worker.alive for worker in made] == [False]
+
+
+def test_the_process_ends_with_a_loop_that_was_killed():
+    code = (
+        "import skin\n"
+        "with skin.open('strip', simulate=True, learn=True, pace=False) as strip:\n"
+        "    for i, _ in enumerate(strip):\n"
+        "        if i == 300:\n"
+        "            print(strip.learning._worker._process.pid, flush=True)\n"
+    )
+    loop = subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True,
+        cwd=ROOT,
+    )  # fmt: skip
+    assert loop.stdout is not None
+    with loop.stdout:
+        learner = int(loop.stdout.readline())
+    loop.kill()
+    loop.wait()
+    until = time.monotonic() + 60.0
+    while not is_gone(learner):
+        assert time.monotonic() < until
+        time.sleep(0.05)
+
+
+@pytest.mark.usefixtures("here")
 def test_what_was_learned_outlasts_the_tare_of_a_unit_that_was_held(array):
     known = dataclasses.replace(array.known, tared=np.arange(array.known.n) != 3)
     decoder = Decoder(known, {"force"}, sweeps=1, ambient=True)

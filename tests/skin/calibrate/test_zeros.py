@@ -5,6 +5,10 @@ from __future__ import annotations
 import dataclasses
 import errno
 import itertools
+import signal
+import subprocess
+import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -314,6 +318,110 @@ def test_a_run_that_sees_little_loses_nothing(saved):
     with np.load(saved) as kept:
         assert kept["known"].all()
         assert np.abs(kept["temperature_c"] - 25.0).max() < 2.0
+
+
+def test_a_run_that_tares_some_anew_keeps_the_zeros_of_those_that_were_silent(saved):
+    """One board was changed, and another is not plugged in."""
+    with np.load(saved) as before:
+        offset = before["offset_ut"].copy()
+    frames = PALM.frames
+    changed, silent = (frames.units[f][frames.units[f] >= 0] for f in (0, 1))
+    nodes = Nodes(TRUE, Still(), history=0)
+    run = skin.open(PALM, transports=in_process(nodes), zeros=saved, pace=False, want={"force"})
+    zeros, look = run.pipeline.zeros, run.pipeline.zeros.look
+    serial = zeros._serial
+
+    def swapped():
+        found = serial()
+        found[changed] += 1
+        return found
+
+    def unplugged(counts, status):
+        status = status.copy()
+        status[silent] |= int(Status.NEVER)
+        look(counts, status)
+
+    zeros._serial, zeros.look = swapped, unplugged
+    with run:
+        for _ in zip(range(2 * WINDOW + N + 50), run, strict=False):
+            pass
+    names = np.array(PALM.unit_names)
+    assert set(run.zeros["tared"]) == set(names[changed])
+    assert set(run.zeros["taken_up"]) == {*names} - {*names[changed], *names[silent]}
+    with np.load(saved) as kept:
+        assert kept["known"].all()
+        np.testing.assert_array_equal(kept["offset_ut"][:, silent], offset[:, silent])
+
+
+def test_a_run_that_tares_all_anew_keeps_no_zero_with_another_ambient_field(saved):
+    nodes = Nodes(TRUE, Still(33.0), history=0)
+    run = skin.open(PALM, transports=in_process(nodes), zeros=saved, pace=False, want={"force"})
+    look = run.pipeline.zeros.look
+
+    def unplugged(counts, status):
+        status = status.copy()
+        status[PRESSED] |= int(Status.NEVER)
+        look(counts, status)
+
+    run.pipeline.zeros.look = unplugged
+    with run:
+        for _ in zip(range(2 * WINDOW + N + 50), run, strict=False):
+            pass
+    assert run.zeros["taken_up"] == []
+    with np.load(saved) as kept:
+        assert np.flatnonzero(~kept["known"]).tolist() == [PRESSED]
+
+
+def test_of_two_runs_on_one_file_the_last_to_end_is_kept(saved):
+    runs = [
+        skin.open(
+            PALM, transports=in_process(Nodes(TRUE, Still(warm), history=0)), zeros=saved,
+            pace=False, want={"force"},
+        )
+        for warm in (27.0, 23.0)
+    ]  # fmt: skip
+    kept = []
+    for run in runs:
+        with run:
+            for _ in zip(range(WINDOW + 40), run, strict=False):
+                pass
+        assert run.zeros["taken_up"] == list(PALM.unit_names)
+        with np.load(saved) as found:
+            assert found["known"].all()
+            kept.append(float(found["temperature_c"].mean()))
+    np.testing.assert_allclose(kept, [27.0, 23.0], atol=1.0)
+    told, _ = opened(saved)
+    assert len(told["taken_up"]) == N
+
+
+def test_zeros_that_are_written_as_a_run_is_terminated_are_whole(saved):
+    """SIGTERM comes when half of the new file is on the disk."""
+    before = saved.read_bytes()
+    code = (
+        "import sys, time\n"
+        "import numpy as np\n"
+        "import skin\n"
+        "def half(file, **arrays):\n"
+        "    file.write(b'PK')\n"
+        "    file.flush()\n"
+        "    print('half', flush=True)\n"
+        "    time.sleep(60)\n"
+        "with skin.open('palm', simulate=True, zeros=sys.argv[1], pace=False) as run:\n"
+        f"    for _ in zip(range({WINDOW + N}), run):\n"
+        "        pass\n"
+        "    np.savez_compressed = half\n"
+    )
+    run = subprocess.Popen(
+        [sys.executable, "-c", code, str(saved)], stdout=subprocess.PIPE, text=True,
+        cwd=Path(__file__).parents[3],
+    )  # fmt: skip
+    assert run.stdout is not None
+    with run.stdout:
+        assert run.stdout.readline() == "half\n"
+    assert any(file.read_bytes() == b"PK" for file in saved.parent.glob(".zeros.npz.*.part"))
+    run.terminate()
+    assert run.wait() == -signal.SIGTERM
+    assert saved.read_bytes() == before
 
 
 @pytest.mark.parametrize("who", [{"serial": None}, {"others": 9}])
