@@ -34,7 +34,6 @@ ROOMS: dict[str, frozenset[str]] = {
     "sim": COMMON | {"physics"},
     "compiling": frozenset({"errors"}),
     "clock": frozenset(),
-    "worker": frozenset({"errors"}),
     "pipeline": COMMON | {"physics", "decode", "contact", "calibrate", "clock"},
     "live": COMMON | {"physics", "decode", "contact", "calibrate", "pipeline", "compiling", "sim"},
     "opening": COMMON | {"physics", "contact", "pipeline", "compiling", "sim", "live"},
