@@ -37,7 +37,9 @@ def colour(share: float) -> str:
     return "#" + "".join(f"{value:02x}" for value in rgb)
 
 
-def map_svg(topology: Topology, normal_n: np.ndarray, trusted: np.ndarray) -> str:
+def map_svg(
+    topology: Topology, normal_n: np.ndarray, trusted: np.ndarray, touched: np.ndarray
+) -> str:
     """A map of the units, as an SVG element.
 
     Parameters
@@ -47,6 +49,8 @@ def map_svg(topology: Topology, normal_n: np.ndarray, trusted: np.ndarray) -> st
         Normal force; NaN where it is not known.
     trusted : ndarray, shape (n,), bool
         Units whose reading is valid; the others are crossed out.
+    touched : ndarray, shape (n,), bool
+        Units that have a colour.
     """
     centred = topology.position - topology.position.mean(axis=1, keepdims=True)
     axes = np.linalg.svd(centred, full_matrices=True)[0][:, :2].T
@@ -63,7 +67,7 @@ def map_svg(topology: Topology, normal_n: np.ndarray, trusted: np.ndarray) -> st
     parts = [f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:.0f}" height="{height:.0f}">']
     for i, name in enumerate(topology.unit_names):
         share = load[i] / most
-        fill = colour(share) if trusted[i] and share > 0.02 else UNTOUCHED
+        fill = colour(share) if trusted[i] and touched[i] else UNTOUCHED
         told = f"{load[i]:.2f} N" if trusted[i] else "not to be trusted"
         parts.append(
             f'<circle cx="{left[i]:.1f}" cy="{top[i]:.1f}" r="{size:.1f}" fill="{fill}">'

@@ -178,8 +178,9 @@ class State:
         from skin.notebook import map_svg, with_map
 
         normal, valid = self.units.force[2], np.asarray(self.units.valid, bool)
+        touched = normal > 0.0 if self.label is None else self.label >= 0
         most = float(np.nan_to_num(normal)[valid].max(initial=0.0))
-        return with_map(repr(self), map_svg(self.topology, normal, valid), most)
+        return with_map(repr(self), map_svg(self.topology, normal, valid, touched), most)
 
     @property
     def time_s(self) -> float:

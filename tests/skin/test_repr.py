@@ -83,9 +83,10 @@ def test_a_topology_says_what_hangs_where():
 def test_a_map_shows_each_unit_in_its_place_with_its_load_or_a_cross():
     palm = topology.load("palm")
     normal, trusted = np.zeros(palm.n), np.ones(palm.n, bool)
-    normal[9], normal[17] = 2.0, 1.0
+    normal[9], normal[17], normal[20] = 2.0, 1.0, 0.1
     normal[3], trusted[3] = 9.0, False
-    root = ElementTree.fromstring(map_svg(palm, normal, trusted))
+    touched = np.isin(np.arange(palm.n), (3, 9, 17))
+    root = ElementTree.fromstring(map_svg(palm, normal, trusted, touched))
     discs = root.findall("{*}circle")
     assert len(discs) == palm.n
     fills = [disc.get("fill") for disc in discs]
