@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from skin.errors import LibraryError
+from skin.view.plots import HUES, INK, MUTED, figure, force_map, plane, torn
 from topology import Topology
 from topology.files import whole_file
 
@@ -19,11 +17,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 __all__ = ["Chart", "Run", "charts_svg", "save_run"]
-
-INK = "#1b1f24"
-MUTED = "#6b7280"
-HUES = ("#0072b2", "#d55e00", "#009e73")
-"""Colours that colour-blind eyes tell apart (Okabe and Ito)."""
 
 
 @dataclass
@@ -60,12 +53,12 @@ def save_run(path: Path, topology: Topology, run: Run) -> None:
     LibraryError
         matplotlib is not installed.
     """
-    with _figure((11.0, 7.6)) as figure:
-        maps, lines = figure.subfigures(2, 1, height_ratios=(1.1, 1.0))
+    with figure((11.0, 7.6)) as made:
+        maps, lines = made.subfigures(2, 1, height_ratios=(1.1, 1.0))
         _draw_maps(maps, topology, run)
         _draw_lines(lines, _torn(run, 1.0 / topology.cycle_rate_hz))
         with whole_file(path) as file:
-            figure.savefig(file, dpi=120, format="png")
+            made.savefig(file, dpi=120, format="png")
 
 
 @dataclass
@@ -95,9 +88,9 @@ def charts_svg(charts: list[Chart], columns: int = 4) -> str:
         matplotlib is not installed.
     """
     rows = -(-len(charts) // columns)
-    with _figure((3.3 * columns, 2.6 * rows)) as figure:
+    with figure((3.3 * columns, 2.6 * rows)) as made:
         for number, chart in enumerate(charts, start=1):
-            axes = figure.add_subplot(rows, columns, number)
+            axes = made.add_subplot(rows, columns, number)
             for hue, (label, (x, y)) in zip(HUES, chart.points.items(), strict=False):
                 axes.plot(x, y, ".", color=hue, markersize=2.5, label=label, rasterized=True)
             for hue, (label, (x, y)) in zip((INK, MUTED), chart.lines.items(), strict=False):
@@ -107,32 +100,9 @@ def charts_svg(charts: list[Chart], columns: int = 4) -> str:
             if len(chart.points) + len(chart.lines) > 1:
                 axes.legend(frameon=False, fontsize=7, loc="best")
         out = io.StringIO()
-        figure.savefig(out, format="svg", dpi=110)
+        made.savefig(out, format="svg", dpi=110)
     text = out.getvalue()
     return text[text.index("<svg") :]
-
-
-@contextmanager
-def _figure(size: tuple[float, float]) -> Iterator[Any]:
-    """A figure in this package's style."""
-    try:
-        import matplotlib as mpl
-    except ImportError as error:
-        raise LibraryError(
-            "picture: must have matplotlib; not installed: pip install 'f3t-skin[plot]'"
-        ) from error
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    style: dict[Any, Any] = {
-        "font.size": 9, "axes.edgecolor": MUTED, "axes.labelcolor": INK, "xtick.color": MUTED,
-        "ytick.color": MUTED, "text.color": INK, "axes.spines.top": False,
-        "axes.spines.right": False,
-    }  # fmt: skip
-    with mpl.rc_context(style):
-        figure: Any = Figure(figsize=size, layout="constrained")
-        FigureCanvasAgg(figure)
-        yield figure
 
 
 def moments(run: Run) -> np.ndarray:
@@ -147,41 +117,19 @@ def moments(run: Run) -> np.ndarray:
 
 
 def _draw_maps(figure: Any, topology: Topology, run: Run) -> None:
-    from matplotlib.collections import EllipseCollection
-
     axes = figure.subplots(1, 3)
-    flat = np.sort(np.argsort(-np.ptp(topology.position, axis=1), kind="stable")[:2])
-    x, y = topology.position[flat] * 1e3
-    size = 2e3 * np.sqrt(topology.area / np.pi)
-    chosen = moments(run)
+    chosen, flat = moments(run), plane(topology)
     top = max(float(run.force[chosen, 2].max()), 1.0)
     shear = np.einsum("ijn,tjn->tin", topology.rotation[:, :2], run.force[chosen, :2])
     longest = max(float(np.sqrt((shear[:, flat] ** 2).sum(axis=1)).max()), 0.2)
-    scale = 1.4 * float(np.median(size)) / longest
     discs = None
-    for axis, k, tangential in zip(axes, chosen, shear, strict=True):
-        discs = EllipseCollection(
-            size, size, np.zeros(x.size), units="xy", offsets=np.stack([x, y], axis=1),
-            offset_transform=axis.transData, cmap="YlGnBu", edgecolors="#d7dbe0", linewidths=0.6,
-        )  # fmt: skip
-        discs.set_array(run.force[k, 2])
-        discs.set_clim(0.0, top)
-        axis.add_collection(discs)
-        touched = run.force[k, 2] > 0.02 * top
-        axis.quiver(
-            x[touched], y[touched], *(tangential[flat][:, touched] * scale), angles="xy",
-            scale_units="xy", scale=1.0, color=HUES[1], width=0.008,
-        )  # fmt: skip
-        centre = run.centroid[k, flat] * 1e3
-        for colour, width in (("white", 4.0), (INK, 1.6)):
-            axis.plot(*centre, marker="+", color=colour, markersize=11, markeredgewidth=width)
-        margin = float(size.max())
-        axis.set(
-            xlim=(x.min() - margin, x.max() + margin), ylim=(y.min() - margin, y.max() + margin),
-            aspect="equal", xlabel=f"{'xyz'[flat[0]]} / mm",
-            title=f"t = {run.time_s[k]:.2f} s",
-        )  # fmt: skip
-    axes[0].set_ylabel(f"{'xyz'[flat[1]]} / mm")
+    for axis, k in zip(axes, chosen, strict=True):
+        discs = force_map(
+            axis, topology, run.force[k], centroid=run.centroid[k], most_n=top, most_shear_n=longest
+        )
+        axis.set_title(f"t = {run.time_s[k]:.2f} s")
+    for axis in axes[1:]:
+        axis.set_ylabel("")
     if discs is not None:
         figure.colorbar(discs, ax=axes, shrink=0.85, label="normal load / N")
     figure.suptitle(
@@ -192,12 +140,9 @@ def _draw_maps(figure: Any, topology: Topology, run: Run) -> None:
 
 
 def _torn(run: Run, period_s: float) -> Run:
-    """The run with a row of NaN, where lines end, in each place of cycles that were left out.
-
-    Times are whole periods, so that halfway between one and two tells a gap from rounding.
-    """
-    gaps = 1 + np.flatnonzero(np.diff(run.time_s) > 1.5 * period_s)
-    return Run(*(np.insert(getattr(run, each.name), gaps, np.nan, axis=0) for each in fields(run)))
+    """The run with its lines broken where cycles were left out."""
+    time_s, *others = (getattr(run, each.name) for each in fields(run))
+    return Run(*torn(time_s, period_s, *others))
 
 
 def _draw_lines(figure: Any, run: Run) -> None:
