@@ -29,7 +29,8 @@ def decode(
     output: Annotated[
         Path | None,
         options.quiet(
-            "where to write: .csv (a row for each cycle and unit) or .npz (arrays)",
+            "where to write: .csv (a row for each cycle and unit), .npz (arrays) or .parquet (a "
+            "row for each cycle)",
             metavar="FILE",
             aliases=["-o"],
         ),
@@ -52,6 +53,9 @@ def decode(
     event_time_s, event_contact and event. Nothing in it needs pickle. The contact of a unit is the
     identity of what touches it, the same as long as it stays, and 0 for nothing.
 
+    A .parquet has a row for each cycle and columns of each unit (palm/r3c4.fx, …) with sigma and
+    units of measure; its column contacts lists what touches the skin (docs/connect.md).
+
     Exits with 1 if the log holds no cycle of this skin, is damaged, lacks SYNC or has time that
     runs back; all that can be decoded is.
     """
@@ -60,11 +64,12 @@ def decode(
     from skin.offline import decode_log
     from topology import load
 
-    if output is not None and output.suffix not in (".csv", ".npz"):
-        raise SkinError(f"--output: must end in .csv or .npz; got {output.name!r}")
+    if output is not None and output.suffix not in (".csv", ".npz", ".parquet"):
+        raise SkinError(f"--output: must end in .csv, .npz or .parquet; got {output.name!r}")
     options.check_folder("--output", output)
     loaded = load(topology)
-    states = decode_log(loaded, log, want=WANT, dtype="float64", sweeps=2)
+    want = WANT if output is None or output.suffix != ".parquet" else (*WANT, "sigma")
+    states = decode_log(loaded, log, want=want, dtype="float64", sweeps=2)
     cycles, valid, peak = 0, 0, 0.0
     with writer_for(output, loaded) as add:
         for state in states:
