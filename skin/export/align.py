@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -34,8 +35,8 @@ class Frame(NamedTuple):
     """
 
     stamp_ns: int
-    images: dict[str, Any] = {}
-    values: dict[str, np.ndarray] = {}
+    images: Mapping[str, Any] = MappingProxyType({})
+    values: Mapping[str, np.ndarray] = MappingProxyType({})
 
 
 class Sample(NamedTuple):

@@ -105,9 +105,7 @@ class Dataset:
         self._is_open = True
         self.episodes: list[Alignment] = []
 
-    def add_episode(
-        self, states: Iterable[State], frames: Iterable[Frame], task: str
-    ) -> Alignment:
+    def add_episode(self, states: Iterable[State], frames: Iterable[Frame], task: str) -> Alignment:
         """Add an episode.
 
         Parameters

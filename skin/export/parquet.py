@@ -27,9 +27,7 @@ MOST_ROWS = 8192
 """Of a row group: a reader that wants one second need not unpack minutes [assumed]."""
 
 
-def write_parquet(
-    states: Iterable[State], file: str | os.PathLike[str], topology: Topology
-) -> int:
+def write_parquet(states: Iterable[State], file: str | os.PathLike[str], topology: Topology) -> int:
     """Write states to a Parquet file, whole or not at all; row groups are written as they fill.
 
     Columns: ``time`` (of the SYNC, UTC), ``cycle``; of each unit ``<unit>.fx``, ``.fy``, ``.fz``,

@@ -159,9 +159,7 @@ def _frames(record: np.void, before: np.void | None, request: Message) -> Messag
     return _status(request, "frames", WARN if new else OK, text, values)
 
 
-def _bus(
-    at: int, bus: str, record: np.void, before: np.void | None, request: Message
-) -> Message:
+def _bus(at: int, bus: str, record: np.void, before: np.void | None, request: Message) -> Message:
     how, lost = BUS_STATES[record["bus_state"][at]], int(record["lost"][at])
     new = lost - (0 if before is None else int(before["lost"][at]))
     level = OK if how is BusState.ACTIVE else WARN if how is BusState.WARNING else ERROR

@@ -1,8 +1,8 @@
 """Topics of ROS 2 over DDS, without ROS; the one file that imports cyclonedds.
 
-Type and topic names are mangled as ROS 2 does it, so that nodes of any of its DDS middlewares match.
-A writer offers XCDR version 1, as they do, and is given whole messages as bytes: cyclonedds itself
-needs milliseconds for the message of a large skin.
+Names of types and topics are mangled as ROS 2 does it, so that its nodes match. A writer offers
+XCDR version 1, as they do, and is given whole messages as bytes: cyclonedds itself needs
+milliseconds for the message of a large skin.
 """
 
 from __future__ import annotations
@@ -131,6 +131,7 @@ class Writer:
 
     def settle(self, timeout_s: float) -> None:
         """Wait until readers have what was sent."""
+        # the public one trips over its own time-out
         self._writer._wait_for_acks(self._writer._ref, round(1e9 * timeout_s))
 
 

@@ -72,7 +72,7 @@ def check_frame(where: str, frame: object) -> str:
     OptionError
         It is empty, begins with '/', or has blanks.
     """
-    if not isinstance(frame, str) or not frame or frame[0] == "/" or len(frame.split()) != 1:
+    if not isinstance(frame, str) or frame[:1] == "/" or frame.split() != [frame]:
         raise OptionError(
             f"{where}: must be a name without blanks that does not begin with '/', as tf2 takes "
             f"it; got {frame!r}"

@@ -108,21 +108,21 @@ def main() -> None:
     heard = told = time.monotonic()
     sent = 0
     while True:
-        ended = end.ended
+        ended, command = end.ended, end.command(WAKES_S)
+        # what was handed over before the command, or the end, is published before it
         while (records := end.ring.unread()).size:
             topics.send(records[0])
             end.ring.release(1)
             sent += 1
             heard = told = time.monotonic()
-        now = time.monotonic()
-        if now - told > SILENT_S:
-            topics.tell_silence(now - heard)
-            told = now
-        command = end.command(WAKES_S)
         if command is not None:
             end.answer(sent=sent)
         elif ended:
             break
+        now = time.monotonic()
+        if now - told > SILENT_S:
+            topics.tell_silence(now - heard)
+            told = now
     topics.settle()
 
 

@@ -94,10 +94,7 @@ def contacts_of(record: np.void) -> np.ndarray:
 
 
 def patch_poses(topology: Topology, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """Where patches are: x, y, z in metre and a quaternion x, y, z, w; shape (p, 7).
-
-    The origin is the mean of the units' places; z is the outward normal of the unit nearest to it,
-    x its x axis.
+    """Frames of the patches in that of the skin: each is the frame of its middle unit.
 
     Parameters
     ----------
@@ -105,18 +102,21 @@ def patch_poses(topology: Topology, position: np.ndarray, rotation: np.ndarray) 
     position : ndarray, shape (3, n)
         Metre, skin frame.
     rotation : ndarray, shape (3, 3, n)
+
+    Returns
+    -------
+    ndarray, shape (p, 7)
+        x, y, z in metre and a quaternion x, y, z, w.
     """
     from scipy.spatial.transform import Rotation
 
     found = np.empty((len(topology.patch_names), 7))
     for at in range(len(found)):
         units = np.flatnonzero(topology.patch == at)
-        middle = position[:, units].mean(axis=1)
         # the file's places choose the unit: it stays the same however patches move
         own = topology.position[:, units]
         away = np.sum((own - own.mean(axis=1, keepdims=True)) ** 2, axis=0)
-        nearest = units[int(np.argmin(away))]
-        found[at, :3] = middle
-        turn = rotation[:, :, nearest] * np.array([1.0, -1.0, -1.0])
-        found[at, 3:] = Rotation.from_matrix(turn).as_quat()
+        middle = units[int(np.argmin(away))]
+        found[at, :3] = position[:, middle]
+        found[at, 3:] = Rotation.from_matrix(rotation[:, :, middle]).as_quat()
     return found
