@@ -52,9 +52,7 @@ def decode(
     contact_normal (k, 3), contact_slip, contact_margin and contact_friction; of e events
     event_time_s, event_contact and event. Nothing in it needs pickle. The contact of a unit is the
     identity of what touches it, the same as long as it stays, and 0 for nothing.
-
-    A .parquet has a row for each cycle and columns of each unit (palm/r3c4.fx, …) with sigma and
-    units of measure; its column contacts lists what touches the skin (docs/connect.md).
+    A .parquet has a row for each cycle; docs/connect.md has its columns.
 
     Exits with 1 if the log holds no cycle of this skin, is damaged, lacks SYNC or has time that
     runs back; all that can be decoded is.
@@ -68,7 +66,7 @@ def decode(
         raise SkinError(f"--output: must end in .csv, .npz or .parquet; got {output.name!r}")
     options.check_folder("--output", output)
     loaded = load(topology)
-    want = WANT if output is None or output.suffix != ".parquet" else (*WANT, "sigma")
+    want = (*WANT, "sigma") if output is not None and output.suffix == ".parquet" else WANT
     states = decode_log(loaded, log, want=want, dtype="float64", sweeps=2)
     cycles, valid, peak = 0, 0, 0.0
     with writer_for(output, loaded) as add:

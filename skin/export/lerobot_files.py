@@ -15,7 +15,7 @@ import numpy as np
 
 from skin.arrow import Arrow
 from skin.errors import SkinError
-from skin.export.statistics import Statistics, aggregate
+from skin.export.statistics import aggregate
 
 __all__ = ["Feature", "Files"]
 
@@ -62,7 +62,6 @@ class Files:
         self._tasks: dict[str, int] = {}
         self._episodes: list[dict[str, Any]] = []
         self._statistics: list[dict[str, dict[str, np.ndarray]]] = []
-        self._counted: dict[str, Statistics] = {}
         self._rows, self._first, self._file = 0, 0, 0
         self._writer: Any = None
         self._out: Any = None
@@ -86,7 +85,7 @@ class Files:
     def begin_episode(self, task: str) -> None:
         """Let rows follow that belong to the next episode."""
         self._task = self._tasks.setdefault(task, len(self._tasks))
-        self._first, self._counted = self._rows, {}
+        self._first = self._rows
         if self._out is not None and self._out.tell() >= FILE_MB << 20:
             self.close()
             self._file += 1

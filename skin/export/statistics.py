@@ -85,13 +85,11 @@ def aggregate(episodes: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
     shares = counts / counts.sum()
 
     def weighed(name: str) -> np.ndarray:
-        return sum(share * one[name] for share, one in zip(shares, episodes, strict=True))
+        return np.tensordot(shares, np.stack([one[name] for one in episodes]), axes=1)
 
     mean = weighed("mean")
-    squares = sum(
-        share * (one["std"] ** 2 + (one["mean"] - mean) ** 2)
-        for share, one in zip(shares, episodes, strict=True)
-    )
+    means, spreads = (np.stack([one[name] for one in episodes]) for name in ("mean", "std"))
+    squares = np.tensordot(shares, spreads**2 + (means - mean) ** 2, axes=1)
     return {
         "min": np.min([one["min"] for one in episodes], axis=0),
         "max": np.max([one["max"] for one in episodes], axis=0),

@@ -126,13 +126,14 @@ class Writer:
         """Send a message; see `skin.publish.cdr.encode` for its values."""
         data = encode(self._message, values)
         # cyclonedds asks the sample for its bytes
-        self._sample.serialize = lambda use_version_2=None: data
+        self._sample.serialize = lambda **_: data
         self._writer.write(self._sample)
 
     def settle(self, timeout_s: float) -> None:
         """Wait until readers have what was sent."""
-        # the public one trips over its own time-out
-        self._writer._wait_for_acks(self._writer._ref, round(1e9 * timeout_s))
+        # the public method trips over its own time-out
+        writer: Any = self._writer
+        writer._wait_for_acks(writer._ref, round(1e9 * timeout_s))
 
 
 @functools.cache
