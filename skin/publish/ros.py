@@ -184,8 +184,9 @@ class Publisher:
         at = self._skin.topology
         position, rotation = at.position, at.rotation
         if contacts is not None:
-            pose = contacts.model.geometry.pose
-            position, rotation = pose["position"].T, np.moveaxis(pose["rotation"], 0, 2)
+            pose, origin = contacts.model.geometry
+            position = pose["position"].T + origin[:, np.newaxis]
+            rotation = np.moveaxis(pose["rotation"], 0, 2)
         record["has_pose"] = True
         record["pose"] = patch_poses(at, position, rotation)
 

@@ -18,6 +18,7 @@ from skin.cli import main
 from skin.errors import LibraryError, OptionError, SkinError
 from skin.publish import ros
 from skin.publish.dds import LOCALHOST
+from skin.publish.snapshot import patch_poses
 from skin.state import Status
 from tests.house.sources import ROOT
 
@@ -186,6 +187,30 @@ def test_diagnostics_name_units_that_are_not_to_be_trusted(palm, states):
     assert (units["level"], bus["level"], bus["message"]) == (1, 0, "error-active")
     assert units["message"] == "1 of 64 units are not to be trusted"
     assert units["values"] == [{"key": palm.topology.unit_names[3], "value": "STALE"}]
+
+
+def test_a_skin_that_is_silent_is_told(palm):
+    topics = {"rt/diagnostics": "DiagnosticArray"}
+    with ros(palm, domain=DOMAIN), Listener(topics) as listener:
+        listener.until(lambda: listener.heard["rt/diagnostics"])
+    (told,) = listener.heard["rt/diagnostics"][0]["status"]
+    assert (told["level"], told["message"][:12]) == (3, "no cycle for")
+
+
+def test_patches_that_move_are_told_with_every_state(palm, states):
+    at = palm.topology
+    middle = patch_poses(at, at.position, at.rotation)[0, :3]
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    with ros(palm, rate_hz=None, domain=DOMAIN, moving=True) as node:
+        with Listener({"rt/tf": "TFMessage"}) as listener:
+            listener.match()
+            palm.move_patch("palm", turn, np.array([0.1, 0.0, 0.2]))
+            node.publish(states[0])
+            listener.until(lambda: listener.heard["rt/tf"])
+            told = listener.heard["rt/tf"][-1]["transforms"][0]
+    palm.move(at.position, at.rotation)
+    place = list(told["transform"]["translation"].values())
+    np.testing.assert_allclose(place, turn @ middle + [0.1, 0.0, 0.2], atol=1e-12)
 
 
 def test_the_rate_holds_in_the_mean(palm, states):
