@@ -172,7 +172,8 @@ class _Group:
         """Names, types and units of the columns."""
         arrow = self._library.arrow
         fields = [
-            arrow.field("time", arrow.timestamp("ns", "UTC")),
+            # with a time zone, duckdb would round to microseconds
+            arrow.field("time", arrow.timestamp("ns"), metadata={"timezone": "UTC"}),
             arrow.field("cycle", arrow.int64()),
             arrow.field("closed_by", arrow.string()),
         ]
