@@ -20,7 +20,7 @@ from skin.arrow import arrow_for
 from skin.errors import OptionError, SkinError, check_number
 from skin.export.align import CONTACT_COLUMNS, Alignment, Frame, History, Sample, aligned
 from skin.export.images import encoded, pixels
-from skin.export.lerobot_files import Feature, Files
+from skin.export.lerobot_files import COUNTED, Feature, Files
 from skin.export.statistics import Statistics, of_images
 from topology.files import check_path
 
@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 __all__ = ["Alignment", "Dataset", "Frame"]
 
 IMAGES = "observation.images."
+TAKEN = ("observation.tactile.", "tactile.", "camera.")
+"""What names of the skin's features begin with."""
 SAMPLED = 16
 """Images of an episode that its statistics are of [assumed]."""
 ROWS = 64
@@ -180,8 +182,10 @@ class Dataset:
             where = f"camera: frame {number}: {name!r}"
             row[IMAGES + name], shapes[IMAGES + name] = encoded(where, image)
         for name, value in frame.values.items():
-            row[name] = np.asarray(value, np.float32)
+            row[name] = np.atleast_1d(np.asarray(value, np.float32))
             shapes[name] = row[name].shape
+        for name in (*frame.images, *frame.values):
+            _check_name(f"camera: frame {number}", name)
         return row, shapes
 
     def _filled(self, values: np.ndarray) -> np.ndarray:
@@ -291,6 +295,15 @@ class _Episode:
         for name in self._sampled[0]:
             found[name] = of_images([pixels(name, images[name]) for images in self._sampled])
         self._files.end_episode(told.frames, found)
+
+
+def _check_name(where: str, name: str) -> None:
+    """Refuse a name that a feature cannot have."""
+    is_taken = name in COUNTED or name.startswith((*TAKEN, IMAGES))
+    if is_taken or not name or "/" in name:
+        raise OptionError(
+            f"{where}: must have names without '/' that no other feature has; got {name!r}"
+        )
 
 
 def _features(

@@ -17,7 +17,7 @@ from skin.arrow import Arrow
 from skin.errors import SkinError
 from skin.export.statistics import aggregate
 
-__all__ = ["Feature", "Files"]
+__all__ = ["COUNTED", "Feature", "Files"]
 
 VERSION = "v3.0"
 CHUNK = 1000

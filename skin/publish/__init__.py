@@ -11,6 +11,6 @@
 
 from __future__ import annotations
 
-from skin.publish.ros import Publisher, ros
+from skin.publish.publisher import Publisher, ros
 
 __all__ = ["Publisher", "ros"]

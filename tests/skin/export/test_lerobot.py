@@ -245,6 +245,16 @@ def test_frames_must_be_alike(palm, states, tmp_path):
     )
 
 
+@pytest.mark.parametrize("name", ["index", "timestamp", "action/grip", "tactile.age_s", ""])
+def test_names_that_features_have_already_are_refused(palm, states, tmp_path, name):
+    frame = Frame(states[0].stamp_ns, values={name: np.zeros(2)})
+    with pytest.raises(OptionError) as told:
+        Dataset(tmp_path / "set", palm, fps=30).add_episode(states, [frame], "none")
+    assert str(told.value) == (
+        f"camera: frame 0: must have names without '/' that no other feature has; got {name!r}"
+    )
+
+
 def test_images_that_are_none_are_refused(palm, states, tmp_path):
     frame = Frame(states[0].stamp_ns, {"wrist": b"no image"})
     with pytest.raises(SkinError, match="camera: frame 0: 'wrist': must be a PNG or JPEG file"):
