@@ -8,7 +8,7 @@ import numpy as np
 
 from bus.state import BusState
 from bus.status import INVALID, Status
-from skin.publish.snapshot import BUS_STATES, COUNTERS, contacts_of
+from skin.publish.snapshot import BUS_STATES, COUNTERS, MOST_CONTACTS, contacts_of
 
 __all__ = ["Slots", "diagnostics", "layout", "silence", "state", "transforms", "wrench"]
 
@@ -155,6 +155,7 @@ def _frames(record: np.void, before: np.void | None, request: Message) -> Messag
         old = {name: of_before[name] for name in harmful}
     new = {name: counts[name] - old[name] for name in harmful if counts[name] > old[name]}
     text = ", ".join(f"{name} {count}" for name, count in new.items()) or "no frame was lost"
+    counts["contacts_left_out"] = max(0, int(record["count"]) - MOST_CONTACTS)
     values = {name: str(count) for name, count in counts.items()}
     return _status(request, "frames", WARN if new else OK, text, values)
 

@@ -15,7 +15,16 @@ if TYPE_CHECKING:
     from skin.state import State
     from topology import Topology
 
-__all__ = ["BUS_STATES", "COUNTERS", "contacts_of", "fill", "note", "patch_poses", "snapshot_dtype"]
+__all__ = [
+    "BUS_STATES",
+    "COUNTERS",
+    "MOST_CONTACTS",
+    "contacts_of",
+    "fill",
+    "note",
+    "patch_poses",
+    "snapshot_dtype",
+]
 
 MOST_CONTACTS = 32
 """Contacts of a record [assumed]; more are left out, and counted."""
