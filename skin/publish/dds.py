@@ -129,7 +129,7 @@ class Writer:
         self._sample.serialize = lambda **_: data
         self._writer.write(self._sample)
 
-    def settle(self, timeout_s: float) -> None:
+    def wait_for_readers(self, timeout_s: float) -> None:
         """Wait until readers have what was sent."""
         # the public method trips over its own time-out
         writer: Any = self._writer

@@ -90,10 +90,10 @@ class Topics:
             self._contacts[slot] = self._writer(f"contact/{slot}", WRENCH)
         return self._contacts[slot]
 
-    def settle(self) -> None:
+    def wait_for_readers(self) -> None:
         """Wait until readers have what was sent."""
         for writer in (self._state, self._wrench, self._diagnostics, *self._contacts.values()):
-            writer.settle(SETTLES_S)
+            writer.wait_for_readers(SETTLES_S)
 
 
 def main() -> None:
@@ -123,7 +123,7 @@ def main() -> None:
         if now - told > SILENT_S:
             topics.tell_silence(now - heard)
             told = now
-    topics.settle()
+    topics.wait_for_readers()
 
 
 if __name__ == "__main__":
