@@ -29,7 +29,8 @@ def decode(
     output: Annotated[
         Path | None,
         options.quiet(
-            "where to write: .csv (a row for each cycle and unit) or .npz (arrays)",
+            "where to write: .csv (a row for each cycle and unit), .npz (arrays) or .parquet (a "
+            "row for each cycle)",
             metavar="FILE",
             aliases=["-o"],
         ),
@@ -51,6 +52,7 @@ def decode(
     contact_normal (k, 3), contact_slip, contact_margin and contact_friction; of e events
     event_time_s, event_contact and event. Nothing in it needs pickle. The contact of a unit is the
     identity of what touches it, the same as long as it stays, and 0 for nothing.
+    A .parquet has a row for each cycle; docs/connect.md has its columns.
 
     Exits with 1 if the log holds no cycle of this skin, is damaged, lacks SYNC or has time that
     runs back; all that can be decoded is.
@@ -60,11 +62,12 @@ def decode(
     from skin.offline import decode_log
     from topology import load
 
-    if output is not None and output.suffix not in (".csv", ".npz"):
-        raise SkinError(f"--output: must end in .csv or .npz; got {output.name!r}")
+    if output is not None and output.suffix not in (".csv", ".npz", ".parquet"):
+        raise SkinError(f"--output: must end in .csv, .npz or .parquet; got {output.name!r}")
     options.check_folder("--output", output)
     loaded = load(topology)
-    states = decode_log(loaded, log, want=WANT, dtype="float64", sweeps=2)
+    want = (*WANT, "sigma") if output is not None and output.suffix == ".parquet" else WANT
+    states = decode_log(loaded, log, want=want, dtype="float64", sweeps=2)
     cycles, valid, peak = 0, 0, 0.0
     with writer_for(output, loaded) as add:
         for state in states:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from skin.export.parquet import StateTable
 from topology.files import whole_file
 
 if TYPE_CHECKING:
@@ -31,14 +32,15 @@ def writer_for(path: Path | None, topology: Topology) -> Iterator[Callable[[Stat
     Parameters
     ----------
     path : Path or None
-        Ends in .csv or .npz; None: nothing is written.
+        Ends in .csv, .npz or .parquet; None: nothing is written.
     topology : Topology
     """
     if path is None:
         yield lambda state: None
         return
     with ExitStack() as files:
-        written = (_Arrays if path.suffix == ".npz" else _Tables)(path, topology, files)
+        kinds = {".csv": _Tables, ".npz": _Arrays, ".parquet": StateTable}
+        written = kinds[path.suffix](path, topology, files)
         yield written.add
         written.finish()
 

@@ -14,6 +14,8 @@ PICTURE = ROOT / "docs" / "imports.svg"
 
 PLACES = {
     "cli": (1.5, 0),
+    "export": (0.17, 0.2),
+    "publish": (2.76, 0.2),
     "view": (1.0, 1),
     "opening": (2.76, 1),
     "offline": (0.17, 1),
@@ -27,6 +29,7 @@ PLACES = {
     "clock": (-0.3, 2),
     "sim": (2.46, 3),
     "physics": (1.25, 4),
+    "arrow": (0.1, 4),
     "bus": (1.25, 5.15),
     "topology": (1.25, 6.05),
 }
@@ -34,6 +37,10 @@ PLACES = {
 NOTES = {
     "cli": "commands",
     "view": "pictures, tables",
+    "export": "tables, data sets",
+    "publish": "topics of ROS 2",
+    "arrow": "pyarrow",
+    "worker": "a process beside",
     "opening": "opens the buses",
     "offline": "logs to states",
     "live": "SYNC, pacing",

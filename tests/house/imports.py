@@ -23,14 +23,15 @@ COMMON = frozenset({"errors", "options", "state"})
 
 ROOMS: dict[str, frozenset[str]] = {
     "errors": frozenset(),
+    "arrow": frozenset({"errors"}),
+    "worker": frozenset({"errors"}),
     "physics": frozenset({"errors"}),
     "notebook": frozenset(),
-    "worker": frozenset({"errors"}),
     "state": frozenset({"errors", "notebook"}),
     "options": frozenset({"errors", "state"}),
     "decode": COMMON | {"physics"},
     "contact": COMMON | {"physics"},
-    "calibrate": COMMON | {"physics", "decode", "worker"},
+    "calibrate": COMMON | {"physics", "decode", "worker", "arrow"},
     "sim": COMMON | {"physics"},
     "compiling": frozenset({"errors"}),
     "clock": frozenset(),
@@ -39,6 +40,8 @@ ROOMS: dict[str, frozenset[str]] = {
     "opening": COMMON | {"physics", "contact", "pipeline", "compiling", "sim", "live"},
     "offline": COMMON | {"pipeline", "compiling"},
     "view": COMMON | {"live", "calibrate"},
+    "export": COMMON | {"contact", "arrow"},
+    "publish": COMMON | {"live", "contact", "worker"},
 }
 """What each room may import of `skin`, beside itself. `opening` starts simulated units when a skin
 is opened with ``simulate=True``. `cli` and the package's own `__init__` may import everything."""

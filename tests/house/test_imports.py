@@ -20,6 +20,7 @@ ONE_FILE_EACH = (
     "cantools",
     "mcap",
     "cyclonedds",
+    "PIL",
 )
 MODULES = [module_of(file) for file in sources()]
 

@@ -1,13 +1,13 @@
-"""Tables from Parquet files; the one file that imports pyarrow."""
+"""Tables from Parquet files."""
 
 from __future__ import annotations
 
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 
-from skin.errors import LibraryError, ScanError
+from skin.arrow import arrow_for
+from skin.errors import ScanError
 
 __all__ = ["read_parquet"]
 
@@ -22,12 +22,7 @@ def read_parquet(path: Path) -> dict[str, np.ndarray]:
     ScanError
         The file is damaged, or a column holds no numbers.
     """
-    try:
-        arrow, parquet = import_module("pyarrow"), import_module("pyarrow.parquet")
-    except ImportError as error:
-        raise LibraryError(
-            f"{path}: must have pyarrow to be read; not installed: pip install 'f3t-skin[parquet]'"
-        ) from error
+    arrow, parquet = arrow_for(path, "read")
     try:
         table = parquet.read_table(path)
     except (arrow.ArrowException, OSError) as error:

@@ -226,7 +226,7 @@ def test_parquet_without_its_library_names_the_extra(bench, tmp_path, capsys, mo
     assert main(["calibrate", str(new), "-o", str(tmp_path / "o.toml")]) == 2
     assert capsys.readouterr().err.strip() == (
         f"{tmp_path}/reference0.parquet: must have pyarrow to be read; not installed: "
-        "pip install 'f3t-skin[parquet]'"
+        "pip install 'f3t-skin[data]'"
     )
 
 

@@ -1,0 +1,102 @@
+"""`skin export lerobot`: recorded logs and the frames of a camera as a data set for LeRobot."""
+
+from __future__ import annotations
+
+import json as json_text
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from skin.cli import options
+
+if TYPE_CHECKING:
+    from topology import Topology
+
+__all__ = ["export_lerobot"]
+
+WANT = ("temperature", "force", "wrench", "centroid", "contacts", "slip")
+
+
+def export_lerobot(
+    logs: Annotated[
+        tuple[Path, ...],
+        tyro.conf.Positional,
+        tyro.conf.arg(metavar="LOG [LOG ...]", help="recorded CAN logs, an episode each"),
+    ],
+    /,
+    *,
+    topology: Annotated[str, tyro.conf.arg(metavar="FILE", help=options.FILE_HELP)],
+    frames: Annotated[
+        tuple[Path, ...],
+        tyro.conf.arg(
+            metavar="DIR|CSV [DIR|CSV ...]",
+            help="frames of the camera, for each log: a folder of <stamp_ns>.png, or a CSV table "
+            "with stamp_ns or time_s, image files by camera, and numbers such as action.grip",
+        ),
+    ],
+    output: Annotated[
+        Path,
+        tyro.conf.arg(metavar="DIR", help="folder to write, new or empty", aliases=["-o"]),
+    ],
+    task: Annotated[
+        tuple[str, ...],
+        tyro.conf.arg(metavar="TEXT [TEXT ...]", help="what was done: for all logs, or for each"),
+    ],
+    fps: Annotated[int, tyro.conf.arg(metavar="INT", help="frames a second of the camera")] = 30,
+    window: Annotated[
+        int, tyro.conf.arg(metavar="INT", help="samples of the skin in a window")
+    ] = 8,
+    offset_s: Annotated[
+        float,
+        tyro.conf.arg(
+            metavar="SECONDS", help="what the clock of the log shows more than the camera's"
+        ),
+    ] = 0.0,
+    json: options.Json = False,
+) -> int:
+    """Write recorded logs and the frames of a camera as a LeRobot v3 data set.
+
+    Each frame has the newest sample of the skin that is not later, and the window before it; what
+    is not valid is NaN. The report tells how far frames and samples are apart, and what lacks.
+    docs/connect.md has the features. Exits with 1 if a frame has no sample, or a log is damaged.
+    """
+    from skin.errors import SkinError, check_number
+    from skin.export.frames import read_frames
+    from skin.export.lerobot import Dataset
+    from skin.offline import decode_log
+    from topology import load
+
+    if len(frames) != len(logs):
+        raise SkinError(f"--frames: must be as many as logs, {len(logs)}; got {len(frames)}")
+    if len(task) not in (1, len(logs)):
+        raise SkinError(f"--task: must be one, or as many as logs, {len(logs)}; got {len(task)}")
+    check_number("--offset-s", offset_s, -1e10, 1e10)
+    options.check_folder("--output", output / "meta" if output.is_dir() else output)
+    loaded: Topology = load(topology)
+    tasks = task if len(task) == len(logs) else task * len(logs)
+    wrong = []
+    with Dataset(output, loaded, fps=fps, window=window) as written:
+        for log, file, text in zip(logs, frames, tasks, strict=True):
+            states = decode_log(loaded, log, want=WANT, dtype="float64", sweeps=2)
+            written.add_episode(states, read_frames(file, round(1e9 * offset_s)), text)
+            wrong += states.faults + ([states.damage] if states.damage else [])
+    report = written.report() | {"output": str(output.resolve()), "faults": wrong}
+    print(json_text.dumps(report) if json else _table(report))
+    for fault in wrong:
+        print(fault, file=sys.stderr)
+    lacking = sum(one["without_sample"] for one in report["alignment"])
+    return int(bool(lacking or wrong))
+
+
+def _table(report: dict[str, Any]) -> str:
+    lines = []
+    for number, one in enumerate(report["alignment"]):
+        lines.append(
+            f"episode {number}: {one['frames']} frames, {one['without_sample']} without a sample, "
+            f"{one['window_gaps']} samples lacking in windows; samples are "
+            f"{1e3 * one['age_s_p50']:.2f} ms old (p50), {1e3 * one['age_s_max']:.2f} at most; "
+            f"{one['camera_gaps']} gaps of the camera"
+        )
+    return "\n".join([*lines, f"written: {report['output']}"])

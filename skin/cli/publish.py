@@ -1,0 +1,135 @@
+"""`skin publish`: what a skin feels as topics of ROS 2."""
+
+from __future__ import annotations
+
+import json as json_text
+import sys
+import time
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from skin.cli import options
+from skin.cli.run import Simulate, Tare, check_simulated, simulated
+from skin.cli.table import facts
+
+if TYPE_CHECKING:
+    from skin.publish import Publisher
+    from topology import Topology
+
+__all__ = ["publish"]
+
+
+def publish(
+    file: options.File,
+    /,
+    *,
+    seconds: options.Until = None,
+    interface: options.Interface = None,
+    channel: options.Channel = None,
+    sync: options.Sync = "host",
+    simulate: Simulate = False,
+    scene: options.Scene = None,
+    seed: options.Seed = None,
+    tare: Tare = True,
+    prefix: Annotated[
+        str, tyro.conf.arg(metavar="NAME", help="of the topics: NAME/state, NAME/wrench, …")
+    ] = "skin",
+    frame: Annotated[str, tyro.conf.arg(metavar="NAME", help="frame of the skin in tf")] = "skin",
+    patch_frame: Annotated[
+        str, tyro.conf.arg(metavar="NAME", help="frame of a patch; {} stands for its name")
+    ] = "{}",
+    rate: Annotated[
+        float, tyro.conf.arg(metavar="HZ", help="at most so many states a second; 0: every cycle")
+    ] = 100.0,
+    best_effort: Annotated[
+        bool, options.quiet("do not send states again that were lost")
+    ] = False,
+    domain: Annotated[
+        int | None,
+        options.quiet("otherwise ROS_DOMAIN_ID of the environment, or 0", metavar="INT",
+                      constructor=int),
+    ] = None,
+    json: options.Json = False,
+) -> int:  # fmt: skip
+    """Listen to the buses of a topology, send SYNC, and publish what the skin feels to ROS 2.
+
+    ROS 2 need not be installed here. Topics, as `ros2 topic list` shows them: skin/state,
+    skin/layout, skin/wrench, skin/contact/<slot>, /tf_static, /diagnostics (docs/connect.md). With
+    `--simulate` simulated units play a scene. Exits with 1 if no unit ever answered.
+    """
+    import skin
+    from skin.publish import ros
+    from topology import load
+
+    options.check_seconds(seconds)
+    check_simulated(simulate, scene, seed, sync, interface, channel)
+    loaded = load(file).on(interface=interface, channel=channel)
+    if not simulate:
+        _note(file, loaded, tare)
+    transports = None
+    with ExitStack() as ended:
+        if simulate:
+            transports, lasting, are_exact = simulated(ended, loaded, scene, seed)
+            seconds, loaded = seconds or lasting, loaded.exact() if are_exact else loaded
+        opened = skin.open(loaded, sync=sync, transports=transports, tare=tare)
+        ended.enter_context(opened)
+        node = ros(
+            opened, prefix=prefix, frame=frame, patch_frame=patch_frame, rate_hz=rate or None,
+            reliable=not best_effort, domain=domain,
+        )  # fmt: skip
+        ended.enter_context(node)
+        report = _loop(opened, node, seconds)
+    print(json_text.dumps(report) if json else _table(report))
+    return 0 if report["units_heard"] and report["publishing"] else 1
+
+
+def _note(file: str, topology: Topology, tare: bool) -> None:
+    notes = options.hints(file, topology, will_tare=tare)
+    if nobody := options.unreachable(file, topology):
+        notes.insert(0, f"nobody can answer: {nobody}")
+    for text in notes:
+        print(f"note: {text}", file=sys.stderr)
+
+
+def _loop(opened: Any, node: Publisher, seconds: float | None) -> dict[str, Any]:
+    """Publish until the time is up, Ctrl-C, or the process that publishes ends."""
+    from skin.state import Status
+
+    cycles, heard, end, published = 0, 0, None, 0
+    silent = int(Status.NEVER | Status.DISABLED)
+    try:
+        for state in opened:
+            node.publish(state)
+            if cycles % 256 == 0:
+                heard = max(heard, int((state.units.status & silent == 0).sum()))
+                if not node.alive:
+                    break
+            cycles += 1
+            if end is None and seconds is not None:
+                end = time.monotonic() + seconds  # from the first cycle on
+            if end is not None and time.monotonic() >= end:
+                heard = max(heard, int((state.units.status & silent == 0).sum()))
+                break
+    except KeyboardInterrupt:
+        pass
+    alive = node.alive
+    if alive:
+        published = node.sent()
+    else:
+        print("publish: must go on to the end; got the end of its process", file=sys.stderr)
+    return {
+        "topology": opened.topology.name, "units": opened.topology.n, "units_heard": heard,
+        "cycles": cycles, "published": published, "left_out": node.left_out,
+        "publishing": alive, "overruns": opened.timing.overruns,
+    }  # fmt: skip
+
+
+def _table(report: dict[str, Any]) -> str:
+    rows = {
+        "units heard": "{units_heard} of {units}",
+        "cycles": "{cycles}, {overruns} left out",
+        "states published": "{published}, {left_out} left out",
+    }
+    return facts(rows, report)

@@ -1,0 +1,113 @@
+"""Frames of a camera from files: a folder of images named by their time, or a CSV table."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from skin.errors import SkinError
+from skin.export.align import Frame
+from topology.files import open_regular, read_regular
+
+__all__ = ["read_frames"]
+
+ENDINGS = (".jpeg", ".jpg", ".png")
+CAMERA = "camera"
+"""Name of the camera of a folder."""
+LARGEST_IMAGE = 256 << 20
+"""Bytes [assumed]."""
+
+
+def read_frames(path: Path, offset_ns: int = 0) -> Iterator[Frame]:
+    """Frames in the order of the table, or of their times.
+
+    Parameters
+    ----------
+    path : Path
+        A folder of ``<stamp_ns>.png`` (or .jpg); or a CSV table with the column ``stamp_ns`` or
+        ``time_s``, columns of image files (relative to it) named by their camera, and columns of
+        numbers: ``action.grip`` is a part of the feature ``action``.
+    offset_ns : int
+        What the skin's clock shows more than the camera's.
+
+    Raises
+    ------
+    SkinError
+        A name, a column or a cell that is none of these; no frames.
+    OSError
+        A file cannot be read.
+    """
+    frames = _of_folder(path) if path.is_dir() else _of_table(path)
+    for frame in frames:
+        yield frame._replace(stamp_ns=frame.stamp_ns + offset_ns)
+
+
+def _of_folder(folder: Path) -> Iterator[Frame]:
+    stamps = {}
+    for file in folder.iterdir():
+        if file.suffix.lower() not in ENDINGS:
+            continue
+        if not (file.stem.isascii() and file.stem.isdigit()):
+            raise SkinError(
+                f"{file}: must be named by the time of its frame in ns, as "
+                f"1700000000000000000{file.suffix}; got {file.name!r}"
+            )
+        stamps[int(file.stem)] = file
+    if not stamps:
+        raise SkinError(f"{folder}: must have images ({', '.join(ENDINGS)}); got none")
+    for stamp_ns, file in sorted(stamps.items()):
+        yield Frame(stamp_ns, {CAMERA: read_regular(file, LARGEST_IMAGE)})
+
+
+def _of_table(path: Path) -> Iterator[Frame]:
+    with open_regular(path) as raw:
+        lines = raw.read().decode("utf-8-sig", errors="replace").splitlines()
+    rows = csv.reader(lines)
+    head = [name.strip() for name in next(rows, [])]
+    clock = next((name for name in ("stamp_ns", "time_s") if name in head), None)
+    if clock is None:
+        raise SkinError(f"{path}:1: must have a column stamp_ns or time_s; got {head}")
+    if len(set(head)) < len(head):
+        twice = next(name for name in head if head.count(name) > 1)
+        raise SkinError(f"{path}:1: {twice}: must be a column of its own; got two of that name")
+    count = 0
+    for row in rows:
+        if not row:
+            continue
+        where = f"{path}:{rows.line_num}"
+        if len(row) != len(head):
+            raise SkinError(f"{where}: must have {len(head)} cells; got {len(row)}")
+        yield _row(where, path.parent, clock, dict(zip(head, map(str.strip, row), strict=True)))
+        count += 1
+    if not count:
+        raise SkinError(f"{path}: must have rows below its head; got none")
+
+
+def _row(where: str, folder: Path, clock: str, cells: dict[str, str]) -> Frame:
+    """The frame of a row: names of images are files, all else are numbers."""
+    number = _number(where, clock, cells.pop(clock), whole=clock == "stamp_ns")
+    stamp_ns = int(number) if clock == "stamp_ns" else round(1e9 * number)
+    images, values = {}, {}
+    for name, cell in cells.items():
+        if cell.lower().endswith(ENDINGS):
+            images[name] = read_regular(folder / cell, LARGEST_IMAGE)
+        else:
+            feature = name.rpartition(".")[0] or name
+            values.setdefault(feature, []).append(_number(where, name, cell))
+    return Frame(
+        stamp_ns, images, {name: np.array(one, np.float32) for name, one in values.items()}
+    )
+
+
+def _number(where: str, name: str, cell: str, *, whole: bool = False) -> float | int:
+    try:
+        number = int(cell) if whole else float(cell)
+    except ValueError:
+        kind = "an integer" if whole else "a number, or the name of an image"
+        raise SkinError(f"{where}: {name}: must be {kind}; got {cell[:40]!r}") from None
+    if not np.isfinite(number):
+        raise SkinError(f"{where}: {name}: must be finite; got {cell!r}")
+    return number

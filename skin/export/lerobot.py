@@ -1,0 +1,331 @@
+"""Data sets for robot learning in the format LeRobot v3, for lerobot 0.4 and later.
+
+Written with pyarrow; lerobot itself is not needed. A row is a frame of the camera; beside it stand
+the newest sample of the skin that is not later, and the window of samples before it. What is not
+valid is NaN, and ``observation.tactile.valid`` says so. See docs/connect.md for the features.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import uuid
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from skin.arrow import arrow_for
+from skin.errors import OptionError, SkinError, check_number
+from skin.export.align import CONTACT_COLUMNS, Alignment, Frame, History, Sample, aligned
+from skin.export.images import encoded, pixels
+from skin.export.lerobot_files import COUNTED, Feature, Files
+from skin.export.statistics import Statistics, of_images
+from topology.files import check_path
+
+if TYPE_CHECKING:
+    from skin.state import State
+    from topology import Topology
+
+__all__ = ["Alignment", "Dataset", "Frame"]
+
+IMAGES = "observation.images."
+TAKEN = ("observation.tactile.", "tactile.", "camera.")
+"""What names of the skin's features begin with."""
+SAMPLED = 16
+"""Images of an episode that its statistics are of [assumed]."""
+ROWS = 64
+"""Frames that are written at once [assumed]."""
+
+
+class Dataset:
+    """A data set that grows by episodes; it is there once it is closed without an error.
+
+    Parameters
+    ----------
+    folder : path
+        New or empty.
+    topology : Topology
+    fps : int
+        Frames a second of the camera.
+    window : int
+        Samples of the skin in a window, k.
+    contacts : int
+        Rows for contacts; more are left out, and counted.
+    max_age_s : float, optional
+        Of the newest sample at a frame; two periods of the skin if not given.
+    fill : float
+        Written in place of what is not valid; NaN cannot be taken for a reading.
+    robot : str
+        Name of the robot.
+
+    Raises
+    ------
+    LibraryError
+        pyarrow is not installed.
+    OptionError
+        An option that cannot be.
+    SkinError
+        The folder has something in it.
+
+    Examples
+    --------
+    >>> with Dataset("grasps", palm, fps=30) as grasps:  # doctest: +SKIP
+    ...     grasps.add_episode(skin.decode_log(palm, "run.log"), frames, "lift the cup")
+    """
+
+    def __init__(
+        self,
+        folder: str | os.PathLike[str],
+        topology: Topology,
+        *,
+        fps: int,
+        window: int = 8,
+        contacts: int = 8,
+        max_age_s: float | None = None,
+        fill: float = float("nan"),
+        robot: str = "f3t-skin",
+    ) -> None:
+        check_path("folder", folder, OptionError)
+        check_number("fps", fps, 1, 1000, whole=True)
+        check_number("window", window, 1, 1000, whole=True)
+        check_number("contacts", contacts, 1, 64, whole=True)
+        age_s = 2.0 / topology.cycle_rate_hz if max_age_s is None else max_age_s
+        check_number("max_age_s", age_s, 0, 3600)
+        self._folder, self._topology, self._fps = Path(folder), topology, fps
+        if self._folder.exists() and (
+            not self._folder.is_dir() or next(self._folder.iterdir(), None) is not None
+        ):
+            raise SkinError(f"{folder}: must be a new or empty folder; got one with files in it")
+        self._sizes = (topology.n, window, contacts, round(1e9 * age_s))
+        self._fill, self._robot = fill, robot
+        library = arrow_for(folder, "written")
+        self._beside = self._folder.with_name(f".{self._folder.name}.{uuid.uuid4().hex[:12]}.part")
+        self._beside.mkdir(parents=True)
+        self._files = Files(library, self._beside, fps)
+        self._is_open = True
+        self.episodes: list[Alignment] = []
+
+    def add_episode(self, states: Iterable[State], frames: Iterable[Frame], task: str) -> Alignment:
+        """Add an episode.
+
+        Parameters
+        ----------
+        states : iterable of State
+            With temperature, force, wrench and contacts; in the order of time.
+        frames : iterable of Frame
+            In the order of time. All have the cameras and values of the first one.
+        task : str
+            What was done, in words.
+
+        Returns
+        -------
+        Alignment
+            How frames and samples met.
+
+        Raises
+        ------
+        SkinError
+            Time that runs back, frames that never meet the skin, images of another size, …; the
+            data set is gone then.
+        """
+        try:
+            return self._add(states, frames, task)
+        except BaseException:
+            self.discard()
+            raise
+
+    def _add(self, states: Iterable[State], frames: Iterable[Frame], task: str) -> Alignment:
+        if not self._is_open:
+            raise SkinError(f"{self._folder}: must be open; got an episode after the end")
+        if not isinstance(task, str) or not task.strip():
+            raise OptionError(f"task: must be words; got {task!r}")
+        told, episode = Alignment(), _Episode(self._files, task)
+        for number, (frame, sample) in enumerate(
+            aligned(states, frames, History(*self._sizes), told, self._fps)
+        ):
+            row, shapes = self._row(number, frame, sample)
+            if number == 0 and not self.episodes:
+                self._files.begin(_features(shapes, self._topology.unit_names))
+            self._files.check(f"camera: frame {number}", shapes)
+            episode.add(row)
+        if not told.frames:
+            raise SkinError(f"episode {len(self.episodes)}: must have frames; got none")
+        if told.without_sample == told.frames:
+            raise SkinError(
+                f"episode {len(self.episodes)}: must have frames while the skin was read; got "
+                f"{told.frames} frames, none within {1e-9 * self._sizes[3]:g} s after a sample "
+                "(of two clocks?)"
+            )
+        episode.finish(told)
+        self.episodes.append(told)
+        return told
+
+    def _row(
+        self, number: int, frame: Frame, sample: Sample
+    ) -> tuple[dict[str, Any], dict[str, tuple[int, ...]]]:
+        """Values of a frame, and the shapes of those that vary from data set to data set."""
+        tactile = {
+            "force": sample.force[-1], "valid": sample.valid[-1],
+            "temperature": sample.temperature, "wrench": sample.wrench,
+            "contacts": sample.contacts, "force_window": sample.force,
+            "valid_window": sample.valid,
+        }  # fmt: skip
+        row: dict[str, Any] = {f"observation.tactile.{name}": self._filled(value)
+                               for name, value in tactile.items()}  # fmt: skip
+        row["tactile.age_s"] = self._filled(np.array([sample.age_s], np.float32))
+        row["tactile.stamp_ns"] = np.array([sample.stamp_ns], np.int64)
+        row["camera.stamp_ns"] = np.array([frame.stamp_ns], np.int64)
+        shapes = {name: value.shape for name, value in row.items()}
+        for name, image in frame.images.items():
+            where = f"camera: frame {number}: {name!r}"
+            row[IMAGES + name], shapes[IMAGES + name] = encoded(where, image)
+        for name, value in frame.values.items():
+            row[name] = np.atleast_1d(np.asarray(value, np.float32))
+            shapes[name] = row[name].shape
+        for name in (*frame.images, *frame.values):
+            _check_name(f"camera: frame {number}", name)
+        return row, shapes
+
+    def _filled(self, values: np.ndarray) -> np.ndarray:
+        if values.dtype.kind != "f" or np.isnan(self._fill):
+            return values
+        return np.where(np.isnan(values), np.float32(self._fill), values)
+
+    def report(self) -> dict[str, Any]:
+        """Episodes, frames, and how frames and samples met, for JSON."""
+        return {
+            "episodes": len(self.episodes), "frames": sum(one.frames for one in self.episodes),
+            "alignment": [one.report() for one in self.episodes],
+        }  # fmt: skip
+
+    def discard(self) -> None:
+        """Give the data set up; nothing of it stays."""
+        if self._is_open:
+            self._is_open = False
+            self._files.close()
+            shutil.rmtree(self._beside, ignore_errors=True)
+
+    def close(self) -> None:
+        """Write what describes the data set, and put it into its place; closing twice is fine.
+
+        Raises
+        ------
+        SkinError
+            There is no episode.
+        """
+        if not self._is_open:
+            return
+        try:
+            if not self.episodes:
+                raise SkinError(f"{self._folder}: must have an episode; got none")
+            self._files.finish(self._robot, self._tactile())
+            if self._folder.is_dir():
+                self._folder.rmdir()
+            os.replace(self._beside, self._folder)
+            self._is_open = False
+        finally:
+            self.discard()
+
+    def _tactile(self) -> dict[str, Any]:
+        """What does not change: the layout of the skin, units of measure, and the alignment."""
+        at = self._topology
+        return {
+            "topology": at.name, "units": list(at.unit_names), "patches": list(at.patch_names),
+            "patch": at.patch.tolist(), "position_m": at.position.T.tolist(),
+            "rotation_skin_unit": np.moveaxis(at.rotation, 2, 0).tolist(),
+            "area_m2": at.area.tolist(), "cycle_rate_hz": at.cycle_rate_hz,
+            "window": self._sizes[1], "max_age_s": 1e-9 * self._sizes[3],
+            "contact_columns": list(CONTACT_COLUMNS),
+            "measure": {"force": "N", "temperature": "degC", "wrench": "N, N m", "position": "m"},
+        } | self.report()  # fmt: skip
+
+    def __enter__(self) -> Dataset:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
+        if kind is None:
+            self.close()
+        else:
+            self.discard()
+
+
+class _Episode:
+    """Rows of an episode on their way to the file, and its statistics."""
+
+    def __init__(self, files: Files, task: str) -> None:
+        self._files, self._task = files, task
+        self._waiting: list[dict[str, Any]] = []
+        self._statistics: dict[str, Statistics] = {}
+        self._sampled: list[dict[str, bytes]] = []
+        self._stride, self._count = 1, 0
+
+    def add(self, row: dict[str, Any]) -> None:
+        """Take a row."""
+        if self._count == 0:
+            self._files.begin_episode(self._task)
+        self._sample({key: row[key] for key in row if key.startswith(IMAGES)})
+        self._waiting.append(row)
+        self._count += 1
+        if len(self._waiting) >= ROWS:
+            self._flush()
+
+    def _sample(self, images: dict[str, bytes]) -> None:
+        """Keep every so manyth image, twice as seldom whenever they become too many."""
+        if self._count % self._stride:
+            return
+        self._sampled.append(images)
+        if len(self._sampled) > SAMPLED:
+            self._sampled = self._sampled[::2]
+            self._stride *= 2
+
+    def _flush(self) -> None:
+        if not self._waiting:
+            return
+        columns = self._files.write(self._waiting)
+        for name, values in columns.items():
+            self._statistics.setdefault(name, Statistics()).add(values)
+        self._waiting.clear()
+
+    def finish(self, told: Alignment) -> None:
+        """Write what waits, and note the episode."""
+        self._flush()
+        found = {name: one.result() for name, one in self._statistics.items()}
+        for name in self._sampled[0]:
+            found[name] = of_images([pixels(name, images[name]) for images in self._sampled])
+        self._files.end_episode(told.frames, found)
+
+
+def _check_name(where: str, name: str) -> None:
+    """Refuse a name that a feature cannot have."""
+    is_taken = name in COUNTED or name.startswith((*TAKEN, IMAGES))
+    if is_taken or not name or "/" in name:
+        raise OptionError(
+            f"{where}: must have names without '/' that no other feature has; got {name!r}"
+        )
+
+
+def _features(
+    shapes: dict[str, tuple[int, ...]], unit_names: tuple[str, ...]
+) -> dict[str, Feature]:
+    """What the columns are, by name, in the words of LeRobot."""
+    axes = ["fx", "fy", "fz"]
+    names: dict[str, Any] = {
+        "observation.tactile.force": ["unit", "axis"],
+        "observation.tactile.valid": list(unit_names),
+        "observation.tactile.temperature": list(unit_names),
+        "observation.tactile.wrench": [*axes, "mx", "my", "mz"],
+        "observation.tactile.contacts": ["contact", "column"],
+        "observation.tactile.force_window": ["sample", "unit", "axis"],
+        "observation.tactile.valid_window": ["sample", "unit"],
+    }
+    found = {}
+    for name, shape in shapes.items():
+        if name.startswith(IMAGES):
+            found[name] = Feature("image", shape, ["height", "width", "channels"])
+        else:
+            kind = ("bool" if ".valid" in name else
+                    "int64" if name.endswith("stamp_ns") else "float32")  # fmt: skip
+            found[name] = Feature(kind, shape, names.get(name))
+    return found

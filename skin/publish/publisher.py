@@ -1,0 +1,228 @@
+"""`ros`: what a skin feels as topics of ROS 2, published by a process beside the loop."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from skin.errors import OptionError, check_flag, check_kind, check_number
+from skin.publish import dds
+from skin.publish.names import check_frame, check_prefix
+from skin.publish.snapshot import fill, note, patch_poses, snapshot_dtype
+from skin.worker import RingBuffer, Worker
+
+if TYPE_CHECKING:
+    from skin.live import Skin
+    from skin.state import State
+    from topology import Topology
+
+__all__ = ["Publisher", "ros"]
+
+WAITING_S = 1.0
+"""Of records that wait for the process, at most [assumed]."""
+NOTED_NS = 1_000_000_000
+"""Between two diagnoses: what diagnostic tools of ROS expect."""
+MOST_DOMAIN = 232
+"""Largest domain whose ports there are [derived: 7400 + 250 · 232 < 65536]."""
+
+
+def ros(
+    skin: Skin,
+    *,
+    prefix: str = "skin",
+    frame: str = "skin",
+    patch_frame: str = "{}",
+    rate_hz: float | None = 100.0,
+    moving: bool = False,
+    reliable: bool = True,
+    domain: int | None = None,
+) -> Publisher:
+    """Publish what a skin feels to ROS 2, which need not be installed here.
+
+    Topics: ``skin/state`` (all units), ``skin/layout`` (once, for late subscribers too),
+    ``skin/wrench``, ``skin/contact/<slot>`` as long as it lasts and zeros once it has ended,
+    ``/tf_static``, ``/diagnostics`` once a second. docs/connect.md has the messages.
+
+    Parameters
+    ----------
+    skin : Skin
+        As opened by `skin.open`.
+    prefix : str
+        Of the topics, in place of ``skin``.
+    frame : str
+        Of the skin, as tf2 knows it.
+    patch_frame : str
+        Of a patch; ``{}`` stands for its name.
+    rate_hz : float, optional
+        At which states are published, at most; every cycle if None.
+    moving : bool
+        Patches move (`Skin.move`): their frames go to ``/tf`` with every state, not to
+        ``/tf_static``.
+    reliable : bool
+        Whether states are sent again where they are lost; subscribers of both kinds match then.
+    domain : int, optional
+        ROS_DOMAIN_ID of the environment if not given, else 0.
+
+    Returns
+    -------
+    Publisher
+        To be given every state; close it, or use it in a ``with`` block.
+
+    Raises
+    ------
+    LibraryError
+        cyclonedds is not installed.
+    OptionError
+        A name that ROS 2 refuses, or an option that cannot be.
+    SkinError
+        DDS cannot be started.
+
+    Examples
+    --------
+    >>> with skin.open("palm", simulate=True) as palm, ros(palm) as node:  # doctest: +SKIP
+    ...     for state in palm:
+    ...         node.publish(state)
+    """
+    topology = skin.topology
+    if rate_hz is not None:
+        check_number("rate_hz", rate_hz, 0.01, 1e5)
+    check_flag("moving", moving)
+    check_flag("reliable", reliable)
+    check_kind("patch_frame", patch_frame, str)
+    if topology.patch_names and patch_frame.count("{}") != 1:
+        raise OptionError(
+            f"patch_frame: must have {{}} once, for the name of a patch; got {patch_frame!r}"
+        )
+    bare = check_prefix("prefix", prefix)
+    request = {
+        "prefix": bare,
+        "frame": check_frame("frame", frame),
+        "patch_frames": [
+            check_frame("patch_frame", patch_frame.replace("{}", name))
+            for name in topology.patch_names
+        ],
+        "moving": moving, "reliable": reliable, "domain": _domain(domain),
+        "poses": patch_poses(topology, topology.position, topology.rotation).tolist(),
+    }  # fmt: skip
+    return Publisher(skin, request | _described(topology, bare), rate_hz)
+
+
+def _domain(domain: int | None) -> int:
+    """The domain that is given, else that of the environment."""
+    if domain is None:
+        text = os.environ.get("ROS_DOMAIN_ID", "") or "0"
+        if not (text.isascii() and text.isdigit()):
+            raise OptionError(f"ROS_DOMAIN_ID: must be an integer from 0 to {MOST_DOMAIN}; got "
+                              f"{text!r}")  # fmt: skip
+        domain = int(text)
+        check_number("ROS_DOMAIN_ID", domain, 0, MOST_DOMAIN, whole=True)
+    check_number("domain", domain, 0, MOST_DOMAIN, whole=True)
+    return domain
+
+
+def _described(topology: Topology, name: str) -> dict[str, Any]:
+    """What messages say of a skin that does not change."""
+    return {
+        "name": name.replace("/", "_"), "topology": topology.name,
+        "names": list(topology.unit_names), "patches": list(topology.patch_names),
+        "patch": topology.patch.tolist(), "position": topology.position.reshape(-1).tolist(),
+        "rotation": topology.rotation.reshape(-1).tolist(),
+        "buses": [bus.name for bus in topology.buses],
+    }  # fmt: skip
+
+
+class Publisher:
+    """The loop's end of what is published; made by `ros`.
+
+    Attributes
+    ----------
+    left_out : int
+        States for which the process had no time.
+    """
+
+    def __init__(self, skin: Skin, request: dict[str, Any], rate_hz: float | None) -> None:
+        dds.check_library()
+        self._skin, self._moving = skin, request["moving"]
+        self._period_ns = 0 if rate_hz is None else round(1e9 / rate_hz)
+        rate = min(rate_hz or np.inf, skin.topology.cycle_rate_hz)
+        self._ring = RingBuffer(snapshot_dtype(skin.topology), max(8, round(WAITING_S * rate)))
+        self._due_ns = self._note_ns = np.iinfo(np.int64).min
+        self.left_out = 0
+        with_local = os.environ.get("CYCLONEDDS_URI") is None and _keeps_local()
+        self._worker = _started(self._ring, request, with_local)
+
+    @property
+    def alive(self) -> bool:
+        """Whether the process that publishes runs."""
+        return self._worker.alive
+
+    def publish(self, state: State) -> None:
+        """Hand a state to the process, if one is due; never waits."""
+        stamp_ns = state.stamp_ns
+        if stamp_ns < self._due_ns and self._due_ns - stamp_ns <= self._period_ns:
+            return
+        # the next one a period after this was due, and not after it came: the mean rate is right
+        self._due_ns = max(self._due_ns, stamp_ns - self._period_ns) + self._period_ns
+        if self._due_ns - stamp_ns > self._period_ns:  # time ran back
+            self._due_ns = stamp_ns + self._period_ns
+        record = self._ring.claim()
+        if record is None:
+            self.left_out += 1
+            return
+        fill(record, state)
+        if self._moving:
+            self._pose(record)
+        if not 0 <= stamp_ns - self._note_ns < NOTED_NS:
+            self._note_ns = stamp_ns
+            note(record, state, self._skin.transports, self.left_out)
+        self._ring.publish()
+
+    def _pose(self, record: np.ndarray) -> None:
+        contacts = self._skin.pipeline.contacts
+        at = self._skin.topology
+        position, rotation = at.position, at.rotation
+        if contacts is not None:
+            pose, origin = contacts.model.geometry
+            position = pose["position"].T + origin[:, np.newaxis]
+            rotation = np.moveaxis(pose["rotation"], 0, 2)
+        record["has_pose"] = True
+        record["pose"] = patch_poses(at, position, rotation)
+
+    def sent(self) -> int:
+        """States that the process has published so far; waits for its answer.
+
+        Raises
+        ------
+        SkinError
+            The process has ended.
+        """
+        return int(self._worker.ask("sent")["sent"])
+
+    def close(self) -> None:
+        """Let the process publish what waits, and end it; closing twice is fine."""
+        self._worker.close()
+
+    def __enter__(self) -> Publisher:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+
+def _keeps_local() -> bool:
+    """Whether the environment keeps ROS 2 within this machine."""
+    is_local = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "").upper() in ("LOCALHOST", "OFF")
+    return is_local or os.environ.get("ROS_LOCALHOST_ONLY", "0") == "1"
+
+
+def _started(ring: RingBuffer, request: dict[str, Any], local: bool) -> Worker:
+    """The process, once it can publish."""
+    worker = Worker("skin.publish.process", ring, request | {"local": local})
+    try:
+        worker.ask("sent")
+    except BaseException:
+        worker.close()
+        raise
+    return worker

@@ -1,0 +1,69 @@
+"""Frames of a camera from files: in the order of their times, or of the table."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from skin.errors import SkinError
+from skin.export.frames import read_frames
+
+
+def test_a_folder_is_read_in_the_order_of_time(tmp_path):
+    for stamp_ns in (30, 4, 200):
+        (tmp_path / f"{stamp_ns}.png").write_bytes(str(stamp_ns).encode())
+    (tmp_path / "notes.txt").write_text("by hand")
+    frames = list(read_frames(tmp_path, offset_ns=1000))
+    assert [frame.stamp_ns for frame in frames] == [1004, 1030, 1200]
+    assert [frame.images for frame in frames] == [
+        {"camera": name} for name in (b"4", b"30", b"200")
+    ]
+
+
+def test_an_image_without_a_time_is_refused(tmp_path):
+    (tmp_path / "frame1.png").write_bytes(b"")
+    with pytest.raises(SkinError) as told:
+        list(read_frames(tmp_path))
+    assert str(told.value) == (
+        f"{tmp_path}/frame1.png: must be named by the time of its frame in ns, as "
+        "1700000000000000000.png; got 'frame1.png'"
+    )
+
+
+def test_a_folder_without_images_is_refused(tmp_path):
+    with pytest.raises(SkinError, match=r"must have images .* got none"):
+        list(read_frames(tmp_path))
+
+
+def test_numbers_of_one_feature_stand_together(tmp_path):
+    file = tmp_path / "frames.csv"
+    file.write_text("time_s,action.x,action.y,grip\n1.5,1,2,3\n\n2.5,4,5,6\n")
+    first, second = read_frames(file)
+    assert (first.stamp_ns, second.stamp_ns) == (1_500_000_000, 2_500_000_000)
+    assert {name: value.tolist() for name, value in second.values.items()} == {
+        "action": [4.0, 5.0], "grip": [6.0],
+    }  # fmt: skip
+    assert first.values["action"].dtype == np.float32
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("time_s,grip,grip\n1,2,3\n", ":1: grip: must be a column of its own; got two of that"),
+        ("time_s,grip\n", ": must have rows below its head; got none"),
+        ("time_s,grip\nnan,2\n", ":2: time_s: must be finite; got 'nan'"),
+    ],
+)
+def test_a_table_that_cannot_be_is_refused(tmp_path, text, message):
+    file = tmp_path / "frames.csv"
+    file.write_text(text)
+    with pytest.raises(SkinError) as told:
+        list(read_frames(file))
+    assert str(told.value).startswith(f"{file}{message}")
+
+
+def test_an_image_that_is_missing_is_named(tmp_path):
+    file = tmp_path / "frames.csv"
+    file.write_text("time_s,wrist\n1,lost.png\n")
+    with pytest.raises(FileNotFoundError, match=r"lost\.png"):
+        list(read_frames(file))
