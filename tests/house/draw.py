@@ -50,7 +50,6 @@ NOTES = {
     "compiling": "says what takes long",
     "contact": "clusters, slip",
     "decode": "counts to forces",
-    "worker": "a process beside",
     "sim": "bodies, chips",
     "physics": "what decoder and simulator share",
     "bus": "counts from wires",
