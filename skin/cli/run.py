@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from skin.state import State
     from topology import Topology
 
-__all__ = ["run"]
+__all__ = ["check_simulated", "run", "simulated"]
 
 Wait = Annotated[
     Literal["event", "drain"],
@@ -87,7 +87,7 @@ def run(
     options.check_folder("--log", log)
     options.check_folder("--zeros", zeros)
     options.check_folder("--learn", learn)
-    _check_simulated(simulate, scene, seed, sync, interface, channel)
+    check_simulated(simulate, scene, seed, sync, interface, channel)
     filed = load(file)
     loaded = filed.on(interface=interface, channel=channel)
     if not simulate:
@@ -97,7 +97,7 @@ def run(
     end = transports = None
     with ExitStack() as ended:
         if simulate:
-            transports, lasting, are_exact = _simulated(ended, loaded, scene, seed)
+            transports, lasting, are_exact = simulated(ended, loaded, scene, seed)
             seconds, loaded = seconds or lasting, loaded.exact() if are_exact else loaded
         recording = None if log is None else Recording(log, filed)
         opened = skin.open(
@@ -142,7 +142,7 @@ def _note(file: str, topology: Topology, tare: bool) -> None:
         print(f"note: {text}", file=sys.stderr)
 
 
-def _check_simulated(
+def check_simulated(
     simulate: bool,
     scene: str | None,
     seed: int | None,
@@ -164,7 +164,7 @@ def _check_simulated(
     options.refuse_both("--simulate", "--channel", channel)
 
 
-def _simulated(
+def simulated(
     ended: ExitStack, topology: Topology, scene: str | None, seed: int | None
 ) -> tuple[list[Transport], float | None, bool]:
     """This host's ends of buses with simulated units, how many seconds the scene lasts, and whether

@@ -36,7 +36,8 @@ ROOMS: dict[str, frozenset[str]] = {
     "live": COMMON | {"physics", "decode", "contact", "calibrate", "pipeline", "compiling", "sim"},
     "opening": COMMON | {"physics", "contact", "pipeline", "compiling", "sim", "live"},
     "offline": COMMON | {"pipeline", "compiling"},
-    "view": COMMON | {"live", "calibrate"},
+    "worker": frozenset({"errors"}),
+    "view": COMMON | {"live", "calibrate", "contact", "worker"},
 }
 """What each room may import of `skin`, beside itself. `opening` starts simulated units when a skin
 is opened with ``simulate=True``. `cli` and the package's own `__init__` may import everything."""
