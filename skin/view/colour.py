@@ -28,7 +28,7 @@ CIVIDIS = np.array([
 ], np.uint8)  # fmt: skip
 """Colours at even steps of the scale."""
 
-INVALID_COLOUR = (60, 225, 255)
+INVALID_COLOUR = (120, 220, 240)
 """Of units that must not be trusted."""
 
 

@@ -161,10 +161,10 @@ def camera(pose: Pose) -> tuple[np.ndarray, np.ndarray]:
     length = float(np.linalg.norm(outward))
     faces_up = length < 0.3 or abs(outward[2]) > 0.7 * length
     if length < 0.3:  # all around
-        return np.array([0.9, -1.2, 0.7]), np.array([0.0, 0.0, 1.0])
+        return np.array([0.7, -0.95, 0.55]), np.array([0.0, 0.0, 1.0])
     outward /= length
     up = np.array([0.0, 1.0, 0.0]) if faces_up else np.array([0.0, 0.0, 1.0])
     up -= (up @ outward) * outward
     up /= np.linalg.norm(up)
     side = np.cross(up, outward)
-    return 1.15 * outward - 0.75 * up + 0.25 * side, outward if faces_up else up
+    return 0.9 * outward - 0.62 * up + 0.25 * side, outward if faces_up else up

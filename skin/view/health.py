@@ -101,9 +101,9 @@ class Health:
         """The panel."""
         found = flagged(record["status"], self._names)
         lines = [_line(name, text) for name, text in self.rows(record)]
-        lines += [_line(name, why, "#3ce1ff") for name, why in found[:LISTED]]
+        lines += [_line(name, why, "#78dcf0") for name, why in found[:LISTED]]
         if len(found) > LISTED:
-            lines.append(_line("…", f"and {len(found) - LISTED} more units", "#3ce1ff"))
+            lines.append(_line("…", f"and {len(found) - LISTED} more units", "#78dcf0"))
         return f'<div style="{STYLE}">{"".join(lines)}</div>'
 
 

@@ -89,7 +89,7 @@ class Panel:
         return gui.add_uplot(
             (empty, 0.0 * empty),
             ({"label": "s"}, {"label": label, "stroke": ink, "width": 2}),
-            title=label, height=105, legend={"show": False}, padding=(10, 14, 0, 0),
+            title=label, height=125, legend={"show": False}, padding=(10, 14, 0, 0),
             scales={"x": {"time": False, "range": (-PLOTTED_S, 0.0)}},
             axes=(axis, axis | {"size": 46}),
         )  # fmt: skip

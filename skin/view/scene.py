@@ -25,7 +25,7 @@ from skin.view.tone import AMBIENT, DIRECTED, given
 
 __all__ = ["BACKGROUND", "Scales", "Scene", "Shown"]
 
-BACKGROUND = (27, 31, 36)
+BACKGROUND = (66, 72, 80)
 FORCE_COLOUR = np.array([240, 242, 245], np.uint8)
 NORMAL_COLOUR = np.array([150, 160, 172], np.uint8)
 CROSS_COLOUR = (1, 1, 1)
