@@ -11,7 +11,7 @@ import numpy as np
 
 from skin.view.colour import QUANTITIES
 from skin.view.health import Health, plotted
-from skin.view.history import History, Moment
+from skin.view.history import History
 from skin.view.legend import arrows_html, legend_html
 from skin.view.scene import Scales, Shown
 
@@ -19,8 +19,8 @@ __all__ = ["MOMENT", "STRETCH", "Panel"]
 
 PLOTTED_S = 20.0
 """Seconds that the plots show."""
-WORDS_PERIOD, PLOTS_PERIOD = 15, 5
-"""Snapshots between two changes of the words, and of the plots: more often nobody reads them."""
+WORDS_S, PLOTS_S = 0.5, 0.2
+"""Between two changes of the words, and of the plots: more often nobody reads them [assumed]."""
 PAUSE, FOLLOW, FIT = "Pause", "Follow live", "Fit the scale"
 MOMENT, STRETCH = "this moment", "last 10 s"
 FORCE_INK, CONTACTS_INK = "#fee838", "#56b4e9"
@@ -40,7 +40,9 @@ class Panel:
 
     def __init__(self, server: Any, health: Health, span_s: float, can_tare: bool) -> None:
         self.wishes: SimpleQueue[tuple[str, Any]] = SimpleQueue()
-        self._health, self._drawn = health, 0
+        self._health = health
+        self._has_new_words = self._has_new_plots = False
+        self._words_due_s = self._plots_due_s = 0.0
         self.paused = False
         gui = server.gui
         with gui.add_folder("Colour"):
@@ -119,21 +121,21 @@ class Panel:
             f'<div style="padding:0.2em 0.9em;font-size:0.78em">{escape(text)}</div>'
         )
 
-    def refresh(self, newest: np.void, history: History, moment: Moment, scales: Scales) -> None:
-        """Renew the words and the plots, once they are due."""
-        if self._drawn % WORDS_PERIOD == 0:
+    def refresh(self, newest: np.void, history: History, now_s: float) -> None:
+        """Renew the words and the plots, where there is something new and it is time to."""
+        if self._has_new_words and now_s >= self._words_due_s:
+            self._has_new_words, self._words_due_s = False, now_s + WORDS_S
             self._words.content = self._health.html(newest)
-        if self._drawn % PLOTS_PERIOD == 0 and not self.paused:
+        if self._has_new_plots and now_s >= self._plots_due_s and not self.paused:
+            self._has_new_plots, self._plots_due_s = False, now_s + PLOTS_S
             time_s, force, contacts = plotted(history, PLOTTED_S)
             self._force.data = (time_s, force)
             self._count.data = (time_s, contacts)
-        self.scales(scales)
-        self._drawn += 1
+
+    def has_new(self) -> None:
+        """Let words and plots be renewed, once they are due."""
+        self._has_new_words = self._has_new_plots = True
 
     def scales(self, scales: Scales) -> None:
         """Show the scales as they are; the same again costs nothing."""
         self._legend.content = legend_html(self._quantity.value, scales) + arrows_html(scales)
-
-    def renew(self) -> None:
-        """Let the words be renewed with the next snapshot."""
-        self._drawn = 0

@@ -63,6 +63,7 @@ class Viewer:
             is_new |= self._grant()
             if is_new and self._scene is not None:
                 self._draw()
+            self._panel.refresh(self._newest, self._history, time.monotonic())
             command = self._end.command(LOOK_S)
             if command is not None:
                 self._obey(command)
@@ -82,6 +83,7 @@ class Viewer:
             return False
         self._newest = records[-1].copy()
         ring.release(records.size)
+        self._panel.has_new()
         if self._scene is None:
             self._scene = Scene(self._server, self._area, self._history[-1])
         return True
@@ -116,7 +118,7 @@ class Viewer:
         with self._server.atomic():
             self._scales.widen(moment, shown.quantity)
             self._scene.draw(moment, shown, self._scales)
-        panel.refresh(self._newest, self._history, moment, self._scales)
+        panel.scales(self._scales)
 
     def _page(self, seconds: float) -> str:
         """The moment that is seen, or the seconds up to it, as HTML."""

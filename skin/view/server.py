@@ -6,6 +6,7 @@ import errno
 import functools
 import re
 import socket
+import sys
 from typing import Any
 
 from skin.errors import LibraryError, SkinError
@@ -30,7 +31,11 @@ def check_installed() -> None:
     """
     from importlib.util import find_spec
 
-    if find_spec("viser") is None:
+    if "viser" in sys.modules:
+        is_there = sys.modules["viser"] is not None
+    else:
+        is_there = find_spec("viser") is not None
+    if not is_there:
         raise LibraryError(MISSING)
 
 

@@ -128,7 +128,9 @@ class Snapshots:
         now_ns = time.monotonic_ns()
         if now_ns < self._due_ns:
             return False
-        self._due_ns = max(self._due_ns + self._period_ns, now_ns)
+        self._due_ns += self._period_ns
+        if self._due_ns <= now_ns:  # late: no second one to catch up
+            self._due_ns = now_ns + self._period_ns
         record = self._ring.claim()
         if record is None:
             self.missed += 1
