@@ -76,6 +76,11 @@ class View:
             self._worker.tell("zeros", text=_told(pipeline))
 
     @property
+    def waiting(self) -> int:
+        """Snapshots that the view has not seen yet."""
+        return self._ring.waiting
+
+    @property
     def alive(self) -> bool:
         """Whether the view is still served."""
         return self._worker.alive

@@ -155,16 +155,17 @@ def contact_labels(record: np.void) -> list[str]:
     return texts
 
 
-def camera(pose: Pose) -> tuple[np.ndarray, np.ndarray]:
-    """Where to look from, and what is up there: over the side that most units face."""
+def camera(pose: Pose) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where to look from, where to, and what is up there: over the side that most units face. The
+    skin stands left of the middle, beside the panel."""
     outward = -pose.rotation[:, 2].mean(axis=1)
     length = float(np.linalg.norm(outward))
     faces_up = length < 0.3 or abs(outward[2]) > 0.7 * length
     if length < 0.3:  # all around
-        return np.array([0.7, -0.95, 0.55]), np.array([0.0, 0.0, 1.0])
+        return np.array([0.7, -0.95, 0.55]), np.array([0.14, 0.1, 0.0]), np.array([0.0, 0.0, 1.0])
     outward /= length
     up = np.array([0.0, 1.0, 0.0]) if faces_up else np.array([0.0, 0.0, 1.0])
     up -= (up @ outward) * outward
     up /= np.linalg.norm(up)
     side = np.cross(up, outward)
-    return 0.9 * outward - 0.62 * up + 0.25 * side, outward if faces_up else up
+    return 0.9 * outward - 0.62 * up + 0.25 * side, 0.16 * side, outward if faces_up else up

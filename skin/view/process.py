@@ -96,6 +96,8 @@ class Viewer:
             is_changed = True
             if wish == "pause":
                 panel.pause()
+                if not panel.paused and self._scene is not None:
+                    self._history.add(self._newest)  # what came since is gone, but for the last
             elif wish == "fit":
                 self._scales.reset()
             elif wish == "tare":

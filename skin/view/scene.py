@@ -29,6 +29,8 @@ BACKGROUND = (66, 72, 80)
 FORCE_COLOUR = np.array([240, 242, 245], np.uint8)
 NORMAL_COLOUR = np.array([150, 160, 172], np.uint8)
 CROSS_COLOUR = (1, 1, 1)
+BLANK = "contact 0   0.00 N   stick   margin 00 %"
+"""Text of a label before there is a contact: the client measures its box by the first one."""
 LIFT = 0.03
 """Of a label above its arrow."""
 NOWHERE = np.float32(1e-6)
@@ -103,7 +105,7 @@ class Scene:
         self._normals = self._arrows("/normals", none, NORMAL_COLOUR, 0.004)
         self._wrenches = self._arrows("/wrenches", none, np.zeros((0, 3), np.uint8), 0.011)
         self._labels = [
-            self._scene.add_label(f"/contacts/{k}", "", visible=False, anchor="bottom-center")
+            self._scene.add_label(f"/contacts/{k}", BLANK, visible=False, anchor="bottom-center")
             for k in range(CONTACTS)
         ]
 
@@ -161,9 +163,9 @@ class Scene:
         scene.add_light_directional("/light/above", intensity=DIRECTED, position=(1.0, -1.0, 2.0))
         scene.world_axes.visible = False
         scene.set_background_image(np.full((2, 2, 3), BACKGROUND, np.uint8), format="png")
-        look, up = camera(self._pose)
+        place, look, up = camera(self._pose)
         self._up = up.astype(np.float32)
         scene.set_up_direction(up)
         view = self._server.initial_camera
-        view.position, view.look_at, view.up = look, np.zeros(3), up
+        view.position, view.look_at, view.up = place, look, up
         view.near, view.far = 0.01, 50.0

@@ -148,6 +148,6 @@ def test_the_camera_looks_at_the_faces():
         x = np.cross([0.3, 0.5, 0.8], z)
         x /= np.linalg.norm(x)
         rotation = np.stack([x, np.cross(z, x), z], axis=1)[:, :, None]
-        place, up = camera(Pose(np.zeros((3, 1)), rotation))
+        place, _, up = camera(Pose(np.zeros((3, 1)), rotation))
         assert place @ outward > 0.5
         assert np.linalg.norm(up) == pytest.approx(1.0)
