@@ -157,6 +157,11 @@ class Worker:
         )  # fmt: skip
 
     @property
+    def process_id(self) -> int:
+        """Of the worker's process."""
+        return self._process.pid
+
+    @property
     def alive(self) -> bool:
         """Whether the worker runs."""
         return self._process.poll() is None

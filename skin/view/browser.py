@@ -76,6 +76,11 @@ class View:
             self._worker.tell("zeros", text=_told(pipeline))
 
     @property
+    def process_id(self) -> int:
+        """Of the view's own process."""
+        return self._worker.process_id
+
+    @property
     def waiting(self) -> int:
         """Snapshots that the view has not seen yet."""
         return self._ring.waiting

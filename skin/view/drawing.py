@@ -168,4 +168,8 @@ def camera(pose: Pose) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     up -= (up @ outward) * outward
     up /= np.linalg.norm(up)
     side = np.cross(up, outward)
-    return 0.9 * outward - 0.62 * up + 0.25 * side, 0.16 * side, outward if faces_up else up
+    return (
+        0.84 * outward - 0.6 * up + 0.25 * side,
+        0.16 * side - 0.05 * up,
+        outward if faces_up else up,
+    )

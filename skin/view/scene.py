@@ -142,8 +142,8 @@ class Scene:
 
     def _arrows(self, name: str, points: np.ndarray, hues: Any, shaft: float) -> Any:
         return self._scene.add_arrows(
-            name, points, given(hues), shaft_radius=shaft, head_radius=2.4 * shaft,
-            head_length=5.0 * shaft, visible=False,
+            name, points, given(hues), shaft_radius=shaft, head_radius=2.1 * shaft,
+            head_length=4.2 * shaft, visible=False,
         )  # fmt: skip
 
     def _put(self, arrows: Any, points: np.ndarray, hues: np.ndarray | None = None) -> None:
