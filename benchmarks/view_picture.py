@@ -55,4 +55,4 @@ def run(quick: bool) -> dict:
 
 def table(figures: dict) -> str:
     """Where it is."""
-    return f"{PICTURE}: {figures['bytes']} bytes, {figures["seconds"]:.1f} s of the scene"
+    return f"{PICTURE}: {figures['bytes']} bytes, {figures['seconds']:.1f} s of the scene"

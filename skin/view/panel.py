@@ -41,20 +41,21 @@ class Panel:
     def __init__(self, server: Any, health: Health, span_s: float, can_tare: bool) -> None:
         self.wishes: SimpleQueue[tuple[str, Any]] = SimpleQueue()
         self._health = health
+        self._ends: tuple[object, ...] = ()
         self._has_new_words = self._has_new_plots = False
         self._words_due_s = self._plots_due_s = 0.0
         self.paused = False
         gui = server.gui
         with gui.add_folder("Colour"):
-            self._quantity = gui.add_dropdown("quantity", tuple(QUANTITIES), "load")
+            self._quantity = gui.add_dropdown("quantity", tuple(QUANTITIES), initial_value="load")
             self._legend = gui.add_html("")
             self._fit = gui.add_button(FIT, hint="to what is shown now")
-            self._forces = gui.add_checkbox("force arrows", True)
-            self._contacts = gui.add_checkbox("contacts", True)
+            self._forces = gui.add_checkbox("force arrows", initial_value=True)
+            self._contacts = gui.add_checkbox("contacts", initial_value=True)
         with gui.add_folder("Time"):
             self._pause = gui.add_button(PAUSE)
             self._back = gui.add_slider(
-                "seconds back", 0.0, span_s, 0.05, 0.0, disabled=True,
+                "seconds back", min=0.0, max=span_s, step=0.05, initial_value=0.0, disabled=True,
                 hint="while paused: the minute before",
             )  # fmt: skip
             self._save = gui.add_button_group("save as a page", (MOMENT, STRETCH))
@@ -138,4 +139,8 @@ class Panel:
 
     def scales(self, scales: Scales) -> None:
         """Show the scales as they are; the same again costs nothing."""
+        ends = scales.ends(self._quantity.value)
+        if ends == self._ends:
+            return
+        self._ends = ends
         self._legend.content = legend_html(self._quantity.value, scales) + arrows_html(scales)

@@ -21,7 +21,7 @@ from skin.view.snapshot import RATE_HZ
 from skin.worker import WorkerEnd
 from topology.files import whole_file
 
-LOOK_S = 0.5 / RATE_HZ
+LOOK_S = 0.6 / RATE_HZ
 """Between two looks for snapshots, wishes and commands."""
 
 

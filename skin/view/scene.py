@@ -63,6 +63,11 @@ class Scales:
         self.contact.widen(np.sqrt((wrench**2).sum(axis=1)))
         return self.of[quantity].widen(QUANTITIES[quantity].values(record)[heard])
 
+    def ends(self, quantity: str) -> tuple[object, ...]:
+        """All that a legend tells of a quantity and of the arrows."""
+        scale = self.of[quantity]
+        return quantity, scale.low, scale.high, self.unit.high, self.contact.high
+
     def reset(self) -> None:
         """Forget all that was shown."""
         for scale in (*self.of.values(), self.unit, self.contact):
@@ -104,6 +109,8 @@ class Scene:
         self._forces = self._arrows("/forces", none, FORCE_COLOUR, shaft)
         self._normals = self._arrows("/normals", none, NORMAL_COLOUR, 0.004)
         self._wrenches = self._arrows("/wrenches", none, np.zeros((0, 3), np.uint8), 0.011)
+        self._hues = np.zeros((0, 3), np.uint8)
+        self._texts: list[str] = [""] * CONTACTS
         self._labels = [
             self._scene.add_label(f"/contacts/{k}", BLANK, visible=False, anchor="bottom-center")
             for k in range(CONTACTS)
@@ -127,12 +134,20 @@ class Scene:
             forces, normals, hues, known = forces[:0], normals[:0], hues[:0], known[:0]
         self._put(self._normals, normals)
         self._put(self._wrenches, forces, hues)
-        texts = contact_labels(record)
-        tails = dict(zip(known.tolist(), forces[:, 0], strict=True))
+        self._tell(contact_labels(record), dict(zip(known.tolist(), forces[:, 0], strict=True)))
+
+    def _tell(self, texts: list[str], tails: dict[int, np.ndarray]) -> None:
+        """Put labels to the tails of arrows; what stays is not touched, which costs as much as a
+        change."""
         for k, label in enumerate(self._labels):
-            label.visible = k in tails
-            if k in tails:
-                label.text, label.position = texts[k], tails[k] + LIFT * self._up
+            if k not in tails:
+                if self._texts[k]:
+                    self._texts[k], label.visible = "", False
+                continue
+            if self._texts[k] != texts[k]:
+                self._texts[k] = label.text = texts[k]
+                label.visible = True
+            label.position = tails[k] + LIFT * self._up
 
     def _move(self, pose: Pose) -> None:
         self._pose = pose
@@ -151,8 +166,8 @@ class Scene:
         arrows.visible = len(points) > 0
         if len(points):
             arrows.points = points
-            if hues is not None:
-                arrows.colors = given(hues)
+            if hues is not None and not np.array_equal(hues, self._hues):
+                self._hues, arrows.colors = hues, given(hues)
 
     def _set_up(self) -> None:
         """Light that does not bleach the colours, and where to look from."""

@@ -27,6 +27,7 @@ TO_FILM = np.array([
 FROM_FILM = np.array([
     [1.60475, -0.53108, -0.07367], [-0.10208, 1.10813, -0.00605], [-0.00327, -0.07276, 1.07602],
 ])  # fmt: skip
+TO_SEEN, TO_LIGHT = np.linalg.inv(FROM_FILM).T, np.linalg.inv(TO_FILM).T
 SHOULDER = (0.0245786, 0.000090537, 0.983729, 0.4329510, 0.238081)
 """a … e of (x (x + a) - b) / (x (c x + d) + e)."""
 
@@ -44,12 +45,12 @@ def given(colours: np.ndarray) -> np.ndarray:
     ndarray, shape (…, 3), uint8
         Of light: 255 is all of it.
     """
-    seen = np.clip(linear(colours) @ np.linalg.inv(FROM_FILM).T, 0.0, BRIGHTEST)
+    seen = np.clip(linear(colours) @ TO_SEEN, 0.0, BRIGHTEST)
     a, b, c, d, e = SHOULDER
     # the fit is a quotient of two parabolas: its inverse is the root of one
     p, q, r = 1.0 - c * seen, a - d * seen, -(b + e * seen)
     film = (-q + np.sqrt(q**2 - 4.0 * p * r)) / (2.0 * p)
-    lit = np.clip(film @ np.linalg.inv(TO_FILM).T, 0.0, None)
+    lit = np.clip(film @ TO_LIGHT, 0.0, None)
     return np.rint(255.0 * np.clip(lit / (EXPOSURE * LIT), 0.0, 1.0)).astype(np.uint8)
 
 
