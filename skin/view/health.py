@@ -33,7 +33,7 @@ def flagged(status: np.ndarray, names: Sequence[str]) -> list[tuple[str, str]]:
     [('b', 'late, stale')]
     """
     found = []
-    for i in np.flatnonzero(status & int(INVALID)):
+    for i in np.flatnonzero(status & int(INVALID)).tolist():
         flags = Status(int(status[i])) & INVALID
         found.append((names[i], ", ".join(str(flag.name).lower() for flag in flags)))
     return found
@@ -72,7 +72,7 @@ class Health:
         """Cycles, data frames and snapshots a second; NaN before there are two snapshots."""
         recent = [one for one in self._recent if one[0]]
         if len(recent) < 2 or recent[-1][0] <= recent[0][0]:
-            return (float("nan"),) * 3
+            return NOTHING
         seconds = 1e-9 * (recent[-1][0] - recent[0][0])
         cycles, frames = (recent[-1][k] - recent[0][k] for k in (1, 2))
         return cycles / seconds, frames / seconds, (len(recent) - 1) / seconds
@@ -107,6 +107,7 @@ class Health:
         return f'<div style="{STYLE}">{"".join(lines)}</div>'
 
 
+NOTHING = (np.nan, np.nan, np.nan)
 STYLE = (
     "display:grid;grid-template-columns:auto 1fr;gap:0.15em 0.8em;padding:0.4em 0.9em;"
     "font-size:0.78em;line-height:1.35"

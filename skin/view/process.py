@@ -41,7 +41,7 @@ class Viewer:
         self._panel = Panel(self._server, self._health, span_s, asked["can_tare"])
         self._scales = Scales()
         self._scene: Scene | None = None
-        self._newest = np.zeros((), end.ring.dtype)[()]
+        self._newest: Any = np.zeros(1, end.ring.dtype)[0]
         self._connect()
 
     def _connect(self) -> None:

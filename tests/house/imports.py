@@ -37,7 +37,7 @@ ROOMS: dict[str, frozenset[str]] = {
     "opening": COMMON | {"physics", "contact", "pipeline", "compiling", "sim", "live"},
     "offline": COMMON | {"pipeline", "compiling"},
     "worker": frozenset({"errors"}),
-    "view": COMMON | {"live", "calibrate", "contact", "worker"},
+    "view": COMMON | {"live", "pipeline", "calibrate", "contact", "worker"},
 }
 """What each room may import of `skin`, beside itself. `opening` starts simulated units when a skin
 is opened with ``simulate=True``. `cli` and the package's own `__init__` may import everything."""
