@@ -182,9 +182,10 @@ class Zeros:
                     faults.setdefault(unit, fault)
         taken = self._pending.copy()
         taken[list(faults)] = False
-        self.refused = {names[i]: fault for i, fault in sorted(faults.items())}
+        refused = {names[i]: fault for i, fault in sorted(faults.items())}
         self._pending &= taken | ~topology.tared  # who has a zero is asked for it once
         if not taken.any():
+            self.refused = refused
             return
         yield
         zeros = readings.zeros(taken)
@@ -196,6 +197,7 @@ class Zeros:
             self._decoder.ambient.forget(taken, field=is_first)
         self._apply(Tare(topology, taken, *zeros, self._neighbours()))
         self.taken += [names[i] for i in np.flatnonzero(taken)]
+        self.refused = refused  # with those that were taken, for whoever looks between cycles
 
     def _apply(self, found: Tare) -> None:
         """Let the decoder have new zeros."""

@@ -66,9 +66,9 @@ def radii(position: np.ndarray, area: np.ndarray) -> np.ndarray:
     radius = np.sqrt(area / np.pi)
     if position.shape[1] < 2:
         return radius
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
-    nearest = cKDTree(position.T).query(position.T, k=2)[0][:, 1]
+    nearest = KDTree(position.T).query(position.T, k=2)[0][:, 1]
     return np.minimum(radius, 0.46 * nearest)
 
 

@@ -20,6 +20,7 @@ SHOWN = ("lost", "late", "repeated", "torn", "short", "crc", "foreign", "error")
 """Counters of frames that tell of something wrong."""
 WORKS = 5000
 """Cycles over which working times are taken."""
+NOTHING = (np.nan, np.nan, np.nan)
 RATE_S = 2.0
 """Over which rates are taken."""
 
@@ -107,7 +108,6 @@ class Health:
         return f'<div style="{STYLE}">{"".join(lines)}</div>'
 
 
-NOTHING = (np.nan, np.nan, np.nan)
 STYLE = (
     "display:grid;grid-template-columns:auto 1fr;gap:0.15em 0.8em;padding:0.4em 0.9em;"
     "font-size:0.78em;line-height:1.35"
