@@ -84,7 +84,7 @@ class Range:
     >>> scale.widen(np.array([0.2, 3.1, np.nan]))
     True
     >>> scale.low, scale.high
-    (0.0, 5.0)
+    (0.0, 4.0)
     """
 
     def __init__(self, quantity: Quantity) -> None:
@@ -103,6 +103,8 @@ class Range:
             return False
         before = self.low, self.high
         low, high = float(values.min()), float(values.max())
+        if not self._is_fresh and self.low <= low and high <= self.high:
+            return False
         if self._quantity.from_zero:
             self.high = max(self.high, round_above(high))
         else:
@@ -116,18 +118,21 @@ class Range:
         return (self.low, self.high) != before
 
 
+STEPS = (1, 1.5, 2, 3, 4, 5, 6, 8, 10)
+
+
 def round_above(value: float) -> float:
-    """The least of 1, 2, 5, 10, … that is not below a value, in any decade.
+    """The least of 1, 1.5, 2, 3, 4, 5, 6, 8, 10 that is not below a value, in any decade.
 
     Examples
     --------
     >>> round_above(3.1), round_above(0.02), round_above(60.0)
-    (5.0, 0.02, 100.0)
+    (4.0, 0.02, 60.0)
     """
     if value <= 0.0:
         return 0.0
     decade = 10.0 ** np.floor(np.log10(value) + 1e-9)
-    return float(next(step * decade for step in (1, 2, 5, 10) if step * decade >= value * 0.999999))
+    return float(next(step * decade for step in STEPS if step * decade >= value * 0.999999))
 
 
 def colours(values: np.ndarray, is_valid: np.ndarray, low: float, high: float) -> np.ndarray:

@@ -88,7 +88,7 @@ def test_what_the_renderer_makes_of_given_colours_is_what_was_meant():
 
 @pytest.mark.parametrize(
     ("value", "above"),
-    [(0.0, 0.0), (1.0, 1.0), (1.01, 2.0), (2.0, 2.0), (5.1, 10.0), (0.03, 0.05), (730, 1000)],
+    [(0.0, 0.0), (1.0, 1.0), (1.01, 1.5), (2.0, 2.0), (5.1, 6.0), (0.035, 0.04), (830, 1000)],
 )
 def test_scales_end_at_round_numbers(value, above):
     assert round_above(value) == pytest.approx(above)
