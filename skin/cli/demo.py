@@ -23,6 +23,11 @@ LOADED_N = 0.05
 CENTROID_LOAD_N = 1.0
 """Total normal load above which the centre of pressure is compared."""
 
+ViewSeconds = Annotated[
+    float | None,
+    options.quiet("serve it for this time, terminal or not", metavar="SECONDS", constructor=float),
+]
+
 
 def demo(
     file: Annotated[
@@ -41,12 +46,7 @@ def demo(
     view: Annotated[
         bool, options.quiet("serve the live view afterwards, on a terminal until Ctrl-C")
     ] = True,
-    view_seconds: Annotated[
-        float | None,
-        options.quiet(
-            "serve it for this time, terminal or not", metavar="SECONDS", constructor=float
-        ),
-    ] = None,
+    view_seconds: ViewSeconds = None,
     json: options.Json = False,
 ) -> int:
     """Simulate a skin, decode its frames live, and show the errors against the truth.
@@ -56,15 +56,14 @@ def demo(
     """
     import skin
     from skin.contact.record import SlipState
-    from skin.errors import LibraryError, SkinError
+    from skin.errors import LibraryError
     from skin.view.picture import save_run
     from skin.view.terminal import LiveTable
     from topology import load
 
     options.check_seconds(seconds, at_most=3600.0)
     options.check_folder("--picture", picture)
-    if view_seconds is not None and not view_seconds > 0.0:
-        raise SkinError(f"--view-seconds: must be above 0; got {view_seconds:g}")
+    options.check_seconds(view_seconds, option="--view-seconds")
     loaded = load(file)
     cycles = max(1, round(seconds * loaded.cycle_rate_hz))
     table = LiveTable(loaded)
