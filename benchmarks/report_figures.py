@@ -18,7 +18,7 @@ The simulated units obey the same laws of gel, capacitor and force that the deco
 """
 
 RUNS = 3
-TIMED = ("contact", "decode", "ingest", "logs", "scale", "simulate", "skip", "unpack")
+TIMED = ("contact", "decode", "ingest", "logs", "scale", "simulate", "skip", "unpack", "view")
 """Benchmarks whose figures tell of the machine: each is run `RUNS` times, in processes of its own,
 by turns."""
 
@@ -87,6 +87,12 @@ FIGURES = (
     Figure("scale", "cpu_share_1260", "CPU time of a cycle over its period, 1260 units on 14 buses at 250 Hz over sockets", "of a core", "<= 0.5", True),
     Figure("ingest", "ingest_ratio", "time of python-can over ours to read the same frames from CAN sockets (or `measured_on` says what)"),
     Figure("unpack", "cantools_ratio", "time of cantools over ours to unpack the same frames, least of the layouts"),
+    Figure("view", "view_cpu_share/64", "processor time of the live view and of what the loop copies for it, 64 units with contacts and slip at 250 Hz, 30 snapshots a second, a client connected", "of a core", "<= 0.05", True),
+    Figure("view", "view_cpu_share/1000", "the same of 1000 units", "of a core", "<= 0.05", True),
+    Figure("view", "cycle_p50_ratio/64", "median time of a cycle while the view is fed over while it is not, 64 units"),
+    Figure("view", "cycle_p99_ratio/64", "99th percentile of the same", "", "<= 1.25", True),
+    Figure("view", "cycle_p50_ratio/1000", "median time of a cycle while the view is fed over while it is not, 1000 units"),
+    Figure("view", "cycle_p99_ratio/1000", "99th percentile of the same", "", "<= 1.25", True),
     Figure("logs", "candump_ratio", "time of python-can over ours to read the same candump log"),
     Figure("logs", "blf_ratio", "the same of BLF"),
     Figure("simulate", "real_time_factor_64", "simulated over real seconds, 64 units, every non-ideality on"),

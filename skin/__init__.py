@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from skin import errors
+    from skin import errors, view
     from skin.contact.contact import Contact
     from skin.contact.record import SlipState, UnitSlip
     from skin.contact.slip import SlipSettings
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Contact", "DecodedLog", "Decoder", "Options", "Pipeline", "Reading", "Skin",
            "SlipSettings", "SlipState", "State", "Status", "UnitSlip", "decode_log", "errors",
-           "open"]  # fmt: skip
+           "open", "view"]  # fmt: skip
 
 __version__ = "0.1.0"
 
@@ -73,8 +73,8 @@ _check_neighbours()
 
 
 def __getattr__(name: str) -> Any:
-    if name == "errors":
-        return import_module("skin.errors")
+    if name in ("errors", "view"):
+        return import_module(f"skin.{name}")
     if name not in _HOMES:
         raise AttributeError(f"module 'skin' has no attribute {name!r}")
     value = getattr(import_module(_HOMES[name]), name)

@@ -62,6 +62,8 @@ class Pipeline:
         What takes the zeros of units; None where all units have theirs.
     learning : Learning or None
         What learns the fields of neighbours, once `learn` was called.
+    poses : tuple of ndarray, shape (3, n) and (3, 3, n)
+        Positions and rotations of the units, as of the last move; another tuple after each.
     counts : ndarray, shape (c, n), int16
     status : ndarray, shape (n,), uint16
         What the decoder reads: counts and flags of the last cycle, as the assembler writes them.
@@ -96,6 +98,8 @@ class Pipeline:
             check_number("deadline_s", deadline_s, 1e-6, LONGEST_S)
         self.zeros: Zeros | None = None
         self.learning: Learning | None = None
+        self.poses = topology.position, topology.rotation
+        self._watching: list[Callable[[State], None]] = []
         self._lists_contacts = not options.quantities.isdisjoint(("contacts", "slip", "shocks"))
         self.assembler = Assembler(topology, deadline_s=deadline_s)
         self.counts, self.status = self.assembler.counts, self.assembler.status
@@ -137,6 +141,30 @@ class Pipeline:
         self.zeros = Zeros(self.decoder, tare=self.options.tare)
         if file is not None:
             self.zeros.carry(file)
+
+    def retake_zeros(self) -> None:
+        """Take the zeros of all units anew, from the next second in which nothing touches them.
+
+        Units that are pressed then keep those that they have; `zeros` tells which, and why. To be
+        called between two cycles, by whoever runs them.
+        """
+        if self.zeros is None:
+            from skin.calibrate.zeros import Zeros
+
+            self.zeros = Zeros(self.decoder, tare=False)
+        self.zeros.retake()
+
+    def watch(self, look: Callable[[State], None]) -> None:
+        """Let `look` see each state from now on, as soon as it is made.
+
+        The cycle waits for it: it copies what it needs, and returns. State and arrays are valid
+        until it has.
+        """
+        self._watching.append(look)
+
+    def unwatch(self, look: Callable[[State], None]) -> None:
+        """Let it no longer; see `watch`."""
+        self._watching = [other for other in self._watching if other != look]
 
     def learn(self) -> None:
         """Learn the stray fields of neighbours beside decoding, from now on."""
@@ -293,6 +321,7 @@ class Pipeline:
             check_poses(self.topology.n, position, rotation)
         else:
             self.contacts.move(position, rotation)
+        self.poses = np.array(position), np.array(rotation)
 
     def state(self, cycle: RawCycle) -> State:
         """The state of a cycle whose counts and flags lie in `counts` and `status` already."""
@@ -309,7 +338,7 @@ class Pipeline:
             self.zeros.look(self.counts, self.status)
         if self.learning is not None:
             self.learning.look(self.counts, self.status)
-        return State(
+        state = State(
             cycle.number,
             cycle.stamp_ns,
             reading,
@@ -324,3 +353,6 @@ class Pipeline:
             cycle.sampled_ns,
             self.topology,
         )
+        for look in self._watching:
+            look(state)
+        return state

@@ -30,6 +30,9 @@ LINE = 64
 """Bytes of a cache line: the counter of each side has one of its own."""
 LONGEST_S = 60.0
 """That an answer may take [assumed: a worker imports and compiles before its first]."""
+SHORT = 8192
+"""Bytes of a command that a socket takes whole, where it takes anything [derived: it is writable
+with three quarters of its buffer free]."""
 ENDS_S = 10.0
 """That a worker has to end, once asked to [assumed]."""
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"), "1")
@@ -66,7 +69,7 @@ class RingBuffer:
         except OSError as error:
             raise SkinError(f"ring buffer: must be {size} bytes of memory; got {error}") from error
         self._written = np.frombuffer(memory, np.int64, 1)
-        self._read = np.frombuffer(memory, np.int64, 1, offset=LINE)
+        self._read, self._calls = np.frombuffer(memory, np.int64, 2, offset=LINE)[:, np.newaxis]
         self._records = np.frombuffer(memory, self.dtype, slots, offset=2 * LINE)
         self._barrier = Lock()
 
@@ -81,6 +84,15 @@ class RingBuffer:
     def waiting(self) -> int:
         """Records that were written and not yet read."""
         return int(self._written[0] - self._read[0])
+
+    @property
+    def calls(self) -> int:
+        """How often the reader has called for the writer, who looks as often as it likes."""
+        return int(self._calls[0])
+
+    def call(self) -> None:
+        """Call for the writer; what for is between the two."""
+        self._calls[0] += 1
 
     def claim(self) -> np.ndarray | None:
         """The next free record, shape (1,), to be filled; None where the reader is that far behind.
@@ -148,6 +160,11 @@ class Worker:
         )  # fmt: skip
 
     @property
+    def process_id(self) -> int:
+        """Of the worker's process."""
+        return self._process.pid
+
+    @property
     def alive(self) -> bool:
         """Whether the worker runs."""
         return self._process.poll() is None
@@ -179,6 +196,19 @@ class Worker:
         if "error" in answer:
             raise SkinError(answer["error"])
         return answer
+
+    def tell(self, command: str, **values: Any) -> bool:
+        """Send a command that has no answer; never waits. False where the worker does not take it:
+        it has ended, or is far behind."""
+        line = _line({"command": command} | values)
+        with self._lock:
+            try:
+                if len(line) > SHORT or not select.select([], [self._socket], [], 0)[1]:
+                    return False
+                self._socket.sendall(line)
+            except (OSError, ValueError):
+                return False
+        return True
 
     def close(self, timeout_s: float = ENDS_S) -> None:
         """End the worker, once it has read what waits; closing twice is fine."""
@@ -260,4 +290,6 @@ def described(dtype: np.dtype[Any]) -> list[tuple[str, str, tuple[int, ...]]]:
         if field.names or field.hasobject:
             raise SkinError(f"record: {name}: must be an array of numbers; got {field}")
         fields.append((name, field.base.str, field.shape))
+    if np.dtype(fields) != dtype:
+        raise SkinError("record: must have its fields side by side; got gaps between them")
     return fields

@@ -113,6 +113,14 @@ class Zeros:
         """What was taken, for people and for JSON."""
         return {"tared": self.taken, "taken_up": self.taken_up, "refused": self.refused}
 
+    def retake(self) -> None:
+        """Look at all units from the next cycle on, and tare those that nothing touches. Others
+        keep the zeros that they have; of those that were never tared it goes on as before."""
+        topology = self._decoder.topology
+        self._pending = topology.enabled & ~topology.counts_only
+        self.taken, self.refused = [], {}
+        self._wait, self._steps = self._cycles, self._windows()
+
     def hear(self, frames: np.ndarray) -> None:
         """Take serial numbers from the heartbeats among frames, shape (m,), FRAME_DTYPE, where
         zeros go from run to run."""
@@ -174,8 +182,10 @@ class Zeros:
                     faults.setdefault(unit, fault)
         taken = self._pending.copy()
         taken[list(faults)] = False
-        self.refused = {names[i]: fault for i, fault in sorted(faults.items())}
+        refused = {names[i]: fault for i, fault in sorted(faults.items())}
+        self._pending &= taken | ~topology.tared  # who has a zero is asked for it once
         if not taken.any():
+            self.refused = refused
             return
         yield
         zeros = readings.zeros(taken)
@@ -187,6 +197,7 @@ class Zeros:
             self._decoder.ambient.forget(taken, field=is_first)
         self._apply(Tare(topology, taken, *zeros, self._neighbours()))
         self.taken += [names[i] for i in np.flatnonzero(taken)]
+        self.refused = refused  # with those that were taken, for whoever looks between cycles
 
     def _apply(self, found: Tare) -> None:
         """Let the decoder have new zeros."""

@@ -21,6 +21,7 @@ COMMANDS = {
     "check": "check a topology file and show what hangs where, and the load of each bus",
     "sim": "run simulated units alone, on the buses of a topology",
     "run": "listen to the buses of a topology and show what the skin feels",
+    "view": "show what the skin feels in a browser, live or from a log",
     "doctor": "listen to the buses of a topology, and say what is wrong and why",
     "tare": "take the zeros of an untouched skin, and save them",
     "calibrate": "fit units to the recordings of a bench, and write their calibration file",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json as json_text
+import os
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,6 +23,11 @@ LOADED_N = 0.05
 CENTROID_LOAD_N = 1.0
 """Total normal load above which the centre of pressure is compared."""
 
+ViewSeconds = Annotated[
+    float | None,
+    options.quiet("serve it for this time, terminal or not", metavar="SECONDS", constructor=float),
+]
+
 
 def demo(
     file: Annotated[
@@ -37,6 +43,10 @@ def demo(
     picture: Annotated[
         Path, tyro.conf.arg(metavar="FILE.png", help="where to write the picture")
     ] = Path("skin-demo.png"),
+    view: Annotated[
+        bool, options.quiet("serve the live view afterwards, on a terminal until Ctrl-C")
+    ] = True,
+    view_seconds: ViewSeconds = None,
     json: options.Json = False,
 ) -> int:
     """Simulate a skin, decode its frames live, and show the errors against the truth.
@@ -53,6 +63,7 @@ def demo(
 
     options.check_seconds(seconds, at_most=3600.0)
     options.check_folder("--picture", picture)
+    options.check_seconds(view_seconds, option="--view-seconds")
     loaded = load(file)
     cycles = max(1, round(seconds * loaded.cycle_rate_hz))
     table = LiveTable(loaded)
@@ -91,8 +102,28 @@ def demo(
         **figures,
         "picture": drawn,
     }
-    print(json_text.dumps(report) if json else _table(report))
+    print(json_text.dumps(report) if json else _table(report), flush=True)
+    if view and not json:
+        _offer_view(file, seed, view_seconds)
     return 0
+
+
+def _offer_view(file: str, seed: int, seconds: float | None) -> None:
+    """Serve the live view to a person; tell others how to have it."""
+    from skin.cli.view import view
+    from skin.errors import LibraryError
+    from skin.view.server import check_installed
+
+    try:
+        check_installed()
+    except LibraryError as error:
+        print(error, file=sys.stderr)
+        return
+    is_person = sys.stdin.isatty() and sys.stdout.isatty() and not os.environ.get("CI")
+    if seconds is None and not is_person:
+        print(f"live view                  skin view {file} --simulate")
+        return
+    view(file, simulate=True, seed=seed, seconds=seconds)
 
 
 @dataclass

@@ -118,14 +118,16 @@ def given(file: str | None, command: str) -> str:
     return file
 
 
-def check_seconds(seconds: float | None, at_most: float | None = None) -> None:
+def check_seconds(
+    seconds: float | None, at_most: float | None = None, option: str = "--seconds"
+) -> None:
     """Refuse a time that never passes, and one beyond `at_most`."""
     from skin.errors import SkinError
 
     if seconds is None or (seconds > 0.0 and (at_most is None or seconds <= at_most)):
         return
     limit = "" if at_most is None else f" and at most {at_most:g}"
-    raise SkinError(f"--seconds: must be above 0{limit}; got {seconds:g}")
+    raise SkinError(f"{option}: must be above 0{limit}; got {seconds:g}")
 
 
 def refuse_both(option: str, other: str, value: object) -> None:

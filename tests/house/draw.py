@@ -36,7 +36,7 @@ PLACES = {
 """Column and layer of each box."""
 NOTES = {
     "cli": "commands",
-    "view": "pictures, tables",
+    "view": "pictures, live view",
     "export": "tables, data sets",
     "publish": "topics of ROS 2",
     "arrow": "pyarrow",

@@ -39,7 +39,7 @@ ROOMS: dict[str, frozenset[str]] = {
     "live": COMMON | {"physics", "decode", "contact", "calibrate", "pipeline", "compiling", "sim"},
     "opening": COMMON | {"physics", "contact", "pipeline", "compiling", "sim", "live"},
     "offline": COMMON | {"pipeline", "compiling"},
-    "view": COMMON | {"live", "calibrate"},
+    "view": COMMON | {"live", "pipeline", "calibrate", "contact", "worker"},
     "export": COMMON | {"contact", "arrow"},
     "publish": COMMON | {"live", "contact", "worker"},
 }

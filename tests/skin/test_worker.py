@@ -72,6 +72,38 @@ def test_both_ends_see_the_same_memory(ring: RingBuffer) -> None:
     assert ring.waiting == 0
 
 
+def test_the_reader_calls_for_the_writer_without_a_word(ring: RingBuffer) -> None:
+    other = RingBuffer(DTYPE, 7, os.dup(ring.fd))
+    assert ring.calls == 0
+    put(ring, 5)
+    for _ in range(3):
+        other.call()
+    assert (ring.calls, other.calls, ring.waiting) == (3, 3, 1)
+
+
+def test_what_is_told_is_not_waited_for(worker: Worker) -> None:
+    worker.ask("total")
+    assert worker.tell("sleep", seconds=0.0)
+    assert worker.ask("total")["total"] == 10
+    assert not worker.tell("sleep", seconds=0.0, text="x" * 10_000)
+    worker._process.kill()
+    worker._process.wait()
+    assert not worker.tell("sleep", seconds=0.0)
+    worker.close()
+    assert not worker.tell("sleep", seconds=0.0)
+
+
+def test_what_is_told_to_a_worker_that_hangs_is_left_out_in_time(worker: Worker) -> None:
+    worker.ask("total")
+    assert worker.tell("sleep", seconds=60.0)
+    began, told = time.monotonic(), 0
+    while worker.tell("sleep", seconds=0.0, text="x" * 4000):
+        told += 1
+        assert told < 1000
+    assert time.monotonic() - began < 30.0
+    worker._process.kill()
+
+
 def test_a_worker_reads_what_was_written_while_it_started(ring: RingBuffer, worker: Worker) -> None:
     sent = 0
     while sent < 500 and worker.alive:
@@ -129,3 +161,8 @@ def test_a_worker_ends_with_the_loop_however_that_ends() -> None:
 def test_records_are_of_numbers() -> None:
     with pytest.raises(SkinError, match="record: a: must be an array of numbers; got object"):
         described(np.dtype([("a", object)]))
+
+
+def test_a_record_with_gaps_is_refused() -> None:
+    with pytest.raises(SkinError, match="must have its fields side by side; got gaps"):
+        described(np.dtype([("a", np.int8), ("b", np.int64)], align=True))

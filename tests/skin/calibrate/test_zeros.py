@@ -517,3 +517,29 @@ def test_a_log_is_tared_where_the_live_run_was(tmp_path):
     again = [state.units.status.copy() for state in replay]
     assert np.array_equal(np.array(flags), np.array(again)[: len(flags)])
     assert not (again[-1] & Status.UNTARED).any()
+
+
+def test_zeros_are_retaken_of_what_is_untouched_and_once():
+    """A skin that has its zeros: a finger rests on some units, the others are tared anew."""
+    with skin.open("palm", simulate="press", pace=False) as palm:
+        states = iter(palm)
+        for state in states:
+            if state.contacts and state.contacts[0].load > 5.0:
+                break
+        assert palm.pipeline.zeros is None
+        palm.pipeline.retake_zeros()
+        pressed = {name for contact in state.contacts for name in contact.unit_names}
+        before = palm.pipeline.decoder.topology
+        while palm.pipeline.zeros.active:
+            state = next(states)
+            assert state.cycle < 2000
+        report, after = palm.zeros, palm.pipeline.decoder.topology
+        assert pressed <= set(report["refused"])
+        assert set(report["tared"]) | set(report["refused"]) == set(palm.topology.unit_names)
+        for name in report["refused"]:
+            i = palm.topology.unit_index(name)
+            for values in ("frequency_rest_hz", "hall_offset_x_ut", "hall_offset_y_ut"):
+                assert after.parameters[values][i] == before.parameters[values][i]
+        assert len(report["tared"]) > 30
+        last = [palm.topology.unit_index(name) for name in report["tared"]]
+        assert np.abs(state.units.force[2, last]).max() < 0.2

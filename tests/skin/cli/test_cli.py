@@ -129,7 +129,8 @@ def test_demo_runs_without_matplotlib(tmp_path, monkeypatch, capsys):
     assert shown.err.splitlines()[-1] == (
         "picture: must have matplotlib; not installed: pip install 'f3t-skin[plot]'"
     )
-    assert "none" in shown.out.splitlines()[-1]
+    assert shown.out.splitlines()[-2].split() == ["picture", "none"]
+    assert "skin view strip --simulate" in shown.out.splitlines()[-1]
     assert "overruns" not in shown.out
     assert main([*arguments, "--json"]) == 0
     assert last_json(capsys)["picture"] is None

@@ -1,0 +1,60 @@
+"""Colours as the renderer must be given them, so that a browser shows them as they are meant.
+
+The renderer lights what it draws and maps the result with the film curve ACES, in the fit of
+Stephen Hill, as three.js has it (`ACESFilmicToneMapping`): a yellow of the scale would be seen as
+olive. Here is the inverse. What is brighter than the curve can show, or more saturated, comes near.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+__all__ = ["AMBIENT", "DIRECTED", "given"]
+
+AMBIENT, DIRECTED = 4.3, 0.7
+"""Lights: even ones, and one from above, which lets edges be seen."""
+LIT = AMBIENT + 0.8 * DIRECTED
+"""What a face towards the light has of both [calibrated: a grey in viser 1.1]."""
+EXPOSURE = 1.0 / (0.6 * np.pi)
+"""What is mapped, over colour times light [derived: a matt face, and the exposure of the fit]."""
+BRIGHTEST = 0.85
+"""Of what the curve can show. More needs more light, and leaves dark colours fewer steps of the 8
+bits, which the renderer takes as light and not as sRGB [assumed]."""
+
+TO_FILM = np.array([
+    [0.59719, 0.35458, 0.04823], [0.07600, 0.90834, 0.01566], [0.02840, 0.13383, 0.83777],
+])  # fmt: skip
+FROM_FILM = np.array([
+    [1.60475, -0.53108, -0.07367], [-0.10208, 1.10813, -0.00605], [-0.00327, -0.07276, 1.07602],
+])  # fmt: skip
+TO_SEEN, TO_LIGHT = np.linalg.inv(FROM_FILM).T, np.linalg.inv(TO_FILM).T
+SHOULDER = (0.0245786, 0.000090537, 0.983729, 0.4329510, 0.238081)
+"""a … e of (x (x + a) - b) / (x (c x + d) + e)."""
+
+
+def given(colours: np.ndarray) -> np.ndarray:
+    """What to give to the renderer, for colours that are to be seen.
+
+    Parameters
+    ----------
+    colours : ndarray, shape (…, 3), uint8
+        sRGB.
+
+    Returns
+    -------
+    ndarray, shape (…, 3), uint8
+        Of light: 255 is all of it.
+    """
+    seen = np.clip(linear(colours) @ TO_SEEN, 0.0, BRIGHTEST)
+    a, b, c, d, e = SHOULDER
+    # the fit is a quotient of two parabolas: its inverse is the root of one
+    p, q, r = 1.0 - c * seen, a - d * seen, -(b + e * seen)
+    film = (-q + np.sqrt(q**2 - 4.0 * p * r)) / (2.0 * p)
+    lit = np.clip(film @ TO_LIGHT, 0.0, None)
+    return np.rint(255.0 * np.clip(lit / (EXPOSURE * LIT), 0.0, 1.0)).astype(np.uint8)
+
+
+def linear(colours: np.ndarray) -> np.ndarray:
+    """Light of sRGB colours of 8 bits."""
+    share = np.asarray(colours, float) / 255.0
+    return np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)

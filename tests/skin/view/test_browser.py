@@ -1,0 +1,206 @@
+"""What a person sees of a skin in a browser, and what the buttons do."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+from skin.contact.record import SlipState
+from skin.state import Status
+from skin.view import show
+from skin.view.colour import INVALID_COLOUR, colours
+from skin.view.drawing import SLIP_COLOURS
+from tests.fixtures.browser import PROGRAM, Browser
+from tests.fixtures.shown import Shown
+
+pytest.importorskip("viser", reason="viser is not installed")
+pytestmark = pytest.mark.skipif(
+    PROGRAM is None, reason="chromium is not installed: sudo apt-get install chromium"
+)
+PANEL = 870
+"""Where the panel begins."""
+ONE = np.ones(1, bool)
+
+
+@pytest.fixture(scope="module")
+def viewed():
+    """A flat skin of 64 units, a browser that shows it."""
+    shown = flat(8, 8)
+    with show(shown, port=0) as view:
+        browser = Browser(view.address)
+        browser.wait_for("Health", 60.0)
+        browser.close_notes()
+        yield shown, view, browser
+        browser.close()
+
+
+def flat(rows, columns, pitch_m=0.012):
+    """A plane of units that faces +z."""
+    shown = Shown(rows, columns, pitch_m)
+    n = rows * columns
+    position = np.zeros((3, n))
+    position[0], position[1] = (
+        pitch_m * (np.arange(n) % columns),
+        pitch_m * (np.arange(n) // columns),
+    )
+    rotation = np.repeat(np.diag([1.0, -1.0, -1.0])[:, :, None], n, axis=2)
+    shown.poses = position, rotation
+    return shown
+
+
+def press(shown, units, load=4.0, status=None):
+    """Show a load on some units until the view has it."""
+    force = np.zeros((3, shown.topology.n))
+    force[2, list(units)] = load
+    for _ in range(3):  # due ones among them
+        time.sleep(0.04)
+        shown.show(force=force, status=status)
+
+
+def count(picture, colour, within=24):
+    """Pixels beside the panel that have about this colour."""
+    picture = picture[:, :PANEL]
+    away = np.abs(picture.astype(int) - np.asarray(colour, int)).max(axis=2)
+    return int(np.count_nonzero(away <= within))
+
+
+def settled(browser, is_so, timeout_s=30.0):
+    """The picture, once it is as it should be."""
+    until = time.monotonic() + timeout_s
+    while not is_so(picture := browser.picture()):
+        assert time.monotonic() < until
+        time.sleep(0.2)
+    return picture
+
+
+def shade(value, high):
+    return colours(np.array([value]), ONE, 0.0, high)[0]
+
+
+def test_a_pressed_region_has_the_colour_of_its_load(viewed):
+    shown, _, browser = viewed
+    press(shown, ())
+    browser.wait_for("64 of 64 valid")
+    rest = shade(0.0, 5.0)
+    untouched = settled(browser, lambda seen: count(seen, rest) > 20_000)
+    press(shown, range(16), 5.0)
+    pressed = settled(browser, lambda seen: count(seen, rest) < 0.9 * count(untouched, rest))
+    assert count(pressed, rest) > 5_000
+    yellow = (241, 232, 126)  # as near as the renderer comes
+    assert count(pressed, yellow) > 2_000
+    assert count(untouched, yellow) == 0
+
+
+def test_a_unit_that_dies_is_named_and_is_seen(viewed):
+    shown, _, browser = viewed
+    press(shown, ())
+    status = np.zeros(64, np.uint16)
+    status[[9, 10, 18]] = int(Status.STALE | Status.LATE)
+    before = count(browser.picture(), INVALID_COLOUR, 40)
+    press(shown, (), status=status)
+    words = browser.wait_for("61 of 64 valid")
+    for unit in ("u9", "u10", "u18"):
+        assert f"{unit}\nlate, stale" in words or f"{unit}\nstale, late" in words
+    assert "u11\n" not in words
+    settled(browser, lambda seen: count(seen, INVALID_COLOUR, 40) > before + 400)
+    press(shown, ())
+    browser.wait_for("64 of 64 valid")
+
+
+def test_pause_holds_the_picture_and_follow_goes_on(viewed):
+    shown, _, browser = viewed
+    press(shown, range(8), 5.0)
+    rest = shade(0.0, 5.0)
+    time.sleep(1.0)
+    browser.press("Pause")
+    browser.wait_for("Follow live")
+    held = browser.picture()
+    press(shown, range(40), 5.0)
+    time.sleep(1.0)
+    assert abs(count(browser.picture(), rest) - count(held, rest)) < 500
+    browser.press("Follow live")
+    settled(browser, lambda seen: count(seen, rest) < 0.8 * count(held, rest))
+
+
+def test_another_quantity_has_another_scale(viewed):
+    shown, _, browser = viewed
+    press(shown, ())
+    assert "°C" not in browser.text()
+    browser.choose("load", "temperature")
+    press(shown, ())
+    browser.wait_for("°C")
+    browser.choose("temperature", "load")
+    press(shown, ())
+    browser.wait_until("!document.body.innerText.includes('°C')")
+
+
+def test_a_contact_has_an_arrow_a_label_and_the_colour_of_its_slip(viewed):
+    shown, _, browser = viewed
+    press(shown, ())
+    orange, paper = SLIP_COLOURS[SlipState.INCIPIENT], (225, 225, 225)
+    settled(browser, lambda seen: count(seen, orange, 20) < 50)
+    before = count(browser.picture(), paper, 30)
+    for _ in range(3):
+        time.sleep(0.04)
+        shown.show(contacts=[shown.contact(20, 3.0, SlipState.INCIPIENT, number=12)])
+    settled(
+        browser,
+        lambda seen: count(seen, orange, 40) > 300 and count(seen, paper, 30) > before + 1000,
+    )
+    press(shown, ())
+    settled(browser, lambda seen: count(seen, orange, 20) < 50)
+
+
+def test_tare_reaches_the_skin_and_the_answer_the_browser(viewed):
+    shown, view, browser = viewed
+    browser.press("Tare")
+    browser.wait_for("touch nothing")
+    press(shown, ())
+    assert shown.retaken == 1
+    assert view._worker.tell("zeros", text="63 units tared, 1 refused: u3: is pressed")
+    browser.wait_for("63 units tared, 1 refused: u3: is pressed")
+
+
+def test_a_browser_that_returns_finds_the_view_as_it_was(viewed):
+    shown, view, browser = viewed
+    press(shown, range(5), 5.0)
+    browser.press("Pause")
+    browser.wait_for("Follow live")
+    browser.open("about:blank")
+    time.sleep(0.5)
+    browser.open(view.address)
+    browser.wait_for("Follow live")
+    assert "63 units tared" in browser.text()
+    browser.press("Follow live")
+    browser.wait_for("Pause")
+
+
+def test_an_exported_page_shows_the_same(viewed, tmp_path):
+    shown, view, browser = viewed
+    press(shown, range(16), 5.0)
+    page = tmp_path / "page.html"
+    view.export(page, 0.0)
+    browser.open(page.as_uri())
+    try:
+        settled(browser, lambda seen: count(seen, shade(0.0, 5.0)) > 10_000)
+        assert "cylinder: load" in browser.text()
+    finally:
+        browser.open(view.address)
+
+
+@pytest.mark.long
+def test_a_thousand_units_are_seen():
+    shown = flat(25, 40)
+    with show(shown, port=0) as view:
+        browser = Browser(view.address)
+        try:
+            press(shown, ())
+            browser.wait_for("1000 of 1000 valid", 60.0)
+            rest = shade(0.0, 5.0)
+            untouched = settled(browser, lambda seen: count(seen, rest) > 20_000, 60.0)
+            press(shown, range(400), 5.0)
+            settled(browser, lambda seen: count(seen, rest) < 0.8 * count(untouched, rest), 60.0)
+        finally:
+            browser.close()

@@ -1,0 +1,153 @@
+"""Arrows, discs and labels, against what one computes unit by unit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from skin.contact.record import SlipState
+from skin.state import Status
+from skin.view.drawing import (
+    SLIP_COLOURS,
+    camera,
+    contact_arrows,
+    contact_labels,
+    cross,
+    disc,
+    frame_of,
+    quaternions,
+    radii,
+    unit_arrows,
+)
+from skin.view.history import Pose
+from skin.view.snapshot import CONTACTS, fill, snapshot_dtype
+from tests.fixtures.shown import Shown
+
+
+@pytest.fixture
+def skin():
+    return Shown(5, 7)
+
+
+def snapshot_of(skin, **of_state):
+    record = np.zeros(1, snapshot_dtype(skin.topology.n))
+    fill(record, skin.state(**of_state))
+    return record[0]
+
+
+def pose_of(skin):
+    return Pose(*(np.array(each, np.float32) for each in skin.poses))
+
+
+def test_every_skin_is_as_large_as_1(skin):
+    for factor in (1.0, 0.01, 30.0):
+        pose = Pose(factor * skin.poses[0] + 5.0, skin.poses[1])
+        radius = radii(pose.position, factor**2 * skin.topology.area)
+        points = frame_of(pose, radius).points(pose.position)
+        size = np.ptp(points, axis=0).max()
+        assert 0.7 < size < 1.0
+        assert np.abs(points).max() <= 0.5
+
+
+def test_discs_do_not_overlap(skin):
+    radius = radii(skin.poses[0], np.full(skin.topology.n, 1.0))
+    gap = np.linalg.norm(skin.poses[0][:, :, None] - skin.poses[0][:, None], axis=0)
+    np.fill_diagonal(gap, np.inf)
+    assert (radius[:, None] + radius[None] <= gap).all()
+
+
+def test_arrows_are_those_of_each_unit_that_is_valid_and_loaded(skin):
+    rng = np.random.default_rng(2)
+    n = skin.topology.n
+    force = rng.normal(0.0, 0.5, (3, n)) * (rng.random(n) < 0.6)
+    status = np.where(rng.random(n) < 0.2, int(Status.LATE | Status.STALE), 0).astype(np.uint16)
+    force[:, status > 0] = np.nan
+    pose, frame = pose_of(skin), frame_of(pose_of(skin), np.full(n, 0.005))
+    got = unit_arrows(snapshot_of(skin, force=force, status=status), pose, frame, 2.0)
+    expected = []
+    for i in range(n):
+        if status[i] or np.linalg.norm(force[:, i]) <= max(0.03, 0.04):
+            continue
+        head = (skin.poses[0][:, i] - frame.middle) * frame.scale
+        push = skin.poses[1][:, :, i] @ force[:, i]
+        expected.append((head - 0.2 * push / 2.0, head))
+    assert len(got) == len(expected) > 5
+    np.testing.assert_allclose(got, np.array(expected), atol=1e-5)
+
+
+def test_a_press_is_an_arrow_from_outside(skin):
+    force = np.zeros((3, skin.topology.n))
+    force[2, 3] = 1.0
+    pose = pose_of(skin)
+    tail, head = unit_arrows(
+        snapshot_of(skin, force=force), pose, frame_of(pose, np.full(35, 0.005)), 1.0
+    )[0]
+    outward = -skin.poses[1][:, 2, 3]
+    assert (tail - head) @ outward == pytest.approx(0.2, abs=1e-5)
+
+
+def test_an_untouched_skin_has_no_arrow_and_no_label(skin):
+    record, pose = snapshot_of(skin), pose_of(skin)
+    frame = frame_of(pose, np.full(35, 0.005))
+    assert unit_arrows(record, pose, frame, 1.0).shape == (0, 2, 3)
+    forces, normals, hues, known = contact_arrows(record, frame, 1.0)
+    assert forces.shape == normals.shape == (0, 2, 3)
+    assert hues.shape == (0, 3)
+    assert known.size == 0
+    assert contact_labels(record) == []
+
+
+def test_contacts_have_arrow_normal_colour_and_label(skin):
+    contacts = [skin.contact(4, 5.0, SlipState.STICK, 7), skin.contact(9, 2.0, SlipState.GROSS, 8)]
+    contacts.append(skin.contact(1, 1.0, SlipState.NONE, 9))
+    contacts[2].record["centroid"] = contacts[2].record["margin"] = np.nan
+    record, pose = snapshot_of(skin, contacts=contacts), pose_of(skin)
+    frame = frame_of(pose, np.full(35, 0.005))
+    forces, normals, hues, known = contact_arrows(record, frame, 10.0)
+    assert known.tolist() == [0, 1]
+    for row, (unit, load) in enumerate(((4, 5.0), (9, 2.0))):
+        head = (skin.poses[0][:, unit] - frame.middle) * frame.scale
+        outward = -skin.poses[1][:, 2, unit]
+        np.testing.assert_allclose(forces[row], [head + 0.4 * load / 10 * outward, head], atol=1e-5)
+        np.testing.assert_allclose(normals[row], [head, head + 0.16 * outward], atol=1e-5)
+    assert hues.tolist() == [[*SLIP_COLOURS[SlipState.STICK]], [*SLIP_COLOURS[SlipState.GROSS]]]
+    assert contact_labels(record) == [
+        "contact 7   5.00 N   stick   margin 50 %",
+        "contact 8   2.00 N   gross slip   margin 50 %",
+        "contact 9   1.00 N",
+    ]
+
+
+def test_of_too_many_contacts_the_oldest_are_shown(skin):
+    contacts = [skin.contact(number=k) for k in range(CONTACTS + 5)]
+    assert len(contact_labels(snapshot_of(skin, contacts=contacts))) == CONTACTS
+
+
+def test_quaternions_turn_as_the_rotations_do(skin):
+    turns = quaternions(skin.poses[1])
+    back = Rotation.from_quat(turns[:, [1, 2, 3, 0]]).as_matrix()
+    np.testing.assert_allclose(np.moveaxis(back, 0, 2), skin.poses[1], atol=1e-6)
+
+
+@pytest.mark.parametrize("mesh", [disc, cross])
+def test_faces_look_away_from_the_skin(mesh):
+    vertices, faces = mesh()
+    corners = vertices[faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    flat = np.abs(normal[:, 2]) > 1e-6
+    assert flat.any()
+    assert (normal[flat, 2] < 0.0).all()
+    middle = corners[~flat].mean(axis=1)
+    assert (np.einsum("fa,fa->f", normal[~flat][:, :2], middle[:, :2]) > 0.0).all()
+
+
+def test_the_camera_looks_at_the_faces():
+    for outward in ([0.0, 0, 1], [0, 1, 0], [1, 0, 0], [0, 0, -1]):
+        z = -np.array(outward)
+        x = np.cross([0.3, 0.5, 0.8], z)
+        x /= np.linalg.norm(x)
+        rotation = np.stack([x, np.cross(z, x), z], axis=1)[:, :, None]
+        place, _, up = camera(Pose(np.zeros((3, 1)), rotation))
+        assert place @ outward > 0.5
+        assert np.linalg.norm(up) == pytest.approx(1.0)

@@ -1,0 +1,209 @@
+"""The process of a view: it serves this machine, follows the skin, and is gone with it."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import re
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+from urllib.error import URLError
+from urllib.request import urlopen
+
+import numpy as np
+import pytest
+
+import skin
+from skin.cli import main
+from skin.errors import SkinError
+from skin.view import show
+from tests.fixtures.shown import Shown
+
+pytest.importorskip("viser", reason="viser is not installed")
+ROOT = Path(__file__).parents[3]
+
+
+def within(seconds, look):
+    """Wait until something is so."""
+    until = time.monotonic() + seconds
+    while not look():
+        assert time.monotonic() < until
+        time.sleep(0.02)
+
+
+@pytest.fixture(scope="module")
+def viewed():
+    """A made-up skin, and its view."""
+    shown = Shown()
+    with show(shown, port=0) as view:
+        yield shown, view
+
+
+def test_the_page_comes_with_the_package(viewed):
+    with urlopen(viewed[1].address) as reply:
+        page = reply.read()
+    assert len(page) > 100_000
+    assert not re.search(rb'(src|href)="https?://', page)
+
+
+def test_nobody_else_reaches_it(viewed):
+    port = int(viewed[1].address.rpartition(":")[2])
+    listening = set()
+    for table in ("tcp", "tcp6"):
+        for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]:
+            place, state = line.split()[1], line.split()[3]
+            address, _, number = place.partition(":")
+            if int(number, 16) == port and state == "0A":
+                listening.add(address)
+    assert listening == {"0100007F"}
+
+
+def test_a_second_view_on_the_port_is_refused(viewed):
+    port = int(viewed[1].address.rpartition(":")[2])
+    other = Shown()
+    with pytest.raises(SkinError, match=f"view: port: must be free; got {port}, in use"):
+        show(other, port=port)
+    assert other.looks == []
+
+
+def test_a_page_of_another_place_is_turned_away(viewed):
+    from websockets.exceptions import InvalidStatus
+    from websockets.sync.client import connect
+
+    address = viewed[1].address.replace("http", "ws")
+    protocol = [f"viser-v{__import__('viser').__version__}"]
+    with pytest.raises(InvalidStatus, match="403"):
+        connect(address, origin="https://example.org", subprotocols=protocol)
+    connect(address, origin=viewed[1].address, subprotocols=protocol).close()
+
+
+def test_what_is_exported_is_one_page_that_asks_nobody(viewed, tmp_path):
+    shown, view = viewed
+    for k in range(5):
+        force = np.zeros((3, shown.topology.n))
+        force[2, :3] = 0.2 * k
+        time.sleep(0.04)
+        shown.show(force=force, contacts=[shown.contact(1)])
+    sizes = []
+    for seconds in (0.0, 10.0):
+        file = tmp_path / f"{seconds}.html"
+        view.export(file, seconds)
+        page = file.read_text()
+        assert "__VISER_EMBED_DATA__" in page
+        assert "cylinder: load" in page
+        assert not re.search(r'(src|href)="https?://', page)
+        sizes.append(len(page))
+    assert sizes[1] > sizes[0]
+    with pytest.raises(SkinError, match=r"none/a\.html: No such file or directory"):
+        view.export(tmp_path / "none" / "a.html")
+    with pytest.raises(SkinError, match="seconds: must be a number from 0 to 60; got 61"):
+        view.export(tmp_path / "a.html", 61.0)
+
+
+def test_the_skin_goes_on_without_its_view():
+    shown = Shown()
+    view = show(shown, port=0)
+    assert view.alive
+    view.close()
+    view.close()
+    assert not view.alive
+    assert shown.looks == []
+    with pytest.raises(URLError):
+        urlopen(view.address)
+
+
+def test_a_view_that_dies_does_not_stop_the_skin():
+    shown = Shown()
+    with show(shown, port=0) as view:
+        view._worker._process.kill()
+        within(10.0, lambda: not view.alive)
+        for _ in range(300):
+            shown.show()
+        with pytest.raises(SkinError, match="must answer 'export'"):
+            view.export("never.html")
+
+
+def test_a_tare_asked_for_takes_the_zeros_of_untouched_units_anew():
+    with skin.open("palm", simulate="press", pace=False) as palm, show(palm, port=0) as view:
+        states = iter(palm)
+        for _ in range(200):
+            next(states)
+        before = palm.pipeline.decoder.topology.parameters["frequency_rest_hz"].copy()
+        view._ring.call()
+        told = []
+        view._worker.tell = lambda command, **values: told.append(values["text"])
+        while not told and palm.pipeline.clock.now_ns:
+            state = next(states)
+            time.sleep(0.0005)
+            assert state.cycle < 3000
+        taken = palm.zeros["tared"]
+        assert 0 < len(taken) <= palm.topology.n
+        refused = palm.zeros["refused"]
+        assert len(taken) + len(refused) == palm.topology.n
+        assert told[0].startswith(f"{len(taken)} units tared")
+        after = palm.pipeline.decoder.topology.parameters["frequency_rest_hz"]
+        names = [palm.topology.unit_names[i] for i in np.flatnonzero(after != before)]
+        assert set(names) <= set(taken)
+
+
+def test_the_command_shows_a_simulated_skin_and_ends_by_itself(tmp_path, capsys):
+    page = tmp_path / "view.html"
+    arguments = ["view", "strip", "--simulate", "--seconds", "1", "--port", "0", "--json"]
+    assert main([*arguments, "--export", str(page)]) == 0
+    out, err = capsys.readouterr()
+    report = json.loads(out.splitlines()[-1])
+    assert report["address"] in err
+    assert report["address"].startswith("http://127.0.0.1:")
+    assert report["snapshots"] > 5
+    assert page.stat().st_size > 100_000
+
+
+def test_the_command_plays_a_log(capsys):
+    log = ROOT / "tests" / "golden" / "logs" / "palm-vcan.log"
+    arguments = ["view", str(log), "--topology", "palm", "--seconds", "1", "--port", "0", "--json"]
+    assert main(arguments) == 0
+    report = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert report["snapshots"] > 0
+    assert report["cycles"] > 5
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["view", "palm", "--scene", "press"], "--scene: must be given with --simulate"),
+        (["view", "a.log", "--topology", "palm", "--simulate"], "--topology: must be given with a"),
+        (["view", "palm", "--simulate", "--seconds", "0"], "--seconds: must be above 0; got 0"),
+        (["view", "palm", "--simulate", "--export", "no/a.html"], "--export: must be in a folder"),
+        (["view", "palm", "--simulate", "--host", "192.0.2.1"], "view: host: must be an address"),
+        (["demo", "--view-seconds", "0"], "--view-seconds: must be above 0; got 0"),
+    ],
+)
+def test_wrong_use_is_told(arguments, message, capsys):
+    assert main(arguments) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_the_demo_ends_by_itself_where_nobody_looks(tmp_path):
+    picture = str(tmp_path / "a.png")
+    done = subprocess.run(
+        [sys.executable, "-m", "skin", "demo", "strip", "--seconds", "0.2", "--fast", "--picture",
+         picture],
+        cwd=ROOT, capture_output=True, text=True, stdin=subprocess.DEVNULL, check=True,
+        timeout=120,
+    )  # fmt: skip
+    assert "skin view strip --simulate" in done.stdout
+
+
+def test_a_view_hides_nothing_from_a_socket_that_only_listens(viewed):
+    """A client that reads nothing does not hold the loop up."""
+    shown, view = viewed
+    port = int(view.address.rpartition(":")[2])
+    with contextlib.closing(socket.create_connection(("127.0.0.1", port))):
+        missed = view.snapshots.missed
+        for _ in range(5):
+            time.sleep(0.05)
+            shown.show()
+        assert view.snapshots.missed == missed
