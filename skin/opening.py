@@ -62,6 +62,7 @@ def open(
     transports: Iterable[Transport] | None = None,
     seed: int = 0,
     log: str | os.PathLike[str] | Recording | None = None,
+    record: str | os.PathLike[str] | None = None,
 ) -> Skin:
     """Open the buses of a topology and decode what they carry.
 
@@ -91,6 +92,8 @@ def open(
         Seed of the simulated noise.
     log : path or Recording, optional
         Write down all frames, SYNC included, as candump (.log, .log.gz) or BLF (.blf).
+    record : path, optional
+        Record frames and states as MCAP, for `skin.replay` and every viewer; a new file.
 
     Raises
     ------
@@ -112,21 +115,28 @@ def open(
         if transports is None:
             ends = [undo.enter_context(end) for end in _ends(loaded, nodes)]
         _check_ends(ends, loaded)
-        pipeline = _pipeline(loaded, options, deadline_s, zeros, learn)
+        pipeline = _pipeline(loaded, options, deadline_s, zeros, record)
+        if record is not None:
+            undo.callback(pipeline.close)
+            pipeline.recorder.watch(ends)
+        if learn:
+            pipeline.learn()
         recording = Recording(log, loaded) if isinstance(log, str | os.PathLike) else log
         undo.pop_all()  # all is well: the skin closes them
     return Skin(pipeline, ends, sync=sync, wait=wait, pace=pace, nodes=nodes, recording=recording)
 
 
 def _pipeline(
-    topology: Topology, options: Options, deadline_s: float | None, zeros: Any, learn: bool
-) -> Pipeline:
-    """The pipeline, with what outlasts a run."""
+    topology: Topology, options: Options, deadline_s: float | None, zeros: Any, record: Any
+) -> Any:
+    """The pipeline, with what outlasts a run; recorded where that is asked for."""
+    if record is not None:
+        from skin.record.pipeline import RecordedPipeline
+
+        return RecordedPipeline(topology, options, deadline_s=deadline_s, file=record, zeros=zeros)
     pipeline = Pipeline(topology, options, deadline_s=deadline_s)
     if zeros is not None:
         pipeline.take_zeros(zeros)
-    if learn:
-        pipeline.learn()
     return pipeline
 
 

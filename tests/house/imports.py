@@ -34,8 +34,10 @@ ROOMS: dict[str, frozenset[str]] = {
     "clock": frozenset(),
     "pipeline": COMMON | {"physics", "decode", "contact", "calibrate", "clock"},
     "live": COMMON | {"physics", "decode", "contact", "calibrate", "pipeline", "compiling", "sim"},
-    "opening": COMMON | {"physics", "contact", "pipeline", "compiling", "sim", "live"},
+    "worker": frozenset({"errors"}),
+    "opening": COMMON | {"physics", "contact", "pipeline", "compiling", "sim", "live", "record"},
     "offline": COMMON | {"pipeline", "compiling"},
+    "record": COMMON | {"physics", "contact", "pipeline", "compiling", "offline", "worker"},
     "view": COMMON | {"live", "calibrate"},
 }
 """What each room may import of `skin`, beside itself. `opening` starts simulated units when a skin
