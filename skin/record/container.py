@@ -223,7 +223,6 @@ class RecordedFile:
 
     def _records(self) -> Iterator[Any]:
         """Records of the file, chunks whole, to its end or to where it is damaged."""
-        from mcap.exceptions import InvalidMagic
         from mcap.stream_reader import StreamReader
 
         try:
@@ -239,10 +238,6 @@ class RecordedFile:
                     record = next(records)
                 except StopIteration:
                     return
-                except InvalidMagic if whole == 0 else () as error:
-                    raise LogError(
-                        f"{self.path}: must be an MCAP file; got {_reason(error)}"
-                    ) from None
                 except Exception as error:  # anything may come of reading what is damaged
                     if whole == 0:
                         raise LogError(

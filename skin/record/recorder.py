@@ -36,6 +36,7 @@ RING_BYTES = 128 << 20
 LEAST_SLOTS = 64
 LOOK_S = 0.5
 """Between two looks at the worker and the buses."""
+FED, FED_PART, MOVED = map(int, (Event.FED, Event.FED_PART, Event.MOVED))
 BUS_STATES = {state: number for number, state in enumerate(BusState)}
 MODULE = "skin.record.process"
 
@@ -112,11 +113,11 @@ class Recorder:
 
     def fed(self, frames: np.ndarray) -> None:
         """The pipeline is given frames, shape (m,), FRAME_DTYPE."""
-        words = as_words(np.ascontiguousarray(frames))
-        done, left = 0, frames.size
+        words = as_words(frames if frames.flags.c_contiguous else frames.copy())
+        done, left = 0, len(words)
         while left:
-            slot = self._open()
-            if slot is None:
+            slot = self._slot
+            if slot is None and (slot := self._open()) is None:
                 self.lost_frames += left
                 return
             count = self._frame_count
@@ -125,17 +126,15 @@ class Recorder:
                 self._frames[slot, count : count + taken] = words[done : done + taken]
                 self._frame_count = count + taken
                 done, left = done + taken, left - taken
-                self._add(slot, Event.FED_PART if left else Event.FED, taken)
-            if left or self._event_count == EVENTS:
+                self._add(slot, FED_PART if left else FED, taken)
+            if left and slot == self._slot:
                 self._publish(slot)
 
     def closing(self, event: Event, elapsed_ns: int) -> None:
         """The caller's clock, or the end, closes a cycle that is `elapsed_ns` old."""
         slot = self._open()
         if slot is not None:
-            self._add(slot, event, elapsed_ns)
-            if self._event_count == EVENTS:
-                self._publish(slot)
+            self._add(slot, int(event), elapsed_ns)
 
     def moved(self, position: np.ndarray, rotation: np.ndarray) -> None:
         """The units have new poses, of shapes (3, n) and (3, 3, n)."""
@@ -143,8 +142,9 @@ class Recorder:
         if slot is not None:
             pose = self._pose[slot]
             pose[:3], pose[3:] = position, np.reshape(rotation, (9, -1))
-            self._add(slot, Event.MOVED, 0)
-            self._publish(slot)  # a slot has room for one pose
+            self._add(slot, MOVED, 0)
+            if slot == self._slot:
+                self._publish(slot)  # a slot has room for one pose
 
     def take(self, state: State) -> None:
         """This state has come of it."""
@@ -167,10 +167,12 @@ class Recorder:
                 self._buses[slot] = -1
         return self._slot
 
-    def _add(self, slot: int, event: Event, value: int) -> None:
+    def _add(self, slot: int, event: int, value: int) -> None:
         count = self._event_count
         self._events[slot, count], self._values[slot, count] = event, value
         self._event_count = count + 1
+        if count + 1 == EVENTS:
+            self._publish(slot)
 
     def _publish(self, slot: int) -> None:
         events, frames, cycles_lost, frames_lost = self._ends

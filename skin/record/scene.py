@@ -33,6 +33,7 @@ FORCES = (1.0, 1.0, 1.0, 0.9)
 TOUCH = {0: (0.6, 0.6, 0.6, 1.0), 1: (0.2, 0.5, 1.0, 1.0), 2: (1.0, 0.6, 0.0, 1.0),
          3: (1.0, 0.2, 0.1, 1.0)}  # fmt: skip
 """Colour of a contact by its slip."""
+NONE = np.zeros((0, 4), "<f4")
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 
@@ -144,8 +145,8 @@ class Layout:
         kind: int,
         scale: Sequence[float],
         colour: Sequence[float],
-        points: np.ndarray = np.zeros((0, 3)),
-        colours: np.ndarray = np.zeros((0, 4), "<f4"),
+        points: np.ndarray = NONE,
+        colours: np.ndarray = NONE,
         *,
         lifetime_ns: int = 0,
         place: Sequence[float] | np.ndarray = (0.0, 0.0, 0.0),
