@@ -26,8 +26,9 @@ LARGEST_CHUNK = 1 << 28
 """Bytes of a chunk, unpacked, that is read [assumed: seconds of the largest skins]."""
 CHUNK = 1 << 22
 """Bytes of a chunk that is written, at most."""
-BATCH = 64
-MAGIC = 8
+SET_BACK_NS = 10_000_000_000
+"""Stamps that step back by less are logged at the time of the newest, so that a file without an
+index can be read in order; by more, the clock was set."""
 
 
 def require(where: str) -> None:
@@ -108,7 +109,7 @@ class Container:
         self._writer.start(PROFILE, library)
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
-        self.count = 0
+        self.count = self._newest_ns = 0
         self.flush()
 
     @property
@@ -128,7 +129,9 @@ class Container:
             channel = self._channels[topic] = self._writer.register_channel(
                 topic, "cdr", self._schema(TOPICS[kind])
             )
-        self._writer.add_message(channel, stamp_ns, data, stamp_ns)
+        back_ns = self._newest_ns - stamp_ns
+        self._newest_ns = log_ns = self._newest_ns if 0 < back_ns < SET_BACK_NS else stamp_ns
+        self._writer.add_message(channel, log_ns, data, stamp_ns)
         self.count += 1
 
     def _schema(self, name: str) -> int:

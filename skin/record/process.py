@@ -65,6 +65,8 @@ class SlotsToMessages:
         count = int(slot["event_count"])
         done = 0
         has_state = bool(slot["has_state"])
+        if has_state:
+            self._stamp_ns = max(0, int(slot["stamp_ns"]))
         self._health.hear(slot)
         for event, value in zip(
             slot["events"][:count].tolist(), slot["event_values"][:count].tolist(), strict=True
@@ -81,9 +83,8 @@ class SlotsToMessages:
             self._show(slot)
 
     def _frames(self, slot: np.ndarray, event: int, elapsed_ns: int, frames: np.ndarray) -> None:
-        stamps = frames[:, 0] if frames.size else frames
-        if stamps.size and (newest := int(stamps.max())) > 0:
-            self._stamp_ns = newest
+        if frames.size and not self._stamp_ns:  # no state yet
+            self._stamp_ns = max(0, int(frames[0, 0]))
         self._begin()
         part = event == Event.FED_PART
         values = {
@@ -106,7 +107,7 @@ class SlotsToMessages:
         self._add(POSES, self._layout.poses(self._stamp_ns))
 
     def _show(self, slot: np.ndarray) -> None:
-        stamp_ns = self._stamp_ns = max(0, int(slot["stamp_ns"]))
+        stamp_ns = self._stamp_ns
         self._begin()
         self._add(STATE, self._state(slot))
         self.cycles += 1
@@ -151,7 +152,7 @@ def _serve(end: WorkerEnd, file: Container, written: SlotsToMessages) -> None:
 
     def told() -> dict[str, Any]:
         return {"cycles": written.cycles, "frames": written.frames, "bytes": file.size,
-                "messages": file.count}  # fmt: skip
+                "messages": file.count, "cpu_s": time.process_time()}  # fmt: skip
 
     flushed = time.monotonic()
     while True:

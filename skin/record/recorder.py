@@ -215,8 +215,9 @@ class Recorder:
     # -- the end -----------------------------------------------------------------------------------
 
     def report(self) -> dict[str, Any]:
-        """What was recorded: ``file``, ``cycles``, ``frames`` and ``bytes`` in it, ``lost_cycles``
-        and ``lost_frames`` that were left out, ``failure``."""
+        """What was recorded: ``file``; ``cycles``, ``frames``, ``messages`` and ``bytes`` in it;
+        ``cpu_s`` that the worker took; ``lost_cycles`` and ``lost_frames`` that were left out;
+        ``failure``."""
         if not self._closed:
             try:
                 self._report = self._worker.ask("report")
