@@ -15,6 +15,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -58,9 +59,9 @@ def table(figures: dict) -> str:
     """The figures for a person."""
     lines = [
         f"{figures['units']} units, a ball slides over them",
-        f"a cycle alone {figures['plain_us_p50']:.1f} µs, recorded {figures['recorded_us_p50']:.1f} "
-        f"µs, p50: {figures['record_us_p50']:+.1f} µs; the recorder alone "
-        f"{figures['recorder_us_p50']:.1f} µs",
+        f"a cycle alone {figures['plain_us_p50']:.1f} µs p50, recorded "
+        f"{figures['recorded_us_p50']:.1f} µs: {figures['record_us_p50']:+.1f} µs; the recorder "
+        f"alone {figures['recorder_us_p50']:.1f} µs",
         f"{figures['mb_per_minute_250_hz']:.0f} MB a minute at 250 Hz",
         f"{'Hz':>6}{'reached':>9}{'left out':>10}{'worker s/s':>12}{'B a cycle':>11}",
     ]
@@ -84,7 +85,7 @@ def _batches(folder: Path) -> tuple[Topology, list[list[np.ndarray]]]:
     at = np.flatnonzero(frames["id"] == loaded.buses[0].sync_id)
     return loaded, [
         [frames[one : one + 1].copy(), frames[one + 1 : other].copy()]
-        for one, other in zip(at[:-1], at[1:], strict=True)
+        for one, other in pairwise(at)
     ]
 
 

@@ -27,40 +27,44 @@ with skin.open("strip", simulate=True, record=sys.argv[1]) as strip:
     for state in strip:
         print(state.cycle, time.monotonic_ns(), flush=True)
 """
+LOST_NS = 1_000_000_000
 MOMENTS = np.random.default_rng(11).uniform(0.3, 3.0, 20).tolist()
 """Seconds after the first cycle."""
 
 
 def killed(file, moment_s, whom):
     """Run a loop until a moment after its first cycle, and kill it, its worker or both; the cycles
-    that it has told, with their times."""
-    loop = subprocess.Popen(
-        [sys.executable, "-c", LOOP, str(file)], stdout=subprocess.PIPE, text=True,
-        env=os.environ | {"PYTHONPATH": ROOT},
-    )  # fmt: skip
-    assert loop.stdout is not None
-    worker, told = int(loop.stdout.readline()), []
-    told.append(loop.stdout.readline())
-    os.set_blocking(loop.stdout.fileno(), False)
-    until = time.monotonic() + moment_s
-    rest = ""
-    while time.monotonic() < until:
-        rest += loop.stdout.read() or ""
-        time.sleep(0.005)
+    that it has told, with their times, and when that was."""
+    told = file.with_suffix(".txt")
+    with told.open("wb") as out:
+        loop = subprocess.Popen(
+            [sys.executable, "-c", LOOP, str(file)], stdout=out,
+            env=os.environ | {"PYTHONPATH": ROOT},
+        )  # fmt: skip
+    while len(lines(told)) < 2:
+        assert loop.poll() is None
+        time.sleep(0.01)
+    worker = int(lines(told)[0])
+    time.sleep(moment_s)
     at_ns = time.monotonic_ns()
     for pid in {"loop": [loop.pid], "worker": [worker], "both": [worker, loop.pid]}[whom]:
         os.kill(pid, signal.SIGKILL)
     if whom == "worker":
-        time.sleep(1.5)  # the loop notices, and goes on
-        assert loop.poll() is None
+        count = len(lines(told))
+        until = time.monotonic() + 30.0
+        while len(lines(told)) < count + 300 and loop.poll() is None:
+            assert time.monotonic() < until, "the loop stands still"
+            time.sleep(0.05)
+        assert loop.poll() is None, "the loop has ended with its worker"
         loop.kill()
-    os.set_blocking(loop.stdout.fileno(), True)
-    rest += loop.stdout.read()
-    loop.stdout.close()
     loop.wait()
     _gone(worker)
-    told += [line for line in rest.splitlines(keepends=True) if line.endswith("\n")]
-    return [tuple(map(int, line.split())) for line in told], at_ns
+    return [tuple(map(int, line.split())) for line in lines(told)[1:]], at_ns
+
+
+def lines(file):
+    """Lines of a file that are whole."""
+    return file.read_text().split("\n")[:-1]
 
 
 def _gone(pid):
@@ -111,7 +115,7 @@ def check_killed(file, moment_s, whom):
         assert set(shown) <= set(found)
         assert damage == []
     else:
-        kept = {cycle for cycle, when_ns in told if when_ns < at_ns - 1_000_000_000}
+        kept = {cycle for cycle, when_ns in told if when_ns < at_ns - LOST_NS}
         assert kept <= set(found)
     replay = skin.replay(file)
     count = sum(1 for _ in replay)

@@ -4,25 +4,15 @@ from __future__ import annotations
 
 import itertools
 import os
+import resource
 import subprocess
-import sys
 import time
-from pathlib import Path
 
 import pytest
 
 import skin
 
 pytest.importorskip("mcap", reason="mcap is not installed")
-
-ROOT = str(Path(__file__).parents[3])
-LIMITED = """
-import resource, sys
-resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
-import skin
-from skin.cli import main
-sys.exit(main(["record", "strip", "-o", sys.argv[1], "--simulate", "--seconds", "4", "--json"]))
-"""
 
 
 @pytest.fixture
@@ -58,18 +48,20 @@ def test_a_full_disk_ends_the_recording_with_a_message_and_the_loop_goes_on(full
     check_kept(file, live)
 
 
-def test_a_limit_of_the_size_of_files_is_told_by_the_command(tmp_path):
-    file = tmp_path / "run.mcap"
-    done = subprocess.run(
-        [sys.executable, "-c", LIMITED, str(file)], capture_output=True, text=True, check=False,
-        env=os.environ | {"PYTHONPATH": ROOT}, timeout=120,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert f"{file}: must be written to the end of the run; got: File too large" in done.stderr
+def test_a_limit_of_the_size_of_files_ends_the_recording_alone(tmp_path):
+    file, live = tmp_path / "run.mcap", []
+    with skin.open("strip", simulate=True, pace=False, record=file) as strip:
+        recorder = strip.pipeline.recorder
+        pid = recorder._worker._process.pid
+        resource.prlimit(pid, resource.RLIMIT_FSIZE, (200_000, 200_000))
+        for state in strip:
+            live.append(state.copy())
+            if recorder.failure is not None:
+                break
+        assert sum(1 for _ in itertools.islice(strip, 20)) == 20
+    assert "got: File too large" in recorder.failure
     assert file.stat().st_size <= 200_000
-    replay = skin.replay(file)
-    count = sum(1 for _ in replay)
-    assert count == replay.same > 50
+    check_kept(file, live)
 
 
 def check_kept(file, live):

