@@ -90,10 +90,9 @@ def open(
         Transports to use instead of opening the file's buses, one for each bus, in order.
     seed : int
         Seed of the simulated noise.
-    log : path or Recording, optional
-        Write down all frames, SYNC included, as candump (.log, .log.gz) or BLF (.blf).
-    record : path, optional
-        Record frames and states as MCAP, for `skin.replay` and every viewer; a new file.
+    log, record : path, optional
+        Write down all frames as candump (.log, .log.gz) or BLF (.blf), or by a `Recording`; record
+        frames and states as MCAP (a new .mcap), for `skin.replay` and other people's viewers.
 
     Raises
     ------
@@ -115,28 +114,37 @@ def open(
         if transports is None:
             ends = [undo.enter_context(end) for end in _ends(loaded, nodes)]
         _check_ends(ends, loaded)
-        pipeline = _pipeline(loaded, options, deadline_s, zeros, record)
-        if record is not None:
-            undo.callback(pipeline.close)
-            pipeline.recorder.watch(ends)
-        if learn:
-            pipeline.learn()
+        pipeline = _pipeline(undo, loaded, options, ends, deadline_s, zeros, learn, record)
         recording = Recording(log, loaded) if isinstance(log, str | os.PathLike) else log
         undo.pop_all()  # all is well: the skin closes them
     return Skin(pipeline, ends, sync=sync, wait=wait, pace=pace, nodes=nodes, recording=recording)
 
 
 def _pipeline(
-    topology: Topology, options: Options, deadline_s: float | None, zeros: Any, record: Any
-) -> Any:
+    undo: ExitStack,
+    topology: Topology,
+    options: Options,
+    ends: list[Transport],
+    deadline_s: float | None,
+    zeros: Any,
+    learn: bool,
+    record: Any,
+) -> Pipeline:
     """The pipeline, with what outlasts a run; recorded where that is asked for."""
-    if record is not None:
+    if record is None:
+        pipeline = Pipeline(topology, options, deadline_s=deadline_s)
+        if zeros is not None:
+            pipeline.take_zeros(zeros)
+    else:
         from skin.record.pipeline import RecordedPipeline
 
-        return RecordedPipeline(topology, options, deadline_s=deadline_s, file=record, zeros=zeros)
-    pipeline = Pipeline(topology, options, deadline_s=deadline_s)
-    if zeros is not None:
-        pipeline.take_zeros(zeros)
+        pipeline = RecordedPipeline(
+            topology, options, deadline_s=deadline_s, file=record, zeros=zeros
+        )
+        undo.callback(pipeline.recorder.close)
+        pipeline.recorder.watch(ends)
+    if learn:
+        pipeline.learn()
     return pipeline
 
 

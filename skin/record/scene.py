@@ -7,6 +7,7 @@ of Foxglove is read by Foxglove alone.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -117,57 +118,68 @@ class Layout:
         wrong |= np.isnan(slot["force"]).any(axis=0)
         force = np.where(wrong, 0.0, slot["force"].astype(float))
         colours = np.where(wrong[:, np.newaxis], WRONG, _colours(force[2])).astype("<f4")
-        at = self.position.T.astype("<f8")
-        self._marker(message, stamp_ns, "units", 0, CUBE_LIST, (SIDE_M,) * 3, WRONG, at, colours)
+        at = self.position.T
+        units = Marker("units", 0, CUBE_LIST, (SIDE_M,) * 3, WRONG, at, colours)
         ends = at + METRE_PER_NEWTON * np.einsum("abn,bn->na", self.rotation, force)
         lines = np.stack([at, ends], axis=1).reshape(-1, 3)
-        self._marker(message, stamp_ns, "forces", 0, LINE_LIST, (0.001, 0.0, 0.0), FORCES, lines)
-        for contact in contacts:
-            number, colour = int(contact["id"]) & 0x7FFF_FFFF, TOUCH[int(contact["slip"]) & 3]
-            centre = np.nan_to_num(contact["centroid"])
-            tip = centre + METRE_PER_NEWTON * contact["wrench"][:3]
-            self._marker(
-                message, stamp_ns, "contacts", number, ARROW, (0.001, 0.002, 0.003), colour,
-                np.stack([centre, tip]), lifetime_ns=LIFETIME_NS,
-            )  # fmt: skip
-            self._marker(
-                message, stamp_ns, "names", number, TEXT, (0.0, 0.0, 0.004), colour,
-                lifetime_ns=LIFETIME_NS, place=tip, text=f"{number}: {contact['load']:.2f} N",
-            )  # fmt: skip
+        for marker in (
+            units, Marker("forces", 0, LINE_LIST, (0.001, 0.0, 0.0), FORCES, lines),
+            *(one for contact in contacts for one in _contact(contact)),
+        ):  # fmt: skip
+            marker.write(message, stamp_ns)
         return bytes(message.raw)
 
-    def _marker(
-        self,
-        message: Cdr,
-        stamp_ns: int,
-        group: str,
-        number: int,
-        kind: int,
-        scale: Sequence[float],
-        colour: Sequence[float],
-        points: np.ndarray = NONE,
-        colours: np.ndarray = NONE,
-        *,
-        lifetime_ns: int = 0,
-        place: Sequence[float] | np.ndarray = (0.0, 0.0, 0.0),
-        text: str = "",
-    ) -> None:
+
+class Marker(NamedTuple):
+    """A visualization_msgs/Marker."""
+
+    group: str
+    number: int
+    kind: int
+    scale: Sequence[float]
+    colour: Sequence[float]
+    points: np.ndarray = NONE
+    """Shape (m, 3)."""
+    colours: np.ndarray = NONE
+    """Shape (m, 4), or none."""
+    lifetime_ns: int = 0
+    place: Sequence[float] = (0.0, 0.0, 0.0)
+    text: str = ""
+
+    def write(self, message: Cdr, stamp_ns: int) -> None:
+        """Append it to a message."""
         message.header(stamp_ns)
-        message.text(group)
-        message.number("i", number, kind, 0)
-        message.number("d", *place, *UPRIGHT, *scale)
-        message.number("f", *colour)
-        message.number("i", *seconds(lifetime_ns))
+        message.text(self.group)
+        message.number("i", self.number, self.kind, 0)
+        message.number("d", *self.place, *UPRIGHT, *self.scale)
+        message.number("f", *self.colour)
+        message.number("i", *seconds(self.lifetime_ns))
         message.number("B", 0)
-        _list(message, points.astype("<f8"))
-        _list(message, colours)
+        _list(message, self.points.astype("<f8"))
+        _list(message, self.colours)
         message.text("")  # texture_resource
         message.header(0, "")
         message.text("").number("I", 0)  # its format and data
         message.number("I", 0)  # uv_coordinates
-        message.text(text).text("").text("")  # mesh_resource, name of mesh_file
+        message.text(self.text).text("").text("")  # mesh_resource, name of mesh_file
         message.number("I", 0)  # its data
         message.number("B", 0)
+
+
+def _contact(contact: np.void) -> tuple[Marker, Marker]:
+    """Arrow and name of a contact."""
+    number, colour = int(contact["id"]) & 0x7FFF_FFFF, TOUCH[int(contact["slip"]) & 3]
+    centre = np.nan_to_num(contact["centroid"])
+    tip = centre + METRE_PER_NEWTON * contact["wrench"][:3]
+    arrow = Marker(
+        "contacts", number, ARROW, (0.001, 0.002, 0.003), colour, np.stack([centre, tip]),
+        lifetime_ns=LIFETIME_NS,
+    )  # fmt: skip
+    name = Marker(
+        "names", number, TEXT, (0.0, 0.0, 0.004), colour, lifetime_ns=LIFETIME_NS,
+        place=tip.tolist(), text=f"{number}: {contact['load']:.2f} N",
+    )  # fmt: skip
+    return arrow, name
 
 
 def _list(message: Cdr, rows: np.ndarray) -> None:
