@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bus.frame import as_words
+from bus.frame import FRAME_DTYPE, as_words
 from bus.state import BusState
 from bus.transport import Transport
+from skin.contact.record import CONTACT
 from skin.errors import SkinError
 from skin.record.container import require
 from skin.record.slot import EVENTS, Event, SlotWriter, slot_dtype
@@ -83,15 +84,23 @@ class Recorder:
         dtype = slot_dtype(topology)
         self._rate_hz = topology.cycle_rate_hz
         most = min(RING_S * self._rate_hz, RING_BYTES / dtype.itemsize)
-        self._ring = RingBuffer(dtype, max(LEAST_SLOTS, round(most)))
-        self._writer = SlotWriter(self._ring.records, pipeline.contacts, pipeline.assembler.totals)
+        self._ring = ring = RingBuffer(dtype, max(LEAST_SLOTS, round(most)))
+        self._slots = ring.records.view(np.uint8).reshape(ring.slots, dtype.itemsize)
+        staged = np.zeros(1, dtype)
+        self._staged = staged.view(np.uint8)
+        self._writer = SlotWriter(staged, pipeline.contacts, pipeline.assembler.totals)
         of = self._writer.fields
-        self._frames, self._events, self._values = of["frames"], of["events"], of["event_values"]
+        self._frames, self._events, self._values = (
+            of[name][0] for name in ("frames", "events", "event_values")
+        )
         self._ends = of["event_count"], of["frame_count"], of["lost_cycles"], of["lost_frames"]
-        self._has_state, self._pose, self._buses = of["has_state"], of["pose"], of["bus_states"]
-        self._room = self._frames.shape[1]
-        self._slot: int | None = None
-        self._event_count = self._frame_count = 0
+        self._has_state, self._pose, self._buses = of["has_state"], of["pose"][0], of["bus_states"]
+        self._room = len(self._frames)
+        self._places = {name: place for name, (_, place, *_) in (dtype.fields or {}).items()}
+        self._frames_at = self._places["frames"]
+        self._event_count = self._frame_count = self._contact_count = 0
+        self._moved = False
+        self._buses[:] = -1
         self.lost_cycles = self.lost_frames = self._told = 0
         self.failure: str | None = None
         self._closed = False
@@ -116,70 +125,68 @@ class Recorder:
         words = as_words(frames if frames.flags.c_contiguous else frames.copy())
         done, left = 0, len(words)
         while left:
-            slot = self._slot
-            if slot is None and (slot := self._open()) is None:
-                self.lost_frames += left
-                return
             count = self._frame_count
             taken = min(left, self._room - count)
             if taken:
-                self._frames[slot, count : count + taken] = words[done : done + taken]
+                self._frames[count : count + taken] = words[done : done + taken]
                 self._frame_count = count + taken
                 done, left = done + taken, left - taken
-                self._add(slot, FED_PART if left else FED, taken)
-            if left and slot == self._slot:
-                self._publish(slot)
+                self._add(FED_PART if left else FED, taken)
+            if left and self._event_count:
+                self._publish()
 
     def closing(self, event: Event, elapsed_ns: int) -> None:
         """The caller's clock, or the end, closes a cycle that is `elapsed_ns` old."""
-        slot = self._open()
-        if slot is not None:
-            self._add(slot, int(event), elapsed_ns)
+        self._add(int(event), elapsed_ns)
 
     def moved(self, position: np.ndarray, rotation: np.ndarray) -> None:
         """The units have new poses, of shapes (3, n) and (3, 3, n)."""
-        slot = self._open()
-        if slot is not None:
-            pose = self._pose[slot]
-            pose[:3], pose[3:] = position, np.reshape(rotation, (9, -1))
-            self._add(slot, MOVED, 0)
-            if slot == self._slot:
-                self._publish(slot)  # a slot has room for one pose
+        pose = self._pose
+        pose[:3], pose[3:] = position, np.reshape(rotation, (9, -1))
+        self._moved = True
+        self._add(MOVED, 0)
+        if self._event_count:
+            self._publish()  # a slot has room for one pose
 
     def take(self, state: State) -> None:
         """This state has come of it."""
-        slot = self._open()
-        if slot is None:
-            self.lost_cycles += 1
-        else:
-            self._writer.write(slot, state)
-            self._publish(slot)
+        self._contact_count = self._writer.write(state)
+        self._publish()
         if (now := time.monotonic()) >= self._look_at:
             self._look_at = now + LOOK_S
             self._look()
 
-    def _open(self) -> int | None:
-        """The slot that is being filled; None if there is none."""
-        if self._slot is None and not self._closed:
-            self._slot = slot = self._ring.claim_slot()
-            if slot is not None:
-                self._has_state[slot] = 0
-                self._buses[slot] = -1
-        return self._slot
-
-    def _add(self, slot: int, event: int, value: int) -> None:
+    def _add(self, event: int, value: int) -> None:
         count = self._event_count
-        self._events[slot, count], self._values[slot, count] = event, value
+        self._events[count], self._values[count] = event, value
         self._event_count = count + 1
         if count + 1 == EVENTS:
-            self._publish(slot)
+            self._publish()
 
-    def _publish(self, slot: int) -> None:
+    def _publish(self) -> None:
+        """Copy what is staged into a slot, as far as it is filled, and begin anew."""
         events, frames, cycles_lost, frames_lost = self._ends
-        events[slot], frames[slot] = self._event_count, self._frame_count
-        cycles_lost[slot], frames_lost[slot] = self.lost_cycles, self.lost_frames
-        self._ring.publish()
-        self._slot, self._event_count, self._frame_count = None, 0, 0
+        events[0], frames[0] = self._event_count, self._frame_count
+        cycles_lost[0], frames_lost[0] = self.lost_cycles, self.lost_frames
+        slot = None if self._closed else self._ring.claim_slot()
+        if slot is None:
+            self.lost_cycles += int(self._has_state[0])
+            self.lost_frames += self._frame_count
+        else:
+            into, staged = self._slots[slot], self._staged
+            end = self._frames_at + FRAME_DTYPE.itemsize * self._frame_count
+            into[:end] = staged[:end]
+            if self._contact_count:
+                first = self._places["contacts"]
+                end = first + CONTACT.itemsize * self._contact_count
+                into[first:end] = staged[first:end]
+            if self._moved:
+                first = self._places["pose"]
+                into[first:] = staged[first:]
+            self._ring.publish()
+        self._has_state[0] = 0
+        self._event_count = self._frame_count = self._contact_count = 0
+        self._moved = False
 
     def _look(self) -> None:
         """See whether the worker is there, and tell what was lost; note the states of buses."""
@@ -191,9 +198,8 @@ class Recorder:
         if self.lost_cycles + self.lost_frames > self._told:
             self._told = self.lost_cycles + self.lost_frames
             _log.warning("%s: %s", self.file, self._left_out())
-        slot = self._open()
-        if slot is not None and self._transports:
-            self._buses[slot] = [BUS_STATES[end.state] for end in self._transports]
+        if self._transports:
+            self._buses[0] = [BUS_STATES[end.state] for end in self._transports]
 
     def _left_out(self) -> str:
         return (
@@ -203,7 +209,7 @@ class Recorder:
 
     def _fail(self) -> None:
         """The recording is over; the loop goes on."""
-        self._closed, self._slot = True, None
+        self._closed = True
         status = self._worker.status
         why = os.strerror(status) if status in errno.errorcode else f"status {status}"
         self.failure = (
@@ -231,11 +237,11 @@ class Recorder:
         if self._closed:
             self._worker.close()
             return
-        if self._slot is not None and self._event_count:
-            self._publish(self._slot)
+        if self._event_count:
+            self._publish()
         try:
             self._report = self._worker.ask("finish")
-            self._closed, self._slot = True, None
+            self._closed = True
         except SkinError:
             self._fail()
         self._worker.close()

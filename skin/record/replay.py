@@ -319,6 +319,6 @@ class Replay:
 
     def _compare(self, state: State, told: bytes) -> None:
         """Whether a state is the one of the recording."""
-        self._writer.write(0, state)
+        self._writer.write(state)
         self.count += 1
         self.same += self._encoder(self._slot[0]) == told

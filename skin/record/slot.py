@@ -45,15 +45,13 @@ class Event(IntEnum):
 def slot_dtype(topology: Topology) -> np.dtype[Any]:
     """The type of a slot, for a skin.
 
-    Events stand in their order, their frames one after the other. Counts of events and frames are
-    written last. What a state has ends with `has_state`.
+    Events stand in their order, their frames one after the other. What may be filled in part, or
+    not at all, stands last: frames, contacts, poses.
     """
     n = topology.n
     expected = len(topology.frames) + len(topology.buses)
     dtype = np.dtype(
         [
-            ("contacts", "u1", (CONTACTS, CONTACT.itemsize)),  # CONTACT records
-            ("frames", "i8", (expected + expected // 2 + SPARE_FRAMES, FRAME_DTYPE.itemsize // 8)),
             ("event_values", "i8", (EVENTS,)),
             ("event_count", "i8"),
             ("frame_count", "i8"),
@@ -64,7 +62,6 @@ def slot_dtype(topology: Topology) -> np.dtype[Any]:
             ("overruns", "i8"),
             ("counters", "i8", (COUNTERS,)),  # FrameCounters
             ("wrench", "f8", (6,)),
-            ("pose", "f8", (12, n)),  # position, rotation
             ("force", "f4", (3, n)),
             ("force_sigma", "f4", (3, n)),
             ("temperature", "f4", (n,)),
@@ -75,6 +72,9 @@ def slot_dtype(topology: Topology) -> np.dtype[Any]:
             ("status", "u2", (n,)),
             ("events", "u1", (EVENTS,)),  # Event
             ("has_state", "u1"),
+            ("frames", "i8", (expected + expected // 2 + SPARE_FRAMES, FRAME_DTYPE.itemsize // 8)),
+            ("contacts", "u1", (CONTACTS, CONTACT.itemsize)),  # CONTACT records
+            ("pose", "f8", (12, n)),  # position, rotation
         ]
     )
     return np.dtype([*_fields(dtype), ("padding", "u1", (-dtype.itemsize % 8,))])
@@ -85,61 +85,68 @@ def _fields(dtype: np.dtype[Any]) -> list[tuple[str, Any, tuple[int, ...]]]:
 
 
 class SlotWriter:
-    """Writes states into slots.
+    """Writes states into a slot.
 
     Parameters
     ----------
-    slots : ndarray, shape (m,)
+    slot : ndarray, shape (1,)
         Of `slot_dtype`.
     contacts : ContactStream or None
         Of the pipeline.
     totals : ndarray, int64
         `bus.assemble.Assembler.totals`
+
+    Attributes
+    ----------
+    fields : dict of str to ndarray
+        Each field of the slot.
     """
 
     def __init__(
-        self, slots: np.ndarray, contacts: ContactStream | None, totals: np.ndarray
+        self, slot: np.ndarray, contacts: ContactStream | None, totals: np.ndarray
     ) -> None:
-        self.fields = {name: slots[name] for name in slots.dtype.names or ()}
-        self._totals, self._stream = totals, contacts
+        self.fields = fields = {name: slot[name] for name in slot.dtype.names or ()}
+        self._totals = totals
         if contacts is not None:
             records = contacts.records
             self._bytes = records.view(np.uint8).reshape(records.size, CONTACT.itemsize)
             self._present = contacts.data.slots.present
         for name in ("force", "force_sigma", "temperature", "wrench"):
-            self.fields[name][...] = np.nan  # of what is not wanted
-        self.fields["contact"][...] = -1
-        f = self.fields
-        self._scalars = f["stamp_ns"], f["cycle"], f["overruns"], f["counters"], f["status"]
-        self._units = f["force"], f["force_sigma"], f["temperature"]
-        self._array = f["wrench"], f["contact"]
-        self._listed = f["contact_count"], f["contact_slots"], f["contacts"]
-        self._has_state = f["has_state"]
+            fields[name][...] = np.nan  # of what is not wanted
+        fields["contact"][...] = -1
+        self._numbers = fields["stamp_ns"], fields["cycle"], fields["overruns"]
+        inner = {name: array[0] for name, array in fields.items() if array.ndim > 1}
+        self._always = inner["counters"], inner["status"]
+        self._units = inner["force"], inner["force_sigma"], inner["temperature"]
+        self._array = inner["wrench"], inner["contact"]
+        self._listed = fields["contact_count"], inner["contact_slots"], inner["contacts"]
+        self._has_state = fields["has_state"]
 
-    def write(self, at: int, state: State) -> None:
-        """Write a state into slot `at`: what is not wanted stays NaN, or -1."""
+    def write(self, state: State) -> int:
+        """Write a state; what is not wanted stays NaN, or -1. How many contacts it has room for."""
         units = state.units
-        stamps, cycles, overruns, counters, status = self._scalars
-        stamps[at], cycles[at], overruns[at] = state.stamp_ns, state.cycle, state.overruns
-        counters[at], status[at] = self._totals, units.status
+        stamp, cycle, overruns = self._numbers
+        stamp[0], cycle[0], overruns[0] = state.stamp_ns, state.cycle, state.overruns
+        counters, status = self._always
+        counters[:], status[:] = self._totals, units.status
         force, sigma, temperature = self._units
         if units.force is not None:
-            force[at] = units.force
+            force[:] = units.force
         if units.force_sigma is not None:
-            sigma[at] = units.force_sigma
+            sigma[:] = units.force_sigma
         if units.temperature is not None:
-            temperature[at] = units.temperature
+            temperature[:] = units.temperature
         wrench, label = self._array
         if state.wrench is not None:
-            wrench[at] = state.wrench
+            wrench[:] = state.wrench
         if state.label is not None:
-            label[at] = state.label
+            label[:] = state.label
         counts, places, records = self._listed
         count = 0
         if state.contacts:
             count = min(len(state.contacts), CONTACTS)
             present = self._present[:count]
-            places[at, :count] = present
-            records[at, :count] = self._bytes[present]
-        counts[at] = count
-        self._has_state[at] = 1
+            places[:count] = present
+            records[:count] = self._bytes[present]
+        counts[0], self._has_state[0] = count, 1
+        return count
