@@ -106,7 +106,7 @@ def read_setup(file: Path, attached: Mapping[str, bytes]) -> Setup:
         deadline_s = run["deadline_s"]
         if deadline_s is not None:
             check_number("deadline_s", deadline_s, 1e-6, 3600.0)
-    except (ValueError, LookupError, TypeError) as error:
+    except (ValueError, LookupError, TypeError, RecursionError) as error:
         raise LogError(f"{file}: {RUN}: must be what a recording writes; got {error}") from None
     if form != FORMAT:
         raise LogError(f"{file}: {RUN}: format: must be {FORMAT}; got {form!r}")
@@ -122,7 +122,7 @@ def read_setup(file: Path, attached: Mapping[str, bytes]) -> Setup:
                 place.write_bytes(attached[STENCIL])
                 given["stencil"] = Stencil.load(place, topology)
             options = Options(**given)
-        except (SkinError, TopologyError, TypeError) as error:
+        except (SkinError, TopologyError, TypeError, AttributeError) as error:
             raise LogError(f"{file}: {RUN}: must be options of a run; got: {error}") from None
     return Setup(topology, options, deadline_s, attached.get(ZEROS, b"") if takes_zeros else None)
 
@@ -130,7 +130,8 @@ def read_setup(file: Path, attached: Mapping[str, bytes]) -> Setup:
 def _slip(values: dict[str, Any]) -> Any:
     from skin.contact.slip import SlipSettings
 
-    return SlipSettings(**{k: math.nan if value is None else value for k, value in values.items()})
+    known: dict[str, Any] = {k: math.nan if v is None else v for k, v in values.items()}
+    return SlipSettings(**known)
 
 
 def _or_none(value: Any) -> Any:

@@ -44,7 +44,7 @@ class Cdr:
     >>> message.text("a").number("d", 1.0)
     12
     >>> bytes(message.raw).hex()
-    '00010000020000006100000000000000000000f03f'
+    '000100000200000061000000000000000000f03f'
     """
 
     def __init__(self) -> None:

@@ -202,9 +202,8 @@ class RecordedFile:
 
         self.damage = []
         channels: dict[int, str] = {}
-        last_ns = 0
         for record in self._records():
-            parts = [record]
+            parts: list[Any] = [record]
             if type(record).__name__ == "Chunk":
                 try:
                     if record.uncompressed_size > LARGEST_CHUNK:
@@ -220,9 +219,9 @@ class RecordedFile:
                 if kind == "Channel":
                     channels[part.id] = part.topic
                 elif kind == "Message":
-                    topic, last_ns = channels.get(part.channel_id), part.log_time
+                    topic = channels.get(part.channel_id, "")
                     if topic in topics:
-                        yield Message(topic, last_ns, part.data)
+                        yield Message(topic, part.log_time, part.data)
 
     def _records(self) -> Iterator[Any]:
         """Records of the file, chunks whole, to its end or to where it is damaged."""

@@ -72,7 +72,7 @@ class Health:
             self._names[i]: ", ".join(
                 str(flag.name).lower() for flag in Status(int(status[i])) & INVALID
             )
-            for i in flagged
+            for i in flagged.tolist()
         }
         count = int(self._enabled.sum())
         level = OK if not values else ERROR if len(values) == count else WARN

@@ -210,7 +210,7 @@ class Recorder:
     def _fail(self) -> None:
         """The recording is over; the loop goes on."""
         self._closed = True
-        status = self._worker.status
+        status = self._worker.status or 0
         why = os.strerror(status) if status in errno.errorcode else f"status {status}"
         self.failure = (
             f"{self.file}: must be written to the end of the run; got: {why} (what was written "

@@ -298,6 +298,8 @@ class Replay:
             raise self._refusal(FRAMES)
         head = np.frombuffer(data[:size], FRAMES_HEAD)[0]
         count = int(head["count"])
+        if head["event"] > Event.FLUSHED:
+            raise self._refusal(FRAMES)
         if len(data) != (FRAMES_AT + count * FRAME_DTYPE.itemsize if count else size):
             raise self._refusal(FRAMES)
         frames = np.frombuffer(data, FRAME_DTYPE, count, FRAMES_AT if count else 0)

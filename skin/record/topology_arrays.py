@@ -98,11 +98,12 @@ def from_arrays(where: str, arrays: Mapping[str, np.ndarray]) -> Topology:
         raise refuse("neighbour_start", "a graph of units", "none")
     for array in arrays.values():
         array.flags.writeable = False
+    told: dict[str, Any] = {name: getattr(texts, name) for name in texts.__struct_fields__}
     return Topology(
         path=None,
         frames=Frames(*(arrays[f"{FRAMES}{name}"] for name in OF_FRAMES)),
         parameters={name: arrays[f"{PARAMETER}{name}"] for name in PARAMETERS},
-        **{name: getattr(texts, name) for name in texts.__struct_fields__},
+        **told,
         **{name: arrays[name] for name in KINDS if not name.startswith(FRAMES)},
     )
 
