@@ -107,7 +107,9 @@ class Recorder:
         self._report: dict[str, Any] = {}
         self._transports: Sequence[Transport] = ()
         self._look_at = 0.0
-        self._worker = Worker(MODULE, self._ring, _request(self.file, topology, attached))
+        self._worker = Worker(
+            MODULE, self._ring, _request(self.file, topology, attached), niceness=0
+        )
         try:
             self._worker.ask("open")
         except BaseException:
@@ -123,6 +125,17 @@ class Recorder:
     def fed(self, frames: np.ndarray) -> None:
         """The pipeline is given frames, shape (m,), FRAME_DTYPE."""
         words = as_words(frames if frames.flags.c_contiguous else frames.copy())
+        count, left = self._frame_count, len(words)
+        end = count + left
+        if end <= self._room:
+            self._frames[count:end] = words
+            self._frame_count = end
+            self._add(FED, left)
+        else:
+            self._fed_in_parts(words)
+
+    def _fed_in_parts(self, words: np.ndarray) -> None:
+        """More frames than the slot has room for."""
         done, left = 0, len(words)
         while left:
             count = self._frame_count

@@ -98,13 +98,14 @@ def from_arrays(where: str, arrays: Mapping[str, np.ndarray]) -> Topology:
         raise refuse("neighbour_start", "a graph of units", "none")
     for array in arrays.values():
         array.flags.writeable = False
+    of_units: dict[str, Any] = {n: arrays[n] for n in KINDS if not n.startswith(FRAMES)}
     told: dict[str, Any] = {name: getattr(texts, name) for name in texts.__struct_fields__}
     return Topology(
+        **told,
         path=None,
         frames=Frames(*(arrays[f"{FRAMES}{name}"] for name in OF_FRAMES)),
         parameters={name: arrays[f"{PARAMETER}{name}"] for name in PARAMETERS},
-        **told,
-        **{name: arrays[name] for name in KINDS if not name.startswith(FRAMES)},
+        **of_units,
     )
 
 
