@@ -93,7 +93,9 @@ class Recorder:
         self._frames, self._events, self._values = (
             of[name][0] for name in ("frames", "events", "event_values")
         )
-        self._ends = of["event_count"], of["frame_count"], of["lost_cycles"], of["lost_frames"]
+        self._counts, self._lost = (
+            (of["event_count"], of["frame_count"]), (of["lost_cycles"], of["lost_frames"])
+        )  # fmt: skip
         self._has_state, self._pose, self._buses = of["has_state"], of["pose"][0], of["bus_states"]
         self._room = len(self._frames)
         self._places = {name: place for name, (_, place, *_) in (dtype.fields or {}).items()}
@@ -178,13 +180,14 @@ class Recorder:
 
     def _publish(self) -> None:
         """Copy what is staged into a slot, as far as it is filled, and begin anew."""
-        events, frames, cycles_lost, frames_lost = self._ends
+        events, frames = self._counts
         events[0], frames[0] = self._event_count, self._frame_count
-        cycles_lost[0], frames_lost[0] = self.lost_cycles, self.lost_frames
         slot = None if self._closed else self._ring.claim_slot()
         if slot is None:
             self.lost_cycles += int(self._has_state[0])
             self.lost_frames += self._frame_count
+            cycles_lost, frames_lost = self._lost
+            cycles_lost[0], frames_lost[0] = self.lost_cycles, self.lost_frames
         else:
             into, staged = self._slots[slot], self._staged
             end = self._frames_at + FRAME_DTYPE.itemsize * self._frame_count

@@ -59,7 +59,6 @@ def slot_dtype(topology: Topology) -> np.dtype[Any]:
             ("lost_frames", "i8"),
             ("stamp_ns", "i8"),
             ("cycle", "i8"),
-            ("overruns", "i8"),
             ("counters", "i8", (COUNTERS,)),  # FrameCounters
             ("wrench", "f8", (6,)),
             ("force", "f4", (3, n)),
@@ -114,7 +113,7 @@ class SlotWriter:
         for name in ("force", "force_sigma", "temperature", "wrench"):
             fields[name][...] = np.nan  # of what is not wanted
         fields["contact"][...] = -1
-        self._numbers = fields["stamp_ns"], fields["cycle"], fields["overruns"]
+        self._numbers = fields["stamp_ns"], fields["cycle"]
         inner = {name: array[0] for name, array in fields.items() if array.ndim > 1}
         self._always = inner["counters"], inner["status"]
         self._units = inner["force"], inner["force_sigma"], inner["temperature"]
@@ -125,8 +124,8 @@ class SlotWriter:
     def write(self, state: State) -> int:
         """Write a state; what is not wanted stays NaN, or -1. How many contacts it has room for."""
         units = state.units
-        stamp, cycle, overruns = self._numbers
-        stamp[0], cycle[0], overruns[0] = state.stamp_ns, state.cycle, state.overruns
+        stamp, cycle = self._numbers
+        stamp[0], cycle[0] = state.stamp_ns, state.cycle
         counters, status = self._always
         counters[:], status[:] = self._totals, units.status
         force, sigma, temperature = self._units
