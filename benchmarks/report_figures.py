@@ -18,7 +18,9 @@ The simulated units obey the same laws of gel, capacitor and force that the deco
 """
 
 RUNS = 3
-TIMED = ("contact", "decode", "ingest", "logs", "scale", "simulate", "skip", "unpack", "view")
+TIMED = (
+    "contact", "decode", "ingest", "logs", "record", "scale", "simulate", "skip", "unpack", "view",
+)  # fmt: skip
 """Benchmarks whose figures tell of the machine: each is run `RUNS` times, in processes of its own,
 by turns."""
 
@@ -85,6 +87,10 @@ FIGURES = (
     Figure("scale", "late_share", "share of periods that were left out, or whose state came after the next one began", "", "", True),
     Figure("scale", "held_up_share", "share of frames that do not count, since the machine held the sender up", "", "", True),
     Figure("scale", "cpu_share_1260", "CPU time of a cycle over its period, 1260 units on 14 buses at 250 Hz over sockets", "of a core", "<= 0.5", True),
+    Figure("record", "record_us_p50", "what recording as MCAP adds to a cycle of 64 units, medians of cycles that take turns", "µs", "<= 15", True),
+    Figure("record", "lost_frames", "frames left out of a recording of 64 units at 1 kHz", "", "= 0", True),
+    Figure("record", "lossless_hz", "largest rate tried at which nothing was left out", "Hz"),
+    Figure("record", "mb_per_minute_250_hz", "size of a recording of 64 units at 250 Hz", "MB a minute"),
     Figure("ingest", "ingest_ratio", "time of python-can over ours to read the same frames from CAN sockets (or `measured_on` says what)"),
     Figure("unpack", "cantools_ratio", "time of cantools over ours to unpack the same frames, least of the layouts"),
     Figure("view", "view_cpu_share/64", "processor time of the live view and of what the loop copies for it, 64 units with contacts and slip at 250 Hz, 30 snapshots a second, a client connected", "of a core", "<= 0.05", True),

@@ -30,11 +30,12 @@ if TYPE_CHECKING:
     from skin.opening import open
     from skin.options import Options
     from skin.pipeline import Pipeline
+    from skin.record.replay import Replay, replay
     from skin.state import Reading, State, Status
 
-__all__ = ["Contact", "DecodedLog", "Decoder", "Options", "Pipeline", "Reading", "Skin",
-           "SlipSettings", "SlipState", "State", "Status", "UnitSlip", "decode_log", "errors",
-           "open", "view"]  # fmt: skip
+__all__ = ["Contact", "DecodedLog", "Decoder", "Options", "Pipeline", "Reading", "Replay",
+           "Skin", "SlipSettings", "SlipState", "State", "Status", "UnitSlip", "decode_log",
+           "errors", "open", "replay", "view"]  # fmt: skip
 
 __version__ = "0.1.0"
 
@@ -45,6 +46,7 @@ _HOMES = {
     "Options": "skin.options",
     "Pipeline": "skin.pipeline",
     "Reading": "skin.state",
+    "Replay": "skin.record.replay",
     "Skin": "skin.live",
     "SlipSettings": "skin.contact.slip",
     "SlipState": "skin.contact.record",
@@ -53,6 +55,7 @@ _HOMES = {
     "UnitSlip": "skin.contact.record",
     "decode_log": "skin.offline",
     "open": "skin.opening",
+    "replay": "skin.record.replay",
 }
 
 

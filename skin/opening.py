@@ -62,6 +62,7 @@ def open(
     transports: Iterable[Transport] | None = None,
     seed: int = 0,
     log: str | os.PathLike[str] | Recording | None = None,
+    record: str | os.PathLike[str] | None = None,
 ) -> Skin:
     """Open the buses of a topology and decode what they carry.
 
@@ -89,8 +90,9 @@ def open(
         Transports to use instead of opening the file's buses, one for each bus, in order.
     seed : int
         Seed of the simulated noise.
-    log : path or Recording, optional
-        Write down all frames, SYNC included, as candump (.log, .log.gz) or BLF (.blf).
+    log, record : path, optional
+        Write down all frames as candump (.log, .log.gz) or BLF (.blf), or by a `Recording`; record
+        frames and states as MCAP (a new .mcap), for `skin.replay` and other people's viewers.
 
     Raises
     ------
@@ -112,7 +114,7 @@ def open(
         if transports is None:
             ends = [undo.enter_context(end) for end in _ends(loaded, nodes)]
         _check_ends(ends, loaded)
-        pipeline = _pipeline(loaded, options, deadline_s, zeros, learn)
+        pipeline = _pipeline(undo, loaded, options, ends, deadline_s, zeros, learn, record)
         if pipeline.learning is not None:
             undo.callback(pipeline.learning.close)
         recording = Recording(log, loaded) if isinstance(log, str | os.PathLike) else log
@@ -121,12 +123,28 @@ def open(
 
 
 def _pipeline(
-    topology: Topology, options: Options, deadline_s: float | None, zeros: Any, learn: bool
+    undo: ExitStack,
+    topology: Topology,
+    options: Options,
+    ends: list[Transport],
+    deadline_s: float | None,
+    zeros: Any,
+    learn: bool,
+    record: Any,
 ) -> Pipeline:
-    """The pipeline, with what outlasts a run."""
-    pipeline = Pipeline(topology, options, deadline_s=deadline_s)
-    if zeros is not None:
-        pipeline.take_zeros(zeros)
+    """The pipeline, with what outlasts a run; recorded where that is asked for."""
+    if record is None:
+        pipeline = Pipeline(topology, options, deadline_s=deadline_s)
+        if zeros is not None:
+            pipeline.take_zeros(zeros)
+    else:
+        from skin.record.pipeline import RecordedPipeline
+
+        pipeline = RecordedPipeline(
+            topology, options, deadline_s=deadline_s, file=record, zeros=zeros
+        )
+        undo.callback(pipeline.recorder.close)
+        pipeline.recorder.watch(ends)
     if learn:
         pipeline.learn()
     return pipeline

@@ -94,14 +94,23 @@ class RingBuffer:
         """Call for the writer; what for is between the two."""
         self._calls[0] += 1
 
+    @property
+    def records(self) -> np.ndarray:
+        """All records, shape (slots,): for a writer that fills field by field; see `claim_slot`."""
+        return self._records
+
     def claim(self) -> np.ndarray | None:
         """The next free record, shape (1,), to be filled; None where the reader is that far behind.
         The reader sees it after `publish`."""
+        at = self.claim_slot()
+        return None if at is None else self._records[at : at + 1]
+
+    def claim_slot(self) -> int | None:
+        """The number of that record among all."""
         written = int(self._written[0])
         if written - int(self._read[0]) >= self.slots:
             return None
-        at = written % self.slots
-        return self._records[at : at + 1]
+        return written % self.slots
 
     def publish(self) -> None:
         """Hand the claimed record to the reader."""
@@ -168,6 +177,11 @@ class Worker:
     def alive(self) -> bool:
         """Whether the worker runs."""
         return self._process.poll() is None
+
+    @property
+    def status(self) -> int | None:
+        """Exit status of the worker, None while it runs; minus the signal that ended it."""
+        return self._process.poll()
 
     def ask(self, command: str, timeout_s: float = LONGEST_S, **values: Any) -> dict[str, Any]:
         """Send a command and wait for the answer.

@@ -88,12 +88,26 @@ class Assembler:
         self._shown = new_shown(topology.n)
         self._arrays = (table.tables, self._memory, self._shown)
         self._since_ns: int | None = None
-        """On the clock: opening of the cycle, or start of the free-running one."""
 
     @property
     def counters(self) -> FrameCounters:
         """Frames by what became of them until now."""
         return FrameCounters(*self._memory.totals.tolist())
+
+    @property
+    def totals(self) -> np.ndarray:
+        """The same as an array, in the order of `FrameCounters`, int64: always the same array."""
+        return self._memory.totals
+
+    @property
+    def is_free(self) -> bool:
+        """Whether no bus has a SYNC: the caller's clock ends cycles."""
+        return bool(self._state.is_free[0])
+
+    @property
+    def since_ns(self) -> int | None:
+        """On the clock: opening of the cycle, or start of the free-running one; None before."""
+        return self._since_ns
 
     @property
     def counts(self) -> np.ndarray:

@@ -22,6 +22,8 @@ COMMANDS = {
     "sim": "run simulated units alone, on the buses of a topology",
     "run": "listen to the buses of a topology and show what the skin feels",
     "view": "show what the skin feels in a browser, live or from a log",
+    "record": "run a skin, and record its frames and states as MCAP",
+    "replay": "play a recording, or a log, as it was live",
     "doctor": "listen to the buses of a topology, and say what is wrong and why",
     "tare": "take the zeros of an untouched skin, and save them",
     "calibrate": "fit units to the recordings of a bench, and write their calibration file",

@@ -10,17 +10,17 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import numpy as np
 import tyro
 
 from skin.cli import options
 from skin.cli.sim import own_faults
 from skin.cli.table import counted, facts
+from skin.cli.tally import Tally
 
 if TYPE_CHECKING:
     from bus.transport import Transport
     from skin.calibrate.background import Learning
-    from skin.state import State
+    from skin.pipeline import Pipeline
     from topology import Topology
 
 __all__ = ["check_simulated", "run", "simulated"]
@@ -53,6 +53,10 @@ Learn = Annotated[
         "learn the stray fields of neighbours while the skin is used, and save them", metavar="FILE"
     ),
 ]
+Record = Annotated[
+    Path | None,
+    options.quiet("record frames and states as MCAP, as `skin record` does", metavar="FILE"),
+]
 
 
 def run(
@@ -71,6 +75,7 @@ def run(
     tare: Tare = True,
     zeros: Zeros = None,
     learn: Learn = None,
+    record: Record = None,
     json: options.Json = False,
 ) -> int:
     """Listen to the buses of a topology, send SYNC, and show what the skin feels.
@@ -93,7 +98,7 @@ def run(
     if not simulate:
         _note(file, loaded, tare)
     table = LiveTable(loaded)
-    tally = _Tally(loaded)
+    tally = Tally(loaded)
     end = transports = None
     with ExitStack() as ended:
         if simulate:
@@ -102,7 +107,7 @@ def run(
         recording = None if log is None else Recording(log, filed)
         opened = skin.open(
             loaded, sync=sync, wait=wait, transports=transports, log=recording, tare=tare,
-            zeros=zeros, learn=learn is not None,
+            zeros=zeros, learn=learn is not None, record=record,
         )  # fmt: skip
         ended.enter_context(opened)
         try:
@@ -127,10 +132,20 @@ def run(
             "uncalibrated": [] if simulate else options.uncalibrated(loaded),
             "zeros": opened.zeros,
             "learned": _learned(opened.learning, learn),
+            "recorded": _recorded(opened.pipeline),
             "bus_changes": [f"{name}: {change}" for name, change in opened.bus_changes],
         }
     print(json_text.dumps(report) if json else _table(report))
     return 0 if report["units_heard"] else 1
+
+
+def _recorded(pipeline: Pipeline) -> dict[str, Any] | None:
+    """End the recording, where there is one, and tell what is in it."""
+    recorder = getattr(pipeline, "recorder", None)
+    if recorder is None:
+        return None
+    recorder.close()
+    return recorder.report()
 
 
 def _note(file: str, topology: Topology, tare: bool) -> None:
@@ -186,54 +201,6 @@ def simulated(
     return ends, played.seconds, nodes.exact
 
 
-class _Tally:
-    """What is worth telling at the end of a run."""
-
-    def __init__(self, topology: Topology) -> None:
-        self.topology = topology
-        self.cycles = 0
-        self.complete = 0
-        self.valid = np.zeros(topology.n, np.int64)
-        self.heard = np.zeros(topology.n, bool)
-        self.load = 0.0
-        self.contacts: set[int] = set()
-        self.slipped: set[int] = set()
-        self.work_us: list[float] = []
-
-    def add(self, state: State, work_ns: int) -> None:
-        from skin.contact.record import SlipState
-        from skin.state import Status
-
-        self.cycles += 1
-        self.complete += state.closed_by == "complete"
-        self.valid += state.units.valid
-        self.heard |= (state.units.status & int(Status.NEVER | Status.DISABLED)) == 0
-        self.load = max(self.load, float(np.linalg.norm(state.wrench[:3])))
-        for contact in state.contacts:
-            self.contacts.add(contact.id)
-            if contact.slip >= SlipState.INCIPIENT:
-                self.slipped.add(contact.id)
-        self.work_us.append(work_ns * 1e-3)
-
-    def report(self) -> dict[str, Any]:
-        silent = np.flatnonzero(~self.heard & self.topology.enabled)
-        p50, p99 = np.percentile(self.work_us, [50, 99]) if self.work_us else (0.0, 0.0)
-        return {
-            "topology": self.topology.name,
-            "units": self.topology.n,
-            "units_heard": int(self.heard.sum()),
-            "silent_units": [self.topology.unit_names[i] for i in silent],
-            "cycles": self.cycles,
-            "complete_cycles": int(self.complete),
-            "valid_share": float(self.valid.sum() / max(1, self.cycles * self.topology.n)),
-            "peak_force_n": self.load,
-            "contacts": len(self.contacts),
-            "contacts_slipped": len(self.slipped),
-            "cycle_us_p50": float(p50),
-            "cycle_us_p99": float(p99),
-        }
-
-
 def _table(report: dict[str, Any]) -> str:
     silent = report["silent_units"]
     shown = ", ".join(silent[:8]) + (f" and {len(silent) - 8} more" if len(silent) > 8 else "")
@@ -247,6 +214,7 @@ def _table(report: dict[str, Any]) -> str:
         "SYNC not taken": "{unsent}",
         "bus changes": "{changes}",
         "zeros": "{taken}",
+        "recorded": "{recorded_told}",
         "peak force": "{peak_force_n:.2f} N",
         "contacts, slipped": "{contacts}, {contacts_slipped}",
         "frames to contacts": "{cycle_us_p50:.1f} µs p50, {cycle_us_p99:.1f} µs p99",
@@ -259,7 +227,21 @@ def _table(report: dict[str, Any]) -> str:
         "changes": "; ".join(report["bus_changes"][-4:]) or "none",
         "taken": _zeros(report["zeros"]),
     }
+    recorded = report["recorded"]
+    if recorded is None:
+        del rows["recorded"]
+    else:
+        texts["recorded_told"] = _recording(recorded)
     return facts(rows, report | texts)
+
+
+def _recording(recorded: dict[str, Any]) -> str:
+    """What stands in a recording, and what does not."""
+    told = f"{recorded.get('cycles', 0)} cycles, {recorded.get('bytes', 0) / 1e6:.1f} MB"
+    if recorded["lost_cycles"] or recorded["lost_frames"]:
+        lost = f"{recorded['lost_cycles']} cycles and {recorded['lost_frames']} frames left out"
+        told += f", {lost}"
+    return told + (", ended early" if recorded["failure"] else "")
 
 
 def _learned(learning: Learning | None, file: Path | None) -> dict[str, Any] | None:

@@ -37,9 +37,10 @@ ROOMS: dict[str, frozenset[str]] = {
     "clock": frozenset(),
     "pipeline": COMMON | {"physics", "decode", "contact", "calibrate", "clock"},
     "live": COMMON | {"physics", "decode", "contact", "calibrate", "pipeline", "compiling", "sim"},
-    "opening": COMMON | {"physics", "contact", "pipeline", "compiling", "sim", "live"},
+    "opening": COMMON | {"physics", "contact", "pipeline", "compiling", "sim", "live", "record"},
     "offline": COMMON | {"pipeline", "compiling"},
     "view": COMMON | {"live", "pipeline", "calibrate", "contact", "worker"},
+    "record": COMMON | {"physics", "contact", "pipeline", "compiling", "offline", "worker"},
     "export": COMMON | {"contact", "arrow"},
     "publish": COMMON | {"live", "contact", "worker"},
 }

@@ -1,0 +1,44 @@
+"""`skin record`: run a skin, and record frames and states as MCAP."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from skin.cli import options
+from skin.cli.run import Simulate, Tare, Wait, Zeros, run
+
+__all__ = ["record"]
+
+
+def record(
+    file: options.File,
+    /,
+    *,
+    output: Annotated[
+        Path, tyro.conf.arg(metavar="FILE", help="new recording, .mcap", aliases=["-o"])
+    ],
+    seconds: options.Until = None,
+    interface: options.Interface = None,
+    channel: options.Channel = None,
+    sync: options.Sync = "host",
+    wait: Wait = "event",
+    simulate: Simulate = False,
+    scene: options.Scene = None,
+    seed: options.Seed = None,
+    tare: Tare = True,
+    zeros: Zeros = None,
+    json: options.Json = False,
+) -> int:
+    """Run a skin as `skin run` does, and record its frames and states as MCAP.
+
+    Foxglove, PlotJuggler and the tools for ROS 2 bags read the file as it is; `skin replay` plays
+    it to the same states. A process beside the run writes it: what was written can be read,
+    whatever ends the run, and where the disk is full the run goes on.
+    """
+    return run(
+        file, seconds=seconds, interface=interface, channel=channel, sync=sync, wait=wait,
+        simulate=simulate, scene=scene, seed=seed, tare=tare, zeros=zeros, record=output, json=json,
+    )  # fmt: skip

@@ -1,0 +1,172 @@
+"""What a recording has to carry so that it can be replayed: topology, options, stencil, zeros.
+
+The arrays of the topology are there as the run had them, so that a replay stands on no file beside
+the recording; the files that they came from are attached as well, to be read by people.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import json
+import math
+import tempfile
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bus.errors import LogError
+from skin.errors import SkinError, check_number
+from skin.options import Options
+from skin.record.topology_arrays import from_arrays, to_arrays
+from topology import Topology, TopologyError
+from topology.files import read_arrays, read_regular
+
+__all__ = ["Setup", "attachments", "read_setup"]
+
+FORMAT = 1
+RUN, ARRAYS, STENCIL, ZEROS = "run.json", "topology.npz", "stencil.npz", "zeros.npz"
+LARGEST_SOURCE = 2_000_000
+OWN = ("want", "slip", "stencil")
+"""Options that are not what JSON holds."""
+
+
+def attachments(
+    topology: Topology, options: Options, deadline_s: float | None, zeros: bytes | None
+) -> dict[str, bytes]:
+    """Files of a run, by name.
+
+    Parameters
+    ----------
+    topology : Topology
+    options : Options
+    deadline_s : float or None
+        As of `skin.pipeline.Pipeline`.
+    zeros : bytes or None
+        The file that zeros were to be taken up from, empty if it was not there; None: none.
+    """
+    given: dict[str, Any] = {
+        field.name: getattr(options, field.name)
+        for field in dataclasses.fields(options)
+        if field.name not in OWN
+    }
+    given["want"] = sorted(options.quantities)
+    if options.slip is not None:
+        values = dataclasses.asdict(options.slip)
+        given["slip"] = {name: _or_none(value) for name, value in values.items()}
+    run = {"format": FORMAT, "topology": topology.name, "options": given,
+           "deadline_s": deadline_s, "zeros": zeros is not None}  # fmt: skip
+    found = {RUN: json.dumps(run, indent=1).encode(), ARRAYS: _archive(to_arrays(topology))}
+    if options.stencil is not None:
+        with tempfile.TemporaryDirectory() as folder:
+            options.stencil.save(Path(folder) / STENCIL)
+            found[STENCIL] = (Path(folder) / STENCIL).read_bytes()
+    if zeros:
+        found[ZEROS] = zeros
+    return found | _sources(topology)
+
+
+@dataclasses.dataclass(frozen=True)
+class Setup:
+    """How a run was set up.
+
+    Attributes
+    ----------
+    topology : Topology
+    options : Options
+    deadline_s : float or None
+    zeros : bytes or None
+        As of `attachments`.
+    """
+
+    topology: Topology
+    options: Options
+    deadline_s: float | None
+    zeros: bytes | None
+
+
+def read_setup(file: Path, attached: Mapping[str, bytes]) -> Setup:
+    """How a run was set up, from the files in its recording.
+
+    Raises
+    ------
+    bus.LogError
+        A file lacks, or is damaged.
+    """
+    for name in (RUN, ARRAYS):
+        if name not in attached:
+            raise LogError(f"{file}: must be a recording of a skin, with {name!r} attached; "
+                           f"got {', '.join(map(repr, attached)) or 'nothing'}")  # fmt: skip
+    try:
+        run = json.loads(attached[RUN])
+        form, given, takes_zeros = run["format"], dict(run["options"]), run["zeros"]
+        deadline_s = run["deadline_s"]
+        if deadline_s is not None:
+            check_number("deadline_s", deadline_s, 1e-6, 3600.0)
+    except (ValueError, LookupError, TypeError, RecursionError) as error:
+        raise LogError(f"{file}: {RUN}: must be what a recording writes; got {error}") from None
+    if form != FORMAT:
+        raise LogError(f"{file}: {RUN}: format: must be {FORMAT}; got {form!r}")
+    with tempfile.TemporaryDirectory() as folder:
+        topology = from_arrays(f"{file}: {ARRAYS}", _arrays(file, attached[ARRAYS], Path(folder)))
+        try:
+            if "slip" in given and given["slip"] is not None:
+                given["slip"] = _slip(given["slip"])
+            if STENCIL in attached:
+                from skin.physics.stencil import Stencil
+
+                place = Path(folder) / STENCIL
+                place.write_bytes(attached[STENCIL])
+                given["stencil"] = Stencil.load(place, topology)
+            options = Options(**given)
+        except (SkinError, TopologyError, TypeError, AttributeError) as error:
+            raise LogError(f"{file}: {RUN}: must be options of a run; got: {error}") from None
+    return Setup(topology, options, deadline_s, attached.get(ZEROS, b"") if takes_zeros else None)
+
+
+def _slip(values: dict[str, Any]) -> Any:
+    from skin.contact.slip import SlipSettings
+
+    known: dict[str, Any] = {k: math.nan if v is None else v for k, v in values.items()}
+    return SlipSettings(**known)
+
+
+def _or_none(value: Any) -> Any:
+    return None if isinstance(value, float) and math.isnan(value) else value
+
+
+def _archive(arrays: dict[str, np.ndarray]) -> bytes:
+    file = io.BytesIO()
+    np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+    return file.getvalue()
+
+
+def _arrays(file: Path, data: bytes, folder: Path) -> dict[str, np.ndarray]:
+    place = folder / ARRAYS
+    place.write_bytes(data)
+    try:
+        return read_arrays(place)
+    except (OSError, ValueError) as error:
+        raise LogError(f"{file}: {ARRAYS}: must be arrays of a topology; got: {error}") from None
+
+
+def _sources(topology: Topology) -> dict[str, bytes]:
+    """The files that the topology came from, as far as they can be read: its own, and those of its
+    calibrations."""
+    if topology.path is None:
+        return {}
+    found: dict[str, bytes] = {}
+    try:
+        text = read_regular(topology.path, LARGEST_SOURCE)
+        found[topology.path.name] = text
+        for patch in tomllib.loads(text.decode()).get("patches", ()):
+            named = patch.get("calibration")
+            if isinstance(named, str):
+                place = topology.path.parent / named
+                found[place.name] = read_regular(place, LARGEST_SOURCE)
+    except (OSError, ValueError):  # what is replayed stands in the arrays
+        return found
+    return found

@@ -1,0 +1,262 @@
+"""MCAP files, written in pieces that are whole and read as far as they are; the one file that
+imports mcap.
+
+Writing ends a chunk whenever it is asked to, so that what stands in the file lacks no more than the
+time since then. The library foxglove-sdk is faster, but ends chunks by their size alone.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Collection, Iterator
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from bus.errors import LogError
+from skin.errors import LibraryError
+from skin.record.messages import TOPICS, schema
+from topology.files import open_regular
+
+__all__ = ["Container", "Message", "RecordedFile", "require"]
+
+PROFILE = "ros2"
+LARGEST_CHUNK = 1 << 28
+"""Bytes of a chunk, unpacked, that is read [assumed: seconds of the largest skins]."""
+CHUNK = 1 << 22
+"""Bytes of a chunk that is written, at most."""
+SET_BACK_NS = 10_000_000_000
+"""Stamps that step back by less are logged at the time of the newest, so that a file without an
+index can be read in order; by more, the clock was set."""
+
+
+def require(where: str) -> None:
+    """Refuse to go on without the library.
+
+    Raises
+    ------
+    LibraryError
+        It is not installed.
+    """
+    if find_spec("mcap") is None:
+        raise LibraryError(f"{where}: must have mcap; not installed: pip install 'f3t-skin[log]'")
+
+
+class _File:
+    """A new file that grows by whole pieces: what could not be written whole is cut off again."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+        self._waiting = bytearray()
+        self.size = 0
+        """Of what is in the file."""
+
+    def write(self, data: bytes) -> int:
+        """Take bytes; `flush` writes them."""
+        self._waiting += data
+        return len(data)
+
+    def tell(self) -> int:
+        """Where the next byte goes."""
+        return self.size + len(self._waiting)
+
+    def flush(self) -> None:
+        """Write what waits."""
+        view, done = memoryview(self._waiting), 0
+        try:
+            while done < len(view):
+                done += os.write(self._file, view[done:])
+        except OSError:
+            os.ftruncate(self._file, self.size)
+            raise
+        finally:
+            view.release()
+        self.size += done
+        self._waiting.clear()
+
+    def close(self) -> None:
+        """Close the file."""
+        os.close(self._file)
+
+
+class Container:
+    """An MCAP file that is being written.
+
+    Parameters
+    ----------
+    path : Path
+        A new file.
+    library : str
+        Who writes it.
+
+    Attributes
+    ----------
+    count : int
+        Messages written.
+
+    Raises
+    ------
+    OSError
+        Of this and of every method: the file cannot be written. It is whole up to the last `flush`.
+    """
+
+    def __init__(self, path: Path, library: str) -> None:
+        from mcap.writer import Writer
+
+        self._file = _File(path)
+        self._writer: Any = Writer(self._file, chunk_size=CHUNK)  # type: ignore[arg-type]
+        self._writer.start(PROFILE, library)
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
+        self.count = self._newest_ns = 0
+        self.flush()
+
+    @property
+    def size(self) -> int:
+        """Bytes in the file."""
+        return self._file.size
+
+    def attach(self, name: str, data: bytes, media_type: str) -> None:
+        """Put a file into it."""
+        now_ns = time.time_ns()
+        self._writer.add_attachment(now_ns, now_ns, name, media_type, data)
+
+    def add(self, topic: str, kind: str, stamp_ns: int, data: bytes) -> None:
+        """Append a message: its topic, which of `TOPICS` it is of, its time, and its CDR."""
+        channel = self._channels.get(topic)
+        if channel is None:
+            channel = self._channels[topic] = self._writer.register_channel(
+                topic, "cdr", self._schema(TOPICS[kind])
+            )
+        back_ns = self._newest_ns - stamp_ns
+        self._newest_ns = log_ns = self._newest_ns if 0 < back_ns < SET_BACK_NS else stamp_ns
+        self._writer.add_message(channel, log_ns, data, stamp_ns)
+        self.count += 1
+
+    def _schema(self, name: str) -> int:
+        if name not in self._schemas:
+            text = schema(name).encode()
+            self._schemas[name] = self._writer.register_schema(name, "ros2msg", text)
+        return self._schemas[name]
+
+    def flush(self) -> None:
+        """Let the file be whole up to here, whatever becomes of this process."""
+        self._writer.flush()
+
+    def finish(self) -> None:
+        """End the file: with an index, where there is room for one."""
+        self._writer.finish()
+        self._file.flush()
+
+    def close(self) -> None:
+        """Close the file as it is."""
+        self._file.close()
+
+
+class Message(NamedTuple):
+    """A message as it is read."""
+
+    topic: str
+    stamp_ns: int
+    data: bytes
+
+
+class RecordedFile:
+    """An MCAP file that is read from its beginning, message by message in the order of writing.
+
+    Parameters
+    ----------
+    path : Path
+
+    Attributes
+    ----------
+    attached : dict of str to bytes
+        Files in it that stand before the first message.
+    damage : list of str
+        What could not be read so far, and why.
+
+    Raises
+    ------
+    LibraryError
+        The library of the file format is not installed.
+    bus.LogError
+        There is no such file, or it is no MCAP file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        require(str(path))
+        self.path = path
+        self.damage: list[str] = []
+        self.attached: dict[str, bytes] = {}
+        for record in self._records():
+            kind = type(record).__name__
+            if kind == "Attachment":
+                self.attached[record.name] = record.data
+            elif kind in ("Chunk", "Message"):
+                break
+
+    def messages(self, topics: Collection[str]) -> Iterator[Message]:
+        """Messages of these topics, from the first one."""
+        from mcap.stream_reader import breakup_chunk
+
+        self.damage = []
+        channels: dict[int, str] = {}
+        for record in self._records():
+            parts: list[Any] = [record]
+            if type(record).__name__ == "Chunk":
+                try:
+                    if record.uncompressed_size > LARGEST_CHUNK:
+                        raise ValueError(f"a chunk of {record.uncompressed_size} bytes")
+                    parts = breakup_chunk(record, validate_crc=True)
+                except Exception as error:  # anything may come of reading what is damaged
+                    seconds = 1e-9 * (record.message_end_time - record.message_start_time)
+                    self._damaged(f"must be whole; got a chunk of {seconds:.3g} s that is "
+                                  f"damaged ({_reason(error)}), left out")  # fmt: skip
+                    continue
+            for part in parts:
+                kind = type(part).__name__
+                if kind == "Channel":
+                    channels[part.id] = part.topic
+                elif kind == "Message":
+                    topic = channels.get(part.channel_id, "")
+                    if topic in topics:
+                        yield Message(topic, part.log_time, part.data)
+
+    def _records(self) -> Iterator[Any]:
+        """Records of the file, chunks whole, to its end or to where it is damaged."""
+        from mcap.stream_reader import StreamReader
+
+        try:
+            file = open_regular(self.path)
+        except OSError as error:
+            raise LogError(f"{self.path}: must be a readable file; got: {error.strerror}") from None
+        with file:
+            size = os.fstat(file.fileno()).st_size
+            reader: Any = StreamReader(file, emit_chunks=True, record_size_limit=size)
+            records, whole = iter(reader.records), 0
+            while True:
+                try:
+                    record = next(records)
+                except StopIteration:
+                    return
+                except Exception as error:  # anything may come of reading what is damaged
+                    if whole == 0:
+                        raise LogError(
+                            f"{self.path}: must be an MCAP file; got {_reason(error)}"
+                        ) from None
+                    self._damaged(f"must go on to its footer; got no more that is whole after "
+                                  f"{whole} of {size} bytes ({_reason(error)})")  # fmt: skip
+                    return
+                whole = file.tell()
+                yield record
+
+    def _damaged(self, what: str) -> None:
+        self.damage.append(f"{self.path}: {what}")
+
+
+def _reason(error: Exception) -> str:
+    text = str(error).partition("\n")[0]
+    return text or {"EndOfFile": "the end of the file"}.get(
+        type(error).__name__, type(error).__name__
+    )

@@ -1,0 +1,186 @@
+"""Messages of a recording: names, fields and topics, as ROS 2 writes them down.
+
+Those of ROS are as in ROS 2 Humble and later. Those of ``f3t_msgs`` are ours: frames as they came,
+the state of a whole skin in one message, what hangs where, and poses that move.
+"""
+
+from __future__ import annotations
+
+import re
+
+__all__ = ["FRAMES", "LAYOUT", "POSES", "STATE", "TOPICS", "schema"]
+
+SKIN = "/skin"
+FRAMES, STATE = f"{SKIN}/frames", f"{SKIN}/state"
+LAYOUT, POSES = f"{SKIN}/layout", f"{SKIN}/poses"
+
+TOPICS = {
+    FRAMES: "f3t_msgs/msg/CanFrames",
+    STATE: "f3t_msgs/msg/SkinState",
+    LAYOUT: "f3t_msgs/msg/SkinLayout",
+    POSES: "f3t_msgs/msg/SkinPoses",
+    f"{SKIN}/wrench": "geometry_msgs/msg/WrenchStamped",
+    f"{SKIN}/contact": "geometry_msgs/msg/WrenchStamped",
+    f"{SKIN}/scene": "visualization_msgs/msg/MarkerArray",
+    "/tf": "tf2_msgs/msg/TFMessage",
+    "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+}
+"""Type of each topic; ``/skin/contact`` is followed by ``/<slot>``, a place that a contact has as
+long as it lasts."""
+
+FIELDS = {
+    "builtin_interfaces/msg/Time": "int32 sec\nuint32 nanosec",
+    "builtin_interfaces/msg/Duration": "int32 sec\nuint32 nanosec",
+    "std_msgs/msg/Header": "builtin_interfaces/Time stamp\nstring frame_id",
+    "std_msgs/msg/ColorRGBA": "float32 r\nfloat32 g\nfloat32 b\nfloat32 a",
+    "geometry_msgs/msg/Vector3": "float64 x\nfloat64 y\nfloat64 z",
+    "geometry_msgs/msg/Point": "float64 x\nfloat64 y\nfloat64 z",
+    "geometry_msgs/msg/Quaternion": "float64 x\nfloat64 y\nfloat64 z\nfloat64 w",
+    "geometry_msgs/msg/Pose": "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation",
+    "geometry_msgs/msg/Wrench": "geometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque",
+    "geometry_msgs/msg/WrenchStamped": "std_msgs/Header header\ngeometry_msgs/Wrench wrench",
+    "geometry_msgs/msg/Transform": (
+        "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation"
+    ),
+    "geometry_msgs/msg/TransformStamped": (
+        "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/Transform transform"
+    ),
+    "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms",
+    "diagnostic_msgs/msg/KeyValue": "string key\nstring value",
+    "diagnostic_msgs/msg/DiagnosticStatus": """\
+byte OK=0
+byte WARN=1
+byte ERROR=2
+byte STALE=3
+byte level
+string name
+string message
+string hardware_id
+diagnostic_msgs/KeyValue[] values""",
+    "diagnostic_msgs/msg/DiagnosticArray": (
+        "std_msgs/Header header\ndiagnostic_msgs/DiagnosticStatus[] status"
+    ),
+    "sensor_msgs/msg/CompressedImage": "std_msgs/Header header\nstring format\nuint8[] data",
+    "visualization_msgs/msg/UVCoordinate": "float32 u\nfloat32 v",
+    "visualization_msgs/msg/MeshFile": "string filename\nuint8[] data",
+    "visualization_msgs/msg/Marker": """\
+int32 ARROW=0
+int32 CUBE=1
+int32 SPHERE=2
+int32 CYLINDER=3
+int32 LINE_STRIP=4
+int32 LINE_LIST=5
+int32 CUBE_LIST=6
+int32 SPHERE_LIST=7
+int32 POINTS=8
+int32 TEXT_VIEW_FACING=9
+int32 MESH_RESOURCE=10
+int32 TRIANGLE_LIST=11
+int32 ADD=0
+int32 MODIFY=0
+int32 DELETE=2
+int32 DELETEALL=3
+std_msgs/Header header
+string ns
+int32 id
+int32 type
+int32 action
+geometry_msgs/Pose pose
+geometry_msgs/Vector3 scale
+std_msgs/ColorRGBA color
+builtin_interfaces/Duration lifetime
+bool frame_locked
+geometry_msgs/Point[] points
+std_msgs/ColorRGBA[] colors
+string texture_resource
+sensor_msgs/CompressedImage texture
+visualization_msgs/UVCoordinate[] uv_coordinates
+string text
+string mesh_resource
+visualization_msgs/MeshFile mesh_file
+bool mesh_use_embedded_materials""",
+    "visualization_msgs/msg/MarkerArray": "visualization_msgs/Marker[] markers",
+    "f3t_msgs/msg/CanFrame": """\
+int64 stamp_ns     # of the transport, since 1970
+uint32 id          # as SocketCAN has it: bit 31 29-bit identifier, 30 remote, 29 error frame
+uint8 length       # bytes of data that count
+uint8 flags        # bit 0 bit-rate switch, 1 error state, 2 CAN FD
+uint8 origin       # bit 0: this host sent it
+uint8 bus          # index of the buses of the topology
+uint8[64] data     # what stands beyond the length means nothing""",
+    "f3t_msgs/msg/CanFrames": """\
+# What the skin was given at once, in its order; a cycle was closed where frames are none
+uint8 FED=0        # frames were taken, from all buses
+uint8 EXPIRED=1    # the deadline closed a cycle, elapsed_ns after it had begun
+uint8 SILENT=2     # no SYNC came for elapsed_ns, and a cycle without data was shown
+uint8 FLUSHED=3    # what was open was closed
+std_msgs/Header header
+uint8 event
+bool more          # the next message has further frames of the same batch
+int64 elapsed_ns
+uint64 lost_cycles # that were left out of this recording until then, as it was behind
+uint64 lost_frames
+f3t_msgs/CanFrame[] frames""",
+    "f3t_msgs/msg/Contact": """\
+int64 id                       # the same as long as it is the same contact
+geometry_msgs/Wrench wrench    # N and N·m about the origin of the skin: what the world exerts
+float64[6] wrench_sigma
+geometry_msgs/Point centroid   # m; NaN where the load is too small to tell it
+geometry_msgs/Vector3 normal   # outward
+uint8 slip                     # 0 not known, 1 stick, 2 incipient, 3 gross
+float32 stick_ratio            # share of the load on units that stick
+float32 friction               # NaN before slip has shown it
+float32 margin                 # share of the friction cone that is left
+uint16 units                   # how many units it has""",
+    "f3t_msgs/msg/SkinState": """\
+std_msgs/Header header    # stamp of the SYNC
+uint64 cycle
+float32[] force           # 3 n: Fx of all units, Fy, Fz; N, unit frames; NaN where invalid
+float32[] force_sigma     # 3 n
+float32[] temperature     # n, degree Celsius; NaN where invalid
+uint16[] status           # n, flags; 0 is a good reading
+int32[] contact           # n, index of the contacts, -1 for none
+f3t_msgs/Contact[] contacts""",
+    "f3t_msgs/msg/SkinLayout": """\
+std_msgs/Header header
+string topology
+string[] names            # n
+string[] patches
+int32[] patch             # n, index of the patches
+float64[] position        # 3 n: x of all units, y, z; m, skin frame
+float64[] rotation        # 9 n, row by row, columns are the axes of the units""",
+    "f3t_msgs/msg/SkinPoses": """\
+# Poses of the units from the next cycle on
+std_msgs/Header header
+float64[] position        # 3 n, as of the layout
+float64[] rotation        # 9 n""",
+}
+"""Fields of each message, one a line; fields of other messages are told by their package and
+name."""
+
+_USED = re.compile(r"^(\w+)/(\w+)(?:\[\d*\])? ", re.MULTILINE)
+_RULE = "=" * 80
+
+
+def schema(name: str) -> str:
+    """The text that a file carries for a message: its own fields, then those of all in it.
+
+    Examples
+    --------
+    >>> print(schema("std_msgs/msg/Header"))
+    builtin_interfaces/Time stamp
+    string frame_id
+    ================================================================================
+    MSG: builtin_interfaces/Time
+    int32 sec
+    uint32 nanosec
+    """
+    parts, told, waiting = [FIELDS[name]], {name}, [name]
+    while waiting:
+        for package, kind in _USED.findall(FIELDS[waiting.pop(0)]):
+            inner = f"{package}/msg/{kind}"
+            if inner not in told:
+                told.add(inner)
+                waiting.append(inner)
+                parts.append(f"{_RULE}\nMSG: {package}/{kind}\n{FIELDS[inner]}")
+    return "\n".join(parts)

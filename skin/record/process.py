@@ -1,0 +1,197 @@
+"""The process that writes a recording: ``python -m skin.record.process``, started by `Recorder`.
+
+What waits in the ring is written also where the loop's process was killed. Every `FLUSH_S` the file
+is whole up to there, so that it lacks less than a second if this process is killed as well.
+"""
+
+from __future__ import annotations
+
+import base64
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from skin.record.container import Container
+from skin.record.encode import StateEncoder, WrenchEncoder, contacts_of, frames_message
+from skin.record.health import Health
+from skin.record.messages import FRAMES, LAYOUT, POSES, STATE
+from skin.record.scene import Layout
+from skin.record.slot import Event
+from skin.worker import WorkerEnd
+
+__all__ = ["SlotsToMessages", "main"]
+
+FLUSH_S = 0.4
+POLL_S = 0.02
+AT_ONCE = 64
+"""Slots that are given back together."""
+SCENE_NS = 50_000_000
+SLOW_NS = 1_000_000_000
+"""Times of the state between two scenes; two diagnostics, and frames of patches."""
+MEDIA = {".toml": "application/toml", ".json": "application/json", ".npz": "application/x-npz"}
+
+
+class SlotsToMessages:
+    """Writes slots of the ring as messages.
+
+    Parameters
+    ----------
+    file : Container
+    request : dict
+        As the recorder has made it.
+    """
+
+    def __init__(self, file: Container, request: dict[str, Any]) -> None:
+        self._file = file
+        names = request["names"]
+        rotation = np.array(request["rotation"], float).reshape(3, 3, -1)
+        self._layout = Layout(
+            request["topology"], names, request["patches"], np.array(request["patch"], int),
+            np.array(request["position"], float), rotation,
+        )  # fmt: skip
+        enabled = np.array(request["enabled"], bool)
+        self._health = Health(request["topology"], names, enabled, request["buses"])
+        self._state, self._wrench = StateEncoder(len(names)), WrenchEncoder()
+        self._stamp_ns = 0
+        self._scene_ns = self._slow_ns = -(1 << 62)
+        self.cycles = self.frames = 0
+        self._begun = False
+
+    def write(self, slot: np.ndarray) -> None:
+        """Write one slot."""
+        count = int(slot["event_count"])
+        done = 0
+        has_state = bool(slot["has_state"])
+        if has_state:
+            self._stamp_ns = max(0, int(slot["stamp_ns"]))
+        self._health.hear(slot)
+        for event, value in zip(
+            slot["events"][:count].tolist(), slot["event_values"][:count].tolist(), strict=True
+        ):
+            if event == Event.MOVED:
+                self._move(slot)
+            elif event in (Event.FED, Event.FED_PART):
+                frames = slot["frames"][done : done + value]
+                self._frames(slot, event, 0, frames)
+                done += value
+            else:
+                self._frames(slot, event, value, slot["frames"][:0])
+        if has_state:
+            self._show(slot)
+
+    def _frames(self, slot: np.ndarray, event: int, elapsed_ns: int, frames: np.ndarray) -> None:
+        if frames.size and not self._stamp_ns:  # no state yet
+            self._stamp_ns = max(0, int(frames[0, 0]))
+        self._begin()
+        part = event == Event.FED_PART
+        values = {
+            "event": Event.FED if part else event, "more": part, "elapsed_ns": elapsed_ns,
+            "lost_cycles": slot["lost_cycles"], "lost_frames": slot["lost_frames"],
+        }  # fmt: skip
+        self._add(FRAMES, frames_message(values, self._stamp_ns, frames))
+        self.frames += len(frames)
+
+    def _begin(self) -> None:
+        """What hangs where stands first, at the time of the first frame."""
+        if not self._begun:
+            self._begun = True
+            self._add(LAYOUT, self._layout.message(self._stamp_ns))
+            self._add("/tf", self._layout.transforms(self._stamp_ns))
+
+    def _move(self, slot: np.ndarray) -> None:
+        self._begin()
+        self._layout.move(slot["pose"])
+        self._add(POSES, self._layout.poses(self._stamp_ns))
+
+    def _show(self, slot: np.ndarray) -> None:
+        stamp_ns = self._stamp_ns
+        self._begin()
+        self._add(STATE, self._state(slot))
+        self.cycles += 1
+        if not np.isnan(slot["wrench"][0]):
+            self._add("/skin/wrench", self._wrench(stamp_ns, slot["wrench"]))
+        contacts = contacts_of(slot)
+        for place, contact in zip(slot["contact_slots"].tolist(), contacts, strict=False):
+            data = self._wrench(stamp_ns, contact["wrench"])
+            self._add(f"/skin/contact/{place}", data, "/skin/contact")
+        if abs(stamp_ns - self._scene_ns) >= SCENE_NS:
+            self._scene_ns = stamp_ns
+            self._add("/skin/scene", self._layout.scene(slot))
+            self._add("/tf", self._layout.transforms(stamp_ns))
+        if abs(stamp_ns - self._slow_ns) >= SLOW_NS:
+            self._slow_ns = stamp_ns
+            self._add("/diagnostics", self._health.message(slot))
+
+    def _add(self, topic: str, data: bytes, kind: str = "") -> None:
+        self._file.add(topic, kind or topic, self._stamp_ns, data)
+
+
+def main() -> None:
+    """Write what comes, until the loop ends."""
+    end = WorkerEnd()
+    request, file = end.request, None
+    try:
+        file = Container(Path(request["file"]), "f3t-skin")
+        for name, data in request["attached"].items():
+            media = MEDIA.get(Path(name).suffix, "application/octet-stream")
+            file.attach(name, base64.b64decode(data), media)
+        file.flush()
+        _serve(end, file, SlotsToMessages(file, request))
+    except OSError as error:
+        if file is None:
+            end.command(None)
+            end.answer(error=f"{request['file']}: {error.strerror}")
+        sys.exit(error.errno)
+
+
+def _serve(end: WorkerEnd, file: Container, written: SlotsToMessages) -> None:
+    """Write slots and answer, until the loop has ended and nothing waits."""
+
+    def told() -> dict[str, Any]:
+        return {"cycles": written.cycles, "frames": written.frames, "bytes": file.size,
+                "messages": file.count, "cpu_s": time.process_time()}  # fmt: skip
+
+    flushed = time.monotonic()
+    while True:
+        ended = end.ended
+        _drain(end, written)
+        while ended and end.ring.waiting:
+            _drain(end, written)
+        if time.monotonic() - flushed >= FLUSH_S:
+            file.flush()
+            flushed = time.monotonic()
+        command = end.command(POLL_S)
+        if command is None:
+            if ended:
+                file.finish()
+                return
+        elif command["command"] == "open":
+            end.answer()
+        elif command["command"] == "report":
+            _drain(end, written)
+            file.flush()
+            end.answer(**told())
+        elif command["command"] == "finish":
+            while end.ring.waiting:
+                _drain(end, written)
+            file.finish()
+            end.answer(**told())
+            return
+        else:
+            end.answer(error=f"command: must be 'open', 'report' or 'finish'; got {command}")
+
+
+def _drain(end: WorkerEnd, written: SlotsToMessages) -> None:
+    """Write what waits, but not for ever where more comes than can be written."""
+    for _ in range(end.ring.waiting // AT_ONCE + 2):
+        slots = end.ring.unread()[:AT_ONCE]
+        for slot in slots:
+            written.write(slot)
+        end.ring.release(slots.size)
+
+
+if __name__ == "__main__":
+    main()

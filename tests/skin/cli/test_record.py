@@ -1,0 +1,69 @@
+"""The commands record and replay, from a run to the same run."""
+
+from __future__ import annotations
+
+import io
+import json
+
+import pytest
+
+from skin.cli import main
+
+pytest.importorskip("mcap", reason="mcap is not installed")
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    """A recording that the command has made."""
+    path = tmp_path_factory.mktemp("run") / "run.mcap"
+    command = ["record", "strip", "-o", str(path), "--simulate", "--scene", "press"]
+    assert main([*command, "--seconds", "0.4"]) == 0
+    return path
+
+
+def last_line(capsys):
+    return json.loads(capsys.readouterr().out.splitlines()[-1])
+
+
+def test_what_was_recorded_is_told(tmp_path, capsys):
+    path = tmp_path / "run.mcap"
+    command = ["run", "strip", "--simulate", "--seconds", "0.2", "--record", str(path), "--json"]
+    assert main(command) == 0
+    report = last_line(capsys)
+    recorded = report["recorded"]
+    assert recorded["cycles"] == report["cycles"] > 0
+    assert recorded["bytes"] <= path.stat().st_size
+    assert (recorded["lost_cycles"], recorded["lost_frames"], recorded["failure"]) == (0, 0, None)
+
+
+def test_a_replay_tells_that_it_is_the_same(file, capsys):
+    assert main(["replay", str(file), "--speed", "0", "--topology", "strip", "--json"]) == 0
+    report = last_line(capsys)
+    assert report["same"] == report["cycles"] > 0
+    assert report["faults"] == []
+
+
+def test_steps_wait_for_enter_and_end_with_the_input(file, capsys, monkeypatch):
+    monkeypatch.setattr("sys.stdin", io.StringIO("\n3\n\n"))
+    assert main(["replay", str(file), "--step"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    cycles = [int(line.split()[1]) for line in lines if line.startswith("cycle ")]
+    first = cycles[0]
+    assert len(cycles) == 4
+    assert cycles[1] > first
+    assert any(line.startswith("the same as live   6 of 6") for line in lines)
+
+
+def test_a_log_is_replayed_with_its_topology(tmp_path, capsys):
+    log = tmp_path / "run.log"
+    assert main(["run", "strip", "--simulate", "--seconds", "0.2", "--log", str(log)]) == 0
+    assert main(["replay", str(log), "--topology", "strip", "--speed", "100", "--json"]) == 0
+    report = last_line(capsys)
+    assert (report["same"], report["faults"]) == (None, [])
+    assert main(["replay", str(log)]) == 2
+    assert "topology: must be given with a log; got none" in capsys.readouterr().err
+
+
+def test_a_speed_is_not_negative(file, capsys):
+    assert main(["replay", str(file), "--speed", "-1"]) == 2
+    assert capsys.readouterr().err == "--speed: must be at least 0; got -1\n"
