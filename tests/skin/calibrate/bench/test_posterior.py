@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skin.calibrate.bench.posterior import cross_validated, fit_posterior
+from skin.calibrate.bench.posterior import fit_posterior
 from skin.errors import ScanError
 
 
