@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["PIECES", "cross_validated"]
+__all__ = ["FOLDS", "PIECES", "cross_validated"]
 
 PIECES = 40
 """Stretches of samples whose errors are taken for independent of each other [assumed]."""

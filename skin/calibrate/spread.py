@@ -6,7 +6,7 @@ mean of the products of neighbours is the variance of the first without the seco
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import optimize
@@ -75,15 +75,17 @@ def law_spread(error: np.ndarray, force: np.ndarray, noise: np.ndarray | float) 
     steps = np.append(0.0, np.geomspace(1.0 / REACH, 1.0, TRIED))
     share = steps * min(most_n / max(float(np.sqrt(force2.mean())), 1e-9), 1.0)
     relative, absolute = (each.ravel() for each in np.meshgrid(share, most_n * steps))
-    law2 = _variance(Spread(relative[:, np.newaxis], absolute[:, np.newaxis]), force2) + least2
+    law2 = _variance(relative[:, np.newaxis], absolute[:, np.newaxis], force2) + least2
     best = int(np.argmin((count * (np.log(law2) + told2 / law2)).sum(axis=1)))
     found = Spread(float(relative[best]), float(absolute[best]))
-    scale = _scale(error, np.sqrt(_variance(found, force**2)), noise)
+    scale = _scale(error, np.sqrt(_variance(*found, force**2)), noise)
     return Spread(scale * found.relative, scale * found.absolute)
 
 
-def _variance(spread: Spread, force2: np.ndarray) -> np.ndarray:
-    return spread.relative**2 * force2 + np.minimum(spread.absolute**2, force2)
+def _variance(
+    relative: np.ndarray | float, absolute: np.ndarray | float, force2: np.ndarray
+) -> np.ndarray:
+    return relative**2 * force2 + np.minimum(absolute**2, force2)
 
 
 def _products(error: np.ndarray) -> np.ndarray:
@@ -109,5 +111,5 @@ def _scale(error: np.ndarray, sigma: np.ndarray, noise: np.ndarray | float) -> f
     low, high = np.log(SCALES)
     if missing(low) >= 0.0 or missing(high) <= 0.0:
         return float(np.exp(low if missing(low) >= 0.0 else high))
-    root = optimize.brentq(missing, low, high, xtol=1e-3)
+    root: Any = optimize.brentq(missing, low, high, xtol=1e-3)
     return float(np.exp(root))
