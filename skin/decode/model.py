@@ -188,9 +188,10 @@ def _gel_rate(octaves_c: np.ndarray, p: Mapping[str, np.ndarray]) -> np.ndarray:
     t = p["temperature_min_c"] + share * (p["temperature_max_c"] - p["temperature_min_c"])
     x, above = np.log2(gel_share(p, t)), t - 20.0
     rate = octaves_c[0] + x * (2.0 * octaves_c[1] + 3.0 * x * octaves_c[2])
-    powers = np.stack([above**k for k in range(3)], axis=-1).swapaxes(0, 1)
-    return np.stack([np.linalg.lstsq(rows, y, rcond=None)[0]
-                     for rows, y in zip(powers, rate.T, strict=True)], axis=1)  # fmt: skip
+    # errors relative to it
+    powers = np.stack([above**k / rate for k in range(3)], axis=-1).swapaxes(0, 1)
+    whole = np.ones(len(share))
+    return np.stack([np.linalg.lstsq(rows, whole, rcond=None)[0] for rows in powers], axis=1)
 
 
 def _kept(step_s: float, lag_s: np.ndarray) -> np.ndarray:
