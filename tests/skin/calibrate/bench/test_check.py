@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from benchmarks.lab import Lab, protocol
-from skin.calibrate.bench.check import DRIFTED, score
+from skin.calibrate.bench.check import score
 from skin.calibrate.bench.file import KINDS
 
 
@@ -21,6 +21,5 @@ def of_the_hold(laws):
 
 def test_a_hold_counts_and_shows_a_relaxation_that_the_calibration_lacks():
     elastic, relaxing = of_the_hold(frozenset()), of_the_hold(frozenset({"creep"}))
-    assert 0.5 < elastic.over_sigma["normal"] < 1.3
-    assert relaxing.over_sigma["normal"] > DRIFTED
-    assert any(fault.startswith("normal: must be within its sigma") for fault in relaxing.faults)
+    assert 0.8 < elastic.over_sigma["normal"] < 1.15
+    assert relaxing.over_sigma["normal"] > 1.2 * elastic.over_sigma["normal"]
