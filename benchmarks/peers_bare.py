@@ -110,6 +110,8 @@ def _coefficients(skin: Topology) -> dict[str, np.ndarray]:
     per_hz = 1.0 / p["frequency_slope_hz_per_mm"]
     soft = p["normal_soft_n_per_hz"]
     octave = 1.0 / np.log(2.0)
+    if p["gel_bend_c"].any() or p["gel_twist_c"].any():
+        raise SystemExit("bare: must be of gels whose current is exponential; got others")
     rows = {
         "gel_scale": scale[0] / p["gel_current_20c_ua"],
         "gel_offset": offset[0] / p["gel_current_20c_ua"],

@@ -111,7 +111,8 @@ def _model(
     scale, offset = m.of(skin.scale[:, units]), m.of(skin.offset[:, units])
     current, frequency, bx, by, bz, chip = scale * m.of(counts) + offset
     warm = np.maximum(current / p["gel_current_20c_ua"], m.of(CURRENT_MIN))
-    gel_c = 20 + 60 * m.log(warm) / m.log(p["gel_current_ratio"])
+    x = m.log(warm) / m.log(p["gel_current_ratio"])
+    gel_c = 20 + 60 * x + (p["gel_bend_c"] + p["gel_twist_c"] * (2 * x - 1)) * x * (x - 1)
 
     drop = p["frequency_rest_hz"] - frequency
     over = np.maximum(drop - p["normal_break_hz"], 0)

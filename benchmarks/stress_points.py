@@ -16,6 +16,7 @@ from skin.options import ESTIMATORS
 from skin.state import Reading, Status
 from topology import CHANNELS, Topology, UnitModel
 from topology.check.models import parameter_faults
+from topology.gel import gel_share
 from topology.model import TABLES
 from topology.parameter_roles import SIGMAS
 
@@ -138,7 +139,7 @@ def _inside(skin: Topology, rng: np.random.Generator) -> np.ndarray:
     p = skin.parameters
     counts = np.zeros((len(CHANNELS), skin.n), np.int16)
     warm = rng.uniform(p["temperature_min_c"], p["temperature_max_c"])
-    gel = p["gel_current_20c_ua"] * p["gel_current_ratio"] ** ((warm - 20.0) / 60.0)
+    gel = p["gel_current_20c_ua"] * gel_share(p, warm)
     drop = rng.uniform(0.0, 1.0, skin.n) * p["normal_max_n"] / p["normal_stiff_n_per_hz"]
     for channel, values in ((0, gel), (FREQUENCY, p["frequency_rest_hz"] - drop), (5, warm)):
         _put(skin, counts, channel, values)

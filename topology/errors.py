@@ -62,6 +62,8 @@ MESSAGES: dict[str, str] = {
     "{load:.1%} by {frames} data frames a cycle ({advice})",
     # -- unit models and calibrations
     "temperature-range": "must be above temperature_min_c, {minimum:g}; got {got:g}",
+    "gel-fold": "must leave a temperature that rises with the current from temperature_min_c to "
+    "temperature_max_c; got one that rises from {first:.4g} to {last:.4g} °C",
     "normal-break": "must be below {limit:.4g}, where the soft slope alone reaches normal_max_n; "
     "got {got:g}",
     "frequency-range": "must be above {fall:.4g}, the fall of the frequency at normal_max_n; got "

@@ -54,6 +54,10 @@ def _doc(text: str, **bounds: Any) -> Meta:
 
 _Shares = tuple[Annotated[float, Meta(ge=0, le=10)], ...]
 _Times = tuple[Annotated[float, Meta(ge=0, le=1e6)], ...]
+_LAW_LEFT = _doc(
+    "The same beside it in newton: law of another form, at most the force itself [calibrated]",
+    ge=0, le=1000,
+)  # fmt: skip
 _CREEP_LEFT = _doc("One-sigma that the terms leave, of what relaxes [calibrated]", ge=0, le=1)
 
 
@@ -76,6 +80,12 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
             le=1e4,
         ),
     ] = 12.0
+    gel_bend_c: Annotated[
+        float,
+        _doc("b of T = 20 + 60 x + b x (x - 1) + c x (x - 1) (2 x - 1), x being ln(I / I20) over "
+             "ln(ratio) [calibrated]", ge=-200, le=200),
+    ] = 0.0  # fmt: skip
+    gel_twist_c: Annotated[float, _doc("c of the same [calibrated]", ge=-200, le=200)] = 0.0
     temperature_min_c: Annotated[
         float, _doc("Lower end of the calibrated temperature range [assumed]", ge=-100, le=300)
     ] = 15.0
@@ -283,6 +293,9 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     frequency_sigma_hz: Annotated[
         float, _doc("Of the frequency at rest: evenly spread by 2 % [assumed]", ge=0, le=1e5)
     ] = 52.0
+    depth_sigma_mm: Annotated[
+        float, _doc("Of the depth at a frequency: a law not straight [calibrated]", ge=0, le=100)
+    ] = 0.0
     normal_sigma_relative: Annotated[
         float,
         _doc(
@@ -292,6 +305,7 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
             le=100,
         ),
     ] = 0.04
+    normal_sigma_n: Annotated[float, _LAW_LEFT] = 0.0
     field_sigma_ut: Annotated[
         float,
         _doc(
@@ -329,6 +343,7 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
             le=100,
         ),
     ] = 0.03
+    shear_sigma_n: Annotated[float, _LAW_LEFT] = 0.0
 
     placement_sigma_mm: Annotated[
         float,

@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from topology import CHANNELS, Topology
+from topology.gel import gel_share
 
 __all__ = ["FALSE_ALARMS_PER_DAY", "noise_counts", "still_limits"]
 
@@ -36,7 +37,7 @@ def noise_counts(topology: Topology) -> np.ndarray:
     range of temperature.
     """
     p = topology.parameters
-    coldest = p["gel_current_ratio"] ** ((p["temperature_min_c"] - 20.0) / 60.0)
+    coldest = gel_share(p, p["temperature_min_c"])
     field = p["field_noise_ut"]
     physical = {
         "gel": p["gel_noise_relative"] * p["gel_current_20c_ua"] * coldest,

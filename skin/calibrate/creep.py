@@ -22,7 +22,8 @@ from scipy.special import ndtri
 from scipy.stats import median_abs_deviation
 
 from bus.compiled.jit import compiled
-from skin.calibrate.bench.posterior import FOLDS, KEPT, PIECES
+from skin.calibrate.bench.posterior import KEPT
+from skin.calibrate.cross_validation import FOLDS, PIECES
 from skin.errors import ScanError, check_choice
 from skin.physics.least_squares import Fit, check_levels, check_samples
 from topology import CREEP_TERMS

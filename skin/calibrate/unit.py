@@ -23,11 +23,13 @@ from skin.calibrate.gel import fit_gel
 from skin.calibrate.normal import fit_frequency, fit_normal
 from skin.calibrate.read import as_fit
 from skin.calibrate.shear import fit_shear
+from skin.calibrate.spread import Spread, even_spread, law_spread
 from skin.calibrate.write import parameter_values, write_calibration
 from skin.errors import ScanError
 from skin.physics.least_squares import Fit
 from skin.physics.scan import Recordings, Scan
 from topology import CHANNELS, Topology
+from topology.gel import gel_temperature
 
 __all__ = ["Calibration", "calibrate", "calibrate_unit", "fit_crest", "left_of", "with_fits"]
 
@@ -104,9 +106,12 @@ def calibrate_unit(
         for scan in (recordings.bare, recordings.heated, recordings.pressed, recordings.sheared)
     )
 
-    counts = recordings.heated.counts[:, GEL, unit]
+    gel_noise = float(p["gel_noise_relative"])
+    warm = [_of(scan, unit) for scan in (recordings.heated, recordings.warmed)]
+    gel_c = np.concatenate([scan["gel_temperature"] for scan in warm])
+    counts = np.concatenate([scan["counts"][:, GEL] for scan in warm])
     current = topology.scale[GEL, unit] * counts + topology.offset[GEL, unit]
-    gel = fit_gel(current, heated["gel_temperature"], sigma_relative=float(p["gel_noise_relative"]))
+    gel = fit_gel(current, gel_c, sigma_relative=gel_noise)
 
     depth = pressed["depth_mm"]
     noise_hz = share * float(p["frequency_noise_hz"])
@@ -143,22 +148,34 @@ def calibrate_unit(
         reference_mm=float(p["field_reference_mm"]), sigma_n=force_n,
     )  # fmt: skip
     strength_ut, force = _rms(lateral), (pressed["force_n"][:, 1], sheared["force_n"][:, 0])
-    kelvin = 60.0 / np.log(gel["gel_current_ratio"])
+    kelvin, laws = 60.0 / np.log(gel["gel_current_ratio"]), (gel, frequency, normal, shear)
+    known = {**p, **{name: fit[name] for fit in laws for name in fit.names}}
+    pushed = _normal_spread(known, pressed)
+    sideways = _shear_spread(known, sheared)
     spread = {
-        "temperature_sigma_c": kelvin * left_of(gel, float(p["gel_noise_relative"])),
-        "frequency_sigma_hz": left_of(frequency, noise_hz),
-        "normal_sigma_relative": np.hypot(left_of(normal, force_n) / _rms(force[0]), slope_sigma),
+        "temperature_sigma_c": np.hypot(
+            _temperature_sigma_c(known, current, gel_c), kelvin * unknown_of(gel, gel_noise)
+        ),
+        "frequency_sigma_hz": unknown_of(frequency, noise_hz),
+        "depth_sigma_mm": _depth_sigma_mm(known, pressed),
+        "normal_sigma_relative": np.hypot(
+            np.hypot(pushed.relative, unknown_of(normal, force_n) / _rms(force[0])), slope_sigma
+        ),
+        "normal_sigma_n": pushed.absolute,
         "field_sigma_ut": left_of(chip, field_ut),
         "field_angle_sigma_mm": film.sigma_mm,
         "field_amplitude_sigma_relative": left_of(amplitude, field_ut) / strength_ut,
-        "shear_sigma_relative": left_of(shear, force_n) / _rms(force[1]),
+        "shear_sigma_relative": np.hypot(
+            sideways.relative, unknown_of(shear, force_n) / _rms(force[1])
+        ),
+        "shear_sigma_n": sideways.absolute,
     }
     # a spread of t samples is known to a share of 1 / sqrt(2 t)
     relative = 1.0 / np.sqrt(2.0 * film.fit.samples)
     values = {name: (s, relative * s) for name, s in spread.items()}
     values |= {f"field_angle_variance_relative[{i}]": (s, np.nan) for i, s in enumerate(film.shape)}
     deepest = float(slope * depth.max())
-    values["normal_max_n"] = _normal_force(normal, deepest), force_n
+    values["normal_max_n"] = float(_normal_law(known, np.array(deepest))[0]), force_n
     told = as_fit(values, film.fit.samples)
     return (gel, frequency, normal, drift, chip, film.fit, amplitude, shear, told), film
 
@@ -174,11 +191,52 @@ def left_of(fit: Fit, noise: float) -> float:
     return float(np.sqrt(misfit + max(variance, noise**2) * count / fit.samples))
 
 
-def _normal_force(normal: Fit, fall_hz: float) -> float:
-    """Normal force at a fall of the frequency, N: the end of what was pressed."""
-    soft, knee, stiff = (normal[f"normal_{name}"] for name in
+def unknown_of(fit: Fit, noise: float) -> float:
+    """One sigma of a fitted law that noise leaves: p / t of its variance."""
+    return noise * float(np.sqrt(len(fit.values) / fit.samples))
+
+
+def _temperature_sigma_c(p: Mapping[str, float], current: np.ndarray, gel_c: np.ndarray) -> float:
+    """What the temperature is off by."""
+    order = np.argsort(gel_c, kind="stable")
+    told = gel_temperature(p, current[order] / p["gel_current_20c_ua"])
+    kelvin = 60.0 / np.log(p["gel_current_ratio"])
+    return even_spread(told - gel_c[order], kelvin * p["gel_noise_relative"])
+
+
+def _depth_sigma_mm(p: Mapping[str, float], pressed: dict[str, np.ndarray]) -> float:
+    """What the depth is off by, by a straight line."""
+    slope = p["frequency_slope_hz_per_mm"]
+    error = (p["frequency_rest_hz"] - pressed["frequency_hz"]) / slope - pressed["depth_mm"]
+    return even_spread(error, p["frequency_noise_hz"] / slope)
+
+
+def _normal_spread(p: Mapping[str, float], pressed: dict[str, np.ndarray]) -> Spread:
+    """What the normal force is off by, as it is decoded from the frequency."""
+    fall = p["frequency_rest_hz"] - pressed["frequency_hz"]
+    law, slope = _normal_law(p, fall)
+    noise = slope * p["frequency_noise_hz"]
+    return law_spread(law - pressed["force_n"][:, 1], law, noise)
+
+
+def _normal_law(p: Mapping[str, float], fall_hz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Normal force at a fall of the frequency, N, and its slope, N/Hz."""
+    soft, knee, stiff = (p[f"normal_{name}"] for name in
                          ("soft_n_per_hz", "break_hz", "stiff_n_per_hz"))  # fmt: skip
-    return soft * min(fall_hz, knee) + stiff * max(fall_hz - knee, 0.0)
+    beyond = np.maximum(fall_hz - knee, 0.0)
+    return soft * np.minimum(fall_hz, knee) + stiff * beyond, np.where(beyond > 0.0, stiff, soft)
+
+
+def _shear_spread(p: Mapping[str, float], sheared: dict[str, np.ndarray]) -> Spread:
+    """What the tangential force is off by at a displacement that is known."""
+    length, stiffer = sheared["displacement_mm"], p["shear_stiff_n_per_mm"]
+    beyond = np.maximum(length - p["shear_break_mm"], 0.0)
+    gain = 1.0 + p["shear_gain_per_mm"] * (sheared["depth_mm"] - p["field_reference_mm"])
+    law = (p["shear_soft_n_per_mm"] * length + stiffer * beyond) * gain
+    slope = gain * (p["shear_soft_n_per_mm"] + stiffer * (beyond > 0.0))
+    # at rest, where the field is weakest, a reading knows the least of its displacement
+    noise_mm = p["field_noise_ut"] / (p["field_amplitude_ut"] * p["field_wavenumber_rad_per_mm"])
+    return law_spread(law - sheared["force_n"][:, 0], law, slope * noise_mm)
 
 
 def _rms(values: np.ndarray) -> float:

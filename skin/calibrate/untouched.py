@@ -10,6 +10,7 @@ import numpy as np
 from bus.status import INVALID, Status
 from skin.physics.rest import film_at_rest_ut, inverse_map
 from topology import CHANNELS, Topology
+from topology.gel import gel_temperature
 
 __all__ = ["LEAST_CYCLES", "Look", "Readings", "Zeros"]
 
@@ -149,8 +150,12 @@ class _Unit:
         """Mean of chip or gel, degree Celsius."""
         if channel == CHIP or not self.count:
             return float(self.mean[channel])
-        share = np.maximum(self.values[GEL], 1e-9) / self.p["gel_current_20c_ua"]
-        return float(20.0 + 60.0 * np.mean(np.log(share)) / np.log(self.p["gel_current_ratio"]))
+        return self._gel_c(self.values[GEL])
+
+    def _gel_c(self, current_ua: np.ndarray) -> float:
+        """Temperature by the geometric mean of gel currents, shape (t,)."""
+        share = np.maximum(current_ua, 1e-9) / self.p["gel_current_20c_ua"]
+        return float(gel_temperature(self.p, np.exp(np.mean(np.log(share)))))
 
     def offsets(self, own: np.ndarray) -> np.ndarray:
         """Mean field at the chip's reference temperature, shape (3,), without the lateral one of
@@ -204,9 +209,7 @@ class _Unit:
                 yield f"{name}: must have noise of {usual:.3g} {unit}; got readings all alike"
         if self.wired[GEL]:
             half = self.count // 2
-            gel = np.log(np.maximum(self.values[GEL], 1e-9))
-            warmed = gel[half:].mean() - gel[:half].mean()
-            warmed *= 60.0 / np.log(self.p["gel_current_ratio"])
+            warmed = self._gel_c(self.values[GEL, half:]) - self._gel_c(self.values[GEL, :half])
             if abs(warmed) > WARMED_C:
                 yield f"temperature: must be steady; changed by {warmed:.2g} °C from half to half"
 

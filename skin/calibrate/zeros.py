@@ -36,6 +36,7 @@ from skin.physics.rest import inverse_map
 from skin.physics.stray import field_at_rest, near
 from topology import CHANNELS, Topology
 from topology.files import check_path, missing, read_arrays, whole_file
+from topology.gel import gel_temperature
 
 if TYPE_CHECKING:
     from skin.decode.decoder import Decoder
@@ -362,7 +363,7 @@ class Zeros:
         topology, p = self._filed, self._filed.parameters
         values = topology.scale * counts + topology.offset
         share = np.maximum(values[GEL], 1e-9) / p["gel_current_20c_ua"]
-        gel = 20.0 + 60.0 * np.log(share) / np.log(p["gel_current_ratio"])
+        gel = gel_temperature(p, share)
         chip = np.where(topology.wired[CHIP], values[CHIP], np.nan)
         return np.where(topology.wired[GEL], gel, chip)
 

@@ -7,6 +7,7 @@ import numpy as np
 from bus.status import Status
 from skin.decode import records as k
 from topology import CHANNELS, Topology
+from topology.gel import gel_share
 
 __all__ = ["frequency_sigma_hz", "limits_of", "tidy_drop"]
 
@@ -76,10 +77,7 @@ def _from_ends(low: np.ndarray, high: np.ndarray) -> dict[str, np.ndarray]:
 def _currents(topology: Topology, *temperatures: np.ndarray) -> list[np.ndarray]:
     """Gel currents at temperatures, µA."""
     p = topology.parameters
-    return [
-        p["gel_current_20c_ua"] * p["gel_current_ratio"] ** ((t - 20.0) / 60.0)
-        for t in temperatures
-    ]  # fmt: skip
+    return [p["gel_current_20c_ua"] * gel_share(p, t) for t in temperatures]
 
 
 def frequency_sigma_hz(topology: Topology) -> np.ndarray:

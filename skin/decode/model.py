@@ -20,6 +20,7 @@ from skin.decode.plan import Plan
 from skin.decode.uncertainty import uncertainty
 from skin.errors import CalibrationError
 from topology import THETA_KNOTS, Topology
+from topology.gel import gel_octaves, gel_share
 
 __all__ = ["DecodeModel", "field_angle_ends", "model_of"]
 
@@ -143,26 +144,28 @@ def _cast(values: Values, record: np.dtype) -> dict[tuple[str, ...], np.ndarray]
 def _temperature(topology: Topology, every: int) -> dict[str, np.ndarray]:
     """Coefficients of the temperatures of gel, film and chip."""
     p, scale, offset = topology.parameters, topology.scale, topology.offset
-    octave_c = 60.0 * np.log(2.0) / np.log(p["gel_current_ratio"])
-    per_share = octave_c / np.log(2.0)
+    octaves_c = gel_octaves(p)
+    rate_c = _gel_rate(octaves_c, p)
     gel, chip = topology.wired[k.GEL], topology.wired[k.CHIP]
     # Without a gel current the film counts as being at its reference temperature.
     gel_scale = np.where(gel, scale[k.GEL] / p["gel_current_20c_ua"], 0.0)
     gel_offset = np.where(
         gel,
         offset[k.GEL] / p["gel_current_20c_ua"],
-        2.0 ** ((p["film_reference_c"] - 20.0) / octave_c),
+        gel_share(p, p["film_reference_c"]),
     )
-    gel_variance = (per_share * p["gel_noise_relative"]) ** 2 + p["temperature_sigma_c"] ** 2
-    gel_sigma = np.sqrt(gel_variance)
+    noise = p["gel_noise_relative"] / np.log(2.0)
+    gel_sigma = np.sqrt((rate_c[0] * noise) ** 2 + p["temperature_sigma_c"] ** 2)
     chip_offset = np.where(chip, offset[k.CHIP], 0.0) - p["hall_reference_c"]
     step_s = every / topology.cycle_rate_hz
     return {
         "gel_scale": gel_scale,
         "gel_offset": gel_offset,
-        "gel_octave": octave_c,
-        "gel_variance": np.where(gel, gel_variance, 0.0),
-        "gel_step": per_share * np.abs(gel_scale) * STEP_SIGMA,
+        "gel_octaves": octaves_c,
+        "gel_rate": rate_c,
+        "gel_noise": np.where(gel, noise**2, 0.0),
+        "gel_step": np.abs(gel_scale) * STEP_SIGMA / np.log(2.0),
+        "gel_variance": np.where(gel, p["temperature_sigma_c"] ** 2, 0.0),
         "gel_low": p["temperature_min_c"] - gel_sigma,
         "gel_high": p["temperature_max_c"] + gel_sigma,
         "film_keep": _kept(step_s, p["film_lag_s"]),
@@ -174,6 +177,21 @@ def _temperature(topology: Topology, every: int) -> dict[str, np.ndarray]:
         "chip_follows": np.where(~chip & gel, 1.0, 0.0),
         "chip_gain": p["hall_gain_per_k"],
     }
+
+
+def _gel_rate(octaves_c: np.ndarray, p: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Derivative of the temperature by octaves of the current, in powers of the temperature above
+    20 °C, shape (3, n), °C: a parabola through it, over the calibrated range."""
+    if not octaves_c[1:].any():
+        return octaves_c
+    share = np.linspace(0.0, 1.0, 9)[:, np.newaxis]
+    t = p["temperature_min_c"] + share * (p["temperature_max_c"] - p["temperature_min_c"])
+    x, above = np.log2(gel_share(p, t)), t - 20.0
+    rate = octaves_c[0] + x * (2.0 * octaves_c[1] + 3.0 * x * octaves_c[2])
+    # errors relative to it
+    powers = np.stack([above**k / rate for k in range(3)], axis=-1).swapaxes(0, 1)
+    whole = np.ones(len(share))
+    return np.stack([np.linalg.lstsq(rows, whole, rcond=None)[0] for rows in powers], axis=1)
 
 
 def _kept(step_s: float, lag_s: np.ndarray) -> np.ndarray:
@@ -189,11 +207,12 @@ def _normal(topology: Topology) -> dict[str, np.ndarray]:
     per_hz = 1.0 / slope
     low, high = (drop * per_hz for drop in tidy_drop(topology))
     sigma = frequency_sigma_hz(topology) * per_hz
+    depth_sigma = np.hypot(sigma, p["depth_sigma_mm"])
     return {
         "depth_scale": -topology.scale[k.FREQUENCY] * per_hz,
         "depth_offset": (p["frequency_rest_hz"] - topology.offset[k.FREQUENCY]) * per_hz,
         "depth_per_hz": per_hz,
-        "depth_sigma": sigma,
+        "depth_sigma": depth_sigma,
         # within its sigma of an end a reading may well lie inside
         "depth_low": low - sigma,
         "depth_high": high + sigma,
@@ -201,6 +220,8 @@ def _normal(topology: Topology) -> dict[str, np.ndarray]:
         "normal_break": p["normal_break_hz"] * per_hz,
         "normal_stiffer": (p["normal_stiff_n_per_hz"] - p["normal_soft_n_per_hz"]) * slope,
         "normal_variance": p["normal_sigma_relative"] ** 2,
+        "normal_floor": p["normal_sigma_n"] ** 2,
+        "normal_sigma": sigma,
     }
 
 

@@ -13,13 +13,21 @@ from skin.decode.records import FREQUENCY
 from skin.decode.span import lanes_of
 from skin.decode.temperature import EXTRAPOLATION
 
-__all__ = ["bent", "normal_stage"]
+__all__ = ["bent", "law_variance", "normal_stage"]
 
 
 @jitable(inline=True)
 def bent(x, soft, knee, stiffer):
     """Force of a piecewise linear law; not clipped at zero."""
     return soft * x + stiffer * max(x - knee, type(x)(0.0))
+
+
+@jitable(inline=True)
+def law_variance(force, relative2, absolute2):
+    """What a law is off by that is not the unit's: a share of the force, and as much for all loads;
+    but never more than the force itself, for the law goes through zero as the unit does."""
+    square = force * force
+    return relative2 * square + min(absolute2, square)
 
 
 def normal_stage(parts: Parts) -> Callable:
@@ -43,12 +51,13 @@ def normal_stage(parts: Parts) -> Callable:
             tile["force"][2, j] = force
             if with_sigma:
                 over = max(depth - unit["depth_high"][j], unit["depth_low"][j] - depth)
-                sigma = unit["depth_sigma"][j] + real(EXTRAPOLATION) * max(over, real(0.0))
-                tile["displacement_sigma"][2, j] = sigma
-                # half of what the force changes over the interval of the depth, and of the law
+                beyond = real(EXTRAPOLATION) * max(over, real(0.0))
+                tile["displacement_sigma"][2, j] = unit["depth_sigma"][j] + beyond
+                # half of what the force changes over the interval of the frequency, and of the law
+                sigma = unit["normal_sigma"][j] + beyond
                 half = bent(depth + sigma, soft, knee, stiffer)
                 half = (half - bent(depth - sigma, soft, knee, stiffer)) * real(0.5)
-                relative2 = unit["normal_variance"][j]
-                tile["force_sigma"][2, j] = np.sqrt(half * half + relative2 * (force * force))
+                law2 = law_variance(force, unit["normal_variance"][j], unit["normal_floor"][j])
+                tile["force_sigma"][2, j] = np.sqrt(half * half + law2)
 
     return normal

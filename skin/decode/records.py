@@ -61,14 +61,16 @@ LIMITS = np.dtype([
 """Ranges of counts."""
 
 COEFFICIENT_ROWS = {
-    # I / I(20 °C) = scale * count + offset; °C an octave; °C²; °C at I(20 °C); ends of the range
-    "gel_scale": 1, "gel_offset": 1, "gel_octave": 1, "gel_variance": 1, "gel_step": 1,
-    "gel_low": 1, "gel_high": 1,
+    # I / I(20 °C) = scale * count + offset; °C in powers of octaves; °C an octave in powers of the
+    # temperature above 20 °C; octaves², octaves at I(20 °C); °C²; ends of the range
+    "gel_scale": 1, "gel_offset": 1, "gel_octaves": 3, "gel_rate": 3, "gel_noise": 1,
+    "gel_step": 1, "gel_variance": 1, "gel_low": 1, "gel_high": 1,
     # H in mm = scale * count + offset; mm/Hz; mm; ends of the calibrated range
     "depth_scale": 1, "depth_offset": 1, "depth_per_hz": 1, "depth_sigma": 1, "depth_low": 1,
     "depth_high": 1,
-    # N/mm, mm, N/mm added beyond; relative
+    # N/mm, mm, N/mm added beyond; relative, N², mm that the frequency is unknown by
     "normal_soft": 1, "normal_break": 1, "normal_stiffer": 1, "normal_variance": 1,
+    "normal_floor": 1, "normal_sigma": 1,
     # share of its lag behind the gel that is left after one step; °C; 1/K
     "film_keep": 1, "film_reference": 1, "film_drift": 1,
     # chip above its reference = scale * count + offset + follows * lagged gel temperature; 1/K
@@ -90,9 +92,9 @@ COEFFICIENT_ROWS = {
     # direction at -pi, slope of the first segment, changes of slope at the knots that follow
     "theta_correction": 1 + KNOTS,
     "film_x": 1, "film_y": 1,  # mm, middle of the film off the chip's axis
-    # N/mm, mm, N/mm added beyond; 1/mm and 1, by depth; relative; mm, end of the calibrated range
+    # N/mm, mm, N/mm added beyond; 1/mm and 1, by depth; relative, N²; mm, end of the range
     "shear_soft": 1, "shear_break": 1, "shear_stiffer": 1, "shear_gain": 1,
-    "shear_gain_offset": 1, "shear_variance": 1, "displacement_max": 1,
+    "shear_gain_offset": 1, "shear_variance": 1, "shear_floor": 1, "displacement_max": 1,
 }  # fmt: skip
 """What is told of each unit, and of how many rows each is."""
 

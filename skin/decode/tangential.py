@@ -18,7 +18,7 @@ from skin.decode.field import (
     inversion,
 )
 from skin.decode.functions import atan2, sin_cos
-from skin.decode.normal import bent
+from skin.decode.normal import bent, law_variance
 from skin.decode.parts import Parts
 from skin.decode.records import EXTRAPOLATED, KNOTS, SILENT
 from skin.decode.span import lanes_of
@@ -60,7 +60,8 @@ def shear_variance(shear, along, depth_sigma, unit, j):
     half *= type(along)(0.5) * shear.stiffening
     deeper = shear.law * unit["shear_gain"][j] * depth_sigma
     force = shear.law * shear.stiffening
-    return half * half + deeper * deeper + unit["shear_variance"][j] * (force * force)
+    law2 = law_variance(force, unit["shear_variance"][j], unit["shear_floor"][j])
+    return half * half + deeper * deeper + law2
 
 
 @jitable(inline=True)

@@ -29,10 +29,12 @@ for a law that goes on otherwise than it is taken to is wrong the same way in ev
 
 @jitable(inline=True)
 def gel_law(gel, unit, j):
-    """Gel temperature from the exponential law of its current, and its current."""
+    """Gel temperature from the logarithm of its current (`topology.gel`), and its current."""
     real = type(gel)
     current = max(unit["gel_scale"][j] * gel + unit["gel_offset"][j], real(CURRENT_MIN))
-    return real(20.0) + unit["gel_octave"][j] * log2(current), current
+    octaves, power = log2(current), unit["gel_octaves"]
+    rise = (power[2, j] * octaves + power[1, j]) * octaves + power[0, j]
+    return real(20.0) + rise * octaves, current
 
 
 def lag_law(parts: Parts, calm: bool) -> Callable:
@@ -180,9 +182,12 @@ def sigma_stage(parts: Parts) -> Callable:
         for j in range(size):
             t = tile["temperature"][j]
             _, current = gel_law(real(counts[span.cycle, GEL, first + j]), unit, j)
-            step = unit["gel_step"][j] / current
+            step, power = unit["gel_step"][j] / current, unit["gel_rate"]
+            above = t - real(20.0)
+            rate = (power[2, j] * above + power[1, j]) * above + power[0, j]
             over = max(t - unit["gel_high"][j], unit["gel_low"][j] - t)
-            sigma = np.sqrt(unit["gel_variance"][j] + step * step)
+            noise2 = rate * rate * (unit["gel_noise"][j] + step * step)
+            sigma = np.sqrt(unit["gel_variance"][j] + noise2)
             sigma += real(EXTRAPOLATION) * max(over, real(0.0))
             if with_hold:
                 old = tile["temperature_sigma"][j]

@@ -73,9 +73,10 @@ def uncertainty(
         As of `neighbours_ut`.
     """
     p, scale = topology.parameters, topology.scale
+    gel_c2 = c["gel_variance"] + c["gel_rate"][0] ** 2 * c["gel_noise"]
     # What the temperatures leave of the drifts they compensate: the chip's own is read in steps.
     chip_c2 = np.where(
-        topology.wired[k.CHIP], (scale[k.CHIP] * STEP_SIGMA) ** 2, c["gel_variance"]
+        topology.wired[k.CHIP], (scale[k.CHIP] * STEP_SIGMA) ** 2, gel_c2
     )  # fmt: skip
     drift2 = 0.5 * (p["hall_drift_x_ut_per_k"] ** 2 + p["hall_drift_y_ut_per_k"] ** 2)
     step2 = 0.5 * (scale[k.BX] ** 2 + scale[k.BY] ** 2) * STEP_SIGMA**2
@@ -84,13 +85,15 @@ def uncertainty(
     constant = stretch2 * drift2 * chip_c2 + p["field_sigma_ut"] ** 2
     amplitude = (
         p["field_amplitude_sigma_relative"] ** 2
-        + p["film_drift_per_k"] ** 2 * c["gel_variance"]
+        + p["film_drift_per_k"] ** 2 * gel_c2
         + p["hall_gain_per_k"] ** 2 * chip_c2
     )
     sigmas2 = ANOMALY_SIGMAS**2
     noise_sigmas2 = _noise_sigmas(topology) ** 2
     growth2 = p["field_growth_per_mm"] ** 2
-    rest2 = growth2 * (p["frequency_sigma_hz"] * c["depth_per_hz"]) ** 2
+    rest2 = growth2 * (
+        (p["frequency_sigma_hz"] * c["depth_per_hz"]) ** 2 + p["depth_sigma_mm"] ** 2
+    )
     depth2 = growth2 * c["depth_sigma"] ** 2 - rest2
     shape = p["field_angle_variance_relative"].copy()
     shape[0] += 1.0
@@ -100,6 +103,7 @@ def uncertainty(
     left = noise_sigmas2 * step / (2.0 - step)  # of the variance of noise, in the mean
     return {
         "shear_variance": p["shear_sigma_relative"] ** 2,
+        "shear_floor": p["shear_sigma_n"] ** 2,
         "film_variance": p["field_angle_sigma_mm"] ** 2 * shape,
         "field_variance": noise + constant,
         "amplitude_variance": amplitude,

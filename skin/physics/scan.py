@@ -62,6 +62,8 @@ class Recordings:
         Straight down, from 0.
     sheared : Scan
         Strokes over depth, length and direction, each begun from rest.
+    warmed : Scan
+        Untouched, heated in small steps.
     readings : int
         Readings of which each sample is the mean.
     force_sigma_n : float
@@ -72,6 +74,7 @@ class Recordings:
     heated: Scan
     pressed: Scan
     sheared: Scan
+    warmed: Scan
     readings: int
     force_sigma_n: float
 

@@ -153,6 +153,7 @@ def record(bench: Bench, bare: Bench, *, readings: int = 16) -> Recordings:
         heated=bench.scan(*held, **warm, **many),
         pressed=bench.scan(pressed, 0.0, **many),
         sheared=bench.scan(*strokes(depth, length, around), **many),
+        warmed=bench.scan(0.0, 0.0, gel_temperature=np.repeat(np.linspace(20.0, 80.0, 25), 4)),
         readings=readings,
         force_sigma_n=FORCE_SIGMA_N,
     )

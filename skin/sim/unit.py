@@ -11,6 +11,7 @@ from skin.sim.electronics.hall import HallChip, HallConverter
 from skin.sim.field import Field, SineField
 from skin.sim.truth import Truth
 from topology import CHANNELS, Topology
+from topology.gel import gel_share
 
 __all__ = ["UnitSimulator"]
 
@@ -20,7 +21,7 @@ GEL, FREQUENCY, BX, BY, BZ, HALL_TEMPERATURE = range(len(CHANNELS))
 class UnitSimulator:
     """Forward model of the n units of a topology, from displacement and temperature to counts.
 
-    Gel current from an exponential law, frequency from the capacitor's formula, field from the
+    Gel current from its law, frequency from the capacitor's formula, field from the
     film's law; then noise, quantisation and the rails of the wire.
 
     Parameters
@@ -60,7 +61,6 @@ class UnitSimulator:
         p = topology.parameters
         self.topology = topology
         self._gel_20c = p["gel_current_20c_ua"]
-        self._gel_rate = np.log(p["gel_current_ratio"]) / 60.0
         self._timer = Timer(topology)
         self._field = field or SineField(topology)
         self._hall = HallChip(topology)
@@ -105,7 +105,7 @@ class UnitSimulator:
         chip = temperature if hall_temperature is None else hall_temperature
         field = self._hall(self._field(displacement_mm, depth_mm, film), chip)
         values = np.empty((*field.shape[:-2], len(CHANNELS), self.topology.n))
-        values[..., GEL, :] = self._gel_20c * np.exp(self._gel_rate * (temperature - 20.0))
+        values[..., GEL, :] = self._gel_20c * gel_share(self.topology.parameters, temperature)
         values[..., FREQUENCY, :] = self._timer.frequency(depth_mm)
         values[..., BX : BZ + 1, :] = field
         values[..., HALL_TEMPERATURE, :] = chip

@@ -27,9 +27,11 @@ def naive_decode(skin, raw, status=None, estimator="sine", consistency=False, ba
         value[1:5] += np.array([1.0, -1.0, -1.0, -1.0])[:, np.newaxis] * background
         current, frequency, bx, by, bz, chip_measured = value
 
-        temperature = 20.0 + 60.0 * np.log(np.maximum(current, 1e-9) / p["gel_current_20c_ua"]) / (
+        x = np.log(np.maximum(current, 1e-9) / p["gel_current_20c_ua"]) / (
             np.log(p["gel_current_ratio"])
         )
+        bend = p["gel_bend_c"] + p["gel_twist_c"] * (2.0 * x - 1.0)
+        temperature = 20.0 + 60.0 * x + bend * x * (x - 1.0)
         drop = p["frequency_rest_hz"] - frequency
         depth = drop / p["frequency_slope_hz_per_mm"]
         normal = np.where(

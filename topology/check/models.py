@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 
 from topology.check.names import all_named, check_name, entries, refer
+from topology.gel import gel_ends, gel_temperature
 from topology.model import MODELS, TABLES, THETA_KNOTS, UnitModel
 from topology.report import Report
 from topology.schema import PARAMETERS, File, Scale
@@ -131,6 +132,10 @@ def parameter_faults(p: Mapping[str, np.ndarray]) -> Iterator[Fault]:
     low, high = p["temperature_min_c"], p["temperature_max_c"]
     yield Fault("temperature-range", "temperature_max_c", high <= low,
                 {"minimum": low, "got": high})  # fmt: skip
+
+    first, last = (gel_temperature(p, p["gel_current_ratio"] ** x) for x in gel_ends(p))
+    yield Fault("gel-fold", "gel_bend_c", (first > low) | (last < high),
+                {"first": first, "last": last})  # fmt: skip
 
     limit = p["normal_max_n"] / p["normal_soft_n_per_hz"]
     at_break = p["normal_break_hz"]

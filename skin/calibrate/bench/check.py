@@ -20,7 +20,7 @@ __all__ = ["DRIFTED", "Score", "owner_of", "score"]
 DRIFTED = 1.5
 """Errors over their sigma, from which a calibration does not hold: 1 where it does [assumed]."""
 FREQUENCY = CHANNELS.index("frequency")
-SCORED = ("tare", "normal", "shear", "circles", "heated-free", "heated-load")
+SCORED = ("tare", "hold", "normal", "shear", "circles", "heated-free", "heated-load")
 
 
 @dataclass(frozen=True)

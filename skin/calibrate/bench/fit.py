@@ -15,17 +15,28 @@ import numpy as np
 
 from skin.calibrate.bench import laws
 from skin.calibrate.bench.alone import alone, tared
-from skin.calibrate.bench.posterior import KEPT, Posterior, robust_sigma
+from skin.calibrate.bench.posterior import KEPT, Posterior
 from skin.calibrate.bench.relaxation import relaxed
 from skin.calibrate.bench.series import Blocks, Series
+from skin.calibrate.bench.spread import (
+    depth_spread,
+    gel_unknown,
+    normal_spread,
+    rms,
+    shear_spread,
+    unknown_of,
+)
 from skin.calibrate.field_angle import angle_powers
 from skin.calibrate.film import FilmFit
+from skin.calibrate.gel import ORDERS
 from skin.calibrate.read import as_fit
+from skin.calibrate.spread import even_spread
 from skin.calibrate.unit import fit_crest, left_of, with_fits
 from skin.decode.model import field_angle_ends
 from skin.errors import ScanError
 from skin.physics.least_squares import Fit
 from topology import CHANNELS, Topology
+from topology.gel import gel_share
 
 __all__ = ["UnitResult", "fit_unit"]
 
@@ -38,7 +49,7 @@ CURVED_MM = 1.2
 """Error of the displacement of a film that was bent after its calibration, over the displacement,
 times the radius of the mount: 8 % across and 1.3 % along a cylinder of 20 mm, root mean square
 [derived: python -m benchmarks curved]."""
-ROUNDS, DEPTHS = 10, 9
+ROUNDS, DEPTHS = 20, 9
 BEFORE_FOLD_RAD = np.pi / 64.0
 """How far before it folds a table ends, so that a topology's check sees it leave its range: the
 step of its angles."""
@@ -219,7 +230,8 @@ def _end_of_table(topology: Topology, unit: int, fits: list[Fit]) -> Fit:
         if displacement >= most:
             break
         before = np.full(DEPTHS, max(angle - BEFORE_FOLD_RAD, 0.0))
-        most = float((angle_powers(before, depth) @ table).min())
+        # the decoder looks deeper than the reference
+        most = min(float((angle_powers(before, depth) @ table).min()), displacement)
     return as_fit({"field_angle_max_mm": (most, np.nan)}, 0)
 
 
@@ -244,20 +256,21 @@ def _decoded(topology: Topology, series: Series, unit: int) -> np.ndarray:
 
 
 def _gel(work: _Work, blocks: Blocks) -> None:
-    posterior = laws.fit_gel(work.p, blocks)
+    posterior, order = laws.fit_gel(work.p, blocks)
     work.take(posterior)
     fit = posterior.fit
+    if order < max(ORDERS):
+        more = [name for name in ORDERS[max(ORDERS)] if name not in fit.names]
+        work.kept |= dict.fromkeys(more, "no better by cross-validation")
     kelvin = 60.0 / np.log(work.p["gel_current_ratio"])
-    share = (blocks.temperature - 20.0) / 60.0
-    law = work.p["gel_current_20c_ua"] * work.p["gel_current_ratio"] ** share
+    law = work.p["gel_current_20c_ua"] * gel_share(work.p, blocks.temperature)
     current = blocks.values[GEL]
-    error = kelvin * np.log(current / law)
+    error = laws.gel_temperature(work.p, blocks) - blocks.temperature
     seen = np.isfinite(error)
-    work.goodness["temperature_rms_c"] = _rms(error[seen])
-    corner = np.stack([np.ones(2), [0.0, 1.0]])
-    ends = fit.covariance / np.outer(fit.values, fit.values)
-    unknown = kelvin * np.sqrt(np.einsum("ia,ij,ja->a", corner, ends, corner).max())
-    work.spread["temperature_sigma_c"] = float(np.hypot(unknown, _misfit(error[seen])))
+    work.goodness["temperature_rms_c"] = rms(error[seen])
+    misfit_c = even_spread(error[seen], kelvin * float(work.p["gel_noise_relative"]))
+    unknown = gel_unknown(work.p, fit, current[seen])
+    work.spread["temperature_sigma_c"] = float(np.hypot(unknown, misfit_c))
     work.plots["temperature"] = blocks.temperature[seen], current[seen], law[seen]
 
 
@@ -270,30 +283,23 @@ def _normal(work: _Work, blocks: Blocks, measured: bool, touch: dict[str, float]
     work.take(posterior.told(names))
     slope = float(work.p["frequency_slope_hz_per_mm"])
     seen = blocks.of("normal", "circles")
+    seen = seen.where(np.isfinite(seen.displacement[2]))
     fall = slope * np.maximum(seen.displacement[2] - touch["mm"], 0.0)
     law = laws.normal_law(work.p, fall)
-    law = law + fit["turn_x"] * np.nan_to_num(seen.force[1])
-    law = law - fit["turn_y"] * np.nan_to_num(seen.force[0])
-    seen_force = np.isfinite(seen.force[2])
-    error = (seen.force[2] - law)[seen_force]
-    if error.size:
-        work.goodness["normal_rms_n"] = _rms(error)
-        # what a fit of this many samples leaves unknown of a law of its size
-        unknown = robust_sigma(error) * np.sqrt(len(names) / error.size)
-        most = max(_rms(law[seen_force]), 1e-9)
-        work.spread["normal_sigma_relative"] = float(np.hypot(_misfit(error), unknown)) / most
+    tilt = fit["turn_x"] * np.nan_to_num(seen.force[1])
+    tilt = tilt - fit["turn_y"] * np.nan_to_num(seen.force[0])
+    felt = np.isfinite(seen.force[2])
+    borne, law = (seen.force[2] - tilt)[felt], law[felt]
+    if law.size:
+        error = borne - law
+        work.goodness["normal_rms_n"] = rms(error)
+        unknown = unknown_of(error, law, len(names))
+        work.spread |= normal_spread(work.p, seen.values[FREQUENCY][felt], borne, unknown)
         work.spread["normal_max_n"] = float(np.nanmax(law))
-        work.plots["normal"] = fall[seen_force], seen.force[2][seen_force], law[seen_force]
+        work.plots["normal"] = fall[felt], borne, law
+    if measured:
+        work.spread["depth_sigma_mm"] = depth_spread(work.p, seen.values[FREQUENCY], fall / slope)
     work.spread["frequency_sigma_hz"] = float(fit.sigma[fit.names.index("frequency_rest_hz")])
-
-
-def _misfit(error: np.ndarray) -> float:
-    """What goes on from block to block: the part of the scatter that is no noise.
-
-    Neighbouring blocks share it, noise is each block's own: their covariance.
-    """
-    centred = error - error.mean()
-    return float(np.sqrt(max(np.mean(centred[1:] * centred[:-1]), 0.0)))
 
 
 def _film(work: _Work, blocks: Blocks, film_c: np.ndarray) -> None:
@@ -312,11 +318,11 @@ def _film(work: _Work, blocks: Blocks, film_c: np.ndarray) -> None:
     work.spread |= {
         "field_sigma_ut": float(np.max(film.fit.sigma[4:6])),
         "field_angle_sigma_mm": film.sigma_mm,
-        "field_amplitude_sigma_relative": left_of(crest, block_ut) / max(_rms(lateral), 1e-9),
+        "field_amplitude_sigma_relative": left_of(crest, block_ut) / max(rms(lateral), 1e-9),
         **{f"field_angle_variance_relative[{i}]": s for i, s in enumerate(film.shape)},
     }
     error = np.concatenate([x - blocks.displacement[0], y - blocks.displacement[1]])
-    work.goodness["displacement_rms_mm"] = _rms(error)
+    work.goodness["displacement_rms_mm"] = rms(error)
     work.goodness["blocks_left_out"] = float(np.sum(~good))
     work.plots["film"] = length, length, np.hypot(x, y)[good]
 
@@ -363,11 +369,9 @@ def _shear(work: _Work, blocks: Blocks) -> None:
     seen = np.isfinite(force).all(axis=0)
     push = (force * along).sum(axis=0)
     error = (push - law)[seen]
-    unknown = robust_sigma(error) * np.sqrt(len(names) / error.size)
-    work.goodness["shear_rms_n"] = _rms(error)
-    work.spread["shear_sigma_relative"] = float(
-        np.hypot(_misfit(error), unknown) / max(_rms(law[seen]), 1e-9)
-    )
+    work.goodness["shear_rms_n"] = rms(error)
+    unknown = unknown_of(error, law[seen], len(names))
+    work.spread |= shear_spread(work.p, error, law[seen], displacement[seen], unknown)
     work.plots["shear"] = displacement[seen], push[seen], law[seen]
 
 
@@ -390,7 +394,3 @@ def _ranges(blocks: Blocks, gel_c: np.ndarray) -> dict[str, tuple[float, float]]
     }  # fmt: skip
     return {name: (float(np.nanmin(v)), float(np.nanmax(v)))
             for name, v in rows.items() if np.isfinite(v).any()}  # fmt: skip
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(np.square(values)))) if values.size else float("nan")

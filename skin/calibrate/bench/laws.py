@@ -9,16 +9,18 @@ import numpy as np
 
 from skin.calibrate.bench.posterior import (
     Posterior,
-    cross_validated,
     fit_posterior,
     robust_sigma,
 )
 from skin.calibrate.bench.series import AXES, Blocks
+from skin.calibrate.cross_validation import cross_validated
 from skin.calibrate.film import FilmFit, fit_film
+from skin.calibrate.gel import MARGIN, ORDERS, gel_misfit, rises
 from skin.calibrate.learn import AMBIENT_UT
 from skin.errors import ScanError
 from skin.physics.least_squares import Fit
 from topology import CHANNELS
+from topology.gel import gel_temperature as temperature_of
 
 __all__ = ["PRIOR", "fit_drift", "fit_gel", "fit_normal", "fit_shear",
            "gel_temperature", "low_pass", "normal_law", "offsets",
@@ -30,6 +32,7 @@ Parameters = dict[str, Any]
 
 PRIOR: dict[str, tuple[float, float]] = {
     "gel_current_20c_ua": (0.05, 0.0), "gel_current_ratio": (0.05, 0.0),
+    "gel_bend_c": (0.0, 30.0), "gel_twist_c": (0.0, 10.0),
     "frequency_rest_hz": (0.02, 0.0), "frequency_slope_hz_per_mm": (0.03, 0.0),
     "normal_soft_n_per_hz": (0.05, 0.0), "normal_break_hz": (0.05, 0.0),
     "normal_stiff_n_per_hz": (0.05, 0.0),
@@ -74,26 +77,40 @@ def _needed(blocks: Blocks, what: str, *arrays: np.ndarray) -> Blocks:
     return blocks.where(whole)
 
 
-def fit_gel(p: Parameters, blocks: Blocks) -> Posterior:
-    """Current at 20 °C and its ratio at 80 °C, from blocks whose temperature was measured."""
+def fit_gel(p: Parameters, blocks: Blocks) -> tuple[Posterior, int]:
+    """Current at 20 °C, its ratio at 80 °C and, where they predict better, bend and twist of its
+    law, from blocks whose temperature was measured; and the order of the law."""
     seen = _needed(blocks, "temperature of the reference", blocks.temperature)
     current = seen.values[GEL]
     if not (current > 0.0).all():
         raise ScanError(f"gel current: must be above 0; got {current.min():.4g} µA")
     sigma = float(p["gel_noise_relative"]) / np.sqrt(seen.size)
-    share = (seen.temperature - 20.0) / 60.0
 
-    def residual(at: Parameters) -> list[np.ndarray]:
-        law = np.log(at["gel_current_20c_ua"]) + share * np.log(at["gel_current_ratio"])
-        return [(np.log(current) - law) / sigma]
+    def misfit(at: Parameters) -> np.ndarray:
+        return gel_misfit({**p, **at}, current, seen.temperature) / sigma
 
-    return fit_posterior(residual, prior_of(p, "gel_current_20c_ua", "gel_current_ratio"))
+    def fitted(order: int, chosen: np.ndarray) -> Posterior:
+        return fit_posterior(lambda at: [misfit(at)[chosen]], prior_of(p, *ORDERS[order]))
+
+    few = np.arange(len(seen)) % max(len(seen) // CHECKED, 1) == 0
+
+    def error(order: int, training: np.ndarray) -> np.ndarray:
+        fit = fitted(order, training & few).fit
+        return misfit(dict(zip(fit.names, fit.values, strict=True)))[~training & few] ** 2
+
+    order = cross_validated(tuple(ORDERS), len(seen), error, MARGIN)
+    found = fitted(order, np.ones(len(seen), bool))
+    while order > 1 and not rises(
+        {**p, **dict(zip(found.fit.names, found.fit.values, strict=True))}
+    ):
+        order -= 1
+        found = fitted(order, np.ones(len(seen), bool))
+    return found, order
 
 
 def gel_temperature(p: Parameters, blocks: Blocks) -> np.ndarray:
     """Temperature by the gel's law, °C, shape (b,)."""
-    above = np.log(np.maximum(blocks.values[GEL], 1e-9) / float(p["gel_current_20c_ua"]))
-    return 20.0 + 60.0 * above / np.log(float(p["gel_current_ratio"]))
+    return temperature_of(p, np.maximum(blocks.values[GEL], 1e-9) / p["gel_current_20c_ua"])
 
 
 def fit_normal(p: Parameters, blocks: Blocks, measured: bool) -> Posterior:

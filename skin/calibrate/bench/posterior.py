@@ -9,18 +9,16 @@ from typing import Any
 import numpy as np
 from scipy import optimize
 
+from skin.calibrate.cross_validation import PIECES
 from skin.errors import ScanError
 from skin.physics.least_squares import Fit
 
-__all__ = ["KEPT", "Posterior", "cross_validated", "fit_posterior", "robust_sigma"]
+__all__ = ["KEPT", "Posterior", "fit_posterior", "robust_sigma"]
 
 HUBER = 1.345
 """Sigmas beyond which a residual's weight falls: 95 % efficient for normal noise [Huber 1981]."""
-PIECES = 40
-"""Stretches of samples whose errors are taken for independent of each other [assumed]."""
 KEPT = 0.9
 """Share of the prior's variance that is left, above which the data have told nothing [assumed]."""
-FOLDS = 5
 NORMAL_MAD = 1.4826
 """Sigma of a normal distribution over its median absolute deviation [derived]."""
 
@@ -131,30 +129,3 @@ def _loss(square: np.ndarray, samples: int) -> np.ndarray:
 def robust_sigma(values: np.ndarray) -> float:
     """Scatter about the median, one sigma, that outliers do not move."""
     return NORMAL_MAD * float(np.median(np.abs(values - np.median(values))))
-
-
-def cross_validated(
-    orders: Sequence[Any], samples: int, error: Callable[[Any, np.ndarray], np.ndarray]
-) -> Any:
-    """The simplest of several laws that predicts what it has not seen as well as the best.
-
-    As well: within one standard error of the differences, over `FOLDS` folds of `PIECES` stretches
-    [Breiman 1984].
-
-    Parameters
-    ----------
-    orders : sequence
-        Simplest first.
-    samples : int
-    error : callable
-        Order and training mask, shape (t,), to squared errors of the other samples.
-    """
-    fold = (np.arange(samples) * PIECES // samples) % FOLDS
-    scores = np.array([[np.mean(error(order, fold != k)) for k in range(FOLDS)]
-                       for order in orders])  # fmt: skip
-    best = int(np.argmin(scores.mean(axis=1)))
-    for index, order in enumerate(orders):
-        worse = scores[index] - scores[best]
-        if worse.mean() <= worse.std(ddof=1) / np.sqrt(FOLDS) + 1e-12 * scores[best].mean():
-            return order
-    return orders[best]

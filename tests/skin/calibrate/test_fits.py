@@ -20,6 +20,7 @@ from skin.physics.least_squares import least_squares
 from skin.physics.scan import strokes
 from skin.sim.bench import Bench
 from tests.fixtures.decode import calibrated, row_of, with_parameters
+from topology.gel import gel_temperature
 
 SEEDS = range(12)
 DEPTHS, REACHES = np.linspace(0.0, 2.0, 6), np.linspace(0.0, 2.5, 14)
@@ -94,6 +95,35 @@ def scan_bare(rng):
     chip = rng.uniform(20.0, 70.0, 200)
     field = np.reshape(list(BARE.values()), (3, 2)) @ np.stack([np.ones(200), chip - 25.0])
     return fit_bare_chip(field.T + 105.0 * rng.standard_normal((200, 3)), chip)
+
+
+def vogel(warm):
+    """Current over that at 20 °C of a gel by Vogel, Fulcher and Tammann, 12 at 80 °C."""
+    at = [1.0 / (t + 273.15 - 193.0) for t in (20.0, warm, 80.0)]
+    return 12.0 ** ((at[0] - at[1]) / (at[0] - at[2]))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_gel_of_another_law_gets_the_order_that_it_needs_and_an_exponential_one_none(seed):
+    rng, warm = np.random.default_rng(seed), np.repeat(np.linspace(20.0, 80.0, 25), 4)
+    noise = 1.0 + 0.002 * rng.standard_normal(warm.size)
+    assert fit_gel(10.0 * 12.0 ** ((warm - 20.0) / 60.0) * noise, warm).names == tuple(GEL)
+    other = fit_gel(10.4 * vogel(warm) * noise, warm)
+    assert other.names == (*GEL, "gel_bend_c", "gel_twist_c")
+    p = {name: other[name] for name in other.names}
+    between = np.linspace(21.0, 79.0, 40)
+    told = gel_temperature(p, 10.4 * vogel(between) / p["gel_current_20c_ua"])
+    assert np.abs(told - between).max() < 0.2
+    first = fit_gel(10.4 * vogel(warm) * noise, warm, order=1)
+    p = {"gel_bend_c": 0.0, "gel_twist_c": 0.0} | {name: first[name] for name in first.names}
+    told = gel_temperature(p, 10.4 * vogel(between) / p["gel_current_20c_ua"])
+    assert np.abs(told - between).max() > 2.0
+
+
+def test_three_temperatures_tell_no_order():
+    warm = np.repeat([20.0, 50.0, 80.0], 30)
+    noise = 1.0 + 0.002 * np.random.default_rng(1).standard_normal(warm.size)
+    assert fit_gel(10.0 * vogel(warm) * noise, warm).names == tuple(GEL)
 
 
 FITS = {

@@ -7,7 +7,7 @@ import pytest
 from mpmath import mp, mpf
 
 from skin.decode.decoder import Decoder
-from tests.fixtures.decode import calibrated, row_of, sensible_counts, sine
+from tests.fixtures.decode import calibrated, row_of, sensible_counts, sine, with_parameters
 
 CYCLES = 4
 QUANTITIES = ("temperature", "fx", "fy", "fz", "tangential", "theta", "x", "y", "h")
@@ -37,7 +37,9 @@ def one_unit(skin, counts, i, film, chip):
         mpf(float(skin.scale[c, i])) * int(counts[c]) + mpf(float(skin.offset[c, i]))
         for c in range(6)
     )
-    t = 20 + 60 * mp.log(current / p["gel_current_20c_ua"]) / mp.log(p["gel_current_ratio"])
+    share = mp.log(current / p["gel_current_20c_ua"]) / mp.log(p["gel_current_ratio"])
+    bend = p["gel_bend_c"] + p["gel_twist_c"] * (2 * share - 1)
+    t = 20 + 60 * share + bend * share * (share - 1)
     period = 1 / mpf(skin.cycle_rate_hz)
     for kept, lag in ((film, "film_lag_s"), (chip, "hall_lag_s")):
         step = 1 - mp.exp(-period / p[lag])
@@ -101,8 +103,12 @@ def errors(skin, raw, dtype, truth):
 
 @pytest.fixture(scope="module", params=["f3t-fd16", "f3t-classic"])
 def case(request):
-    """Units that all differ, on a wire with and on one without the chip's own temperature."""
+    """Units that all differ, on a wire with and on one without the chip's own temperature; half of
+    them with gels whose current is not exponential."""
     skin = calibrated(row_of(40, request.param), seed=11, turn_rad=0.2)
+    bent = np.random.default_rng(13).uniform([[0.0], [0.0]], [[28.0], [7.0]], (2, 40))
+    bent[:, ::2] = 0.0
+    skin = with_parameters(skin, gel_bend_c=bent[0], gel_twist_c=bent[1])
     raw = sensible_counts(skin, CYCLES, seed=12, most=1.02)
     return skin, raw, oracle(skin, raw)
 

@@ -187,6 +187,19 @@ def test_temperature(source):
     np.testing.assert_allclose(found, expected, rtol=2e-3)
 
 
+@pytest.mark.parametrize("warm", [24.0, 35.0, 76.0])
+def test_noise_of_a_gel_whose_current_is_not_exponential(warm):
+    """It is that of the temperature where the law is steep, and less where it is flat."""
+    law = {"gel_bend_c": 26.0, "gel_twist_c": 6.0}
+    skin, raw = pose(silent(gel_noise_relative=0.02, **law), warm=warm)
+    current = skin.scale[GEL] * raw[GEL] + skin.offset[GEL]
+    expected = spread(skin, raw, GEL, 0.02 * current, "sine")["temperature"]
+    found = sigma_of(skin, raw, "sine")["temperature"]
+    np.testing.assert_allclose(found, expected, rtol=0.05)
+    even = sigma_of(*pose(silent(gel_noise_relative=0.02), warm=warm), "sine")["temperature"]
+    assert np.all(np.abs(found / even - 1.0) > 0.05)
+
+
 @pytest.mark.parametrize(("warm", "beyond"), [(104.0, 14.0), (3.0, 7.0), (50.0, 0.0)])
 def test_temperature_beyond_its_range(warm, beyond):
     """A fifth of what lies beyond by more than a sigma, straight."""
@@ -226,6 +239,22 @@ def test_shares_of_the_forces_add_to_the_rest():
     np.testing.assert_allclose(got.tangential_sigma, 0.05 * got.tangential, rtol=1e-3)
     for axis in range(2):
         np.testing.assert_allclose(got.force_sigma[axis], 0.05 * np.abs(got.force[axis]), rtol=1e-2)
+
+
+@pytest.mark.parametrize("depth", [0.0, 0.02, 0.3, 1.5])
+def test_absolute_parts_of_the_forces_add_to_the_rest_but_are_no_more_than_the_force(depth):
+    skin, raw = pose(silent(normal_sigma_n=0.1, shear_sigma_n=0.2), depth=depth, reach=0.7)
+    got = Decoder(skin, None, "field-angle", dtype="float64")(raw)
+    normal = np.minimum(np.abs(got.force[2]), 0.1)
+    np.testing.assert_allclose(got.force_sigma[2], normal, rtol=1e-3, atol=1e-6)
+    np.testing.assert_allclose(got.tangential_sigma, np.minimum(got.tangential, 0.2), rtol=2e-3)
+
+
+def test_what_the_depth_is_off_by_is_no_error_of_the_force_of_a_frequency():
+    skin, raw = pose(silent(depth_sigma_mm=0.05))
+    found = sigma_of(skin, raw, "field-angle")
+    np.testing.assert_allclose(found["h"], 0.05, rtol=1e-3)
+    assert found["fz"].max() < 1e-4
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)

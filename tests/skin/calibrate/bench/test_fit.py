@@ -7,10 +7,13 @@ import functools
 import numpy as np
 import pytest
 
+from benchmarks.foreign_laws import vogel
 from benchmarks.lab import Lab, protocol
 from skin.calibrate.bench.file import KINDS
 from skin.calibrate.bench.fit import fit_unit
+from skin.calibrate.gel import ORDERS
 from skin.errors import ScanError
+from topology.gel import gel_temperature
 
 SHARE = 0.25
 
@@ -58,6 +61,23 @@ def test_temperature_alone_tells_the_gel_and_the_drifts_alone():
     assert value(result, "film_drift_per_k") == pytest.approx(true["film_drift_per_k"][0], rel=0.1)
     assert {"film", "shear"} <= set(result.kept)
     assert "normal_stiff_n_per_hz" in result.kept
+
+
+def test_a_gel_of_another_law_gets_its_order_and_one_of_the_models_own_none():
+    own = fitted("temperature")
+    assert own.kept["gel_bend_c"] == own.kept["gel_twist_c"] == "no better by cross-validation"
+    lab, path = Lab(1, seed=5, laws=frozenset({"gel"})), protocol(share=SHARE)
+    columns = lab.reference(path, 0)
+    series = lab.series(path, lab.counts(path), 0, {k: columns[k] for k in ("time", "temperature")})
+    result = fit_unit(lab.nominal, series, 0)
+    p = {name: value(result, name) for name in ORDERS[3]}
+    true = {name: float(values[0]) for name, values in lab.true.parameters.items()
+            if name in ("gel_current_20c_ua", "gel_current_ratio")}  # fmt: skip
+    warm = np.linspace(25.0, 70.0, 20)
+    current = true["gel_current_20c_ua"] * vogel(warm, np.array(true["gel_current_ratio"]))
+    error = gel_temperature(p, current / p["gel_current_20c_ua"]) - warm
+    assert np.abs(error).max() < 0.15
+    assert 0.5 * error.std() < value(result, "temperature_sigma_c") < 0.1
 
 
 def test_turn_of_the_sensor_and_touch_are_found():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skin.calibrate.bench.posterior import cross_validated, fit_posterior
+from skin.calibrate.bench.posterior import fit_posterior
 from skin.errors import ScanError
 
 
@@ -71,15 +71,3 @@ def test_intervals_hold_their_share_where_errors_go_on_for_a_while():
 def test_fewer_samples_than_parameters_are_refused():
     with pytest.raises(ScanError, match="samples: must be 2 or more to tell a, b; got 1"):
         fitted(*line(count=1), {"a": (0.0, 1.0), "b": (0.0, 1.0)})
-
-
-@pytest.mark.parametrize(("bent", "order"), [(0.0, 1), (2.0, 2)])
-def test_cross_validation_takes_the_order_that_the_data_have(bent, order):
-    x, y = line(seed=5)
-    y = y + bent * (x - 0.5) ** 2
-
-    def error(degree, training):
-        return (np.polyval(np.polyfit(x[training], y[training], degree), x[~training])
-                - y[~training]) ** 2  # fmt: skip
-
-    assert cross_validated((1, 2, 3), x.size, error) == order

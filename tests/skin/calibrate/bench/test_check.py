@@ -1,0 +1,25 @@
+"""A calibration against a recording: what counts in its score."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from benchmarks.lab import Lab, protocol
+from skin.calibrate.bench.check import score
+from skin.calibrate.bench.file import KINDS
+
+
+def of_the_hold(laws):
+    """Score of a recording's hold alone, by the unit's own elastic laws."""
+    lab, path = Lab(1, seed=5, laws=laws), protocol(("tare", "hold"))
+    recorded = lab.series(path, lab.counts(path), 0)
+    held = np.where(recorded.kind == KINDS.index("hold"), recorded.kind, -1)
+    return score(lab.true.exact(), dataclasses.replace(recorded, kind=held), 0)
+
+
+def test_a_hold_counts_and_shows_a_relaxation_that_the_calibration_lacks():
+    elastic, relaxing = of_the_hold(frozenset()), of_the_hold(frozenset({"creep"}))
+    assert 0.8 < elastic.over_sigma["normal"] < 1.15
+    assert relaxing.over_sigma["normal"] > 1.2 * elastic.over_sigma["normal"]
