@@ -72,6 +72,11 @@ class ClockModel:
         """A stamp of the first clock, as one of the second."""
         return stamp_ns + round(self.offset_ns + self.drift * (stamp_ns - self.origin_ns))
 
+    def report(self) -> dict[str, float | str]:
+        """Error, drift and steps, for people."""
+        return {"by": "interface", "error_ns": self.error_ns, "drift_ppm": 1e6 * self.drift,
+                "steps": self.steps}  # fmt: skip
+
     def learn(self, stamp_ns: int, late_ns: int) -> None:
         """Take the pair of a stretch that has the least delay: stamps of one event by both clocks.
 

@@ -95,7 +95,8 @@ class DatagramTransport(Transport):
         self._wake = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._polled = mmsg.pollfds(self._fd, self._wake)
         self._incoming, self._outgoing = mmsg.new_buffers(), mmsg.new_buffers()
-        self.clock, self._stamped = ClockModel(), self._incoming.clock["count"]
+        self.clock = self._own_clock = ClockModel()
+        self._stamped = self._incoming.clock["count"]
         self._learned_ns = 0
         # Re-entrant, so that a signal's handler may close what its own thread is waiting for.
         self._receiving, self._sending = threading.RLock(), threading.RLock()
@@ -171,7 +172,7 @@ class DatagramTransport(Transport):
         if now_ns - self._learned_ns < SEGMENT_NS:
             return
         self._learned_ns = now_ns
-        seen, clock = self._incoming.clock[0], self.clock
+        seen, clock = self._incoming.clock[0], self._own_clock
         clock.learn(int(seen["stamp"]), int(seen["late"]))
         seen["origin"], seen["offset"], seen["drift"] = (
             clock.origin_ns,

@@ -15,16 +15,16 @@ import numpy as np
 from bus.configure import Command, pack
 from bus.cycle import FrameCounters
 from bus.errors import BusClosedError
-from bus.frame import FRAME_DTYPE, FrameBatch
+from bus.frame import FrameBatch
 from bus.logs import Recording
 from bus.state import BusChange
 from bus.transport import Transport
 from bus.wait import Lull, Waiter
 from skin.compiling import announcer
 from skin.errors import OptionError, SkinError
+from skin.pacing import sync_frames, sync_ns, wait_until
 from skin.pipeline import Pipeline
 from skin.state import State, Status, trouble
-from topology import Topology
 from topology.pose import pose_fault
 
 if TYPE_CHECKING:
@@ -35,12 +35,6 @@ __all__ = ["Skin", "Sync", "Timing", "Wait"]
 
 Sync = Literal["host", "bus"]
 Wait = Literal["event", "drain"]
-
-
-SYNC_BITS = 57
-"""Of a SYNC frame until its end, at which units sample: 52 without stuff bits, at most 62
-[derived: ISO 11898-1, 11 bits of identifier and a byte]. A frame that is on the wire already holds
-it up by its own time."""
 
 
 @dataclass
@@ -94,9 +88,8 @@ class Skin:
         self._period_ns = round(1e9 / topology.cycle_rate_hz)
         self._lull, self._has_lull = Lull(self._period_ns), wait == "event"
         self._sends_sync = sync == "host" and topology.buses[0].sync_id is not None
-        self._sync_frames = _sync_frames(topology)
-        rates = np.array([bus.bitrate for bus in topology.buses], float)
-        self._wire_ns = np.round(0.0 if nodes else SYNC_BITS * 1e9 / rates).astype(np.int64)
+        self._sync_frames = sync_frames(topology)
+        self._wire_ns = sync_ns(topology) if nodes is None else 0 * sync_ns(topology)
         self._started_ns, self._epoch_ns = time.monotonic_ns(), time.time_ns()
         self._number = 0
         self._cycles: Generator[State] | None = None
@@ -144,11 +137,8 @@ class Skin:
         kernel's, and ``drift_ppm`` of it; how often one of them was set (``steps``)."""
         found = {}
         for bus, end in zip(self.topology.buses, self.transports, strict=True):
-            clock = end.clock
-            found[bus.name] = {"by": "kernel"} if clock is None or not clock.ready else {
-                "by": "interface", "error_ns": clock.error_ns, "drift_ppm": 1e6 * clock.drift,
-                "steps": clock.steps,
-            }  # fmt: skip
+            is_mapped = end.clock is not None and end.clock.ready
+            found[bus.name] = end.clock.report() if is_mapped else {"by": "kernel"}
         return found
 
     def realtime_ns(self, stamp_ns: int) -> int:
@@ -330,7 +320,7 @@ class Skin:
         due = time.monotonic_ns()
         while not self._closed:
             if self._pace:
-                due, skipped = _wait_until(due, self._period_ns)
+                due, skipped = wait_until(due, self._period_ns)
                 self.timing.overruns += skipped
                 self._number += skipped
             else:
@@ -350,7 +340,7 @@ class Skin:
         looks, sleeps = 0, self._has_lull and lull.ns > 0
         while not self._closed and pipeline.pending:
             if sleeps and looks == 1:
-                _wait_until(min(asked_ns + lull.ns, until_ns), self._period_ns)
+                wait_until(min(asked_ns + lull.ns, until_ns), self._period_ns)
             now_ns = time.monotonic_ns()  # what has arrived by then is heard before time is up
             # units within this process have answered already
             self._receive(0 if sleeps and looks == 0 else until_ns - now_ns)
@@ -409,22 +399,3 @@ class Skin:
                 self.timing.work_ns = time.perf_counter_ns() - started
                 yield state
                 return
-
-
-def _sync_frames(topology: Topology) -> np.ndarray:
-    frames = np.zeros(len(topology.buses), FRAME_DTYPE)
-    for i, bus in enumerate(topology.buses):
-        frames[i]["id"] = bus.sync_id or 0
-        frames[i]["length"] = 1
-        frames[i]["bus"] = i
-    return frames
-
-
-def _wait_until(due: int, period: int) -> tuple[int, int]:
-    """Sleep until `due`; if that is more than a period ago, count the periods left out."""
-    now = time.monotonic_ns()
-    if now < due:
-        time.sleep((due - now) * 1e-9)
-        return due, 0
-    skipped = (now - due) // period
-    return due + skipped * period, int(skipped)

@@ -73,8 +73,7 @@ def open(
     want, estimator, dtype, sweeps, ambient, tare, creep, skip, slip, false_contacts_per_day, …
         What is computed, and how: see `skin.options.Options`; of a stencil a file will do.
     zeros, learn : path, optional, and bool
-        A file carries zeros from run to run (see `skin.calibrate.zeros`); the fields of neighbours
-        are learned (see `Skin.learning`).
+        Carry zeros from run to run (`skin.calibrate.zeros`); learn fields of neighbours.
     sync : "host" or "bus"
         Who sends SYNC: this host, or another node (then this end only listens).
     wait : "event" or "drain"
@@ -115,8 +114,6 @@ def open(
             ends = [undo.enter_context(end) for end in _ends(loaded, nodes)]
         _check_ends(ends, loaded)
         pipeline = _pipeline(undo, loaded, options, ends, deadline_s, zeros, learn, record)
-        if pipeline.learning is not None:
-            undo.callback(pipeline.learning.close)
         recording = Recording(log, loaded) if isinstance(log, str | os.PathLike) else log
         undo.pop_all()  # all is well: the skin closes them
     return Skin(pipeline, ends, sync=sync, wait=wait, pace=pace, nodes=nodes, recording=recording)
@@ -147,6 +144,8 @@ def _pipeline(
         pipeline.recorder.watch(ends)
     if learn:
         pipeline.learn()
+        if pipeline.learning is not None:
+            undo.callback(pipeline.learning.close)
     return pipeline
 
 

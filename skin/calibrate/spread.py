@@ -17,8 +17,8 @@ __all__ = ["Spread", "even_spread", "law_spread"]
 BINS = 24
 """Of samples by their force, as many in each."""
 TRIED = 49
-"""Shares and absolute parts that are tried, each over the factor `REACH`."""
-REACH = 1e3
+"""Shares and absolute parts that are tried, each over the factor `LARGEST`."""
+LARGEST = 1e3
 ONE_SIGMA = 0.6826894921370859
 """Of normal errors, within one sigma [derived]."""
 SCALES = 0.6, 1.7
@@ -72,7 +72,7 @@ def law_spread(error: np.ndarray, force: np.ndarray, noise: np.ndarray | float) 
     least2 = noise2 / np.sqrt(count) + 1e-12
     told2 = np.maximum(seen2 + least2, 0.1 * least2)
     most_n = 3.0 * float(np.sqrt(told2.max()))
-    steps = np.append(0.0, np.geomspace(1.0 / REACH, 1.0, TRIED))
+    steps = np.append(0.0, np.geomspace(1.0 / LARGEST, 1.0, TRIED))
     share = steps * min(most_n / max(float(np.sqrt(force2.mean())), 1e-9), 1.0)
     relative, absolute = (each.ravel() for each in np.meshgrid(share, most_n * steps))
     law2 = _variance(relative[:, np.newaxis], absolute[:, np.newaxis], force2) + least2

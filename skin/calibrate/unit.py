@@ -101,15 +101,15 @@ def calibrate_unit(
     share = 1.0 / np.sqrt(recordings.readings)
     field_ut = share * float(p["field_noise_ut"])
     force_n = share * recordings.force_sigma_n
-    bare, heated, pressed, sheared = (
+    bare, heated, warmed, pressed, sheared = (
         _of(scan, unit)
-        for scan in (recordings.bare, recordings.heated, recordings.pressed, recordings.sheared)
-    )
+        for scan in (recordings.bare, recordings.heated, recordings.warmed, recordings.pressed,
+                     recordings.sheared)
+    )  # fmt: skip
 
     gel_noise = float(p["gel_noise_relative"])
-    warm = [_of(scan, unit) for scan in (recordings.heated, recordings.warmed)]
-    gel_c = np.concatenate([scan["gel_temperature"] for scan in warm])
-    counts = np.concatenate([scan["counts"][:, GEL] for scan in warm])
+    gel_c = np.concatenate([scan["gel_temperature"] for scan in (heated, warmed)])
+    counts = np.concatenate([scan["counts"][:, GEL] for scan in (heated, warmed)])
     current = topology.scale[GEL, unit] * counts + topology.offset[GEL, unit]
     gel = fit_gel(current, gel_c, sigma_relative=gel_noise)
 
@@ -147,27 +147,23 @@ def calibrate_unit(
         sheared["force_n"][:, 0], place[1], place[0],
         reference_mm=float(p["field_reference_mm"]), sigma_n=force_n,
     )  # fmt: skip
-    strength_ut, force = _rms(lateral), (pressed["force_n"][:, 1], sheared["force_n"][:, 0])
     kelvin, laws = 60.0 / np.log(gel["gel_current_ratio"]), (gel, frequency, normal, shear)
     known = {**p, **{name: fit[name] for fit in laws for name in fit.names}}
     pushed = _normal_spread(known, pressed)
     sideways = _shear_spread(known, sheared)
+    gel_sigma_c = kelvin * unknown_of(gel, gel_noise)
     spread = {
-        "temperature_sigma_c": np.hypot(
-            _temperature_sigma_c(known, current, gel_c), kelvin * unknown_of(gel, gel_noise)
-        ),
+        "temperature_sigma_c": np.hypot(_temperature_sigma_c(known, current, gel_c), gel_sigma_c),
         "frequency_sigma_hz": unknown_of(frequency, noise_hz),
         "depth_sigma_mm": _depth_sigma_mm(known, pressed),
         "normal_sigma_relative": np.hypot(
-            np.hypot(pushed.relative, unknown_of(normal, force_n) / _rms(force[0])), slope_sigma
+            _relative(pushed, normal, pressed["force_n"][:, 1], force_n), slope_sigma
         ),
         "normal_sigma_n": pushed.absolute,
         "field_sigma_ut": left_of(chip, field_ut),
         "field_angle_sigma_mm": film.sigma_mm,
-        "field_amplitude_sigma_relative": left_of(amplitude, field_ut) / strength_ut,
-        "shear_sigma_relative": np.hypot(
-            sideways.relative, unknown_of(shear, force_n) / _rms(force[1])
-        ),
+        "field_amplitude_sigma_relative": left_of(amplitude, field_ut) / _rms(lateral),
+        "shear_sigma_relative": _relative(sideways, shear, sheared["force_n"][:, 0], force_n),
         "shear_sigma_n": sideways.absolute,
     }
     # a spread of t samples is known to a share of 1 / sqrt(2 t)
@@ -178,6 +174,11 @@ def calibrate_unit(
     values["normal_max_n"] = float(_normal_law(known, np.array(deepest))[0]), force_n
     told = as_fit(values, film.fit.samples)
     return (gel, frequency, normal, drift, chip, film.fit, amplitude, shear, told), film
+
+
+def _relative(spread: Spread, fit: Fit, force_n: np.ndarray, noise_n: float) -> float:
+    """Relative sigma of a force law: what it is off, and what its fit leaves unknown."""
+    return float(np.hypot(spread.relative, unknown_of(fit, noise_n) / _rms(force_n)))
 
 
 def left_of(fit: Fit, noise: float) -> float:

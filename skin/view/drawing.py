@@ -91,8 +91,8 @@ def disc(sides: int = 20) -> tuple[np.ndarray, np.ndarray]:
 
 def cross() -> tuple[np.ndarray, np.ndarray]:
     """Two bars across each other above the disc, vertices and faces alike."""
-    half, reach = 0.13, 0.78
-    bar = np.array([(-reach, -half), (reach, -half), (reach, half), (-reach, half)])
+    half, length = 0.13, 0.78
+    bar = np.array([(-length, -half), (length, -half), (length, half), (-length, half)])
     turn = np.sqrt(0.5) * np.array([(1.0, -1.0), (1.0, 1.0)])
     flat = np.concatenate([bar @ turn.T, bar @ turn])
     vertices = np.column_stack([flat, np.full(8, -0.04)])

@@ -49,7 +49,7 @@ class Viewer:
         server = self._server
 
         @server.on_client_disconnect
-        def _(client: Any) -> None:
+        def left(client: Any) -> None:
             camera, first = client.camera, server.initial_camera
             first.position, first.look_at, first.up = (
                 camera.position, camera.look_at, camera.up_direction,

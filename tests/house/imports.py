@@ -36,7 +36,9 @@ ROOMS: dict[str, frozenset[str]] = {
     "compiling": frozenset({"errors"}),
     "clock": frozenset(),
     "pipeline": COMMON | {"physics", "decode", "contact", "calibrate", "clock"},
-    "live": COMMON | {"physics", "decode", "contact", "calibrate", "pipeline", "compiling", "sim"},
+    "pacing": frozenset(),
+    "live": COMMON
+    | {"physics", "decode", "contact", "calibrate", "pipeline", "pacing", "compiling", "sim"},
     "opening": COMMON | {"physics", "contact", "pipeline", "compiling", "sim", "live", "record"},
     "offline": COMMON | {"pipeline", "compiling"},
     "view": COMMON | {"live", "pipeline", "calibrate", "contact", "worker"},

@@ -17,7 +17,7 @@ from bus.logs import read_all
 from bus.memory import MemoryTransport
 from bus.status import Status
 from skin.errors import SkinError
-from skin.live import SYNC_BITS
+from skin.pacing import SYNC_BITS
 from skin.sim.node import Nodes
 from skin.state import WANTS
 from tests.fixtures.live import frames_of
