@@ -135,11 +135,9 @@ class Skin:
         """What stamps the frames of each bus, by its name: ``by``, "interface" where its driver
         does, else "kernel"; ``error_ns``, one sigma of the map from the interface's clock to the
         kernel's, and ``drift_ppm`` of it; how often one of them was set (``steps``)."""
-        found = {}
-        for bus, end in zip(self.topology.buses, self.transports, strict=True):
-            is_mapped = end.clock is not None and end.clock.ready
-            found[bus.name] = end.clock.report() if is_mapped else {"by": "kernel"}
-        return found
+        pairs = zip(self.topology.buses, self.transports, strict=True)
+        own = {bus.name: end.clock for bus, end in pairs}
+        return {name: c.report() if c and c.ready else {"by": "kernel"} for name, c in own.items()}
 
     def realtime_ns(self, stamp_ns: int) -> int:
         """A stamp of a cycle that this host has begun, as the system's clock has it now.

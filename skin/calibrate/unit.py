@@ -149,8 +149,7 @@ def calibrate_unit(
     )  # fmt: skip
     kelvin, laws = 60.0 / np.log(gel["gel_current_ratio"]), (gel, frequency, normal, shear)
     known = {**p, **{name: fit[name] for fit in laws for name in fit.names}}
-    pushed = _normal_spread(known, pressed)
-    sideways = _shear_spread(known, sheared)
+    pushed, sideways = _normal_spread(known, pressed), _shear_spread(known, sheared)
     gel_sigma_c = kelvin * unknown_of(gel, gel_noise)
     spread = {
         "temperature_sigma_c": np.hypot(_temperature_sigma_c(known, current, gel_c), gel_sigma_c),
