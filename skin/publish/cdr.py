@@ -13,19 +13,19 @@ from typing import Any
 
 import numpy as np
 
-from skin.publish.messages import DEFINITIONS, fields_of
+from skin.messages import FIELDS, fields_of
 
 __all__ = ["NUMBERS", "encode"]
 
 HEAD = b"\x00\x01\x00\x00"
 """CDR, little-endian, without options."""
 NUMBERS = {
-    "byte": "u1", "uint8": "u1", "int32": "<i4", "uint32": "<u4", "int64": "<i8", "uint64": "<u8",
+    "bool": "?", "byte": "u1", "uint8": "u1", "int32": "<i4", "uint32": "<u4", "int64": "<i8", "uint64": "<u8",
     "uint16": "<u2", "float32": "<f4", "float64": "<f8",
 }  # fmt: skip
 """Numbers of the definitions, as numpy types."""
 _FORMATS = {
-    "byte": "<B", "uint8": "<B", "int32": "<i", "uint32": "<I", "int64": "<q", "uint64": "<Q",
+    "bool": "<?", "byte": "<B", "uint8": "<B", "int32": "<i", "uint32": "<I", "int64": "<q", "uint64": "<Q",
     "uint16": "<H", "float32": "<f", "float64": "<d",
 }  # fmt: skip
 
@@ -36,7 +36,7 @@ def encode(message: str, values: Mapping[str, Any]) -> bytes:
     Parameters
     ----------
     message : str
-        A name of `skin.publish.messages.DEFINITIONS`.
+        A name of `skin.messages.FIELDS`.
     values : mapping
         Of each field: a number, a text, a mapping for a message, a sequence for an array.
 
@@ -63,7 +63,7 @@ def _put(out: bytearray, message: str, values: Mapping[str, Any]) -> None:
 
 
 def _put_one(out: bytearray, kind: str, value: Any) -> None:
-    if kind in DEFINITIONS:
+    if kind in FIELDS:
         _put(out, kind, value)
     elif kind == "string":
         text = value.encode()

@@ -14,8 +14,8 @@ from importlib.util import find_spec
 from typing import Any
 
 from skin.errors import LibraryError, SkinError
+from skin.messages import FIELDS, fields_of
 from skin.publish.cdr import encode
-from skin.publish.messages import DEFINITIONS, fields_of
 from skin.publish.names import dds_topic, dds_type
 
 __all__ = ["LOCALHOST", "Participant", "Writer", "check_library"]
@@ -87,7 +87,7 @@ class Participant:
         topic : str
             As ROS 2 names it, without the first slash.
         message : str
-            Of `DEFINITIONS`.
+            Of `skin.messages.FIELDS`.
         latched : bool
             Readers that come later are given the last message ("transient local").
         reliable : bool
@@ -148,7 +148,7 @@ def _idl_type(message: str) -> Any:
     }  # fmt: skip
     found = {}
     for field in fields_of(message):
-        one = _idl_type(field.kind) if field.kind in DEFINITIONS else numbers[field.kind]
+        one = _idl_type(field.kind) if field.kind in FIELDS else numbers[field.kind]
         if field.is_array:
             one = types.array[one, field.size] if field.size else types.sequence[one]
         found[field.name] = one

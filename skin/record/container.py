@@ -16,7 +16,8 @@ from typing import Any, NamedTuple
 
 from bus.errors import LogError
 from skin.errors import LibraryError
-from skin.record.messages import TOPICS, schema
+from skin.messages import schema
+from skin.record.topics import TOPICS
 from topology.files import open_regular
 
 __all__ = ["Container", "Message", "RecordedFile", "require"]

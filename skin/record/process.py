@@ -17,9 +17,9 @@ import numpy as np
 from skin.record.container import Container
 from skin.record.encode import StateEncoder, WrenchEncoder, contacts_of, frames_message
 from skin.record.health import Health
-from skin.record.messages import FRAMES, LAYOUT, POSES, STATE
 from skin.record.scene import Layout
 from skin.record.slot import Event
+from skin.record.topics import FRAMES, LAYOUT, POSES, STATE
 from skin.worker import WorkerEnd
 
 __all__ = ["SlotsToMessages", "main"]

@@ -32,6 +32,7 @@ PLACES = {
     "sim": (2.46, 3),
     "physics": (1.25, 4),
     "arrow": (0.1, 4),
+    "messages": (2.46, 4),
     "bus": (1.25, 5.15),
     "topology": (1.25, 6.05),
 }
@@ -42,6 +43,7 @@ NOTES = {
     "export": "tables, data sets",
     "publish": "topics of ROS 2",
     "arrow": "pyarrow",
+    "messages": "of ROS 2",
     "worker": "a process beside",
     "opening": "opens the buses",
     "offline": "logs to states",

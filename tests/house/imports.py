@@ -27,6 +27,7 @@ ROOMS: dict[str, frozenset[str]] = {
     "worker": frozenset({"errors"}),
     "physics": frozenset({"errors"}),
     "notebook": frozenset(),
+    "messages": frozenset(),
     "state": frozenset({"errors", "notebook"}),
     "options": frozenset({"errors", "state"}),
     "decode": COMMON | {"physics"},
@@ -42,9 +43,10 @@ ROOMS: dict[str, frozenset[str]] = {
     "opening": COMMON | {"physics", "contact", "pipeline", "compiling", "sim", "live", "record"},
     "offline": COMMON | {"pipeline", "compiling"},
     "view": COMMON | {"live", "pipeline", "calibrate", "contact", "worker"},
-    "record": COMMON | {"physics", "contact", "pipeline", "compiling", "offline", "worker"},
+    "record": COMMON
+    | {"physics", "contact", "pipeline", "compiling", "offline", "worker", "messages"},
     "export": COMMON | {"contact", "arrow"},
-    "publish": COMMON | {"live", "contact", "worker"},
+    "publish": COMMON | {"live", "contact", "worker", "messages"},
 }
 """What each room may import of `skin`, beside itself. `opening` starts simulated units when a skin
 is opened with ``simulate=True``. `cli` and the package's own `__init__` may import everything."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from skin.messages import FIELDS, fields_of
 from skin.publish.cdr import NUMBERS, encode
-from skin.publish.messages import DEFINITIONS, fields_of
 
 typesys = pytest.importorskip("rosbags.typesys", reason="rosbags is not installed")
 
@@ -16,7 +16,7 @@ def store():
     """Messages of ROS 2 Jazzy, and ours by the text of their definitions."""
     known = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
     ours = {}
-    for name, text in DEFINITIONS.items():
+    for name, text in FIELDS.items():
         if name.startswith("f3t_msgs"):
             ours |= typesys.get_types_from_msg(text, name)
     known.register(ours)
@@ -32,7 +32,9 @@ def drawn_field(rng, field):
     size = (field.size or int(rng.integers(0, 5))) if field.is_array else 1
     if field.kind in NUMBERS:
         kind = np.dtype(NUMBERS[field.kind])
-        if kind.kind == "f":
+        if kind.kind == "b":
+            values = rng.random(size) < 0.5
+        elif kind.kind == "f":
             values = rng.normal(size=size).astype(kind)
             values[rng.random(size) < 0.2] = np.nan
         else:
@@ -53,7 +55,7 @@ def foreign(store, message, values):
     found = {}
     for field in fields_of(message):
         value = values[field.name]
-        if field.kind in DEFINITIONS:
+        if field.kind in FIELDS:
             value = (
                 [foreign(store, field.kind, one) for one in value]
                 if field.is_array
@@ -63,7 +65,7 @@ def foreign(store, message, values):
     return store.types[message](**found)
 
 
-@pytest.mark.parametrize("message", DEFINITIONS)
+@pytest.mark.parametrize("message", FIELDS)
 def test_bytes_are_those_of_rosbags(store, message):
     rng = np.random.default_rng(1)
     for _ in range(40):
@@ -72,7 +74,7 @@ def test_bytes_are_those_of_rosbags(store, message):
         assert encode(message, values) == expected
 
 
-@pytest.mark.parametrize("message", [name for name in DEFINITIONS if "f3t" not in name])
+@pytest.mark.parametrize("message", [name for name in FIELDS if "f3t" not in name])
 def test_definitions_are_those_of_ros(store, message):
     told = [field.name for field in fields_of(message)]
     fields = store.fielddefs[message][1]

@@ -14,7 +14,7 @@ import pytest
 
 import skin
 from skin.record.container import RecordedFile
-from skin.record.messages import STATE
+from skin.record.topics import STATE
 
 pytest.importorskip("mcap", reason="mcap is not installed")
 

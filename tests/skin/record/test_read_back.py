@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import skin
-from skin.record.messages import FIELDS, TOPICS, schema
+from skin.messages import FIELDS, schema
+from skin.record.topics import TOPICS
 from skin.state import INVALID
 
 reading = pytest.importorskip("mcap_ros2.reader", reason="mcap-ros2-support is not installed")

@@ -17,7 +17,7 @@ from skin.cli import main
 from skin.errors import LibraryError, OptionError, SkinError
 from skin.record.attached import read_setup
 from skin.record.container import RecordedFile
-from skin.record.messages import FRAMES, STATE
+from skin.record.topics import FRAMES, STATE
 from skin.record.topology_arrays import differences, from_arrays, to_arrays
 
 pytest.importorskip("mcap", reason="mcap is not installed")

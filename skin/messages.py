@@ -1,32 +1,17 @@
-"""Messages of a recording: names, fields and topics, as ROS 2 writes them down.
+"""ROS 2 messages: their definitions, and the fields that they have.
 
-Those of ROS are as in ROS 2 Humble and later. Those of ``f3t_msgs`` are ours: frames as they came,
-the state of a whole skin in one message, what hangs where, and poses that move.
+Those of ROS are as in ROS 2 Humble and later (common_interfaces). Those of ``f3t_msgs`` are ours:
+frames as they came, the state of a whole skin in one message, what hangs where, and poses that
+move.
 """
 
 from __future__ import annotations
 
+import functools
 import re
+from typing import NamedTuple
 
-__all__ = ["FRAMES", "LAYOUT", "POSES", "STATE", "TOPICS", "schema"]
-
-SKIN = "/skin"
-FRAMES, STATE = f"{SKIN}/frames", f"{SKIN}/state"
-LAYOUT, POSES = f"{SKIN}/layout", f"{SKIN}/poses"
-
-TOPICS = {
-    FRAMES: "f3t_msgs/msg/CanFrames",
-    STATE: "f3t_msgs/msg/SkinState",
-    LAYOUT: "f3t_msgs/msg/SkinLayout",
-    POSES: "f3t_msgs/msg/SkinPoses",
-    f"{SKIN}/wrench": "geometry_msgs/msg/WrenchStamped",
-    f"{SKIN}/contact": "geometry_msgs/msg/WrenchStamped",
-    f"{SKIN}/scene": "visualization_msgs/msg/MarkerArray",
-    "/tf": "tf2_msgs/msg/TFMessage",
-    "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
-}
-"""Type of each topic; ``/skin/contact`` is followed by ``/<slot>``, a place that a contact has as
-long as it lasts."""
+__all__ = ["FIELDS", "Field", "fields_of", "schema"]
 
 FIELDS = {
     "builtin_interfaces/msg/Time": "int32 sec\nuint32 nanosec",
@@ -159,7 +144,45 @@ float64[] rotation        # 9 n""",
 name."""
 
 _USED = re.compile(r"^(\w+)/(\w+)(?:\[\d*\])? ", re.MULTILINE)
+_LINE = re.compile(r"(?P<kind>[\w/]+)(?P<array>\[(?P<size>\d*)\])? (?P<name>\w+)\s*(?:#.*)?")
+"""A line that is a field: constants have a value behind the name, comments no kind before it."""
 _RULE = "=" * 80
+
+
+class Field(NamedTuple):
+    """A field of a message.
+
+    Attributes
+    ----------
+    name : str
+    kind : str
+        "float64", "string", …, or the full name of a message.
+    is_array : bool
+    size : int
+        Of an array; 0 if any.
+    """
+
+    name: str
+    kind: str
+    is_array: bool
+    size: int
+
+
+@functools.cache
+def fields_of(message: str) -> tuple[Field, ...]:
+    """The fields of a message, in their order.
+
+    Examples
+    --------
+    >>> fields_of("geometry_msgs/msg/Wrench")[0]
+    Field(name='force', kind='geometry_msgs/msg/Vector3', is_array=False, size=0)
+    """
+    found = []
+    for parts in filter(None, map(_LINE.fullmatch, FIELDS[message].splitlines())):
+        kind = parts["kind"].replace("/", "/msg/", 1)
+        found.append(Field(parts["name"], kind, parts["array"] is not None,
+                           int(parts["size"] or 0)))  # fmt: skip
+    return tuple(found)
 
 
 def schema(name: str) -> str:
