@@ -5,16 +5,13 @@ from __future__ import annotations
 import io
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from skin.view.plots import HUES, INK, MUTED, figure, force_map, plane, torn
 from topology import Topology
 from topology.files import whole_file
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 __all__ = ["Chart", "Run", "charts_svg", "save_run"]
 
@@ -161,7 +158,7 @@ def _draw_lines(figure: Any, run: Run) -> None:
 
 
 def _compare(
-    axes: tuple[Axes, Axes],
+    axes: tuple[Any, Any],
     time_s: np.ndarray,
     found: np.ndarray,
     truth: np.ndarray,
@@ -172,7 +169,7 @@ def _compare(
     lost = np.isnan(np.concatenate([[np.nan], time_s, [np.nan]]))
     alone = lost[:-2] & lost[2:]  # no line reaches a cycle between two gaps
 
-    def draw(axis: Axes, values: np.ndarray, width: float, **style: Any) -> None:
+    def draw(axis: Any, values: np.ndarray, width: float, **style: Any) -> None:
         axis.plot(
             time_s, values, linewidth=width, marker=".", markersize=2.0 * width,
             markeredgewidth=0.0, markevery=alone, **style,

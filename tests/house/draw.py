@@ -13,28 +13,28 @@ from tests.house.sources import ROOT, module_of, sources
 PICTURE = ROOT / "docs" / "imports.svg"
 
 PLACES = {
-    "cli": (1.5, 0),
-    "export": (0.17, 0.2),
-    "publish": (2.76, 0.2),
+    "cli": (2.0, 0),
+    "export": (0.0, 1),
     "view": (1.0, 1),
-    "opening": (2.76, 1),
-    "offline": (0.17, 1),
-    "live": (1.95, 1),
-    "record": (-0.3, 1.5),
-    "pipeline": (0.5, 2),
-    "calibrate": (1.8, 2),
-    "contact": (-0.02, 3),
-    "decode": (0.83, 3),
-    "worker": (1.64, 3),
-    "compiling": (2.76, 2),
-    "clock": (-0.3, 2),
-    "pacing": (2.76, 3),
-    "sim": (2.46, 3),
-    "physics": (1.25, 4),
-    "arrow": (0.1, 4),
-    "messages": (2.46, 4),
-    "bus": (1.25, 5.15),
-    "topology": (1.25, 6.05),
+    "opening": (2.55, 1),
+    "publish": (4.0, 1),
+    "record": (2.0, 2),
+    "live": (3.3, 2),
+    "offline": (1.35, 3),
+    "pacing": (3.0, 3),
+    "compiling": (3.9, 4),
+    "pipeline": (1.9, 4),
+    "clock": (2.8, 5),
+    "calibrate": (1.6, 5),
+    "contact": (0.4, 6),
+    "decode": (1.5, 6),
+    "sim": (3.3, 6),
+    "arrow": (0.0, 7),
+    "physics": (1.2, 7),
+    "worker": (2.42, 7),
+    "messages": (3.4, 7),
+    "bus": (2.0, 9.1),
+    "topology": (2.0, 10.0),
 }
 """Column and layer of each box."""
 NOTES = {
@@ -61,8 +61,10 @@ NOTES = {
     "bus": "counts from wires",
     "topology": "what hangs where",
 }
-COLUMN, LAYER, LEFT, TOP = 190, 96, 134, 64
-BOX, TALL, WIDE = 148, 48, 660
+COLUMN, LAYER, LEFT, TOP = 178, 84, 112, 64
+BOX, TALL, WIDE = 148, 48, 820
+LAST = 7
+"""Lowest layer of `skin`; what all may import stands below it."""
 
 
 def imported() -> set[tuple[str, str]]:
@@ -94,9 +96,10 @@ def picture() -> str:
     unplaced = {name for arrow in arrows for name in arrow} - PLACES.keys()
     if unplaced:
         raise ValueError(f"PLACES of tests/house/draw.py: must have {', '.join(sorted(unplaced))}")
-    middle, foot = LEFT + 1.25 * COLUMN, TOP + 4.5 * LAYER
-    parts = [_rectangle(middle, TOP + 1.94 * LAYER, WIDE + 72, 5.12 * LAYER, "#fffdf8")]
-    parts.append(_text(LEFT - 0.35 * COLUMN, TOP - 22, "skin", 17, "#111"))
+    middle, foot = LEFT + 2.0 * COLUMN, TOP + (LAST + 1.45) * LAYER
+    tall = (LAST + 1.95) * LAYER
+    parts = [_rectangle(middle, foot - tall / 2, WIDE + 72, tall, "#fffdf8")]
+    parts.append(_text(LEFT - 0.3 * COLUMN, TOP - 14, "skin", 17, "#111"))
     parts.append(_line(middle, foot, middle, _place("bus")[1] - TALL / 2))
     below = _place("bus")[1] + TALL / 2, _place("topology")[1] - TALL / 2
     parts.append(_line(middle, below[0], middle, below[1]))
@@ -104,11 +107,11 @@ def picture() -> str:
     there = {room_of(module_of(file)) for file in sources("skin")} | {"bus", "topology"}
     parts += [_box(name) for name in PLACES if name in there]
     common = " · ".join(sorted(COMMON))
-    x, y = LEFT + 2.48 * COLUMN, TOP + 4 * LAYER
-    parts.append(_rectangle(x, y, 168, TALL, "#f4f4f4", "4 3"))
+    x, y = middle, TOP + (LAST + 0.95) * LAYER
+    parts.append(_rectangle(x, y, WIDE, TALL, "#f4f4f4", "4 3"))
     parts.append(_text(x, y - 4, common, 13, "#333"))
     parts.append(_text(x, y + 13, "every room may import these", 11, "#777"))
-    width, height = LEFT + 2.62 * COLUMN + 110, TOP + 6.05 * LAYER + 44
+    width, height = 2.0 * middle, _place("topology")[1] + 44
     head = (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {height:g}" '
         f'width="{width:g}" height="{height:g}" font-family="Helvetica, Arial, sans-serif">\n'
