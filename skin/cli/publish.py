@@ -51,6 +51,9 @@ def publish(
         options.quiet("otherwise ROS_DOMAIN_ID of the environment, or 0", metavar="INT",
                       constructor=int),
     ] = None,
+    network: Annotated[
+        bool, options.quiet("let the subnet see the topics, not this machine alone")
+    ] = False,
     json: options.Json = False,
 ) -> int:  # fmt: skip
     """Listen to the buses of a topology, send SYNC, and publish what the skin feels to ROS 2.
@@ -77,7 +80,7 @@ def publish(
         ended.enter_context(opened)
         node = ros(
             opened, prefix=prefix, frame=frame, patch_frame=patch_frame, rate_hz=rate or None,
-            reliable=not best_effort, domain=domain,
+            reliable=not best_effort, domain=domain, network=network,
         )  # fmt: skip
         ended.enter_context(node)
         report = _loop(opened, node, seconds)

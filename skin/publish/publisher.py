@@ -38,6 +38,7 @@ def ros(
     moving: bool = False,
     reliable: bool = True,
     domain: int | None = None,
+    network: bool = False,
 ) -> Publisher:
     """Publish what a skin feels to ROS 2, which need not be installed here.
 
@@ -64,6 +65,9 @@ def ros(
         Whether states are sent again where they are lost; subscribers of both kinds match then.
     domain : int, optional
         ROS_DOMAIN_ID of the environment if not given, else 0.
+    network : bool
+        Let the subnet see the topics, as the nodes of ROS 2 do; else this machine alone does,
+        unless the environment says more (docs/connect.md).
 
     Returns
     -------
@@ -90,6 +94,7 @@ def ros(
         check_number("rate_hz", rate_hz, 0.01, 1e5)
     check_flag("moving", moving)
     check_flag("reliable", reliable)
+    check_flag("network", network)
     check_kind("patch_frame", patch_frame, str)
     if topology.patch_names and patch_frame.count("{}") != 1:
         raise OptionError(
@@ -104,6 +109,7 @@ def ros(
             for name in topology.patch_names
         ],
         "moving": moving, "reliable": reliable, "domain": _domain(domain),
+        "local": not (network or _reaches_out()),
         "poses": patch_poses(topology, topology.position, topology.rotation).tolist(),
     }  # fmt: skip
     return Publisher(skin, request | _described(topology, bare), rate_hz)
@@ -150,8 +156,7 @@ class Publisher:
         self._ring = RingBuffer(snapshot_dtype(skin.topology), max(8, round(WAITING_S * rate)))
         self._due_ns = self._note_ns = np.iinfo(np.int64).min
         self.left_out = 0
-        with_local = os.environ.get("CYCLONEDDS_URI") is None and _keeps_local()
-        self._worker = _started(self._ring, request, with_local)
+        self._worker = _started(self._ring, request)
 
     @property
     def alive(self) -> bool:
@@ -211,15 +216,15 @@ class Publisher:
         self.close()
 
 
-def _keeps_local() -> bool:
-    """Whether the environment keeps ROS 2 within this machine."""
-    is_local = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "").upper() in ("LOCALHOST", "OFF")
-    return is_local or os.environ.get("ROS_LOCALHOST_ONLY", "0") == "1"
+def _reaches_out() -> bool:
+    """Whether the environment says how far to go: then cyclonedds goes by it, or by its file."""
+    discovery = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "").upper()
+    return discovery == "SUBNET" or bool(os.environ.get("CYCLONEDDS_URI"))
 
 
-def _started(ring: RingBuffer, request: dict[str, Any], local: bool) -> Worker:
+def _started(ring: RingBuffer, request: dict[str, Any]) -> Worker:
     """The process, once it can publish."""
-    worker = Worker("skin.publish.process", ring, request | {"local": local})
+    worker = Worker("skin.publish.process", ring, request)
     try:
         worker.ask("sent")
     except BaseException:

@@ -299,3 +299,33 @@ def test_the_command_publishes_a_scene(capsys):
 def test_the_command_refuses_a_topic_that_ros_refuses(capsys):
     assert main(["publish", "palm", "--simulate", "--prefix", "2skin"]) == 2
     assert "in which '2skin' begins with a digit" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("network", "environment", "local"),
+    [
+        (False, {}, True),
+        (True, {}, False),
+        (False, {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}, False),
+        (False, {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}, True),
+        (False, {"ROS_LOCALHOST_ONLY": "1"}, True),
+        (False, {"CYCLONEDDS_URI": LOCALHOST}, False),
+    ],
+)
+def test_topics_stay_within_this_machine_unless_told_otherwise(
+    palm, monkeypatch, network, environment, local
+):
+    """A file of cyclonedds' own goes before all."""
+    asked = []
+
+    def started(ring, request):
+        asked.append(request["local"])
+        raise SkinError("enough")
+
+    monkeypatch.delenv("CYCLONEDDS_URI")
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr("skin.publish.publisher._started", started)
+    with pytest.raises(SkinError, match="enough"):
+        ros(palm, network=network)
+    assert asked == [local]
