@@ -1,12 +1,15 @@
-"""A topology as text, for another process: every field as it is now, whatever file it came from.
+"""A topology as named arrays, for a recording or another process: every field as it is in memory.
 
-What was changed in memory goes along: other buses, exact units, zeros. The text is JSON; arrays are
-in it as an .npz without pickle.
+What was changed there goes along: other buses, exact units, zeros. Nothing is pickled, and what
+comes back is checked, since files can be damaged.
 """
 
 from __future__ import annotations
 
+import base64
 import io
+import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,17 +17,28 @@ import msgspec
 import numpy as np
 
 from topology.arrays import Frames, Topology
+from topology.model import TABLES, UnitModel
 from topology.schema import Bus
-from topology.wire import WireLayout
+from topology.wire import CHANNELS, WireLayout
 
-__all__ = ["packed", "unpacked"]
+__all__ = ["PARAMETER", "TEXTS", "from_arrays", "packed", "to_arrays", "unpacked"]
 
-FRAMES, PARAMETERS = "frames.", "parameters."
-"""Before the names of arrays that are no field of the topology itself."""
+TEXTS = "texts"
+FRAMES, PARAMETER = "frames_", "parameter_"
+OF_FRAMES = ("bus", "can_id", "layout", "part", "units")
+KINDS = {
+    "patch": "i4", "enabled": "?", "position": "f8", "rotation": "f8", "area": "f8",
+    "calibrated": "?", "tared": "?", "scale": "f8", "offset": "f8", "wired": "?",
+    "neighbour_start": "i4", "neighbour_index": "i4",
+    "frames_bus": "i4", "frames_can_id": "u4", "frames_layout": "i4", "frames_part": "i4",
+    "frames_units": "i4",
+}  # fmt: skip
+"""Types of all arrays but the parameters, which are f8."""
+PARAMETERS = tuple(field.name for field in msgspec.structs.fields(UnitModel))
 
 
-class _Text(msgspec.Struct, forbid_unknown_fields=True):
-    """What is no array, and the arrays as one .npz."""
+class _Texts(msgspec.Struct, forbid_unknown_fields=True):
+    """What is no array."""
 
     name: str
     path: str | None
@@ -33,22 +47,99 @@ class _Text(msgspec.Struct, forbid_unknown_fields=True):
     unit_names: tuple[str, ...]
     patch_names: tuple[str, ...]
     patch_frames: tuple[str, ...]
-    arrays: bytes
+
+
+def to_arrays(topology: Topology) -> dict[str, np.ndarray]:
+    """Arrays, by name; what is none is one of them, as JSON. Options of a bus that JSON has no form
+    for become strings."""
+    texts = {name: getattr(topology, name) for name in _Texts.__struct_fields__}
+    found: dict[str, Any] = {TEXTS: np.array(msgspec.json.encode(texts, enc_hook=str).decode())}
+    for name in KINDS:
+        frames = name.removeprefix(FRAMES)
+        found[name] = getattr(*((topology.frames, frames) if frames != name else (topology, name)))
+    return found | {f"{PARAMETER}{name}": value for name, value in topology.parameters.items()}
+
+
+def from_arrays(arrays: Mapping[str, np.ndarray]) -> Topology:
+    """The topology of arrays, which become read-only.
+
+    Raises
+    ------
+    ValueError
+        They are not those of a topology, or of one of another version.
+    """
+
+    def refuse(name: str, expected: str, got: object) -> ValueError:
+        return ValueError(f"{name}: must be {expected}; got {got}")
+
+    if TEXTS not in arrays:
+        raise refuse(TEXTS, "there", "none")
+    try:
+        texts = msgspec.json.decode(str(arrays[TEXTS]).encode(), type=_Texts)
+    except msgspec.DecodeError as error:
+        raise refuse(TEXTS, "buses, layouts and names of a topology", error) from None
+    n, known = len(texts.unit_names), {**KINDS, **{f"{PARAMETER}{p}": "f8" for p in PARAMETERS}}
+    shapes = _shapes(n, arrays)
+    for name, kind in known.items():
+        found = arrays.get(name)
+        if found is None:
+            raise refuse(name, "there, as this version of f3t-skin has it", "none")
+        if found.dtype != np.dtype(kind) or found.shape != shapes[name]:
+            raise refuse(name, f"{np.dtype(kind)} of shape {shapes[name]}",
+                         f"{found.dtype} of shape {found.shape}")  # fmt: skip
+        if kind == "f8" and not np.isfinite(found).all():
+            raise refuse(name, "finite", "a number that is not")
+    limits = {
+        "patch": (0, len(texts.patch_names)), "frames_bus": (0, len(texts.buses)),
+        "frames_layout": (0, len(texts.layouts)), "frames_units": (-1, n), "frames_part": (0, 16),
+        "neighbour_index": (0, n), "neighbour_start": (0, arrays["neighbour_index"].size + 1),
+    }  # fmt: skip
+    for name, (low, high) in limits.items():
+        values = arrays[name]
+        if values.size and not (low <= values.min() and values.max() < high):
+            raise refuse(name, f"from {low} to {high - 1}", f"{values.min()} to {values.max()}")
+    start = arrays["neighbour_start"]
+    if n == 0 or not texts.buses or start[0] or (np.diff(start) < 0).any() or (
+        start[-1] != arrays["neighbour_index"].size
+    ):  # fmt: skip
+        raise refuse("neighbour_start", "a graph of units", "none")
+    for array in arrays.values():
+        array.flags.writeable = False
+    of_units = {name: arrays[name] for name in KINDS if not name.startswith(FRAMES)}
+    told: dict[str, Any] = {name: getattr(texts, name) for name in texts.__struct_fields__}
+    told["path"] = None if texts.path is None else Path(texts.path)
+    return Topology(
+        **told,
+        frames=Frames(*(arrays[f"{FRAMES}{name}"] for name in OF_FRAMES)),
+        parameters={name: arrays[f"{PARAMETER}{name}"] for name in PARAMETERS},
+        **of_units,
+    )
+
+
+def _shapes(n: int, arrays: Mapping[str, np.ndarray]) -> dict[str, tuple[int, ...]]:
+    """Shape of each array; those of f frames, and how many neighbours there are, are free."""
+    f = arrays["frames_bus"].size if "frames_bus" in arrays else 0
+    units = arrays.get("frames_units", np.zeros((f, 1)))
+    slots = units.shape[1] if units.ndim == 2 else 1
+    channels = (len(CHANNELS), n)
+    near = arrays.get("neighbour_index", np.zeros(0)).size
+    of_units = {name: (n,) for name in ("patch", "enabled", "area", "calibrated", "tared")}
+    of_frames = {f"{FRAMES}{name}": (f,) for name in OF_FRAMES[:-1]}
+    parameters = {
+        f"{PARAMETER}{name}": (TABLES[name], n) if name in TABLES else (n,) for name in PARAMETERS
+    }
+    return {
+        **of_units, **of_frames, **parameters, "position": (3, n), "rotation": (3, 3, n),
+        "scale": channels, "offset": channels, "wired": channels, "neighbour_start": (n + 1,),
+        "neighbour_index": (near,), "frames_units": (f, slots),
+    }  # fmt: skip
 
 
 def packed(topology: Topology) -> str:
-    """The text of a topology. Options of a bus that JSON has no form for become strings."""
-    arrays = {k: v for k, v in vars(topology).items() if isinstance(v, np.ndarray)}
-    arrays |= {FRAMES + name: array for name, array in vars(topology.frames).items()}
-    arrays |= {PARAMETERS + name: array for name, array in topology.parameters.items()}
+    """A topology as text, for another process."""
     archive = io.BytesIO()
-    np.savez_compressed(archive, allow_pickle=False, **arrays)
-    text = _Text(
-        topology.name, None if topology.path is None else str(topology.path), topology.buses,
-        topology.layouts, topology.unit_names, topology.patch_names, topology.patch_frames,
-        archive.getvalue(),
-    )  # fmt: skip
-    return msgspec.json.encode(text, enc_hook=str).decode()
+    np.savez_compressed(archive, allow_pickle=False, **to_arrays(topology))
+    return base64.b64encode(archive.getvalue()).decode()
 
 
 def unpacked(text: str) -> Topology:
@@ -65,19 +156,10 @@ def unpacked(text: str) -> Topology:
     >>> unpacked(packed(topology.load("palm"))).n
     64
     """
-    found = msgspec.json.decode(text, type=_Text)
-    with np.load(io.BytesIO(found.arrays), allow_pickle=False) as archive:
-        arrays: dict[str, Any] = dict(archive)
-    for array in arrays.values():
-        array.setflags(write=False)
-    groups = {
-        group: {name.removeprefix(group): arrays.pop(name) for name in [*arrays]
-                if name.startswith(group)}
-        for group in (FRAMES, PARAMETERS)
-    }  # fmt: skip
-    return Topology(
-        name=found.name, path=None if found.path is None else Path(found.path), buses=found.buses,
-        layouts=found.layouts, frames=Frames(**groups[FRAMES]), unit_names=found.unit_names,
-        patch_names=found.patch_names, patch_frames=found.patch_frames,
-        parameters=groups[PARAMETERS], **arrays,
-    )  # fmt: skip
+    try:
+        data = io.BytesIO(base64.b64decode(text, validate=True))
+        with np.load(data, allow_pickle=False) as archive:
+            arrays = dict(archive)
+    except (ValueError, EOFError, OSError, AttributeError, TypeError, zipfile.BadZipFile) as error:
+        raise ValueError(f"topology: must be text of a packed one; got: {error}") from None
+    return from_arrays(arrays)

@@ -21,9 +21,9 @@ import numpy as np
 from bus.errors import LogError
 from skin.errors import SkinError, check_number
 from skin.options import Options
-from skin.record.topology_arrays import from_arrays, to_arrays
 from topology import Topology, TopologyError
 from topology.files import read_arrays, read_regular
+from topology.packed import from_arrays, to_arrays
 
 __all__ = ["Setup", "attachments", "read_setup"]
 
@@ -59,7 +59,10 @@ def attachments(
         given["slip"] = {name: _or_none(value) for name, value in values.items()}
     run = {"format": FORMAT, "topology": topology.name, "options": given,
            "deadline_s": deadline_s, "zeros": zeros is not None}  # fmt: skip
-    found = {RUN: json.dumps(run, indent=1).encode(), ARRAYS: _archive(to_arrays(topology))}
+    found = {
+        RUN: json.dumps(run, indent=1).encode(),
+        ARRAYS: _archive(to_arrays(dataclasses.replace(topology, path=None))),
+    }
     if options.stencil is not None:
         with tempfile.TemporaryDirectory() as folder:
             options.stencil.save(Path(folder) / STENCIL)
@@ -111,7 +114,11 @@ def read_setup(file: Path, attached: Mapping[str, bytes]) -> Setup:
     if form != FORMAT:
         raise LogError(f"{file}: {RUN}: format: must be {FORMAT}; got {form!r}")
     with tempfile.TemporaryDirectory() as folder:
-        topology = from_arrays(f"{file}: {ARRAYS}", _arrays(file, attached[ARRAYS], Path(folder)))
+        arrays = _arrays(file, attached[ARRAYS], Path(folder))
+        try:
+            topology = from_arrays(arrays)
+        except ValueError as error:
+            raise LogError(f"{file}: {ARRAYS}: {error}") from None
         try:
             if "slip" in given and given["slip"] is not None:
                 given["slip"] = _slip(given["slip"])

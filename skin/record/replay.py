@@ -27,10 +27,10 @@ from skin.offline import DecodedLog, decode_log
 from skin.record.attached import Setup, read_setup
 from skin.record.cdr import HEAD
 from skin.record.container import RecordedFile
+from skin.record.differences import differences
 from skin.record.encode import FRAMES_AT, FRAMES_HEAD, StateEncoder
 from skin.record.slot import Event, SlotWriter, slot_dtype
 from skin.record.topics import FRAMES, POSES, STATE
-from skin.record.topology_arrays import differences
 from topology import Topology
 
 if TYPE_CHECKING:

@@ -72,5 +72,5 @@ def test_options_of_a_bus_without_a_form_in_json_go_as_strings() -> None:
 
 @pytest.mark.parametrize("text", ["", "{}", '{"name": 3}', packed(topology.load("strip"))[:-9]])
 def test_what_is_no_topology_is_refused(text: str) -> None:
-    with pytest.raises(ValueError, match=r"Input|JSON|Object|Expected"):
+    with pytest.raises(ValueError, match="must be"):
         unpacked(text)

@@ -17,8 +17,9 @@ from skin.cli import main
 from skin.errors import LibraryError, OptionError, SkinError
 from skin.record.attached import read_setup
 from skin.record.container import RecordedFile
+from skin.record.differences import differences
 from skin.record.topics import FRAMES, STATE
-from skin.record.topology_arrays import differences, from_arrays, to_arrays
+from topology.packed import from_arrays, to_arrays
 
 pytest.importorskip("mcap", reason="mcap is not installed")
 CYCLES = 300
@@ -156,7 +157,7 @@ def test_a_unit_with_another_calibration_is_named():
 def test_a_topology_is_the_same_after_a_recording():
     for name in topology.builtin:
         loaded = topology.load(name)
-        back = from_arrays("test", to_arrays(loaded))
+        back = from_arrays(to_arrays(loaded))
         assert differences(loaded, back) == []
         assert (back.buses, back.layouts) == (loaded.buses, loaded.layouts)
         assert back.patch_frames == loaded.patch_frames
@@ -180,8 +181,8 @@ def test_arrays_that_are_no_topology_are_refused(change, message):
         arrays.pop(name)
         if value is not None:
             arrays[name] = value
-    with pytest.raises(LogError, match=re.escape(f"run.mcap: {message}")):
-        from_arrays("run.mcap", arrays)
+    with pytest.raises(ValueError, match=re.escape(message)):
+        from_arrays(arrays)
 
 
 def test_options_beside_a_recording_are_refused(file):
