@@ -105,7 +105,7 @@ def from_arrays(arrays: Mapping[str, np.ndarray]) -> Topology:
         raise refuse("neighbour_start", "a graph of units", "none")
     for array in arrays.values():
         array.flags.writeable = False
-    of_units = {name: arrays[name] for name in KINDS if not name.startswith(FRAMES)}
+    of_units: dict[str, Any] = {name: arrays[name] for name in KINDS if not name.startswith(FRAMES)}
     told: dict[str, Any] = {name: getattr(texts, name) for name in texts.__struct_fields__}
     told["path"] = None if texts.path is None else Path(texts.path)
     return Topology(

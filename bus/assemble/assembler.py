@@ -100,11 +100,6 @@ class Assembler:
         return self._memory.totals
 
     @property
-    def is_free(self) -> bool:
-        """Whether no bus has a SYNC: the caller's clock ends cycles."""
-        return bool(self._state.is_free[0])
-
-    @property
     def since_ns(self) -> int | None:
         """On the clock: opening of the cycle, or start of the free-running one; None before."""
         return self._since_ns
