@@ -30,9 +30,9 @@ a few cycles flag the units DUPLICATE, two dozen cycles or more without any clea
 
 After an outage. A link that was down may have kept frames, and deliver them at once. Data of a
 source that was silent for as many cycles as its sequence number tells apart (`stale_cycles`, where
-that is no counter of SYNCs) are late, until a cycle ends in which exactly one frame of it came:
-from then on its frames are taken again. A count of the sender's own that is behind the cycles since
-its last frame, though none came in the cycle before, is late as well.
+that is no counter of SYNCs), and for more than twice its own rate, are late until two cycles with
+frames had no more of them than is usual: from then on its frames are taken again. A count of the
+sender's own that is behind the cycles since its last frame is late after a gap as well.
 
 Layouts of several frames. A set of units is whole when all its frames are in, of the same cycle
 (with SYNC), or of the same sequence number and within half a period (without). A set that is not is

@@ -9,7 +9,7 @@ import numpy as np
 
 from bus.assemble.gather import tear
 from bus.assemble.judge import ENOUGH
-from bus.assemble.memory import BELIEVED, BY_END, IN_DOUBT, NO_DOUBT
+from bus.assemble.memory import BELIEVED, BY_END, CALM, IN_DOUBT, NO_DOUBT
 from bus.compiled.jit import jitable
 from bus.status import INVALID, Status
 
@@ -20,6 +20,8 @@ NEVER, LATE, STALE, FROZEN, FAULT, DUPLICATE, DISABLED, TORN = (
 INVALID_BITS = int(INVALID)
 LONGEST = 2**31 - 2
 """Readings in a row that are counted."""
+STEADY = 16
+"""Cycles with as many frames each that show what is usual: no link keeps so many [assumed]."""
 
 
 @jitable
@@ -112,17 +114,33 @@ def close_cycle_python(why, tables, memory, shown):
 
 
 @jitable
-def doubt(source):
+def doubt(number, source):
     """After an outage a link may deliver at once what it had kept: frames of before, whose sequence
-    numbers no longer tell their cycle. They are believed again after a cycle with exactly one."""
-    source["was_alone"] = 1 if source["came"] == 1 else 0
-    if source["missed"] == 0 or source["taken_at"] < 0:
-        source["doubt"] = NO_DOUBT
-    elif source["doubt"] == IN_DOUBT and source["came"] == 1:
-        source["doubt"] = BELIEVED
-    elif source["missed"] >= source["outage"]:
-        source["doubt"] = IN_DOUBT
-    source["came"] = 0
+    numbers no longer tell their cycle. A source is believed again once `CALM` cycles with frames
+    had no more of them than is usual, at its usual rate: what was kept comes in a crowd."""
+    came = source["came"]
+    if came == 0:
+        silent = number - source["came_at"]
+        if source["came_at"] >= 0 and silent >= max(source["outage"], 2 * source["every"] + 1):
+            source["doubt"] = IN_DOUBT
+            source["calm"] = 0
+        return
+    after = number - source["came_at"] if source["came_at"] >= 0 else np.int64(1)
+    source["steady"] = source["steady"] + 1 if came == source["before"] else 0
+    if source["steady"] >= STEADY:
+        source["usual"] = came
+    elif source["doubt"] == NO_DOUBT:
+        source["usual"] = max(source["usual"], min(came, source["before"]))
+    if came > source["usual"]:
+        source["calm"] = 0
+    else:
+        source["calm"] = 1 if after > source["every"] else min(source["calm"] + 1, CALM)
+        source["every"] = max(after, 1)
+    if source["doubt"] != NO_DOUBT:
+        is_over = source["taken_at"] == number and came <= source["usual"]
+        going = BELIEVED if source["calm"] >= CALM else IN_DOUBT
+        source["doubt"] = NO_DOUBT if is_over else going
+    source["before"], source["came_at"], source["came"] = came, number, 0
 
 
 @jitable
@@ -137,7 +155,7 @@ def close_sources(why, tables, memory):
             source["missed"] = 0
         else:
             source["missed"] += 1
-        doubt(source)
+        doubt(state["number"], source)
         evidence = min(source["evidence"], 2 * ENOUGH)
         if evidence >= ENOUGH:
             source["is_duplicate"] = 1

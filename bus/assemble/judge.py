@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bus.assemble.memory import IN_DOUBT, Outcome
+from bus.assemble.memory import CALM, IN_DOUBT, Outcome
 from bus.compiled.jit import jitable
 from bus.frame import PAYLOAD
 
@@ -111,7 +111,7 @@ def accept_count(f, sequence, row, data, tables, memory):
             goes_on = back >= 0 and sequence == (back + 1) & mask
             if goes_on:
                 source["evidence"] += PIECE
-            if not goes_on or not source["was_alone"] or source["came"] > 1:
+            if not goes_on or source["before"] != 1 or source["came"] > 1:
                 source["back"] = sequence
                 drop(memory, f, Outcome.LATE.value)
                 return False
@@ -122,18 +122,21 @@ def accept_count(f, sequence, row, data, tables, memory):
 @jitable
 def is_old(f, sequence, expected, memory):
     """Whether a frame is one of before, that a link has kept: it is in doubt after an outage; or,
-    of a sender's own count, the count is behind the cycles since the last frame, though none came
-    in the cycle before."""
+    of a sender's own count, the count is behind the cycles since the last frame that was taken, and
+    frames do not come as they usually do."""
     state, source = memory.state[0], memory.sources[f]
     if source["doubt"] == IN_DOUBT:
         return True
     if sequence < 0 or expected["echoes"] or state["is_free"] or not state["is_open"]:
         return False
-    if source["was_alone"] or source["heard"] < 0 or source["missed"] >= state["stale_cycles"]:
+    if source["heard"] < 0 or source["missed"] >= state["stale_cycles"]:
+        return False
+    if source["calm"] >= CALM and state["number"] - source["came_at"] <= source["every"]:
         return False
     mask = np.int64(expected["sequence"]["mask"])
     step = (sequence - source["heard"]) & mask
-    return 0 < step < min(state["number"] - source["taken_at"], (mask + 1) // 2)
+    behind = step * source["every"] < state["number"] - source["taken_at"]
+    return 0 < step < (mask + 1) // 2 and behind
 
 
 @jitable

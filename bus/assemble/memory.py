@@ -51,12 +51,20 @@ SOURCE = _integers(
     "taken_at",  # cycle in which a frame was last taken
     "back",  # sequence of the last frame that stepped back, -1: none
     "came",  # frames that came in this cycle, taken or not
-    "was_alone",  # whether exactly one came in the cycle before
-    "outage",  # cycles without a frame taken, from which on frames that come may be old ones
+    "before",  # in the last cycle before in which any came
+    "came_at",  # that cycle, -1: none
+    "every",  # cycles from one such cycle to the next
+    "usual",  # frames that come in such a cycle where nothing was kept, at most
+    "steady",  # such cycles in a row with as many frames
+    "calm",  # such cycles in a row, up to CALM, with no more than is usual, and as soon
+    "outage",  # cycles of silence from which on frames that come may be old ones
     "doubt",  # one of the below
     "evidence",  # of two senders with this identifier
     "is_duplicate",  # whether there was enough of it
 )
+CALM = 2
+"""Cycles with frames, as many and as often as usual, after which a source is believed [assumed: the
+first frame of a crowd may come alone, before a SYNC that cuts it off]."""
 NO_DOUBT, IN_DOUBT, BELIEVED = range(3)
 """Of a source after an outage: whose frames are late, and whose next frame is taken."""
 SET = _integers(
@@ -167,6 +175,7 @@ def new_memory(topology: Topology, table: FrameTable, stale_cycles: int) -> Memo
     syncs = np.array([(identifier, -1, -1) for identifier in identifiers], SYNC)
     sources = np.zeros(frames, SOURCE)
     sources["heard"] = sources["back"] = sources["taken_at"] = -1
+    sources["came_at"], sources["every"], sources["usual"] = -1, 1, 1
     sources["outage"] = _outages(table, stale_cycles)
     sets = np.zeros(len(table.tables.parts), SET)
     sets["key"] = sets["whole_at"] = sets["torn_at"] = -1

@@ -119,7 +119,8 @@ def _offer_view(file: str, seed: int, seconds: float | None) -> None:
     except LibraryError as error:
         print(error, file=sys.stderr)
         return
-    is_person = sys.stdin.isatty() and sys.stdout.isatty() and not os.environ.get("CI")
+    ends = sys.stdin, sys.stdout  # None where they are closed
+    is_person = all(end is not None and end.isatty() for end in ends) and not os.environ.get("CI")
     if seconds is None and not is_person:
         print(f"live view                  skin view {file} --simulate")
         return

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,6 +12,9 @@ if TYPE_CHECKING:
     from topology import Topology
 
 __all__ = ["Tally"]
+
+KEPT = 100_000
+"""Cycle times of which percentiles are told."""
 
 
 class Tally:
@@ -25,7 +29,7 @@ class Tally:
         self.load = 0.0
         self.contacts: set[int] = set()
         self.slipped: set[int] = set()
-        self.work_us: list[float] = []
+        self.work_us: deque[float] = deque(maxlen=KEPT)
 
     def add(self, state: State, work_ns: int) -> None:
         from skin.contact.record import SlipState

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json as json_text
 import sys
 import time
+from collections import deque
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -19,14 +20,25 @@ from skin.cli.table import facts
 
 if TYPE_CHECKING:
     from skin.state import State
+    from skin.view.browser import View
     from topology import Topology
 
 __all__ = ["view"]
 
+RECORDING = ".mcap"
+LOOK_S = 0.1
+"""Between two looks at the process of the view, and at the time, while nothing happens."""
+LONGEST_GAP_S = 2.0
+"""That a log without cycles is waited for: its time goes on behind a longer gap [assumed]."""
+KEPT = 100_000
+"""Cycle times of which percentiles are told."""
+
 LookAt = Annotated[
     str,
     tyro.conf.Positional,
-    tyro.conf.arg(metavar="FILE", help=f"{options.FILE_HELP}; or a log, with --topology"),
+    tyro.conf.arg(
+        metavar="FILE", help=f"{options.FILE_HELP}; or a recording; or a log, with --topology"
+    ),
 ]
 Of = Annotated[str | None, options.quiet("topology of the log that FILE is", metavar="FILE")]
 Simulate = Annotated[bool, options.quiet("show simulated units, on no bus of the file")]
@@ -62,8 +74,9 @@ def view(
     """Show what the skin feels in a browser: loads, forces, contacts, slip, health.
 
     Prints the address, and serves it until Ctrl-C, or for a time. With `--simulate` a sphere
-    presses, slides and lifts all over simulated units, or a scene is played. A log is played as
-    fast as it was recorded; its last minute can be gone through then.
+    presses, slides and lifts all over simulated units, or a scene is played. What `skin record` has
+    recorded, or a log, is played as fast as it was; its last minute can be gone through then.
+    Exits with 1 if the process of the view ends, or a recording holds no cycle or is damaged.
     """
     from skin.errors import SkinError
     from skin.view import show
@@ -72,44 +85,65 @@ def view(
     options.check_seconds(seconds)
     options.check_folder("--export", export)
     check_simulated(simulate, scene, seed, sync, interface, channel)
-    if topology is not None and simulate:
-        raise SkinError("--topology: must be given with a log; got --simulate")
-    tally = _Tally()
+    is_recorded = topology is not None or file.endswith(RECORDING)
+    if is_recorded and simulate:
+        raise SkinError("--simulate: must be without --topology, and without a recording; got both")
+    if is_recorded:
+        options.refuse_both("a recording or log", "--interface", interface)
+        options.refuse_both("a recording or log", "--channel", channel)
+    tally, faults = _Tally(), []
     with ExitStack() as ended:
-        if topology is not None:
+        if is_recorded:
             source: Any = replayed(topology, file)
-            states: Iterator[State] = _as_recorded(source)
         else:
             loaded = load(file).on(interface=interface, channel=channel)
             source = _live(ended, loaded, simulate, scene, seed, sync)
-            states = iter(source)
         shown = ended.enter_context(show(source, host=host, port=port))
         print(f"{source.topology.name}: open {shown.address} in a browser; Ctrl-C ends",
               file=sys.stderr, flush=True)  # fmt: skip
         try:
-            _go_on(states, tally, source, seconds)
-            if topology is not None:
-                _wait(tally, seconds)
+            states = _as_recorded(source, shown, tally, seconds) if is_recorded else iter(source)
+            _go_on(states, tally, source, seconds, shown)
+            if is_recorded:
+                faults = _faults(file, source, tally)
+                for fault in faults:
+                    print(fault, file=sys.stderr)
+                _wait(tally, seconds, shown)
         except KeyboardInterrupt:
             pass
-        if export is not None:
+        if not shown.alive:
+            faults.append("view: must go on to the end; got the end of its process")
+            print(faults[-1], file=sys.stderr)
+        elif export is not None:
             shown.export(export)
         report = tally.report() | {
             "topology": source.topology.name,
             "address": shown.address,
             "snapshots": shown.snapshots.taken,
             "snapshots_missed": shown.snapshots.missed,
-            "page": None if export is None else str(export.resolve()),
+            "page": None if export is None or not shown.alive else str(export.resolve()),
+            "faults": faults,
         }
     print(json_text.dumps(report) if json else _table(report))
-    return 0
+    return 1 if faults else 0
 
 
-def replayed(topology: str, log: str) -> Any:
-    """What yields the states of a recording: has `topology`, `pipeline`, and can be iterated."""
-    from skin.offline import decode_log
+def replayed(topology: str | None, file: str) -> Any:
+    """What yields the states of a recording or log: has `topology`, `pipeline`, and `faults`."""
+    import skin
 
-    return decode_log(topology, log)
+    if topology is None or file.endswith(RECORDING):
+        return skin.replay(file, topology, speed=None)
+    return skin.decode_log(topology, file)
+
+
+def _faults(file: str, source: Any, tally: _Tally) -> list[str]:
+    """What is wrong with what was played."""
+    damage = getattr(source, "damage", None)
+    found = ([damage] if damage else []) + list(source.faults)
+    if not tally.cycles and not found:
+        found.append(f"{file}: must hold cycles of {source.topology.name!r}; got none")
+    return found
 
 
 def _live(
@@ -130,31 +164,40 @@ def _live(
     return ended.enter_context(skin.open(loaded, sync=sync, transports=transports))
 
 
-def _go_on(states: Iterator[State], tally: _Tally, source: Any, seconds: float | None) -> None:
+def _go_on(
+    states: Iterator[State], tally: _Tally, source: Any, seconds: float | None, shown: View
+) -> None:
     """Let cycle after cycle be seen, from the first one on for `seconds`."""
     timing = getattr(source, "timing", None)
     for _ in states:
         tally.add(0 if timing is None else timing.work_ns)
-        if seconds is not None and tally.elapsed_s >= seconds:
+        if tally.is_over(seconds) or (tally.is_time_to_look() and not shown.alive):
             return
 
 
-def _wait(tally: _Tally, seconds: float | None) -> None:
+def _wait(tally: _Tally, seconds: float | None, shown: View) -> None:
     """Keep serving what was played."""
-    while seconds is None or tally.elapsed_s < seconds:
-        time.sleep(0.1)
+    while not tally.is_over(seconds) and shown.alive:
+        time.sleep(LOOK_S)
 
 
-def _as_recorded(source: Any) -> Iterator[State]:
-    """States, each not before its time."""
-    first_ns = began_ns = None
+def _as_recorded(
+    source: Any, shown: View, tally: _Tally, seconds: float | None
+) -> Iterator[State]:
+    """States, each not before its time, which leaps over long gaps."""
+    due_s = before_ns = None
     for state in source:
-        now_ns = time.monotonic_ns()
-        if first_ns is None or began_ns is None:
-            first_ns, began_ns = state.stamp_ns, now_ns
-        late_ns = now_ns - began_ns - (state.stamp_ns - first_ns)
-        if late_ns < 0:
-            time.sleep(-1e-9 * late_ns)
+        now_s = time.monotonic()
+        if due_s is None or before_ns is None:
+            due_s = now_s
+        else:
+            due_s += min(max(1e-9 * (state.stamp_ns - before_ns), 0.0), LONGEST_GAP_S)
+            due_s = max(due_s, now_s - LONGEST_GAP_S)
+        before_ns = state.stamp_ns
+        while (left_s := due_s - time.monotonic()) > 0.0:
+            if tally.is_over(seconds) or not shown.alive:
+                return
+            time.sleep(min(left_s, LOOK_S))
         yield state
 
 
@@ -162,24 +205,32 @@ class _Tally:
     """What is worth telling at the end."""
 
     def __init__(self) -> None:
-        self._work_us: list[float] = []
-        self._began = 0.0
-        self._cycles = 0
+        self._work_us: deque[float] = deque(maxlen=KEPT)
+        self._began = self._looked = 0.0
+        self.cycles = 0
 
-    @property
-    def elapsed_s(self) -> float:
-        """Since the first cycle."""
-        return time.monotonic() - self._began
+    def is_over(self, seconds: float | None) -> bool:
+        """Whether so long was shown, from the first cycle on, or from when it was first asked."""
+        self._began = self._began or time.monotonic()
+        return seconds is not None and time.monotonic() - self._began >= seconds
+
+    def is_time_to_look(self) -> bool:
+        """Whether `LOOK_S` has passed since it last was."""
+        now = time.monotonic()
+        if now - self._looked < LOOK_S:
+            return False
+        self._looked = now
+        return True
 
     def add(self, work_ns: int) -> None:
         """Note a cycle."""
         self._began = self._began or time.monotonic()
-        self._cycles += 1
+        self.cycles += 1
         self._work_us.append(1e-3 * work_ns)
 
     def report(self) -> dict[str, Any]:
         p50, p99 = np.percentile(self._work_us, [50, 99]) if self._work_us else (0.0, 0.0)
-        return {"cycles": self._cycles, "cycle_us_p50": float(p50), "cycle_us_p99": float(p99)}
+        return {"cycles": self.cycles, "cycle_us_p50": float(p50), "cycle_us_p99": float(p99)}
 
 
 def _table(report: dict[str, Any]) -> str:

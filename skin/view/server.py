@@ -106,13 +106,15 @@ def free_port(host: str, port: int | None) -> int:
                 listener.bind(place)
                 listener.listen()
                 return listener.getsockname()[1]
-        except OSError as error:
-            if error.errno == errno.EADDRINUSE:
+        except (OSError, UnicodeError) as error:
+            number = getattr(error, "errno", None)
+            if number == errno.EADDRINUSE:
                 continue
-            if error.errno == errno.EACCES:
+            if number == errno.EACCES:
                 raise SkinError(f"view: port: must be open to this user; got {one}") from None
+            why = getattr(error, "strerror", None) or "no name of a host"
             raise SkinError(
-                f"view: host: must be an address of this machine; got {host!r} ({error.strerror})"
+                f"view: host: must be an address of this machine; got {shown(host)} ({why})"
             ) from None
     if port is None:
         raise SkinError(

@@ -73,9 +73,9 @@ def test_what_a_link_has_kept_is_late_and_never_new(kind, outage, over):
         assert right.all(axis=0)[cycle.valid].all(), (number, cycle.counts)
         assert (cycle.sampled_ns[cycle.valid] == number * PERIOD_NS).all()
     assert not any(shown[i].valid[hit].any() for i in range(BEFORE, BEFORE + outage))
-    # nothing is doubted for longer than a cycle after the last kept frame
-    back = BEFORE + outage + over + 1
-    assert all(shown[i].valid.all() for i in range(back, back + AFTER - over - 2))
+    # nothing is doubted for longer than two cycles after the last kept frame
+    back = BEFORE + outage + over + 2
+    assert all(shown[i].valid.all() for i in range(back, BEFORE + outage + AFTER))
     assert assembler.counters.late >= outage - over
 
 
@@ -100,8 +100,8 @@ def test_own_counts_tell_old_frames_from_new_ones_after_any_outage(data):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_unit_that_returns_is_shown_again_after_a_cycle(kind):
-    """Off for a while, with nothing kept: one cycle is waited for, and no more."""
+def test_a_unit_that_returns_is_shown_again_after_two_cycles(kind):
+    """Off for a while, with nothing kept: two cycles are waited for, and no more."""
     small, gone = make_topology(KINDS[kind], units=4), 40
     each = delivered(small, BEFORE, BEFORE + gone, 1)
     each[BEFORE + gone] = join(
@@ -109,7 +109,7 @@ def test_a_unit_that_returns_is_shown_again_after_a_cycle(kind):
         data_frames(small, BEFORE + gone, BEFORE + gone),
     )
     shown = {cycle.number: cycle for cycle in run(Assembler(small), *each)}
-    later = range(BEFORE + gone + 1, BEFORE + gone + AFTER)
+    later = range(BEFORE + gone + 2, BEFORE + gone + AFTER)
     assert all(shown[i].valid.all() and shown[i].closed_by == "complete" for i in later)
 
 
@@ -148,7 +148,7 @@ def test_without_sync_a_burst_after_an_outage_is_late(outage):
     back = BEFORE + outage
     # a unit keeps its value one cycle long, since units and ticks are not in step
     assert not any(valid[0] for valid, _, _ in shown[BEFORE + 1 : back + 1])
-    assert all(valid.all() for valid, _, _ in shown[back + 2 :])
+    assert all(valid.all() for valid, _, _ in shown[back + 3 :])
     for i, (valid, sequence, sampled_ns) in enumerate(shown):
         assert (((i - sequence[valid]) & 0xFF) <= 1).all()
         assert (abs(sampled_ns[valid] - START - i * PERIOD_NS) <= PERIOD_NS).all()
@@ -174,3 +174,94 @@ def test_units_of_each_bus_sample_at_its_own_sync():
     never = Assembler(make_topology("f3t-fd16", units=2))
     (cycle,) = run(never, sync(0, stamp_ns=5), end=True)
     assert cycle.sampled_ns.tolist() == [-1, -1]
+
+
+def validity(small, times, *, others_first=False, cycles=80):
+    """Of the units of the first frame, by cycle: `times` tells how often it comes in cycle i, and
+    counts go on by one a frame where they are the sender's own."""
+    assembler, count, parts = Assembler(small), 0, []
+    echoes = small.layouts[0].sequence == "sync"
+    for i in range(cycles):
+        stamp_ns = i * PERIOD_NS
+        others = data_frames(small, i, i, stamp_ns=stamp_ns + 1000)[1:]
+        mine = []
+        for _ in range(times(i)):
+            mine.append(data_frames(small, i, i if echoes else count, stamp_ns=stamp_ns + 500)[:1])
+            count += 1
+        parts.append(
+            join(
+                sync(i, stamp_ns=stamp_ns), *((others, *mine) if others_first else (*mine, others))
+            )
+        )
+    hit = small.frames.units[0][small.frames.units[0] >= 0]
+    return [bool(cycle.valid[hit].all()) for cycle in run(assembler, *parts)], assembler
+
+
+ALONE = [kind for kind in KINDS if kind != "its SYNC's counter, two parts"]
+
+
+@pytest.mark.parametrize("kind", ALONE)
+@pytest.mark.parametrize("every", [2, 3, 6, 8, 17, 20])
+def test_a_unit_that_answers_every_kth_cycle_is_no_late_one(kind, every):
+    """As `bus.configure` lets a board do; it may be doubted until its rate is known."""
+    valid, assembler = validity(make_topology(KINDS[kind], units=12), lambda i: i % every == 0)
+    begun = 4 * every
+    assert valid[begun:] == [i % every == 0 for i in range(begun, 80)]
+    assert assembler.counters.late <= 3
+
+
+@pytest.mark.parametrize("kind", ["its own count, 4 bits", "its own count, 8 bits", "no number"])
+@pytest.mark.parametrize("others_first", [True, False])
+def test_a_unit_that_sends_twice_a_cycle_returns_after_an_outage(kind, others_first):
+    valid, _ = validity(
+        make_topology(KINDS[kind], units=12), lambda i: 0 if 20 <= i < 40 else 2,
+        others_first=others_first,
+    )  # fmt: skip
+    assert all(valid[1:20])
+    assert not any(valid[20:40])
+    assert all(valid[43:])
+
+
+@pytest.mark.parametrize("kind", ["its own count, 8 bits", "no number"])
+def test_a_unit_that_begins_to_send_twice_a_cycle_in_an_outage_returns(kind):
+    valid, _ = validity(
+        make_topology(KINDS[kind], units=12), lambda i: int(i < 20) if i < 40 else 2, cycles=100
+    )
+    assert all(valid[62:])
+
+
+@pytest.mark.parametrize("kind", ALONE)
+@pytest.mark.parametrize("first", [1, 2])
+def test_a_burst_that_a_sync_cuts_is_late_as_a_whole(kind, first):
+    """The first of the kept frames come in a cycle of their own."""
+    small, outage = make_topology(KINDS[kind], units=12), 41
+    each = delivered(small, BEFORE, BEFORE + outage, 1)
+    burst = each[BEFORE + outage]
+    before = each[BEFORE + outage - 1]
+    each[BEFORE + outage - 1] = join(before[:1], burst[1 : 1 + first], before[1:])
+    each[BEFORE + outage] = join(burst[:1], burst[1 + first :])
+    for cycle in run(Assembler(small), *each):
+        right = (cycle.counts == counts_of(small, cycle.number)) | ~_carried(small)
+        assert right.all(axis=0)[cycle.valid].all(), cycle.number
+
+
+@pytest.mark.parametrize(("rate", "until"), [(2.0, 5), (2.2, 6), (0.5, 8), (1.1, 5), (0.91, 5)])
+def test_without_sync_a_unit_of_another_rate_returns_after_an_outage(rate, until):
+    now = [START]
+    small = make_topology("f3t-fd16", units=1, sync_id=None)
+    assembler = Assembler(small, clock=lambda: now[0])
+    sent, fresh = 0, []
+    assembler.expire(now[0])
+    for i in range(90):
+        while sent < rate * (i + 1):
+            if not 30 <= i < 45:
+                frames = data_frames(small, sent, sent, stamp_ns=now[0])
+                assert not list(assembler.feed(frames))
+            sent += 1
+        now[0] += PERIOD_NS
+        cycle = assembler.expire(now[0])
+        fresh.append(int(cycle.age[0]) == 0)
+    expected = min(rate, 1.0)
+    assert sum(fresh[45 + until :]) >= 0.85 * expected * (45 - until)
+    assert sum(fresh[:30]) >= 0.85 * expected * 30
+    assert not any(fresh[31:45])

@@ -1,5 +1,7 @@
 """Slow, obvious reference: classic frames, one unit each, on one bus whose SYNC they echo."""
 
+import itertools
+
 from tests.naive.bus import read
 from topology import CHANNELS, LAYOUTS
 
@@ -14,6 +16,9 @@ def assemble(records, units, first_id=0x100, sync_id=0x80, stale_cycles=5):
     missed = dict.fromkeys(range(units), 0)
     dropped = dict.fromkeys(range(units), 0)
     heard = dict.fromkeys(range(units), 0)
+    arrivals = {u: [] for u in range(units)}
+    usual = dict.fromkeys(range(units), 1)
+    calm = dict.fromkeys(range(units), 0)
     doubt = dict.fromkeys(range(units), "none")
     number, came, waits, is_open = None, {}, set(), False
     cycles = []
@@ -27,13 +32,7 @@ def assemble(records, units, first_id=0x100, sync_id=0x80, stale_cycles=5):
                 missed[u] = 0
             else:
                 missed[u] += 1
-            if missed[u] == 0 or known[u]["cycle"] is None:
-                doubt[u] = "none"
-            elif doubt[u] == "old" and heard[u] == 1:
-                doubt[u] = "over"
-            elif missed[u] >= RANGE:
-                doubt[u] = "old"
-            heard[u] = 0
+            judge(u)
         cycles.append(
             {
                 "number": number,
@@ -45,6 +44,34 @@ def assemble(records, units, first_id=0x100, sync_id=0x80, stale_cycles=5):
                 ],
             }
         )
+
+    def judge(u):
+        """Whether the unit is to be believed, by how many frames came when."""
+        when = [cycle for cycle, _ in arrivals[u]]
+        gaps = [b - a for a, b in itertools.pairwise(when)]
+        every = 1
+        for (_, count), gap in zip(arrivals[u][1:], gaps, strict=True):
+            every = gap if count <= usual[u] else every
+        if not heard[u]:
+            if when and number - when[-1] >= max(RANGE, 2 * every + 1):
+                doubt[u], calm[u] = "old", 0
+            return
+        counts = [count for _, count in arrivals[u]] + [heard[u]]
+        if len(counts) > 16 and len(set(counts[-17:])) == 1:
+            usual[u] = heard[u]
+        elif doubt[u] == "none":
+            usual[u] = max(usual[u], min([*counts[-2:], heard[u]] if len(counts) > 1 else [0]))
+        after = number - when[-1] if when else 1
+        if heard[u] > usual[u]:
+            calm[u] = 0
+        else:
+            calm[u] = 1 if after > every else calm[u] + 1
+        arrivals[u].append((number, heard[u]))
+        if doubt[u] != "none":
+            doubt[u] = "over" if calm[u] >= 2 else "old"
+            if u in came and heard[u] <= usual[u]:
+                doubt[u] = "none"
+        heard[u] = 0
 
     for record in records:
         data = record["data"][: record["length"]].tolist()
