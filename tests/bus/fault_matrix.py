@@ -117,7 +117,9 @@ def check(rows):
             # no room for another. What gets through is at most the one value that was hit.
             assert row["counted"] == 0 < row["wrong_unflagged"] <= row["injected"], row
             continue
-        assert row["counted"] == row["injected"], row
+        # four bits of a count do not tell how long a silence was: two cycles of doubt follow it
+        doubted = 2 * (row["fault"] == "kill and revive" and row["layout"] == "f3t-classic")
+        assert row["counted"] == row["injected"] + doubted, row
         assert row["wrong_unflagged"] == 0, row
         assert (row["cycles_to_flag"] is not None) == (row["due"] != "-"), row
         # Standing counts and a second sender are told by some cycles; all else at once.

@@ -59,7 +59,7 @@ class Hand:
             self.pipeline.counts[:], self.pipeline.status[:] = counts, 0
             cycle = SimpleNamespace(
                 number=self.number, stamp_ns=self.number * PERIOD_NS, closed_by="complete",
-                counters=None,
+                counters=None, sampled_ns=None,
             )  # fmt: skip
             state = self.pipeline.state(cycle)
             self.number += 1
@@ -191,7 +191,8 @@ def test_every_untouched_unit_is_tared_whatever_is_decoded(name, options):
     for number in range(WINDOW + skin.n + 9):
         pipeline.counts[:] = units.quantise(units.disturb(values.copy()))[0]
         state = pipeline.state(SimpleNamespace(
-            number=number, stamp_ns=number * PERIOD_NS, closed_by="complete", counters=None
+            number=number, stamp_ns=number * PERIOD_NS, closed_by="complete", counters=None,
+            sampled_ns=None,
         ))  # fmt: skip
     assert pipeline.zeros.report()["refused"] == {}
     assert len(pipeline.zeros.taken) == skin.n - 1

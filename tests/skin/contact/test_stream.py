@@ -666,7 +666,7 @@ def test_stream_says_what_it_sees():
         cycle(stream, BOTH, number)
     assert repr(stream.contacts[0]) == (
         f"<Contact 1: {stream.contacts[0].units.size} units, {stream.contacts[0].load:.2f} N at "
-        f"(24.0, 24.0, 0.0) mm, stick>"
+        f"(24.0, 24.0, 0.0) mm, stick, stick ratio 1.00>"
     )
 
 
