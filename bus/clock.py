@@ -37,7 +37,7 @@ class ClockModel:
     ----------
     origin_ns : int
         Stamp of the first clock at which `offset_ns` holds.
-    offset_ns : float
+    offset_ns : int
         Second clock less first one.
     drift : float
         Change of the offset per time.
@@ -60,7 +60,7 @@ class ClockModel:
     def __init__(self) -> None:
         self._pairs: deque[tuple[int, int]] = deque(maxlen=KEPT)
         self._above = 0
-        self.origin_ns, self.offset_ns, self.drift = 0, 0.0, 0.0
+        self.origin_ns, self.offset_ns, self.drift = 0, 0, 0.0
         self.error_ns, self.steps = float("nan"), 0
 
     @property
@@ -70,7 +70,7 @@ class ClockModel:
 
     def __call__(self, stamp_ns: int) -> int:
         """A stamp of the first clock, as one of the second."""
-        return stamp_ns + round(self.offset_ns + self.drift * (stamp_ns - self.origin_ns))
+        return stamp_ns + self.offset_ns + round(self.drift * (stamp_ns - self.origin_ns))
 
     def report(self) -> dict[str, float | str]:
         """Error, drift and steps, for people."""
@@ -115,7 +115,7 @@ class ClockModel:
         i, j = hull[k - 1], hull[k]
         self.drift = float(np.clip((y[j] - y[i]) / (x[j] - x[i]), -FASTEST, FASTEST))
         low = y - self.drift * x
-        self.offset_ns = first_ns + float(low.min())
+        self.offset_ns = first_ns + round(float(low.min()))
         self.error_ns = float(np.sqrt(np.mean((low - low.min()) ** 2)))
 
 

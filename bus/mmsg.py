@@ -48,7 +48,7 @@ REPORT = np.dtype(
 CLOCK = np.dtype(
     [
         ("origin", np.int64),  # of the map from hardware stamps to the kernel's, `bus.clock`
-        ("offset", np.float64),
+        ("offset", np.int64),
         ("drift", np.float64),
         ("is_mapped", np.int64),  # whether there is a map
         ("count", np.int64),  # pairs of stamps in this stretch
@@ -106,11 +106,10 @@ def new_buffers() -> Buffers:
 def by_hardware(hardware, stamp, clock):
     """The stamp of a frame by the interface's own clock, once that is mapped; the pair of stamps
     counts for the map."""
-    ahead = clock["offset"] + clock["drift"] * (hardware - clock["origin"])
-    mapped = hardware + np.int64(round(ahead))
-    best = clock["stamp"] + np.int64(
-        round(clock["offset"] + clock["drift"] * (clock["stamp"] - clock["origin"]))
-    )
+    ahead = np.int64(round(clock["drift"] * (hardware - clock["origin"])))
+    mapped = hardware + clock["offset"] + ahead
+    ahead = np.int64(round(clock["drift"] * (clock["stamp"] - clock["origin"])))
+    best = clock["stamp"] + clock["offset"] + ahead
     if clock["count"] == 0 or stamp - mapped < clock["late"] - best:
         clock["stamp"], clock["late"] = hardware, stamp
     clock["count"] += 1

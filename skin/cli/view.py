@@ -181,9 +181,7 @@ def _wait(tally: _Tally, seconds: float | None, shown: View) -> None:
         time.sleep(LOOK_S)
 
 
-def _as_recorded(
-    source: Any, shown: View, tally: _Tally, seconds: float | None
-) -> Iterator[State]:
+def _as_recorded(source: Any, shown: View, tally: _Tally, seconds: float | None) -> Iterator[State]:
     """States, each not before its time, which leaps over long gaps."""
     due_s = before_ns = None
     for state in source:

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 from bus.errors import LogError
 from skin.errors import LibraryError
 from skin.messages import schema
-from skin.record.topics import TOPICS
+from skin.record.topics import FIXED, TOPICS
 from topology.files import open_regular
 
 __all__ = ["Container", "Message", "RecordedFile", "require"]
@@ -111,6 +111,8 @@ class Container:
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
         self.count = self._newest_ns = 0
+        for topic in FIXED.values():
+            self._channel(topic, topic)
         self.flush()
 
     @property
@@ -125,15 +127,18 @@ class Container:
 
     def add(self, topic: str, kind: str, stamp_ns: int, data: bytes) -> None:
         """Append a message: its topic, which of `TOPICS` it is of, its time, and its CDR."""
-        channel = self._channels.get(topic)
-        if channel is None:
-            channel = self._channels[topic] = self._writer.register_channel(
-                topic, "cdr", self._schema(TOPICS[kind])
-            )
+        channel = self._channel(topic, kind)
         back_ns = self._newest_ns - stamp_ns
         self._newest_ns = log_ns = self._newest_ns if 0 < back_ns < SET_BACK_NS else stamp_ns
         self._writer.add_message(channel, log_ns, data, stamp_ns)
         self.count += 1
+
+    def _channel(self, topic: str, kind: str) -> int:
+        if topic not in self._channels:
+            self._channels[topic] = self._writer.register_channel(
+                topic, "cdr", self._schema(TOPICS[kind])
+            )
+        return self._channels[topic]
 
     def _schema(self, name: str) -> int:
         if name not in self._schemas:
@@ -202,7 +207,7 @@ class RecordedFile:
         from mcap.stream_reader import breakup_chunk
 
         self.damage = []
-        channels: dict[int, str] = {}
+        channels = dict(FIXED)
         for record in self._records():
             parts: list[Any] = [record]
             if type(record).__name__ == "Chunk":

@@ -72,6 +72,22 @@ def test_a_damaged_chunk_is_left_out_and_told(file, tmp_path):
     assert any("got a chunk of" in fault and "damaged" in fault for fault in replay.faults)
 
 
+def test_a_damaged_first_chunk_costs_no_more_than_that_chunk(file, tmp_path):
+    """Though it is the one that tells the channels of all."""
+    from mcap.stream_reader import StreamReader
+
+    data, places = bytearray(file.read_bytes()), []
+    with file.open("rb") as stream:
+        for record in StreamReader(stream, emit_chunks=True).records:
+            if type(record).__name__ == "Chunk":
+                places.append((stream.tell(), len(record.data)))
+    end, size = next(place for place in places if place[1] > 2000)
+    data[end - size // 2] ^= 1
+    count, replay = played(damaged(file, tmp_path, bytes(data)))
+    assert CYCLES // 2 < count < CYCLES
+    assert sum("got a chunk of" in fault for fault in replay.faults) == 1
+
+
 def test_the_command_tells_damage_and_ends_with_1(file, tmp_path, capsys):
     data = file.read_bytes()
     path = damaged(file, tmp_path, data[: len(data) * 2 // 3])
