@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Iterator
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 
 from skin.errors import SkinError
 from skin.export.align import Frame
+from skin.export.single import check_single
 from topology.files import open_regular, read_regular
 
 __all__ = ["read_frames"]
@@ -88,26 +91,41 @@ def _of_table(path: Path) -> Iterator[Frame]:
 
 def _row(where: str, folder: Path, clock: str, cells: dict[str, str]) -> Frame:
     """The frame of a row: names of images are files, all else are numbers."""
-    number = _number(where, clock, cells.pop(clock), whole=clock == "stamp_ns")
-    stamp_ns = int(number) if clock == "stamp_ns" else round(1e9 * number)
+    stamp_ns = _stamp_ns(where, clock, cells.pop(clock))
     images, values = {}, {}
     for name, cell in cells.items():
         if cell.lower().endswith(ENDINGS):
             images[name] = read_regular(folder / cell, LARGEST_IMAGE)
         else:
             feature = name.rpartition(".")[0] or name
-            values.setdefault(feature, []).append(_number(where, name, cell))
+            number = _number(where, name, cell)
+            check_single(f"{where}: {name}", number)
+            values.setdefault(feature, []).append(number)
     return Frame(
         stamp_ns, images, {name: np.array(one, np.float32) for name, one in values.items()}
     )
 
 
-def _number(where: str, name: str, cell: str, *, whole: bool = False) -> float | int:
+def _number(where: str, name: str, cell: str) -> float | int:
+    """An integer stays one: a float would round it before anybody could tell."""
+    for kind in (int, float):
+        try:
+            number = kind(cell)
+        except ValueError:
+            continue
+        if isinstance(number, float) and not math.isfinite(number):
+            raise SkinError(f"{where}: {name}: must be finite; got {cell[:40]!r}")
+        return number
+    raise SkinError(
+        f"{where}: {name}: must be a number, or the name of an image; got {cell[:40]!r}"
+    )
+
+
+def _stamp_ns(where: str, clock: str, cell: str) -> int:
+    if clock == "time_s":
+        # a product of floats may be infinite
+        return round(10**9 * Fraction(_number(where, clock, cell)))
     try:
-        number = int(cell) if whole else float(cell)
+        return int(cell)
     except ValueError:
-        kind = "an integer" if whole else "a number, or the name of an image"
-        raise SkinError(f"{where}: {name}: must be {kind}; got {cell[:40]!r}") from None
-    if not np.isfinite(number):
-        raise SkinError(f"{where}: {name}: must be finite; got {cell!r}")
-    return number
+        raise SkinError(f"{where}: stamp_ns: must be an integer; got {cell[:40]!r}") from None

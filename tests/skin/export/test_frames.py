@@ -52,6 +52,18 @@ def test_numbers_of_one_feature_stand_together(tmp_path):
         ("time_s,grip,grip\n1,2,3\n", ":1: grip: must be a column of its own; got two of that"),
         ("time_s,grip\n", ": must have rows below its head; got none"),
         ("time_s,grip\nnan,2\n", ":2: time_s: must be finite; got 'nan'"),
+        ("time_s,grip\n1,2\n2,1e39\n", ":3: grip: must be finite as float32; got 1e+39"),
+        ("time_s,grip\n1,-inf\n", ":2: grip: must be finite; got '-inf'"),
+        (
+            "time_s,arm_stamp_ns\n1,1152921504606846977\n",
+            ":2: arm_stamp_ns: must be a number that float32 holds exactly, where it is beyond "
+            "16777216; got 1152921504606846977",
+        ),
+        (
+            "time_s,arm_time_s\n1,1795417954.25\n",
+            ":2: arm_time_s: must be a number that float32 holds exactly, where it is beyond "
+            "16777216; got 1795417954.25",
+        ),
     ],
 )
 def test_a_table_that_cannot_be_is_refused(tmp_path, text, message):

@@ -245,7 +245,9 @@ def test_frames_must_be_alike(palm, states, tmp_path):
     )
 
 
-@pytest.mark.parametrize("name", ["index", "timestamp", "action/grip", "tactile.age_s", ""])
+@pytest.mark.parametrize(
+    "name", ["index", "timestamp", "action/grip", "tactile.age_s", "", 3, "\udcff"]
+)
 def test_names_that_features_have_already_are_refused(palm, states, tmp_path, name):
     frame = Frame(states[0].stamp_ns, values={name: np.zeros(2)})
     with pytest.raises(OptionError) as told:
@@ -253,6 +255,50 @@ def test_names_that_features_have_already_are_refused(palm, states, tmp_path, na
     assert str(told.value) == (
         f"camera: frame 0: must have names without '/' that no other feature has; got {name!r}"
     )
+
+
+def test_features_of_the_user_are_numbers_whatever_their_names(palm, states, tmp_path):
+    given = {"gripper.valid_share": [0.5], "arm_stamp_ns": [1 << 24, 0.25], "is.valid": [0.25]}
+    with Dataset(tmp_path / "set", palm, fps=30) as grasps:
+        grasps.add_episode(states, [Frame(states[0].stamp_ns, values=given)], "none")
+    told = {name: column(tmp_path / "set", name).to_pylist()[0] for name in given}
+    assert told == {
+        "gripper.valid_share": 0.5, "arm_stamp_ns": [16777216.0, 0.25], "is.valid": 0.25,
+    }  # fmt: skip
+    info = json.loads((tmp_path / "set/meta/info.json").read_text())["features"]
+    assert {info[name]["dtype"] for name in given} == {"float32"}
+    assert info["observation.tactile.valid_window"]["dtype"] == "bool"
+    assert info["camera.stamp_ns"]["dtype"] == info["tactile.stamp_ns"]["dtype"] == "int64"
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        (np.zeros(0), "must have numbers; got none, shape (0,)"),
+        ("x", "must be an array of numbers; got 'x'"),
+        ([[1.0], [1.0, 2.0]], "must be an array of numbers; got [[1.0], [1.0, 2.0]]"),
+        (np.float64(1e39), "must be finite as float32; got 1e+39"),
+        (
+            np.array([1, -(2**63)], np.int64) + 1,
+            "must be a number that float32 holds exactly, where it is beyond 16777216; got "
+            "-9223372036854775807",
+        ),
+    ],
+)
+def test_values_that_float32_does_not_hold_are_refused(palm, states, tmp_path, value, message):
+    frame = Frame(states[0].stamp_ns, values={"action": value})
+    with pytest.raises(SkinError) as told:
+        Dataset(tmp_path / "set", palm, fps=30).add_episode(states, [frame], "none")
+    assert str(told.value) == f"camera: frame 0: 'action': {message}"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_half_floats_and_flags_are_taken(palm, states, tmp_path):
+    given = {"half": np.array([0.5, 65504.0], np.float16), "flag": True, "none": np.nan}
+    with Dataset(tmp_path / "set", palm, fps=30) as grasps:
+        grasps.add_episode(states, [Frame(states[0].stamp_ns, values=given)], "none")
+    assert column(tmp_path / "set", "half").to_pylist() == [[0.5, 65504.0]]
+    assert column(tmp_path / "set", "flag").to_pylist() == [1.0]
 
 
 def test_images_that_are_none_are_refused(palm, states, tmp_path):
