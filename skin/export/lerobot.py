@@ -101,7 +101,10 @@ class Dataset:
         check_number("max_age_s", age_s, 0, 3600)
         if not _is_text(robot):
             raise OptionError(f"robot: must be a name in UTF-8; got {shown(robot)}")
-        self._folder, self._topology, self._fps = Path(folder), topology, fps
+        # links and dots followed: the folder is replaced by one beside it
+        self._folder, self._topology, self._fps = Path(os.path.realpath(folder)), topology, fps
+        if self._folder == Path.cwd():
+            raise SkinError(f"{folder}: must be a new or empty folder; got the one this runs in")
         if self._folder.exists() and (
             not self._folder.is_dir() or next(self._folder.iterdir(), None) is not None
         ):

@@ -209,6 +209,9 @@ def test_units_that_are_not_valid_are_not_filled(palm, states, tmp_path):
     [
         ([0, 33, 32], "camera: frame 2: must be later than the frame before it; got one 0.001 s "
          "earlier"),
+        ([0, 33, 33], "camera: frame 2: must be later than the frame before it; got one of the "
+         "same time"),
+        ([0, 2**45], "camera: frame 1: stamp_ns: must be an integer from 0 to 9.22337e\\+18; got"),
         ([9000], "episode 0: must have frames while the skin was read; got 1 frames, none within "
          "0.008 s after a sample \\(of two clocks\\?\\)"),
         ([], "episode 0: must have frames; got none"),
@@ -229,6 +232,55 @@ def test_a_skin_whose_time_runs_back_is_refused(palm, states, tmp_path):
     with pytest.raises(SkinError, match="must come after cycle"):
         grasps.add_episode(
             [states[9], states[3]], [Frame(states[9].stamp_ns), Frame(states[9].stamp_ns + 1)], "no"
+        )
+
+
+def test_states_that_lack_what_samples_have_are_refused(palm, states, log, tmp_path):
+    for want, lacking in (
+        (("force",), "temperature, wrench, contacts"),
+        (("temperature", "force", "wrench"), "contacts"),
+        (("temperature",), "force, wrench, contacts"),
+    ):
+        grasps = Dataset(tmp_path / "set", palm, fps=30)
+        with pytest.raises(SkinError) as told:
+            grasps.add_episode(
+                skin.decode_log(palm, log, want=want), [Frame(states[9].stamp_ns)], "no"
+            )
+        assert str(told.value) == (
+            f"skin: cycle {states[0].cycle}: must have temperature, force, wrench, contacts "
+            f"(want=…); got a state without {lacking}"
+        )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_states_of_another_skin_are_refused(states, tmp_path):
+    with pytest.raises(SkinError, match="must be of the 10 units of the topology; got 64"):
+        Dataset(tmp_path / "set", topology.load("strip"), fps=30).add_episode(
+            states, [Frame(states[9].stamp_ns)], "no"
+        )
+
+
+@pytest.mark.parametrize("task", ["", " ", 3, "slide \udcff"])
+def test_a_task_is_words(palm, states, tmp_path, task):
+    with pytest.raises(OptionError) as told:
+        Dataset(tmp_path / "set", palm, fps=30).add_episode(states, [], task)
+    assert str(told.value) == f"task: must be words in UTF-8; got {task!r}"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_folder_may_be_a_link_but_not_where_this_runs(palm, states, tmp_path, monkeypatch):
+    (tmp_path / "far").mkdir()
+    (tmp_path / "set").symlink_to("far")
+    with Dataset(tmp_path / "set", palm, fps=30) as grasps:
+        grasps.add_episode(states, [Frame(states[9].stamp_ns)], "none")
+    assert (tmp_path / "far/meta/info.json").is_file()
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    for folder in (".", "../here"):
+        with pytest.raises(SkinError) as told:
+            Dataset(folder, palm, fps=30)
+        assert str(told.value) == (
+            f"{folder}: must be a new or empty folder; got the one this runs in"
         )
 
 
