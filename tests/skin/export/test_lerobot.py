@@ -359,6 +359,55 @@ def test_images_that_are_none_are_refused(palm, states, tmp_path):
         Dataset(tmp_path / "set", palm, fps=30).add_episode(states, [frame], "none")
 
 
+def file_of(mode, kind="PNG"):
+    """The file of an image of noise, which does not pack well."""
+    rgb = np.random.default_rng(7).integers(0, 255, (40, 50, 3), np.uint8)
+    out = io.BytesIO()
+    image_library.fromarray(rgb).convert(mode).save(out, format=kind)
+    return out.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("mode", "kind"), [("L", "PNG"), ("RGBA", "PNG"), ("P", "PNG"), ("L", "JPEG"), ("CMYK", "JPEG")]
+)
+def test_images_of_other_colours_are_refused(palm, states, tmp_path, mode, kind):
+    frames = [
+        Frame(states[at].stamp_ns, {"wrist": file_of(one, kind)})
+        for at, one in ((0, "RGB"), (1, mode))
+    ]
+    with pytest.raises(SkinError) as told:
+        Dataset(tmp_path / "set", palm, fps=30).add_episode(states, frames, "none")
+    assert str(told.value) == (
+        f"camera: frame 1: 'wrist': must be an image of RGB; got one of {mode}"
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("kind", ["PNG", "JPEG"])
+@pytest.mark.parametrize("share", [0.2, 0.5, 0.9])
+def test_images_that_are_not_whole_are_refused(palm, states, tmp_path, kind, share):
+    """Not only those that the statistics look at."""
+    whole = file_of("RGB", kind)
+    files = [whole] * 40
+    files[37] = whole[: int(share * len(whole))]
+    frames = [Frame(states[at].stamp_ns, {"wrist": file}) for at, file in enumerate(files)]
+    with pytest.raises(SkinError, match="camera: frame 37: 'wrist': must be a"):
+        Dataset(tmp_path / "set", palm, fps=30).add_episode(states, frames, "none")
+
+
+def test_what_is_neither_pixels_nor_a_file_is_refused(palm, states, tmp_path):
+    for image, message in (
+        ("a.png", "must be pixels or the bytes of a file; got 'a.png'"),
+        (np.zeros((0, 4, 3), np.uint8), "must be pixels, shape (h, w, 3), uint8; got (0, 4, 3), "
+         "uint8"),
+    ):  # fmt: skip
+        with pytest.raises(SkinError) as told:
+            Dataset(tmp_path / "set", palm, fps=30).add_episode(
+                states, [Frame(states[0].stamp_ns, {"wrist": image})], "none"
+            )
+        assert str(told.value) == f"camera: frame 0: 'wrist': {message}"
+
+
 def test_a_folder_with_files_is_left_alone(palm, tmp_path):
     (tmp_path / "mine.txt").write_text("mine")
     with pytest.raises(SkinError, match="must be a new or empty folder; got one with files in it"):
