@@ -103,6 +103,8 @@ class Dataset:
             raise OptionError(f"robot: must be a name in UTF-8; got {shown(robot)}")
         # links and dots followed: the folder is replaced by one beside it
         self._folder, self._topology, self._fps = Path(os.path.realpath(folder)), topology, fps
+        if not _is_text(str(self._folder)):
+            raise OptionError(f"folder: must be a path in UTF-8; got {shown(str(folder))}")
         if self._folder == Path.cwd():
             raise SkinError(f"{folder}: must be a new or empty folder; got the one this runs in")
         if self._folder.exists() and (

@@ -116,6 +116,7 @@ def test_options_that_cannot_be_end_with_a_message(log, tmp_path, capsys, monkey
     for options, message in (
         ({"offset_s": "9e9"}, f"{frames}:2: {STAMP}10700000000000000000"),
         ({"task": "slide \udcff"}, "task: must be words in UTF-8; got 'slide \\udcff'"),
+        ({"folder": "set\udcff"}, "folder: must be a path in UTF-8; got 'set\\udcff'"),
         ({"folder": "."}, ".: must be a new or empty folder; got the one this runs in"),
     ):
         assert main(command(**{"source": log, "frames": frames, "folder": "set"} | options)) == 2
