@@ -1,4 +1,4 @@
-"""`skin export lerobot`: recorded logs and the frames of a camera as a data set for LeRobot."""
+"""`skin export lerobot`: recordings and the frames of a camera as a data set for LeRobot."""
 
 from __future__ import annotations
 
@@ -16,14 +16,20 @@ if TYPE_CHECKING:
 
 __all__ = ["export_lerobot"]
 
-WANT = ("temperature", "force", "wrench", "centroid", "contacts", "slip")
+OF_LOGS: dict[str, Any] = {
+    "want": ("temperature", "force", "wrench", "centroid", "contacts", "slip"),
+    "dtype": "float64", "sweeps": 2,
+}  # fmt: skip
+"""Options of a log; a recording has those of its run."""
 
 
 def export_lerobot(
     logs: Annotated[
         tuple[Path, ...],
         tyro.conf.Positional,
-        tyro.conf.arg(metavar="LOG [LOG ...]", help="recorded CAN logs, an episode each"),
+        tyro.conf.arg(
+            metavar="LOG [LOG ...]", help="recordings (.mcap) or CAN logs, an episode each"
+        ),
     ],
     /,
     *,
@@ -56,7 +62,7 @@ def export_lerobot(
     ] = 0.0,
     json: options.Json = False,
 ) -> int:
-    """Write recorded logs and the frames of a camera as a LeRobot v3 data set.
+    """Write recordings, or CAN logs, and the frames of a camera as a LeRobot v3 data set.
 
     Each frame has the newest sample of the skin that is not later, and the window before it; what
     is not valid is NaN. The report tells how far frames and samples are apart, and what lacks.
@@ -65,7 +71,7 @@ def export_lerobot(
     from skin.errors import SkinError, check_number
     from skin.export.frames import read_frames
     from skin.export.lerobot import Dataset
-    from skin.offline import decode_log
+    from skin.record.replay import replay
     from topology import load
 
     if len(frames) != len(logs):
@@ -79,15 +85,19 @@ def export_lerobot(
     wrong = []
     with Dataset(output, loaded, fps=fps, window=window) as written:
         for log, file, text in zip(logs, frames, tasks, strict=True):
-            states = decode_log(loaded, log, want=WANT, dtype="float64", sweeps=2)
+            states = replay(log, loaded, **({} if _is_recording(log) else OF_LOGS))
             written.add_episode(states, read_frames(file, round(1e9 * offset_s)), text)
-            wrong += states.faults + ([states.damage] if states.damage else [])
+            wrong += states.faults
     report = written.report() | {"output": str(output.resolve()), "faults": wrong}
     print(json_text.dumps(report) if json else _table(report))
     for fault in wrong:
         print(fault, file=sys.stderr)
     lacking = sum(one["without_sample"] for one in report["alignment"])
     return int(bool(lacking or wrong))
+
+
+def _is_recording(log: Path) -> bool:
+    return log.suffix.lower() == ".mcap"
 
 
 def _table(report: dict[str, Any]) -> str:

@@ -9,16 +9,21 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from skin.errors import SkinError
+from skin.errors import SkinError, check_number
 from skin.export.columns import CONTACT_FIELDS
 
 if TYPE_CHECKING:
     from skin.state import State
 
-__all__ = ["CONTACT_COLUMNS", "Alignment", "Frame", "History", "Sample", "aligned"]
+__all__ = [
+    "CONTACT_COLUMNS", "LATEST_NS", "Alignment", "Frame", "History", "Sample", "aligned",
+    "check_later",
+]  # fmt: skip
 
 CONTACT_COLUMNS = tuple(one.name for one in CONTACT_FIELDS if one.kind)
 """Numbers of a contact, in the order of `Sample.contacts`."""
+LATEST_NS = 2**63 - 1
+"""Latest stamp [derived: what int64 holds]."""
 
 
 class Frame(NamedTuple):
@@ -123,8 +128,9 @@ class History:
         Raises
         ------
         SkinError
-            Its time or its number runs back.
+            Its time or its number runs back, or it lacks what a sample has.
         """
+        self._check(state)
         if self._cycle >= 0 and (state.stamp_ns < self._stamp_ns or state.cycle <= self._cycle):
             back_s = 1e-9 * (self._stamp_ns - state.stamp_ns)
             raise SkinError(f"skin: cycle {state.cycle}: must come after cycle {self._cycle}; got "
@@ -141,6 +147,23 @@ class History:
         self._count = len(state.contacts)
         for row, contact in zip(self._contacts, state.contacts, strict=False):
             row[:] = [one.value(contact) for one in CONTACT_FIELDS if one.kind]
+
+    def _check(self, state: State) -> None:
+        units = state.units
+        needed = {
+            "temperature": units.temperature, "force": units.force,
+            "wrench": state.wrench, "contacts": state.contacts,
+        }  # fmt: skip
+        if lacking := [name for name, value in needed.items() if value is None]:
+            raise SkinError(
+                f"skin: cycle {state.cycle}: must have {', '.join(needed)} (want=…); got a state "
+                f"without {', '.join(lacking)}"
+            )
+        if units.valid.shape != self._valid.shape[1:]:
+            raise SkinError(
+                f"skin: cycle {state.cycle}: must be of the {self._valid.shape[1]} units of the "
+                f"topology; got {units.valid.size}"
+            )
 
     def at(self, stamp_ns: int, told: Alignment) -> Sample:
         """What is known at a time not before the newest sample; arrays of its own."""
@@ -171,6 +194,14 @@ class History:
         )  # fmt: skip
 
 
+def check_later(where: str, stamp_ns: int, last_ns: int) -> None:
+    """Refuse a frame that is not later than the one before it."""
+    if stamp_ns <= last_ns:
+        back_s = 1e-9 * (last_ns - stamp_ns)
+        got = f"one {back_s:.6g} s earlier" if back_s else "one of the same time"
+        raise SkinError(f"{where}: must be later than the frame before it; got {got}")
+
+
 def aligned(
     states: Iterable[State], frames: Iterable[Frame], history: History, told: Alignment, fps: int
 ) -> Iterator[tuple[Frame, Sample]]:
@@ -190,20 +221,17 @@ def aligned(
     Raises
     ------
     SkinError
-        The camera's or the skin's time runs back.
+        The camera's or the skin's time runs back; a stamp of the camera that is none.
     """
     coming = iter(states)
     state = next(coming, None)
     last_ns: int | None = None
     for number, frame in enumerate(frames):
+        where = f"camera: frame {number}"
+        check_number(f"{where}: stamp_ns", frame.stamp_ns, 0, LATEST_NS, whole=True)
         if last_ns is not None:
-            step_s = 1e-9 * (frame.stamp_ns - last_ns)
-            if step_s <= 0.0:
-                raise SkinError(
-                    f"camera: frame {number}: must be later than the frame before it; got one "
-                    f"{-step_s:.6g} s earlier"
-                )
-            late_s = step_s - 1.0 / fps
+            check_later(where, frame.stamp_ns, last_ns)
+            late_s = 1e-9 * (frame.stamp_ns - last_ns) - 1.0 / fps
             if late_s >= 0.5 / fps:
                 told.camera_gaps += 1
             else:

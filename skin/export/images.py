@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from skin.errors import LibraryError, SkinError
+from skin.errors import LibraryError, SkinError, shown
 
 __all__ = ["encoded", "pixels"]
 
 KINDS = ("JPEG", "PNG")
+MODE = "RGB"
 MOST_PIXELS = 64_000_000
 """Of an image [assumed: no camera of a robot has more]: a small file may unpack to gigabytes."""
 
@@ -24,19 +25,21 @@ def encoded(where: str, image: bytes | np.ndarray) -> tuple[bytes, tuple[int, in
     where : str
         As messages name it.
     image : bytes or ndarray, shape (h, w, 3), uint8
-        A PNG or JPEG file; pixels become PNG, without loss.
+        A PNG or JPEG file of RGB; pixels become PNG, without loss.
 
     Raises
     ------
     SkinError
-        It is neither.
+        It is neither, not whole, or of other colours than RGB.
     LibraryError
         Pillow is not installed.
     """
     if isinstance(image, bytes):
-        with _opened(where, image) as file:
-            return image, (file.height, file.width, 3)
-    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
+        height, width, _ = pixels(where, image).shape
+        return image, (height, width, 3)
+    if not isinstance(image, np.ndarray):
+        raise SkinError(f"{where}: must be pixels or the bytes of a file; got {shown(image)}")
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or not image.size:
         raise SkinError(f"{where}: must be pixels, shape (h, w, 3), uint8; got {image.shape}, "
                         f"{image.dtype}")  # fmt: skip
     out = io.BytesIO()
@@ -46,11 +49,14 @@ def encoded(where: str, image: bytes | np.ndarray) -> tuple[bytes, tuple[int, in
 
 
 def pixels(where: str, file: bytes) -> np.ndarray:
-    """Pixels of the file of an image, shape (h, w, 3), uint8."""
+    """Pixels of the file of an image, shape (h, w, 3), uint8; see `encoded`."""
     with _opened(where, file) as image:
+        # a data set says that its images have three channels: what is not RGB has one, two or four
+        if image.mode != MODE:
+            raise SkinError(f"{where}: must be an image of {MODE}; got one of {image.mode}")
         try:
-            return np.asarray(image.convert("RGB"))
-        except (OSError, SyntaxError, ValueError) as error:
+            return np.asarray(image)
+        except Exception as error:  # anything may come of reading what is damaged
             raise SkinError(f"{where}: must be a whole image; got: {error}") from None
 
 

@@ -17,10 +17,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from skin.arrow import arrow_for
-from skin.errors import OptionError, SkinError, check_number
+from skin.errors import OptionError, SkinError, check_number, shown
 from skin.export.align import CONTACT_COLUMNS, Alignment, Frame, History, Sample, aligned
 from skin.export.images import encoded, pixels
 from skin.export.lerobot_files import COUNTED, Feature, Files
+from skin.export.single import as_single
 from skin.export.statistics import Statistics, of_images
 from topology.files import check_path
 
@@ -33,6 +34,11 @@ __all__ = ["Alignment", "Dataset", "Frame"]
 IMAGES = "observation.images."
 TAKEN = ("observation.tactile.", "tactile.", "camera.")
 """What names of the skin's features begin with."""
+KINDS = {
+    "observation.tactile.valid": "bool", "observation.tactile.valid_window": "bool",
+    "tactile.stamp_ns": "int64", "camera.stamp_ns": "int64",
+}  # fmt: skip
+"""Types of the skin's features that are not float32, as all others are."""
 SAMPLED = 16
 """Images of an episode that its statistics are of [assumed]."""
 ROWS = 64
@@ -93,7 +99,14 @@ class Dataset:
         check_number("contacts", contacts, 1, 64, whole=True)
         age_s = 2.0 / topology.cycle_rate_hz if max_age_s is None else max_age_s
         check_number("max_age_s", age_s, 0, 3600)
-        self._folder, self._topology, self._fps = Path(folder), topology, fps
+        if not _is_text(robot):
+            raise OptionError(f"robot: must be a name in UTF-8; got {shown(robot)}")
+        # links and dots followed: the folder is replaced by one beside it
+        self._folder, self._topology, self._fps = Path(os.path.realpath(folder)), topology, fps
+        if not _is_text(str(self._folder)):
+            raise OptionError(f"folder: must be a path in UTF-8; got {shown(str(folder))}")
+        if self._folder == Path.cwd():
+            raise SkinError(f"{folder}: must be a new or empty folder; got the one this runs in")
         if self._folder.exists() and (
             not self._folder.is_dir() or next(self._folder.iterdir(), None) is not None
         ):
@@ -139,8 +152,8 @@ class Dataset:
     def _add(self, states: Iterable[State], frames: Iterable[Frame], task: str) -> Alignment:
         if not self._is_open:
             raise SkinError(f"{self._folder}: must be open; got an episode after the end")
-        if not isinstance(task, str) or not task.strip():
-            raise OptionError(f"task: must be words; got {task!r}")
+        if not _is_text(task) or not task.strip():
+            raise OptionError(f"task: must be words in UTF-8; got {shown(task)}")
         told, episode = Alignment(), _Episode(self._files, task)
         for number, (frame, sample) in enumerate(
             aligned(states, frames, History(*self._sizes), told, self._fps)
@@ -178,14 +191,14 @@ class Dataset:
         row["tactile.stamp_ns"] = np.array([sample.stamp_ns], np.int64)
         row["camera.stamp_ns"] = np.array([frame.stamp_ns], np.int64)
         shapes = {name: value.shape for name, value in row.items()}
+        for name in (*frame.images, *frame.values):
+            _check_name(f"camera: frame {number}", name)
         for name, image in frame.images.items():
             where = f"camera: frame {number}: {name!r}"
             row[IMAGES + name], shapes[IMAGES + name] = encoded(where, image)
         for name, value in frame.values.items():
-            row[name] = np.atleast_1d(np.asarray(value, np.float32))
+            row[name] = as_single(f"camera: frame {number}: {name!r}", value)
             shapes[name] = row[name].shape
-        for name in (*frame.images, *frame.values):
-            _check_name(f"camera: frame {number}", name)
         return row, shapes
 
     def _filled(self, values: np.ndarray) -> np.ndarray:
@@ -297,10 +310,17 @@ class _Episode:
         self._files.end_episode(told.frames, found)
 
 
+def _is_text(value: object) -> bool:
+    """Whether it is a text that files can have: bytes of a shell that are no UTF-8 are none."""
+    return isinstance(value, str) and not any("\ud800" <= one <= "\udfff" for one in value)
+
+
 def _check_name(where: str, name: str) -> None:
     """Refuse a name that a feature cannot have."""
-    is_taken = name in COUNTED or name.startswith((*TAKEN, IMAGES))
-    if is_taken or not name or "/" in name:
+    if (
+        not _is_text(name) or not name or "/" in name
+        or name in COUNTED or name.startswith((*TAKEN, IMAGES))
+    ):  # fmt: skip
         raise OptionError(
             f"{where}: must have names without '/' that no other feature has; got {name!r}"
         )
@@ -325,7 +345,5 @@ def _features(
         if name.startswith(IMAGES):
             found[name] = Feature("image", shape, ["height", "width", "channels"])
         else:
-            kind = ("bool" if ".valid" in name else
-                    "int64" if name.endswith("stamp_ns") else "float32")  # fmt: skip
-            found[name] = Feature(kind, shape, names.get(name))
+            found[name] = Feature(KINDS.get(name, "float32"), shape, names.get(name))
     return found

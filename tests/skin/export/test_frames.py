@@ -30,6 +30,39 @@ def test_an_image_without_a_time_is_refused(tmp_path):
     )
 
 
+def test_the_offset_must_leave_times_that_stamps_hold(tmp_path):
+    file = tmp_path / "frames.csv"
+    file.write_text("stamp_ns,grip\n1700000000000000000,2\n")
+    for offset_ns in (9 * 10**18, -9 * 10**18):
+        with pytest.raises(SkinError) as told:
+            list(read_frames(file, offset_ns))
+        assert str(told.value) == (
+            f"{file}:2: must be from 0 to {2**63 - 1} ns on the clock of the skin; got "
+            f"{1_700_000_000_000_000_000 + offset_ns}"
+        )
+
+
+def test_an_image_of_a_time_that_no_stamp_holds_is_refused(tmp_path):
+    (tmp_path / f"{'9' * 30}.png").write_bytes(b"")
+    with pytest.raises(SkinError) as told:
+        list(read_frames(tmp_path))
+    assert str(told.value) == (
+        f"{tmp_path}/{'9' * 30}.png: must be from 0 to {2**63 - 1} ns on the clock of the skin; "
+        f"got {'9' * 30}"
+    )
+
+
+@pytest.mark.parametrize(("one", "other"), [("7.jpg", "7.png"), ("001.png", "1.png")])
+def test_two_images_of_one_time_are_refused_by_name(tmp_path, one, other):
+    for name in (other, one):
+        (tmp_path / name).write_bytes(b"")
+    with pytest.raises(SkinError) as told:
+        list(read_frames(tmp_path))
+    assert str(told.value) == (
+        f"{tmp_path}/{other}: must be the only image of its time; got {one!r}, too"
+    )
+
+
 def test_a_folder_without_images_is_refused(tmp_path):
     with pytest.raises(SkinError, match=r"must have images .* got none"):
         list(read_frames(tmp_path))
@@ -52,6 +85,50 @@ def test_numbers_of_one_feature_stand_together(tmp_path):
         ("time_s,grip,grip\n1,2,3\n", ":1: grip: must be a column of its own; got two of that"),
         ("time_s,grip\n", ": must have rows below its head; got none"),
         ("time_s,grip\nnan,2\n", ":2: time_s: must be finite; got 'nan'"),
+        (
+            f"stamp_ns,grip\n{'9' * 30},2\n",
+            f":2: must be from 0 to {2**63 - 1} ns on the clock of the skin; got {'9' * 30}",
+        ),
+        (
+            f"stamp_ns,grip\n{2**63},2\n",
+            f":2: must be from 0 to {2**63 - 1} ns on the clock of the skin; got {2**63}",
+        ),
+        (
+            "time_s,grip\n1e10,2\n",
+            f":2: must be from 0 to {2**63 - 1} ns on the clock of the skin; got 1{'0' * 19}",
+        ),
+        (
+            "time_s,grip\n1e300,2\n",
+            f":2: must be from 0 to {2**63 - 1} ns on the clock of the skin; got 1000000",
+        ),
+        (
+            "time_s,grip\n-1e-9,2\n",
+            f":2: must be from 0 to {2**63 - 1} ns on the clock of the skin; got -1",
+        ),
+        (
+            "stamp_ns,grip\n5,2\n\n5,3\n",
+            ":4: must be later than the frame before it; got one of the same time",
+        ),
+        (
+            "time_s,grip\n5,2\n3,3\n",
+            ":3: must be later than the frame before it; got one 2 s earlier",
+        ),
+        (
+            f"time_s,grip\n5,{'1' * 131073}\n",
+            ":2: must be a row of a CSV table; got: field larger than field limit (131072)",
+        ),
+        ("time_s,grip\n1,2\n2,1e39\n", ":3: grip: must be finite as float32; got 1e+39"),
+        ("time_s,grip\n1,-inf\n", ":2: grip: must be finite; got '-inf'"),
+        (
+            "time_s,arm_stamp_ns\n1,1152921504606846977\n",
+            ":2: arm_stamp_ns: must be a number that float32 holds exactly, where it is beyond "
+            "16777216; got 1152921504606846977",
+        ),
+        (
+            "time_s,arm_time_s\n1,1795417954.25\n",
+            ":2: arm_time_s: must be a number that float32 holds exactly, where it is beyond "
+            "16777216; got 1795417954.25",
+        ),
     ],
 )
 def test_a_table_that_cannot_be_is_refused(tmp_path, text, message):

@@ -209,6 +209,9 @@ def test_units_that_are_not_valid_are_not_filled(palm, states, tmp_path):
     [
         ([0, 33, 32], "camera: frame 2: must be later than the frame before it; got one 0.001 s "
          "earlier"),
+        ([0, 33, 33], "camera: frame 2: must be later than the frame before it; got one of the "
+         "same time"),
+        ([0, 2**45], "camera: frame 1: stamp_ns: must be an integer from 0 to 9.22337e\\+18; got"),
         ([9000], "episode 0: must have frames while the skin was read; got 1 frames, none within "
          "0.008 s after a sample \\(of two clocks\\?\\)"),
         ([], "episode 0: must have frames; got none"),
@@ -232,6 +235,55 @@ def test_a_skin_whose_time_runs_back_is_refused(palm, states, tmp_path):
         )
 
 
+def test_states_that_lack_what_samples_have_are_refused(palm, states, log, tmp_path):
+    for want, lacking in (
+        (("force",), "temperature, wrench, contacts"),
+        (("temperature", "force", "wrench"), "contacts"),
+        (("temperature",), "force, wrench, contacts"),
+    ):
+        grasps = Dataset(tmp_path / "set", palm, fps=30)
+        with pytest.raises(SkinError) as told:
+            grasps.add_episode(
+                skin.decode_log(palm, log, want=want), [Frame(states[9].stamp_ns)], "no"
+            )
+        assert str(told.value) == (
+            f"skin: cycle {states[0].cycle}: must have temperature, force, wrench, contacts "
+            f"(want=…); got a state without {lacking}"
+        )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_states_of_another_skin_are_refused(states, tmp_path):
+    with pytest.raises(SkinError, match="must be of the 10 units of the topology; got 64"):
+        Dataset(tmp_path / "set", topology.load("strip"), fps=30).add_episode(
+            states, [Frame(states[9].stamp_ns)], "no"
+        )
+
+
+@pytest.mark.parametrize("task", ["", " ", 3, "slide \udcff"])
+def test_a_task_is_words(palm, states, tmp_path, task):
+    with pytest.raises(OptionError) as told:
+        Dataset(tmp_path / "set", palm, fps=30).add_episode(states, [], task)
+    assert str(told.value) == f"task: must be words in UTF-8; got {task!r}"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_folder_may_be_a_link_but_not_where_this_runs(palm, states, tmp_path, monkeypatch):
+    (tmp_path / "far").mkdir()
+    (tmp_path / "set").symlink_to("far")
+    with Dataset(tmp_path / "set", palm, fps=30) as grasps:
+        grasps.add_episode(states, [Frame(states[9].stamp_ns)], "none")
+    assert (tmp_path / "far/meta/info.json").is_file()
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    for folder in (".", "../here"):
+        with pytest.raises(SkinError) as told:
+            Dataset(folder, palm, fps=30)
+        assert str(told.value) == (
+            f"{folder}: must be a new or empty folder; got the one this runs in"
+        )
+
+
 def test_frames_must_be_alike(palm, states, tmp_path):
     frames = [
         Frame(state.stamp_ns, {"wrist": np.zeros((4, size, 3), np.uint8)})
@@ -245,7 +297,9 @@ def test_frames_must_be_alike(palm, states, tmp_path):
     )
 
 
-@pytest.mark.parametrize("name", ["index", "timestamp", "action/grip", "tactile.age_s", ""])
+@pytest.mark.parametrize(
+    "name", ["index", "timestamp", "action/grip", "tactile.age_s", "", 3, "\udcff"]
+)
 def test_names_that_features_have_already_are_refused(palm, states, tmp_path, name):
     frame = Frame(states[0].stamp_ns, values={name: np.zeros(2)})
     with pytest.raises(OptionError) as told:
@@ -255,10 +309,103 @@ def test_names_that_features_have_already_are_refused(palm, states, tmp_path, na
     )
 
 
+def test_features_of_the_user_are_numbers_whatever_their_names(palm, states, tmp_path):
+    given = {"gripper.valid_share": [0.5], "arm_stamp_ns": [1 << 24, 0.25], "is.valid": [0.25]}
+    with Dataset(tmp_path / "set", palm, fps=30) as grasps:
+        grasps.add_episode(states, [Frame(states[0].stamp_ns, values=given)], "none")
+    told = {name: column(tmp_path / "set", name).to_pylist()[0] for name in given}
+    assert told == {
+        "gripper.valid_share": 0.5, "arm_stamp_ns": [16777216.0, 0.25], "is.valid": 0.25,
+    }  # fmt: skip
+    info = json.loads((tmp_path / "set/meta/info.json").read_text())["features"]
+    assert {info[name]["dtype"] for name in given} == {"float32"}
+    assert info["observation.tactile.valid_window"]["dtype"] == "bool"
+    assert info["camera.stamp_ns"]["dtype"] == info["tactile.stamp_ns"]["dtype"] == "int64"
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        (np.zeros(0), "must have numbers; got none, shape (0,)"),
+        ("x", "must be an array of numbers; got 'x'"),
+        ([[1.0], [1.0, 2.0]], "must be an array of numbers; got [[1.0], [1.0, 2.0]]"),
+        (np.float64(1e39), "must be finite as float32; got 1e+39"),
+        (
+            np.array([1, -(2**63)], np.int64) + 1,
+            "must be a number that float32 holds exactly, where it is beyond 16777216; got "
+            "-9223372036854775807",
+        ),
+    ],
+)
+def test_values_that_float32_does_not_hold_are_refused(palm, states, tmp_path, value, message):
+    frame = Frame(states[0].stamp_ns, values={"action": value})
+    with pytest.raises(SkinError) as told:
+        Dataset(tmp_path / "set", palm, fps=30).add_episode(states, [frame], "none")
+    assert str(told.value) == f"camera: frame 0: 'action': {message}"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_half_floats_and_flags_are_taken(palm, states, tmp_path):
+    given = {"half": np.array([0.5, 65504.0], np.float16), "flag": True, "none": np.nan}
+    with Dataset(tmp_path / "set", palm, fps=30) as grasps:
+        grasps.add_episode(states, [Frame(states[0].stamp_ns, values=given)], "none")
+    assert column(tmp_path / "set", "half").to_pylist() == [[0.5, 65504.0]]
+    assert column(tmp_path / "set", "flag").to_pylist() == [1.0]
+
+
 def test_images_that_are_none_are_refused(palm, states, tmp_path):
     frame = Frame(states[0].stamp_ns, {"wrist": b"no image"})
     with pytest.raises(SkinError, match="camera: frame 0: 'wrist': must be a PNG or JPEG file"):
         Dataset(tmp_path / "set", palm, fps=30).add_episode(states, [frame], "none")
+
+
+def file_of(mode, kind="PNG"):
+    """The file of an image of noise, which does not pack well."""
+    rgb = np.random.default_rng(7).integers(0, 255, (40, 50, 3), np.uint8)
+    out = io.BytesIO()
+    image_library.fromarray(rgb).convert(mode).save(out, format=kind)
+    return out.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("mode", "kind"), [("L", "PNG"), ("RGBA", "PNG"), ("P", "PNG"), ("L", "JPEG"), ("CMYK", "JPEG")]
+)
+def test_images_of_other_colours_are_refused(palm, states, tmp_path, mode, kind):
+    frames = [
+        Frame(states[at].stamp_ns, {"wrist": file_of(one, kind)})
+        for at, one in ((0, "RGB"), (1, mode))
+    ]
+    with pytest.raises(SkinError) as told:
+        Dataset(tmp_path / "set", palm, fps=30).add_episode(states, frames, "none")
+    assert str(told.value) == (
+        f"camera: frame 1: 'wrist': must be an image of RGB; got one of {mode}"
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("kind", ["PNG", "JPEG"])
+@pytest.mark.parametrize("share", [0.2, 0.5, 0.9])
+def test_images_that_are_not_whole_are_refused(palm, states, tmp_path, kind, share):
+    """Not only those that the statistics look at."""
+    whole = file_of("RGB", kind)
+    files = [whole] * 40
+    files[37] = whole[: int(share * len(whole))]
+    frames = [Frame(states[at].stamp_ns, {"wrist": file}) for at, file in enumerate(files)]
+    with pytest.raises(SkinError, match="camera: frame 37: 'wrist': must be a"):
+        Dataset(tmp_path / "set", palm, fps=30).add_episode(states, frames, "none")
+
+
+def test_what_is_neither_pixels_nor_a_file_is_refused(palm, states, tmp_path):
+    for image, message in (
+        ("a.png", "must be pixels or the bytes of a file; got 'a.png'"),
+        (np.zeros((0, 4, 3), np.uint8), "must be pixels, shape (h, w, 3), uint8; got (0, 4, 3), "
+         "uint8"),
+    ):  # fmt: skip
+        with pytest.raises(SkinError) as told:
+            Dataset(tmp_path / "set", palm, fps=30).add_episode(
+                states, [Frame(states[0].stamp_ns, {"wrist": image})], "none"
+            )
+        assert str(told.value) == f"camera: frame 0: 'wrist': {message}"
 
 
 def test_a_folder_with_files_is_left_alone(palm, tmp_path):
