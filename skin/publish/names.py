@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 
-from skin.errors import OptionError
+from skin.errors import OptionError, shown
 
 __all__ = ["check_frame", "check_prefix", "dds_topic", "dds_type", "topic"]
 
@@ -72,10 +72,12 @@ def check_frame(where: str, frame: object) -> str:
     OptionError
         It is empty, begins with '/', or has blanks.
     """
-    if not isinstance(frame, str) or frame[:1] == "/" or frame.split() != [frame]:
+    if not isinstance(frame, str) or frame[:1] == "/" or frame.split() != [frame] or (
+        not frame.isprintable() or len(frame) > LONGEST
+    ):  # fmt: skip
         raise OptionError(
             f"{where}: must be a name without blanks that does not begin with '/', as tf2 takes "
-            f"it; got {frame!r}"
+            f"it; got {shown(frame)}"
         )
     return frame
 

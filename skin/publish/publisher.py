@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from skin.errors import OptionError, check_flag, check_kind, check_number
+from skin.errors import OptionError, check_flag, check_kind, check_number, shown
 from skin.publish import dds
 from skin.publish.names import check_frame, check_prefix
 from skin.publish.snapshot import fill, note, patch_poses, snapshot_dtype
@@ -95,22 +96,15 @@ def ros(
     check_flag("moving", moving)
     check_flag("reliable", reliable)
     check_flag("network", network)
-    check_kind("patch_frame", patch_frame, str)
-    if topology.patch_names and patch_frame.count("{}") != 1:
-        raise OptionError(
-            f"patch_frame: must have {{}} once, for the name of a patch; got {patch_frame!r}"
-        )
+    patches = _patch_frames(patch_frame, topology.patch_names)
     bare = check_prefix("prefix", prefix)
+    poses = patch_poses(topology, topology.position, topology.rotation)
     request = {
         "prefix": bare,
         "frame": check_frame("frame", frame),
-        "patch_frames": [
-            check_frame("patch_frame", patch_frame.replace("{}", name))
-            for name in topology.patch_names
-        ],
+        "patch_frames": patches,
         "moving": moving, "reliable": reliable, "domain": _domain(domain),
-        "local": not (network or _reaches_out()),
-        "poses": patch_poses(topology, topology.position, topology.rotation).tolist(),
+        "local": not (network or _reaches_out()), "poses": poses.tolist(),
     }  # fmt: skip
     return Publisher(skin, request | _described(topology, bare), rate_hz)
 
@@ -119,9 +113,9 @@ def _domain(domain: int | None) -> int:
     """The domain that is given, else that of the environment."""
     if domain is None:
         text = os.environ.get("ROS_DOMAIN_ID", "") or "0"
-        if not (text.isascii() and text.isdigit()):
+        if not (text.isascii() and text.isdigit() and len(text) <= 3):
             raise OptionError(f"ROS_DOMAIN_ID: must be an integer from 0 to {MOST_DOMAIN}; got "
-                              f"{text!r}")  # fmt: skip
+                              f"{shown(text)}")  # fmt: skip
         domain = int(text)
         check_number("ROS_DOMAIN_ID", domain, 0, MOST_DOMAIN, whole=True)
     check_number("domain", domain, 0, MOST_DOMAIN, whole=True)
@@ -214,6 +208,16 @@ class Publisher:
 
     def __exit__(self, *exc: object) -> None:
         self.close()
+
+
+def _patch_frames(frame: str, names: Sequence[str]) -> list[str]:
+    """Frames of the patches."""
+    check_kind("patch_frame", frame, str)
+    if names and frame.count("{}") != 1:
+        raise OptionError(
+            f"patch_frame: must have {{}} once, for the name of a patch; got {frame!r}"
+        )
+    return [check_frame("patch_frame", frame.replace("{}", name)) for name in names]
 
 
 def _reaches_out() -> bool:

@@ -9,7 +9,7 @@ import socket
 import sys
 from typing import Any
 
-from skin.errors import LibraryError, SkinError
+from skin.errors import LibraryError, SkinError, shown
 
 __all__ = ["address_of", "check_installed", "free_port", "open_server"]
 

@@ -35,8 +35,9 @@ MANY_ARGUMENTS: dict[str, Callable[[Definition], bool]] = {
         and d.node.name in ("__init__", "__new__")
         and not d.owner.name.startswith("_")
     ),
-    "skin.open: everything a user may set, given by name": lambda d: (
-        relative(d.file) == "skin/opening.py" and d.name == "open"
+    "skin.open and skin.publish.ros: everything a user may set, given by name": lambda d: (
+        (relative(d.file), d.name)
+        in (("skin/opening.py", "open"), ("skin/publish/publisher.py", "ros"))
     ),
     "a command: its arguments are the options of the command line": lambda d: (
         relative(d.file).startswith("skin/cli/") and not d.name.startswith("_")

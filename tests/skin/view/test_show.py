@@ -174,7 +174,10 @@ def test_the_command_plays_a_log(capsys):
     ("arguments", "message"),
     [
         (["view", "palm", "--scene", "press"], "--scene: must be given with --simulate"),
-        (["view", "a.log", "--topology", "palm", "--simulate"], "--topology: must be given with a"),
+        (
+            ["view", "a.log", "--topology", "palm", "--simulate"],
+            "--simulate: must be without --topology",
+        ),
         (["view", "palm", "--simulate", "--seconds", "0"], "--seconds: must be above 0; got 0"),
         (["view", "palm", "--simulate", "--export", "no/a.html"], "--export: must be in a folder"),
         (["view", "palm", "--simulate", "--host", "192.0.2.1"], "view: host: must be an address"),
