@@ -149,7 +149,8 @@ class Worker:
     def __init__(
         self, module: str, ring: RingBuffer, request: dict[str, Any], niceness: int = 5
     ) -> None:
-        self._name, self._lock = module.rpartition(".")[2], Lock()
+        *_, room, name = module.split(".")
+        self._name, self._lock = room if name == "process" else name, Lock()
         self._socket, theirs = socket.socketpair()
         self._lines = self._socket.makefile("r", encoding="utf-8")
         root = str(Path(__file__).parents[1])

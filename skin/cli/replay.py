@@ -16,6 +16,9 @@ from skin.cli.tally import Tally
 
 __all__ = ["replay"]
 
+SLOWEST = 1e-6
+"""Least speed of a replay, and what the greatest is the inverse of."""
+
 
 def replay(
     file: Annotated[
@@ -51,8 +54,10 @@ def replay(
     from skin.errors import SkinError
     from skin.view.terminal import LiveTable
 
-    if not speed >= 0.0:
-        raise SkinError(f"--speed: must be at least 0; got {speed:g}")
+    if speed != 0.0 and not SLOWEST <= speed <= 1.0 / SLOWEST:
+        raise SkinError(
+            f"--speed: must be 0, or from {SLOWEST:g} to {1.0 / SLOWEST:g}; got {speed:g}"
+        )
     played = skin.replay(file, topology, speed=None if step or not speed else speed)
     table, tally = LiveTable(played.topology), Tally(played.topology)
     wait = _Steps() if step else None

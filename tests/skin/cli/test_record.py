@@ -66,4 +66,4 @@ def test_a_log_is_replayed_with_its_topology(tmp_path, capsys):
 
 def test_a_speed_is_not_negative(file, capsys):
     assert main(["replay", str(file), "--speed", "-1"]) == 2
-    assert capsys.readouterr().err == "--speed: must be at least 0; got -1\n"
+    assert capsys.readouterr().err == "--speed: must be 0, or from 1e-06 to 1e+06; got -1\n"

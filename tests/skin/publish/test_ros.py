@@ -245,7 +245,7 @@ def test_a_process_that_dies_is_seen_and_the_loop_goes_on(palm, states):
         node._worker._process.wait()
         node.publish(states[0])
         assert not node.alive
-        with pytest.raises(SkinError, match="process: must answer 'sent'"):
+        with pytest.raises(SkinError, match="publish: must answer 'sent'"):
             node.sent()
 
 
