@@ -63,7 +63,9 @@ def named(path: Path) -> Iterator[None]:
 def whole_file(path: Path, mode: str = "wb", **how: Any) -> Iterator[IO[Any]]:
     """Open a file beside `path`, which takes its place at the end of the block, and is gone if an
     error ends it; `how` is for `open`. Of several that write at once, the last one stays. An error
-    of writing names `path`."""
+    of writing names `path`. A device or pipe is refused, since a file would take its place."""
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise OSError(errno.EINVAL, "must be a regular file, or a new one", str(path))
     beside = path.with_name(f".{path.name}.{uuid.uuid4().hex[:12]}.part")
     try:
         with named(path):
