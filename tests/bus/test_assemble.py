@@ -308,13 +308,14 @@ def test_a_bus_that_was_silent_for_long_falls_in_again():
     run(assembler, cycle_frames(small, 0), end=False)
     alone = [join(sync(i), data_frames(small, i, i, bus=0)) for i in range(1, 1000)]
     run(assembler, *alone, end=False)
-    cycles = run(assembler, *(cycle_frames(small, i) for i in range(1000, 1003)), end=False)
-    assert [cycle.number for cycle in cycles] == [1000, 1001, 1002]
+    cycles = run(assembler, *(cycle_frames(small, i) for i in range(1000, 1005)), end=False)
+    assert [cycle.number for cycle in cycles] == [1000, 1001, 1002, 1003, 1004]
+    assert cycles[-2].valid.all()
     assert cycles[-1].valid.all()
     # It is in step again: it leads as well as the other one.
-    alone = [join(sync(i, bus=1), data_frames(small, i, i, bus=1)) for i in range(1003, 1006)]
+    alone = [join(sync(i, bus=1), data_frames(small, i, i, bus=1)) for i in range(1005, 1008)]
     cycles = run(assembler, *alone)
-    assert [cycle.number for cycle in cycles] == [1003, 1004, 1005]
+    assert [cycle.number for cycle in cycles] == [1005, 1006, 1007]
 
 
 def test_a_sync_without_a_counter_counts_on():
