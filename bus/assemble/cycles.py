@@ -137,7 +137,8 @@ def doubt(number, source):
         source["calm"] = 1 if after > source["every"] else min(source["calm"] + 1, CALM)
         source["every"] = max(after, 1)
     if source["doubt"] != NO_DOUBT:
-        is_over = source["taken_at"] == number and came <= source["usual"]
+        # one more than usual may have come behind the end of the cycle before
+        is_over = source["taken_at"] == number and came <= source["usual"] + 1
         going = BELIEVED if source["calm"] >= CALM else IN_DOUBT
         source["doubt"] = NO_DOUBT if is_over else going
     source["before"], source["came_at"], source["came"] = came, number, 0

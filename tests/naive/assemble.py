@@ -69,7 +69,7 @@ def assemble(records, units, first_id=0x100, sync_id=0x80, stale_cycles=5):
         arrivals[u].append((number, heard[u]))
         if doubt[u] != "none":
             doubt[u] = "over" if calm[u] >= 2 else "old"
-            if u in came and heard[u] <= usual[u]:
+            if u in came and heard[u] <= usual[u] + 1:
                 doubt[u] = "none"
         heard[u] = 0
 
