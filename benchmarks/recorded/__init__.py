@@ -1,0 +1,1 @@
+"""Slip detectors on recordings of others: `python -m benchmarks.recorded FILE...`."""
