@@ -22,7 +22,7 @@ __all__ = ["SIGNATURE", "groups_with", "numbers", "opened"]
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 """First bytes of an HDF5 file [HDF5 File Format Specification 3.0, II.A]."""
 LARGEST = 1 << 30
-"""Bytes of one dataset, unpacked [assumed: five hours of 24 taxels at 180 Hz are half of it]."""
+"""Bytes of one dataset, unpacked [assumed: nearly three hours of 24 taxels at 180 Hz]."""
 LISTED = 5
 
 
