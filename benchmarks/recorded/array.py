@@ -125,6 +125,8 @@ def load(path: str | Path) -> Array:
         press,
     )
     at = array.positions_mm
+    if at is not None and at.shape[1] < 2:
+        raise RecordingError(f"{path}: positions_mm: must be two taxels or more; got 1")
     if at is not None and len(np.unique(at, axis=1).T) < at.shape[1]:
         raise RecordingError(f"{path}: positions_mm: must differ from one another; got two alike")
     return array
