@@ -207,7 +207,7 @@ def _scale(path: Path, found: list[_Raw]) -> tuple[float, float]:
     shear = np.concatenate([np.hypot(one.moved[:, 0], one.moved[:, 1]).ravel() for one in found])
     depth = np.concatenate([one.moved[:, 2].ravel() for one in found])
     full = float(np.quantile(shear, FULL_SHARE)), float(np.quantile(depth, FULL_SHARE))
-    if min(full) <= 0.0:
+    if min(full) <= LEAST_SIGMA:
         raise RecordingError(
             f"{path}: {RAW}: must change where the array is touched; got {FULL_SHARE:.1%} of "
             f"shears and depths within {full[0]:g} and {full[1]:g} of rest"

@@ -158,6 +158,6 @@ def _pair(path: str | Path, found: dict[str, Any], name: str) -> tuple[float, fl
     return float(pair[0]), float(pair[1])
 
 
-def _is_number(value: object, above: float = -np.inf) -> bool:
+def _is_number(value: Any, above: float = -np.inf) -> bool:
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     return is_number and above < value < np.inf

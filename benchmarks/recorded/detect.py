@@ -76,7 +76,7 @@ def band_power(recording: Recording) -> np.ndarray:
     low_hz = min(BAND_HZ[0], 0.5 * high_hz)
     sections = butter(2, (low_hz, high_hz), "bandpass", fs=rate_hz, output="sos")
     shear = _shear(recording, _touching(recording))
-    power = (sosfilt(sections, shear, axis=0) ** 2).sum(axis=1)
+    power = (np.asarray(sosfilt(sections, shear, axis=0)) ** 2).sum(axis=1)
     noise = float((recording.force_sigma[:2] ** 2).sum())
     return _lowpass(power, FAST_S * rate_hz) / (_lowpass(power, SLOW_S * rate_hz) + noise)
 
@@ -154,4 +154,4 @@ def _smooth(recording: Recording, values: np.ndarray) -> np.ndarray:
 def _lowpass(values: np.ndarray, samples: float) -> np.ndarray:
     """First-order low-pass with a time constant in samples."""
     keep = np.exp(-1.0 / samples)
-    return lfilter([1.0 - keep], [1.0, -keep], values, axis=0)
+    return np.asarray(lfilter([1.0 - keep], [1.0, -keep], values, axis=0))

@@ -24,6 +24,8 @@ SIGNATURE = b"\x89HDF\r\n\x1a\n"
 LARGEST = 1 << 30
 """Bytes of one dataset, unpacked [assumed: nearly three hours of 24 taxels at 180 Hz]."""
 LISTED = 5
+BROKEN = (OSError, RuntimeError, KeyError, TypeError, ValueError)
+"""What h5py raises where a file is damaged: which of them depends on where."""
 
 
 def _library(path: Path) -> Any:
@@ -50,7 +52,7 @@ def opened(path: Path) -> Iterator[Any]:
     h5py = _library(path)
     try:
         file = h5py.File(path, "r")
-    except OSError as error:
+    except BROKEN as error:
         raise RecordingError(f"{path}: must be a whole HDF5 file; got {error}") from None
     with file:
         yield file
@@ -62,7 +64,7 @@ def groups_with(path: Path, file: Any, name: str) -> list[str]:
     Raises
     ------
     RecordingError
-        There is none.
+        There is none, or the file is damaged.
     """
     h5py, found, others = _library(path), [], []
 
@@ -71,7 +73,10 @@ def groups_with(path: Path, file: Any, name: str) -> list[str]:
             group, _, last = at.rpartition("/")
             (found if last == name else others).append(group if last == name else at)
 
-    file.visititems(visit)  # hard links only: neither soft nor external ones
+    try:
+        file.visititems(visit)  # hard links only: neither soft nor external ones
+    except BROKEN as error:
+        raise RecordingError(f"{path}: must be a whole HDF5 file; got {error}") from None
     if not found:
         shown = ", ".join(map(repr, others[:LISTED])) or "no dataset at all"
         more = f" and {len(others) - LISTED} more" if len(others) > LISTED else ""
@@ -96,21 +101,26 @@ def numbers(path: Path, file: Any, group: str, name: str, *, whole: bool = False
     RecordingError
         It is not there, its numbers are none or lie elsewhere, or it cannot be read.
     """
-    h5py, where = _library(path), f"{path}: {group}/{name}"
-    node = file[group].get(name)
+    where = f"{path}: {group}/{name}"
+    try:
+        return _numbers(_library(path), where, file[group], name, whole)
+    except BROKEN as error:
+        if isinstance(error, RecordingError):
+            raise
+        raise RecordingError(f"{where}: must be readable; got {error}") from None
+
+
+def _numbers(h5py: Any, where: str, group: Any, name: str, whole: bool) -> np.ndarray:
+    node = group.get(name)
     if not isinstance(node, h5py.Dataset):
-        near = get_close_matches(name, file[group], n=1)
+        near = get_close_matches(name, group, n=1)
         hint = f" (nearest: {near[0]!r})" if near else ""
         raise RecordingError(f"{where}: must be a dataset; got none{hint}")
-    kinds = "iub" if whole else "iuf"
-    if node.dtype.kind not in kinds:
+    if node.dtype.kind not in ("iub" if whole else "iuf"):
         wanted = "integers" if whole else "numbers"
         raise RecordingError(f"{where}: must be {wanted}; got dtype {node.dtype}")
     if node.is_virtual or node.external:
         raise RecordingError(f"{where}: must hold its numbers itself; got a link to other files")
     if node.size * 8 > LARGEST:
         raise RecordingError(f"{where}: must have {LARGEST // 8} numbers at most; got {node.size}")
-    try:
-        return np.asarray(node[()], np.int64 if whole else np.float64)
-    except OSError as error:
-        raise RecordingError(f"{where}: must be readable; got {error}") from None
+    return np.asarray(node[()], np.int64 if whole else np.float64)

@@ -29,6 +29,7 @@ import numpy as np
 from benchmarks.recorded.array import Array, lattice_mm
 from benchmarks.recorded.recording import (
     FASTEST_HZ,
+    MOST,
     SLOWEST_HZ,
     Label,
     LeftOut,
@@ -103,8 +104,8 @@ def _table(path: Path) -> tuple[tuple[str, ...], np.ndarray, int]:
         ) from None
     except UnicodeDecodeError:
         raise RecordingError(f"{path}: must be a table in ASCII or HDF5; got neither") from None
-    lines = text.splitlines()
-    head = tuple(name.strip() for name in lines[0].split(",")) if lines else ()
+    lines = text.splitlines() or [""]
+    head = tuple(name.strip() for name in lines[0].split(","))
     if len(head) < FEWEST:
         got = shown(text[:40])
         raise RecordingError(f"{path}:1: must be a line of a table of a PapillArray; got {got}")
@@ -129,9 +130,9 @@ def _line(where: str, line: str, names: tuple[str, ...]) -> list[float]:
     found = []
     for name, cell in zip(names, cells, strict=True):
         number = _number(cell)
-        if number is None or not np.isfinite(number):
+        if number is None or not abs(number) <= MOST:
             raise RecordingError(
-                f"{where}: {name}: must be a finite number; got {shown(cell.strip())}"
+                f"{where}: {name}: must be a number within ±{MOST:g}; got {shown(cell.strip())}"
             )
         found.append(number)
     return found

@@ -10,10 +10,21 @@ import numpy as np
 
 from skin.errors import SkinError
 
-__all__ = ["Label", "LeftOut", "Recording", "RecordingError", "check_finite", "check_stamps"]
+__all__ = [
+    "MOST",
+    "Label",
+    "LeftOut",
+    "Recording",
+    "RecordingError",
+    "check_finite",
+    "check_stamps",
+]
 
 SLOWEST_HZ, FASTEST_HZ = 50.0, 1200.0
 """Rates at which arrays of taxels are read [assumed]: what lies outside has another unit."""
+
+MOST = 1e15
+"""Of any number [assumed]: thirty years in microseconds; float32 still holds its square."""
 
 
 class RecordingError(SkinError, ValueError):
@@ -84,18 +95,19 @@ class LeftOut:
 
 
 def check_finite(where: str, values: np.ndarray) -> None:
-    """Refuse what is not finite, by the index of the first.
+    """Refuse what is not finite, or beyond `MOST`, by the index of the first.
 
     Raises
     ------
     RecordingError
-        A value is NaN or infinite.
+        A value is.
     """
-    wrong = np.argwhere(~np.isfinite(values))
+    wrong = np.argwhere(~(np.abs(values) <= MOST))
     if wrong.size:
         at = tuple(wrong[0].tolist())
         raise RecordingError(
-            f"{where}: must be finite; got {values[at]} at {list(at)}, {len(wrong)} in all"
+            f"{where}: must be within ±{MOST:g}; got {values[at]} at {list(at)}, "
+            f"{len(wrong)} in all"
         )
 
 

@@ -149,11 +149,15 @@ def put_at(name, index, value):
         ),
         (
             put_at("tactile_data_raw", (3, 1, 7), np.nan),
-            "/tactile_data_raw: must be finite; got nan at [3, 1, 7], 1 in all",
+            "/tactile_data_raw: must be within ±1e+15; got nan at [3, 1, 7], 1 in all",
+        ),
+        (
+            put_at("tactile_data_raw", (0, 0, 0), 1e300),
+            "/tactile_data_raw: must be within ±1e+15; got 1e+300 at [0, 0, 0], 1 in all",
         ),
         (
             put_at("tactile_timestamps", 4, np.inf),
-            "/tactile_timestamps: must be finite; got inf at [4], 1 in all",
+            "/tactile_timestamps: must be within ±1e+15; got inf at [4], 1 in all",
         ),
         (
             put_at("tactile_timestamps", 3, 0.0),
@@ -272,6 +276,23 @@ def test_a_chunk_that_is_broken_is_named_with_its_dataset(tmp_path):
     with pytest.raises(RecordingError) as error:
         read(file, TOLD)
     assert str(error.value).startswith(f"{file}: {GROUP}/tactile_data_raw: must be readable; got ")
+
+
+def test_a_damaged_file_is_refused_or_read_and_nothing_else(tmp_path):
+    whole = write_arq(tmp_path / "a.h5", {"Pose1/Exp1": arq_group(seconds=0.5)}).read_bytes()
+    file, rng = tmp_path / "b.h5", np.random.default_rng(5)
+    told = []
+    for _ in range(150):
+        raw = bytearray(whole)
+        for at in rng.integers(8, 6000, 4):  # where names, shapes and types are
+            raw[at] = rng.integers(256)
+        file.write_bytes(raw)
+        try:
+            read(file, TOLD)
+        except RecordingError as error:
+            told.append(str(error))
+    assert len(told) > 50
+    assert all(text.startswith(f"{file}: ") for text in told)
 
 
 def test_a_pointer_of_git_lfs_is_told_what_to_do(tmp_path):
