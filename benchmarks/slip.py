@@ -44,7 +44,7 @@ from multiprocessing import get_context
 import numpy as np
 
 from benchmarks.slip_baselines import BASELINES
-from benchmarks.slip_scenes import KINDS, RATE_HZ, Trial, skin_of, stage
+from benchmarks.slip_scenes import KINDS, Trial, skin_of, stage
 from benchmarks.slip_scoring import Outcome, outcome, score
 from benchmarks.slip_seen import Seen, see
 from skin.contact.record import SlipState
@@ -164,10 +164,10 @@ def watch(trial: Trial, seen: Seen) -> tuple[np.ndarray, np.ndarray]:
     friction : ndarray, shape (t,)
         Its estimate for the heaviest contact, NaN before there is one.
     """
-    skin = skin_of(trial.plan.skin)
+    skin = skin_of(trial.plan.skin, trial.plan.pitch_m)
     stream = ContactStream(
         skin.position, skin.rotation, skin.area, skin.neighbour_start, skin.neighbour_index,
-        want={"slip"}, rate_hz=RATE_HZ,
+        want={"slip"}, rate_hz=trial.plan.rate_hz,
     )  # fmt: skip
     stamps_ns = np.rint(1e9 * trial.time_s).astype(np.int64).tolist()
     alarm, friction = np.zeros(len(stamps_ns), bool), np.full(len(stamps_ns), np.nan)
@@ -187,7 +187,7 @@ def watch(trial: Trial, seen: Seen) -> tuple[np.ndarray, np.ndarray]:
 
 def decode(trial: Trial) -> Seen:
     """What units say of a trial through counts, decoder and the noise of the unit models."""
-    skin = skin_of(trial.plan.skin)
+    skin = skin_of(trial.plan.skin, trial.plan.pitch_m)
     units = UnitSimulator(skin, seed=trial.plan.seed)
     moved = trial.displacement_mm
     warm = np.full(moved[:, 2].shape, 25.0)

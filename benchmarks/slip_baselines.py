@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import butter, lfilter, sosfilt
 
-from benchmarks.slip_scenes import RATE_HZ, Trial, skin_of
+from benchmarks.slip_play import Trial, skin_of
 from benchmarks.slip_seen import Seen
 
 __all__ = ["BASELINES", "band_power", "friction_ratio", "light_units_cusum"]
@@ -30,17 +30,19 @@ def friction_ratio(trial: Trial, seen: Seen) -> np.ndarray:
     ±30 %; shape (t,), bool."""
     error = np.random.default_rng(trial.plan.seed).uniform(-FRICTION_ERROR, FRICTION_ERROR)
     known = float(trial.plan.friction.mean()) * (1.0 + error)
-    load = np.maximum(_smooth(_touching(seen) * seen.force[:, 2]).sum(axis=1), 1e-3)
-    shear = np.linalg.norm(_smooth(_shear(trial, seen)), axis=1)
+    load = np.maximum(_smooth(trial, _touching(seen) * seen.force[:, 2]).sum(axis=1), 1e-3)
+    shear = np.linalg.norm(_smooth(trial, _shear(trial, seen)), axis=1)
     return shear > USED * known * load
 
 
 def band_power(trial: Trial, seen: Seen) -> np.ndarray:
     """Power of the total shear between 20 and 100 Hz, 4 times what it is at rest."""
     filtered = sosfilt(
-        butter(2, BAND_HZ, "bandpass", fs=RATE_HZ, output="sos"), _shear(trial, seen), axis=0
+        butter(2, BAND_HZ, "bandpass", fs=trial.plan.rate_hz, output="sos"),
+        _shear(trial, seen),
+        axis=0,
     )
-    keep = np.exp(-1.0 / (BAND_S * RATE_HZ))
+    keep = np.exp(-1.0 / (BAND_S * trial.plan.rate_hz))
     power = lfilter([1.0 - keep], [1.0, -keep], (filtered**2).sum(axis=1))
     return power > BAND_RISE * power[_rest(trial)].mean()
 
@@ -53,12 +55,12 @@ def light_units_cusum(trial: Trial, seen: Seen) -> np.ndarray:
     order = touched[np.argsort(load[touched])]
     third = max(1, order.size // 3)
     light, heavy = order[:third], order[-third:]
-    rotation = skin_of(trial.plan.skin).rotation
+    rotation = skin_of(trial.plan.skin, trial.plan.pitch_m).rotation
     moved = np.einsum("abn,tbn->tan", rotation[:, :2], seen.displacement_mm[:, :2])
     moved = moved - moved[rest].mean(axis=0)
-    lead = _smooth(moved[:, :, heavy].mean(axis=2))
+    lead = _smooth(trial, moved[:, :, heavy].mean(axis=2))
     size = np.linalg.norm(lead, axis=1)
-    lag = size - (_smooth(moved[:, :, light].mean(axis=2)) * lead).sum(axis=1) / np.maximum(
+    lag = size - (_smooth(trial, moved[:, :, light].mean(axis=2)) * lead).sum(axis=1) / np.maximum(
         size, 1e-9
     )
     sigma = np.hypot(lag[rest].std(), GAIN_ERROR * size)
@@ -80,14 +82,14 @@ def _touching(seen: Seen) -> np.ndarray:
 
 def _shear(trial: Trial, seen: Seen) -> np.ndarray:
     """Tangential force of the units that touch, skin frame, shape (t, 3)."""
-    rotation = skin_of(trial.plan.skin).rotation
+    rotation = skin_of(trial.plan.skin, trial.plan.pitch_m).rotation
     return np.einsum(
         "abn,tbn->ta", rotation[:, :2], _touching(seen)[:, np.newaxis] * seen.force[:, :2]
     )
 
 
-def _smooth(values: np.ndarray) -> np.ndarray:
-    keep = np.exp(-2.0 * np.pi * LOWPASS_HZ / RATE_HZ)
+def _smooth(trial: Trial, values: np.ndarray) -> np.ndarray:
+    keep = np.exp(-2.0 * np.pi * LOWPASS_HZ / trial.plan.rate_hz)
     return lfilter([1.0 - keep], [1.0, -keep], values, axis=0)
 
 

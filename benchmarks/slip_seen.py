@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.slip_scenes import Trial, skin_of
+from benchmarks.slip_play import Trial, skin_of
 from skin.physics.elastic import Elastic
 from topology import Topology
 
@@ -48,7 +48,7 @@ def see(trial: Trial, estimator: str = "field-angle", *, residue: float = RESIDU
     residue : float
         Share of the neighbours' stray fields that is left.
     """
-    skin, rng = skin_of(trial.plan.skin), np.random.default_rng(trial.plan.seed)
+    skin, rng = skin_of(trial.plan.skin, trial.plan.pitch_m), np.random.default_rng(trial.plan.seed)
     p, true = skin.parameters, trial.displacement_mm
     cycles, _, n = true.shape
     amplitude = p["field_amplitude_ut"] * np.exp(
