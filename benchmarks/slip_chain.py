@@ -33,7 +33,7 @@ from skin.sim.mechanics.viscoelastic import Prony
 from skin.sim.unit import UnitSimulator
 from topology import Topology
 
-__all__ = ["Chain", "alone", "chain_of"]
+__all__ = ["Chain", "chain_of"]
 
 ROOM_C = 25.0
 BENCHED_SIDE = 4
@@ -115,13 +115,6 @@ def _benched() -> tuple[Topology, Topology, Fabrication]:
     scans = record(bench, Bench(no_films, seed=SEED + 1, quantised=True))
     known = calibrate(nominal, scans).topology
     return true, _with_creep(known, true, films), films
-
-
-def alone(trial: Trial) -> Seen:
-    """The short chain: units as drawn, the paper's field, no neighbours."""
-    skin = skin_of(trial.plan.skin, trial.plan.pitch_m)
-    units = UnitSimulator(skin, seed=trial.plan.seed)
-    return _seen(Decoder(skin), _counts(units, trial.displacement_mm))
 
 
 def _counts(units: UnitSimulator, moved_mm: np.ndarray) -> np.ndarray:
