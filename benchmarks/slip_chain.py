@@ -36,8 +36,6 @@ from topology import Topology
 __all__ = ["Chain", "chain_of"]
 
 ROOM_C = 25.0
-BENCHED_SIDE = 4
-"""Units that were on the bench are a square of it."""
 TARE_CYCLES = 500
 SEED = 20
 """Of how units differ; that of the films is `FILM_SEED`."""
@@ -79,10 +77,11 @@ class Chain:
 
 
 @cache
-def chain_of(name: str) -> Chain:
-    """The chain of a skin of `benchmarks.slip_play.SKINS`."""
+def chain_of(name: str, side: int = 4) -> Chain:
+    """The chain of a skin of `benchmarks.slip_play.SKINS`; of units on the bench there are
+    ``side**2``."""
     skin = skin_of(name)
-    benched_true, benched, benched_films = _benched()
+    benched_true, benched, benched_films = _benched(side)
     each = np.arange(skin.n) % benched.n
     true, known = (
         replace(skin, parameters={key: v[..., each] for key, v in some.parameters.items()})
@@ -102,9 +101,9 @@ def chain_of(name: str) -> Chain:
 
 
 @cache
-def _benched() -> tuple[Topology, Topology, Fabrication]:
+def _benched(side: int) -> tuple[Topology, Topology, Fabrication]:
     """Units as they are, what the bench has found of them, and their films."""
-    nominal = square(BENCHED_SIDE, PITCH_M)
+    nominal = square(side, PITCH_M)
     n = nominal.n
     true = with_parameters(
         differing(nominal, SEED), **{name: nominal.parameters[name] for name in ELASTIC}
