@@ -121,7 +121,7 @@ def figures_of(found: list[Found]) -> dict[str, Any]:
         "grip": grip_figures([one.gripped for one in found if one.gripped is not None]),
         "us_per_cycle": 1e6 * sum(f.seconds for f in found) / sum(f.cycles for f in found),
         "targets": TARGETS,
-        "agreement_chain": _agreement(rows["direct"], rows["chain"]),
+        "agreement_chain": _agreement(rows.get("direct", []), rows.get("chain", [])),
         "seed": REPORTED,
         "detectors": {name: detectors[name] for name in PLAIN if name in detectors},
         "slip_robust": {
@@ -154,7 +154,8 @@ def table(figures: dict[str, Any]) -> str:
         f"({minute['lower']:.3g} to {minute['upper']:.3g}) in {minute['minutes']:.0f} minutes",
         _told(figures["probability"], figures["grip"]),
         f"shares of trials; -: never, or not asked; {figures['us_per_cycle']:.0f} us a cycle, "
-        f"Python included; chain and short way agree in {figures['agreement_chain']:.1%}",
+        f"Python included; chain and short way agree in "
+        f"{_cell('agreement', figures['agreement_chain'])}",
     ]
     return "\n".join(lines)
 
@@ -178,8 +179,11 @@ def _cell(column: str, value: float | None) -> str:
     return f"{value:.1%}"
 
 
-def _agreement(first: list[Outcome], second: list[Outcome]) -> float:
-    """Share of the trials in which two detectors both alarm truly, falsely or not at all."""
+def _agreement(first: list[Outcome], second: list[Outcome]) -> float | None:
+    """Share of the trials in which two detectors both alarm truly, falsely or not at all; None
+    where there are none."""
+    if not first:
+        return None
 
     def verdict(one: Outcome) -> tuple[bool, bool]:
         return bool(np.isfinite(one.alarm_s)), one.false or one.early

@@ -20,6 +20,9 @@ class Family:
     ----------
     far_mm : tuple of float
         How far full slip drags the farthest face.
+    from_touch : bool
+        A body that is tilted comes down from where it first touches; else from where it would if
+        it were not tilted, which presses more.
     speed_mm_s : tuple of float
         Of the fastest face in contact.
     longest_s : float
@@ -40,6 +43,7 @@ class Family:
     """
 
     far_mm: tuple[float, float] = (0.4, 2.2)
+    from_touch: bool = False
     speed_mm_s: tuple[float, float] = (0.5, 10.0)
     longest_s: float = 6.0
     coarse_s: float = 4.0 / RATE_HZ
@@ -54,7 +58,7 @@ class Family:
 
 FAMILIES = {
     "base": Family(),
-    "light": Family(far_mm=(0.1, 0.4)),
+    "light": Family(far_mm=(0.1, 0.4), from_touch=True),
     "soft": Family(compliance_mm_per_n=1.0),
     "fast": Family(speed_mm_s=(10.0, 50.0), coarse_s=0.002),
     "slow": Family(speed_mm_s=(0.05, 0.5), longest_s=60.0),

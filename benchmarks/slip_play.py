@@ -26,8 +26,20 @@ from skin.sim.mechanics.viscoelastic import Prony
 from topology import Topology, load
 
 __all__ = [
-    "FIRST", "GROSS", "ONSET", "PITCH_M", "RATE_HZ", "SETTLE_S", "SKINS", "Plan", "Trial", "play",
-    "pressed", "skin_of", "turned",
+    "FIRST",
+    "GROSS",
+    "ONSET",
+    "PITCH_M",
+    "RATE_HZ",
+    "SETTLE_S",
+    "SKINS",
+    "Plan",
+    "Trial",
+    "play",
+    "pressed",
+    "reached_mm",
+    "skin_of",
+    "turned",
 ]  # fmt: skip
 
 SKINS = {
@@ -212,6 +224,12 @@ def _foundation(skin: str, pitch_m: float, modulus_pa: float) -> Foundation:
     if np.isinf(modulus_pa):
         return Foundation.winkler(topology)
     return Foundation.half_space(topology, modulus_pa)
+
+
+def reached_mm(plan: Plan) -> np.ndarray:
+    """How deep the body reaches into each unit where its way down begins."""
+    skin = skin_of(plan.skin, plan.pitch_m)
+    return penetration(plan.body, _pose(plan, 0.0, 0.0), skin.position, skin.rotation)
 
 
 def pressed(plan: Plan, depth_mm: float) -> tuple[np.ndarray, np.ndarray]:

@@ -122,7 +122,8 @@ def warm(seed: int, counts: Counts) -> None:
     if counts.chain:
         for name in SKINS:
             chain_of(name, counts.chain_side)
-    judge(Job(seed, "base", "hold", 0, others=True, chain_side=counts.chain_side))
+    side = counts.chain_side if counts.chain else 0
+    judge(Job(seed, "base", "hold", 0, others=True, chain_side=side))
 
 
 def judge(job: Job) -> Found:

@@ -22,6 +22,7 @@ from benchmarks.slip_play import (
     Trial,
     play,
     pressed,
+    reached_mm,
     skin_of,
     turned,
 )  # fmt: skip
@@ -130,6 +131,10 @@ def _of_family(rng: np.random.Generator, plan: Plan, family: Family, yaw: float)
         spread = _spread(rng, skin_of(plan.skin, plan.pitch_m).position, family)
         changes["friction"] = plan.friction.mean() * spread
         changes["kinetic"] = kinetic * changes["friction"]
+    if family.from_touch:
+        rotation, place = plan.lean
+        lift_mm = max(reached_mm(plan).max(), 0.0)
+        changes["lean"] = rotation, place + np.array([0.0, 0.0, 1e-3 * lift_mm])
     if family.roll[1]:
         radius = 1.0 / np.sqrt(plan.body.curvature[2])
         changes["roll_per_m"] = rng.uniform(*family.roll) / radius
