@@ -23,7 +23,8 @@ share of the load on faces that have slipped since the motion began, or since th
 - `premature`: share of the slips with an alarm before slip was there, be it on the way down.
 - `false_alarm_hold_rate`, `false_alarm_modulation`: share of the trials in which slip never was
   there with an alarm all the same, on the way down included. What is held stops at 10 to 90 % of
-  the way on which slip begins. `false_alarms_per_minute`: of held contact, of both kinds.
+  the way on which slip begins. `false_alarms_per_minute`: of held contact, of both kinds; alarms
+  that come and go count each.
 - `probability`: whether `slip_probability` is one; `grip`: whether the grip force would have held
   (`benchmarks.slip_calibration`).
 - `friction_error_median`: of the estimate 0.2 s after the alarm, against the mean coefficient of

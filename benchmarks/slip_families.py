@@ -69,5 +69,4 @@ FAMILIES = {
     "rolling": Family(roll=(0.3, 0.8)),
     "shaking": Family(shake_mm=(0.01, 0.05), coarse_s=0.002),
 }
-"""By name. Light is what a gripper holds that does not want to hurt; soft yields 1 mm/N; spread and
-rates are those of docs and issue alike [assumed]."""
+"""By name; the ranges are [assumed]. Light is a grip that does not want to hurt."""
