@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from benchmarks.slip_scenes import FIRST, GROSS, ONSET, Trial
+from benchmarks.slip_intervals import Rate, per_minute, rate
+from benchmarks.slip_play import FIRST, GROSS, ONSET, Trial
 
-__all__ = ["Outcome", "outcome", "score"]
+__all__ = ["Outcome", "outcome", "rates", "score"]
 
 WARNING_S = 0.04
 """Time from onset to gross slip below which hardly anything could be done."""
@@ -42,6 +44,10 @@ class Outcome:
         Of the fastest face.
     friction_error : float
         Relative, of the estimate after the alarm, of the friction of motion.
+    held_s : float
+        How long the contact was held, the way down included: all of a trial in which nothing slips.
+    alarms : int
+        How often the detector went on meanwhile.
     """
 
     kind: str
@@ -54,6 +60,17 @@ class Outcome:
     early: bool
     speed_mm_s: float
     friction_error: float = np.nan
+    held_s: float = 0.0
+    alarms: int = 0
+
+    @property
+    def lead_s(self) -> float:
+        """From a true alarm to gross slip; 0 where there was none before that, NaN where the slip
+        does not become gross."""
+        if np.isnan(self.gross_s):
+            return np.nan
+        told = np.isfinite(self.alarm_s) and not self.false
+        return max(self.gross_s - self.alarm_s, 0.0) if told else 0.0
 
 
 def outcome(trial: Trial, alarm: np.ndarray, friction: np.ndarray | None = None) -> Outcome:
@@ -79,17 +96,47 @@ def outcome(trial: Trial, alarm: np.ndarray, friction: np.ndarray | None = None)
     if friction is not None and np.isfinite(alarm_s):
         at = min(np.searchsorted(since_s, alarm_s + FRICTION_S), since_s.size - 1)
         error = float(friction[at] / trial.plan.kinetic.mean() - 1.0)
+    held = trial.plan.kind != "slip"
     return Outcome(
         trial.plan.kind, trial.units, first_s, when(moving & (share >= ONSET)),
         when(moving & (share >= GROSS)), alarm_s,
-        false=np.isfinite(alarm_s) and not alarm_s >= first_s,
+        false=bool(np.isfinite(alarm_s) and not alarm_s >= first_s),
         early=bool(np.any(rises & ~moving & (np.maximum.accumulate(share) < FIRST))),
         speed_mm_s=trial.plan.speed_mm_s,
         friction_error=error,
+        held_s=float(trial.time_s[-1]) if held else 0.0,
+        alarms=int(rises.sum()) if held else 0,
     )  # fmt: skip
 
 
-def score(outcomes: Sequence[Outcome]) -> dict[str, float | None]:
+def rates(outcomes: Sequence[Outcome]) -> dict[str, Rate | None]:
+    """Shares of trials with their intervals; `benchmarks.slip` says what they are."""
+    slips = [one for one in outcomes if one.kind == "slip"]
+    gross = [one for one in slips if np.isfinite(one.gross_s)]
+    held = [one for one in outcomes if one.kind != "slip"]
+
+    def share(hits: list[bool]) -> Rate | None:
+        return rate(sum(hits), len(hits))
+
+    def false(kind: str) -> Rate | None:
+        return share([one.false or one.early for one in outcomes if one.kind == kind])
+
+    return {
+        "caught_before_gross": share([_caught(one) for one in gross]),
+        "premature": false("slip"),
+        "false_alarm_hold": false("hold"),
+        "false_alarm_modulation": false("modulation"),
+        "false_alarms_per_minute": per_minute(
+            sum(one.alarms for one in held), sum(one.held_s for one in held)
+        ),
+    }
+
+
+def _caught(one: Outcome) -> bool:
+    return bool(not one.false and one.alarm_s < one.gross_s)
+
+
+def score(outcomes: Sequence[Outcome]) -> dict[str, Any]:
     """Figures of many trials of all kinds; `benchmarks.slip` says what they are.
 
     None where there is nothing to tell, or where the answer is never.
@@ -97,34 +144,40 @@ def score(outcomes: Sequence[Outcome]) -> dict[str, float | None]:
     slips = [one for one in outcomes if one.kind == "slip"]
     gross = [one for one in slips if np.isfinite(one.gross_s)]
     warned = [one for one in gross if one.gross_s - one.onset_s >= WARNING_S]
-    late_s = [np.nan_to_num(one.alarm_s - one.onset_s, nan=np.inf) for one in slips]
+    first_s, late_s = (
+        [np.nan_to_num(one.alarm_s - since, nan=np.inf) for one, since in zip(
+            slips, times, strict=True)]
+        for times in ([one.first_s for one in slips], [one.onset_s for one in slips])
+    )  # fmt: skip
     way_mm = [late * one.speed_mm_s for late, one in zip(late_s, slips, strict=True)]
     alarmed = [one.friction_error for one in slips if np.isfinite(one.alarm_s)]
     errors = [abs(error) for error in alarmed if np.isfinite(error)]
+    found = rates(outcomes)
+
+    def quantile(values: list[float], q: float) -> float | None:
+        value = float(np.quantile(values, q, method="higher")) if values else np.inf
+        return 1e3 * value if np.isfinite(value) else None
 
     def share(hits: list[bool]) -> float | None:
         return float(np.mean(hits)) if hits else None
 
-    def caught(some: list[Outcome]) -> float | None:
-        return share([not one.false and one.alarm_s < one.gross_s for one in some])
-
-    def false(kind: str) -> float | None:
-        return share([one.false or one.early for one in outcomes if one.kind == kind])
-
-    def quantile(values: list[float], q: float) -> float | None:
-        found = float(np.quantile(values, q, method="higher")) if values else np.inf
-        return 1e3 * found if np.isfinite(found) else None
+    def plain(name: str) -> float | None:
+        one = found[name]
+        return None if one is None else one["rate"]
 
     return {
-        "caught_before_gross": caught(gross),
-        "caught_with_warning": caught(warned),
+        "caught_before_gross": plain("caught_before_gross"),
+        "caught_with_warning": share([_caught(one) for one in warned]),
+        "latency_ms_first_median": quantile(first_s, 0.5),
+        "latency_ms_first_p90": quantile(first_s, 0.9),
         "latency_ms_median": quantile(late_s, 0.5),
         "latency_ms_p90": quantile(late_s, 0.9),
+        "lead_ms_median": 1e3 * float(np.median([one.lead_s for one in gross])) if gross else None,
         "way_um_median": quantile(way_mm, 0.5),
         "way_um_p90": quantile(way_mm, 0.9),
-        "premature": false("slip"),
-        "false_alarm_hold": false("hold"),
-        "false_alarm_modulation": false("modulation"),
+        "premature": plain("premature"),
+        "false_alarm_hold": plain("false_alarm_hold"),
+        "false_alarm_modulation": plain("false_alarm_modulation"),
         "friction_error_median": float(np.median(errors)) if errors else None,
         "friction_known": share([bool(np.isfinite(error)) for error in alarmed]),
         "slips": len(slips),
@@ -132,4 +185,5 @@ def score(outcomes: Sequence[Outcome]) -> dict[str, float | None]:
         "warned": len(warned),
         "holds": sum(one.kind == "hold" for one in outcomes),
         "modulations": sum(one.kind == "modulation" for one in outcomes),
+        "rates": found,
     }

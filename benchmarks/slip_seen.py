@@ -3,6 +3,7 @@
 Displacements go through the noise of the field and of the frequency, an error of each unit's gain
 and direction, and a residue of the neighbours' stray fields that comes from magnet theory
 (`skin.physics.halbach`); forces follow from them by elastic laws that are not quite the unit's own.
+A `Sight` says what is worse than that, and that sigma does not tell.
 """
 
 from __future__ import annotations
@@ -10,12 +11,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import lfilter
 
-from benchmarks.slip_scenes import Trial, skin_of
+from benchmarks.slip_play import Trial, skin_of
 from skin.physics.elastic import Elastic
 from topology import Topology
 
-__all__ = ["RESIDUE", "Seen", "see"]
+__all__ = ["RESIDUE", "SIGHTS", "Seen", "Sight", "see", "unit_noise"]
 
 FIELD_UT, FREQUENCY_MM = 105.0, 0.0067
 """One-sigma of each axis of the field; of the depth, from 6 Hz."""
@@ -38,7 +40,63 @@ class Seen:
     displacement_sigma_mm: np.ndarray
 
 
-def see(trial: Trial, estimator: str = "field-angle", *, residue: float = RESIDUE) -> Seen:
+@dataclass(frozen=True, kw_only=True)
+class Sight:
+    """What is worse with the units than sigma says.
+
+    Attributes
+    ----------
+    noise : float
+        One-sigma of the noise over what sigma says.
+    correlated_s : float
+        Time over which the noise's correlation falls to 1/e (AR(1)); 0: white. As large as before.
+    degrees : float
+        Of freedom of a Student's t of the same variance; infinite: normal.
+    unlike : float
+        One-sigma of the logarithm of each unit's own factor of the noise; their median is 1.
+    gain : float
+        Errors of gain, direction and stiffness over the usual ones.
+    drift_mm_s : float
+        One-sigma of the speed at which each axis of a unit drifts from the first cycle on.
+    dead : tuple of float
+        Share of the units that are silent, evenly drawn.
+    late : float
+        Share of the units whose reading is one cycle old.
+    """
+
+    noise: float = 1.0
+    correlated_s: float = 0.0
+    degrees: float = np.inf
+    unlike: float = 0.0
+    gain: float = 1.0
+    drift_mm_s: float = 0.0
+    dead: tuple[float, float] = (0.0, 0.0)
+    late: float = 0.0
+
+
+AS_TOLD = Sight()
+SIGHTS = {
+    "noise x 1.5": Sight(noise=1.5),
+    "noise x 2": Sight(noise=2.0),
+    "noise over 20 ms": Sight(correlated_s=0.02),
+    "Student t(4)": Sight(degrees=4.0),
+    "unlike noise": Sight(unlike=0.4),
+    "gain errors x 2": Sight(gain=2.0),
+    "drift": Sight(drift_mm_s=0.005),
+    "dead units": Sight(dead=(0.02, 0.1)),
+    "late units": Sight(late=0.25),
+}
+"""By name; how much of each is [assumed]."""
+
+
+def see(
+    trial: Trial,
+    estimator: str = "field-angle",
+    *,
+    residue: float = RESIDUE,
+    sight: Sight = AS_TOLD,
+    draw: int = 0,
+) -> Seen:
     """What units say of a trial, decoded by one of the two estimators of the displacement.
 
     Parameters
@@ -47,20 +105,35 @@ def see(trial: Trial, estimator: str = "field-angle", *, residue: float = RESIDU
     estimator : "field-angle" or "sine"
     residue : float
         Share of the neighbours' stray fields that is left.
+    sight : Sight
+    draw : int
+        Which of many independent draws of noise and errors of units.
     """
-    skin, rng = skin_of(trial.plan.skin), np.random.default_rng(trial.plan.seed)
+    seed = trial.plan.seed
+    rng = np.random.default_rng([seed, draw] if draw else seed)
+    # of its own, so that sights differ by what they say
+    odd = np.random.default_rng([seed, draw, 1])
+    skin = skin_of(trial.plan.skin, trial.plan.pitch_m)
     p, true = skin.parameters, trial.displacement_mm
     cycles, _, n = true.shape
+    if sight.drift_mm_s:
+        speed = sight.drift_mm_s * odd.standard_normal((3, n))
+        true = true + trial.time_s[:, np.newaxis, np.newaxis] * speed
+    factor = sight.noise * np.exp(sight.unlike * odd.standard_normal(n))
+
+    def noise(*shape: int) -> np.ndarray:
+        return factor * unit_noise(rng, shape, trial.plan.rate_hz, sight)
+
     amplitude = p["field_amplitude_ut"] * np.exp(
         p["field_growth_per_mm"] * (true[:, 2] - p["field_reference_mm"])
     )
-    wrong = FIELD_UT * rng.standard_normal((cycles, 2, n))
+    wrong = FIELD_UT * noise(cycles, 2, n)
     if residue:
         wrong += residue * trial.stray_ut
-    gain = 1.0 + GAIN * rng.standard_normal(n)
-    turn = TURN * rng.standard_normal(n)
+    gain = 1.0 + sight.gain * GAIN * rng.standard_normal(n)
+    turn = sight.gain * TURN * rng.standard_normal(n)
     told = gain * (true[:, :2] + turn * np.stack([-true[:, 1], true[:, 0]], axis=1))
-    depth_wrong = FREQUENCY_MM * rng.standard_normal((cycles, n))
+    depth_wrong = FREQUENCY_MM * noise(cycles, n)
     told_depth = true[:, 2] + depth_wrong
     size = np.hypot(true[:, 0], true[:, 1])
     sigma = np.empty((cycles, 3, n))
@@ -83,15 +156,51 @@ def see(trial: Trial, estimator: str = "field-angle", *, residue: float = RESIDU
         level = (FIELD_UT / chord) ** 2
         sigma[:, :2] = np.sqrt(along**2 * (square - level)[:, np.newaxis] + level[:, np.newaxis])
     displacement = np.concatenate([told, told_depth[:, np.newaxis]], axis=1)
-    return Seen(*_forces(skin, rng, displacement, sigma), displacement, sigma)
+    stiff = 1.0 + sight.gain * STIFF * rng.standard_normal((2, n))
+    seen = Seen(*_forces(skin, stiff, displacement, sigma), displacement, sigma)
+    return _spoilt(seen, odd, sight)
+
+
+def unit_noise(
+    rng: np.random.Generator, shape: tuple[int, ...], rate_hz: float, sight: Sight
+) -> np.ndarray:
+    """Noise of unit variance as a sight has it, cycles first."""
+    if np.isfinite(sight.degrees):
+        values = rng.standard_t(sight.degrees, shape)
+        values *= np.sqrt((sight.degrees - 2.0) / sight.degrees)
+    else:
+        values = rng.standard_normal(shape)
+    if not sight.correlated_s:
+        return values
+    kept = np.exp(-1.0 / (rate_hz * sight.correlated_s))
+    # the first is as large as any: the noise has been there for ever
+    values[1:] *= np.sqrt(1.0 - kept**2)
+    return lfilter([1.0], [1.0, -kept], values, axis=0)
+
+
+def _spoilt(seen: Seen, rng: np.random.Generator, sight: Sight) -> Seen:
+    """What is said where some units are silent, or late."""
+    if not (sight.late or sight.dead[1]):
+        return seen
+    n = seen.force.shape[2]
+    arrays = [array.copy() for array in vars(seen).values()]
+    if sight.late:
+        late = rng.random(n) < sight.late
+        for array in arrays:
+            array[1:, :, late] = array[:-1, :, late].copy()
+    if sight.dead[1]:
+        dead = rng.permutation(n)[: max(1, round(n * rng.uniform(*sight.dead)))]
+        for array in arrays:
+            array[:, :, dead] = np.nan
+    return Seen(*arrays)
 
 
 def _forces(
-    skin: Topology, rng: np.random.Generator, displacement: np.ndarray, sigma: np.ndarray
+    skin: Topology, stiff: np.ndarray, displacement: np.ndarray, sigma: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Forces and their sigmas from displacements, by the units' elastic laws."""
+    """Forces and their sigmas from displacements, by the units' elastic laws, which are `stiff`
+    over the true ones, tangential and normal, shape (2, n)."""
     material, step = Elastic(skin), 1e-3
-    stiff = 1.0 + STIFF * rng.standard_normal((2, skin.n))
     depth, size = displacement[:, 2], np.hypot(displacement[:, 0], displacement[:, 1])
     normal = np.sign(depth) * material.normal(np.abs(depth))
     per_mm = material.normal(np.abs(depth) + step) - material.normal(np.abs(depth))
