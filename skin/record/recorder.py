@@ -8,6 +8,7 @@ import logging
 import os
 import time
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -90,17 +91,16 @@ class Recorder:
         of = self._writer.fields
         self._frames = of["frames"][0].view(FRAME_DTYPE).reshape(-1)
         self._event_count, self._frame_count = of["event_count"], of["frame_count"]
-        self._into = (
-            self._frames, of["events"][0], of["event_values"][0], self._event_count,
-            self._frame_count,
-        )  # fmt: skip
+        self._events, self._values = of["events"][0], of["event_values"][0]
+        into = self._frames, self._events, self._values, self._event_count, self._frame_count
+        self._stage, self._stage_part = (
+            partial(direct(stage), *into, fed) for fed in (FED, FED_PART)
+        )
         self._pose, self._buses = of["pose"][0], of["bus_states"]
         self._lost = of["lost_cycles"], of["lost_frames"]
-        self._stage = direct(stage)
         self._has_moved, self._is_open = np.zeros(1, bool), np.ones(1, bool)
         places = {name: place for name, (_, place, *_) in (dtype.fields or {}).items()}
-        self._publish = Bound(
-            hand_over,
+        ends = (
             Staged(
                 staged.view(np.uint8), self._event_count, self._frame_count, of["has_state"],
                 of["contact_count"], *self._lost, self._has_moved,
@@ -111,6 +111,9 @@ class Recorder:
                 self._is_open,
             ),
         )  # fmt: skip
+        self._publish = Bound(hand_over, *ends)
+        self._writer.hand_over(*ends)
+        self._write = self._writer.write
         self._buses[:] = -1
         self._told = 0
         self.failure: str | None = None
@@ -135,13 +138,13 @@ class Recorder:
 
     def fed(self, frames: np.ndarray) -> None:
         """The pipeline is given frames, shape (m,), FRAME_DTYPE; others it will refuse."""
-        if frames.dtype != FRAME_DTYPE or frames.ndim != 1:
+        if (frames.dtype is not FRAME_DTYPE and frames.dtype != FRAME_DTYPE) or frames.ndim != 1:
             return
-        done = self._stage(frames, *self._into, FED)
-        if done == NO_ROOM:
-            self._fed_in_parts(frames)
-        elif done == FULL:
+        done = self._stage(frames)
+        if done == FULL:
             self._publish()
+        elif done == NO_ROOM:
+            self._fed_in_parts(frames)
 
     def _fed_in_parts(self, frames: np.ndarray) -> None:
         """More frames than the slot has room for."""
@@ -152,7 +155,7 @@ class Recorder:
             if taken:
                 part = frames[frames.size - left :][:taken]
                 left -= taken
-                done = self._stage(part, *self._into, FED_PART if left else FED)
+                done = (self._stage_part if left else self._stage)(part)
             if left or done == FULL:
                 self._publish()
 
@@ -171,17 +174,15 @@ class Recorder:
 
     def take(self, state: State) -> None:
         """This state has come of it."""
-        self._writer.write(state)
-        self._publish()
+        self._write(state)
         if (now := time.monotonic()) >= self._look_at:
             self._look_at = now + LOOK_S
             self._look()
 
     def _add(self, event: int, value: int) -> None:
-        _, events, values, counter, _ = self._into
-        count = int(counter[0])
-        events[count], values[count] = event, value
-        counter[0] = count + 1
+        count = int(self._event_count[0])
+        self._events[count], self._values[count] = event, value
+        self._event_count[0] = count + 1
         if count + 1 == EVENTS:
             self._publish()
 

@@ -16,11 +16,32 @@ from bus.compiled.intrinsics import publish
 from bus.compiled.jit import compiled, jitable
 from bus.frame import FRAME_DTYPE
 
-__all__ = ["FULL", "NO_ROOM", "STAGED", "Contacts", "Ring", "Staged", "fill", "hand_over", "stage"]
+__all__ = [
+    "FULL",
+    "NO_ROOM",
+    "STAGED",
+    "Contacts",
+    "Numbers",
+    "Ring",
+    "Staged",
+    "fill",
+    "hand_over",
+    "stage",
+    "take",
+]
 
 FRAME_SIZE = FRAME_DTYPE.itemsize
 NO_ROOM, FULL, STAGED = range(3)
 """What becomes of frames: they do not fit; they do, and no event more; they do."""
+
+
+class Numbers(NamedTuple):
+    """What a state is told by."""
+
+    given: np.ndarray
+    """Time stamp, number of the cycle, contacts, int64, shape (3,)."""
+    fields: tuple[np.ndarray, np.ndarray]
+    """Of the slot: where the first two go, int64, shape (1,)."""
 
 
 class Contacts(NamedTuple):
@@ -79,7 +100,7 @@ def copy(given, into, first, last):
         into[i] = given[i]
 
 
-def stage_python(frames, staged, events, values, event_count, frame_count, event):
+def stage_python(staged, events, values, event_count, frame_count, event, frames):
     """Add frames, and the event that brought them, to a slot."""
     count, done, new = event_count[0], frame_count[0], frames.size
     if done + new > staged.size:
@@ -91,17 +112,21 @@ def stage_python(frames, staged, events, values, event_count, frame_count, event
     return FULL if count + 1 == events.size else STAGED
 
 
-def fill_python(given, fields, has_state, contacts):
-    """Copy arrays of a state into their fields, byte by byte, and the contacts that are there."""
+@jitable
+def fill_python(numbers, given, fields, contacts):
+    """Copy numbers and arrays of a state into their fields, and the contacts that are there."""
+    for k in range(len(numbers.fields)):
+        numbers.fields[k][0] = numbers.given[k]
+    contacts.count[0] = numbers.given[2]
     for k in range(len(given)):
         copy(given[k], fields[k], 0, given[k].size)
     for k in range(contacts.count[0]):
         place = contacts.present[k]
         contacts.places[k] = place
         copy(contacts.records[place], contacts.copies[k], 0, contacts.copies.shape[1])
-    has_state[0] = 1
 
 
+@jitable
 def hand_over_python(staged, ring):
     """Copy a slot, as far as it is filled, to the next one of the ring, or count it as lost where
     there is none; begin anew."""
@@ -124,14 +149,22 @@ def hand_over_python(staged, ring):
     staged.has_moved[0] = False
 
 
+def take_python(numbers, given, fields, contacts, staged, ring):
+    """Both: `fill`, and `hand_over`."""
+    fill_python(numbers, given, fields, contacts)
+    staged.has_state[0] = 1
+    hand_over_python(staged, ring)
+
+
 _frames_in = types.Array(from_dtype(FRAME_DTYPE), 1, "A", readonly=True)
 _frames = types.Array(from_dtype(FRAME_DTYPE), 1, "C")
 _bytes, _counts = types.uint8[::1], types.int64[::1]
 
 stage = compiled(
     stage_python,
-    [types.int64(_frames_in, _frames, _bytes, _counts, _counts, _counts, types.int64)],
+    [types.int64(_frames, _bytes, _counts, _counts, _counts, types.int64, _frames_in)],
     allocates=False,
 )
 fill = compiled(fill_python, allocates=False)
 hand_over = compiled(hand_over_python, allocates=False)
+take = compiled(take_python, allocates=False)
