@@ -23,6 +23,8 @@ from topology.files import whole_file
 
 LOOK_S = 0.6 / RATE_HZ
 """Between two looks for snapshots, wishes and commands."""
+WORDS_S = 0.1
+"""Between two changes of the words at contacts: more often nobody reads them [assumed]."""
 
 
 class Viewer:
@@ -42,11 +44,16 @@ class Viewer:
         self._scales = Scales()
         self._scene: Scene | None = None
         self._newest: Any = np.zeros(1, end.ring.dtype)[0]
+        self._owes_words, self._words_due_s = False, 0.0
         self._connect()
 
     def _connect(self) -> None:
         """Let whoever comes next look from where the last one did."""
         server = self._server
+
+        @server.on_client_connect
+        def came(client: Any) -> None:
+            self._panel.wishes.put(("draw", client))
 
         @server.on_client_disconnect
         def left(client: Any) -> None:
@@ -60,16 +67,29 @@ class Viewer:
         while True:
             ended = self._end.ended
             is_new = self._take()
-            is_new |= self._grant()
-            if is_new and self._scene is not None:
-                self._draw()
-            self._panel.refresh(self._newest, self._history, time.monotonic())
+            is_asked = self._grant()
+            if self._is_seen():
+                self._refresh(is_new, is_asked, time.monotonic())
             command = self._end.command(LOOK_S)
             if command is not None:
                 self._obey(command)
             elif ended:
                 self._server.stop()
                 return
+
+    def _is_seen(self) -> bool:
+        """Whether there is a browser to draw for; one that comes asks for a picture."""
+        return bool(self._server.get_clients())
+
+    def _refresh(self, is_new: bool, is_asked: bool, now_s: float) -> None:
+        """Draw what is new or asked for; words that are due, also where nothing is."""
+        has_words = is_asked or (now_s >= self._words_due_s and (is_new or self._owes_words))
+        if self._scene is not None and (is_new or has_words):
+            self._owes_words = not has_words
+            if has_words:
+                self._words_due_s = now_s + WORDS_S
+            self._draw(has_words)
+        self._panel.refresh(self._newest, self._history, now_s)
 
     def _take(self) -> bool:
         """Take in what waits in the ring."""
@@ -113,13 +133,13 @@ class Viewer:
         back_s = self._panel.back_s
         return self._history.back(back_s) if back_s else self._history[-1]
 
-    def _draw(self) -> None:
+    def _draw(self, has_words: bool) -> None:
         panel, moment = self._panel, self._moment()
         shown = panel.shown
         assert self._scene is not None
         with self._server.atomic():
             self._scales.widen(moment, shown.quantity)
-            self._scene.draw(moment, shown, self._scales)
+            self._scene.draw(moment, shown, self._scales, words=has_words)
         panel.scales(self._scales)
 
     def _page(self, seconds: float) -> str:
