@@ -82,7 +82,9 @@ def run(quick: bool) -> dict:
 
 def table(figures: dict) -> str:
     """The figures for a person."""
-    lines = ["units   of a core: view, loop   cycle with: p50, p99 µs   without   snapshots, pictures/s"]
+    lines = [
+        "units   of a core: view, loop   cycle with: p50, p99 µs   without   snapshots, pictures/s"
+    ]
     for n, row in figures["sizes"].items():
         lines.append(
             f"{n:>5}   {100 * row['view_share']:13.2f} %, {100 * row['loop_share']:.2f} %"

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from skin.errors import SkinError
+from skin.view.complaints import tell_in_lines
 from skin.view.export import EXPORTED_S, as_html
 from skin.view.health import Health
 from skin.view.history import History, Moment
@@ -21,8 +22,9 @@ from skin.view.snapshot import RATE_HZ
 from skin.worker import WorkerEnd
 from topology.files import whole_file
 
-LOOK_S = 0.6 / RATE_HZ
-"""Between two looks for snapshots, wishes and commands."""
+LOOK_S = 0.97 / RATE_HZ
+"""Between two looks for snapshots, wishes and commands: each finds one snapshot, and few find none,
+as a look costs a tenth of a picture."""
 WORDS_S = 0.1
 """Between two changes of the words at contacts: more often nobody reads them [assumed]."""
 
@@ -45,6 +47,7 @@ class Viewer:
         self._scene: Scene | None = None
         self._newest: Any = np.zeros(1, end.ring.dtype)[0]
         self._owes_words, self._words_due_s = False, 0.0
+        self._is_over = False
         self._connect()
 
     def _connect(self) -> None:
@@ -57,6 +60,8 @@ class Viewer:
 
         @server.on_client_disconnect
         def left(client: Any) -> None:
+            if self._is_over:
+                return
             camera, first = client.camera, server.initial_camera
             first.position, first.look_at, first.up = (
                 camera.position, camera.look_at, camera.up_direction,
@@ -64,16 +69,19 @@ class Viewer:
 
     def run(self) -> None:
         """Go on until the loop ends."""
+        due_s = time.monotonic()
         while True:
             ended = self._end.ended
             is_new = self._take()
             is_asked = self._grant()
             if self._is_seen():
                 self._refresh(is_new, is_asked, time.monotonic())
-            command = self._end.command(LOOK_S)
+            due_s = max(due_s + LOOK_S, time.monotonic())
+            command = self._end.command(max(0.0, due_s - time.monotonic()))
             if command is not None:
                 self._obey(command)
             elif ended:
+                self._is_over = True
                 self._server.stop()
                 return
 
@@ -141,6 +149,7 @@ class Viewer:
             self._scales.widen(moment, shown.quantity)
             self._scene.draw(moment, shown, self._scales, words=has_words)
         panel.scales(self._scales)
+        self._server.flush()  # at once, and not at the next tick of the server's own clock
 
     def _page(self, seconds: float) -> str:
         """The moment that is seen, or the seconds up to it, as HTML."""
@@ -179,6 +188,7 @@ def main() -> None:
     """Serve one view."""
     end = WorkerEnd()
     sys.stdout = open(os.devnull, "w", encoding="utf-8")  # viser greets
+    tell_in_lines()
     try:
         viewer = Viewer(end)
     except SkinError as error:

@@ -69,9 +69,7 @@ def _shades() -> np.ndarray:
     return given(np.concatenate([steps, np.array([INVALID_COLOUR], np.uint8)]))
 
 
-def given_colours(
-    values: np.ndarray, is_valid: np.ndarray, low: float, high: float
-) -> np.ndarray:
+def given_colours(values: np.ndarray, is_valid: np.ndarray, low: float, high: float) -> np.ndarray:
     """`given` for `skin.view.colour.colours`, to a step of a display, in a few operations.
 
     Examples

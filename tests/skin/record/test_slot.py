@@ -108,7 +108,7 @@ def test_the_last_event_that_fits_is_told(slot):
 
 
 def test_a_slot_goes_into_the_ring_as_far_as_it_is_filled(slot):
-    made, frames, put = slot
+    made, _, put = slot
     dtype = made.dtype
     ring = RingBuffer(dtype, 2)
     has_moved, is_open = np.zeros(1, bool), np.ones(1, bool)
