@@ -22,9 +22,9 @@ from skin.view.snapshot import RATE_HZ
 from skin.worker import WorkerEnd
 from topology.files import whole_file
 
-LOOK_S = 0.97 / RATE_HZ
-"""Between two looks for snapshots, wishes and commands: each finds one snapshot, and few find none,
-as a look costs a tenth of a picture."""
+LOOK_S = 0.85 / RATE_HZ
+"""Between two looks for snapshots, wishes and commands [assumed]: few find two snapshots, of which
+one would not be seen, and few find none, as a look costs a tenth of a picture."""
 WORDS_S = 0.1
 """Between two changes of the words at contacts: more often nobody reads them [assumed]."""
 
