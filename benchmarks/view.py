@@ -1,7 +1,8 @@
 """What the live view costs: its processor time, and what the cycle of the skin notices of it.
 
 A pipeline with contacts and slip takes a cycle every 4 ms, from counts of simulated units of which
-a quarter is pressed; a client is connected, as a browser is, and discards what it gets. For spells
+a quarter is pressed; a client is connected, tells its camera as a browser does, so that it is drawn
+for, and discards what it gets; how many pictures that were is counted (`pictures_hz`). For spells
 of a second by turns the view is fed, at 30 snapshots a second, or is not. Counted as the view's:
 all processor time of its process while it is fed, and what the pipeline's loop spends on snapshots.
 The time of a cycle has the snapshot in it. The client's own time, and the drawing of a browser, are
@@ -14,7 +15,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
@@ -36,14 +37,32 @@ WARM = 250
 CLIENT = """
 import sys
 from importlib.metadata import version
+from threading import Thread
+from msgspec import msgpack
 from websockets.sync.client import connect
+from zstandard import ZstdDecompressor
+
+CAMERA = {"type": "ViewerCameraMessage", "wxyz": [1.0, 0.0, 0.0, 0.0], "position": [0.0, 0.0, 2.0],
+          "fov": 1.0, "near": 0.01, "far": 50.0, "image_height": 720, "image_width": 1280,
+          "look_at": [0.0, 0.0, 0.0], "up_direction": [0.0, 1.0, 0.0]}
+pictures, came = 0, False
+
+def tell():
+    for _ in sys.stdin:
+        print(pictures, flush=True)
+
+Thread(target=tell, daemon=True).start()
 with connect(sys.argv[1], subprotocols=["viser-v" + version("viser")], max_size=None) as socket:
-    got = 0
+    socket.send(msgpack.encode(CAMERA))
     for message in socket:
-        got += len(message)
-        if got == len(message):
+        size = int.from_bytes(message[8:16], "little")
+        told = ZstdDecompressor().decompress(message[16:16 + size])
+        pictures += b"batched_colors" in told
+        if not came:
+            came = True
             print("connected", flush=True)
 """
+"""Counts windows of messages that have colours of units in them: those of a picture."""
 
 
 def run(quick: bool) -> dict:
@@ -63,13 +82,15 @@ def run(quick: bool) -> dict:
 
 def table(figures: dict) -> str:
     """The figures for a person."""
-    lines = ["units   of a core: view, loop   cycle with: p50, p99 µs   without   snapshots/s"]
+    lines = [
+        "units   of a core: view, loop   cycle with: p50, p99 µs   without   snapshots, pictures/s"
+    ]
     for n, row in figures["sizes"].items():
         lines.append(
             f"{n:>5}   {100 * row['view_share']:13.2f} %, {100 * row['loop_share']:.2f} %"
             f"   {row['with']['p50_us']:14.0f}, {row['with']['p99_us']:.0f}"
             f"   {row['without']['p50_us']:.0f}, {row['without']['p99_us']:.0f}"
-            f"   {row['snapshots_hz']:.1f}"
+            f"   {row['snapshots_hz']:.1f}, {row['pictures_hz']:.1f}"
         )
     return "\n".join(lines)
 
@@ -84,12 +105,12 @@ def measure(n: int, spells: int) -> dict:
     source = SimpleNamespace(topology=skin, pipeline=pipeline, timing=timing)
     work: dict[str, list[float]] = {"with": [], "without": []}
     spent = {"view": 0.0, "loop": 0.0, "fed": 0.0}
-    with show(source, port=0) as view, _client(view):
+    with show(source, port=0) as view, _client(view) as pictures:
         loop = _Loop(pipeline, counts, timing)
         loop.go(WARM)
         looks = _timed(view, spent)
         pipeline.unwatch(view._look)
-        taken = view.snapshots.taken
+        taken, drawn = view.snapshots.taken, pictures()
         for spell in range(2 * spells):
             is_fed = spell % 2 == 0
             if is_fed:
@@ -100,11 +121,12 @@ def measure(n: int, spells: int) -> dict:
                 pipeline.unwatch(looks)
                 spent["fed"] += time.monotonic() - began
                 spent["view"] += _used_s(view) - used
-        taken = view.snapshots.taken - taken
+        taken, drawn = view.snapshots.taken - taken, pictures() - drawn
     return {
         "view_share": spent["view"] / spent["fed"],
         "loop_share": spent["loop"] / spent["fed"],
         "snapshots_hz": taken / spent["fed"],
+        "pictures_hz": drawn / spent["fed"],
         **{side: _spread(np.array(values)) for side, values in work.items()},
     }
 
@@ -150,20 +172,29 @@ def _timed(view: View, spent: dict[str, float]):
 
 
 @contextmanager
-def _client(view: View) -> Iterator[None]:
-    """A client that is connected, and discards."""
+def _client(view: View) -> Iterator[Callable[[], int]]:
+    """A client that is connected, and discards; how many pictures it got so far."""
     address = view.address.replace("http", "ws")
     process = subprocess.Popen(
-        [sys.executable, "-c", CLIENT, address], stdout=subprocess.PIPE, text=True
-    )
+        [sys.executable, "-c", CLIENT, address],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert process.stdin is not None
+    assert process.stdout is not None
+    ask, told = process.stdin, process.stdout
+
+    def pictures() -> int:
+        print(file=ask, flush=True)
+        return int(told.readline())
+
     try:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "connected\n"
-        yield
+        assert told.readline() == "connected\n"
+        yield pictures
     finally:
         process.terminate()
         process.wait()
-        process.stdout.close()
+        ask.close()
+        told.close()
 
 
 def _used_s(view: View) -> float:

@@ -95,6 +95,12 @@ class RingBuffer:
         self._calls[0] += 1
 
     @property
+    def counters(self) -> tuple[np.ndarray, np.ndarray]:
+        """How many records were written, and how many read, each of shape (1,), int64: for a kernel
+        that writes; see `bus.compiled.intrinsics.publish`."""
+        return self._written, self._read
+
+    @property
     def records(self) -> np.ndarray:
         """All records, shape (slots,): for a writer that fills field by field; see `claim_slot`."""
         return self._records

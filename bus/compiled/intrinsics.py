@@ -1,9 +1,10 @@
-"""Hints for the compiler that numba has no words for; in Python, and in a numba without its private
-parts, they do nothing."""
+"""What numba has no words for: hints for the compiler, which do nothing in Python and in a numba
+without its private parts, and an order of what is written for other processes."""
 
 from __future__ import annotations
 
 from contextlib import suppress
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,9 @@ try:
 except ImportError:  # numba or llvmlite of another version
     ir: Any = None
 
-__all__ = ["assume_noalias", "prefetch"]
+__all__ = ["assume_noalias", "prefetch", "publish"]
+
+_barrier = Lock()
 
 
 def assume_noalias() -> None:
@@ -32,8 +35,15 @@ def prefetch(array: np.ndarray, index: int) -> None:
     """Begin to fetch the cache line of an element of a 1-D array, which may lie beyond its end."""
 
 
+def publish(count: np.ndarray, value: int) -> None:
+    """Write a number into the first element of an array of int64, shape (1,), once all that was
+    written before can be seen by whoever sees it, another process among them."""
+    with _barrier:
+        count[0] = value
+
+
 def _tell_compiler() -> None:
-    """Teach numba both hints."""
+    """Teach numba all of them."""
 
     @type_callable(assume_noalias)
     def _noalias_type(context):
@@ -64,6 +74,16 @@ def _tell_compiler() -> None:
             place = builder.bitcast(builder.gep(view.data, [arguments[1]]), byte)
             to_read, nearest, data = word(0), word(3), word(1)
             builder.call(fetch, [place, to_read, nearest, data])
+        return context.get_dummy_value()
+
+    @type_callable(publish)
+    def _publish_type(context):
+        return lambda count, value: types.none(count, types.int64)
+
+    @lower_builtin(publish, types.Array, types.Integer)
+    def _publish_code(context, builder, signature, arguments):
+        view = context.make_array(signature.args[0])(context, builder, arguments[0])
+        builder.store_atomic(arguments[1], view.data, ordering="release", align=8)
         return context.get_dummy_value()
 
 

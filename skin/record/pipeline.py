@@ -56,11 +56,12 @@ class RecordedPipeline(Pipeline):
             taken = Path(zeros).read_bytes() if Path(zeros).exists() else b""
         attached = attachments(topology, self.options, deadline_s, taken)
         self.recorder = Recorder(file, self, attached)
+        self._fed, self._take = self.recorder.fed, self.recorder.take
 
     def feed(self, frames: np.ndarray) -> Iterator[State]:
         """Take frames; see `Pipeline.feed`."""
         if frames.size:
-            self.recorder.fed(frames)
+            self._fed(frames)
         return super().feed(frames)
 
     def expire(self, now_ns: int) -> State | None:
@@ -94,7 +95,7 @@ class RecordedPipeline(Pipeline):
     def state(self, cycle: RawCycle) -> State:
         """The state of a cycle; see `Pipeline.state`."""
         state = super().state(cycle)
-        self.recorder.take(state)
+        self._take(state)
         return state
 
     def close(self) -> None:

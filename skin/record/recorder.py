@@ -8,18 +8,21 @@ import logging
 import os
 import time
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bus.frame import FRAME_DTYPE, as_words
+from bus.compiled.bound import Bound, direct
+from bus.frame import FRAME_DTYPE
 from bus.state import BusState
 from bus.transport import Transport
 from skin.contact.record import CONTACT
 from skin.errors import SkinError
 from skin.record.container import require
 from skin.record.slot import EVENTS, Event, SlotWriter, slot_dtype
+from skin.record.staging import FULL, NO_ROOM, STAGED, Ring, Staged, hand_over, stage
 from skin.state import State
 from skin.worker import RingBuffer, Worker
 from topology import Topology
@@ -61,8 +64,6 @@ class Recorder:
 
     Attributes
     ----------
-    lost_cycles, lost_frames : int
-        What was left out of the recording.
     failure : str or None
         Why the recording has ended before the loop; None if it has not.
 
@@ -85,25 +86,36 @@ class Recorder:
         self._rate_hz = topology.cycle_rate_hz
         most = min(RING_S * self._rate_hz, RING_BYTES / dtype.itemsize)
         self._ring = ring = RingBuffer(dtype, max(LEAST_SLOTS, round(most)))
-        self._slots = ring.records.view(np.uint8).reshape(ring.slots, dtype.itemsize)
         staged = np.zeros(1, dtype)
-        self._staged = staged.view(np.uint8)
         self._writer = SlotWriter(staged, pipeline.contacts, pipeline.assembler.totals)
         of = self._writer.fields
-        self._frames, self._events, self._values = (
-            of[name][0] for name in ("frames", "events", "event_values")
+        self._frames = of["frames"][0].view(FRAME_DTYPE).reshape(-1)
+        self._event_count, self._frame_count = of["event_count"], of["frame_count"]
+        self._events, self._values = of["events"][0], of["event_values"][0]
+        into = self._frames, self._events, self._values, self._event_count, self._frame_count
+        self._stage, self._stage_part = (
+            partial(direct(stage), *into, fed) for fed in (FED, FED_PART)
         )
-        self._counts, self._lost = (
-            (of["event_count"], of["frame_count"]), (of["lost_cycles"], of["lost_frames"])
+        self._pose, self._buses = of["pose"][0], of["bus_states"]
+        self._lost = of["lost_cycles"], of["lost_frames"]
+        self._has_moved, self._is_open = np.zeros(1, bool), np.ones(1, bool)
+        places = {name: place for name, (_, place, *_) in (dtype.fields or {}).items()}
+        ends = (
+            Staged(
+                staged.view(np.uint8), self._event_count, self._frame_count, of["has_state"],
+                of["contact_count"], *self._lost, self._has_moved,
+                (places["frames"], places["contacts"], places["pose"]), CONTACT.itemsize,
+            ),
+            Ring(
+                ring.records.view(np.uint8).reshape(ring.slots, dtype.itemsize), *ring.counters,
+                self._is_open,
+            ),
         )  # fmt: skip
-        self._has_state, self._pose, self._buses = of["has_state"], of["pose"][0], of["bus_states"]
-        self._room = len(self._frames)
-        self._places = {name: place for name, (_, place, *_) in (dtype.fields or {}).items()}
-        self._frames_at = self._places["frames"]
-        self._event_count = self._frame_count = self._contact_count = 0
-        self._moved = False
+        self._publish = Bound(hand_over, *ends)
+        self._writer.hand_over(*ends)
+        self._write = self._writer.write
         self._buses[:] = -1
-        self.lost_cycles = self.lost_frames = self._told = 0
+        self._told = 0
         self.failure: str | None = None
         self._closed = False
         self._report: dict[str, Any] = {}
@@ -125,29 +137,26 @@ class Recorder:
     # -- what the loop does ------------------------------------------------------------------------
 
     def fed(self, frames: np.ndarray) -> None:
-        """The pipeline is given frames, shape (m,), FRAME_DTYPE."""
-        words = as_words(frames if frames.flags.c_contiguous else frames.copy())
-        count, left = self._frame_count, len(words)
-        end = count + left
-        if end <= self._room:
-            self._frames[count:end] = words
-            self._frame_count = end
-            self._add(FED, left)
-        else:
-            self._fed_in_parts(words)
+        """The pipeline is given frames, shape (m,), FRAME_DTYPE; others it will refuse."""
+        if (frames.dtype is not FRAME_DTYPE and frames.dtype != FRAME_DTYPE) or frames.ndim != 1:
+            return
+        done = self._stage(frames)
+        if done == FULL:
+            self._publish()
+        elif done == NO_ROOM:
+            self._fed_in_parts(frames)
 
-    def _fed_in_parts(self, words: np.ndarray) -> None:
+    def _fed_in_parts(self, frames: np.ndarray) -> None:
         """More frames than the slot has room for."""
-        done, left = 0, len(words)
+        left = frames.size
         while left:
-            count = self._frame_count
-            taken = min(left, self._room - count)
+            taken = min(left, self._frames.size - int(self._frame_count[0]))
+            done = STAGED
             if taken:
-                self._frames[count : count + taken] = words[done : done + taken]
-                self._frame_count = count + taken
-                done, left = done + taken, left - taken
-                self._add(FED_PART if left else FED, taken)
-            if left and self._event_count:
+                part = frames[frames.size - left :][:taken]
+                left -= taken
+                done = (self._stage_part if left else self._stage)(part)
+            if left or done == FULL:
                 self._publish()
 
     def closing(self, event: Event, elapsed_ns: int) -> None:
@@ -158,51 +167,34 @@ class Recorder:
         """The units have new poses, of shapes (3, n) and (3, 3, n)."""
         pose = self._pose
         pose[:3], pose[3:] = position, np.reshape(rotation, (9, -1))
-        self._moved = True
+        self._has_moved[0] = True
         self._add(MOVED, 0)
-        if self._event_count:
+        if self._event_count[0]:
             self._publish()  # a slot has room for one pose
 
     def take(self, state: State) -> None:
         """This state has come of it."""
-        self._contact_count = self._writer.write(state)
-        self._publish()
+        self._write(state)
         if (now := time.monotonic()) >= self._look_at:
             self._look_at = now + LOOK_S
             self._look()
 
     def _add(self, event: int, value: int) -> None:
-        count = self._event_count
+        count = int(self._event_count[0])
         self._events[count], self._values[count] = event, value
-        self._event_count = count + 1
+        self._event_count[0] = count + 1
         if count + 1 == EVENTS:
             self._publish()
 
-    def _publish(self) -> None:
-        """Copy what is staged into a slot, as far as it is filled, and begin anew."""
-        events, frames = self._counts
-        events[0], frames[0] = self._event_count, self._frame_count
-        slot = None if self._closed else self._ring.claim_slot()
-        if slot is None:
-            self.lost_cycles += int(self._has_state[0])
-            self.lost_frames += self._frame_count
-            cycles_lost, frames_lost = self._lost
-            cycles_lost[0], frames_lost[0] = self.lost_cycles, self.lost_frames
-        else:
-            into, staged = self._slots[slot], self._staged
-            end = self._frames_at + FRAME_DTYPE.itemsize * self._frame_count
-            into[:end] = staged[:end]
-            if self._contact_count:
-                first = self._places["contacts"]
-                end = first + CONTACT.itemsize * self._contact_count
-                into[first:end] = staged[first:end]
-            if self._moved:
-                first = self._places["pose"]
-                into[first:] = staged[first:]
-            self._ring.publish()
-        self._has_state[0] = 0
-        self._event_count = self._frame_count = self._contact_count = 0
-        self._moved = False
+    @property
+    def lost_cycles(self) -> int:
+        """Cycles that were left out of the recording."""
+        return int(self._lost[0][0])
+
+    @property
+    def lost_frames(self) -> int:
+        """Frames that were left out of the recording."""
+        return int(self._lost[1][0])
 
     def _look(self) -> None:
         """See whether the worker is there, and tell what was lost; note the states of buses."""
@@ -225,7 +217,7 @@ class Recorder:
 
     def _fail(self) -> None:
         """The recording is over; the loop goes on."""
-        self._closed = True
+        self._end()
         status = self._worker.status or 0
         why = os.strerror(status) if status in errno.errorcode else f"status {status}"
         self.failure = (
@@ -233,6 +225,10 @@ class Recorder:
             "before can be read, the run goes on)"
         )
         _log.warning("%s", self.failure)
+
+    def _end(self) -> None:
+        """Take no more: what comes is left out, and counted."""
+        self._closed, self._is_open[0] = True, False
 
     # -- the end -----------------------------------------------------------------------------------
 
@@ -253,11 +249,11 @@ class Recorder:
         if self._closed:
             self._worker.close()
             return
-        if self._event_count:
+        if self._event_count[0]:
             self._publish()
         try:
             self._report = self._worker.ask("finish")
-            self._closed = True
+            self._end()
         except SkinError:
             self._fail()
         self._worker.close()

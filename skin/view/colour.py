@@ -98,6 +98,13 @@ class Range:
 
     def widen(self, values: np.ndarray) -> bool:
         """Take in values, shape (m,), of units that may be trusted; True where that changed it."""
+        is_wide = not self._is_fresh and values.size > 0
+        if (
+            is_wide
+            and np.fmax.reduce(values) <= self.high
+            and (self._quantity.from_zero or np.fmin.reduce(values) >= self.low)
+        ):
+            return False
         values = values[np.isfinite(values)]
         if not values.size:
             return False

@@ -38,6 +38,8 @@ SLIP_COLOURS = {
     SlipState.INCIPIENT: (230, 159, 0), SlipState.GROSS: (213, 94, 0),
 }  # fmt: skip
 """Of contacts, by what they do; the label says it, too. Okabe and Ito."""
+HUES = np.array([SLIP_COLOURS[state] for state in SlipState], np.uint8)
+"""The same by the number of what they do."""
 
 
 class Frame(NamedTuple):
@@ -115,29 +117,28 @@ def unit_arrows(record: np.void, pose: Pose, frame: Frame, full_n: float) -> np.
     `UNIT_LENGTH` long.
     """
     force = record["force"]
-    size = np.sqrt((force**2).sum(axis=0))
-    noise = np.nan_to_num(SIGMAS * record["sigma"])
-    is_shown = valid(record) & (size > np.maximum(noise, VISIBLE * full_n))  # a NaN is not
-    turned = np.einsum("abm,bm->ma", pose.rotation[:, :, is_shown], force[:, is_shown])
-    head = frame.points(pose.position[:, is_shown])
-    return np.stack([head - turned * (UNIT_LENGTH / full_n), head], axis=1).astype(np.float32)
+    size = np.sqrt(np.einsum("an,an->n", force, force))
+    least = np.fmax(SIGMAS * record["sigma"], VISIBLE * full_n)  # the latter of an unknown sigma
+    shown = np.flatnonzero(valid(record) & (size > least))  # a NaN is not
+    turned = np.einsum("abm,bm->ma", pose.rotation[:, :, shown], force[:, shown])
+    arrows = np.empty((shown.size, 2, 3), np.float32)
+    arrows[:, 1] = frame.points(pose.position[:, shown])
+    arrows[:, 0] = arrows[:, 1] - turned * (UNIT_LENGTH / full_n)
+    return arrows
 
 
 def contact_arrows(record: np.void, frame: Frame, full_n: float) -> tuple[np.ndarray, ...]:
     """Arrows of contacts, whose centre is known: forces and normals, both shape (k, 2, 3), the
     colours of the forces, shape (k, 3), and which contacts they are, shape (k,)."""
     count = int(record["contacts"])
-    known = np.flatnonzero(np.isfinite(record["contact_centroid"][:count]).all(axis=1))
-    head = frame.points(record["contact_centroid"][known].T)
-    force = record["contact_wrench"][known, :3]
-    forces = np.stack([head - force * (CONTACT_LENGTH / full_n), head], axis=1)
-    normal = np.nan_to_num(record["contact_normal"][known])
-    normals = np.stack([head, head + NORMAL_LENGTH * normal], axis=1)
-    hues = [SLIP_COLOURS[SlipState(int(record["contact_slip"][k]))] for k in known]
-    return (
-        forces.astype(np.float32), normals.astype(np.float32),
-        np.array(hues, np.uint8).reshape(-1, 3), known,
-    )  # fmt: skip
+    centre = record["contact_centroid"][:count]
+    known = np.flatnonzero(np.isfinite(centre).all(axis=1))
+    forces, normals = np.empty((2, known.size, 2, 3), np.float32)
+    forces[:, 1] = normals[:, 0] = head = frame.points(centre[known].T)
+    forces[:, 0] = head - record["contact_wrench"][known, :3] * (CONTACT_LENGTH / full_n)
+    normal = record["contact_normal"][known]
+    normals[:, 1] = head + NORMAL_LENGTH * np.where(np.isnan(normal), 0.0, normal)
+    return forces, normals, HUES[record["contact_slip"][known]], known
 
 
 def contact_labels(record: np.void) -> list[str]:

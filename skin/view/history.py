@@ -9,7 +9,7 @@ import numpy as np
 __all__ = ["History", "Moment", "Pose"]
 
 NOT_KEPT = ("position", "rotation", "work_us", "works")
-"""Fields of a snapshot that are taken out as it comes."""
+"""Fields of a snapshot that are taken out as it comes; they stand at its end."""
 
 
 class Pose(NamedTuple):
@@ -45,8 +45,11 @@ class History:
 
     def __init__(self, dtype: np.dtype[Any], length: int) -> None:
         names = [name for name in dtype.names or () if name not in NOT_KEPT]
-        self._names = names
-        self._ring = np.zeros(length, np.dtype([(name, dtype[name]) for name in names]))
+        kept = np.dtype([(name, dtype[name]) for name in names])
+        if names != list(dtype.names or ())[: len(names)]:
+            raise ValueError(f"dtype: must have {', '.join(NOT_KEPT)} at its end; got {dtype}")
+        self._ring = np.zeros(length, kept)
+        self._bytes = self._ring.view(np.uint8).reshape(length, kept.itemsize)
         self._poses: list[Pose | None] = [None] * length
         self._pose, self._moved = Pose(np.zeros((3, 0)), np.zeros((3, 3, 0))), -1
         self.count = 0
@@ -60,8 +63,7 @@ class History:
             self._moved = int(snapshot["moved"])
             self._pose = Pose(snapshot["position"].copy(), snapshot["rotation"].copy())
         at = self.count % len(self._ring)
-        for name in self._names:
-            self._ring[name][at] = snapshot[name]
+        self._bytes[at] = np.frombuffer(snapshot, np.uint8, self._bytes.shape[1])
         self._poses[at] = self._pose
         self.count += 1
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from skin.errors import SkinError
+from skin.view.complaints import tell_in_lines
 from skin.view.export import EXPORTED_S, as_html
 from skin.view.health import Health
 from skin.view.history import History, Moment
@@ -21,8 +22,11 @@ from skin.view.snapshot import RATE_HZ
 from skin.worker import WorkerEnd
 from topology.files import whole_file
 
-LOOK_S = 0.6 / RATE_HZ
-"""Between two looks for snapshots, wishes and commands."""
+LOOK_S = 0.85 / RATE_HZ
+"""Between two looks for snapshots, wishes and commands [assumed]: few find two snapshots, of which
+one would not be seen, and few find none, as a look costs a tenth of a picture."""
+WORDS_S = 0.1
+"""Between two changes of the words at contacts: more often nobody reads them [assumed]."""
 
 
 class Viewer:
@@ -42,14 +46,22 @@ class Viewer:
         self._scales = Scales()
         self._scene: Scene | None = None
         self._newest: Any = np.zeros(1, end.ring.dtype)[0]
+        self._owes_words, self._words_due_s = False, 0.0
+        self._is_over = False
         self._connect()
 
     def _connect(self) -> None:
         """Let whoever comes next look from where the last one did."""
         server = self._server
 
+        @server.on_client_connect
+        def came(client: Any) -> None:
+            self._panel.wishes.put(("draw", client))
+
         @server.on_client_disconnect
         def left(client: Any) -> None:
+            if self._is_over:
+                return
             camera, first = client.camera, server.initial_camera
             first.position, first.look_at, first.up = (
                 camera.position, camera.look_at, camera.up_direction,
@@ -57,19 +69,35 @@ class Viewer:
 
     def run(self) -> None:
         """Go on until the loop ends."""
+        due_s = time.monotonic()
         while True:
             ended = self._end.ended
             is_new = self._take()
-            is_new |= self._grant()
-            if is_new and self._scene is not None:
-                self._draw()
-            self._panel.refresh(self._newest, self._history, time.monotonic())
-            command = self._end.command(LOOK_S)
+            is_asked = self._grant()
+            if self._is_seen():
+                self._refresh(is_new, is_asked, time.monotonic())
+            due_s = max(due_s + LOOK_S, time.monotonic())
+            command = self._end.command(max(0.0, due_s - time.monotonic()))
             if command is not None:
                 self._obey(command)
             elif ended:
+                self._is_over = True
                 self._server.stop()
                 return
+
+    def _is_seen(self) -> bool:
+        """Whether there is a browser to draw for; one that comes asks for a picture."""
+        return bool(self._server.get_clients())
+
+    def _refresh(self, is_new: bool, is_asked: bool, now_s: float) -> None:
+        """Draw what is new or asked for; words that are due, also where nothing is."""
+        has_words = is_asked or (now_s >= self._words_due_s and (is_new or self._owes_words))
+        if self._scene is not None and (is_new or has_words):
+            self._owes_words = not has_words
+            if has_words:
+                self._words_due_s = now_s + WORDS_S
+            self._draw(has_words)
+        self._panel.refresh(self._newest, self._history, now_s)
 
     def _take(self) -> bool:
         """Take in what waits in the ring."""
@@ -113,14 +141,15 @@ class Viewer:
         back_s = self._panel.back_s
         return self._history.back(back_s) if back_s else self._history[-1]
 
-    def _draw(self) -> None:
+    def _draw(self, has_words: bool) -> None:
         panel, moment = self._panel, self._moment()
         shown = panel.shown
         assert self._scene is not None
         with self._server.atomic():
             self._scales.widen(moment, shown.quantity)
-            self._scene.draw(moment, shown, self._scales)
+            self._scene.draw(moment, shown, self._scales, words=has_words)
         panel.scales(self._scales)
+        self._server.flush()  # at once, and not at the next tick of the server's own clock
 
     def _page(self, seconds: float) -> str:
         """The moment that is seen, or the seconds up to it, as HTML."""
@@ -159,6 +188,7 @@ def main() -> None:
     """Serve one view."""
     end = WorkerEnd()
     sys.stdout = open(os.devnull, "w", encoding="utf-8")  # viser greets
+    tell_in_lines()
     try:
         viewer = Viewer(end)
     except SkinError as error:

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from skin.view.colour import QUANTITIES, Range, colours, valid
+from skin.view.colour import QUANTITIES, Range, valid
 from skin.view.drawing import (
     Frame,
     camera,
@@ -21,7 +21,7 @@ from skin.view.drawing import (
 )
 from skin.view.history import Moment, Pose
 from skin.view.snapshot import CONTACTS
-from skin.view.tone import AMBIENT, DIRECTED, given
+from skin.view.tone import AMBIENT, DIRECTED, given, given_colours
 
 __all__ = ["BACKGROUND", "Scales", "Scene", "Shown"]
 
@@ -35,6 +35,8 @@ LIFT = 0.03
 """Of a label above its arrow."""
 NOWHERE = np.float32(1e-6)
 """Size of what is not to be seen: an instance cannot be left out."""
+STAYS = 0.001
+"""By how much a label may be off its place: less than a pixel of most pictures [assumed]."""
 
 
 class Shown(NamedTuple):
@@ -57,10 +59,8 @@ class Scales:
         """Take in what a moment has; True where the scale of the quantity changed."""
         record = moment.record
         heard, count = valid(record), int(record["contacts"])
-        force = record["force"][:, heard]
-        self.unit.widen(np.sqrt((force**2).sum(axis=0)))
-        wrench = record["contact_wrench"][:count, :3]
-        self.contact.widen(np.sqrt((wrench**2).sum(axis=1)))
+        self.unit.widen(_lengths(record["force"])[heard])
+        self.contact.widen(_lengths(record["contact_wrench"][:count, :3].T))
         return self.of[quantity].widen(QUANTITIES[quantity].values(record)[heard])
 
     def ends(self, quantity: str) -> tuple[object, ...]:
@@ -109,45 +109,55 @@ class Scene:
         self._forces = self._arrows("/forces", none, FORCE_COLOUR, shaft)
         self._normals = self._arrows("/normals", none, NORMAL_COLOUR, 0.004)
         self._wrenches = self._arrows("/wrenches", none, np.zeros((0, 3), np.uint8), 0.011)
-        self._hues = np.zeros((0, 3), np.uint8)
+        self._hues, self._heard = np.zeros((0, 3), np.uint8), np.ones(self._n, bool)
+        self._sent: dict[tuple[int, str], np.ndarray] = {}
         self._texts: list[str] = [""] * CONTACTS
+        self._tails = np.full((CONTACTS, 3), np.nan, np.float32)
         self._labels = [
             self._scene.add_label(f"/contacts/{k}", BLANK, visible=False, anchor="bottom-center")
             for k in range(CONTACTS)
         ]
 
-    def draw(self, moment: Moment, shown: Shown, scales: Scales) -> None:
-        """Show a moment."""
+    def draw(self, moment: Moment, shown: Shown, scales: Scales, *, words: bool = True) -> None:
+        """Show a moment; without `words`, labels that are there already keep their texts."""
         record = moment.record
         if moment.pose is not self._pose:
             self._move(moment.pose)
         heard, scale = valid(record), scales.of[shown.quantity]
         values = QUANTITIES[shown.quantity].values(record)
-        seen = colours(values, heard, scale.low, scale.high)
-        self._discs.batched_colors = given(seen)
-        size = np.where(heard, NOWHERE, self._radius)
-        self._crosses.batched_scales = np.repeat(size[:, np.newaxis], 3, axis=1)
-        arrows = unit_arrows(record, moment.pose, self.frame, scales.unit.high)
-        self._put(self._forces, arrows if shown.forces else arrows[:0])
+        seen = given_colours(values, heard, scale.low, scale.high)
+        self._assign(self._discs, "batched_colors", seen)
+        if not np.array_equal(heard, self._heard):
+            self._heard = heard
+            size = np.where(heard, NOWHERE, self._radius)
+            self._crosses.batched_scales = np.repeat(size[:, np.newaxis], 3, axis=1)
+        if shown.forces:
+            arrows = unit_arrows(record, moment.pose, self.frame, scales.unit.high)
+        else:
+            arrows = np.zeros((0, 2, 3), np.float32)
+        self._put(self._forces, arrows)
         forces, normals, hues, known = contact_arrows(record, self.frame, scales.contact.high)
         if not shown.contacts:
             forces, normals, hues, known = forces[:0], normals[:0], hues[:0], known[:0]
         self._put(self._normals, normals)
         self._put(self._wrenches, forces, hues)
-        self._tell(contact_labels(record), dict(zip(known.tolist(), forces[:, 0], strict=True)))
+        self._tell(record, dict(zip(known.tolist(), forces[:, 0], strict=True)), words)
 
-    def _tell(self, texts: list[str], tails: dict[int, np.ndarray]) -> None:
+    def _tell(self, record: np.void, tails: dict[int, np.ndarray], words: bool) -> None:
         """Put labels to the tails of arrows; what stays is not touched, which costs as much as a
         change."""
+        texts = contact_labels(record) if words or any(not self._texts[k] for k in tails) else []
         for k, label in enumerate(self._labels):
             if k not in tails:
                 if self._texts[k]:
                     self._texts[k], label.visible = "", False
                 continue
-            if self._texts[k] != texts[k]:
+            if (words or not self._texts[k]) and self._texts[k] != texts[k]:
                 self._texts[k] = label.text = texts[k]
                 label.visible = True
-            label.position = tails[k] + LIFT * self._up
+            if not (np.abs(tails[k] - self._tails[k]) < STAYS).all():  # a NaN is not
+                self._tails[k] = tails[k]
+                label.position = tails[k] + LIFT * self._up
 
     def _move(self, pose: Pose) -> None:
         self._pose = pose
@@ -165,9 +175,25 @@ class Scene:
         """Give other points to arrows; none of them is no arrow, not one without length."""
         arrows.visible = len(points) > 0
         if len(points):
-            arrows.points = points
+            self._assign(arrows, "points", points)
             if hues is not None and not np.array_equal(hues, self._hues):
                 self._hues, arrows.colors = hues, given(hues)
+
+    def _assign(self, node: Any, name: str, values: np.ndarray) -> None:
+        """Give other values to a node: an array of the right type, which stays as it is.
+
+        An assignment would look up the types of all properties, compare, and copy twice, which
+        takes longer than the message; 30 times a second only the message is made.
+        """
+        before = self._sent.get((id(node), name))
+        if before is not None and np.array_equal(before, values):
+            return
+        self._sent[id(node), name] = values
+        send = getattr(node, "_queue_update", None)  # of viser 1.1
+        if send is None:
+            setattr(node, name, values)
+        else:
+            send(name, values)
 
     def _set_up(self) -> None:
         """Light that does not bleach the colours, and where to look from."""
@@ -184,3 +210,8 @@ class Scene:
         view = self._server.initial_camera
         view.position, view.look_at, view.up = place, look, up
         view.near, view.far = 0.01, 50.0
+
+
+def _lengths(vectors: np.ndarray) -> np.ndarray:
+    """Lengths of vectors, shape (3, m)."""
+    return np.sqrt(np.einsum("am,am->m", vectors, vectors))

@@ -37,7 +37,8 @@ def snapshot_dtype(n: int) -> np.dtype[Any]:
 
     Metre, newton, newton metre, degree Celsius, microsecond; unit frames for `force` and its
     `sigma` (of the normal component), skin frame for contacts. What is not wanted of the skin is
-    NaN. `moved` counts the changes of the poses.
+    NaN. `moved` counts the changes of the poses. What is kept of a snapshot stands first, see
+    `skin.view.history.NOT_KEPT`.
     """
     return np.dtype(
         [
@@ -52,8 +53,8 @@ def snapshot_dtype(n: int) -> np.dtype[Any]:
             ("contact_normal", np.float32, (CONTACTS, 3)),
             ("contact_slip", np.int32, (CONTACTS,)), ("contact_margin", np.float32, (CONTACTS,)),
             ("counters", np.int64, (len(COUNTERS),)), ("overruns", np.int64),
-            ("unsent", np.int64), ("works", np.int32), ("work_us", np.float32, (WORKS,)),
-            ("moved", np.int64), ("position", np.float32, (3, n)),
+            ("unsent", np.int64), ("moved", np.int64), ("works", np.int32),
+            ("work_us", np.float32, (WORKS,)), ("position", np.float32, (3, n)),
             ("rotation", np.float32, (3, 3, n)),
         ]
     )  # fmt: skip

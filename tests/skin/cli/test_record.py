@@ -4,9 +4,16 @@ from __future__ import annotations
 
 import io
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
 
 import pytest
 
+import skin
 from skin.cli import main
 
 pytest.importorskip("mcap", reason="mcap is not installed")
@@ -67,3 +74,38 @@ def test_a_log_is_replayed_with_its_topology(tmp_path, capsys):
 def test_a_speed_is_not_negative(file, capsys):
     assert main(["replay", str(file), "--speed", "-1"]) == 2
     assert capsys.readouterr().err == "--speed: must be 0, or from 1e-06 to 1e+06; got -1\n"
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 0), (signal.SIGTERM, 143)])
+def test_a_run_that_is_interrupted_ends_its_recording_properly(tmp_path, number, status):
+    """As Ctrl-C does it: the signal goes to the whole group of processes."""
+    from mcap.reader import make_reader
+
+    path = tmp_path / "run.mcap"
+    running = subprocess.Popen(
+        [sys.executable, "-m", "skin", "record", "strip", "-o", str(path), "--simulate", "--json"],
+        cwd=Path(__file__).parents[3], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        start_new_session=True,
+    )  # fmt: skip
+    with running:
+        until = time.monotonic() + 120.0
+        while not path.exists() or path.stat().st_size < 100_000:
+            assert running.poll() is None
+            assert time.monotonic() < until
+            time.sleep(0.02)
+        os.killpg(running.pid, number)
+        out, err = running.communicate(timeout=60.0)
+    assert running.returncode == status
+    assert "Traceback" not in err
+    with path.open("rb") as file:
+        found = make_reader(file).get_summary()
+        counts = found.statistics.channel_message_counts
+        topics = {channel.topic: counts.get(n, 0) for n, channel in found.channels.items()}
+    if status == 0:
+        recorded = json.loads(out.splitlines()[-1])["recorded"]
+        assert recorded["cycles"] == topics["/skin/state"]
+        assert recorded["bytes"] <= path.stat().st_size
+        assert (recorded["lost_cycles"], recorded["lost_frames"]) == (0, 0)
+    replay = skin.replay(path)
+    assert sum(1 for _ in replay) == topics["/skin/state"] == replay.same
+    assert replay.faults == []

@@ -17,7 +17,7 @@ from skin.view.colour import (
     valid,
 )
 from skin.view.snapshot import snapshot_dtype
-from skin.view.tone import given, linear
+from skin.view.tone import given, given_colours, linear
 
 SEEN_AS = {
     "all cones": np.eye(3),
@@ -114,3 +114,15 @@ def test_a_unit_is_valid_by_its_flags_alone():
     record["status"] = 0, int(Status.STALE), int(Status.UNTARED)
     assert valid(record).tolist() == [True, False, True]
     assert QUANTITIES["validity"].values(record).tolist() == [1.0, 0.0, 1.0]
+
+
+def test_colours_from_the_table_are_those_that_are_worked_out_to_one_step():
+    values = np.r_[np.linspace(-3.0, 9.0, 5000), np.nan, np.inf, 2.0]
+    sure = np.ones(values.size, bool)
+    sure[-1] = False
+    worked_out = given(colours(values, sure, -1.0, 7.0)).astype(int)
+    from_table = given_colours(values.astype(np.float32), sure, -1.0, 7.0).astype(int)
+    even = colours(np.linspace(0.0, 1.0, 1024), np.ones(1024, bool), 0.0, 1.0)
+    step = np.abs(np.diff(given(even).astype(int), axis=0)).max()
+    assert np.abs(worked_out - from_table).max() <= step <= 8
+    assert (worked_out[-3:] == from_table[-3:]).all()

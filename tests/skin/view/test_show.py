@@ -210,3 +210,85 @@ def test_a_view_hides_nothing_from_a_socket_that_only_listens(viewed):
             time.sleep(0.05)
             shown.show()
         assert view.snapshots.missed == missed
+
+
+def handshake(address):
+    """A client of the view's own protocol."""
+    from websockets.sync.client import connect
+
+    protocol = [f"viser-v{__import__('viser').__version__}"]
+    return connect(address.replace("http", "ws"), subprotocols=protocol, max_size=None)
+
+
+def test_what_no_browser_would_send_is_told_in_a_line_and_others_are_served(capfd):
+    from msgspec import msgpack
+    from websockets.exceptions import ConnectionClosed
+
+    shown = Shown()
+    with show(shown, port=0) as view:
+        shown.show()
+        for sent in ("text", b"\xff\x00", msgpack.encode({"type": "None"}), msgpack.encode([1])):
+            with handshake(view.address) as client:
+                client.send(sent)
+                with contextlib.suppress(ConnectionClosed):
+                    while client.recv(timeout=10.0):  # or it is too late
+                        pass
+        port = int(view.address.rpartition(":")[2])
+        for raw in (b"\x00\xff\r\n\r\n", b"GET / HTTP/1.1\r\nUpgrade: websocket\r\n\r\n"):
+            with socket.create_connection(("127.0.0.1", port), timeout=10.0) as client:
+                client.sendall(raw)
+                client.recv(100)
+        with urlopen(view.address) as reply:
+            assert reply.status == 200
+        assert view.alive
+    told = capfd.readouterr().err.splitlines()
+    assert [line for line in told if "got KeyError 'None' (it was cut off)" in line]
+    for line in told:
+        assert line.startswith("view: client: must send what a browser sends; got ")
+    assert len(told) == len(set(told))
+
+
+def camera():
+    """What a browser sends first."""
+    from msgspec import msgpack
+
+    return msgpack.encode({
+        "type": "ViewerCameraMessage", "wxyz": [1.0, 0.0, 0.0, 0.0], "position": [0.0, 0.0, 2.0],
+        "fov": 1.0, "near": 0.01, "far": 50.0, "image_height": 720, "image_width": 1280,
+        "look_at": [0.0, 0.0, 0.0], "up_direction": [0.0, 1.0, 0.0],
+    })  # fmt: skip
+
+
+def pictures(client, shown, count):
+    """Windows with colours that a client gets, while it waits for so many cycles."""
+    from zstandard import ZstdDecompressor
+
+    found = 0
+    for k in range(count):
+        time.sleep(0.04)
+        force = np.zeros((3, shown.topology.n))
+        force[2] = 0.1 + 0.02 * (k % 7)
+        shown.show(force=force)
+        with contextlib.suppress(TimeoutError):
+            while True:
+                message = client.recv(timeout=0.001)
+                size = int.from_bytes(message[8:16], "little")
+                found += b"batched_colors" in ZstdDecompressor().decompress(message[16 : 16 + size])
+    return found
+
+
+def test_pictures_are_made_for_whoever_looks_and_for_nobody_else(capfd):
+    shown = Shown()
+    with show(shown, port=0) as view:
+        shown.show()
+        with handshake(view.address) as client:
+            pictures(client, shown, 5)  # what is there anyway
+            assert pictures(client, shown, 20) == 0  # it has no camera yet
+            client.send(camera())
+            assert pictures(client, shown, 40) >= 20
+        with handshake(view.address) as other:
+            pictures(other, shown, 5)
+            assert pictures(other, shown, 20) == 0
+            other.send(camera())
+            assert pictures(other, shown, 40) >= 20
+    assert capfd.readouterr().err == ""  # ended with a client that looks on
