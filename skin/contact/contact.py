@@ -9,6 +9,7 @@ import numpy as np
 
 from skin.contact.model import WAYPOINTS
 from skin.contact.record import Event, Flag, SlipState
+from skin.contact.slip.data import BEGAN, NOISE_RATIO
 from skin.contact.wrench import wrench_in_frame
 from skin.errors import SkinError
 
@@ -117,20 +118,42 @@ class Contact:
     travel = _Number(float, "Length of the way of its centroid so far.")
     slip = _Number(SlipState, "What it does as a whole.")
     stick_ratio = _Number(float, "Share of the load on units that stick.")
-    pattern = _Number(float, "Sigmas of the lags along the likeliest pattern of slip.")
+    pattern = _Number(float, "Odds of slip by the lags, as sigmas: root of twice their logarithm.")
+    slip_probability = _Number(
+        float, "Probability that some of the load slips; NaN where too little is known."
+    )
+    slip_direction = _Vector(
+        "Where what slips goes over the skin: mean of unit vectors, shorter than 1 where it turns; "
+        "NaN where nothing slips; shape (3,)."
+    )
     slip_units = _Number(int, "Units that slip.")
     motion = _Vector("Millimetres that the body has dragged the skin since contact, shape (3,).")
     rotation = _Vector("Radians that it has turned the skin, shape (3,).")
     friction = _Number(float, "Coefficient of friction that slip has shown; NaN before.")
     friction_sigma = _Number(float, "One-sigma of `friction`.")
+    friction_spread = _Number(float, "One-sigma of friction over the faces of the contact.")
     friction_lower = _Number(float, "What units that stick have borne: friction is not less.")
     margin = _Number(float, "Share of the friction cone that is left; NaN without friction.")
     grip_force = _Number(float, "Normal force that would hold with the safety asked for.")
+    grip_force_sigma = _Number(float, "One-sigma of `grip_force`, by friction and tangential load.")
 
     @property
     def units(self) -> np.ndarray:
         """Its units, shape (m,), int32."""
         return self._data.units.members[self.record["begin"] : self.record["end"]]
+
+    @property
+    def slip_began(self) -> np.ndarray:
+        """Units that began the slip that it is in, shape (m,), int32; empty if it does not slip."""
+        began = self._data.slip.history[BEGAN, self.units]
+        slips = self.slip >= SlipState.INCIPIENT
+        return self.units[(began == self.record["id"]) & slips]
+
+    @property
+    def noise_ratio(self) -> np.ndarray:
+        """Spread of its units' noise as seen while it held, over what sigma says, shape (m,): 1 or
+        more; 1 where nothing was seen."""
+        return np.sqrt(np.maximum(self._data.slip.kept[NOISE_RATIO, self.units], 1.0))
 
     @property
     def unit_names(self) -> list[str]:
@@ -178,6 +201,7 @@ class Contact:
             contacts=data.contacts[one].copy(),
             paths=data.paths[one].copy(),
             units=data.units._replace(members=data.units.members.copy()),
+            slip=data.slip._replace(kept=data.slip.kept.copy(), history=data.slip.history.copy()),
         )
         return Contact(kept, shocks, 0, self._names)
 

@@ -141,11 +141,12 @@ CONTACT = np.dtype(
         ("waypoints", np.int64),
         # -- slip: written by slip
         ("slip", np.int32),  # SlipState
-        ("slip_cycles", np.int32),
         ("slip_units", np.int32),  # units that judge
         ("body_units", np.int32),
         ("stick_ratio", np.float64),
-        ("pattern", np.float64),  # sigmas of the lag of light units behind heavy ones
+        ("pattern", np.float64),  # of slip: root of twice the logarithm of its odds
+        ("slip_probability", np.float64),
+        ("slip_direction", np.float64, (3,)),  # of the body over the skin; 1 long if all go alike
         ("onset_ns", np.int64),  # of the present slip, 0
         ("motion", np.float64, (3,)),  # mm, of the body since contact, skin frame
         ("rotation", np.float64, (3,)),  # rad
@@ -156,9 +157,11 @@ CONTACT = np.dtype(
         ("friction_sigma", np.float64),
         ("friction_lower", np.float64),
         ("friction_information", np.float64),
-        ("friction_sum", np.float64),
+        ("friction_mean", np.float64),
+        ("friction_spread", np.float64),  # one-sigma over the faces
         ("margin", np.float64),
         ("grip_force", np.float64),  # N
+        ("grip_force_sigma", np.float64),
     ],
     align=True,
 )

@@ -13,26 +13,26 @@ import numpy as np
 
 from bus.compiled import aligned
 from bus.compiled.jit import jitable
-from skin.contact.slip.parameters import PARAMETERS
+from skin.contact.slip.parameters import PATTERNS
 
 __all__ = [
-    "LANES", "MOTIONS", "NUISANCES", "PLANE", "BodyFit", "PatternScratch", "SlipArrays",
-    "SlipData", "SlipScratch", "UnitFilter", "UnitHistory", "UnitRows", "row_length",
+    "BEGAN", "LANES", "MOTIONS", "NOISE_RATIO", "NUISANCES", "PLANE", "BodyFit", "PatternScratch",
+    "SlipArrays", "SlipData", "SlipScratch", "UnitFilter", "UnitHistory", "UnitRows", "row_length",
     "slip_arrays", "unit_filter",
 ]  # fmt: skip
 
-MOTIONS, PLANE = 7, 4
-"""Motions of a body: along both axes of the contact, about its normal, a swelling (the first four,
-in the plane); where the skin is curved, along the normal and about the two axes."""
-NUISANCES = MOTIONS + 3
-"""What may look like slip and is none: those; a gain that all units share; soft ground under a flat
-face; soft ground under a round one."""
+MOTIONS, PLANE = 6, 3
+"""Motions of a body: along both axes of the contact and about its normal (the first three, in the
+plane); where the skin is curved, along the normal and about the two axes."""
+NUISANCES = MOTIONS + 2
+"""What may look like slip and is none: those; a gain that all units share; soft ground."""
 LANES = 8
 """Numbers of a vector."""
 
 
 class UnitFilter(NamedTuple):
-    """What is kept of each unit while its contact lasts; shape (n,) or (2, n) with n padded."""
+    """What is kept of each unit while its contact lasts, and its noise for longer; shape (n,) or
+    (2, n) with n padded."""
 
     anchor: np.ndarray  # (2, n) displacement at no motion of the body
     anchor_variance: np.ndarray
@@ -40,24 +40,30 @@ class UnitFilter(NamedTuple):
     lag_variance: np.ndarray
     moved: np.ndarray  # (2, n) displacement that the body's motion asks for
     moved_slow: np.ndarray  # (2, n) the same, low-passed as the lag is
-    moved_recent: np.ndarray  # (2, n) the same, low-passed over `recent_s`
     followed: np.ndarray  # (2, n) its part that the anchor has had time to follow
     followed_out: np.ndarray  # (2, n) what of that is due to motions out of the contact's plane
     gain_error: np.ndarray  # share of the displacement since then by which it goes too far
     gain_information: np.ndarray  # inverse variance of that
     anchor_depth: np.ndarray  # how deep it was pressed, low-passed as the anchor
-    score: np.ndarray  # length of the lag in its sigmas
-    clipped: np.ndarray  # 1 where friction cannot have held it, as far as the contact tells
+    lag_mean: np.ndarray  # (2, n) of the lag over `rest_s`
+    noise_ratio: np.ndarray  # variance of the noise over what sigma says; 1 at least, 0 if unknown
+    noise_sum: np.ndarray  # squares of what was seen over what sigma says
+    noise_count: np.ndarray  # and how many of them
 
 
 class UnitHistory(NamedTuple):
     """What else is kept of each unit, and not needed in rows; shape (n,) or (2, n) as there."""
 
     body: np.ndarray  # identity of the contact that it is anchored to
+    began: np.ndarray  # identity of the contact whose slip it began, last time
     mean_lag: np.ndarray  # (2, n) of a slipping unit: mean of the last stretch of time
     lag_sum: np.ndarray  # (2, n) sum of this stretch
     lag_cycles: np.ndarray  # length of this stretch
     sliding_s: np.ndarray  # how long it still counts as seen sliding
+    slid_shear: np.ndarray  # sum of the forces along its way while it slid in this contact
+    slid_load: np.ndarray  # sum of the loads
+    slid_variance: np.ndarray  # sum of the variances of shear less friction times load
+    borne: np.ndarray  # greatest friction that it has borne in this contact without
 
 
 class UnitRows(NamedTuple):
@@ -67,7 +73,8 @@ class UnitRows(NamedTuple):
     new: np.ndarray  # 1 where it has just come into contact
     joined: np.ndarray  # 1 where it was anchored to another body
     displacement: np.ndarray  # (2, length)
-    noise: np.ndarray  # variance of that
+    told: np.ndarray  # variance of that by sigma
+    noise: np.ndarray  # and as it was seen
     load: np.ndarray  # N
     weight: np.ndarray  # in the fit; later, inverse variance of the lag
     deeper: np.ndarray  # than at its anchor
@@ -80,6 +87,8 @@ class UnitRows(NamedTuple):
     redundancy: np.ndarray  # share of its own lag that they leave
     predicted_lag: np.ndarray  # by a pattern of slip, in sigmas
     moved_out: np.ndarray  # (2, length) of `moved`, due to motions out of the plane
+    surprise: np.ndarray  # square of the reading's distance from the lag
+    in_pattern: np.ndarray  # 1 where the likeliest pattern says that it slips
     design: tuple[np.ndarray, np.ndarray]  # (NUISANCES, length) each of motions, along x and y;
     # later, orthonormal nuisance basis
     nuisance: np.ndarray  # (NUISANCES, length) that basis along `direction`
@@ -101,8 +110,8 @@ class PatternScratch(NamedTuple):
     """Scratch of the pattern test."""
 
     prior: np.ndarray  # (NUISANCES, NUISANCES) rows of prior knowledge of the nuisance basis
-    likelihood: np.ndarray  # (patterns,) twice the log likelihood ratio
-    slipping: np.ndarray  # (patterns,) share of the load that slips
+    evidence: np.ndarray  # (PATTERNS,) twice the logarithm of the odds against no slip
+    slipping: np.ndarray  # (PATTERNS,) share of the load that slips
 
 
 class SlipScratch(NamedTuple):
@@ -112,6 +121,7 @@ class SlipScratch(NamedTuple):
     row: UnitRows
     fit: BodyFit
     pattern: PatternScratch
+    noise: np.ndarray  # (4,) of all units: sum and count of lags, sum and count of readings; kept
     unit_rows: np.ndarray  # (FILTER_ROWS, length) all of `unit`, to be padded
     rows: np.ndarray  # (UNIT_ROWS, length) all of `row`
 
@@ -135,7 +145,8 @@ class SlipData(NamedTuple):
     placement_equations: np.ndarray
     vectors: np.ndarray  # (7, MOTIONS), what else is in `BodyFit`
     prior: np.ndarray  # see `PatternScratch`
-    grid: np.ndarray  # (2, patterns), what else is in `PatternScratch`
+    grid: np.ndarray  # (2, PATTERNS), what else is in `PatternScratch`
+    noise: np.ndarray  # (4,), kept, see `SlipScratch`
 
     @staticmethod
     def zeros(n: int) -> SlipData:
@@ -146,11 +157,15 @@ class SlipData(NamedTuple):
             aligned.zeros((FILTER_ROWS, length)), aligned.zeros((UNIT_ROWS, length)),
             np.zeros((MOTIONS, MOTIONS + 1)), np.zeros((MOTIONS - PLANE, MOTIONS + 1)),
             np.zeros((7, MOTIONS)), np.zeros((NUISANCES, NUISANCES)),
-            np.zeros((2, PARAMETERS.patterns)),
+            np.zeros((2, PATTERNS)), np.zeros(4),
         )  # fmt: skip
 
 
-FILTER_ROWS, HISTORY_ROWS, UNIT_ROWS = 21, 7, 20 + 3 * NUISANCES
+FILTER_ROWS, HISTORY_ROWS, UNIT_ROWS = 22, 12, 23 + 3 * NUISANCES
+
+
+BEGAN, NOISE_RATIO = 1, 19
+"""Rows of `UnitHistory.began` and `UnitFilter.noise_ratio`."""
 
 
 def row_length(n: int) -> int:
@@ -164,8 +179,8 @@ def row_length(n: int) -> int:
 def unit_filter(b):
     """The rows of a block by name."""
     return UnitFilter(
-        b[0:2], b[2], b[3:5], b[5], b[6:8], b[8:10], b[10:12], b[12:14], b[14:16], b[16], b[17],
-        b[18], b[19], b[20],
+        b[0:2], b[2], b[3:5], b[5], b[6:8], b[8:10], b[10:12], b[12:14], b[14], b[15], b[16],
+        b[17:19], b[NOISE_RATIO], b[20], b[21],
     )  # fmt: skip
 
 
@@ -173,13 +188,14 @@ def unit_filter(b):
 def slip_arrays(data: SlipData):
     """The memory of slip by name."""
     h, r, v = data.history, data.row, data.vectors
+    k = 23 + NUISANCES
     row = UnitRows(
-        r[0], r[1], r[2], r[3:5], r[5], r[6], r[7], r[8], r[9], r[10:12], r[12], r[13], r[14],
-        r[15], r[16], r[17], r[18:20], (r[20 : 20 + NUISANCES], r[20 + NUISANCES : 40]), r[40:50],
+        r[0], r[1], r[2], r[3:5], r[5], r[6], r[7], r[8], r[9], r[10], r[11:13], r[13], r[14],
+        r[15], r[16], r[17], r[18], r[19:21], r[21], r[22],
+        (r[23:k], r[k : k + NUISANCES]), r[k + NUISANCES : k + 2 * NUISANCES],
     )  # fmt: skip
     fit = BodyFit(v[0:3], v[3], v[4], data.equations, data.placement_equations, v[5], v[6])
     pattern = PatternScratch(data.prior, data.grid[0], data.grid[1])
-    scratch = SlipScratch(unit_filter(data.unit), row, fit, pattern, data.unit, r)
-    return SlipArrays(
-        unit_filter(data.kept), UnitHistory(h[0], h[1:3], h[3:5], h[5], h[6]), scratch
-    )
+    scratch = SlipScratch(unit_filter(data.unit), row, fit, pattern, data.noise, data.unit, r)
+    history = UnitHistory(h[0], h[BEGAN], h[2:4], h[4:6], h[6], h[7], h[8], h[9], h[10], h[11])
+    return SlipArrays(unit_filter(data.kept), history, scratch)

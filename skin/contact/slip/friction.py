@@ -2,77 +2,141 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from bus.compiled.jit import jitable
 from skin.contact.cone import tangential_demand
 from skin.contact.record import NO_FRICTION, SlipState, UnitSlip
-from skin.contact.slip.data import UnitHistory
+from skin.contact.slip.data import SlipArrays, UnitHistory
 from skin.contact.slip.parameters import PARAMETERS, SlipModel
 
 __all__ = ["friction_margin", "learn_friction"]
 
+FACES = 4.0
+"""[numeric] Faces that the spread of friction that is assumed is worth, for that which is seen."""
+FAR = -5.0
+"""[numeric] Sigmas below the mean, from where a bound tells nothing."""
+
 
 @jitable(inline=True)
-def learn_friction(record, reading, units, history: UnitHistory, now_ns, dt_s):
-    """What slipping units carry, and what stuck ones bear at least: equations 17 to 19."""
-    forget = 1.0 - dt_s / PARAMETERS.friction_memory_s
-    record["friction_information"] *= forget
-    record["friction_sum"] *= forget
+def learn_friction(record, reading, units, alarm, slip: SlipArrays, now_ns, dt_s):
+    """What slipping units carry, and what stuck ones bear at least: equations 19 and 20."""
+    history, unlike, row = slip.history, slip.kept.noise_ratio, slip.scratch.row
+    keep = max(0.0, 1.0 - dt_s / PARAMETERS.friction_memory_s)
+    # A bound that is never too high: false as seldom as an alarm.
+    sure = np.sqrt(2.0 * alarm)
     # Where all slides, units slide that nobody has seen slip by themselves.
     since_s = (now_ns - record["gross_ns"]) * 1e-9
-    all_slide = record["slip"] == SlipState.GROSS and since_s < PARAMETERS.settle_s
+    all_slide = record["slip"] == SlipState.GROSS and since_s < PARAMETERS.rest_s
+    seen, seen_sum = 0.0, 0.0
+    for j in range(record["end"] - record["begin"]):
+        i = units.members[record["begin"] + j]
+        slipping = units.slip[i] == UnitSlip.SLIPPING
+        history.slid_shear[i] *= keep
+        history.slid_load[i] *= keep
+        history.slid_variance[i] *= keep
+        load, sigma = np.float64(reading.force[2, i]), reading.force_sigma
+        # Along the way that it is dragged: a length would be too long by its noise.
+        shear = np.float64(reading.force[0, i]) * row.direction[0, j]
+        shear += np.float64(reading.force[1, i]) * row.direction[1, j]
+        ratio = shear / load
+        variance = 0.5 * (np.float64(sigma[0, i]) ** 2 + np.float64(sigma[1, i]) ** 2)
+        variance += (ratio * np.float64(sigma[2, i])) ** 2
+        variance *= max(unlike[i], 1.0)
+        if all_slide or (slipping and history.sliding_s[i] > 0.0):
+            history.slid_shear[i] += shear
+            history.slid_load[i] += load
+            history.slid_variance[i] += variance
+        elif not slipping:
+            bound = ratio - sure * np.sqrt(variance) / load
+            history.borne[i] = max(history.borne[i], bound)
+            record["friction_lower"] = max(record["friction_lower"], bound)
+        if _has_slid(i, history):
+            seen += 1.0
+            seen_sum += history.slid_shear[i] / history.slid_load[i]
+    if seen > 0.0:
+        if not record["friction_information"] > 0.0:
+            record["friction_mean"] = seen_sum / seen
+            record["friction_spread"] = PARAMETERS.friction_spread * record["friction_mean"]
+        _follow_friction(record, units, history)
+
+
+@jitable(inline=True)
+def _has_slid(i, history: UnitHistory):
+    """Whether a unit has been seen to slide for so long that it tells a friction."""
+    square = PARAMETERS.outlier_sigmas**2 * history.slid_variance[i]
+    return history.slid_shear[i] > 0.0 and history.slid_shear[i] ** 2 > square
+
+
+@jitable(inline=True)
+def _follow_friction(record, units, history: UnitHistory):
+    """One step of expectation and maximisation for the friction of the faces, which is normal over
+    them: those that slid tell it, those that stick tell that theirs is greater (equation 20)."""
+    mean, spread = record["friction_mean"], record["friction_spread"]
+    variance = spread**2
+    told, further, squares, known = 0.0, 0.0, 0.0, 0.0
     for at in range(record["begin"], record["end"]):
         i = units.members[at]
-        slipping = units.slip[i] == UnitSlip.SLIPPING
-        slides = all_slide or (slipping and history.sliding_s[i] > 0.0)
-        load, shear_x, shear_y = reading.force[2, i], reading.force[0, i], reading.force[1, i]
-        square = np.float64(shear_x) ** 2 + np.float64(shear_y) ** 2
-        bears = not slipping and square > (record["friction_lower"] * load) ** 2
-        if not (slides or bears):
-            continue
-        sigma = reading.force_sigma
-        load_sigma = np.float64(sigma[2, i])
-        variance = 0.5 * (np.float64(sigma[0, i]) ** 2 + np.float64(sigma[1, i]) ** 2)
-        if (
-            load <= PARAMETERS.load_sigmas * load_sigma
-            or square <= PARAMETERS.shear_sigmas**2 * variance
-        ):
-            continue
-        ratio = np.sqrt(square) / load
-        noise = (variance + (ratio * load_sigma) ** 2) / np.float64(load) ** 2
-        if slides:
-            # The length of a noisy vector is too long by half its variance over itself.
-            ratio -= 0.5 * variance / (np.sqrt(square) * load)
-            spread = PARAMETERS.friction_spread * ratio
-            weight = dt_s / PARAMETERS.friction_s / (noise + spread**2)
-            record["friction_information"] += weight
-            record["friction_sum"] += weight * ratio
-        else:
-            bound = ratio - PARAMETERS.bound_sigmas * np.sqrt(noise)
-            record["friction_lower"] = max(record["friction_lower"], bound)
+        ahead, information = 0.0, 0.0
+        if _has_slid(i, history):
+            value = history.slid_shear[i] / history.slid_load[i]
+            noise = history.slid_variance[i] / history.slid_load[i] ** 2
+            information = variance / (variance + noise)
+            ahead = information * (value - mean)
+        elif history.borne[i] > 0.0:
+            at_least = (history.borne[i] - mean) / spread
+            if at_least > FAR:
+                hazard = _hazard(at_least)
+                ahead, information = spread * hazard, hazard * (hazard - at_least)
+        told += information
+        further += ahead
+        squares += information * (ahead**2 + (1.0 - information) * variance)
+        known += information
+    if not told > 0.0:
+        return
+    prior = (PARAMETERS.friction_spread * mean) ** 2
+    record["friction_mean"] = max(mean + further / told, 1e-3)
+    record["friction_spread"] = np.sqrt((squares + FACES * prior) / (known + FACES))
+    record["friction_information"] = told / variance
+
+
+@jitable(inline=True)
+def _hazard(z):
+    """Density of a normal number over the chance that it is greater than z."""
+    if z > 8.0:
+        return z + 1.0 / z
+    return math.exp(-0.5 * z * z) / (math.sqrt(0.5 * math.pi) * math.erfc(z / math.sqrt(2.0)))
 
 
 @jitable(inline=True)
 def friction_margin(record, model: SlipModel):
-    """Friction so far, what is left of its cone, and the grip that holds: equations 18 and 20.
+    """Friction so far, what is left of its cone, and the grip that holds: equation 21.
 
     Returns the friction that is in use.
     """
     if record["friction_information"] > 0.0:
-        record["friction"] = record["friction_sum"] / record["friction_information"]
-        variance = 1.0 / record["friction_information"]
-        between = 0.5 * PARAMETERS.friction_spread * record["friction"]
-        record["friction_sigma"] = np.sqrt(variance + between**2)
+        record["friction"] = record["friction_mean"]
+        between = PARAMETERS.friction_spread * record["friction"]
+        record["friction_sigma"] = np.sqrt(1.0 / record["friction_information"] + between**2)
     else:
         record["friction"] = model.friction
         record["friction_sigma"] = np.nan
     demand = tangential_demand(record["shear"], record["torsion"], record["arm"])
     if record["friction"] > 0.0:
         record["margin"] = 1.0 - demand / (record["friction"] * record["load"])
-        record["grip_force"] = model.safety * demand / record["friction"]
+        grip = model.safety * demand / record["friction"]
+        record["grip_force"] = grip
+        square = 0.0
+        for c in range(3):
+            square += record["wrench_sigma"][c] ** 2 / 3.0
+        relative = record["friction_sigma"] / record["friction"]
+        noise = model.safety / record["friction"]
+        record["grip_force_sigma"] = np.sqrt((grip * relative) ** 2 + noise**2 * square)
     else:
         record["flags"] |= NO_FRICTION
         record["margin"] = np.nan
         record["grip_force"] = np.nan
+        record["grip_force_sigma"] = np.nan
     return demand / record["load"]

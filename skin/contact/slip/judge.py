@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from bus.compiled.jit import jitable
 from skin.contact.record import BORN, BRIDGE, RESUMED, SILENT, WEAK, SlipState, UnitSlip
 from skin.contact.slip.data import MOTIONS, PLANE, SlipArrays, slip_arrays
 from skin.contact.slip.friction import friction_margin, learn_friction
-from skin.contact.slip.parameters import PARAMETERS, SlipModel
-from skin.contact.slip.pattern_test import detect_pattern, project_nuisances
+from skin.contact.slip.noise import learn_noise, unlike_readings
+from skin.contact.slip.parameters import LEAST_UNITS, PARAMETERS, UNITS_FOR_TURN, SlipModel
+from skin.contact.slip.pattern_test import alarm_odds, detect_pattern, project_nuisances
 from skin.contact.slip.rigid_fit import contact_frame, fit_motion
 from skin.contact.slip.state_machine import (
     begin_contact,
@@ -24,88 +23,103 @@ from skin.contact.slip.unit_filter import correct, gather, lowpass_share, predic
 
 __all__ = ["judge"]
 
-
-class _Rates(NamedTuple):
-    """Shares by which low-passes follow in this cycle."""
-
-    slow: float  # lags, where the body is slow
-    fast: float  # lags, where it is fast
-    recent: float  # the recent motion
+LEAST_SIZE_M = 1e-4
+"""[numeric] Least size of a contact, metre."""
 
 
 @jitable(inline=True)
-def _rates(dt_s, model: SlipModel):
-    radians = -2.0 * np.pi * dt_s
-    slow = 1.0 - np.exp(radians * model.lowpass_hz)
-    fast = 1.0 - np.exp(radians * max(PARAMETERS.fast_hz, model.lowpass_hz))
-    return _Rates(slow, fast, 1.0 - np.exp(-dt_s / PARAMETERS.recent_s))
-
-
-@jitable(inline=True)
-def _judge_lags(record, dt_s, rates, geometry, model: SlipModel, reading, units, slip: SlipArrays):
+def _judge_lags(record, dt_s, geometry, model: SlipModel, reading, units, slip: SlipArrays):
     """Judge units by their lags behind the body's motion.
 
     Writes motion and rotation of the body; returns how many units judge, the share of the load
-    that sticks by the pattern test, and the sigmas of the pattern.
+    that sticks by the pattern test, and the logarithms of the odds of slip and of those that alarm.
     """
     scratch = slip.scratch
     unit, row, fit = scratch.unit, scratch.row, scratch.fit
     flat = contact_frame(record, units.members, reading.force, geometry, fit)
-    size = max(record["arm"], PARAMETERS.least_arm_m)
+    size = max(record["arm"], LEAST_SIZE_M)
     motions = PLANE if flat else MOTIONS
     length, stuck, known = gather(record, reading, units, geometry, size, motions, slip)
-    if stuck < PARAMETERS.units_for_turn:
+    if stuck < UNITS_FOR_TURN:
         motions = 2
     fit.motion[:] = 0.0
-    out_of_plane = PARAMETERS.placement_mm
+    out_of_plane = 1.0
     if stuck:
-        out_of_plane = fit_motion(length, stuck, motions, model, unit, row, fit)
-    share = lowpass_share(length, motions, stuck, rates, unit, row, fit.motion)
-    predict(length, motions, share, rates.recent, model, unit, row, fit.motion)
-    judging, sticks, pattern = 0, 1.0, 0.0
+        out_of_plane = fit_motion(length, motions, model, unit, row, fit)
+    share = lowpass_share(length, motions, stuck, dt_s, unit, row, fit.motion)
+    predict(length, motions, share, unlike_readings(scratch.noise), model, unit, row, fit.motion)
+    alarm = alarm_odds(share, dt_s, model)
+    judging, sticks, odds = 0, 1.0, 0.0
     if record["slip"] == SlipState.GROSS:
         judging = record["end"] - record["begin"]
-    elif known >= PARAMETERS.least_units:
+    elif known >= LEAST_UNITS:
         judging = record["end"] - record["begin"]
         nuisances = project_nuisances(
             length, motions, stuck, out_of_plane, model, unit, row, scratch.pattern.prior
         )
-        haste = (share - rates.slow) / max(rates.fast - rates.slow, 1e-9)
-        sticks, pattern = detect_pattern(
-            record, units.members, reading.force, length, nuisances, haste, model, scratch
+        odds, sticks = detect_pattern(
+            record, units.members, reading.force, length, nuisances, alarm, model, scratch
         )
-        decide_units(record, units, dt_s, model, slip)
-        correct(length, dt_s, model, unit, row)
+        decide_units(record, units, dt_s, alarm, model, slip)
+        learn_noise(length, stuck, motions, share, dt_s, scratch)
+        correct(length, dt_s, unit, row)
     for c in range(3):
         record["motion"][c] = fit.axes[0, c] * fit.motion[0] + fit.axes[1, c] * fit.motion[1]
         record["rotation"][c] = fit.axes[2, c] * fit.motion[2] * 1e-3 / size
-    return judging, sticks, pattern
+    return judging, sticks, odds, alarm
 
 
 @jitable(inline=True)
-def _judge_contact(record, dt_s, now_ns, rates, model, reading, units, slip: SlipArrays):
+def _judge_contact(record, dt_s, now_ns, model, reading, units, slip: SlipArrays):
     """Judge one contact and its units."""
     first, last = record["begin"], record["end"]
     if record["event"] & (BORN | RESUMED):
         begin_contact(record)
-    judging, sticks, pattern = _judge_lags(
-        record, dt_s, rates, model.geometry, model.slip, reading, units, slip
+    judging, sticks, odds, alarm = _judge_lags(
+        record, dt_s, model.geometry, model.slip, reading, units, slip
     )
     slipping, load_slipping = count_slipping(record, units, slip.scratch.row)
     scatter(first, last - first, units.members, slip.scratch.unit, slip.kept)
     record["slip_units"] = slipping
     record["body_units"] = judging
-    record["pattern"] = pattern
+    record["pattern"] = np.sqrt(2.0 * max(odds, 0.0))
     record["stick_ratio"] = min(sticks, 1.0 - load_slipping / record["load"])
-    learn_friction(record, reading, units, slip.history, now_ns, dt_s)
+    learn_friction(record, reading, units, alarm, slip, now_ns, dt_s)
     ratio = friction_margin(record, model.slip)
-    if record["slip"] != SlipState.GROSS or judging < PARAMETERS.least_units:
-        decide_contact(record, model.slip, now_ns, judging, ratio)
+    if record["slip"] != SlipState.GROSS or judging < LEAST_UNITS:
+        decide_contact(record, units, now_ns, judging, ratio, model.slip, slip)
     elif not slides_still(record, ratio, now_ns, dt_s):
         record["slip"] = SlipState.STICK
         record["onset_ns"] = 0
         for at in range(first, last):
             units.slip[units.members[at]] = UnitSlip.NO_CONTACT
+    _tell(
+        record, units, geometry=model.geometry, odds=odds, alarm=alarm, model=model.slip, slip=slip
+    )
+
+
+@jitable(inline=True)
+def _tell(record, units, geometry, odds, alarm, model: SlipModel, slip: SlipArrays):
+    """Probability and direction of slip: derivations.md, state machine."""
+    if record["slip"] >= SlipState.INCIPIENT:
+        odds = max(odds, alarm)
+    begins = model.slips_per_hour / 3600.0 * PARAMETERS.slow_s
+    record["slip_probability"] = 1.0 / (1.0 + np.exp(-min(odds, 700.0)) / begins)
+    if record["slip"] == SlipState.NONE:
+        record["slip_probability"] = np.nan
+    direction, row, total = record["slip_direction"], slip.scratch.row, 0.0
+    direction[:] = 0.0
+    slides = record["slip"] == SlipState.GROSS
+    for j in range(record["end"] - record["begin"]):
+        i = units.members[record["begin"] + j]
+        if slides or units.slip[i] == UnitSlip.SLIPPING or row.in_pattern[j] > 0.0:
+            total += row.load[j]
+            for a in range(3):
+                way = row.direction[0, j] * geometry.pose[i]["rotation"][a, 0]
+                way += row.direction[1, j] * geometry.pose[i]["rotation"][a, 1]
+                direction[a] += row.load[j] * way
+    for a in range(3):
+        direction[a] = direction[a] / total if total > 0.0 else np.nan
 
 
 @jitable(fastmath={"contract", "reassoc"})
@@ -137,8 +151,8 @@ def judge(count, dt_s, now_ns, model, data):
             and units.kind[i] != SILENT
         ):
             units.slip[i] = UnitSlip.NO_CONTACT
-    rates, slip = _rates(dt_s, model.slip), slip_arrays(data.slip)
+    slip = slip_arrays(data.slip)
     for k in range(count):
         record = data.contacts[data.slots.present[k]]
         if not record["flags"] & WEAK:
-            _judge_contact(record, dt_s, now_ns, rates, model, data.reading, units, slip)
+            _judge_contact(record, dt_s, now_ns, model, data.reading, units, slip)

@@ -19,7 +19,7 @@ def unlike_readings(noise):
 
 @jitable(inline=True)
 def learn_noise(length, stuck, motions, share, dt_s, scratch: SlipScratch):
-    """Follow the variance of readings and of low-passed lags: derivations.md, equations 12 to 14.
+    """Follow the variance of readings and of low-passed lags: derivations.md, equations 12 and 13.
 
     That of the lags counts noise that is correlated from cycle to cycle, as sigma cannot. Units
     that slip are no judges, and what is an outlier counts as one.

@@ -7,7 +7,7 @@ import numpy as np
 from bus.compiled.jit import jitable
 from skin.contact.record import BORN, FEW_UNITS, SlipState, UnitSlip
 from skin.contact.slip.data import SlipArrays, UnitFilter, UnitHistory, UnitRows
-from skin.contact.slip.parameters import PARAMETERS, SlipModel
+from skin.contact.slip.parameters import LEAST_UNITS, PARAMETERS, SlipModel
 
 __all__ = ["begin_contact", "count_slipping", "decide_contact", "decide_units", "slides_still"]
 
@@ -16,26 +16,28 @@ __all__ = ["begin_contact", "count_slipping", "decide_contact", "decide_units", 
 def begin_contact(record):
     """A contact that is new knows nothing; one that is back has kept its friction."""
     record["slip"] = SlipState.NONE
-    record["slip_cycles"] = 0
     record["onset_ns"] = 0
     if record["event"] & BORN:
         record["friction_information"] = 0.0
-        record["friction_sum"] = 0.0
+        record["friction_mean"] = 0.0
+        record["friction_spread"] = 0.0
         record["friction_lower"] = 0.0
 
 
 @jitable(inline=True)
-def decide_units(record, units, dt_s, model: SlipModel, slip: SlipArrays):
-    """Stick or slip of each unit of a contact."""
+def decide_units(record, units, dt_s, alarm, model: SlipModel, slip: SlipArrays):
+    """Stick or slip of each unit of a contact, at odds of `alarm` and the number of units."""
     state, first, row = units.slip, record["begin"], slip.scratch.row
-    for j in range(record["end"] - first):
+    count = record["end"] - first
+    least = 2.0 * (alarm + np.log(count))
+    for j in range(count):
         i = units.members[first + j]
         if state[i] == UnitSlip.NO_CONTACT:
             state[i] = UnitSlip.STICK
         elif state[i] == UnitSlip.SLIPPING:
-            if _comes_to_rest(slip.history, i, slip.scratch.unit, row.noise[j], j, dt_s):
+            if _comes_to_rest(slip.history, i, slip.scratch.unit, row.noise[j], j, dt_s, model):
                 state[i] = UnitSlip.RE_STICK
-        elif row.slip_score[j] > model.slip_sigmas:
+        elif row.slip_score[j] > 0.0 and row.slip_score[j] ** 2 > least:
             state[i] = UnitSlip.SLIPPING
             _begin_slip(slip.history, i)
         row.held[j] = 1.0 if state[i] != UnitSlip.SLIPPING else 0.0
@@ -47,26 +49,24 @@ def _begin_slip(history: UnitHistory, i):
         history.mean_lag[c, i] = 0.0
         history.lag_sum[c, i] = 0.0
     history.lag_cycles[i] = 0.0
-    history.sliding_s[i] = PARAMETERS.sliding_s
+    history.sliding_s[i] = PARAMETERS.rest_s
 
 
 @jitable(inline=True)
-def _comes_to_rest(history: UnitHistory, i, unit: UnitFilter, noise, j, dt_s):
-    """A unit that slips; returns whether it holds again: its lag is gone, or grows no more."""
+def _comes_to_rest(history: UnitHistory, i, unit: UnitFilter, noise, j, dt_s, model: SlipModel):
+    """A unit that slips; returns whether it holds again: its lag grows no more."""
     mean, total = history.mean_lag, history.lag_sum
     history.sliding_s[i] -= dt_s
     total[0, i] += unit.lag[0, j]
     total[1, i] += unit.lag[1, j]
     history.lag_cycles[i] += 1.0
     cycles = history.lag_cycles[i]
-    if unit.score[j] < PARAMETERS.restick_sigmas:
-        return True
-    if cycles * dt_s < PARAMETERS.restick_s:
+    if cycles * dt_s < PARAMETERS.rest_s:
         return False
     mean_x, mean_y = total[0, i] / cycles, total[1, i] / cycles
     further = (mean_x - mean[0, i]) ** 2 + (mean_y - mean[1, i]) ** 2
     variance = noise / cycles
-    if further > PARAMETERS.rest_sigmas**2 * 2.0 * variance + PARAMETERS.rest_mm**2:
+    if further > PARAMETERS.outlier_sigmas**2 * 2.0 * (variance + model.floor_mm**2):
         mean[0, i], mean[1, i] = mean_x, mean_y
         history.sliding_s[i] = cycles * dt_s
         total[0, i], total[1, i], history.lag_cycles[i] = 0.0, 0.0, 0.0
@@ -95,28 +95,28 @@ def count_slipping(record, units, row: UnitRows):
 
 @jitable(inline=True)
 def slides_still(record, ratio, now_ns, dt_s):
-    """Whether gross slip goes on; nobody sees faces slide that all stand at their limit."""
-    settle_s = PARAMETERS.settle_s
-    if (now_ns - record["gross_ns"]) * 1e-9 < settle_s:
-        share = dt_s / (PARAMETERS.settle_share * settle_s)
+    """Whether gross slip goes on: faces that all slide use all of their friction, no more and no
+    less; nobody sees them slide."""
+    if (now_ns - record["gross_ns"]) * 1e-9 < PARAMETERS.rest_s:
+        share = min(1.0, dt_s / PARAMETERS.slow_s)
         record["gross_ratio"] += share * (ratio - record["gross_ratio"])
         return True
-    sliding = record["gross_ratio"]
-    return PARAMETERS.gripped * sliding < ratio < PARAMETERS.pushed * sliding
+    least = 1.0 - PARAMETERS.outlier_sigmas * PARAMETERS.friction_spread
+    return least * record["gross_ratio"] < ratio < record["gross_ratio"] / least
 
 
 @jitable(inline=True)
-def decide_contact(record, model: SlipModel, now_ns, judging, ratio):
-    """State of the contact from its stick ratio, or from the friction cone where units are few:
-    derivations.md, equation 21. `ratio` is the friction in use, `judging` how many units judge."""
+def decide_contact(record, units, now_ns, judging, ratio, model: SlipModel, slip: SlipArrays):
+    """State of the contact from its stick ratio, or from the friction cone where units are few;
+    see derivations.md. `ratio` is the friction in use, `judging` how many units judge."""
     before, state = record["slip"], _state(record, model, judging)
-    if state > before and state > SlipState.STICK:
-        record["slip_cycles"] += 1
-        if record["slip_cycles"] < model.confirm_cycles:
-            return
-    record["slip_cycles"] = 0
     if state >= SlipState.INCIPIENT and before < SlipState.INCIPIENT:
         record["onset_ns"] = now_ns
+        row, first = slip.scratch.row, record["begin"]
+        for j in range(record["end"] - first):
+            i = units.members[first + j]
+            if units.slip[i] == UnitSlip.SLIPPING or row.in_pattern[j] > 0.0:
+                slip.history.began[i] = record["id"]
     elif state < SlipState.INCIPIENT:
         record["onset_ns"] = 0
     if state == SlipState.GROSS and before != SlipState.GROSS:
@@ -129,16 +129,17 @@ def decide_contact(record, model: SlipModel, now_ns, judging, ratio):
 def _state(record, model: SlipModel, judging):
     """State of the contact by this cycle alone, but for hysteresis."""
     before, stick, used = record["slip"], record["stick_ratio"], 1.0 - record["margin"]
-    if judging < PARAMETERS.least_units:
+    spread = PARAMETERS.friction_spread
+    if judging < LEAST_UNITS:
         record["flags"] |= FEW_UNITS
         if not np.isfinite(used):
             return SlipState.NONE
-        if used > PARAMETERS.cone_gross:
+        if used > 1.0:
             return SlipState.GROSS
-        slips = before >= SlipState.INCIPIENT and used > PARAMETERS.cone_calm
-        return SlipState.INCIPIENT if used > PARAMETERS.cone_alert or slips else SlipState.STICK
-    few = judging - record["slip_units"] < PARAMETERS.least_units
-    if stick < model.gross_ratio or (few and used > PARAMETERS.cone_gross):
+        slips = before >= SlipState.INCIPIENT and used > 1.0 - 4.0 * spread
+        return SlipState.INCIPIENT if used > 1.0 - 2.0 * spread or slips else SlipState.STICK
+    few = judging - record["slip_units"] < LEAST_UNITS
+    if stick < model.gross_ratio or (few and used > 1.0):
         return SlipState.GROSS
     leave = 0.5 + 0.5 * model.incipient_ratio
     if stick < model.incipient_ratio or (before == SlipState.INCIPIENT and stick < leave):

@@ -32,7 +32,7 @@ def gather(record, reading, units, geometry, size, motions, slip: SlipArrays):
     for j in range(count):
         i = units.members[first + j]
         # An edge has gone past it: its film recovers, and is no judge of the body any more.
-        at_most = displacement[2, i] + PARAMETERS.depth_sigmas * sigma[2, i]
+        at_most = displacement[2, i] + PARAMETERS.outlier_sigmas * sigma[2, i]
         if at_most < remembered * kept.anchor_depth[i]:
             units.slip[i] = UnitSlip.NO_CONTACT
         new = units.slip[i] == UnitSlip.NO_CONTACT
@@ -49,11 +49,15 @@ def gather(record, reading, units, geometry, size, motions, slip: SlipArrays):
         row.joined[j] = 1.0 if not (new or anchored) else 0.0
         row.displacement[0, j] = displacement[0, i]
         row.displacement[1, j] = displacement[1, i]
-        row.noise[j] = 0.5 * (np.float64(sigma[0, i]) ** 2 + np.float64(sigma[1, i]) ** 2)
+        told = 0.5 * (np.float64(sigma[0, i]) ** 2 + np.float64(sigma[1, i]) ** 2)
+        row.told[j] = told
+        row.noise[j] = told * max(unit.noise_ratio[j], 1.0)
         row.load[j] = reading.force[2, i]
         depth = np.float64(displacement[2, i])
         if new:
             unit.anchor_depth[j] = depth
+            history.slid_shear[i], history.slid_load[i] = 0.0, 0.0
+            history.slid_variance[i], history.borne[i] = 0.0, 0.0
         row.deeper[j] = depth - unit.anchor_depth[j]
         design_motions(geometry.pose[i], scratch.fit, size, motions, row, j)
     return _pad(count, scratch), stuck, known
@@ -68,7 +72,7 @@ def _remembered_share(first, count, displacement, units, kept: UnitFilter):
         if units.slip[i] != UnitSlip.NO_CONTACT:
             deep += displacement[2, i]
             was_deep += kept.anchor_depth[i]
-    return PARAMETERS.remembered_depth * deep / max(was_deep, 1e-9)
+    return PARAMETERS.film_memory * deep / max(was_deep, 1e-9)
 
 
 @jitable(inline=True)
@@ -81,6 +85,7 @@ def _pad(count, scratch: SlipScratch):
                 rows[k, j] = 0.0
     for j in range(count, length):
         scratch.row.noise[j] = 1.0
+        scratch.row.told[j] = 1.0
         scratch.unit.gain_information[j] = 1.0
     return length
 
@@ -100,23 +105,24 @@ def _copy(source: UnitFilter, i, target: UnitFilter, j):
         target.lag[c, j] = source.lag[c, i]
         target.moved[c, j] = source.moved[c, i]
         target.moved_slow[c, j] = source.moved_slow[c, i]
-        target.moved_recent[c, j] = source.moved_recent[c, i]
         target.followed[c, j] = source.followed[c, i]
         target.followed_out[c, j] = source.followed_out[c, i]
+        target.lag_mean[c, j] = source.lag_mean[c, i]
     target.anchor_variance[j] = source.anchor_variance[i]
     target.lag_variance[j] = source.lag_variance[i]
     target.gain_error[j] = source.gain_error[i]
     target.gain_information[j] = source.gain_information[i]
     target.anchor_depth[j] = source.anchor_depth[i]
-    target.score[j] = source.score[i]
-    target.clipped[j] = source.clipped[i]
+    target.noise_ratio[j] = source.noise_ratio[i]
+    target.noise_sum[j] = source.noise_sum[i]
+    target.noise_count[j] = source.noise_count[i]
 
 
 @jitable(inline=True)
-def lowpass_share(length, motions, stuck, rates, unit: UnitFilter, row: UnitRows, motion):
+def lowpass_share(length, motions, stuck, dt_s, unit: UnitFilter, row: UnitRows, motion):
     """Share by which lags follow in this cycle: derivations.md, equation 5."""
     assume_noalias()
-    square, load, noise = 0.0, 0.0, 0.0
+    square, judges, noise = 0.0, 0.0, 0.0
     slow_x, slow_y, design = unit.moved_slow[0], unit.moved_slow[1], row.design
     for j in range(length):
         ahead_x, ahead_y = -slow_x[j], -slow_y[j]
@@ -124,33 +130,38 @@ def lowpass_share(length, motions, stuck, rates, unit: UnitFilter, row: UnitRows
             ahead_x += design[0][a, j] * motion[a]
             ahead_y += design[1][a, j] * motion[a]
         heavy = row.held[j] * row.load[j]
-        load += heavy
+        judges += heavy
         square += heavy * (ahead_x * ahead_x + ahead_y * ahead_y)
         noise += heavy * row.noise[j]
+    slow = 1.0 - np.exp(-dt_s / PARAMETERS.slow_s)
+    if not judges > 0.0:
+        return slow
     # A fit of so many motions to so many units is wrong by this share of a unit's noise.
     square -= noise * motions / max(stuck, 1)
-    rms = np.sqrt(square / load) if square > 0.0 else 0.0
-    span = PARAMETERS.lag_span_mm
-    return min(max(rates.slow, 1.0 - span / max(rms, span)), rates.fast)
+    rms = np.sqrt(square / judges) if square > 0.0 else 0.0
+    span = PARAMETERS.outlier_sigmas * np.sqrt(noise / judges)
+    return max(slow, 1.0 - span / max(rms, span))
 
 
 @jitable(inline=True)
 def predict(
-    length, motions, share, recent, model: SlipModel, unit: UnitFilter, row: UnitRows, motion
+    length, motions, share, unlike, model: SlipModel, unit: UnitFilter, row: UnitRows, motion
 ):
     """Where the body asks each unit to be, and how far it lags: derivations.md, equations 6 to 9.
 
-    `share` and `recent` are the shares by which `moved_slow` and `moved_recent` follow.
+    `share` is that by which the lags follow, `unlike` the variance of single readings over what
+    sigma says.
     """
     assume_noalias()
+    prior = 1.0 / model.gain_error**2
     for j in range(length):
         unit.gain_error[j] *= 1.0 - row.new[j]
-        prior = 1.0 / model.gain_error**2
         unit.gain_information[j] += row.new[j] * (prior - unit.gain_information[j])
+        row.surprise[j] = 0.0
     for c in range(2):
         moved, lag, anchor = unit.moved[c], unit.lag[c], unit.anchor[c]
         here, followed, design = row.displacement[c], unit.followed[c], row.design[c]
-        slow, past = unit.moved_slow[c], unit.moved_recent[c]
+        slow, mean = unit.moved_slow[c], unit.lag_mean[c]
         out, out_now = unit.followed_out[c], row.moved_out[c]
         for j in range(length):
             now = 0.0
@@ -169,19 +180,20 @@ def predict(
             slow[j] += joined * (now - moved[j])
             slow[j] += new * (now - slow[j])
             slow[j] += share * (now - slow[j])
-            past[j] += joined * (now - moved[j])
-            past[j] += new * (now - past[j])
-            past[j] += recent * (now - past[j])
-            gain_error = max(unit.gain_error[j], 0.0)
-            behind = here[j] - anchor[j] - now - gain_error * (now - followed[j])
-            lag[j] = (1.0 - new) * (lag[j] + share * (behind - lag[j]))
+            behind = here[j] - anchor[j] - now - unit.gain_error[j] * (now - followed[j])
+            further = behind - lag[j]
+            row.surprise[j] += further * further
+            spread = max(row.noise[j], unlike * row.told[j]) + unit.lag_variance[j]
+            most = PARAMETERS.outlier_sigmas * np.sqrt(spread)
+            lag[j] = (1.0 - new) * (lag[j] + share * min(max(further, -most), most))
+            mean[j] *= 1.0 - new
             moved[j] = now
     _score(length, share, model, unit, row)
 
 
 @jitable(inline=True)
 def _score(length, share, model: SlipModel, unit: UnitFilter, row: UnitRows):
-    """Variance and score of the lags, and the imposed displacement: equations 7 to 9."""
+    """Variance of the lags, and the imposed displacement: equations 7 to 9."""
     assume_noalias()
     floor = model.floor_mm**2
     for j in range(length):
@@ -190,17 +202,13 @@ def _score(length, share, model: SlipModel, unit: UnitFilter, row: UnitRows):
         variance += share * (share * noise - (2.0 - share) * variance)
         variance += new * (noise - variance)
         unit.lag_variance[j] = variance
-        unsettled = max(new, row.joined[j]) * PARAMETERS.new_anchor * noise
+        unsettled = max(new, row.joined[j]) * noise
         anchor_variance = (1.0 - new) * unit.anchor_variance[j] + unsettled
         unit.anchor_variance[j] = anchor_variance
         square = (unit.moved[0, j] - unit.followed[0, j]) ** 2
         square += (unit.moved[1, j] - unit.followed[1, j]) ** 2
-        doubt = PARAMETERS.lag_doubt * min(unit.gain_error[j], 0.0)
-        square *= 1.0 / unit.gain_information[j] + doubt * doubt
-        weight = 1.0 / (variance + anchor_variance + square + floor)
+        weight = 1.0 / (variance + anchor_variance + square / unit.gain_information[j] + floor)
         row.weight[j] = (1.0 - new) * weight
-        square = unit.lag[0, j] ** 2 + unit.lag[1, j] ** 2
-        unit.score[j] = np.sqrt(square * row.weight[j])
         # Friction drags a unit along: one that slips lags against its own displacement.
         x = unit.anchor[0, j] + unit.moved_slow[0, j]
         y = unit.anchor[1, j] + unit.moved_slow[1, j]
@@ -213,19 +221,18 @@ def _score(length, share, model: SlipModel, unit: UnitFilter, row: UnitRows):
 
 
 @jitable(inline=True)
-def correct(length, dt_s, model: SlipModel, unit: UnitFilter, row: UnitRows):
+def correct(length, dt_s, unit: UnitFilter, row: UnitRows):
     """Anchors and gain errors of the units that stick: derivations.md, equations 10 and 11.
 
     An anchor is the mean of what was seen while the unit stuck, and forgets slowly: creep and a
     drifting tare are no slip. The gain error is the slope of that line.
     """
     assume_noalias()
-    slowest, forget = dt_s / PARAMETERS.anchor_s, dt_s / PARAMETERS.gain_s
+    slowest = dt_s / PARAMETERS.creep_s
     for j in range(length):
         variance, held = unit.anchor_variance[j], row.held[j]
         gain = held * max(variance / (variance + row.noise[j]), slowest)
-        rest, square = 0.0, 0.0
-        gain_error = max(unit.gain_error[j], 0.0)
+        gain_error, rest, square = unit.gain_error[j], 0.0, 0.0
         for c in range(2):
             way = unit.moved[c, j] - unit.followed[c, j]
             lag = row.displacement[c, j] - unit.anchor[c, j] - unit.moved[c, j]
@@ -235,12 +242,9 @@ def correct(length, dt_s, model: SlipModel, unit: UnitFilter, row: UnitRows):
             unit.followed[c, j] += gain * way
             unit.followed_out[c, j] += gain * (row.moved_out[c, j] - unit.followed_out[c, j])
             square += way * way
-            rest += way * (lag - unit.gain_error[j] * way)
+            rest += way * (lag - gain_error * way)
         unit.anchor_depth[j] += gain * row.deeper[j]
-        robust = min(1.0, PARAMETERS.huber_sigmas / max(unit.score[j], 1e-9))
-        telling = held * (1.0 - gain) * robust * robust / row.noise[j]
-        prior = 1.0 / model.gain_error**2
-        unit.gain_information[j] += held * forget * (prior - unit.gain_information[j])
+        telling = held * (1.0 - gain) / row.noise[j]
         unit.gain_information[j] += telling * square
         unit.gain_error[j] += telling * rest / unit.gain_information[j]
         unit.anchor_variance[j] += gain * (gain * row.noise[j] - (2.0 - gain) * variance)
