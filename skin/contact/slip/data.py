@@ -46,9 +46,10 @@ class UnitFilter(NamedTuple):
     gain_information: np.ndarray  # inverse variance of that
     anchor_depth: np.ndarray  # how deep it was pressed, low-passed as the anchor
     lag_mean: np.ndarray  # (2, n) of the lag over `rest_s`
-    noise_ratio: np.ndarray  # variance of the noise over what sigma says; 1 at least, 0 if unknown
+    noise_ratio: np.ndarray  # variance of the noise over what sigma says; 0 before it was touched
     noise_sum: np.ndarray  # squares of what was seen over what sigma says
     noise_count: np.ndarray  # and how many of them
+    age_s: np.ndarray  # how long it has been anchored
 
 
 class UnitHistory(NamedTuple):
@@ -121,7 +122,7 @@ class SlipScratch(NamedTuple):
     row: UnitRows
     fit: BodyFit
     pattern: PatternScratch
-    noise: np.ndarray  # (4,) of all units: sum and count of lags, sum and count of readings; kept
+    noise: np.ndarray  # (6,) of all units: sum and count of lags, of readings; ratios; kept
     unit_rows: np.ndarray  # (FILTER_ROWS, length) all of `unit`, to be padded
     rows: np.ndarray  # (UNIT_ROWS, length) all of `row`
 
@@ -146,7 +147,7 @@ class SlipData(NamedTuple):
     vectors: np.ndarray  # (7, MOTIONS), what else is in `BodyFit`
     prior: np.ndarray  # see `PatternScratch`
     grid: np.ndarray  # (2, PATTERNS), what else is in `PatternScratch`
-    noise: np.ndarray  # (4,), kept, see `SlipScratch`
+    noise: np.ndarray  # (6,), kept, see `SlipScratch`
 
     @staticmethod
     def zeros(n: int) -> SlipData:
@@ -157,11 +158,11 @@ class SlipData(NamedTuple):
             aligned.zeros((FILTER_ROWS, length)), aligned.zeros((UNIT_ROWS, length)),
             np.zeros((MOTIONS, MOTIONS + 1)), np.zeros((MOTIONS - PLANE, MOTIONS + 1)),
             np.zeros((7, MOTIONS)), np.zeros((NUISANCES, NUISANCES)),
-            np.zeros((2, PATTERNS)), np.zeros(4),
+            np.zeros((2, PATTERNS)), np.zeros(6),
         )  # fmt: skip
 
 
-FILTER_ROWS, HISTORY_ROWS, UNIT_ROWS = 22, 12, 23 + 3 * NUISANCES
+FILTER_ROWS, HISTORY_ROWS, UNIT_ROWS = 23, 12, 23 + 3 * NUISANCES
 
 
 BEGAN, NOISE_RATIO = 1, 19
@@ -180,7 +181,7 @@ def unit_filter(b):
     """The rows of a block by name."""
     return UnitFilter(
         b[0:2], b[2], b[3:5], b[5], b[6:8], b[8:10], b[10:12], b[12:14], b[14], b[15], b[16],
-        b[17:19], b[NOISE_RATIO], b[20], b[21],
+        b[17:19], b[NOISE_RATIO], b[20], b[21], b[22],
     )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ from bus.compiled.jit import jitable
 from skin.contact.record import BORN, BRIDGE, RESUMED, SILENT, WEAK, SlipState, UnitSlip
 from skin.contact.slip.data import MOTIONS, PLANE, SlipArrays, slip_arrays
 from skin.contact.slip.friction import friction_margin, learn_friction
-from skin.contact.slip.noise import learn_noise, unlike_readings
+from skin.contact.slip.noise import begin_cycle, learn_noise, unlike_readings
 from skin.contact.slip.parameters import LEAST_UNITS, PARAMETERS, UNITS_FOR_TURN, SlipModel
 from skin.contact.slip.pattern_test import alarm_odds, detect_pattern, project_nuisances
 from skin.contact.slip.rigid_fit import contact_frame, fit_motion
@@ -47,7 +47,8 @@ def _judge_lags(record, dt_s, geometry, model: SlipModel, reading, units, slip: 
     if stuck:
         out_of_plane = fit_motion(length, motions, model, unit, row, fit)
     share = lowpass_share(length, motions, stuck, dt_s, unit, row, fit.motion)
-    predict(length, motions, share, unlike_readings(scratch.noise), model, unit, row, fit.motion)
+    unlike = unlike_readings(scratch.noise)
+    predict(length, motions, share, dt_s, unlike, model, unit, row, fit.motion)
     alarm = alarm_odds(share, dt_s, model)
     judging, sticks, odds = 0, 1.0, 0.0
     if record["slip"] == SlipState.GROSS:
@@ -142,7 +143,8 @@ def judge(count, dt_s, now_ns, model, data):
         `slots.present`. Kept: `units.slip`, `slip`, a `SlipData`, and the fields of `contacts` that
         belong to slip and friction.
     """
-    units = data.units
+    units, slip = data.units, slip_arrays(data.slip)
+    begin_cycle(slip.scratch.noise, dt_s)
     for i in range(units.kind.size):
         if (
             units.slip[i] != UnitSlip.NO_CONTACT
@@ -151,7 +153,7 @@ def judge(count, dt_s, now_ns, model, data):
             and units.kind[i] != SILENT
         ):
             units.slip[i] = UnitSlip.NO_CONTACT
-    slip = slip_arrays(data.slip)
+            slip.kept.anchor_depth[i] = 0.0
     for k in range(count):
         record = data.contacts[data.slots.present[k]]
         if not record["flags"] & WEAK:

@@ -5,16 +5,32 @@ from __future__ import annotations
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
 from skin.contact.slip.data import SlipScratch
-from skin.contact.slip.parameters import PARAMETERS
+from skin.contact.slip.parameters import PARAMETERS, SETTLED
 
-__all__ = ["learn_noise", "unlike_readings"]
+__all__ = ["begin_cycle", "learn_noise", "noise_ratio", "unlike_readings"]
+
+
+@jitable(inline=True)
+def begin_cycle(noise, dt_s):
+    """Forget a little of what all units together have shown, and sum up the rest."""
+    keep, prior = max(0.0, 1.0 - dt_s / PARAMETERS.noise_memory_s), PARAMETERS.noise_prior
+    for k in range(4):
+        noise[k] *= keep
+    noise[4] = (noise[0] + prior) / (noise[1] + prior)
+    noise[5] = (noise[2] + prior) / (noise[3] + prior)
 
 
 @jitable(inline=True)
 def unlike_readings(noise):
     """Variance of single readings over what sigma says, of all units together; 1 at least."""
-    prior = PARAMETERS.noise_prior
-    return max(1.0, (noise[2] + prior) / (noise[3] + prior))
+    return max(1.0, noise[5])
+
+
+@jitable(inline=True)
+def noise_ratio(noise, unit_sum, unit_count):
+    """Variance of the noise of a unit over what sigma says: derivations.md, equation 13."""
+    prior = PARAMETERS.unit_noise_prior
+    return max(1.0, (unit_sum + prior * noise[4]) / (unit_count + prior))
 
 
 @jitable(inline=True)
@@ -32,31 +48,26 @@ def learn_noise(length, stuck, motions, share, dt_s, scratch: SlipScratch):
     free /= stuck
     # Independent readings: a low-pass has one in twice its time constant.
     weight, recent = 0.5 * share, min(1.0, dt_s / PARAMETERS.rest_s)
-    keep = max(0.0, 1.0 - dt_s / PARAMETERS.noise_memory_s)
-    prior, unit_prior = PARAMETERS.noise_prior, PARAMETERS.unit_noise_prior
+    forget = min(1.0, dt_s / PARAMETERS.noise_memory_s)
     outlier = PARAMETERS.outlier_sigmas**2
-    pool = (noise[0] + prior) / (noise[1] + prior)
-    unlike = (noise[2] + prior) / (noise[3] + prior)
+    most, most_reading = outlier * noise[4], outlier * noise[5]
+    settled = SETTLED * PARAMETERS.slow_s
     lags, readings, count = 0.0, 0.0, 0.0
     for j in range(length):
-        judges = row.held[j] * (1.0 - row.new[j])
+        judges = row.held[j] if unit.age_s[j] > settled else 0.0
         square = 0.0
         for c in range(2):
             further = unit.lag[c, j] - unit.lag_mean[c, j]
             unit.lag_mean[c, j] += judges * recent * further
             square += (further * (1.0 - recent)) ** 2
-        seen = min(square * (2.0 - share) / (share * free * row.told[j]), outlier * pool)
+        seen = min(square * (2.0 - share) / (share * free * row.told[j]), most)
         lags += judges * seen
-        readings += judges * min(row.surprise[j] / (free * row.told[j]), outlier * unlike)
+        readings += judges * min(row.surprise[j] / (free * row.told[j]), most_reading)
         count += judges
         counted = judges * weight * free
-        unit.noise_sum[j] += counted * seen - judges * (1.0 - keep) * unit.noise_sum[j]
-        unit.noise_count[j] += counted - judges * (1.0 - keep) * unit.noise_count[j]
-    noise[0] = keep * noise[0] + weight * free * lags
-    noise[1] = keep * noise[1] + weight * free * count
-    noise[2] = keep * noise[2] + free * readings
-    noise[3] = keep * noise[3] + free * count
-    pool = (noise[0] + prior) / (noise[1] + prior)
-    for j in range(length):
-        ratio = (unit.noise_sum[j] + unit_prior * pool) / (unit.noise_count[j] + unit_prior)
-        unit.noise_ratio[j] = max(ratio, 1.0)
+        unit.noise_sum[j] += counted * seen - judges * forget * unit.noise_sum[j]
+        unit.noise_count[j] += counted - judges * forget * unit.noise_count[j]
+    noise[0] += weight * free * lags
+    noise[1] += weight * free * count
+    noise[2] += free * readings
+    noise[3] += free * count

@@ -9,8 +9,8 @@ from typing import NamedTuple
 from skin.errors import OptionError, check_number
 
 __all__ = [
-    "LEAST_UNITS", "PARAMETERS", "PATTERNS", "UNITS_FOR_TURN", "SlipModel", "SlipParameters",
-    "SlipSettings",
+    "LEAST_UNITS", "PARAMETERS", "PATTERNS", "SETTLED", "UNITS_FOR_TURN", "SlipModel",
+    "SlipParameters", "SlipSettings",
 ]  # fmt: skip
 
 
@@ -134,7 +134,7 @@ class SlipParameters(NamedTuple):
     """[assumed] Time constant, s, with which the noise that was seen is forgotten."""
     noise_prior: float = 5.0
     """[assumed] Independent readings that the told sigma of all units together is worth."""
-    unit_noise_prior: float = 100.0
+    unit_noise_prior: float = 20.0
     """[tuned] And those that the noise of all units is worth for that of one."""
     rest_s: float = 0.25
     """[assumed] How long, s, a lag must not grow until its unit is taken to stick again, and how
@@ -152,5 +152,7 @@ LEAST_UNITS = 3
 """[derived] Units that can contradict each other: two faces always fit a rigid motion."""
 UNITS_FOR_TURN = 2
 """[derived] Units that stick, to tell a rotation."""
+SETTLED = 2.0
+"""[derived] Time constants after which a low-pass has 98 % of the variance that it will have."""
 PATTERNS = 14
 """[numeric] Patterns of slip that are held against the lags; 24 tell the same."""

@@ -8,7 +8,8 @@ from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
 from skin.contact.record import UnitSlip
 from skin.contact.slip.data import LANES, PLANE, SlipArrays, SlipScratch, UnitFilter, UnitRows
-from skin.contact.slip.parameters import PARAMETERS, SlipModel
+from skin.contact.slip.noise import noise_ratio
+from skin.contact.slip.parameters import PARAMETERS, SETTLED, SlipModel
 from skin.contact.slip.rigid_fit import design_motions
 
 __all__ = ["correct", "gather", "lowpass_share", "predict", "scatter"]
@@ -33,7 +34,8 @@ def gather(record, reading, units, geometry, size, motions, slip: SlipArrays):
         i = units.members[first + j]
         # An edge has gone past it: its film recovers, and is no judge of the body any more.
         at_most = displacement[2, i] + PARAMETERS.outlier_sigmas * sigma[2, i]
-        if at_most < remembered * kept.anchor_depth[i]:
+        recovers = at_most < remembered * kept.anchor_depth[i]
+        if recovers:
             units.slip[i] = UnitSlip.NO_CONTACT
         new = units.slip[i] == UnitSlip.NO_CONTACT
         if history.body[i] == parent:
@@ -51,11 +53,13 @@ def gather(record, reading, units, geometry, size, motions, slip: SlipArrays):
         row.displacement[1, j] = displacement[1, i]
         told = 0.5 * (np.float64(sigma[0, i]) ** 2 + np.float64(sigma[1, i]) ** 2)
         row.told[j] = told
-        row.noise[j] = told * max(unit.noise_ratio[j], 1.0)
+        ratio = noise_ratio(scratch.noise, unit.noise_sum[j], unit.noise_count[j])
+        unit.noise_ratio[j] = ratio
+        row.noise[j] = told * ratio
         row.load[j] = reading.force[2, i]
         depth = np.float64(displacement[2, i])
         if new:
-            unit.anchor_depth[j] = depth
+            unit.anchor_depth[j] = unit.anchor_depth[j] if recovers else depth
             history.slid_shear[i], history.slid_load[i] = 0.0, 0.0
             history.slid_variance[i], history.borne[i] = 0.0, 0.0
         row.deeper[j] = depth - unit.anchor_depth[j]
@@ -116,6 +120,7 @@ def _copy(source: UnitFilter, i, target: UnitFilter, j):
     target.noise_ratio[j] = source.noise_ratio[i]
     target.noise_sum[j] = source.noise_sum[i]
     target.noise_count[j] = source.noise_count[i]
+    target.age_s[j] = source.age_s[i]
 
 
 @jitable(inline=True)
@@ -145,7 +150,7 @@ def lowpass_share(length, motions, stuck, dt_s, unit: UnitFilter, row: UnitRows,
 
 @jitable(inline=True)
 def predict(
-    length, motions, share, unlike, model: SlipModel, unit: UnitFilter, row: UnitRows, motion
+    length, motions, share, dt_s, unlike, model: SlipModel, unit: UnitFilter, row: UnitRows, motion
 ):
     """Where the body asks each unit to be, and how far it lags: derivations.md, equations 6 to 9.
 
@@ -188,11 +193,11 @@ def predict(
             lag[j] = (1.0 - new) * (lag[j] + share * min(max(further, -most), most))
             mean[j] *= 1.0 - new
             moved[j] = now
-    _score(length, share, model, unit, row)
+    _score(length, share, dt_s, model, unit, row)
 
 
 @jitable(inline=True)
-def _score(length, share, model: SlipModel, unit: UnitFilter, row: UnitRows):
+def _score(length, share, dt_s, model: SlipModel, unit: UnitFilter, row: UnitRows):
     """Variance of the lags, and the imposed displacement: equations 7 to 9."""
     assume_noalias()
     floor = model.floor_mm**2
@@ -216,8 +221,10 @@ def _score(length, share, model: SlipModel, unit: UnitFilter, row: UnitRows):
         row.imposed[j] = far
         row.direction[0, j] = x / max(far, 1e-9)
         row.direction[1, j] = y / max(far, 1e-9)
-        # Those that slip already are no judges.
-        row.root_weight[j] = np.sqrt(row.held[j] * row.weight[j])
+        # Those that slip already are no judges, nor those whose noise has not been heard.
+        unit.age_s[j] = (1.0 - new) * (unit.age_s[j] + dt_s)
+        settled = 1.0 if unit.age_s[j] > 2.0 * SETTLED * PARAMETERS.slow_s else 0.0
+        row.root_weight[j] = np.sqrt(settled * row.held[j] * row.weight[j])
 
 
 @jitable(inline=True)
@@ -230,7 +237,8 @@ def correct(length, dt_s, unit: UnitFilter, row: UnitRows):
     assume_noalias()
     slowest = dt_s / PARAMETERS.creep_s
     for j in range(length):
-        variance, held = unit.anchor_variance[j], row.held[j]
+        # The first reading is the anchor already.
+        variance, held = unit.anchor_variance[j], row.held[j] * (1.0 - row.new[j])
         gain = held * max(variance / (variance + row.noise[j]), slowest)
         gain_error, rest, square = unit.gain_error[j], 0.0, 0.0
         for c in range(2):
