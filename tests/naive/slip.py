@@ -1,7 +1,7 @@
 """Slow and obvious slip of one flat contact whose units stay the same, to hold the kernel against.
 
-Written from docs/derivations.md, whose numbers stand here once more. The rules are the kernel's; the
-algebra is not: least squares by singular values instead of normal equations, and the odds of a
+Written from docs/derivations.md, whose numbers stand here once more. The rules are the kernel's,
+the algebra is not: least squares by singular values instead of normal equations, and the odds of a
 pattern are those of two normal distributions whose covariance holds the nuisances.
 """
 

@@ -1,0 +1,122 @@
+"""What a contact tells of slip besides its state: who began, where to, how likely."""
+
+import numpy as np
+import pytest
+
+from skin.contact.record import SlipState, UnitSlip
+from tests.skin.contact.slip.hold import Hold
+
+FRICTION = 0.4
+
+
+def until_slip(seed, heading=0.0, speed_mm=0.016, **settings):
+    """A hold that has just begun to slip; what is true, and the probabilities until then."""
+    hold, told = Hold(5, 5, seed=seed, **settings), []
+    for t in range(400):
+        way_mm = speed_mm * max(0, t - 100)
+        way = way_mm * np.cos(heading), way_mm * np.sin(heading)
+        truth = hold.step(hold.dome(), way, FRICTION)
+        told.append(hold.contact.slip_probability)
+        if hold.contact.slip >= SlipState.INCIPIENT:
+            return hold, truth, np.array(told)
+    raise AssertionError("no slip")
+
+
+def test_slip_began_names_units_that_slip_in_truth():
+    named, right, lightest = 0, 0, 0
+    for seed in range(20):
+        hold, truth, _ = until_slip(seed)
+        began = hold.contact.slip_began
+        assert began.size
+        named += began.size
+        right += truth.slips[began].sum()
+        lightest += bool(set(began.tolist()) & set(np.argsort(hold.dome())[:4].tolist()))
+    assert right / named > 0.8
+    assert lightest >= 18
+
+
+def test_slip_began_stays_while_more_units_slip_and_goes_with_the_slip():
+    hold, _, _ = until_slip(0)
+    began, way_mm = set(hold.contact.slip_began.tolist()), 2.0
+    for _ in range(15):
+        hold.step(hold.dome(), (way_mm, 0.0), FRICTION)
+        if hold.contact.slip >= SlipState.INCIPIENT:
+            assert set(hold.contact.slip_began.tolist()) == began
+    assert (hold.stream.unit_slip == UnitSlip.SLIPPING).sum() > len(began) or (
+        hold.contact.slip == SlipState.GROSS
+    )
+    held = Hold(5, 5)
+    for _ in range(100):
+        held.step(held.dome(), (0.0, 0.0), FRICTION)
+    assert not held.contact.slip_began.size
+
+
+@pytest.mark.parametrize("heading", [0.0, 0.7, 2.5, -1.6])
+def test_slip_direction_is_where_the_body_goes(heading):
+    for seed in range(5):
+        hold, _, _ = until_slip(seed, heading)
+        x, y, z = hold.contact.slip_direction
+        off = np.angle(np.exp(1j * (np.arctan2(y, x) - heading)), deg=True)
+        assert abs(off) < 5.0
+        assert z == 0.0
+        assert 0.95 < np.hypot(x, y) <= 1.0 + 1e-9
+
+
+def test_direction_is_not_a_number_where_nothing_slips():
+    hold = Hold(5, 5)
+    for _ in range(50):
+        hold.step(hold.dome(), (0.0, 0.0))
+    assert np.isnan(hold.contact.slip_direction).all()
+
+
+def test_probability_of_slip_rises_from_nothing_to_certainty():
+    for seed in range(5):
+        _, _, told = until_slip(seed)
+        assert np.isnan(told[0])
+        assert np.median(told[1:100]) < 1e-3
+        assert told[-1] > 0.95
+        assert np.isfinite(told[1:]).all()
+
+
+def test_where_nothing_can_be_known_probability_is_not_a_number():
+    hold = Hold(1, 2)
+    for t in range(100):
+        hold.step(np.array([2.0, 1.0]), (0.01 * t, 0.0))
+        assert np.isnan(hold.contact.slip_probability)
+        assert hold.contact.slip == SlipState.NONE
+
+
+def test_a_new_contact_that_is_too_weak_to_judge_says_nothing_of_an_earlier_ones_slip():
+    hold, _, _ = until_slip(0)
+    assert hold.contact.slip_probability > 0.9
+    zero = np.zeros(hold.n)
+    for _ in range(500):
+        given = np.zeros((3, hold.n)), hold.force_sigma, np.zeros((3, hold.n)), hold.sigma
+        hold.now_ns += 4_000_000
+        assert not hold.stream.update(*given, stamp_ns=hold.now_ns)
+    weak = zero.copy()
+    weak[12] = 0.27
+    hold.force_sigma = np.full((3, hold.n), 0.03)
+    hold.force_sigma[2, 12] = 0.1
+    hold.stream.update(
+        np.vstack([zero, zero, weak]), hold.force_sigma, np.zeros((3, hold.n)), hold.sigma,
+        stamp_ns=hold.now_ns + 4_000_000,
+    )  # fmt: skip
+    for contact in hold.stream.update(
+        np.vstack([zero, zero, weak]), hold.force_sigma, np.zeros((3, hold.n)), hold.sigma,
+        stamp_ns=hold.now_ns + 8_000_000,
+    ):  # fmt: skip
+        assert contact.slip == SlipState.NONE
+        assert np.isnan(contact.slip_probability)
+        assert np.isnan(contact.slip_direction).all()
+
+
+def test_a_copy_keeps_who_began_and_the_noise():
+    hold, _, _ = until_slip(0)
+    kept = hold.contact.copy()
+    began, noise = hold.contact.slip_began.copy(), hold.contact.noise_ratio.copy()
+    for _ in range(300):
+        hold.step(hold.dome(), (3.0, 0.0), noise=0.1 * hold.rng.standard_normal((2, 25)))
+    np.testing.assert_array_equal(kept.slip_began, began)
+    np.testing.assert_array_equal(kept.noise_ratio, noise)
+    assert not np.array_equal(hold.contact.noise_ratio, noise)
