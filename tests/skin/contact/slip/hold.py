@@ -16,14 +16,16 @@ STIFFNESS = 0.5
 class Hold:
     """A stream of a flat array, and springs of one stiffness with Coulomb's friction at the end."""
 
-    def __init__(self, rows, columns, *, rate_hz=250.0, sigma_mm=0.03, seed=0, **settings):
+    def __init__(
+        self, rows, columns, *, rate_hz=250.0, sigma_mm=0.03, seed=0, slip=SlipSettings(), **options
+    ):  # fmt: skip
         position = naive.grid(rows, columns)
         self.place = position - position.mean(axis=1, keepdims=True)
         self.n, self.rate_hz, self.sigma_mm = rows * columns, rate_hz, sigma_mm
         graph = neighbour_graph(self.place, 0.018)
         self.stream = ContactStream(
             self.place, naive.facing_down(self.n), 1.1e-4, *graph, want={"slip"}, rate_hz=rate_hz,
-            dtype="float64", slip=SlipSettings(**settings),
+            dtype="float64", slip=slip, **options,
         )  # fmt: skip
         self.rng = np.random.default_rng(seed)
         self.now_ns = 0

@@ -5,6 +5,7 @@ import pytest
 from scipy.stats import chi2
 
 from skin.contact.record import SlipState
+from skin.contact.slip import SlipSettings
 from tests.skin.contact.slip.hold import Hold
 
 PER_S = 1.0
@@ -17,8 +18,9 @@ def test_alarms_without_slip_are_rarer_than_was_asked_for(rate_hz, rows, columns
     alarms, seconds = 0, 0.0
     for seed in range(4):
         hold = Hold(
-            rows, columns, rate_hz=rate_hz, seed=seed, false_alarms_per_hour=3600.0 * PER_S
-        )
+            rows, columns, rate_hz=rate_hz, seed=seed,
+            slip=SlipSettings(false_alarms_per_hour=3600.0 * PER_S),
+        )  # fmt: skip
         gain_error, before = 0.012 * hold.rng.standard_normal(hold.n), SlipState.NONE
         for t in range(int(8.0 * rate_hz)):
             way_mm = 0.5 * min(1.0, 2.0 * t / rate_hz)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skin.contact.record import SlipState, UnitSlip
+from skin.contact.record import Flag, SlipState
 from tests.skin.contact.slip.hold import Hold
 
 FRICTION = 0.4
@@ -35,20 +35,21 @@ def test_slip_began_names_units_that_slip_in_truth():
     assert lightest >= 18
 
 
-def test_slip_began_stays_while_more_units_slip_and_goes_with_the_slip():
-    hold, _, _ = until_slip(0)
-    began, way_mm = set(hold.contact.slip_began.tolist()), 2.0
-    for _ in range(15):
-        hold.step(hold.dome(), (way_mm, 0.0), FRICTION)
-        if hold.contact.slip >= SlipState.INCIPIENT:
-            assert set(hold.contact.slip_began.tolist()) == began
-    assert (hold.stream.unit_slip == UnitSlip.SLIPPING).sum() > len(began) or (
-        hold.contact.slip == SlipState.GROSS
-    )
-    held = Hold(5, 5)
+def test_slip_began_stays_as_it_was_while_more_units_slip():
+    hold, _, told = until_slip(0)
+    began, slips = set(hold.contact.slip_began.tolist()), hold.contact.slip_units
+    for t in range(len(told), len(told) + 40):
+        hold.step(hold.dome(), (0.016 * (t - 100), 0.0), FRICTION)
+        assert hold.contact.slip >= SlipState.INCIPIENT
+        assert set(hold.contact.slip_began.tolist()) == began
+    assert hold.contact.slip_units > max(slips, len(began))
+
+
+def test_no_unit_began_where_nothing_slips():
+    hold = Hold(5, 5)
     for _ in range(100):
-        held.step(held.dome(), (0.0, 0.0), FRICTION)
-    assert not held.contact.slip_began.size
+        hold.step(hold.dome(), (0.0, 0.0), FRICTION)
+    assert not hold.contact.slip_began.size
 
 
 @pytest.mark.parametrize("heading", [0.0, 0.7, 2.5, -1.6])
@@ -86,29 +87,38 @@ def test_where_nothing_can_be_known_probability_is_not_a_number():
         assert hold.contact.slip == SlipState.NONE
 
 
-def test_a_new_contact_that_is_too_weak_to_judge_says_nothing_of_an_earlier_ones_slip():
-    hold, _, _ = until_slip(0)
-    assert hold.contact.slip_probability > 0.9
-    zero = np.zeros(hold.n)
-    for _ in range(500):
-        given = np.zeros((3, hold.n)), hold.force_sigma, np.zeros((3, hold.n)), hold.sigma
+def alone_afterwards(hold, load, displacement_mm, cycles=3):
+    """The contact that unit 12 alone makes, long after all others have gone."""
+    force, moved = np.zeros((2, 3, hold.n))
+    for _ in range(2000):
         hold.now_ns += 4_000_000
-        assert not hold.stream.update(*given, stamp_ns=hold.now_ns)
-    weak = zero.copy()
-    weak[12] = 0.27
-    hold.force_sigma = np.full((3, hold.n), 0.03)
-    hold.force_sigma[2, 12] = 0.1
-    hold.stream.update(
-        np.vstack([zero, zero, weak]), hold.force_sigma, np.zeros((3, hold.n)), hold.sigma,
-        stamp_ns=hold.now_ns + 4_000_000,
-    )  # fmt: skip
-    for contact in hold.stream.update(
-        np.vstack([zero, zero, weak]), hold.force_sigma, np.zeros((3, hold.n)), hold.sigma,
-        stamp_ns=hold.now_ns + 8_000_000,
-    ):  # fmt: skip
-        assert contact.slip == SlipState.NONE
-        assert np.isnan(contact.slip_probability)
-        assert np.isnan(contact.slip_direction).all()
+        found = hold.stream.update(force, hold.force_sigma, moved, hold.sigma, stamp_ns=hold.now_ns)
+    assert not found
+    force[2, 12], moved[0, 12] = load, displacement_mm
+    for _ in range(cycles):
+        hold.now_ns += 4_000_000
+        (found,) = hold.stream.update(
+            force, hold.force_sigma, moved, hold.sigma, stamp_ns=hold.now_ns
+        )
+    return found
+
+
+def test_a_contact_of_one_unit_says_nothing_of_the_slip_of_one_before():
+    hold, _, _ = until_slip(0)
+    contact = alone_afterwards(hold, 1.0, 0.5)
+    assert contact.slip == SlipState.NONE
+    assert np.isnan(contact.slip_probability)
+    assert np.isnan(contact.slip_direction).all()
+
+
+def test_a_contact_too_weak_to_judge_says_nothing_of_the_slip_of_one_before():
+    hold, _, _ = until_slip(0, start_sigma=3.0, keep_sigma=2.0, capacity=1)
+    contact = alone_afterwards(hold, 0.13, 0.0)
+    assert contact.record["flags"] & Flag.WEAK
+    assert contact.slip == SlipState.NONE
+    for name in ("slip_probability", "friction_sigma", "grip_force_sigma"):
+        assert np.isnan(getattr(contact, name)), name
+    assert np.isnan(contact.slip_direction).all()
 
 
 def test_a_copy_keeps_who_began_and_the_noise():
