@@ -1,4 +1,4 @@
-"""A grid of units that a body drags, as a stream is told of it; friction differs from unit to unit."""
+"""A grid of units that a body drags, as a stream is told of it."""
 
 from types import SimpleNamespace
 
@@ -6,7 +6,6 @@ import numpy as np
 
 import tests.naive.contact as naive
 from skin.contact.graph import neighbour_graph
-from skin.contact.slip import SlipSettings
 from skin.contact.stream import ContactStream
 
 STIFFNESS = 0.5
@@ -17,7 +16,7 @@ class Hold:
     """A stream of a flat array, and springs of one stiffness with Coulomb's friction at the end."""
 
     def __init__(
-        self, rows, columns, *, rate_hz=250.0, sigma_mm=0.03, seed=0, slip=SlipSettings(), **options
+        self, rows, columns, *, rate_hz=250.0, sigma_mm=0.03, seed=0, slip=None, **options
     ):  # fmt: skip
         position = naive.grid(rows, columns)
         self.place = position - position.mean(axis=1, keepdims=True)
@@ -37,7 +36,7 @@ class Hold:
         return peak * np.maximum(1.0 - (self.place[:2] ** 2).sum(axis=0) / reach_m**2, 0.05)
 
     def step(self, load, way_mm, friction=np.inf, noise=None):
-        """A cycle; the way (2,) of the body in the skin's plane, noise (2, n) mm if it is not as told.
+        """A cycle; the way (2,) of the body along the skin, noise (2, n) mm if it is not as told.
 
         Returns what is true: which units slip, and their shear (2, n).
         """

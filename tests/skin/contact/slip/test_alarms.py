@@ -13,7 +13,7 @@ PER_S = 1.0
 
 
 @pytest.mark.parametrize("rate_hz", [100.0, 250.0, 1000.0])
-@pytest.mark.parametrize("rows, columns", [(1, 4), (2, 3), (3, 4)])
+@pytest.mark.parametrize(("rows", "columns"), [(1, 4), (2, 3), (3, 4)])
 def test_alarms_without_slip_are_rarer_than_was_asked_for(rate_hz, rows, columns):
     alarms, seconds = 0, 0.0
     for seed in range(4):

@@ -37,7 +37,7 @@ def likeliest(truth, friction, load, spread):
 def test_friction_that_differs_by_a_third_is_told_without_bias():
     found, true, few = [], [], []
     for seed in range(30):
-        hold, truth, friction, load = slid(seed, 0.3)
+        hold, truth, friction, _ = slid(seed, 0.3)
         found.append(hold.contact.friction)
         true.append(friction.mean())
         few.append(friction[truth.slips].mean())
