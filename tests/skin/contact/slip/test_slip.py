@@ -424,11 +424,11 @@ def test_the_kernel_is_the_slow_algebra(seed):
     load = dome(position) * rng.uniform(0.5, 1.5, n)
     angle, heading = rng.uniform(-0.02, 0.02), rng.uniform(-np.pi, np.pi)
     speed, noise_mm = np.exp(rng.uniform(*np.log([0.004, 0.04]))), rng.uniform(0.03, 0.06)
-    halts = rng.integers(60, 300)
+    halts = rng.integers(60, 200)
     watch = Watch(position, rotation)
     turned = np.array([[1.0], [-1.0]])
     slow = NaiveSlip(position[:2] * turned, SlipSettings(), DT_S)
-    for t in range(200):
+    for t in range(300):
         way = speed * (min(t, halts) - min(t, 30))
         drag = rigid(position, (way * np.cos(heading), way * np.sin(heading)), angle * way)
         force, moved = readings(load, held(drag, load, 0.4), rng, noise_mm)
