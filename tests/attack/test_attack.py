@@ -118,7 +118,7 @@ OPTIONS = {
     ),
     "SlipSettings": (
         skin.SlipSettings,
-        "lowpass_hz slip_sigmas gain_error floor_mm incipient_ratio gross_ratio confirm_cycles "
+        "false_alarms_per_hour slips_per_hour gain_error floor_mm incipient_ratio gross_ratio "
         "safety friction",
     ),
 }

@@ -1,15 +1,32 @@
 """Slow and obvious slip of one flat contact whose units stay the same, to hold the kernel against.
 
-The rules are the kernel's; the algebra is not: least squares instead of normal equations, what is
-known beforehand as rows of its own, and a pattern is worth what the sum of squares loses when it is
-let in.
+Written from docs/derivations.md, whose numbers stand here once more. The rules are the kernel's,
+the algebra is not: least squares by singular values instead of normal equations, and the odds of a
+pattern are those of two normal distributions whose covariance holds the nuisances.
 """
 
+from types import SimpleNamespace
+
 import numpy as np
+from scipy.linalg import null_space
+from scipy.stats import multivariate_normal, norm
 
 from skin.contact.record import SlipState, UnitSlip
-from skin.contact.slip.parameters import PARAMETERS
-from skin.contact.slip.pattern_test import FRICTIONS
+
+SLOW_S, CREEP_S, REST_S = 0.032, 3.0, 0.25
+OUTLIER = 3.0
+SOFT_GROUND, SOFT_UNITS = 0.05, 20
+AMPLITUDE = 0.5
+FRICTIONS = 0.1 * 11.0 ** (np.arange(14) / 13.0)
+NOISE_MEMORY_S, NOISE_PRIOR, UNIT_NOISE_PRIOR = 10.0, 5.0, 100.0
+FRICTION_SPREAD, FRICTION_MEMORY_S, FACES = 0.05, 20.0, 4.0
+BLIND = 0.01
+"""Share of a unit's own lag, below which nobody judges it."""
+
+
+def inner(a, b):
+    """Of vectors (2, n), unit by unit."""
+    return (a * b).sum(axis=0)
 
 
 class NaiveSlip:
@@ -18,216 +35,279 @@ class NaiveSlip:
     def __init__(self, place, settings, dt_s):
         self.place, self.settings, self.dt_s = place, settings, dt_s
         n = place.shape[1]
-        self.state = np.full(n, UnitSlip.NO_CONTACT)
-        self.slip, self.confirm = SlipState.NONE, 0
-        self.known = None
+        self.state, self.in_pattern = np.full(n, UnitSlip.NO_CONTACT), np.zeros(n, bool)
+        self.slip, self.began = SlipState.NONE, np.zeros(n, bool)
+        self.ratio = np.ones(n)
+        self.unit_lags, self.lags, self.readings = np.zeros((2, n)), np.zeros(2), np.zeros(2)
+        self.slid, self.borne = np.zeros((3, n)), np.zeros(n)
+        self.friction, self.spread, self.information = np.nan, 0.0, 0.0
+        self.stretch = [[] for _ in range(n)]
+        self.anchor = None
 
-    def step(self, force, displacement, sigma):
-        """Take the next cycle; (3, n) each. Returns stick ratio and pattern."""
-        load, here, noise = force[2], displacement[:2], (sigma[:2] ** 2).mean(axis=0)
-        if self.known is None:
-            self._begin(here, noise)
-            self.slip = SlipState.NONE
-            return 1.0, 0.0
-        held = self.state != UnitSlip.SLIPPING
-        moved = self._body(load, here, noise, held)
-        self._follow(load, here, noise, held, moved)
-        self._free(load, held)
-        sticks, pattern = self._pattern(load, force, here)
-        self._units(noise)
-        ratio = min(sticks, 1.0 - load[self.state == UnitSlip.SLIPPING].sum() / load.sum())
-        self._conclude(ratio)
-        return ratio, pattern
+    def step(self, force, displacement, force_sigma, sigma, whole):
+        """Take the next cycle; (3, n) each, and of the contact as a whole shear, torsion and arm.
 
-    def _begin(self, here, noise):
-        n = noise.size
-        self.state[:] = UnitSlip.STICK
-        self.anchor, self.lag = here.copy(), np.zeros((2, n))
-        self.moved, self.known, self.slow, self.past = np.zeros((4, 2, n))
-        self.gives, self.sure = np.zeros(n), np.full(n, 1.0 / self.settings.gain_error**2)
-        self.variance, self.anchor_variance = noise.copy(), PARAMETERS.new_anchor * noise
-        self.score, self.clipped = np.zeros(n), np.zeros(n)
+        Returns what a contact says of slip.
+        """
+        self.load, self.here = force[2], displacement[:2]
+        self.told = (sigma[:2] ** 2).mean(axis=0)
+        self.noise = self.told * self.ratio
+        first = self.anchor is None
+        self.held = (self.state != UnitSlip.SLIPPING) & (not first)
+        self.in_pattern[:] = False
+        self._body() if self.held.any() else self._begin()
+        self._follow(new=first)
+        self.limit = np.log(3600.0 * self.share / self.dt_s / self.settings.false_alarms_per_hour)
+        odds, sticks = 0.0, 1.0
+        if first:
+            self.state[:] = UnitSlip.STICK
+        else:
+            odds, sticks = self._pattern(force)
+            self._units()
+            self._learn_noise()
+            self._learn_anchors()
+        slipping = self.state == UnitSlip.SLIPPING
+        sticks = min(sticks, 1.0 - self.load[slipping].sum() / self.load.sum())
+        self._learn_friction(force, force_sigma)
+        # equation 21: the shear that would use as much of friction as shear and torsion do
+        demand = float(np.hypot(whole["shear"], whole["torsion"] / whole["arm"]))
+        if not first:
+            self._conclude(sticks, demand / self.load.sum() / self.friction)
+        return self._told(odds, sticks, demand, force_sigma)
 
-    @property
-    def way(self):
-        """Way of each unit since it was anchored, shape (2, n)."""
-        return self.moved - self.known
+    def _begin(self):
+        here, n = self.here, self.load.size
+        self.anchor, self.lag, self.rest = here.copy(), np.zeros((2, n)), np.zeros((2, n))
+        self.moved, self.slow, self.known, self.lag_mean = np.zeros((4, 2, n))
+        self.gain, self.sure = np.zeros(n), np.full(n, self.settings.gain_error**-2.0)
+        self.variance, self.anchor_variance = self.noise.copy(), self.noise.copy()
+        self.motions = 2
 
-    @property
-    def believed(self):
-        """What each unit gives, as far as it is believed."""
-        return np.maximum(self.gives, 0.0)
-
-    def _design(self, load):
-        """Columns: along x, along y, a turn, a swelling; shape (2, n, 4)."""
-        away = self.place - (self.place @ load / load.sum())[:, np.newaxis]
-        away = away / ((load * np.hypot(*away)).sum() / load.sum())
-        one, none = np.ones_like(load), np.zeros_like(load)
-        self.away = (away**2).sum(axis=0)
-        return np.array([[one, none, -away[1], away[0]], [none, one, away[0], away[1]]]).transpose(
-            0, 2, 1
+    def _body(self):
+        """Equations 1 to 3."""
+        away = self.place - (self.place @ self.load / self.load.sum())[:, np.newaxis]
+        self.away = away / ((self.load * np.hypot(*away)).sum() / self.load.sum())
+        one, none = np.ones_like(self.load), np.zeros_like(self.load)
+        self.motions = 3 if self.held.sum() >= 2 else 2
+        self.design = np.array(
+            [[one, none, -self.away[1]], [none, one, self.away[0]]]
+        )[:, : self.motions]  # fmt: skip
+        weight = self.held / (self.noise + self.anchor_variance + self.settings.floor_mm**2)
+        root = np.sqrt(weight)
+        there = self.here - self.anchor - self.gain * (self.moved - self.known)
+        x, *_ = np.linalg.lstsq(
+            np.hstack(list(root * self.design)).T, (root * there).ravel(), rcond=None
         )
+        self.moved = np.einsum("cmn,m->cn", self.design, x)
 
-    def _body(self, load, here, noise, held):
-        design = self._design(load)
-        weight = load * np.minimum(1.0, PARAMETERS.huber_sigmas / np.maximum(self.score, 1e-9))
-        weight *= 1.0 - (1.0 - PARAMETERS.clipped_weight) * self.clipped
-        weight /= (
-            noise + PARAMETERS.anchor_correlation * self.anchor_variance + self.settings.floor_mm**2
-        )
-        root = np.sqrt(held * weight / load[held].max())
-        self.yields = yields = held.sum() >= PARAMETERS.units_for_swelling
-        self.design = design = design[..., : 4 if yields else 3]
-        there = here - self.anchor - self.believed * self.way
-        rows = [(root[:, np.newaxis] * design[c], root * there[c]) for c in range(2)]
-        if yields:
-            rows.append((np.array([[0.0, 0.0, 0.0, 1.0 / PARAMETERS.swelling_mm]]), np.zeros(1)))
-        x, *_ = np.linalg.lstsq(*(np.concatenate(part) for part in zip(*rows, strict=True)))
-        return design @ x
-
-    def _follow(self, load, here, noise, held, moved):
-        def lowpass(hz):
-            return 1.0 - np.exp(-2.0 * np.pi * hz * self.dt_s)
-
-        heavy = held * load
-        ahead = heavy @ ((moved - self.slow) ** 2).sum(axis=0) / heavy.sum()
-        columns = 4 if held.sum() >= PARAMETERS.units_for_turn else 2
-        ahead -= columns / held.sum() * (heavy @ noise) / heavy.sum()
-        ahead = np.sqrt(max(ahead, 1e-12))
-        slow, fast = lowpass(self.settings.lowpass_hz), lowpass(PARAMETERS.fast_hz)
-        share = min(max(slow, 1.0 - PARAMETERS.lag_span_mm / ahead), fast)
-        self.haste = (share - slow) / (fast - slow)
-        self.moved = moved
-        self.slow = (1.0 - share) * self.slow + share * moved
-        keep = np.exp(-self.dt_s / PARAMETERS.recent_s)
-        self.past = keep * self.past + (1.0 - keep) * moved
-        self.raw = here - self.anchor - moved
-        self.lag = (1.0 - share) * self.lag + share * (self.raw - self.believed * self.way)
-        self.variance = share**2 * noise + (1.0 - share) ** 2 * self.variance
-        self.total = (
-            self.variance + self.anchor_variance + self.settings.floor_mm**2
-            + (self.way**2).sum(axis=0)
-            * (1.0 / self.sure + (PARAMETERS.lag_doubt * np.minimum(self.gives, 0.0)) ** 2)
-        )  # fmt: skip
-        self.score = np.hypot(*self.lag) / np.sqrt(self.total)
+    def _follow(self, *, new):
+        """Equations 5 to 9."""
+        self.share = 1.0 - np.exp(-self.dt_s / SLOW_S)
+        heavy = self.held * self.load
+        if heavy.any():
+            noise = heavy @ self.noise / heavy.sum()
+            square = heavy @ inner(self.moved - self.slow, self.moved - self.slow) / heavy.sum()
+            far = np.sqrt(max(square - self.motions / self.held.sum() * noise, 0.0))
+            span = OUTLIER * np.sqrt(noise)
+            self.share = max(self.share, 1.0 - span / max(far, span))
+        self.slow = self.slow + self.share * (self.moved - self.slow)
+        way = self.moved - self.known
+        self.raw = self.here - self.anchor - self.moved
+        if not new:
+            ahead = self.raw - self.gain * way - self.lag
+            self.surprise = inner(ahead, ahead)
+            single = self.told * max(1.0, self._mean(self.readings))
+            most = OUTLIER * np.sqrt(np.maximum(self.noise, single) + self.variance)
+            self.lag = self.lag + self.share * np.clip(ahead, -most, most)
+            self.variance = (1 - self.share) ** 2 * self.variance + self.share**2 * self.noise
+        total = self.variance + self.anchor_variance + self.settings.floor_mm**2
+        self.root = self.held / np.sqrt(total + inner(way, way) / self.sure)
         asked = self.anchor + self.slow
         self.far = np.hypot(*asked)
-        self.along = asked / np.maximum(self.far, 1e-9)
-        self.root = held / np.sqrt(self.total)
+        self.along = asked / self.far
 
-    def _free(self, load, held):
-        """All that may look like slip and is none, and what is known of it, as rows."""
-        columns = [*self.design.transpose(2, 0, 1), self.far * self.along]
-        known = (
-            [0.0] * 3
-            + [1.0 / PARAMETERS.swelling_mm] * int(self.yields)
-            + [1.0 / PARAMETERS.shared_gain]
-        )
-        further = (self.way * self.along).sum(axis=0) / (self.settings.gain_error**2 * self.sure)
-        if held.sum() >= PARAMETERS.units_for_sharing:
-            columns.append(further * (load / load[held].mean() - 1.0) * self.along)
-            known.append(1.0 / PARAMETERS.soft_ground)
-        if self.yields:
-            columns.append(further * self.away * self.along)
-            known.append(1.0 / PARAMETERS.soft_ground)
-        white = np.array([(self.root * column).ravel() for column in columns]).T
-        self.free = np.vstack([white, np.diag(known)])
-        self.rest = self._without(self.lag)
-        pace = ((self.root * (self.slow - self.past)) ** 2).sum()
-        self.moves = pace > PARAMETERS.moving_sigmas**2 * load.size
+    def _pattern(self, force):
+        """Equations 14 to 18, by the covariance of all that is no slip."""
 
-    def _without(self, lag):
-        """A lag (2, n), in sigmas, without what is free."""
-        white = np.concatenate([(self.root * lag).ravel(), np.zeros(self.free.shape[1])])
-        x, *_ = np.linalg.lstsq(self.free, white)
-        return white - self.free @ x
+        def seen(vectors):
+            """In sigmas, and without the motions, of which nothing is known beforehand."""
+            return blind @ (self.root * vectors).ravel()
 
-    def _pattern(self, load, force, here):
-        """What friction would let through, for each coefficient of the grid."""
-        pull = (force[:2] * here).sum()
-        self.clipped = np.zeros(load.size)
+        blind = null_space((self.root * self.design.transpose(1, 0, 2)).reshape(self.motions, -1)).T
+        nuisances = [self.settings.gain_error * seen(self.far * self.along)]
+        if self.held.sum() >= SOFT_UNITS:
+            way = inner(self.moved - self.known, self.along)
+            feared = way * inner(self.away, self.away) / (self.settings.gain_error**2 * self.sure)
+            nuisances.append(SOFT_GROUND * seen(feared * self.along))
+        nuisances = np.array(nuisances)
+        covariance = np.eye(len(blind)) + nuisances.T @ nuisances
+        lag = seen(self.lag)
+        sticks = multivariate_normal.logpdf(lag, cov=covariance)
+        # of each unit against the way it is dragged
+        precision = blind.T @ np.linalg.inv(covariance) @ blind
+        n = self.load.size
+        alone = np.vstack([np.diag(self.along[0]), np.diag(self.along[1])])
+        left = -alone.T @ precision @ (self.root * self.lag).ravel()
+        redundancy = np.einsum("ij,ik,kj->j", alone, precision, alone)
+        judged = self.held & (redundancy > BLIND)
+        self.score = np.where(judged, left / np.sqrt(np.where(judged, redundancy, 1.0)), 0.0)
+        assert self.score.shape == (n,)
+
+        pull = (force[:2] * self.here).sum()
         if pull <= 0.0:
-            return 1.0, 0.0
-        softness = (here**2).sum() / pull
-        wrong = 1.0 + PARAMETERS.shared_gain**2 * ((self.root * self.way) ** 2).sum()
+            return 0.0, 1.0
+        softness = (self.here**2).sum() / pull
+        much, little = [], []
+        for friction in FRICTIONS:
+            lack = np.maximum(self.far - friction * softness * self.load, 0.0)
+            pattern = seen(-lack * self.along)
+            wider = covariance + AMPLITUDE**2 * np.outer(pattern, pattern)
+            odds = multivariate_normal.logpdf(lag, pattern, wider) - sticks
+            slips = self.load[lack > 0.0].sum() / self.load.sum()
+            if 1.0 - slips < self.settings.incipient_ratio:
+                much.append((odds, slips, lack > 0.0))
+            elif slips > 0.0:
+                little.append(odds)
+        if not much:
+            return 0.0, 1.0
+        holds = (
+            np.logaddexp(0.0, np.logaddexp.reduce(little) - np.log(len(little))) if little else 0
+        )
+        odds = np.logaddexp.reduce([p[0] for p in much]) - np.log(len(much)) - holds
+        if odds <= self.limit:
+            return odds, 1.0
+        _, slips, self.in_pattern[:] = max(much, key=lambda p: p[0])
+        return odds, 1.0 - slips
 
-        def slips(friction):
-            """Which units slip, their share of the load, and what that explains."""
-            lack = np.maximum(self.far - friction * softness * load, 0.0)
-            pattern, worth = self._without(-lack * self.along), 0.0
-            whole = ((self.root * lack) ** 2).sum()
-            along, square = pattern @ self.rest, pattern @ pattern
-            if along > 0.0 and square > PARAMETERS.least_pattern * whole:
-                left = self.rest - along / square * pattern
-                worth = self.rest @ self.rest - left @ left
-            return lack > 0.0, load[lack > 0.0].sum() / load.sum(), worth
+    def _units(self):
+        late = (self.score > 0.0) & (self.score**2 > 2.0 * (self.limit + np.log(self.load.size)))
+        for j in np.flatnonzero(self.state == UnitSlip.SLIPPING):
+            self._rest(j)
+        for j in np.flatnonzero(late & self.held):
+            self.state[j], self.rest[:, j], self.stretch[j] = UnitSlip.SLIPPING, 0.0, []
+        self.held = self.state != UnitSlip.SLIPPING
 
-        def matters(pattern):
-            return 1.0 - pattern[1] <= self.settings.incipient_ratio
+    def _rest(self, j):
+        """Let a unit stick again whose lag has not changed since the last stretch of time."""
+        self.stretch[j].append(self.lag[:, j].copy())
+        if len(self.stretch[j]) * self.dt_s < REST_S:
+            return
+        mean, variance = np.mean(self.stretch[j], axis=0), self.noise[j] / len(self.stretch[j])
+        further = ((mean - self.rest[:, j]) ** 2).sum()
+        self.rest[:, j], self.stretch[j] = mean, []
+        if further > OUTLIER**2 * 2.0 * (variance + self.settings.floor_mm**2):
+            return
+        self.state[j] = UnitSlip.RE_STICK
+        self.anchor[:, j] += mean
+        self.lag[:, j] -= mean
+        self.raw[:, j] -= mean
+        self.anchor_variance[j] = variance
 
-        patterns = [slips(friction) for friction in FRICTIONS]
-        little = max((p[2] for p in patterns if not matters(p)), default=0.0)
-        most = max((p[2] for p in patterns if matters(p)), default=0.0)
-        likely = [p[2] > 0.0 and p[2] >= most - PARAMETERS.alike and matters(p) for p in patterns]
-        best = max(np.flatnonzero(likely), default=0)
-        chosen = patterns[best]
-        least = self.settings.slip_sigmas * np.sqrt(wrong)
-        if self.moves and 1.0 - chosen[1] > self.settings.gross_ratio:
-            least *= PARAMETERS.moving + self.haste * (1.0 - PARAMETERS.moving)
-        elif self.moves:
-            least *= PARAMETERS.moving_gross
-        if most - little > least**2:
-            for part in np.arange(1, PARAMETERS.refinements) / PARAMETERS.refinements:
-                finer = slips(FRICTIONS[best] * PARAMETERS.friction_step**part)
-                if not matters(finer):
-                    little = max(little, finer[2])
-                elif finer[2] >= most - PARAMETERS.alike:
-                    most, chosen = max(most, finer[2]), finer
-        sigmas = np.sqrt(max(most - little, 0.0))
-        if sigmas <= least:
-            return 1.0, sigmas / np.sqrt(wrong)
-        self.clipped = chosen[0].astype(float)
-        return 1.0 - chosen[1], sigmas / np.sqrt(wrong)
+    @staticmethod
+    def _mean(sums):
+        """Of all units: of squares over what sigma says."""
+        return (sums[0] + NOISE_PRIOR) / (sums[1] + NOISE_PRIOR)
 
-    def _units(self, noise):
-        """Stick or slip; in the scenes of these tests no unit comes to rest again."""
-        late = np.zeros(noise.size)
-        for j, along in enumerate(self.along.T):
-            alone = np.zeros_like(self.lag)
-            alone[:, j] = -along / self.root[j] if self.root[j] else 0.0
-            alone = self._without(alone)
-            late[j] = alone @ self.rest / np.sqrt(max(alone @ alone, PARAMETERS.least_redundancy))
-        behind = -self.root * (self.lag * self.along).sum(axis=0)
-        late = np.maximum(late, PARAMETERS.raw_share * behind)
-        late = late > self.settings.slip_sigmas
-        self.state[(self.state != UnitSlip.SLIPPING) & late] = UnitSlip.SLIPPING
-        held, way = self.state != UnitSlip.SLIPPING, self.way
-        gain = self.anchor_variance / (self.anchor_variance + noise)
-        gain = held * np.maximum(gain, self.dt_s / PARAMETERS.anchor_s)
-        self.lag = self.lag - gain * (self.raw - self.believed * way)
-        self.anchor = self.anchor + gain * self.raw
-        self.known = self.known + gain * way
-        robust = np.minimum(1.0, PARAMETERS.huber_sigmas / np.maximum(self.score, 1e-9)) ** 2
-        telling = held * (1.0 - gain) * robust / noise
-        forget = self.dt_s / PARAMETERS.gain_s * held
-        self.sure = (1.0 - forget) * self.sure + forget / self.settings.gain_error**2
-        self.sure = self.sure + telling * (way**2).sum(axis=0)
-        rest = (way * (self.raw - self.gives * way)).sum(axis=0)
-        self.gives = self.gives + telling * rest / self.sure
-        self.anchor_variance = gain**2 * noise + (1.0 - gain) ** 2 * self.anchor_variance
+    def _learn_noise(self):
+        """Equations 12 and 13; how many stick was counted before this cycle judged them."""
+        stuck = (self.root > 0.0).sum()
+        free = (2.0 * stuck - self.motions) / stuck
+        if 2.0 * stuck - self.motions < 1.0:
+            return
+        recent = self.dt_s / REST_S
+        self.lag_mean = np.where(
+            self.held, (1.0 - recent) * self.lag_mean + recent * self.lag, self.lag_mean
+        )
+        apart = self.lag - self.lag_mean
+        low = inner(apart, apart) * (2.0 - self.share) / (self.share * free * self.told)
+        low = np.minimum(low, OUTLIER**2 * self._mean(self.lags))
+        single = self.surprise / (free * self.told)
+        single = np.minimum(single, OUTLIER**2 * self._mean(self.readings))
+        keep, worth = 1.0 - self.dt_s / NOISE_MEMORY_S, 0.5 * self.share * free
+        told = worth * np.array([low, np.ones_like(low)])
+        self.unit_lags = np.where(self.held, keep * self.unit_lags + told, self.unit_lags)
+        self.lags = keep * self.lags + told[:, self.held].sum(axis=1)
+        told = free * np.array([single, np.ones_like(single)])
+        self.readings = keep * self.readings + told[:, self.held].sum(axis=1)
+        squares, count = self.unit_lags
+        likely = squares + UNIT_NOISE_PRIOR * self._mean(self.lags)
+        self.ratio = np.maximum(likely / (count + UNIT_NOISE_PRIOR), 1.0)
 
-    def _conclude(self, ratio):
+    def _learn_anchors(self):
+        """Equations 10 and 11."""
+        way, noise = self.moved - self.known, self.noise
+        follow = self.anchor_variance / (self.anchor_variance + noise)
+        follow = self.held * np.maximum(follow, self.dt_s / CREEP_S)
+        rest = self.raw - self.gain * way
+        self.anchor = self.anchor + follow * self.raw
+        self.lag = self.lag - follow * rest
+        self.known = self.known + follow * way
+        telling = self.held * (1.0 - follow) / noise
+        self.sure = self.sure + telling * inner(way, way)
+        self.gain = self.gain + telling * inner(way, rest) / self.sure
+        self.anchor_variance = (1 - follow) ** 2 * self.anchor_variance + follow**2 * noise
+
+    def _learn_friction(self, force, sigma):
+        """Equations 19 and 20."""
+        shear, slipping = inner(force[:2], self.along), self.state == UnitSlip.SLIPPING
+        variance = (sigma[:2] ** 2).mean(axis=0) + (shear / self.load * sigma[2]) ** 2
+        variance = variance * self.ratio
+        self.slid *= 1.0 - self.dt_s / FRICTION_MEMORY_S
+        self.slid += slipping * np.array([shear, self.load, variance])
+        bound = (shear - np.sqrt(2.0 * self.limit * variance)) / self.load
+        self.borne = np.where(slipping, self.borne, np.maximum(self.borne, bound))
+        tells = self.slid[0] > OUTLIER * np.sqrt(self.slid[2])
+        if not tells.any():
+            return
+        sample = self.slid[0, tells] / self.slid[1, tells]
+        if np.isnan(self.friction):
+            self.friction, self.spread = sample.mean(), FRICTION_SPREAD * sample.mean()
+        mean, spread = self.friction, self.spread
+        share = spread**2 / (spread**2 + self.slid[2, tells] / self.slid[1, tells] ** 2)
+        lower = (self.borne[~tells & (self.borne > 0.0)] - mean) / spread
+        lower = lower[lower > -5.0]
+        hazard = np.exp(norm.logpdf(lower) - norm.logsf(lower))
+        ahead = np.concatenate([share * (sample - mean), spread * hazard])
+        known = np.concatenate([share, hazard * (hazard - lower)])
+        square = known @ (ahead**2 + (1.0 - known) * spread**2)
+        self.information = known.sum() / spread**2
+        self.friction = mean + ahead.sum() / known.sum()
+        prior = FACES * (FRICTION_SPREAD * mean) ** 2
+        self.spread = np.sqrt((square + prior) / (known.sum() + FACES))
+
+    def _conclude(self, ratio, used):
         settings, before = self.settings, self.slip
         leave = 0.5 + 0.5 * settings.incipient_ratio
-        if ratio < settings.gross_ratio:
-            state = SlipState.GROSS
+        few = (self.state != UnitSlip.SLIPPING).sum() < 3
+        if ratio < settings.gross_ratio or (few and used > 1.0):
+            self.slip = SlipState.GROSS
         elif ratio < (leave if before == SlipState.INCIPIENT else settings.incipient_ratio):
-            state = SlipState.INCIPIENT
+            self.slip = SlipState.INCIPIENT
         else:
-            state = SlipState.STICK
-        if state > max(before, SlipState.STICK):
-            self.confirm += 1
-            if self.confirm < settings.confirm_cycles:
-                return
-        self.confirm = 0
-        self.slip = state
+            self.slip = SlipState.STICK
+        if self.slip >= SlipState.INCIPIENT > before:
+            self.began = (self.state == UnitSlip.SLIPPING) | self.in_pattern
+
+    def _told(self, odds, sticks, demand, force_sigma):
+        slips = (self.state == UnitSlip.SLIPPING) | self.in_pattern | (self.slip == SlipState.GROSS)
+        way = np.full(2, np.nan)
+        if slips.any():
+            way = np.average(self.along[:, slips], axis=1, weights=self.load[slips])
+        held = max(odds, self.limit) if self.slip >= SlipState.INCIPIENT else odds
+        beforehand = self.settings.slips_per_hour * SLOW_S / 3600.0
+        chance = beforehand * np.exp(min(held, 600.0))
+        sigma = np.hypot(self.information**-0.5, FRICTION_SPREAD * self.friction) if (
+            self.information
+        ) else np.nan  # fmt: skip
+        grip = self.settings.safety * demand / self.friction
+        # of the load along one axis, whatever axis that is
+        sigma_load = np.sqrt((force_sigma**2).sum() / 3.0)
+        noise = self.settings.safety * sigma_load / self.friction
+        return SimpleNamespace(
+            stick_ratio=sticks, pattern=np.sqrt(2.0 * max(odds, 0.0)), slip_direction=way,
+            slip_probability=np.nan if self.slip == SlipState.NONE else chance / (1.0 + chance),
+            friction=self.friction, friction_sigma=sigma, friction_spread=self.spread,
+            grip_force=grip, grip_force_sigma=np.hypot(grip * sigma / self.friction, noise),
+            margin=1.0 - demand / (self.friction * self.load.sum()),
+            noise_ratio=np.sqrt(self.ratio),
+        )  # fmt: skip

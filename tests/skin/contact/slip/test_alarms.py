@@ -1,0 +1,58 @@
+"""Alarms: how often there is one without slip, and how soon there is one, at any rate of cycles."""
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from skin.contact.record import SlipState
+from skin.contact.slip import SlipSettings
+from tests.skin.contact.slip.hold import Hold
+
+PER_S = 1.0
+"""Alarms without slip that are asked for."""
+
+
+@pytest.mark.parametrize("rate_hz", [100.0, 250.0, 1000.0])
+@pytest.mark.parametrize(("rows", "columns"), [(1, 4), (2, 3), (3, 4)])
+def test_alarms_without_slip_are_rarer_than_was_asked_for(rate_hz, rows, columns):
+    alarms, seconds = 0, 0.0
+    for seed in range(4):
+        hold = Hold(
+            rows, columns, rate_hz=rate_hz, seed=seed,
+            slip=SlipSettings(false_alarms_per_hour=3600.0 * PER_S),
+        )  # fmt: skip
+        gain_error, before = 0.012 * hold.rng.standard_normal(hold.n), SlipState.NONE
+        for t in range(int(8.0 * rate_hz)):
+            way_mm = 0.5 * min(1.0, 2.0 * t / rate_hz)
+            noise = 0.03 * hold.rng.standard_normal((2, hold.n))
+            noise[0] += gain_error * way_mm
+            hold.step(hold.dome(), (way_mm, 0.0), noise=noise)
+            now = hold.contact.slip
+            alarms += now >= SlipState.INCIPIENT > before
+            before = now
+        seconds += 8.0
+    # Garwood's interval, 99 %
+    assert 0.5 * chi2.ppf(0.995, 2 * alarms + 2) / seconds < PER_S
+    # it is no detector that never says a word
+    assert alarms > 0
+
+
+def latency_s(rate_hz, seed):
+    """From the first unit that slips to the alarm; 4 mm/s, noise of the same density."""
+    hold = Hold(4, 5, rate_hz=rate_hz, sigma_mm=0.03 * np.sqrt(rate_hz / 250.0), seed=seed)
+    load, first_s = hold.dome(), None
+    for t in range(int(rate_hz)):
+        way_mm = 4.0 * max(0.0, t / rate_hz - 0.3)
+        truth = hold.step(load, (way_mm, 0.0), 0.4)
+        first_s = t / rate_hz if first_s is None and truth.slips.any() else first_s
+        if hold.contact.slip >= SlipState.INCIPIENT:
+            assert first_s is not None
+            return t / rate_hz - first_s
+    raise AssertionError("no alarm")
+
+
+@pytest.mark.parametrize("rate_hz", [100.0, 1000.0])
+def test_slip_is_seen_after_the_same_time_at_any_rate(rate_hz):
+    at_250 = np.median([latency_s(250.0, seed) for seed in range(15)])
+    took = np.median([latency_s(rate_hz, seed) for seed in range(15)])
+    assert at_250 / 1.5 < took < 1.5 * at_250

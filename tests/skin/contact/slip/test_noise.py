@@ -1,0 +1,87 @@
+"""Noise: what units vary by is learned while they hold, and sigma is its lower bound."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from skin.contact.record import UnitSlip
+from skin.contact.slip import PARAMETERS
+from tests.skin.contact.slip.hold import Hold
+
+RATE_HZ = 250.0
+SECONDS = 12.0
+
+
+def by_unit(contact):
+    """Noise ratios in the order of the array."""
+    return contact.noise_ratio[np.argsort(contact.units)]
+
+
+def held(noise, sigma_mm=0.03):
+    """Noise ratios of units that are dragged a little and held, under noise (t, 2, n) mm."""
+    hold = Hold(4, 5, sigma_mm=sigma_mm)
+    for t, now in enumerate(noise):
+        hold.step(hold.dome(), (0.3 * min(1.0, t / 100.0), 0.0), noise=now)
+    return by_unit(hold.contact)
+
+
+def white(seed, sigma_mm):
+    rng = np.random.default_rng(seed)
+    return sigma_mm * rng.standard_normal((int(SECONDS * RATE_HZ), 2, 20))
+
+
+def test_noise_that_is_twice_as_large_as_told_is_seen_as_twice_as_large():
+    ratio = held(white(1, 0.06))
+    # a low-pass has a reading anew in twice its time constant; two axes a unit
+    readings = 2.0 * PARAMETERS.noise_memory_s / (2.0 * PARAMETERS.slow_s)
+    error = 2.0 * np.sqrt(0.5 / readings)
+    assert ratio.std() < error
+    # of twenty units together, and as much for what a fit and an anchor take
+    assert ratio.mean() == pytest.approx(2.0, abs=4.0 * error / np.sqrt(20.0))
+
+
+def test_noise_of_one_unit_alone_is_told_of_that_unit():
+    noise = white(2, 0.03)
+    noise[:, :, 7] *= 3.0
+    ratio = held(noise)
+    assert ratio.argmax() == 7
+    assert ratio[7] > 1.8
+    assert np.delete(ratio, 7).max() < 1.4
+
+
+def test_noise_that_is_correlated_counts_for_as_much_as_a_lowpass_leaves_of_it():
+    keeps = np.exp(-1.0 / RATE_HZ / 0.02)
+    noise = lfilter([np.sqrt(1.0 - keeps**2)], [1.0, -keeps], white(3, 0.03), axis=0)
+    share = 1.0 - np.exp(-1.0 / RATE_HZ / PARAMETERS.slow_s)
+
+    def left(of):
+        return lfilter([share], [1.0, share - 1.0], of, axis=0)[100:].std()
+
+    expected = left(noise) / left(white(4, 0.03))
+    assert expected == pytest.approx(2.5, rel=0.05)
+    assert held(noise).mean() == pytest.approx(expected, rel=0.07)
+
+
+@pytest.mark.parametrize("told", [0.03, 0.06])
+def test_noise_that_is_as_told_or_smaller_is_believed(told):
+    ratio = held(white(5, 0.03), told)
+    assert ratio.min() >= 1.0
+    assert ratio.mean() < 1.02
+
+
+def test_nothing_is_learned_from_units_that_slip():
+    hold, way_mm = Hold(4, 5, seed=6), 0.0
+    load, slips = hold.dome(), np.zeros(20, bool)
+    while slips.sum() < 5:
+        way_mm += 0.012
+        hold.step(load, (way_mm, 0.0), 0.4)
+        slips = hold.stream.unit_slip == UnitSlip.SLIPPING
+    before = by_unit(hold.contact).copy()
+    for _ in range(50):
+        noise = 0.03 * hold.rng.standard_normal((2, 20))
+        noise[:, slips] *= 5.0
+        hold.step(load, (way_mm, 0.0), 0.4, noise)
+        slips &= hold.stream.unit_slip == UnitSlip.SLIPPING
+    assert slips.any()
+    # but for what all that stick say together
+    np.testing.assert_allclose(by_unit(hold.contact)[slips], before[slips], rtol=0.03)
