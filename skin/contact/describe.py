@@ -89,13 +89,18 @@ def _forget(record):
     record["onset_ns"] = 0
     record["stick_ratio"] = np.nan
     record["pattern"] = np.nan
+    record["slip_probability"] = np.nan
+    record["slip_direction"][:] = np.nan
     record["motion"][:] = np.nan
     record["rotation"][:] = np.nan
     record["friction"] = np.nan
     record["friction_sigma"] = np.nan
+    record["friction_spread"] = np.nan
     record["friction_lower"] = 0.0
+    record["friction_information"] = 0.0
     record["margin"] = np.nan
     record["grip_force"] = np.nan
+    record["grip_force_sigma"] = np.nan
 
 
 @jitable(fastmath=REORDERED)

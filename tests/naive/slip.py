@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 from scipy.linalg import null_space
+from scipy.signal import lfilter
 from scipy.stats import multivariate_normal, norm
 
 from skin.contact.record import SlipState, UnitSlip
@@ -18,7 +19,9 @@ OUTLIER = 3.0
 SOFT_GROUND, SOFT_UNITS = 0.05, 20
 AMPLITUDE = 0.5
 FRICTIONS = 0.1 * 11.0 ** (np.arange(14) / 13.0)
-NOISE_MEMORY_S, NOISE_PRIOR, UNIT_NOISE_PRIOR = 10.0, 5.0, 100.0
+NOISE_MEMORY_S, NOISE_PRIOR, UNIT_NOISE_PRIOR = 10.0, 5.0, 20.0
+HEARD_S, JUDGED_S = 2.0 * SLOW_S, 4.0 * SLOW_S
+"""Ages of an anchor from which on its unit's noise is heard, and it is judged."""
 FRICTION_SPREAD, FRICTION_MEMORY_S, FACES = 0.05, 20.0, 4.0
 BLIND = 0.01
 """Share of a unit's own lag, below which nobody judges it."""
@@ -42,7 +45,7 @@ class NaiveSlip:
         self.slid, self.borne = np.zeros((3, n)), np.zeros(n)
         self.friction, self.spread, self.information = np.nan, 0.0, 0.0
         self.stretch = [[] for _ in range(n)]
-        self.anchor = None
+        self.anchor, self.age_s = None, 0.0
 
     def step(self, force, displacement, force_sigma, sigma, whole):
         """Take the next cycle; (3, n) each, and of the contact as a whole shear, torsion and arm.
@@ -51,10 +54,16 @@ class NaiveSlip:
         """
         self.load, self.here = force[2], displacement[:2]
         self.told = (sigma[:2] ** 2).mean(axis=0)
+        keep = 1.0 - self.dt_s / NOISE_MEMORY_S
+        self.lags, self.readings = keep * self.lags, keep * self.readings
+        self.usual, self.single = self._mean(self.lags), self._mean(self.readings)
+        likely = self.unit_lags[0] + UNIT_NOISE_PRIOR * self.usual
+        self.ratio = np.maximum(likely / (self.unit_lags[1] + UNIT_NOISE_PRIOR), 1.0)
         self.noise = self.told * self.ratio
         first = self.anchor is None
+        self.age_s += 0.0 if first else self.dt_s
         self.held = (self.state != UnitSlip.SLIPPING) & (not first)
-        self.in_pattern[:] = False
+        self.in_pattern[:], self.stuck = False, self.held.sum()
         self._body() if self.held.any() else self._begin()
         self._follow(new=first)
         self.limit = np.log(3600.0 * self.share / self.dt_s / self.settings.false_alarms_per_hour)
@@ -73,7 +82,7 @@ class NaiveSlip:
         demand = float(np.hypot(whole["shear"], whole["torsion"] / whole["arm"]))
         if not first:
             self._conclude(sticks, demand / self.load.sum() / self.friction)
-        return self._told(odds, sticks, demand, force_sigma)
+        return self._told(odds, sticks, demand, force_sigma, whole["axes"][:, 2])
 
     def _begin(self):
         here, n = self.here, self.load.size
@@ -116,12 +125,13 @@ class NaiveSlip:
         if not new:
             ahead = self.raw - self.gain * way - self.lag
             self.surprise = inner(ahead, ahead)
-            single = self.told * max(1.0, self._mean(self.readings))
+            single = self.told * max(1.0, self.single)
             most = OUTLIER * np.sqrt(np.maximum(self.noise, single) + self.variance)
             self.lag = self.lag + self.share * np.clip(ahead, -most, most)
             self.variance = (1 - self.share) ** 2 * self.variance + self.share**2 * self.noise
         total = self.variance + self.anchor_variance + self.settings.floor_mm**2
-        self.root = self.held / np.sqrt(total + inner(way, way) / self.sure)
+        judges = self.held & (self.age_s > JUDGED_S)
+        self.root = judges / np.sqrt(total + inner(way, way) / self.sure)
         asked = self.anchor + self.slow
         self.far = np.hypot(*asked)
         self.along = asked / self.far
@@ -133,6 +143,9 @@ class NaiveSlip:
             """In sigmas, and without the motions, of which nothing is known beforehand."""
             return blind @ (self.root * vectors).ravel()
 
+        self.score = np.zeros(self.load.size)
+        if not self.root.any():
+            return self._odds(force, lambda pattern: 0.0)
         blind = null_space((self.root * self.design.transpose(1, 0, 2)).reshape(self.motions, -1)).T
         nuisances = [self.settings.gain_error * seen(self.far * self.along)]
         if self.held.sum() >= SOFT_UNITS:
@@ -153,6 +166,15 @@ class NaiveSlip:
         self.score = np.where(judged, left / np.sqrt(np.where(judged, redundancy, 1.0)), 0.0)
         assert self.score.shape == (n,)
 
+        def odds(lack):
+            pattern = seen(-lack * self.along)
+            wider = covariance + AMPLITUDE**2 * np.outer(pattern, pattern)
+            return multivariate_normal.logpdf(lag, pattern, wider) - sticks
+
+        return self._odds(force, odds)
+
+    def _odds(self, force, odds_of):
+        """Equations 15 and 17, of patterns whose odds are given by what each unit lags."""
         pull = (force[:2] * self.here).sum()
         if pull <= 0.0:
             return 0.0, 1.0
@@ -160,9 +182,7 @@ class NaiveSlip:
         much, little = [], []
         for friction in FRICTIONS:
             lack = np.maximum(self.far - friction * softness * self.load, 0.0)
-            pattern = seen(-lack * self.along)
-            wider = covariance + AMPLITUDE**2 * np.outer(pattern, pattern)
-            odds = multivariate_normal.logpdf(lag, pattern, wider) - sticks
+            odds = odds_of(lack)
             slips = self.load[lack > 0.0].sum() / self.load.sum()
             if 1.0 - slips < self.settings.incipient_ratio:
                 much.append((odds, slips, lack > 0.0))
@@ -210,28 +230,32 @@ class NaiveSlip:
 
     def _learn_noise(self):
         """Equations 12 and 13; how many stick was counted before this cycle judged them."""
-        stuck = (self.root > 0.0).sum()
+        stuck, heard = self.stuck, self.held & (self.age_s > HEARD_S)
         free = (2.0 * stuck - self.motions) / stuck
         if 2.0 * stuck - self.motions < 1.0:
             return
         recent = self.dt_s / REST_S
         self.lag_mean = np.where(
-            self.held, (1.0 - recent) * self.lag_mean + recent * self.lag, self.lag_mean
+            heard, (1.0 - recent) * self.lag_mean + recent * self.lag, self.lag_mean
         )
         apart = self.lag - self.lag_mean
-        low = inner(apart, apart) * (2.0 - self.share) / (self.share * free * self.told)
-        low = np.minimum(low, OUTLIER**2 * self._mean(self.lags))
-        single = self.surprise / (free * self.told)
-        single = np.minimum(single, OUTLIER**2 * self._mean(self.readings))
+        low = inner(apart, apart) / (free * self.told * self._lowpassed(recent))
+        low = np.minimum(low, OUTLIER**2 * self.usual)
+        single = np.minimum(self.surprise / (free * self.told), OUTLIER**2 * self.single)
         keep, worth = 1.0 - self.dt_s / NOISE_MEMORY_S, 0.5 * self.share * free
         told = worth * np.array([low, np.ones_like(low)])
-        self.unit_lags = np.where(self.held, keep * self.unit_lags + told, self.unit_lags)
-        self.lags = keep * self.lags + told[:, self.held].sum(axis=1)
+        self.unit_lags = np.where(heard, keep * self.unit_lags + told, self.unit_lags)
+        self.lags = self.lags + told[:, heard].sum(axis=1)
         told = free * np.array([single, np.ones_like(single)])
-        self.readings = keep * self.readings + told[:, self.held].sum(axis=1)
-        squares, count = self.unit_lags
-        likely = squares + UNIT_NOISE_PRIOR * self._mean(self.lags)
-        self.ratio = np.maximum(likely / (count + UNIT_NOISE_PRIOR), 1.0)
+        self.readings = self.readings + told[:, heard].sum(axis=1)
+
+    def _lowpassed(self, recent):
+        """Variance of white noise of variance 1 behind the low-pass, without its recent mean: by
+        its response to an impulse."""
+        share, age = self.share, np.arange(int(40.0 / min(recent, self.share)))
+        low = share * (1.0 - share) ** age
+        mean = lfilter([recent], [1.0, recent - 1.0], low)
+        return ((low - mean) ** 2).sum()
 
     def _learn_anchors(self):
         """Equations 10 and 11."""
@@ -288,7 +312,7 @@ class NaiveSlip:
         if self.slip >= SlipState.INCIPIENT > before:
             self.began = (self.state == UnitSlip.SLIPPING) | self.in_pattern
 
-    def _told(self, odds, sticks, demand, force_sigma):
+    def _told(self, odds, sticks, demand, force_sigma, normal):
         slips = (self.state == UnitSlip.SLIPPING) | self.in_pattern | (self.slip == SlipState.GROSS)
         way = np.full(2, np.nan)
         if slips.any():
@@ -300,13 +324,14 @@ class NaiveSlip:
             self.information
         ) else np.nan  # fmt: skip
         grip = self.settings.safety * demand / self.friction
-        # of the load along one axis, whatever axis that is
-        sigma_load = np.sqrt((force_sigma**2).sum() / 3.0)
-        noise = self.settings.safety * sigma_load / self.friction
+        # of the force along a direction across the contact's normal, the mean of all of them
+        turn, _ = np.linalg.qr(np.column_stack([normal, np.eye(3)]))
+        across = turn[:, 1:].T @ np.sqrt(np.diag((force_sigma**2).sum(axis=1)))
+        noise = self.settings.safety * np.sqrt((across**2).sum() / 2.0) / self.friction
         return SimpleNamespace(
             stick_ratio=sticks, pattern=np.sqrt(2.0 * max(odds, 0.0)), slip_direction=way,
             slip_probability=np.nan if self.slip == SlipState.NONE else chance / (1.0 + chance),
-            friction=self.friction, friction_sigma=sigma, friction_spread=self.spread,
+            friction=self.friction, friction_sigma=sigma, friction_spread=self.spread if self.information else np.nan,
             grip_force=grip, grip_force_sigma=np.hypot(grip * sigma / self.friction, noise),
             margin=1.0 - demand / (self.friction * self.load.sum()),
             noise_ratio=np.sqrt(self.ratio),

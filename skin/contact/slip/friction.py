@@ -26,7 +26,7 @@ def learn_friction(record, reading, units, alarm, slip: SlipArrays, now_ns, dt_s
     history, unlike, row = slip.history, slip.kept.noise_ratio, slip.scratch.row
     keep = max(0.0, 1.0 - dt_s / PARAMETERS.friction_memory_s)
     # A bound that is never too high: false as seldom as an alarm.
-    sure = np.sqrt(2.0 * alarm)
+    sigmas = np.sqrt(2.0 * alarm)
     # Where all slides, units slide that nobody has seen slip by themselves.
     since_s = (now_ns - record["gross_ns"]) * 1e-9
     all_slide = record["slip"] == SlipState.GROSS and since_s < PARAMETERS.rest_s
@@ -50,7 +50,7 @@ def learn_friction(record, reading, units, alarm, slip: SlipArrays, now_ns, dt_s
             history.slid_load[i] += load
             history.slid_variance[i] += variance
         elif not slipping:
-            bound = ratio - sure * np.sqrt(variance) / load
+            bound = ratio - sigmas * np.sqrt(variance) / load
             history.borne[i] = max(history.borne[i], bound)
             record["friction_lower"] = max(record["friction_lower"], bound)
         if _has_slid(i, history):
@@ -79,20 +79,20 @@ def _follow_friction(record, units, history: UnitHistory):
     told, further, squares, known = 0.0, 0.0, 0.0, 0.0
     for at in range(record["begin"], record["end"]):
         i = units.members[at]
-        ahead, information = 0.0, 0.0
+        excess, information = 0.0, 0.0
         if _has_slid(i, history):
             value = history.slid_shear[i] / history.slid_load[i]
             noise = history.slid_variance[i] / history.slid_load[i] ** 2
             information = variance / (variance + noise)
-            ahead = information * (value - mean)
+            excess = information * (value - mean)
         elif history.borne[i] > 0.0:
             at_least = (history.borne[i] - mean) / spread
             if at_least > FAR:
                 hazard = _hazard(at_least)
-                ahead, information = spread * hazard, hazard * (hazard - at_least)
+                excess, information = spread * hazard, hazard * (hazard - at_least)
         told += information
-        further += ahead
-        squares += information * (ahead**2 + (1.0 - information) * variance)
+        further += excess
+        squares += information * (excess**2 + (1.0 - information) * variance)
         known += information
     if not told > 0.0:
         return
@@ -123,16 +123,15 @@ def friction_margin(record, model: SlipModel):
     else:
         record["friction"] = model.friction
         record["friction_sigma"] = np.nan
+        record["friction_spread"] = np.nan
     demand = tangential_demand(record["shear"], record["torsion"], record["arm"])
     if record["friction"] > 0.0:
         record["margin"] = 1.0 - demand / (record["friction"] * record["load"])
         grip = model.safety * demand / record["friction"]
         record["grip_force"] = grip
-        square = 0.0
-        for c in range(3):
-            square += record["wrench_sigma"][c] ** 2 / 3.0
         relative = record["friction_sigma"] / record["friction"]
         noise = model.safety / record["friction"]
+        square = _tangential_variance(record)
         record["grip_force_sigma"] = np.sqrt((grip * relative) ** 2 + noise**2 * square)
     else:
         record["flags"] |= NO_FRICTION
@@ -140,3 +139,15 @@ def friction_margin(record, model: SlipModel):
         record["grip_force"] = np.nan
         record["grip_force_sigma"] = np.nan
     return demand / record["load"]
+
+
+@jitable(inline=True)
+def _tangential_variance(record):
+    """Variance of a component of the force across the contact's normal, N²."""
+    normal, covariance = record["axes"][:, 2], record["wrench_covariance"]
+    across = 0.0
+    for a in range(3):
+        across += covariance[a, a]
+        for b in range(3):
+            across -= normal[a] * covariance[a, b] * normal[b]
+    return 0.5 * max(across, 0.0)

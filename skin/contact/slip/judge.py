@@ -19,7 +19,7 @@ from skin.contact.slip.state_machine import (
     decide_units,
     slides_still,
 )
-from skin.contact.slip.unit_filter import correct, gather, lowpass_share, predict, scatter
+from skin.contact.slip.unit_filter import Pace, correct, gather, lowpass_share, predict, scatter
 
 __all__ = ["judge"]
 
@@ -47,8 +47,8 @@ def _judge_lags(record, dt_s, geometry, model: SlipModel, reading, units, slip: 
     if stuck:
         out_of_plane = fit_motion(length, motions, model, unit, row, fit)
     share = lowpass_share(length, motions, stuck, dt_s, unit, row, fit.motion)
-    unlike = unlike_readings(scratch.noise)
-    predict(length, motions, share, dt_s, unlike, model, unit, row, fit.motion)
+    pace = Pace(share, dt_s, unlike_readings(scratch.noise))
+    predict(length, motions, pace, model, unit, row, fit.motion)
     alarm = alarm_odds(share, dt_s, model)
     judging, sticks, odds = 0, 1.0, 0.0
     if record["slip"] == SlipState.GROSS:

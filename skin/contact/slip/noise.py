@@ -52,6 +52,7 @@ def learn_noise(length, stuck, motions, share, dt_s, scratch: SlipScratch):
     outlier = PARAMETERS.outlier_sigmas**2
     most, most_reading = outlier * noise[4], outlier * noise[5]
     settled = SETTLED * PARAMETERS.slow_s
+    scale = free * share / (2.0 - share) * _left_by_mean(share, recent)
     lags, readings, count = 0.0, 0.0, 0.0
     for j in range(length):
         judges = row.held[j] if unit.age_s[j] > settled else 0.0
@@ -60,7 +61,7 @@ def learn_noise(length, stuck, motions, share, dt_s, scratch: SlipScratch):
             further = unit.lag[c, j] - unit.lag_mean[c, j]
             unit.lag_mean[c, j] += judges * recent * further
             square += (further * (1.0 - recent)) ** 2
-        seen = min(square * (2.0 - share) / (share * free * row.told[j]), most)
+        seen = min(square / (scale * row.told[j]), most)
         lags += judges * seen
         readings += judges * min(row.surprise[j] / (free * row.told[j]), most_reading)
         count += judges
@@ -71,3 +72,13 @@ def learn_noise(length, stuck, motions, share, dt_s, scratch: SlipScratch):
     noise[1] += weight * free * count
     noise[2] += free * readings
     noise[3] += free * count
+
+
+@jitable(inline=True)
+def _left_by_mean(share, recent):
+    """Share of the variance of low-passed white noise that is left without its mean, which follows
+    by the share `recent`."""
+    keep = 1.0 - recent
+    common = recent / (1.0 - keep * (1.0 - share))
+    mean = 2.0 * recent * keep * (1.0 - share) * common + recent * recent
+    return 1.0 - 2.0 * common + mean / (1.0 - keep * keep)

@@ -118,7 +118,7 @@ class SlipParameters(NamedTuple):
     """[assumed] Share of its depth that a film may keep when nothing bears on it any more."""
     soft_ground: float = 0.05
     """[assumed] Prior one-sigma of how much further soft ground lets a unit go at the rim."""
-    soft_units: int = 15
+    soft_units: int = 20
     """[tuned] Units that stick, above which the ground under a contact can yield like that: with
     fewer, false alarms are as rare without, and slip is seen later with it."""
     amplitude: float = 0.5

@@ -159,8 +159,6 @@ def detect_pattern(
         x_mm, y_mm = row.displacement[0, j], row.displacement[1, j]
         pull += np.float64(force[0, i]) * x_mm + np.float64(force[1, i]) * y_mm
         square += x_mm**2 + y_mm**2
-    for j in range(length):
-        row.in_pattern[j] = 0.0
     if not pull > 0.0:
         return 0.0, 1.0
     softness = square / pull
@@ -221,6 +219,6 @@ def _explain(friction, length, nuisances, softness, load, row: UnitRows):
             common += predicted[j] * nuisance[j]
         square -= common * common
     square = max(square, 0.0)
-    sure = 1.0 / PARAMETERS.amplitude**2
-    odds = (lagged + sure) ** 2 / (square + sure) - sure - np.log(1.0 + square / sure)
+    prior = 1.0 / PARAMETERS.amplitude**2
+    odds = (lagged + prior) ** 2 / (square + prior) - prior - np.log(1.0 + square / prior)
     return 0.5 * odds, slipped / load

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from bus.compiled.intrinsics import assume_noalias
@@ -12,7 +14,7 @@ from skin.contact.slip.noise import noise_ratio
 from skin.contact.slip.parameters import PARAMETERS, SETTLED, SlipModel
 from skin.contact.slip.rigid_fit import design_motions
 
-__all__ = ["correct", "gather", "lowpass_share", "predict", "scatter"]
+__all__ = ["Pace", "correct", "gather", "lowpass_share", "predict", "scatter"]
 
 
 @jitable(inline=True)
@@ -47,6 +49,7 @@ def gather(record, reading, units, geometry, size, motions, slip: SlipArrays):
         known += anchored
         stuck += held
         row.held[j] = 1.0 if held else 0.0
+        row.in_pattern[j] = 0.0
         row.new[j] = 1.0 if new else 0.0
         row.joined[j] = 1.0 if not (new or anchored) else 0.0
         row.displacement[0, j] = displacement[0, i]
@@ -148,16 +151,19 @@ def lowpass_share(length, motions, stuck, dt_s, unit: UnitFilter, row: UnitRows,
     return max(slow, 1.0 - span / max(rms, span))
 
 
-@jitable(inline=True)
-def predict(
-    length, motions, share, dt_s, unlike, model: SlipModel, unit: UnitFilter, row: UnitRows, motion
-):
-    """Where the body asks each unit to be, and how far it lags: derivations.md, equations 6 to 9.
+class Pace(NamedTuple):
+    """How lags follow in this cycle."""
 
-    `share` is that by which the lags follow, `unlike` the variance of single readings over what
-    sigma says.
-    """
+    share: float  # of the way to what is read
+    dt_s: float
+    unlike: float  # variance of single readings over what sigma says
+
+
+@jitable(inline=True)
+def predict(length, motions, pace: Pace, model: SlipModel, unit: UnitFilter, row: UnitRows, motion):
+    """Where the body asks each unit to be, and how far it lags: equations 6 to 9."""
     assume_noalias()
+    share, unlike = pace.share, pace.unlike
     prior = 1.0 / model.gain_error**2
     for j in range(length):
         unit.gain_error[j] *= 1.0 - row.new[j]
@@ -193,7 +199,7 @@ def predict(
             lag[j] = (1.0 - new) * (lag[j] + share * min(max(further, -most), most))
             mean[j] *= 1.0 - new
             moved[j] = now
-    _score(length, share, dt_s, model, unit, row)
+    _score(length, share, pace.dt_s, model, unit, row)
 
 
 @jitable(inline=True)
@@ -222,7 +228,7 @@ def _score(length, share, dt_s, model: SlipModel, unit: UnitFilter, row: UnitRow
         row.direction[0, j] = x / max(far, 1e-9)
         row.direction[1, j] = y / max(far, 1e-9)
         # Those that slip already are no judges, nor those whose noise has not been heard.
-        unit.age_s[j] = (1.0 - new) * (unit.age_s[j] + dt_s)
+        unit.age_s[j] = (1.0 - max(new, row.joined[j])) * (unit.age_s[j] + dt_s)
         settled = 1.0 if unit.age_s[j] > 2.0 * SETTLED * PARAMETERS.slow_s else 0.0
         row.root_weight[j] = np.sqrt(settled * row.held[j] * row.weight[j])
 
