@@ -158,8 +158,10 @@ class Contact:
     @property
     def unit_names(self) -> list[str]:
         """Names of its units; their numbers where the stream was given no names."""
-        names = self._names
-        return [str(i) if names is None else names[i] for i in map(int, self.units)]
+        return [self._name(i) for i in self.units]
+
+    def _name(self, unit: int) -> str:
+        return str(unit) if self._names is None else self._names[unit]
 
     @property
     def age_s(self) -> float:
@@ -219,6 +221,8 @@ class Contact:
         parts = [f"{self.units.size} units", f"{self.load:.2f} N at ({where}) mm"]
         if self.slip:
             parts.append(f"{self.slip.name.lower()}, stick ratio {self.stick_ratio:.2f}")
+        if (began := self.slip_began).size:
+            parts.append(f"begun by {', '.join(map(self._name, began[:3]))}")
         if np.isfinite(self.margin):
             parts.append(f"margin {self.margin:.2f}")
         return f"<Contact {self.id}: {', '.join(parts)}>"

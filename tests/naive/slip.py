@@ -90,7 +90,7 @@ class NaiveSlip:
         self.moved, self.slow, self.known, self.lag_mean = np.zeros((4, 2, n))
         self.gain, self.sure = np.zeros(n), np.full(n, self.settings.gain_error**-2.0)
         self.variance, self.anchor_variance = self.noise.copy(), self.noise.copy()
-        self.motions = 2
+        self.motions, self.body = 2, np.zeros(n)
 
     def _body(self):
         """Equations 1 to 3."""
@@ -108,6 +108,9 @@ class NaiveSlip:
             np.hstack(list(root * self.design)).T, (root * there).ravel(), rcond=None
         )
         self.moved = np.einsum("cmn,m->cn", self.design, x)
+        rows = np.hstack(list(root * self.design)).T
+        spread = np.linalg.pinv(rows) @ np.linalg.pinv(rows).T
+        self.body = np.einsum("cmn,mk,ckn->n", self.design, spread, self.design) / 2.0
 
     def _follow(self, *, new):
         """Equations 5 to 9."""
@@ -260,7 +263,8 @@ class NaiveSlip:
     def _learn_anchors(self):
         """Equations 10 and 11."""
         way, noise = self.moved - self.known, self.noise
-        follow = self.anchor_variance / (self.anchor_variance + noise)
+        read = noise + self.body
+        follow = self.anchor_variance / (self.anchor_variance + read)
         follow = self.held * np.maximum(follow, self.dt_s / CREEP_S)
         rest = self.raw - self.gain * way
         self.anchor = self.anchor + follow * self.raw
@@ -269,7 +273,7 @@ class NaiveSlip:
         telling = self.held * (1.0 - follow) / noise
         self.sure = self.sure + telling * inner(way, way)
         self.gain = self.gain + telling * inner(way, rest) / self.sure
-        self.anchor_variance = (1 - follow) ** 2 * self.anchor_variance + follow**2 * noise
+        self.anchor_variance = (1 - follow) ** 2 * self.anchor_variance + follow**2 * read
 
     def _learn_friction(self, force, sigma):
         """Equations 19 and 20."""
@@ -331,7 +335,8 @@ class NaiveSlip:
         return SimpleNamespace(
             stick_ratio=sticks, pattern=np.sqrt(2.0 * max(odds, 0.0)), slip_direction=way,
             slip_probability=np.nan if self.slip == SlipState.NONE else chance / (1.0 + chance),
-            friction=self.friction, friction_sigma=sigma, friction_spread=self.spread if self.information else np.nan,
+            friction=self.friction, friction_sigma=sigma,
+            friction_spread=self.spread if self.information else np.nan,
             grip_force=grip, grip_force_sigma=np.hypot(grip * sigma / self.friction, noise),
             margin=1.0 - demand / (self.friction * self.load.sum()),
             noise_ratio=np.sqrt(self.ratio),

@@ -89,6 +89,7 @@ class UnitRows(NamedTuple):
     predicted_lag: np.ndarray  # by a pattern of slip, in sigmas
     moved_out: np.ndarray  # (2, length) of `moved`, due to motions out of the plane
     surprise: np.ndarray  # square of the reading's distance from the lag
+    body_variance: np.ndarray  # mm², of where the body asks it to be
     in_pattern: np.ndarray  # 1 where the likeliest pattern says that it slips
     design: tuple[np.ndarray, np.ndarray]  # (NUISANCES, length) each of motions, along x and y;
     # later, orthonormal nuisance basis
@@ -162,7 +163,7 @@ class SlipData(NamedTuple):
         )  # fmt: skip
 
 
-FILTER_ROWS, HISTORY_ROWS, UNIT_ROWS = 23, 12, 23 + 3 * NUISANCES
+FILTER_ROWS, HISTORY_ROWS, UNIT_ROWS = 23, 12, 24 + 3 * NUISANCES
 
 
 BEGAN, NOISE_RATIO = 1, 19
@@ -189,11 +190,11 @@ def unit_filter(b):
 def slip_arrays(data: SlipData):
     """The memory of slip by name."""
     h, r, v = data.history, data.row, data.vectors
-    k = 23 + NUISANCES
+    k = 24 + NUISANCES
     row = UnitRows(
         r[0], r[1], r[2], r[3:5], r[5], r[6], r[7], r[8], r[9], r[10], r[11:13], r[13], r[14],
-        r[15], r[16], r[17], r[18], r[19:21], r[21], r[22],
-        (r[23:k], r[k : k + NUISANCES]), r[k + NUISANCES : k + 2 * NUISANCES],
+        r[15], r[16], r[17], r[18], r[19:21], r[21], r[22], r[23],
+        (r[24:k], r[k : k + NUISANCES]), r[k + NUISANCES : k + 2 * NUISANCES],
     )  # fmt: skip
     fit = BodyFit(v[0:3], v[3], v[4], data.equations, data.placement_equations, v[5], v[6])
     pattern = PatternScratch(data.prior, data.grid[0], data.grid[1])

@@ -71,21 +71,42 @@ def fit_motion(length, motions, model: SlipModel, unit: UnitFilter, row: UnitRow
     for j in range(length):
         row.weight[j] = row.held[j] / (row.noise[j] + unit.anchor_variance[j] + floor)
     _normal_equations(length, motions, unit, row, equations)
-    if motions <= PLANE:
-        _solve(equations, motions, fit.motion)
-        return 0.0
-    # Out of the plane, few units cannot tell a motion from slip; how deep they are pressed can.
-    deeper, total = 0.0, 0.0
-    for j in range(length):
-        deeper += row.weight[j] * row.deeper[j] ** 2
-        total += row.weight[j]
-    variance = floor + deeper / total
-    _place(length, motions, row, unit, fit)
-    for a in range(PLANE, motions):
-        equations[a, a] += 1.0 / variance
-        equations[a, MOTIONS] += fit.placement[a - PLANE] / variance
+    variance = 0.0
+    if motions > PLANE:
+        # Out of the plane, few units cannot tell a motion from slip; how deep they are pressed can.
+        deeper, total = 0.0, 0.0
+        for j in range(length):
+            deeper += row.weight[j] * row.deeper[j] ** 2
+            total += row.weight[j]
+        variance = floor + deeper / total
+        _place(length, motions, row, unit, fit)
+        for a in range(PLANE, motions):
+            equations[a, a] += 1.0 / variance
+            equations[a, MOTIONS] += fit.placement[a - PLANE] / variance
     _solve(equations, motions, fit.motion)
+    _body_variance(length, motions, equations, row)
     return np.sqrt(variance)
+
+
+@jitable(inline=True)
+def _body_variance(length, motions, factor, row: UnitRows):
+    """Variance of where the body asks each unit to be, mean of both components, by Cholesky's
+    factor of the normal equations."""
+    assume_noalias()
+    for c in range(2):
+        design = row.design[c]
+        for a in range(motions):
+            scale = 1.0 / factor[a, a] if factor[a, a] > 0.0 else 0.0
+            solved = row.nuisance[a]
+            for j in range(length):
+                solved[j] = design[a, j]
+            for b in range(a):
+                share, before = factor[a, b], row.nuisance[b]
+                for j in range(length):
+                    solved[j] -= share * before[j]
+            for j in range(length):
+                solved[j] *= scale
+                row.body_variance[j] += 0.5 * solved[j] * solved[j]
 
 
 @jitable(inline=True)

@@ -49,7 +49,7 @@ def gather(record, reading, units, geometry, size, motions, slip: SlipArrays):
         known += anchored
         stuck += held
         row.held[j] = 1.0 if held else 0.0
-        row.in_pattern[j] = 0.0
+        row.in_pattern[j], row.body_variance[j] = 0.0, 0.0
         row.new[j] = 1.0 if new else 0.0
         row.joined[j] = 1.0 if not (new or anchored) else 0.0
         row.displacement[0, j] = displacement[0, i]
@@ -213,7 +213,7 @@ def _score(length, share, dt_s, model: SlipModel, unit: UnitFilter, row: UnitRow
         variance += share * (share * noise - (2.0 - share) * variance)
         variance += new * (noise - variance)
         unit.lag_variance[j] = variance
-        unsettled = max(new, row.joined[j]) * noise
+        unsettled = max(new, row.joined[j]) * (noise + row.body_variance[j])
         anchor_variance = (1.0 - new) * unit.anchor_variance[j] + unsettled
         unit.anchor_variance[j] = anchor_variance
         square = (unit.moved[0, j] - unit.followed[0, j]) ** 2
@@ -245,7 +245,8 @@ def correct(length, dt_s, unit: UnitFilter, row: UnitRows):
     for j in range(length):
         # The first reading is the anchor already.
         variance, held = unit.anchor_variance[j], row.held[j] * (1.0 - row.new[j])
-        gain = held * max(variance / (variance + row.noise[j]), slowest)
+        noise = row.noise[j] + row.body_variance[j]
+        gain = held * max(variance / (variance + noise), slowest)
         gain_error, rest, square = unit.gain_error[j], 0.0, 0.0
         for c in range(2):
             way = unit.moved[c, j] - unit.followed[c, j]
@@ -261,4 +262,4 @@ def correct(length, dt_s, unit: UnitFilter, row: UnitRows):
         telling = held * (1.0 - gain) / row.noise[j]
         unit.gain_information[j] += telling * square
         unit.gain_error[j] += telling * rest / unit.gain_information[j]
-        unit.anchor_variance[j] += gain * (gain * row.noise[j] - (2.0 - gain) * variance)
+        unit.anchor_variance[j] += gain * (gain * noise - (2.0 - gain) * variance)
