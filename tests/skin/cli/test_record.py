@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -86,8 +87,10 @@ def test_a_run_that_is_interrupted_ends_its_recording_properly(tmp_path, number,
         [sys.executable, "-m", "skin", "record", "strip", "-o", str(path), "--simulate", "--json"],
         cwd=Path(__file__).parents[3], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         start_new_session=True,
+        # a job in the background of a shell ignores SIGINT, and so would its children
+        preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
-    with running:
+    try:
         until = time.monotonic() + 120.0
         while not path.exists() or path.stat().st_size < 100_000:
             assert running.poll() is None
@@ -95,6 +98,8 @@ def test_a_run_that_is_interrupted_ends_its_recording_properly(tmp_path, number,
             time.sleep(0.02)
         os.killpg(running.pid, number)
         out, err = running.communicate(timeout=60.0)
+    finally:
+        running.kill()
     assert running.returncode == status
     assert "Traceback" not in err
     with path.open("rb") as file:
