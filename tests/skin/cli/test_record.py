@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import time
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -83,12 +82,12 @@ def test_a_run_that_is_interrupted_ends_its_recording_properly(tmp_path, number,
     from mcap.reader import make_reader
 
     path = tmp_path / "run.mcap"
+    # a job in the background of a shell ignores SIGINT, and so would its children
+    anew = ["env", "--default-signal=INT", sys.executable, "-m", "skin"]
     running = subprocess.Popen(
-        [sys.executable, "-m", "skin", "record", "strip", "-o", str(path), "--simulate", "--json"],
+        [*anew, "record", "strip", "-o", str(path), "--simulate", "--json"],
         cwd=Path(__file__).parents[3], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         start_new_session=True,
-        # a job in the background of a shell ignores SIGINT, and so would its children
-        preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
     try:
         until = time.monotonic() + 120.0
