@@ -53,14 +53,14 @@ def test_a_limit_of_the_size_of_files_ends_the_recording_alone(tmp_path):
     with skin.open("strip", simulate=True, pace=False, record=file) as strip:
         recorder = strip.pipeline.recorder
         pid = recorder._worker._process.pid
-        resource.prlimit(pid, resource.RLIMIT_FSIZE, (200_000, 200_000))
+        resource.prlimit(pid, resource.RLIMIT_FSIZE, (1_000_000, 1_000_000))
         for state in strip:
             live.append(state.copy())
             if recorder.failure is not None:
                 break
         assert sum(1 for _ in itertools.islice(strip, 20)) == 20
     assert "got: File too large" in recorder.failure
-    assert file.stat().st_size <= 200_000
+    assert file.stat().st_size <= 1_000_000
     check_kept(file, live)
 
 
