@@ -15,7 +15,7 @@ from skin.contact.slip.parameters import PARAMETERS, SlipModel
 __all__ = ["friction_margin", "learn_friction"]
 
 FACES = 4.0
-"""[numeric] Faces that the spread of friction that is assumed is worth, for that which is seen."""
+"""[assumed] Faces that the spread of friction that is assumed is worth, for that which is seen."""
 FAR = -5.0
 """[numeric] Sigmas below the mean, from where a bound tells nothing."""
 

@@ -106,8 +106,7 @@ class SlipModel(NamedTuple):
 
 class SlipParameters(NamedTuple):
     """Constants of the detector. They are part of the machine code, which is made anew when one
-    changes. [tuned]: on seed 1000 of `benchmarks.slip`; [assumed]: by judgement; those without a
-    word on it change no figure of that benchmark within a factor of two."""
+    changes. [tuned]: on trials of seed 1000 of `benchmarks.slip`; [assumed]: by judgement."""
 
     slow_s: float = 0.032
     """[tuned] Longest time constant, s, of the low-pass of lags: shorter is sooner, longer is less
@@ -120,7 +119,7 @@ class SlipParameters(NamedTuple):
     """[assumed] Prior one-sigma of how much further soft ground lets a unit go at the rim."""
     soft_units: int = 20
     """[tuned] Units that stick, above which the ground under a contact can yield like that: with
-    fewer, false alarms are as rare without, and slip is seen later with it."""
+    fewer, slip is seen later if it is allowed for, and false alarms are rare without."""
     amplitude: float = 0.5
     """[assumed] Prior one-sigma of how much further than its pattern says a unit lags, as a share:
     friction falls when a unit begins to slide."""
@@ -133,7 +132,7 @@ class SlipParameters(NamedTuple):
     noise_memory_s: float = 10.0
     """[assumed] Time constant, s, with which the noise that was seen is forgotten."""
     noise_prior: float = 5.0
-    """[assumed] Independent readings that the told sigma of all units together is worth."""
+    """[tuned] Independent readings that the told sigma of all units together is worth."""
     unit_noise_prior: float = 20.0
     """[tuned] And those that the noise of all units is worth for that of one."""
     rest_s: float = 0.25
