@@ -9,7 +9,7 @@ import numpy as np
 
 from skin.contact.model import WAYPOINTS
 from skin.contact.record import Event, Flag, SlipState
-from skin.contact.slip.data import BEGAN, NOISE_RATIO
+from skin.contact.slip.data import BEGAN, NOISE_RATIO, NOISY_UNIT
 from skin.contact.wrench import wrench_in_frame
 from skin.errors import SkinError
 
@@ -156,6 +156,12 @@ class Contact:
         return np.sqrt(np.maximum(self._data.slip.kept[NOISE_RATIO, self.units], 1.0))
 
     @property
+    def noisy_units(self) -> np.ndarray:
+        """Units whose noise is greater than their sigma says, shape (m,), int32; see `Flag.NOISY`.
+        An alarm of slip allows for it; other sigmas do not."""
+        return self.units[self._data.slip.history[NOISY_UNIT, self.units] > 0.0]
+
+    @property
     def unit_names(self) -> list[str]:
         """Names of its units; their numbers where the stream was given no names."""
         return [self._name(i) for i in self.units]
@@ -225,4 +231,6 @@ class Contact:
             parts.append(f"begun by {', '.join(map(self._name, began[:3]))}")
         if np.isfinite(self.margin):
             parts.append(f"margin {self.margin:.2f}")
+        if (noisy := self.noisy_units).size:
+            parts.append(f"noise beyond sigma at {', '.join(map(self._name, noisy[:3]))}")
         return f"<Contact {self.id}: {', '.join(parts)}>"

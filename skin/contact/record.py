@@ -62,6 +62,9 @@ class Flag(IntFlag):
     """Fewer than three units: slip is judged by the friction cone alone."""
     NO_FRICTION = 1 << 4
     """No friction estimate yet: margin and grip force are NaN."""
+    NOISY = 1 << 5
+    """The noise of a unit, seen while the contact held, is greater than its sigma says: sigmas are
+    too small, for calibration or surroundings have changed. `Contact.noisy_units` are which."""
 
 
 class UnitSlip(IntEnum):
@@ -90,7 +93,7 @@ class SlipState(IntEnum):
 OUT, OPEN, BRIDGE, SILENT = map(int, UnitKind)
 FREE, PRESENT, ABSORBED, LOST = map(int, TrackState)
 BORN, RESUMED, MERGED, SPLIT = map(int, Event)
-WEAK, NORMAL_ASSUMED, TORSION_BLIND, FEW_UNITS, NO_FRICTION = map(int, Flag)
+WEAK, NORMAL_ASSUMED, TORSION_BLIND, FEW_UNITS, NO_FRICTION, NOISY = map(int, Flag)
 
 
 CONTACT = np.dtype(

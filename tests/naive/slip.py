@@ -19,10 +19,10 @@ OUTLIER = 3.0
 SOFT_GROUND, SOFT_UNITS = 0.05, 20
 AMPLITUDE = 0.5
 FRICTIONS = 0.1 * 11.0 ** (np.arange(14) / 13.0)
-NOISE_MEMORY_S, NOISE_PRIOR, UNIT_NOISE_PRIOR = 10.0, 5.0, 20.0
+MEMORY_S, NOISE_PRIOR, UNIT_NOISE_PRIOR = 10.0, 5.0, 20.0
 HEARD_S, JUDGED_S = 2.0 * SLOW_S, 4.0 * SLOW_S
 """Ages of an anchor from which on its unit's noise is heard, and it is judged."""
-FRICTION_SPREAD, FRICTION_MEMORY_S, FACES = 0.05, 20.0, 4.0
+FRICTION_SPREAD, FACES = 0.05, 4.0
 BLIND = 0.01
 """Share of a unit's own lag, below which nobody judges it."""
 
@@ -54,7 +54,7 @@ class NaiveSlip:
         """
         self.load, self.here = force[2], displacement[:2]
         self.told = (sigma[:2] ** 2).mean(axis=0)
-        keep = 1.0 - self.dt_s / NOISE_MEMORY_S
+        keep = 1.0 - self.dt_s / MEMORY_S
         self.lags, self.readings = keep * self.lags, keep * self.readings
         self.usual, self.single = self._mean(self.lags), self._mean(self.readings)
         likely = self.unit_lags[0] + UNIT_NOISE_PRIOR * self.usual
@@ -245,7 +245,7 @@ class NaiveSlip:
         low = inner(apart, apart) / (free * self.told * self._lowpassed(recent))
         low = np.minimum(low, OUTLIER**2 * self.usual)
         single = np.minimum(self.surprise / (free * self.told), OUTLIER**2 * self.single)
-        keep, worth = 1.0 - self.dt_s / NOISE_MEMORY_S, 0.5 * self.share * free
+        keep, worth = 1.0 - self.dt_s / MEMORY_S, 0.5 * self.share * free
         told = worth * np.array([low, np.ones_like(low)])
         self.unit_lags = np.where(heard, keep * self.unit_lags + told, self.unit_lags)
         self.lags = self.lags + told[:, heard].sum(axis=1)
@@ -280,7 +280,7 @@ class NaiveSlip:
         shear, slipping = inner(force[:2], self.along), self.state == UnitSlip.SLIPPING
         variance = (sigma[:2] ** 2).mean(axis=0) + (shear / self.load * sigma[2]) ** 2
         variance = variance * self.ratio
-        self.slid *= 1.0 - self.dt_s / FRICTION_MEMORY_S
+        self.slid *= 1.0 - self.dt_s / MEMORY_S
         self.slid += slipping * np.array([shear, self.load, variance])
         bound = (shear - np.sqrt(2.0 * self.limit * variance)) / self.load
         self.borne = np.where(slipping, self.borne, np.maximum(self.borne, bound))
@@ -316,6 +316,12 @@ class NaiveSlip:
         if self.slip >= SlipState.INCIPIENT > before:
             self.began = (self.state == UnitSlip.SLIPPING) | self.in_pattern
 
+    def _noisy(self):
+        """Whose squares add up to more than as many of a normal number can, by equation 13."""
+        squares, count = self.unit_lags
+        spread = np.sqrt(2.0 * np.maximum(count, 1e-300))
+        return (squares - count) / spread > np.sqrt(2.0 * (self.limit + np.log(count.size)))
+
     def _told(self, odds, sticks, demand, force_sigma, normal):
         slips = (self.state == UnitSlip.SLIPPING) | self.in_pattern | (self.slip == SlipState.GROSS)
         way = np.full(2, np.nan)
@@ -339,5 +345,5 @@ class NaiveSlip:
             friction_spread=self.spread if self.information else np.nan,
             grip_force=grip, grip_force_sigma=np.hypot(grip * sigma / self.friction, noise),
             margin=1.0 - demand / (self.friction * self.load.sum()),
-            noise_ratio=np.sqrt(self.ratio),
+            noise_ratio=np.sqrt(self.ratio), noisy=self._noisy(),
         )  # fmt: skip

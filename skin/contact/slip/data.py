@@ -16,9 +16,9 @@ from bus.compiled.jit import jitable
 from skin.contact.slip.parameters import PATTERNS
 
 __all__ = [
-    "BEGAN", "LANES", "MOTIONS", "NOISE_RATIO", "NUISANCES", "PLANE", "BodyFit", "PatternScratch",
-    "SlipArrays", "SlipData", "SlipScratch", "UnitFilter", "UnitHistory", "UnitRows", "row_length",
-    "slip_arrays", "unit_filter",
+    "BEGAN", "LANES", "MOTIONS", "NOISE_RATIO", "NOISY_UNIT", "NUISANCES", "PLANE", "BodyFit",
+    "PatternScratch", "SlipArrays", "SlipData", "SlipScratch", "UnitFilter", "UnitHistory",
+    "UnitRows", "row_length", "slip_arrays", "unit_filter",
 ]  # fmt: skip
 
 MOTIONS, PLANE = 6, 3
@@ -65,6 +65,7 @@ class UnitHistory(NamedTuple):
     slid_load: np.ndarray  # sum of the loads
     slid_variance: np.ndarray  # sum of the variances of shear less friction times load
     borne: np.ndarray  # greatest friction that it has borne in this contact without
+    noisy: np.ndarray  # 1 where its noise is greater than sigma says
 
 
 class UnitRows(NamedTuple):
@@ -163,11 +164,11 @@ class SlipData(NamedTuple):
         )  # fmt: skip
 
 
-FILTER_ROWS, HISTORY_ROWS, UNIT_ROWS = 23, 12, 24 + 3 * NUISANCES
+FILTER_ROWS, HISTORY_ROWS, UNIT_ROWS = 23, 13, 24 + 3 * NUISANCES
 
 
-BEGAN, NOISE_RATIO = 1, 19
-"""Rows of `UnitHistory.began` and `UnitFilter.noise_ratio`."""
+BEGAN, NOISY_UNIT, NOISE_RATIO = 1, 12, 19
+"""Rows of `UnitHistory.began` and `noisy`, and of `UnitFilter.noise_ratio`."""
 
 
 def row_length(n: int) -> int:
@@ -199,5 +200,7 @@ def slip_arrays(data: SlipData):
     fit = BodyFit(v[0:3], v[3], v[4], data.equations, data.placement_equations, v[5], v[6])
     pattern = PatternScratch(data.prior, data.grid[0], data.grid[1])
     scratch = SlipScratch(unit_filter(data.unit), row, fit, pattern, data.noise, data.unit, r)
-    history = UnitHistory(h[0], h[BEGAN], h[2:4], h[4:6], h[6], h[7], h[8], h[9], h[10], h[11])
+    history = UnitHistory(
+        h[0], h[BEGAN], h[2:4], h[4:6], h[6], h[7], h[8], h[9], h[10], h[11], h[NOISY_UNIT],
+    )  # fmt: skip
     return SlipArrays(unit_filter(data.kept), history, scratch)

@@ -12,10 +12,8 @@ from skin.contact.record import NO_FRICTION, SlipState, UnitSlip
 from skin.contact.slip.data import SlipArrays, UnitHistory
 from skin.contact.slip.parameters import PARAMETERS, SlipModel
 
-__all__ = ["friction_margin", "learn_friction"]
+__all__ = ["friction_margin", "learn_friction", "stick_ratio_by_cone"]
 
-FACES = 4.0
-"""[assumed] Faces that the spread of friction that is assumed is worth, for that which is seen."""
 FAR = -5.0
 """[numeric] Sigmas below the mean, from where a bound tells nothing."""
 
@@ -24,7 +22,7 @@ FAR = -5.0
 def learn_friction(record, reading, units, alarm, slip: SlipArrays, now_ns, dt_s):
     """What slipping units carry, and what stuck ones bear at least: equations 19 and 20."""
     history, unlike, row = slip.history, slip.kept.noise_ratio, slip.scratch.row
-    keep = max(0.0, 1.0 - dt_s / PARAMETERS.friction_memory_s)
+    keep = max(0.0, 1.0 - dt_s / PARAMETERS.memory_s)
     # A bound that is never too high: false as seldom as an alarm.
     sigmas = np.sqrt(2.0 * alarm)
     # Where all slides, units slide that nobody has seen slip by themselves.
@@ -96,9 +94,9 @@ def _follow_friction(record, units, history: UnitHistory):
         known += information
     if not told > 0.0:
         return
-    prior = (PARAMETERS.friction_spread * mean) ** 2
+    prior, faces = (PARAMETERS.friction_spread * mean) ** 2, PARAMETERS.friction_faces
     record["friction_mean"] = max(mean + further / told, 1e-3)
-    record["friction_spread"] = np.sqrt((squares + FACES * prior) / (known + FACES))
+    record["friction_spread"] = np.sqrt((squares + faces * prior) / (known + faces))
     record["friction_information"] = told / variance
 
 
@@ -139,6 +137,14 @@ def friction_margin(record, model: SlipModel):
         record["grip_force"] = np.nan
         record["grip_force_sigma"] = np.nan
     return demand / record["load"]
+
+
+@jitable(inline=True)
+def stick_ratio_by_cone(record):
+    """Share of the load that sticks where friction differs from face to face, by how much of the
+    friction cone is in use. For contacts of few units."""
+    z = record["margin"] / PARAMETERS.friction_spread
+    return 0.5 * math.erfc(-z / math.sqrt(2.0))
 
 
 @jitable(inline=True)

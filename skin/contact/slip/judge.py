@@ -5,10 +5,20 @@ from __future__ import annotations
 import numpy as np
 
 from bus.compiled.jit import jitable
-from skin.contact.record import BORN, BRIDGE, RESUMED, SILENT, WEAK, SlipState, UnitSlip
+from skin.contact.record import (
+    BORN,
+    BRIDGE,
+    FEW_UNITS,
+    NOISY,
+    RESUMED,
+    SILENT,
+    WEAK,
+    SlipState,
+    UnitSlip,
+)  # fmt: skip
 from skin.contact.slip.data import MOTIONS, PLANE, SlipArrays, slip_arrays
-from skin.contact.slip.friction import friction_margin, learn_friction
-from skin.contact.slip.noise import begin_cycle, learn_noise, unlike_readings
+from skin.contact.slip.friction import friction_margin, learn_friction, stick_ratio_by_cone
+from skin.contact.slip.noise import begin_cycle, is_noisy, learn_noise, unlike_readings
 from skin.contact.slip.parameters import LEAST_UNITS, PARAMETERS, UNITS_FOR_TURN, SlipModel
 from skin.contact.slip.pattern_test import alarm_odds, detect_pattern, project_nuisances
 from skin.contact.slip.rigid_fit import contact_frame, fit_motion
@@ -87,6 +97,10 @@ def _judge_contact(record, dt_s, now_ns, model, reading, units, slip: SlipArrays
     record["stick_ratio"] = min(sticks, 1.0 - load_slipping / record["load"])
     learn_friction(record, reading, units, alarm, slip, now_ns, dt_s)
     ratio = friction_margin(record, model.slip)
+    if judging < LEAST_UNITS:
+        record["flags"] |= FEW_UNITS
+        if np.isfinite(record["margin"]):
+            record["stick_ratio"] = stick_ratio_by_cone(record)
     if record["slip"] != SlipState.GROSS or judging < LEAST_UNITS:
         decide_contact(record, units, now_ns, judging, ratio, model.slip, slip)
     elif not slides_still(record, ratio, now_ns, dt_s):
@@ -101,7 +115,8 @@ def _judge_contact(record, dt_s, now_ns, model, reading, units, slip: SlipArrays
 
 @jitable(inline=True)
 def _tell(record, units, geometry, odds, alarm, model: SlipModel, slip: SlipArrays):
-    """Probability and direction of slip: derivations.md, state machine."""
+    """Probability and direction of slip, and whose noise is not what sigma says: derivations.md,
+    equation 13 and state machine."""
     if record["slip"] >= SlipState.INCIPIENT:
         odds = max(odds, alarm)
     begins = model.slips_per_hour / 3600.0 * PARAMETERS.slow_s
@@ -111,8 +126,12 @@ def _tell(record, units, geometry, odds, alarm, model: SlipModel, slip: SlipArra
     direction, row, total = record["slip_direction"], slip.scratch.row, 0.0
     direction[:] = 0.0
     slides = record["slip"] == SlipState.GROSS
-    for j in range(record["end"] - record["begin"]):
+    count, unit, noisy = record["end"] - record["begin"], slip.scratch.unit, slip.history.noisy
+    for j in range(count):
         i = units.members[record["begin"] + j]
+        noisy[i] = is_noisy(unit.noise_sum[j], unit.noise_count[j], alarm + np.log(count))
+        if noisy[i] > 0.0:
+            record["flags"] |= NOISY
         if slides or units.slip[i] == UnitSlip.SLIPPING or row.in_pattern[j] > 0.0:
             total += row.load[j]
             for a in range(3):

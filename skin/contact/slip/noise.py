@@ -7,13 +7,13 @@ from bus.compiled.jit import jitable
 from skin.contact.slip.data import SlipScratch
 from skin.contact.slip.parameters import PARAMETERS, SETTLED
 
-__all__ = ["begin_cycle", "learn_noise", "noise_ratio", "unlike_readings"]
+__all__ = ["begin_cycle", "is_noisy", "learn_noise", "noise_ratio", "unlike_readings"]
 
 
 @jitable(inline=True)
 def begin_cycle(noise, dt_s):
     """Forget a little of what all units together have shown, and sum up the rest."""
-    keep, prior = max(0.0, 1.0 - dt_s / PARAMETERS.noise_memory_s), PARAMETERS.noise_prior
+    keep, prior = max(0.0, 1.0 - dt_s / PARAMETERS.memory_s), PARAMETERS.noise_prior
     for k in range(4):
         noise[k] *= keep
     noise[4] = (noise[0] + prior) / (noise[1] + prior)
@@ -34,6 +34,14 @@ def noise_ratio(noise, unit_sum, unit_count):
 
 
 @jitable(inline=True)
+def is_noisy(unit_sum, unit_count, limit):
+    """1 where the noise of a unit is greater than sigma says, else 0; `limit` is the logarithm of
+    the odds that alarm. A sum of so many squares varies by the root of twice their number."""
+    further = unit_sum - unit_count
+    return 1.0 if further > 0.0 and further**2 > 4.0 * limit * unit_count else 0.0
+
+
+@jitable(inline=True)
 def learn_noise(length, stuck, motions, share, dt_s, scratch: SlipScratch):
     """Follow the variance of readings and of low-passed lags: derivations.md, equations 12 and 13.
 
@@ -48,7 +56,7 @@ def learn_noise(length, stuck, motions, share, dt_s, scratch: SlipScratch):
     free /= stuck
     # Independent readings: a low-pass has one in twice its time constant.
     weight, recent = 0.5 * share, min(1.0, dt_s / PARAMETERS.rest_s)
-    forget = min(1.0, dt_s / PARAMETERS.noise_memory_s)
+    forget = min(1.0, dt_s / PARAMETERS.memory_s)
     outlier = PARAMETERS.outlier_sigmas**2
     most, most_reading = outlier * noise[4], outlier * noise[5]
     settled = SETTLED * PARAMETERS.slow_s

@@ -129,8 +129,9 @@ class SlipParameters(NamedTuple):
     """[assumed] Coefficients of friction from here …"""
     greatest_friction: float = 1.1
     """[assumed] … to here are as likely, by their logarithm, before slip has shown the true one."""
-    noise_memory_s: float = 10.0
-    """[assumed] Time constant, s, with which the noise that was seen is forgotten."""
+    memory_s: float = 10.0
+    """[assumed] Time constant, s, with which the noise that was seen and samples of friction are
+    forgotten."""
     noise_prior: float = 5.0
     """[tuned] Independent readings that the told sigma of all units together is worth."""
     unit_noise_prior: float = 20.0
@@ -141,8 +142,8 @@ class SlipParameters(NamedTuple):
     friction_spread: float = 0.05
     """[assumed] Relative one-sigma of friction from unit to unit and from moment to moment, before
     it is learned."""
-    friction_memory_s: float = 20.0
-    """[assumed] Time constant, s, with which samples of friction are forgotten."""
+    friction_faces: float = 4.0
+    """[assumed] Faces that this spread is worth, for the one that is seen."""
 
 
 PARAMETERS = SlipParameters()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bus.compiled.jit import jitable
-from skin.contact.record import BORN, FEW_UNITS, SlipState, UnitSlip
+from skin.contact.record import BORN, SlipState, UnitSlip
 from skin.contact.slip.data import SlipArrays, UnitFilter, UnitHistory, UnitRows
 from skin.contact.slip.parameters import LEAST_UNITS, PARAMETERS, SlipModel
 
@@ -107,8 +107,8 @@ def slides_still(record, ratio, now_ns, dt_s):
 
 @jitable(inline=True)
 def decide_contact(record, units, now_ns, judging, ratio, model: SlipModel, slip: SlipArrays):
-    """State of the contact from its stick ratio, or from the friction cone where units are few;
-    see derivations.md. `ratio` is the friction in use, `judging` how many units judge."""
+    """State of the contact from its stick ratio; see derivations.md. `ratio` is the friction in
+    use, `judging` how many units judge."""
     before, state = record["slip"], _state(record, model, judging)
     if state >= SlipState.INCIPIENT and before < SlipState.INCIPIENT:
         record["onset_ns"] = now_ns
@@ -128,18 +128,11 @@ def decide_contact(record, units, now_ns, judging, ratio, model: SlipModel, slip
 @jitable(inline=True)
 def _state(record, model: SlipModel, judging):
     """State of the contact by this cycle alone, but for hysteresis."""
-    before, stick, used = record["slip"], record["stick_ratio"], 1.0 - record["margin"]
-    spread = PARAMETERS.friction_spread
-    if judging < LEAST_UNITS:
-        record["flags"] |= FEW_UNITS
-        if not np.isfinite(used):
-            return SlipState.NONE
-        if used > 1.0:
-            return SlipState.GROSS
-        slips = before >= SlipState.INCIPIENT and used > 1.0 - 4.0 * spread
-        return SlipState.INCIPIENT if used > 1.0 - 2.0 * spread or slips else SlipState.STICK
+    before, stick = record["slip"], record["stick_ratio"]
+    if judging < LEAST_UNITS and not np.isfinite(record["margin"]):
+        return SlipState.NONE
     few = judging - record["slip_units"] < LEAST_UNITS
-    if stick < model.gross_ratio or (few and used > 1.0):
+    if stick < model.gross_ratio or (few and record["margin"] < 0.0):
         return SlipState.GROSS
     leave = 0.5 + 0.5 * model.incipient_ratio
     if stick < model.incipient_ratio or (before == SlipState.INCIPIENT and stick < leave):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from skin.contact.record import UnitSlip
+from skin.contact.record import Flag, UnitSlip
 from skin.contact.slip import PARAMETERS
 from tests.skin.contact.slip.hold import Hold
 
@@ -17,12 +17,17 @@ def by_unit(contact):
     return contact.noise_ratio[np.argsort(contact.units)]
 
 
-def held(noise, sigma_mm=0.03):
-    """Noise ratios of units that are dragged a little and held, under noise (t, 2, n) mm."""
+def contact_held(noise, sigma_mm=0.03):
+    """A contact whose units are dragged a little and held, under noise (t, 2, n) mm."""
     hold = Hold(4, 5, sigma_mm=sigma_mm)
     for t, now in enumerate(noise):
         hold.step(hold.dome(), (0.3 * min(1.0, t / 100.0), 0.0), noise=now)
-    return by_unit(hold.contact)
+    return hold.contact
+
+
+def held(noise, sigma_mm=0.03):
+    """Noise ratios of these units."""
+    return by_unit(contact_held(noise, sigma_mm))
 
 
 def white(seed, sigma_mm):
@@ -33,7 +38,7 @@ def white(seed, sigma_mm):
 def test_noise_that_is_twice_as_large_as_told_is_seen_as_twice_as_large():
     ratio = held(white(1, 0.06))
     # a low-pass has a reading anew in twice its time constant; two axes a unit
-    readings = 2.0 * PARAMETERS.noise_memory_s / (2.0 * PARAMETERS.slow_s)
+    readings = 2.0 * PARAMETERS.memory_s / (2.0 * PARAMETERS.slow_s)
     error = 2.0 * np.sqrt(0.5 / readings)
     assert ratio.std() < error
     # of twenty units together, and as much for what a fit and an anchor take
@@ -47,6 +52,22 @@ def test_noise_of_one_unit_alone_is_told_of_that_unit():
     assert ratio.argmax() == 7
     assert ratio[7] > 1.8
     assert np.delete(ratio, 7).max() < 1.4
+
+
+def test_a_unit_that_is_noisier_than_its_sigma_says_is_named():
+    noise = white(7, 0.03)
+    noise[:, :, 7] *= 1.5
+    contact = contact_held(noise)
+    assert contact.noisy_units.tolist() == [7]
+    assert contact.flags & Flag.NOISY
+    assert "noise beyond sigma at 7" in repr(contact)
+
+
+@pytest.mark.parametrize("seed", range(8, 12))
+def test_no_unit_is_called_noisy_whose_sigma_is_right(seed):
+    contact = contact_held(white(seed, 0.03))
+    assert not contact.noisy_units.size
+    assert not contact.flags & Flag.NOISY
 
 
 def test_noise_that_is_correlated_counts_for_as_much_as_a_lowpass_leaves_of_it():

@@ -11,7 +11,7 @@ from bus.compiled.jit import compiled
 from skin.contact.graph import neighbour_graph
 from skin.contact.record import Flag, SlipState, UnitSlip
 from skin.contact.slip import PARAMETERS, SlipSettings
-from skin.contact.slip.data import BEGAN, SlipData, unit_filter
+from skin.contact.slip.data import BEGAN, NOISY_UNIT, SlipData, unit_filter
 from skin.contact.slip.judge import judge
 from skin.contact.stream import ContactStream
 from skin.errors import SkinError
@@ -445,6 +445,8 @@ def test_the_kernel_is_the_slow_algebra(seed):
         noise_ratio = np.sqrt(np.maximum(watch.kept.noise_ratio[:n], 1.0))
         np.testing.assert_allclose(noise_ratio, told.noise_ratio, rtol=1e-8)
         np.testing.assert_allclose(watch.kept.moved[:, :n], slow.moved, atol=1e-6)
+        noisy = watch.data.slip.history[NOISY_UNIT, :n] > 0.0
+        np.testing.assert_array_equal(noisy, told.noisy)
         began = watch.data.slip.history[BEGAN, :n] == record["id"]
         np.testing.assert_array_equal(began, slow.began)
         if record["slip"] == SlipState.GROSS or (watch.units != UnitSlip.SLIPPING).sum() < 3:
