@@ -43,7 +43,8 @@ def limited(seconds: float) -> Iterator[None]:
         raise TooSlow
 
     signal.signal(signal.SIGPROF, stop)
-    signal.setitimer(signal.ITIMER_PROF, seconds)
+    # again and again: an exception within a destructor or a callback of C is lost
+    signal.setitimer(signal.ITIMER_PROF, seconds, 1.0)
     try:
         yield
     finally:
