@@ -32,7 +32,9 @@ class Measured(Table, frozen=True, kw_only=True):
     range: Annotated[
         dict[str, tuple[_Share, _Share]], Meta(description="Lowest and highest recorded value")
     ] = field(default_factory=dict)
-    goodness: Annotated[dict[str, _Share], Meta(description="Residuals of the laws")] = field(default_factory=dict)
+    goodness: Annotated[dict[str, _Share], Meta(description="Residuals of the laws")] = field(
+        default_factory=dict
+    )
     kept: Annotated[
         tuple[str, ...], Meta(description="Parameters and laws that stay as the model has them")
     ] = ()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 from typing import TYPE_CHECKING, overload
 
 import numpy as np
@@ -12,6 +13,7 @@ from skin.contact.contact import Contact
 from skin.contact.model import POSE
 from skin.contact.wrench import wrench_in_frame
 from skin.errors import OptionError, SkinError
+from skin.robot.closeness import CloseFilm, Closeness
 from skin.robot.kinematics import Poses, move, tables
 from topology import Topology
 from topology.robot.model import RobotModel
@@ -49,6 +51,7 @@ class Joints:
             raise SkinError(
                 f"{topology.name}: must have a [robot] for joints to be moved; got none"
             )
+        self._topology = topology
         self.robot: RobotModel = topology.robot
         self.q = topology.robot.home.copy()
         self._asked = self.q.copy()
@@ -128,6 +131,19 @@ class Joints:
         return OptionError(
             f"q[{name!r}]: must be within the joint's limits, {low:g} to {high:g}; got {value:g}"
         )
+
+    def close_films(self) -> tuple[CloseFilm, ...]:
+        """Units that feel films of other links more than they are sure of their own field.
+
+        Looked at anew where units have moved, which takes milliseconds: not in every cycle. What
+        they add is told, and not taken off. ``closeness.field_ut`` has all of it by unit.
+        """
+        return self.closeness.look(*self.unit_poses)
+
+    @cached_property
+    def closeness(self) -> Closeness:
+        """Who looks for them."""
+        return Closeness(self._topology)
 
     def link_pose(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         """T_skin_link: rotation, shape (3, 3), and translation, shape (3,), metre.
