@@ -6,7 +6,7 @@ import pytest
 
 import skin
 from skin.contact.model import posed_units
-from skin.contact.wrench import wrench_in_frame
+from skin.contact.stream import ContactStream
 from skin.errors import OptionError, SkinError
 from skin.robot.joints import Joints
 from skin.robot.kinematics import move_python, tables
@@ -66,8 +66,6 @@ def test_units_go_with_their_links_as_mujoco_moves_them(hand):
         back = base.xmat.reshape(3, 3).T
         return back @ of.xmat.reshape(3, 3), back @ (of.xpos - base.xpos)
 
-    mujoco.mj_kinematics(model, data)
-    at_home = {link: pose(link) for link in LINKS}
     data.qpos[addresses] = hand.robot.home
     mujoco.mj_kinematics(model, data)
     at_home = {link: pose(link) for link in LINKS}
@@ -107,25 +105,35 @@ def test_compiled_kinematics_are_those_of_python(hand):
 
 
 def test_the_wrench_of_a_fixed_contact_is_the_truth_through_a_thousand_poses(hand):
-    joints = Joints(hand)
-    force = np.random.default_rng(1).normal(size=(3, hand.n))
-    units = hand.patch == 0
-    index = hand.robot.link_names.index(LINKS[0])
-    at_home = hand.robot.forward(hand.robot.home)[index]
-    local = at_home[:3, :3].T @ (hand.position[:, units] - at_home[:3, 3:])
-    turn = np.einsum("ji,jkn->ikn", at_home[:3, :3], hand.rotation[:, :, units])
-    pushed = np.einsum("ijn,jn->in", turn, force[:, units])
-    truth = np.concatenate([pushed.sum(axis=1), np.cross(local.T, pushed.T).sum(axis=0)])
-    for q in random_joints(hand.robot, 1000):
+    stream = ContactStream(
+        hand.position, hand.rotation, hand.area, hand.neighbour_start, hand.neighbour_index,
+        want=("wrench", "contacts"), dtype="float64",
+    )  # fmt: skip
+    joints = Joints(hand, stream.model.geometry)
+    index, units = hand.robot.link_names.index(LINKS[0]), hand.patch == 0
+    force = np.zeros((3, hand.n))
+    force[:, units] = [[0.3], [-0.2], [1.5]]
+    truth = wrench_on_link(hand, index, force)
+    for cycle, q in enumerate(random_joints(hand.robot, 1000)):
         joints.move(q)
-        position, rotation = joints.unit_poses
-        world = np.einsum("ijn,jn->in", rotation[:, :, units], force[:, units])
-        moment = np.cross(position[:, units].T, world.T).sum(axis=0)
-        wrench = np.concatenate([world.sum(axis=1), moment])
-        assert np.abs(joints.wrench_in(LINKS[0], wrench) - truth).max() < 1e-9
+        (contact,) = stream.update(force, 0.01, stamp_ns=4_000_000 * cycle)
         pose = hand.robot.forward(q)[index]
-        in_base = wrench_in_frame(truth, pose[:3, :3].T, -pose[:3, :3].T @ pose[:3, 3])
-        assert np.abs(wrench - in_base).max() < 1e-9
+        turn, at = pose[:3, :3], pose[:3, 3]
+        pushed = turn @ truth[:3]
+        in_base = np.concatenate([pushed, turn @ truth[3:] + np.cross(at, pushed)])
+        assert np.abs(contact.wrench - in_base).max() < 1e-9
+        assert np.abs(stream.total.wrench - in_base).max() < 1e-9
+        assert np.abs(joints.wrench_in(LINKS[0], contact)[0] - truth).max() < 1e-9
+    assert np.linalg.norm(truth[:3]) > 10.0
+
+
+def wrench_on_link(hand, index, force):
+    """What forces on units add up to in the frame of a link that carries them."""
+    at_home = hand.robot.forward(hand.robot.home)[index]
+    turn = at_home[:3, :3].T
+    local = turn @ (hand.position - at_home[:3, 3:])
+    pushed = turn @ np.einsum("ijn,jn->in", hand.rotation, force)
+    return np.concatenate([pushed.sum(axis=1), np.cross(local.T, pushed.T).sum(axis=0)])
 
 
 def test_what_follows_a_joint_moves_with_it_and_what_is_not_named_stays(gripper):
@@ -167,7 +175,7 @@ def test_a_skin_without_a_robot_says_that_it_has_none():
 
 
 def test_an_open_skin_is_moved_by_its_joints(gripper):
-    with skin.open(gripper, simulate=True, pace=False) as pads:
+    with skin.open(gripper) as pads:
         pads.move_joints({"close": 0.01})
         position, _ = pads.pipeline.poses
         shift = position - gripper.position

@@ -11,8 +11,8 @@ import yourdfpy
 from skin.cli import main
 from skin.robot.write import unit_link_name
 from tests.fixtures.robots import GRIPPER, write_gripper
-from topology import load
 from tests.topology.robot.test_robot import MJCF
+from topology import load
 
 
 def mount(capsys, *arguments):
