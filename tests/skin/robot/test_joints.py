@@ -186,3 +186,14 @@ def test_an_open_skin_is_moved_by_its_joints(gripper):
         assert pads.link_pose("left")[1] == pytest.approx([-0.03, 0.0, 0.03])
         seen = pads.wrench_in("left", np.array([0.0, 0.0, 2.0, 0.0, 0.0, 0.0]))
         assert seen == pytest.approx([0, 0, 2, 0, -0.06, 0])  # 2 N at x = 0.03 of the left finger
+
+
+def test_a_skin_without_contacts_is_moved_too(gripper):
+    with skin.open(gripper, want={"temperature"}) as pads:
+        pads.move_joints({"close": 0.03})
+        position, _ = pads.pipeline.poses
+        assert position[0] == pytest.approx([-0.01] * 4 + [0.01] * 4)
+        pads.move_patch("left", np.eye(3), np.array([0.0, 0.0, 0.01]))
+        assert pads.pipeline.poses[0][2, :4].mean() == pytest.approx(0.04)
+        pads.move_joints({})
+        assert np.array_equal(pads.pipeline.poses[0], position)

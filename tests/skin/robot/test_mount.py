@@ -9,8 +9,9 @@ import trimesh
 import yourdfpy
 
 from skin.cli import main
-from skin.robot.write import unit_link_name
-from tests.fixtures.robots import GRIPPER, write_gripper
+from skin.robot.joints import Joints
+from skin.robot.write import unit_link_name, write_mounted
+from tests.fixtures.robots import GRIPPER, of_package, random_joints, write_gripper
 from tests.topology.robot.test_robot import MJCF
 from topology import load
 
@@ -51,6 +52,28 @@ def test_units_in_a_urdf_are_where_yourdfpy_sees_them(tmp_path, capsys):
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         "gripper.toml", "gripper.urdf", "out.urdf"
     ]  # fmt: skip
+
+
+def test_units_in_a_gripper_of_others_move_as_yourdfpy_moves_them(tmp_path):
+    (model,) = of_package("airo_models", "grippers/robotiq_2f_85/urdf/robotiq_2f_85.urdf")
+    text = model.read_text()
+    file = write_gripper(tmp_path, text)
+    fingers = file.read_text()
+    for side in ("left", "right"):
+        fingers = fingers.replace(f'link = "{side}"', f'link = "{side}_inner_finger_pad"')
+    file.write_text(fingers)
+    skin = load(file)
+    write_mounted(skin, tmp_path / "out.urdf")
+    peer = yourdfpy.URDF.load(str(tmp_path / "out.urdf"), load_meshes=False)
+    joints = Joints(skin)
+    for q in random_joints(skin.robot, 50):
+        joints.move(q)
+        peer.update_cfg(q)
+        position, rotation = joints.unit_poses
+        for unit, name in enumerate(skin.unit_names):
+            pose = peer.get_transform(unit_link_name(name), skin.robot.link_names[0])
+            assert np.abs(pose[:3, 3] - position[:, unit]).max() < 1e-12
+            assert np.abs(pose[:3, :3] - rotation[:, :, unit]).max() < 1e-12
 
 
 def test_units_in_an_mjcf_are_where_mujoco_sees_them(tmp_path, capsys):
