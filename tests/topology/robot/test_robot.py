@@ -89,6 +89,24 @@ def test_a_packed_topology_brings_its_robot(tmp_path):
             assert one == other, field.name
 
 
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"base": 9}, "3 links"),
+        ({"parent": (-1, 2, 0)}, "a link before its parent"),
+        ({"driver": (-1, 1, 0)}, "1 joints"),
+        ({"lower": np.zeros(2)}, "lower of shape (2,)"),
+        ({"link_names": ("palm", "left", "thumb")}, "a patch on another link"),
+    ],
+)
+def test_a_damaged_robot_is_refused(tmp_path, change, told):
+    skin = load(write_gripper(tmp_path))
+    broken = dataclasses.replace(skin, robot=dataclasses.replace(skin.robot, **change))
+    with pytest.raises(ValueError, match="must be a robot whose links carry") as raised:
+        unpacked(packed(broken))
+    assert told in str(raised.value)
+
+
 def test_meshes_of_packages_are_found_around_the_model(tmp_path):
     model = tmp_path / "hand_description" / "urdf" / "hand.urdf"
     mesh = tmp_path / "hand_description" / "meshes" / "tip.stl"
