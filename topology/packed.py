@@ -18,6 +18,7 @@ import numpy as np
 
 from topology.arrays import Frames, Topology
 from topology.model import TABLES, UnitModel
+from topology.robot.model import RobotModel
 from topology.schema import Bus
 from topology.wire import CHANNELS, WireLayout
 
@@ -47,13 +48,15 @@ class _Texts(msgspec.Struct, forbid_unknown_fields=True):
     unit_names: tuple[str, ...]
     patch_names: tuple[str, ...]
     patch_frames: tuple[str, ...]
+    patch_links: tuple[str, ...] = ()
+    robot: RobotModel | None = None
 
 
 def to_arrays(topology: Topology) -> dict[str, np.ndarray]:
     """Arrays, by name; what is none is one of them, as JSON. Options of a bus that JSON has no form
     for become strings."""
     texts = {name: getattr(topology, name) for name in _Texts.__struct_fields__}
-    found: dict[str, Any] = {TEXTS: np.array(msgspec.json.encode(texts, enc_hook=str).decode())}
+    found: dict[str, Any] = {TEXTS: np.array(msgspec.json.encode(texts, enc_hook=_plain).decode())}
     for name in KINDS:
         frames = name.removeprefix(FRAMES)
         found[name] = getattr(*((topology.frames, frames) if frames != name else (topology, name)))
@@ -75,8 +78,8 @@ def from_arrays(arrays: Mapping[str, np.ndarray]) -> Topology:
     if TEXTS not in arrays:
         raise refuse(TEXTS, "there", "none")
     try:
-        texts = msgspec.json.decode(str(arrays[TEXTS]).encode(), type=_Texts)
-    except msgspec.DecodeError as error:
+        texts = msgspec.json.decode(str(arrays[TEXTS]).encode(), type=_Texts, dec_hook=_own)
+    except (msgspec.DecodeError, ValueError) as error:
         raise refuse(TEXTS, "buses, layouts and names of a topology", error) from None
     n, known = len(texts.unit_names), {**KINDS, **{f"{PARAMETER}{p}": "f8" for p in PARAMETERS}}
     shapes = _shapes(n, arrays)
@@ -89,6 +92,8 @@ def from_arrays(arrays: Mapping[str, np.ndarray]) -> Topology:
                          f"{found.dtype} of shape {found.shape}")  # fmt: skip
         if kind == "f8" and not np.isfinite(found).all():
             raise refuse(name, "finite", "a number that is not")
+    if (fault := _robot_fault(texts)) is not None:
+        raise refuse(TEXTS, "a robot whose links carry the patches", fault)
     limits = {
         "patch": (0, len(texts.patch_names)), "frames_bus": (0, len(texts.buses)),
         "frames_layout": (0, len(texts.layouts)), "frames_units": (-1, n), "frames_part": (0, 16),
@@ -114,6 +119,47 @@ def from_arrays(arrays: Mapping[str, np.ndarray]) -> Topology:
         parameters={name: arrays[f"{PARAMETER}{name}"] for name in PARAMETERS},
         **of_units,
     )
+
+
+def _robot_fault(texts: _Texts) -> str | None:
+    """What a robot that goes along lacks; None if nothing, or if there is none."""
+    robot, links = texts.robot, texts.patch_links
+    if robot is None:
+        return "links without one" if any(links) else None
+    count, joints = len(robot.link_names), len(robot.joint_names)
+    of_links = (robot.parent, robot.joints, robot.kinds, robot.driver)
+    shapes = {
+        "multiplier": (count,), "offset": (count,), "axis": (3, count), "anchor": (3, count),
+        "xyz": (3, count), "rotation": (3, 3, count), "lower": (joints,), "upper": (joints,),
+        "home": (joints,),
+    }  # fmt: skip
+    for name, shape in shapes.items():
+        if getattr(robot, name).shape != shape:
+            return f"{name} of shape {getattr(robot, name).shape}"
+    if any(len(values) != count for values in of_links) or not 0 <= robot.base < count:
+        return f"{count} links"
+    if not all(-1 <= above < link for link, above in enumerate(robot.parent)):
+        return "a link before its parent"
+    if not all(-1 <= driver < joints for driver in robot.driver):
+        return f"{joints} joints"
+    known = len(links) == len(texts.patch_names) and {*links} <= {"", *robot.names}
+    return None if known else "a patch on another link"
+
+
+def _plain(value: object) -> object:
+    """What JSON has a form for: lists for the arrays of a robot, where null is NaN."""
+    return value.tolist() if isinstance(value, np.ndarray) else str(value)
+
+
+def _own(kind: type, value: Any) -> Any:
+    if kind is Path:
+        return Path(value)
+    try:
+        array = np.array(value, float)
+    except (TypeError, ValueError):
+        raise ValueError("must be an array of numbers") from None
+    array.setflags(write=False)
+    return array
 
 
 def _shapes(n: int, arrays: Mapping[str, np.ndarray]) -> dict[str, tuple[int, ...]]:
