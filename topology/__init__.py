@@ -4,6 +4,7 @@ from topology.arrays import Frames, Topology
 from topology.errors import TopologyError
 from topology.load import builtin, load
 from topology.model import CREEP_TERMS, MODELS, THETA_KNOTS, UnitModel
+from topology.robot import RobotModel, read_model
 from topology.schema import Bus
 from topology.wire import CHANNELS, LAYOUTS, Signal, WireLayout
 
@@ -15,6 +16,7 @@ __all__ = [
     "THETA_KNOTS",
     "Bus",
     "Frames",
+    "RobotModel",
     "Signal",
     "Topology",
     "TopologyError",
@@ -22,4 +24,5 @@ __all__ = [
     "WireLayout",
     "builtin",
     "load",
+    "read_model",
 ]

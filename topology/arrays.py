@@ -12,6 +12,7 @@ from msgspec.structs import replace
 
 from topology.errors import MESSAGES, Issue, TopologyError, unknown_unit
 from topology.parameter_roles import SIGMAS
+from topology.robot.model import RobotModel
 from topology.schema import Bus
 from topology.wire import WireLayout
 
@@ -97,7 +98,12 @@ class Topology:
         Neighbour graph in compressed rows: the neighbours of unit i are
         ``neighbour_index[neighbour_start[i]:neighbour_start[i + 1]]``; symmetric, sorted.
     patch_frames : tuple of str
-        Frame of the file that carries each patch; patches of one frame move together.
+        Frame or link that carries each patch; patches of one move together.
+    patch_links : tuple of str
+        Link of the robot that carries each patch; "" where it hangs on the skin frame, which is
+        that of the robot's base.
+    robot : RobotModel or None
+        What the skin is on; `position` and `rotation` are those at its home.
     """
 
     name: str
@@ -121,6 +127,8 @@ class Topology:
     neighbour_start: np.ndarray
     neighbour_index: np.ndarray
     patch_frames: tuple[str, ...] = ()
+    patch_links: tuple[str, ...] = ()
+    robot: RobotModel | None = None
 
     def __repr__(self) -> str:
         """What hangs where, in a line."""

@@ -21,12 +21,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from topology.calibration_schema import CalibrationFile
 from topology.check.models import given_parameters
 from topology.check.names import refer
 from topology.files import missing
 from topology.read import open_source, read
 from topology.report import Report
-from topology.schema import CalibrationFile
 from topology.source import Key, Source
 
 __all__ = ["read_calibration"]

@@ -103,6 +103,17 @@ MESSAGES: dict[str, str] = {
     "dbc-signal": "must be an integer of at most {bits} bits that is in every frame; got {name}, "
     "{got} ({file}:{line})",
     "dbc-twice": "must be a name used once; got {name}, also at line {first}",
+    # -- robot models, and what hangs on them
+    "library": "must have the library of the extra {extra!r} (pip install 'f3t-skin[{extra}]'); "
+    "got: {reason}",
+    "model-syntax": "must be {kind}; got: {reason}",
+    "model-twice": "must be a name used once; got {name}, also at line {first}",
+    "model-joint": "must be fixed, revolute (hinge), continuous or prismatic (slide); got {got}",
+    "no-robot": "must be absent where the file has no [robot]; got {name}",
+    "frame-or-link": "must be one of {frame} and link; got both",
+    "frame-is-link": "must be another name than those of the model's links; got {name}",
+    "home-follows": "must be absent, as the joint follows another; got one",
+    "home-limits": "must be within the joint's limits, {low:g} to {high:g}; got {got:g}",
     # -- geometry
     "too-many": "must be a skin of at most {limit} units; got {got}",
     "around": "must be at most {limit}, once around the cylinder; got {got}",

@@ -20,7 +20,7 @@ from topology.neighbours import compressed_rows, nearest_distance, neighbour_pai
 from topology.parts import Parts, resolve
 from topology.read import open_source, read
 from topology.report import Report
-from topology.schema import File
+from topology.schema import File, Patch
 from topology.source import Source
 from topology.wire import CHANNELS
 
@@ -138,8 +138,12 @@ def _finish(frames: Frames, draft: Draft, parts: Parts) -> Topology:
         units = slice(draft.starts[index], draft.starts[index + 1])
         alone = 2 * draft.parameters["radius_m"][units]
         reach[units] = NEIGHBOUR_REACH * _typical(nearest_distance(placed.units.position), alone)
-    names = list(parts.frames)
-    body = np.array([names.index(placed.patch.frame) for placed in draft.placed])[draft.patch]
+    links = tuple(_link(placed.patch, parts) for placed in draft.placed)
+    carriers = tuple(
+        link or placed.patch.frame for link, placed in zip(links, draft.placed, strict=True)
+    )
+    names = list(dict.fromkeys(carriers))
+    body = np.array([names.index(carrier) for carrier in carriers])[draft.patch]
     start, index = compressed_rows(n, *neighbour_pairs(draft.position, reach, body))
     scale, offset, wired = _scales(draft, parts)
     topology = Topology(
@@ -163,12 +167,19 @@ def _finish(frames: Frames, draft: Draft, parts: Parts) -> Topology:
         wired=wired,
         neighbour_start=start,
         neighbour_index=index,
-        patch_frames=tuple(placed.patch.frame for placed in draft.placed),
+        patch_frames=carriers,
+        patch_links=links,
+        robot=parts.robot,
     )
     for array in (*vars(frames).values(), *vars(topology).values(), *draft.parameters.values()):
         if isinstance(array, np.ndarray):
             array.setflags(write=False)
     return topology
+
+
+def _link(patch: Patch, parts: Parts) -> str:
+    """Link that carries a patch, itself or through its frame; "" where none does."""
+    return patch.link or parts.link_of_frame.get(patch.frame, "")
 
 
 def _typical(distance: np.ndarray, alone: np.ndarray) -> np.ndarray | float:

@@ -18,6 +18,7 @@ import numpy as np
 
 from topology.arrays import Frames, Topology
 from topology.model import TABLES, UnitModel
+from topology.robot.model import RobotModel
 from topology.schema import Bus
 from topology.wire import CHANNELS, WireLayout
 
@@ -47,13 +48,15 @@ class _Texts(msgspec.Struct, forbid_unknown_fields=True):
     unit_names: tuple[str, ...]
     patch_names: tuple[str, ...]
     patch_frames: tuple[str, ...]
+    patch_links: tuple[str, ...] = ()
+    robot: RobotModel | None = None
 
 
 def to_arrays(topology: Topology) -> dict[str, np.ndarray]:
     """Arrays, by name; what is none is one of them, as JSON. Options of a bus that JSON has no form
     for become strings."""
     texts = {name: getattr(topology, name) for name in _Texts.__struct_fields__}
-    found: dict[str, Any] = {TEXTS: np.array(msgspec.json.encode(texts, enc_hook=str).decode())}
+    found: dict[str, Any] = {TEXTS: np.array(msgspec.json.encode(texts, enc_hook=_plain).decode())}
     for name in KINDS:
         frames = name.removeprefix(FRAMES)
         found[name] = getattr(*((topology.frames, frames) if frames != name else (topology, name)))
@@ -75,8 +78,8 @@ def from_arrays(arrays: Mapping[str, np.ndarray]) -> Topology:
     if TEXTS not in arrays:
         raise refuse(TEXTS, "there", "none")
     try:
-        texts = msgspec.json.decode(str(arrays[TEXTS]).encode(), type=_Texts)
-    except msgspec.DecodeError as error:
+        texts = msgspec.json.decode(str(arrays[TEXTS]).encode(), type=_Texts, dec_hook=_own)
+    except (msgspec.DecodeError, ValueError) as error:
         raise refuse(TEXTS, "buses, layouts and names of a topology", error) from None
     n, known = len(texts.unit_names), {**KINDS, **{f"{PARAMETER}{p}": "f8" for p in PARAMETERS}}
     shapes = _shapes(n, arrays)
@@ -114,6 +117,22 @@ def from_arrays(arrays: Mapping[str, np.ndarray]) -> Topology:
         parameters={name: arrays[f"{PARAMETER}{name}"] for name in PARAMETERS},
         **of_units,
     )
+
+
+def _plain(value: object) -> object:
+    """What JSON has a form for: lists for the arrays of a robot, where null is NaN."""
+    return value.tolist() if isinstance(value, np.ndarray) else str(value)
+
+
+def _own(kind: type, value: Any) -> Any:
+    if kind is Path:
+        return Path(value)
+    try:
+        array = np.array(value, float)
+    except (TypeError, ValueError):
+        raise ValueError("must be an array of numbers") from None
+    array.setflags(write=False)
+    return array
 
 
 def _shapes(n: int, arrays: Mapping[str, np.ndarray]) -> dict[str, tuple[int, ...]]:

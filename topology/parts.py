@@ -8,9 +8,11 @@ from topology import pose
 from topology.check.buses import resolve_buses
 from topology.check.frames import resolve_frames
 from topology.check.models import resolve_models
+from topology.check.robot import link_poses, resolve_robot
 from topology.check.wires import resolve_layouts
 from topology.model import UnitModel
 from topology.report import Report
+from topology.robot.model import RobotModel
 from topology.schema import Bus, File, Scale
 from topology.source import Key, Source
 from topology.wire import WireLayout
@@ -32,6 +34,11 @@ class Parts:
         Where in the file each bus stands.
     frames : dict of str to Transform or None
         T_skin_frame.
+    robot : RobotModel or None
+    links : dict of str to Transform
+        T_skin_link of the robot's links at home.
+    link_of_frame : dict of str to str
+        Link that carries each frame that hangs on one.
     models : dict of str to UnitModel or None
     scales : dict of str to dict of str to Scale
         Physical scales that a model has of its own, by channel.
@@ -42,6 +49,9 @@ class Parts:
     file: File
     buses: dict[str, Key]
     frames: dict[str, pose.Transform | None]
+    robot: RobotModel | None
+    links: dict[str, pose.Transform]
+    link_of_frame: dict[str, str]
     models: dict[str, UnitModel | None]
     scales: dict[str, dict[str, Scale]]
     layouts: dict[str, WireLayout | None]
@@ -54,7 +64,9 @@ class Parts:
 def resolve(file: File, source: Source, report: Report) -> Parts:
     """Resolve what a file names, and report what is wrong with it."""
     buses = resolve_buses(file, source, report)
-    frames = resolve_frames(file, source, report)
+    robot = resolve_robot(file, source, report)
+    links = link_poses(robot)
+    frames, carriers = resolve_frames(file, links, source, report)
     models, scales = resolve_models(file, source, report)
     layouts = resolve_layouts(file, source, report)
-    return Parts(source, file, buses, frames, models, scales, layouts)
+    return Parts(source, file, buses, frames, robot, links, carriers, models, scales, layouts)

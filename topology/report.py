@@ -24,9 +24,18 @@ class Report:
         self.issues: list[Issue] = []
         self._touched: set[tuple[str, Key]] = set()
 
-    def about_file(self, code: str, file: str, line: int = 0, hint: str = "", **values: object):
-        """Report a file that could not be read at all."""
-        self._enter(Issue(code, file, line, "", MESSAGES[code].format(**values) + hint))
+    def about_file(
+        self,
+        code: str,
+        file: str,
+        line: int = 0,
+        hint: str = "",
+        *,
+        where: str = "",
+        **values: object,
+    ):
+        """Report a file that could not be read at all, or that is no TOML."""
+        self._enter(Issue(code, file, line, where, MESSAGES[code].format(**values) + hint))
 
     def add(
         self,
@@ -49,6 +58,10 @@ class Report:
         message = MESSAGES[code].format(**values) + hint
         self._enter(Issue(code, source.shown, source.line(key), source.where(key), message))
         key = key if part is None else (*key, part)
+        self.spoil(source, key)
+
+    def spoil(self, source: Source, key: Key) -> None:
+        """Make a value unfit for further checks, as another file says what is wrong with it."""
         self._touched.update((source.shown, key[: i + 1]) for i in range(len(key)))
 
     def _enter(self, issue: Issue) -> None:

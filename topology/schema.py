@@ -17,7 +17,6 @@ from topology.wire import Factor, Signal
 __all__ = [
     "PARAMETERS",
     "Bus",
-    "CalibrationFile",
     "Cylinder",
     "Dome",
     "File",
@@ -31,7 +30,9 @@ __all__ = [
     "Overrides",
     "Patch",
     "Pose",
+    "Robot",
     "Scale",
+    "Table",
     "UnitException",
 ]
 
@@ -51,11 +52,11 @@ Count = Annotated[int, Meta(ge=1, le=100_000)]
 Identifier = Annotated[int, Meta(ge=0, le=0x1FFFFFFF)]
 
 
-class _Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A table of the file: no key but the ones it names."""
 
 
-class Bus(_Table, frozen=True, kw_only=True):
+class Bus(Table, frozen=True, kw_only=True):
     """One CAN bus (`[[buses]]`)."""
 
     name: Name
@@ -92,7 +93,7 @@ class Bus(_Table, frozen=True, kw_only=True):
         return self.data_bitrate is not None
 
 
-class Pose(_Table, frozen=True, kw_only=True):
+class Pose(Table, frozen=True, kw_only=True):
     """Where a frame or a patch sits in its parent: turned first, then moved."""
 
     xyz_m: Annotated[Vector, Meta(description="Origin in the parent, metres")] = (0.0, 0.0, 0.0)
@@ -106,15 +107,35 @@ class Pose(_Table, frozen=True, kw_only=True):
     ] = None
 
 
-class Frame(_Table, frozen=True, kw_only=True):
+class Frame(Table, frozen=True, kw_only=True):
     """A named frame (`[[frames]]`); the root is `skin` and needs no table."""
 
     name: Name
     parent: Annotated[str, Meta(description="`skin` or another frame of the file")] = "skin"
+    link: Annotated[
+        str | None, Meta(description="Link of the robot's model, in place of `parent`")
+    ] = None
     pose: Pose = Pose()
 
 
-class Scale(_Table, frozen=True, kw_only=True):
+class Robot(Table, frozen=True, kw_only=True):
+    """The robot that carries the skin (`[robot]`)."""
+
+    model: Annotated[str, Meta(description="URDF (.urdf) or MJCF (.xml), relative to this file")]
+    base: Annotated[
+        str | None,
+        Meta(description="Link whose frame is `skin`; absent: the model's root"),
+    ] = None
+    home: Annotated[
+        dict[str, Annotated[float, Meta(ge=-1000, le=1000)]],
+        Meta(
+            description="Joint to radians or metres, until the joints are told; absent: 0 or the "
+            "model's reference, within the limits"
+        ),
+    ] = msgspec.field(default_factory=dict)
+
+
+class Scale(Table, frozen=True, kw_only=True):
     """Physical value = scale * integer + offset, for the units of a model."""
 
     scale: Factor
@@ -126,7 +147,7 @@ PARAMETERS: tuple[str, ...] = UnitModel.__struct_fields__
 
 if TYPE_CHECKING:
 
-    class Overrides(_Table, frozen=True, kw_only=True):
+    class Overrides(Table, frozen=True, kw_only=True):
         """What is made below: a type checker knows no classes that are."""
 
 else:
@@ -136,7 +157,7 @@ else:
             (name, kind | None, None)
             for name, kind in get_type_hints(UnitModel, include_extras=True).items()
         ],
-        bases=(_Table,),
+        bases=(Table,),
         frozen=True,
         kw_only=True,
         module=__name__,
@@ -158,7 +179,7 @@ class Model(Overrides, frozen=True, kw_only=True):
     ] = msgspec.field(default_factory=dict)
 
 
-class Layout(_Table, frozen=True, kw_only=True):
+class Layout(Table, frozen=True, kw_only=True):
     """A wire layout of one's own (`[[layouts]]`): its bits, or a message of a DBC file."""
 
     name: Annotated[str, Meta(description="Name of the layout")]
@@ -201,7 +222,7 @@ class Layout(_Table, frozen=True, kw_only=True):
     message: Annotated[str | None, Meta(description="Name of its message in the DBC file")] = None
 
 
-class _Patch(_Table, frozen=True, kw_only=True, tag_field="kind"):
+class _Patch(Table, frozen=True, kw_only=True, tag_field="kind"):
     name: Name
     bus: Annotated[str, Meta(description="Name of the bus that the units hang on")]
     layout: Annotated[
@@ -213,7 +234,10 @@ class _Patch(_Table, frozen=True, kw_only=True, tag_field="kind"):
     ]
     model: Annotated[str, Meta(description="`f3t-paper` or one of `[[models]]`")] = "f3t-paper"
     frame: Annotated[str, Meta(description="Frame that `pose` is given in")] = "skin"
-    pose: Annotated[Pose, Meta(description="Patch frame in `frame`")] = Pose()
+    link: Annotated[
+        str | None, Meta(description="Link of the robot's model, in place of `frame`")
+    ] = None
+    pose: Annotated[Pose, Meta(description="Patch frame in `frame` or `link`")] = Pose()
     extended: Annotated[bool, Meta(description="Identifiers are 29-bit ones")] = False
     calibration: Annotated[
         str | None, Meta(description="Calibration file, relative to this file")
@@ -281,7 +305,7 @@ class Dome(_Numbered, frozen=True, kw_only=True, tag="dome"):
     pitch_m: Annotated[Length, Meta(description="Distance of the rings along the arc, metres")]
 
 
-class ListUnit(_Table, frozen=True, kw_only=True):
+class ListUnit(Table, frozen=True, kw_only=True):
     """One unit of a list (`[[patches.units]]`)."""
 
     xyz_m: Annotated[Vector, Meta(description="Middle of the sensing face, patch frame, metres")]
@@ -332,62 +356,16 @@ class UnitException(Overrides, frozen=True, kw_only=True):
     ] = None
 
 
-class File(_Table, frozen=True, kw_only=True):
+class File(Table, frozen=True, kw_only=True):
     """A topology file."""
 
     format: Annotated[Literal[1], Meta(description="Version of the file format")]
     name: Annotated[Name, Meta(description="Name of the skin")]
     description: str = ""
+    robot: Robot | None = None
     buses: Annotated[tuple[Bus, ...], Meta(min_length=1, max_length=256)]
     frames: Annotated[tuple[Frame, ...], Meta(max_length=2000)] = ()
     models: Annotated[tuple[Model, ...], Meta(max_length=1000)] = ()
     layouts: Annotated[tuple[Layout, ...], Meta(max_length=1000)] = ()
     patches: Annotated[tuple[Patch, ...], Meta(min_length=1, max_length=2000)]
     units: tuple[UnitException, ...] = ()
-
-
-_Share = Annotated[float, Meta(ge=-1e15, le=1e15)]
-
-
-class Covariance(_Table, frozen=True, kw_only=True):
-    """How well parameters that were fitted together are known."""
-
-    parameters: Annotated[tuple[str, ...], Meta(description='Names; "name[3]" is of a list')]
-    sigma: Annotated[tuple[_Share, ...], Meta(description="One sigma of each")]
-    correlation: Annotated[
-        tuple[Annotated[float, Meta(ge=-1.0, le=1.0)], ...],
-        Meta(description="Below the diagonal, row by row"),
-    ] = ()
-
-
-class Measured(_Table, frozen=True, kw_only=True):
-    """Which unit it was, what was recorded of it, and how well the laws follow it."""
-
-    serial: Annotated[str, Meta(description="Serial number")] = ""
-    hash: Annotated[str, Meta(description="SHA-256 of the recordings")] = ""
-    range: Annotated[
-        dict[str, tuple[_Share, _Share]], Meta(description="Lowest and highest recorded value")
-    ] = {}
-    goodness: Annotated[dict[str, _Share], Meta(description="Residuals of the laws")] = {}
-    kept: Annotated[
-        tuple[str, ...], Meta(description="Parameters and laws that stay as the model has them")
-    ] = ()
-    covariance: tuple[Covariance, ...] = ()
-
-
-class CalibrationFile(_Table, frozen=True, kw_only=True):
-    """A calibration file: what was measured of the units of one patch."""
-
-    format: Annotated[Literal[1], Meta(description="Version of the file format")]
-    patch: Annotated[str, Meta(description="Patch that it belongs to")]
-    date: Annotated[str, Meta(description="When it was measured")] = ""
-    bench: Annotated[str, Meta(description="Where and how it was measured")] = ""
-    tared: Annotated[
-        tuple[str, ...], Meta(description="Units whose zeros were taken in their places")
-    ] = ()
-    units: Annotated[
-        dict[str, Overrides], Meta(description="Unit (`r3c4`) to the parameters that differ")
-    ] = {}
-    measured: Annotated[
-        dict[str, Measured], Meta(description="Unit to how its parameters were measured")
-    ] = {}

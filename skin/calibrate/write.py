@@ -32,7 +32,7 @@ class OfUnits(NamedTuple):
     tared: Collection[str] = ()
     """Units whose zeros were taken in their places."""
     measured: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
-    """Unit to its table of `topology.schema.Measured`."""
+    """Unit to its table of `topology.calibration_schema.Measured`."""
 
 
 def write_calibration(

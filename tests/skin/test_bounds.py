@@ -9,7 +9,8 @@ from msgspec import inspect
 
 from bus.faults.script import FaultScript
 from skin.sim.scenes.script import SceneFile
-from topology.schema import CalibrationFile, File
+from topology.calibration_schema import CalibrationFile
+from topology.schema import File
 
 SMALLEST = 1e-15
 """Bounds next to 0 are 0, or no smaller than this."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from topology import pose
 from topology.check.names import all_named, check_name, entries, refer
+from topology.check.robot import place_on_link
 from topology.report import Report
 from topology.schema import File, Frame, Pose
 from topology.source import Key, Source
@@ -37,14 +38,29 @@ def to_transform(given: Pose, key: Key, source: Source, report: Report) -> pose.
     return pose.from_quaternion(*given.quaternion_wxyz), np.array(given.xyz_m)
 
 
-def resolve_frames(file: File, source: Source, report: Report) -> dict[str, pose.Transform | None]:
-    """T_skin_frame of every frame by name; None where its pose or a parent is wrong."""
+def resolve_frames(
+    file: File, links: dict[str, pose.Transform], source: Source, report: Report
+) -> tuple[dict[str, pose.Transform | None], dict[str, str]]:
+    """T_skin_frame of every frame by name, and the link of those that hang on one.
+
+    A transform is None where its pose or a parent is wrong.
+
+    Parameters
+    ----------
+    file : File
+    links : dict of str to Transform
+        T_skin_link of the robot's links.
+    source : Source
+    report : Report
+    """
     first: dict[str, Key] = {}
     frames: dict[str, Frame] = {}
     for key, frame in entries(file, "frames"):
         if report.sound(source, key, "name"):
             check_name(frame.name, key, first, {ROOT}, source, report)
             frames.setdefault(frame.name, frame)
+            if frame.name in links and frame.name != ROOT:
+                report.add("frame-is-link", source, (*key, "name"), name=repr(frame.name))
     frames.pop(ROOT, None)
 
     local = {
@@ -52,11 +68,16 @@ def resolve_frames(file: File, source: Source, report: Report) -> dict[str, pose
         for name, key in first.items()
     }
     parents = {}
+    on_link: dict[str, pose.Transform | None] = {}
     known = {ROOT, *first}
     complete = all_named("frames", file, source, report)
     for name, key in first.items():
         parent = frames[name].parent
         at = (*key, "parent")
+        if (link := frames[name].link) is not None:
+            robot = file.robot
+            on_link[name] = place_on_link(link, key, "parent", robot, links, source, report)
+            continue
         if report.sound(source, at) and refer(
             parent, "a frame", known, at, source, report, complete
         ):
@@ -66,6 +87,9 @@ def resolve_frames(file: File, source: Source, report: Report) -> dict[str, pose
         del parents[name]
 
     absolute: dict[str, pose.Transform | None] = {ROOT: pose.IDENTITY}
+    for name, outer in on_link.items():
+        inner = local[name]
+        absolute[name] = None if outer is None or inner is None else pose.compose(outer, inner)
     for name in first:
         chain = [name]
         while chain[-1] not in absolute and chain[-1] in parents:
@@ -76,7 +100,20 @@ def resolve_frames(file: File, source: Source, report: Report) -> dict[str, pose
             outer = None if outer is None or inner is None else pose.compose(outer, inner)
             absolute[link] = outer
         absolute.setdefault(name, None)
-    return absolute
+    return absolute, _carriers(frames, parents)
+
+
+def _carriers(frames: dict[str, Frame], parents: dict[str, str]) -> dict[str, str]:
+    """Link that carries each frame, itself or through its parents."""
+    found: dict[str, str] = {}
+    for name in frames:
+        at = name
+        while at in parents:
+            at = parents[at]
+        link = frames[at].link if at in frames else None
+        if link is not None:
+            found[name] = link
+    return found
 
 
 def _on_cycles(parents: dict[str, str]) -> list[str]:

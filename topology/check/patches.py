@@ -11,6 +11,7 @@ import numpy as np
 from topology import pose
 from topology.check.frames import to_transform
 from topology.check.names import all_named, check_name, entries, refer
+from topology.check.robot import place_on_link
 from topology.layout import Placement, count, overfull, place
 from topology.parts import Parts
 from topology.report import Report
@@ -29,7 +30,7 @@ STAND_IN = ListUnit(xyz_m=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0))
 
 TABLES = {"bus": "buses", "layout": "layouts", "model": "models", "frame": "frames"}
 
-_NOT_SHAPE = {"name", "bus", "layout", "model", "frame", "pose", "extended", "calibration",
+_NOT_SHAPE = {"name", "bus", "layout", "model", "frame", "link", "pose", "extended", "calibration",
               "first_id"}  # fmt: skip
 
 
@@ -82,7 +83,7 @@ def place_patches(parts: Parts, report: Report) -> list[Placed]:
                 name = getattr(patch, field)
                 refer(name, f"a {field}", names, at, source, report, complete[field])
         own = to_transform(patch.pose, (*key, "pose"), source, report)
-        base = parts.frames.get(patch.frame) if report.sound(source, key, "frame") else None
+        base = _carrier(patch, key, parts, report)
         if not _check_shape(patch, key, source, report):
             continue
         total += count(patch)
@@ -102,6 +103,15 @@ def place_patches(parts: Parts, report: Report) -> list[Placed]:
         units = Placement(units.names, position, rotation)
         placed.append(Placed(key, sane, units, fixed & known_pose, at[0]))
     return placed
+
+
+def _carrier(patch: Patch, key: Key, parts: Parts, report: Report) -> pose.Transform | None:
+    """T_skin_frame of what the patch hangs on; None where it is wrong."""
+    source = parts.source
+    if patch.link is not None:
+        robot = parts.file.robot
+        return place_on_link(patch.link, key, "frame", robot, parts.links, source, report)
+    return parts.frames.get(patch.frame) if report.sound(source, key, "frame", "link") else None
 
 
 def _check_unit_names(names: tuple[str, ...], key: Key, source: Source, report: Report) -> None:

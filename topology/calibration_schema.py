@@ -1,0 +1,57 @@
+"""The calibration file, format version 1, as frozen structs; see `topology.calibration`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from msgspec import Meta
+
+from topology.schema import Overrides, Table
+
+__all__ = ["CalibrationFile", "Covariance", "Measured"]
+
+_Share = Annotated[float, Meta(ge=-1e15, le=1e15)]
+
+
+class Covariance(Table, frozen=True, kw_only=True):
+    """How well parameters that were fitted together are known."""
+
+    parameters: Annotated[tuple[str, ...], Meta(description='Names; "name[3]" is of a list')]
+    sigma: Annotated[tuple[_Share, ...], Meta(description="One sigma of each")]
+    correlation: Annotated[
+        tuple[Annotated[float, Meta(ge=-1.0, le=1.0)], ...],
+        Meta(description="Below the diagonal, row by row"),
+    ] = ()
+
+
+class Measured(Table, frozen=True, kw_only=True):
+    """Which unit it was, what was recorded of it, and how well the laws follow it."""
+
+    serial: Annotated[str, Meta(description="Serial number")] = ""
+    hash: Annotated[str, Meta(description="SHA-256 of the recordings")] = ""
+    range: Annotated[
+        dict[str, tuple[_Share, _Share]], Meta(description="Lowest and highest recorded value")
+    ] = {}
+    goodness: Annotated[dict[str, _Share], Meta(description="Residuals of the laws")] = {}
+    kept: Annotated[
+        tuple[str, ...], Meta(description="Parameters and laws that stay as the model has them")
+    ] = ()
+    covariance: tuple[Covariance, ...] = ()
+
+
+class CalibrationFile(Table, frozen=True, kw_only=True):
+    """A calibration file: what was measured of the units of one patch."""
+
+    format: Annotated[Literal[1], Meta(description="Version of the file format")]
+    patch: Annotated[str, Meta(description="Patch that it belongs to")]
+    date: Annotated[str, Meta(description="When it was measured")] = ""
+    bench: Annotated[str, Meta(description="Where and how it was measured")] = ""
+    tared: Annotated[
+        tuple[str, ...], Meta(description="Units whose zeros were taken in their places")
+    ] = ()
+    units: Annotated[
+        dict[str, Overrides], Meta(description="Unit (`r3c4`) to the parameters that differ")
+    ] = {}
+    measured: Annotated[
+        dict[str, Measured], Meta(description="Unit to how its parameters were measured")
+    ] = {}

@@ -1,0 +1,168 @@
+"""RobotModel: the tree of links of a robot, as arrays, whatever file it came from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+__all__ = ["Geom", "JointKind", "RobotModel"]
+
+JointKind = Literal["fixed", "revolute", "continuous", "prismatic"]
+
+
+@dataclass(frozen=True)
+class Geom:
+    """A shape of a link.
+
+    Attributes
+    ----------
+    link : int
+        Index of the link that carries it.
+    kind : str
+        "box" (half lengths), "sphere" (radius), "capsule" and "cylinder" (radius, half length along
+        z, of the straight part), "ellipsoid" (half axes), "plane" or "mesh".
+    size : tuple of float
+        Metre; empty for a mesh.
+    xyz, rotation : tuple of float
+        T_link_geom: metre, and nine numbers row by row.
+    visual : bool
+        It is only seen, and touches nothing.
+    mesh : str or None
+        File of a mesh; it need not exist.
+    scale : tuple of float
+        Of the mesh's vertices.
+    line : int
+        Where the model has it; 0 where that is not known.
+    """
+
+    link: int
+    kind: str
+    size: tuple[float, ...] = ()
+    xyz: tuple[float, ...] = (0.0, 0.0, 0.0)
+    rotation: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+    visual: bool = False
+    mesh: str | None = None
+    scale: tuple[float, ...] = (1.0, 1.0, 1.0)
+    line: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class RobotModel:
+    """L links in a tree, each hanging on its parent by one joint; J joints move of themselves.
+
+    A body of MJCF with several joints stands on links without mass and name, one for each joint
+    but the last.
+
+    Attributes
+    ----------
+    name : str
+    path : Path
+        The file it came from.
+    link_names : tuple of str, length L
+        Parents first; "" for links that only part the joints of a body.
+    parent : tuple of int, length L
+        -1 for the root.
+    joints : tuple of str, length L
+        Name of the joint that carries each link; "" where there is none.
+    kinds : tuple of str, length L
+        What that joint is: `JointKind`.
+    driver : tuple of int, length L
+        Index of the joint whose coordinate it follows; -1 where it is fixed.
+    multiplier, offset : ndarray, shape (L,), float64
+        It stands at multiplier * q[driver] + offset, rad or m.
+    axis : ndarray, shape (3, L), float64
+        Unit vector in the link's frame.
+    anchor : ndarray, shape (3, L), float64
+        A point of the axis in the link's frame, metre; 0 in URDF.
+    xyz : ndarray, shape (3, L), float64
+    rotation : ndarray, shape (3, 3, L), float64
+        T_parent_link where the joint stands at 0, metre.
+    joint_names : tuple of str, length J
+        Joints that move of themselves, in the model's order; others follow one (mimic).
+    lower, upper : ndarray, shape (J,), float64
+        Limits, rad or m; NaN where there are none.
+    mass : ndarray, shape (L,), float64
+        kg; NaN where the model does not say.
+    geoms : tuple of Geom
+    lines : tuple of int, length L
+        Line of each link in the file; 0 where that is not known.
+    base : int
+        Link whose frame poses are given in, which is the skin frame.
+    home : ndarray, shape (J,), float64
+        Coordinates at which a topology gives its poses.
+    """
+
+    name: str
+    path: Path
+    link_names: tuple[str, ...]
+    parent: tuple[int, ...]
+    joints: tuple[str, ...]
+    kinds: tuple[str, ...]
+    driver: tuple[int, ...]
+    multiplier: np.ndarray
+    offset: np.ndarray
+    axis: np.ndarray
+    anchor: np.ndarray
+    xyz: np.ndarray
+    rotation: np.ndarray
+    joint_names: tuple[str, ...]
+    lower: np.ndarray
+    upper: np.ndarray
+    mass: np.ndarray
+    geoms: tuple[Geom, ...]
+    lines: tuple[int, ...]
+    base: int
+    home: np.ndarray
+
+    def __repr__(self) -> str:
+        """The model in a line."""
+        named = sum(map(bool, self.link_names))
+        return f"<RobotModel {self.name!r}: {named} links, {len(self.joint_names)} joints>"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the links that have one, in order."""
+        return tuple(filter(None, self.link_names))
+
+    def forward(self, q: np.ndarray) -> np.ndarray:
+        """Poses of all links, plainly: what the compiled kinematics are tested against.
+
+        Parameters
+        ----------
+        q : ndarray, shape (J,)
+            Radian or metre, in the order of `joint_names`.
+
+        Returns
+        -------
+        ndarray, shape (L, 4, 4), float64
+            T_base_link.
+        """
+        poses = np.empty((len(self.link_names), 4, 4))
+        for link, parent in enumerate(self.parent):
+            local = _transform(self.rotation[:, :, link], self.xyz[:, link])
+            if (driver := self.driver[link]) >= 0:
+                at = self.multiplier[link] * q[driver] + self.offset[link]
+                own = self.kinds[link], self.axis[:, link], self.anchor[:, link]
+                local = local @ self.motion(*own, float(at))
+            poses[link] = local if parent < 0 else poses[parent] @ local
+        base = poses[self.base]
+        turn = base[:3, :3].T
+        return _transform(turn, -turn @ base[:3, 3]) @ poses
+
+    @staticmethod
+    def motion(kind: str, axis: np.ndarray, anchor: np.ndarray, at: float) -> np.ndarray:
+        """What a joint adds at a coordinate, shape (4, 4): Rodrigues' formula about its anchor."""
+        if kind == "prismatic":
+            return _transform(np.eye(3), axis * at)
+        cross = np.cross(np.eye(3), axis)
+        turn = np.eye(3) + np.sin(at) * cross + (1.0 - np.cos(at)) * cross @ cross
+        return _transform(turn, anchor - turn @ anchor)
+
+
+def _transform(rotation: np.ndarray, xyz: np.ndarray) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, xyz
+    return pose
