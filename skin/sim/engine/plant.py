@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from bus.compiled.bound import Bound
 from skin.errors import OptionError, SceneError
 from skin.sim.engine.mesh import Meshes
 from skin.sim.engine.object import GraspObject
@@ -90,6 +91,10 @@ class Plant:
         self.touch = Touch.nothing(topology.n)
         self.pushes = np.zeros((self.model.nbody, 6))
         self.timestep_s = float(self.model.opt.timestep)
+        self._elapsed_s = np.zeros(1)
+        self._feel = Bound(
+            feel, self.bodies, self.mounted, self.surfaces, self.touch, self._elapsed_s
+        )
         self._begin()
 
     def step(self, dt_s: float) -> None:
@@ -99,7 +104,8 @@ class Plant:
         mujoco.mj_step2(model, data)
         mujoco.mj_step1(model, data)
         data.xfrc_applied[:] = self.pushes
-        feel(self.bodies, self.mounted, self.surfaces, self.touch, dt_s)
+        self._elapsed_s[0] = dt_s
+        self._feel()
 
     def wrench_on(self, body: int) -> np.ndarray:
         """What the skin does to a body, shape (6,): newton, and newton metre about its centre of
@@ -120,13 +126,13 @@ class Plant:
         scratch = self.bodies._replace(wrench=np.zeros((self.model.nbody, 6)))
         surfaces, mounted = self.surfaces, self.mounted
         for _ in range(self.model.nbody):
-            feel(scratch, mounted, surfaces, start, 0.0)
+            feel(scratch, mounted, surfaces, start, np.zeros(1))
             deep = np.flatnonzero(start.depth_m > INSIDE_M)
             if not deep.size:
                 break
             for unit in deep:
                 self._joined(int(unit), int(start.body[unit]), float(start.depth_m[unit]))
-        feel(self.bodies, mounted, surfaces, self.touch, 0.0)
+        self._feel()
 
     def _joined(self, unit: int, body: int, depth_m: float) -> None:
         if body in self.object_bodies or not self.model.body_weldid[body]:

@@ -18,7 +18,7 @@ from skin.sim.engine.touch import DEEPEST_M
 
 __all__ = ["LONGEST_S", "longest_step_s", "split", "worst_touch"]
 
-SHARE = 0.35
+SHARE = 0.6
 """Of ``2 / w`` that a step may be: loss and the coupling of normal and shear take theirs [numeric:
 stable up to 0.8 with a box, tests/skin/sim/engine/test_steps.py]."""
 
@@ -94,7 +94,7 @@ def worst_touch(plant: Plant) -> np.ndarray:
 
 
 def split(plant: Plant, period_s: float, asked_s: float | None) -> int:
-    """Into how many steps a period is to be split: a power of two, or as the user asks.
+    """Into how many steps a period is to be split: as few as can be, or as the user asks.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def split(plant: Plant, period_s: float, asked_s: float | None) -> int:
     """
     longest_s = longest_step_s(plant)
     if asked_s is None:
-        return 1 << max(0, math.ceil(math.log2(period_s / longest_s * (1.0 - 1e-9))))
+        return max(1, math.ceil(period_s / longest_s * (1.0 - 1e-9)))
     if not 0.0 < asked_s <= longest_s * (1.0 + 1e-9):
         raise OptionError(
             f"step_s: must be above 0 and at most {longest_s:.2g} s, as stiffness over mass of "

@@ -314,7 +314,7 @@ def _normal_force(springs, i, body_mm_per_n, deep_mm, drag_mm, cosine):
     return normal_n / cosine, slope / cosine, law, energy
 
 
-def feel_python(bodies, mounted, surfaces, touch, dt_s):
+def feel_python(bodies, mounted, surfaces, touch, elapsed_s):
     """Find what presses each unit, and add the wrenches to both bodies.
 
     Parameters
@@ -324,10 +324,11 @@ def feel_python(bodies, mounted, surfaces, touch, dt_s):
     mounted : Mounted
     surfaces : Surfaces
     touch : Touch
-        As of `dt_s` ago; gone on.
-    dt_s : float
+        As of `elapsed_s` ago; gone on.
+    elapsed_s : ndarray, shape (1,)
         Second; 0 for the same instant, which knows no velocities.
     """
+    dt_s = elapsed_s[0]
     springs = mounted.springs
     for i in range(mounted.body.size):
         link = mounted.body[i]
@@ -381,4 +382,4 @@ def feel_python(bodies, mounted, surfaces, touch, dt_s):
             touch.force[a, i] = r[0, a, i] * mine[0] + r[1, a, i] * mine[1] + r[2, a, i] * mine[2]
 
 
-feel = compiled(feel_python)
+feel = compiled(feel_python, allocates=False, fastmath=("contract",))
