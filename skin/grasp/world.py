@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 import skin.opening
-from skin.errors import OptionError, check_number
+from skin.errors import OptionError, check_number, shown
 from skin.grasp.episode import Episode
 from skin.grasp.joints import Joints
 from skin.grasp.setting import grasp_scene
@@ -24,10 +24,10 @@ __all__ = ["World", "grasp"]
 
 
 def grasp(
-    topology: Topology | str | Path,
+    model: Topology | str | Path,
+    topology: Topology | str | Path | None = None,
     objects: Iterable[GraspObject | str] = (),
     *,
-    model: str | Path | None = None,
     episode: Episode | None = None,
     seed: int = 0,
     noise: bool = True,
@@ -40,7 +40,11 @@ def grasp(
 
     Parameters
     ----------
-    topology, objects, model, episode, seed, noise, step_s, self_touch
+    model : str, Path or Topology
+        MJCF or URDF; alone, a topology, whose ``[robot] model`` it is.
+    topology : Topology, str or Path, optional
+        With a link of the model for every patch.
+    objects, episode, seed, noise, step_s, self_touch
         See `skin.grasp.setting.grasp_scene`.
     pace : bool
         Real time; False goes as fast as it can.
@@ -59,7 +63,7 @@ def grasp(
     Examples
     --------
     >>> cube = GraspObject(name="cube", size_m=(0.02, 0.02, 0.03), mass_kg=0.06)
-    >>> with grasp("gripper", [cube], pace=False) as world:
+    >>> with grasp("gripper", objects=[cube]) as world:
     ...     world.joints["left"] = world.joints["right"] = 0.03
     ...     for state in world:
     ...         if world.time_s >= 0.5:
@@ -67,8 +71,14 @@ def grasp(
     ...     world.truth.object_names, int((world.truth.touched_by == 0).sum())
     (('cube',), 32)
     """
+    if topology is None:
+        own, file = model, None
+    elif isinstance(model, Topology):
+        raise OptionError(f"model: must be an MJCF or URDF file; got {shown(model)}")
+    else:
+        own, file = topology, model
     scene = grasp_scene(
-        topology, objects, model=model, episode=episode, seed=seed, noise=noise, step_s=step_s,
+        own, objects, model=file, episode=episode, seed=seed, noise=noise, step_s=step_s,
         self_touch=self_touch,
     )  # fmt: skip
     return World(scene, pace=pace, seed=seed, **options)

@@ -10,6 +10,7 @@ import numpy as np
 
 from bus.compiled.bound import Bound
 from skin.errors import OptionError, SceneError
+from skin.sim.engine.inertia import yielding
 from skin.sim.engine.mesh import Meshes
 from skin.sim.engine.object import GraspObject
 from skin.sim.engine.rays import MESH, PLANE
@@ -55,6 +56,8 @@ class Plant:
     object_bodies : ndarray, shape (o,), int32
     mounted, surfaces, bodies, touch : NamedTuple
         See `skin.sim.engine.touch`.
+    yielding : ndarray, shape (b,)
+        Inverse mass of the bodies at their rims, 1/kg.
     timestep_s : float
         That the model asks for.
     pushes : ndarray, shape (b, 6)
@@ -90,6 +93,7 @@ class Plant:
         self.surfaces = self._surfaces(objects)
         self.touch = Touch.nothing(topology.n)
         self.pushes = np.zeros((self.model.nbody, 6))
+        self.yielding = yielding(self.model)
         self.timestep_s = float(self.model.opt.timestep)
         self._elapsed_s = np.zeros(1)
         self._feel = Bound(
@@ -105,6 +109,12 @@ class Plant:
         mujoco.mj_step1(model, data)
         data.xfrc_applied[:] = self.pushes
         self._elapsed_s[0] = dt_s
+        self._feel()
+
+    def look(self) -> None:
+        """Find the forces at the poses that the engine has now, as if no time had passed, and add
+        them."""
+        self._elapsed_s[0] = 0.0
         self._feel()
 
     def wrench_on(self, body: int) -> np.ndarray:
@@ -127,12 +137,12 @@ class Plant:
         surfaces, mounted = self.surfaces, self.mounted
         for _ in range(self.model.nbody):
             feel(scratch, mounted, surfaces, start, np.zeros(1))
-            deep = np.flatnonzero(start.depth_m > INSIDE_M)
+            deep = np.flatnonzero(1e-3 * start.tip_mm[2] > INSIDE_M)
             if not deep.size:
                 break
             for unit in deep:
-                self._joined(int(unit), int(start.body[unit]), float(start.depth_m[unit]))
-        self._feel()
+                self._joined(int(unit), int(start.body[unit]), 1e-3 * float(start.tip_mm[2, unit]))
+        self.look()
 
     def _joined(self, unit: int, body: int, depth_m: float) -> None:
         if body in self.object_bodies or not self.model.body_weldid[body]:

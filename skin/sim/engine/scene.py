@@ -15,7 +15,7 @@ from skin.sim.engine.touch import DEEPEST_M
 from skin.sim.engine.truth import GraspTruth
 from skin.sim.mechanics.springs import under
 from skin.sim.thermal import ThermalChain
-from skin.sim.truth import Truth, sum_wrench, wrench_map
+from skin.sim.truth import Truth
 from skin.sim.unit import UnitSimulator
 
 __all__ = ["GraspScene"]
@@ -129,16 +129,14 @@ class GraspScene:
         if self._gain is not None:
             units.displacement_mm *= self._gain[:2]
             units.depth_mm *= self._gain[2]
-        position, rotation = self._poses()
-        to_wrench = wrench_map(position, rotation)
-        sum_wrench(to_wrench, position, units.force, units.wrench, units.centroid)
+        self._sum(units)
         warm = self._chain.step(elapsed_s, units.contact, self._warmth[touch.body], ROOM_C)
         units.temperature[:], units.film_temperature[:] = warm[0], warm[1]
         units.hall_temperature[:] = warm[3]
         truth.touched_by[:] = self._index[touch.body]
         truth.slipping[:], truth.normal_n[:] = touch.slipping, touch.normal_n
         truth.drag_n[:], truth.limit_n[:] = touch.drag_n, touch.limit_n
-        np.greater(touch.depth_m, DEEPEST_M, out=truth.bottomed)
+        np.greater(touch.tip_mm[2], 1e3 * DEEPEST_M, out=truth.bottomed)
         self._tell_objects(truth)
 
     def _tell_objects(self, truth: GraspTruth) -> None:
@@ -152,6 +150,16 @@ class GraspScene:
             )
             truth.velocity[:3, i], truth.velocity[3:, i] = self._velocity[3:], self._velocity[:3]
             truth.wrench[:, i] = plant.wrench_on(body)
+
+    def _sum(self, units: Truth) -> None:
+        """Wrench and centre of pressure, in the frame of the robot's base."""
+        position, rotation = self._poses()
+        x, y, z = position
+        fx, fy, fz = np.einsum("ijn,jn->in", rotation, units.force)
+        units.wrench[:] = [fx.sum(), fy.sum(), fz.sum(), y @ fz - z @ fy, z @ fx - x @ fz,
+                           x @ fy - y @ fx]  # fmt: skip
+        load = units.force[2].sum()
+        units.centroid[:] = position @ units.force[2] / load if load > 0.0 else np.nan
 
     def _poses(self) -> tuple[np.ndarray, np.ndarray]:
         """Where the units are now, in the frame of the robot's base."""

@@ -8,19 +8,18 @@ both bodies of a contact, of the largest ``sum_i k_i (1 / m + r_i² / I)`` [Gers
 from __future__ import annotations
 
 import math
-from typing import Any
-
 import numpy as np
 
 from skin.errors import OptionError
+from skin.sim.engine.inertia import rims
 from skin.sim.engine.plant import Plant
 from skin.sim.engine.touch import DEEPEST_M
 
 __all__ = ["LONGEST_S", "longest_step_s", "split", "worst_touch"]
 
 SHARE = 0.6
-"""Of ``2 / w`` that a step may be: loss and the coupling of normal and shear take theirs [numeric:
-stable up to 0.8 with a box, tests/skin/sim/engine/test_steps.py]."""
+"""Of ``2 / w`` that a step may be: loss takes its part [numeric: a pinched box explodes between 1.6
+and 2.0, a ball between 2.5 and 3.2, as w is a bound]."""
 
 LONGEST_S = 2e-3
 """Of a step, where nothing touches: what MuJoCo's own models take."""
@@ -45,31 +44,9 @@ def longest_step_s(plant: Plant, touching: np.ndarray | None = None) -> float:
     on_link = np.zeros(model.nbody)
     on_other = np.zeros(model.nbody)
     for sums, bodies in ((on_link, mounted.body[units]), (on_other, other[units])):
-        np.add.at(sums, bodies, stiffness * _yielding(model, bodies))
+        np.add.at(sums, bodies, stiffness * plant.yielding[bodies])
     square = float(on_link.max() + on_other.max())
     return limit_s if square <= 0.0 else min(limit_s, SHARE * 2.0 / math.sqrt(square))
-
-
-def _yielding(model: Any, bodies: np.ndarray) -> np.ndarray:
-    """Inverse mass of bodies at their rims, 1/kg: the trace of their inverse inertia there."""
-    free = model.body_dofnum[bodies] == 6
-    middle = model.body_invweight0[bodies, 0]
-    turning = model.body_invweight0[bodies, 1]
-    radius = _radius(model)[bodies]
-    of_link = 3.0 * middle  # the mean over directions, of which one may have it all
-    return np.where(free, middle + turning * radius**2, of_link)
-
-
-def _radius(model: Any) -> np.ndarray:
-    """How far the surface of each body is from its centre of mass, shape (b,): where units press
-    it, a face of a box and not its corner, at most; root mean square of two directions."""
-    radius = np.zeros(model.nbody)
-    for g in range(model.ngeom):
-        if model.geom_rbound[g] > 0.0:
-            body = model.geom_bodyid[g]
-            off = np.linalg.norm(model.geom_pos[g] - model.body_ipos[body])
-            radius[body] = max(radius[body], off + model.geom_rbound[g])
-    return radius
 
 
 def worst_touch(plant: Plant) -> np.ndarray:
@@ -81,7 +58,7 @@ def worst_touch(plant: Plant) -> np.ndarray:
     if not light:
         return touching
     body = min(light, key=lambda b: model.body_mass[b])
-    reach_m = float(_radius(model)[body]) + DEEPEST_M
+    reach_m = float(rims(model)[body]) + DEEPEST_M
     sets = []
     for link in np.unique(mounted.body):
         own = np.flatnonzero(mounted.body == link)

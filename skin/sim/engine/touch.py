@@ -1,17 +1,17 @@
-"""What touches which unit, and with what force: springs along rays, and Coulomb's return map.
+"""What touches which unit, and with what force: springs with tips that stick, and a return map.
 
-Each unit looks along its normal into the skin. Where that line leaves a solid, at a depth H below
-the unit's face, the elastomer is pressed by H. The force is the gradient of an elastic energy
-``U(H) + g(H) V(R)``, so that pushing and releasing gains nothing::
+A unit is a spring from its face to a tip. While nothing touches it looks along its normal, into the
+skin; where that line leaves a solid below the face, the tip is there, and sticks to the solid. From
+then on the tip is carried along, by R across the unit's normal and by H into the skin, and the force
+is the gradient of an elastic energy, so that pushing and releasing gains nothing::
 
-    N = (U'(H) + g'(H) V(R)) / cos(tilt)      along the solid's normal, at the point of contact
-    T = g(H) V'(R)                            along the displacement R, across that normal
+    energy = U(H) + g(H) V(R)        force = (g V'(R) r, U'(H) + g' V(R))      in the unit frame
 
-with U' and V' the unit's own elastic laws (`skin.physics.elastic`), g their stiffening with depth.
-R is what the solid has dragged the point of contact since it stuck, and shrinks until
-``|T| <= friction * N`` (return map): a face that sticks does so exactly. Both bodies are given the
-same force at the same point. Without curvature or tilt that is the Winkler foundation of
-`skin.sim.mechanics.foundation`.
+with U' and V' the unit's own elastic laws (`skin.physics.elastic`) and g their stiffening with
+depth. The tip slides over the solid, and only then, where that force leaves the cone of friction
+about the solid's normal (Coulomb's return map): what sticks does so exactly. Both bodies are given
+the same force, at the tip. That is the Winkler foundation of `skin.sim.mechanics.foundation` for
+bodies that are moved by forces.
 """
 
 from __future__ import annotations
@@ -33,6 +33,15 @@ DEEPEST_M = 3.5e-3
 
 STEEPEST = 0.2
 """Cosine of the tilt beyond which a solid passes by a unit instead of pressing it [assumed]."""
+
+LEAST_STIFF = 0.1
+"""Of shear over that at the reference depth, however shallow [assumed]."""
+
+SLIDES = 4
+"""How often the way of a tip in one step is corrected for the curvature of the solid [numeric]."""
+
+ON_CONE = 1e-9
+"""How far beyond the cone of friction a force is on it, relative [numeric]."""
 
 LOSS_S = 2e-4
 """Viscosity over stiffness of the elastomer: a loss of 6 % at 50 Hz [assumed, a soft silicone]."""
@@ -118,39 +127,40 @@ class Touch(NamedTuple):
 
     Attributes
     ----------
-    body : ndarray, shape (n,), int32
+    body, geom : ndarray, shape (n,), int32
         -1 where nothing touches.
-    depth_m : ndarray, shape (n,)
-    anchor_m, drag_mm : ndarray, shape (3, n)
-        Point of contact, and elastic displacement; frame of the body that touches.
+    anchor_m, normal : ndarray, shape (3, n)
+        Tip, and the solid's outward normal there; frame of the body that touches.
+    tip_mm : ndarray, shape (3, n)
+        Tip from where it is unloaded, unit frame.
     slipping : ndarray, shape (n,), bool
     force : ndarray, shape (3, n)
         Newton, unit frame.
-    normal_n, limit_n : ndarray, shape (n,)
-        Along the solid's normal, and what friction holds of it.
-    drag_n : ndarray, shape (n,)
-        What friction bears.
+    normal_n, drag_n, limit_n : ndarray, shape (n,)
+        Along the solid's normal, across it, and what friction holds across it.
     energy_j : ndarray, shape (n,)
         Stored.
     """
 
     body: np.ndarray
-    depth_m: np.ndarray
+    geom: np.ndarray
     anchor_m: np.ndarray
-    drag_mm: np.ndarray
+    normal: np.ndarray
+    tip_mm: np.ndarray
     slipping: np.ndarray
     force: np.ndarray
     normal_n: np.ndarray
-    limit_n: np.ndarray
     drag_n: np.ndarray
+    limit_n: np.ndarray
     energy_j: np.ndarray
 
     @classmethod
     def nothing(cls, n: int) -> Touch:
         """Of n units, none."""
         return cls(
-            np.full(n, -1, np.int32), np.zeros(n), np.zeros((3, n)), np.zeros((3, n)),
-            np.zeros(n, bool), np.zeros((3, n)), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n),
+            np.full(n, -1, np.int32), np.full(n, -1, np.int32), np.zeros((3, n)),
+            np.zeros((3, n)), np.zeros((3, n)), np.zeros(n, bool), np.zeros((3, n)), np.zeros(n),
+            np.zeros(n), np.zeros(n), np.zeros(n),
         )  # fmt: skip
 
 
@@ -208,70 +218,6 @@ def _deepest(bodies, surfaces, weight, face, way):
 
 
 @jitable
-def _dragged(bodies, touch, i, b, face, way, normal):
-    """How far a solid has dragged a unit since it stuck, and in this step: mm, across the normal,
-    world frame. Turning the memory into the new plane keeps its length, and so its energy."""
-    before = _turned(
-        bodies.rotation, b, (touch.drag_mm[0, i], touch.drag_mm[1, i], touch.drag_mm[2, i])
-    )
-    spot = _add(face, way, touch.depth_m[i])
-    p = bodies.position[b]
-    now = _turned_back(bodies.rotation, b, (spot[0] - p[0], spot[1] - p[1], spot[2] - p[2]))
-    step = _turned(
-        bodies.rotation, b,
-        (1e3 * (touch.anchor_m[0, i] - now[0]), 1e3 * (touch.anchor_m[1, i] - now[1]),
-         1e3 * (touch.anchor_m[2, i] - now[2])),
-    )  # fmt: skip
-    length = math.sqrt(_dot(before, before))
-    before = _add(before, normal, -_dot(before, normal))
-    flat = math.sqrt(_dot(before, before))
-    if flat > 0.0:
-        before = _add((0.0, 0.0, 0.0), before, length / flat)
-    step = _add(step, normal, -_dot(step, normal))
-    return _add(before, step, 1.0), step
-
-
-@jitable
-def _stored(target, below, beyond, knee):
-    """Energy of a spring with a knee that yields by `target` mm, N·mm."""
-    at_knee = below * knee
-    if target <= at_knee:
-        return 0.5 * target * target / below
-    past = target - at_knee
-    return 0.5 * at_knee * knee + knee * past + 0.5 * past * past / beyond
-
-
-@jitable
-def _held(law, limits, drag, step, dt_s):
-    """Coulomb's return map: the drag that friction leaves, the force, and whether the face slips.
-
-    Parameters
-    ----------
-    law : tuple of 3 float
-        Compliance below and beyond the knee, mm/N, and the knee, N.
-    limits : tuple of 3 float
-        Newton: now, at rest, in motion.
-    drag, step : tuple of 3 float
-        mm: since it stuck, and of that in this step.
-    dt_s : float
-    """
-    length = math.sqrt(_dot(drag, drag))
-    drag_n = force(length, law[0], law[1], law[2])
-    if drag_n > limits[0]:
-        share = displacement(limits[2], law[0], law[1], law[2]) / length
-        drag = _add((0.0, 0.0, 0.0), drag, share)
-        return drag, _add((0.0, 0.0, 0.0), drag, limits[2] / max(length * share, 1e-30)), True
-    stiffness = drag_n / length if length > 1e-9 else 1.0 / law[0]
-    pull = _add((0.0, 0.0, 0.0), drag, stiffness)
-    if dt_s > 0.0:
-        pull = _add(pull, step, stiffness * LOSS_S / dt_s)
-    size = math.sqrt(_dot(pull, pull))
-    if size > limits[1]:
-        pull = _add((0.0, 0.0, 0.0), pull, limits[1] / size)
-    return drag, pull, False
-
-
-@jitable
 def _push(bodies, body, spot, push, share):
     """Add a force at a point to the wrench on a body."""
     m = bodies.middle[body]
@@ -287,31 +233,220 @@ def _push(bodies, body, spot, push, share):
 
 @jitable
 def _free(touch, i):
-    touch.body[i] = -1
+    touch.body[i] = touch.geom[i] = -1
     touch.slipping[i] = False
-    touch.depth_m[i] = touch.normal_n[i] = touch.limit_n[i] = touch.drag_n[i] = 0.0
-    touch.energy_j[i] = 0.0
+    touch.normal_n[i] = touch.limit_n[i] = touch.drag_n[i] = touch.energy_j[i] = 0.0
     for a in range(3):
-        touch.force[a, i] = touch.drag_mm[a, i] = touch.anchor_m[a, i] = 0.0
+        touch.force[a, i] = touch.tip_mm[a, i] = 0.0
 
 
 @jitable
-def _normal_force(springs, i, body_mm_per_n, deep_mm, drag_mm, cosine):
-    """Force along the solid's normal without loss, the law of the drag at this depth, and the
-    energy stored in N·mm."""
-    n, s = springs.normal, springs.shear
-    stiff = 1.0 + springs.gain_per_mm[i] * (deep_mm - springs.reference_mm[i])
-    gain = springs.gain_per_mm[i]
-    if stiff < 0.1:
-        stiff, gain = 0.1, 0.0
-    below, beyond = n[0, i] + body_mm_per_n, n[1, i] + body_mm_per_n
-    soft, hard = s[0, i] + body_mm_per_n, s[1, i] + body_mm_per_n
-    stored = _stored(drag_mm, soft, hard, s[2, i])
-    normal_n = force(deep_mm, below, beyond, n[2, i]) + gain * stored
-    law = (soft / stiff, hard / stiff, s[2, i] * stiff)
-    energy = _stored(deep_mm, below, beyond, n[2, i])
-    slope = 1.0 / below if deep_mm <= below * n[2, i] else 1.0 / beyond
-    return normal_n / cosine, slope / cosine, law, energy
+def _stored(target, below, beyond, knee):
+    """Energy of a spring with a knee that yields by `target` mm, N·mm."""
+    at_knee = below * knee
+    if target <= at_knee:
+        return 0.5 * target * target / below
+    past = target - at_knee
+    return 0.5 * at_knee * knee + knee * past + 0.5 * past * past / beyond
+
+
+@jitable
+def _laws(springs, i, deep_mm, soft_mm_per_n):
+    """Stiffening with depth and its slope, compliances and knee of the shear there."""
+    s, gain = springs.shear, springs.gain_per_mm[i]
+    stiff = 1.0 + gain * (deep_mm - springs.reference_mm[i])
+    if stiff < LEAST_STIFF:
+        stiff, gain = LEAST_STIFF, 0.0
+    below, beyond = s[0, i] + soft_mm_per_n, s[1, i] + soft_mm_per_n
+    return stiff, gain, below / stiff, beyond / stiff, s[2, i] * stiff
+
+
+@jitable
+def _elastic(springs, i, tip, soft_mm_per_n):
+    """Force in newton, unit frame, and energy in N·mm, of a tip displaced by so many mm."""
+    n = springs.normal
+    below, beyond = n[0, i] + soft_mm_per_n, n[1, i] + soft_mm_per_n
+    stiff, gain, soft, hard, knee = _laws(springs, i, tip[2], soft_mm_per_n)
+    way = math.sqrt(tip[0] * tip[0] + tip[1] * tip[1])
+    across = force(way, soft, hard, knee) / way if way > 0.0 else 0.0
+    drag = _stored(way, soft, hard, knee)
+    normal_n = force(tip[2], below, beyond, n[2, i]) + gain / stiff * drag
+    energy = _stored(tip[2], below, beyond, n[2, i]) + drag
+    return (across * tip[0], across * tip[1], normal_n), energy
+
+
+@jitable
+def _onto_cone(pull, normal, friction):
+    """Components of a force along a normal and across it, and the force turned so that friction can
+    bear it; its part along the unit's z stays. Unit frame."""
+    along = _dot(pull, normal)
+    side = _add(pull, normal, -along)
+    size = math.sqrt(_dot(side, side))
+    if size <= friction * along:
+        return along, size, pull
+    way = _add(normal, side, friction / size)
+    share = pull[2] / max(way[2], STEEPEST)
+    return along, size, (share * way[0], share * way[1], pull[2])
+
+
+@jitable
+def _slid(springs, i, pull, soft_mm_per_n, deep_mm):
+    """Where the tip is, across the unit's normal, under a force that friction bears; mm."""
+    _, _, soft, hard, knee = _laws(springs, i, deep_mm, soft_mm_per_n)
+    size = math.sqrt(pull[0] * pull[0] + pull[1] * pull[1])
+    way = displacement(size, soft, hard, knee)
+    share = way / size if size > 0.0 else 0.0
+    return share * pull[0], share * pull[1]
+
+
+@jitable
+def _lost(springs, i, pull, tip, before, rate):
+    """A force with what viscosity adds to it: stiffness times the rate of each displacement."""
+    n = springs.normal
+    slope = 1.0 / (n[0, i] if pull[2] <= n[2, i] else n[1, i])
+    way = math.sqrt(tip[0] * tip[0] + tip[1] * tip[1])
+    size = math.sqrt(pull[0] * pull[0] + pull[1] * pull[1])
+    across = size / way if way > 1e-9 else 1.0 / springs.shear[0, i]
+    return (pull[0] + rate * across * (tip[0] - before[0]),
+            pull[1] + rate * across * (tip[1] - before[1]),
+            pull[2] + rate * slope * (tip[2] - before[2]))  # fmt: skip
+
+
+@jitable
+def _mine(mounted, link_rotation, i, v):
+    """A vector of the world in the unit's frame."""
+    x = _turned_back(link_rotation, mounted.body[i], v)
+    r = mounted.rotation
+    return (r[0, 0, i] * x[0] + r[1, 0, i] * x[1] + r[2, 0, i] * x[2],
+            r[0, 1, i] * x[0] + r[1, 1, i] * x[1] + r[2, 1, i] * x[2],
+            r[0, 2, i] * x[0] + r[1, 2, i] * x[1] + r[2, 2, i] * x[2])  # fmt: skip
+
+
+@jitable
+def _theirs(mounted, link_rotation, i, v):
+    """A vector of the unit's frame in the world."""
+    r = mounted.rotation
+    return _turned(
+        link_rotation, mounted.body[i],
+        (r[0, 0, i] * v[0] + r[0, 1, i] * v[1] + r[0, 2, i] * v[2],
+         r[1, 0, i] * v[0] + r[1, 1, i] * v[1] + r[1, 2, i] * v[2],
+         r[2, 0, i] * v[0] + r[2, 1, i] * v[1] + r[2, 2, i] * v[2]),
+    )  # fmt: skip
+
+
+@jitable
+def _face(bodies, mounted, i):
+    """Middle of a unit's face, metre, world."""
+    link = mounted.body[i]
+    p, at = bodies.position[link], mounted.place
+    turned = _turned(bodies.rotation, link, (at[0, i], at[1, i], at[2, i]))
+    return p[0] + turned[0], p[1] + turned[1], p[2] + turned[2]
+
+
+@jitable
+def _stick(bodies, surfaces, touch, i, spot, found):
+    """Remember where a tip, at a spot of the world, sticks, and to what."""
+    geom, _, normal = found
+    b = surfaces.body[geom]
+    p = bodies.position[b]
+    at = _turned_back(bodies.rotation, b, (spot[0] - p[0], spot[1] - p[1], spot[2] - p[2]))
+    out = _turned_back(bodies.rotation, b, normal)
+    touch.body[i], touch.geom[i] = b, geom
+    for a in range(3):
+        touch.anchor_m[a, i], touch.normal[a, i] = at[a], out[a]
+
+
+@jitable
+def _tip(bodies, mounted, touch, i, face, weight):
+    """Where a tip that sticks is: world, and from the unloaded one, mm, unit frame; and the normal
+    in the unit frame."""
+    b = touch.body[i]
+    p, at, out = bodies.position[b], touch.anchor_m, touch.normal
+    turned = _turned(bodies.rotation, b, (at[0, i], at[1, i], at[2, i]))
+    spot = (p[0] + turned[0], p[1] + turned[1], p[2] + turned[2])
+    off = _mine(mounted, bodies.rotation, i, _add(spot, face, -1.0))
+    scale = 1e3 * weight
+    normal = _turned(bodies.rotation, b, (out[0, i], out[1, i], out[2, i]))
+    tip = (scale * off[0], scale * off[1], scale * off[2])
+    return spot, tip, _mine(mounted, bodies.rotation, i, normal)
+
+
+@jitable
+def _slide(bodies, mounted, surfaces, touch, i, pull):
+    """Let the tip go on until friction bears the force, and find the solid's surface there; False
+    where there is none any more."""
+    geom = touch.geom[i]
+    weight, soft = mounted.weight[i, geom], surfaces.compliance[geom]
+    face = _face(bodies, mounted, i)
+    x, y = _slid(mounted.springs, i, pull, soft, touch.tip_mm[2, i])
+    share = 1e-3 / weight
+    aside = _theirs(mounted, bodies.rotation, i, (share * x, share * y, 0.0))
+    way = _theirs(mounted, bodies.rotation, i, (0.0, 0.0, 1.0))
+    start = _add(face, aside, 1.0)
+    found = _deepest(bodies, surfaces, mounted.weight[i], start, way)
+    if found[0] < 0:
+        return False
+    _stick(bodies, surfaces, touch, i, _add(start, way, found[1]), found)
+    return True
+
+
+@jitable
+def _touched(bodies, mounted, surfaces, touch, i):
+    """Whether anything presses a unit, from now on or still."""
+    face = _face(bodies, mounted, i)
+    if touch.body[i] >= 0:
+        weight = mounted.weight[i, touch.geom[i]]
+        if weight > 0.0 and _tip(bodies, mounted, touch, i, face, weight)[1][2] > 0.0:
+            return True
+    _free(touch, i)
+    way = _theirs(mounted, bodies.rotation, i, (0.0, 0.0, 1.0))
+    found = _deepest(bodies, surfaces, mounted.weight[i], face, way)
+    if found[0] < 0:
+        return False
+    _stick(bodies, surfaces, touch, i, _add(face, way, found[1]), found)
+    touch.tip_mm[2, i] = 1e3 * mounted.weight[i, found[0]] * found[1]
+    return True
+
+
+@jitable
+def _bear(bodies, mounted, surfaces, touch, i, rate):
+    """The force on a unit that is touched, given to both bodies; False where it lets go."""
+    springs, was_slipping = mounted.springs, touch.slipping[i]
+    before = touch.tip_mm[0, i], touch.tip_mm[1, i], touch.tip_mm[2, i]
+    face = _face(bodies, mounted, i)
+    for trial in range(SLIDES):
+        geom = touch.geom[i]
+        weight, soft = mounted.weight[i, geom], surfaces.compliance[geom]
+        spot, tip, normal = _tip(bodies, mounted, touch, i, face, weight)
+        if tip[2] <= 0.0:
+            return False
+        pull, energy = _elastic(springs, i, tip, soft)
+        moving = was_slipping or trial > 0
+        friction = surfaces.kinetic[geom] if moving else surfaces.static[geom]
+        along, across, held = _onto_cone(pull, normal, friction)
+        slips = across > friction * along * (1.0 + ON_CONE)
+        if not slips or trial == SLIDES - 1:
+            break
+        if not was_slipping:
+            friction = surfaces.kinetic[geom]
+            held = _onto_cone(pull, normal, friction)[2]
+        if not _slide(bodies, mounted, surfaces, touch, i, held):
+            return False
+    touch.slipping[i] = trial > 0
+    if rate > 0.0 and trial == 0:
+        pull = _lost(springs, i, pull, tip, before, rate)
+    friction = surfaces.kinetic[geom] if trial > 0 else surfaces.static[geom]
+    if pull[2] <= 0.0 or _dot(pull, normal) <= 0.0:
+        pull = (0.0, 0.0, 0.0)
+    pull = _onto_cone(pull, normal, friction)[2]
+    touch.normal_n[i], touch.drag_n[i], _ = _onto_cone(pull, normal, friction)
+    touch.limit_n[i], touch.energy_j[i] = friction * touch.normal_n[i], 1e-3 * energy
+    for a in range(3):
+        touch.force[a, i], touch.tip_mm[a, i] = pull[a], tip[a]
+    push = _theirs(mounted, bodies.rotation, i, pull)
+    _push(bodies, mounted.body[i], spot, push, weight)
+    _push(bodies, touch.body[i], spot, push, -weight)
+    return True
 
 
 def feel_python(bodies, mounted, surfaces, touch, elapsed_s):
@@ -328,58 +463,12 @@ def feel_python(bodies, mounted, surfaces, touch, elapsed_s):
     elapsed_s : ndarray, shape (1,)
         Second; 0 for the same instant, which knows no velocities.
     """
-    dt_s = elapsed_s[0]
-    springs = mounted.springs
+    rate = LOSS_S / elapsed_s[0] if elapsed_s[0] > 0.0 else 0.0
     for i in range(mounted.body.size):
-        link = mounted.body[i]
-        p = bodies.position[link]
-        face = _add(
-            (p[0], p[1], p[2]),
-            _turned(
-                bodies.rotation, link,
-                (mounted.place[0, i], mounted.place[1, i], mounted.place[2, i]),
-            ), 1.0,
-        )  # fmt: skip
-        r = mounted.rotation
-        way = _turned(bodies.rotation, link, (r[0, 2, i], r[1, 2, i], r[2, 2, i]))
-        g, depth, normal = _deepest(bodies, surfaces, mounted.weight[i], face, way)
-        if g < 0:
+        if _touched(bodies, mounted, surfaces, touch, i) and not _bear(
+            bodies, mounted, surfaces, touch, i, rate
+        ):
             _free(touch, i)
-            continue
-        b, weight = surfaces.body[g], mounted.weight[i, g]
-        depth *= weight
-        spot = _add(face, way, depth)
-        drag = step = (0.0, 0.0, 0.0)
-        pressing_mm = 0.0
-        if touch.body[i] == b:
-            drag, step = _dragged(bodies, touch, i, b, face, way, normal)
-            pressing_mm = 1e3 * (depth - touch.depth_m[i])
-        else:
-            touch.slipping[i] = False
-        cosine, size = _dot(normal, way), math.sqrt(_dot(drag, drag))
-        normal_n, stiffness, law, energy = _normal_force(
-            springs, i, surfaces.compliance[g], 1e3 * depth, size, cosine
-        )
-        if dt_s > 0.0:
-            normal_n = max(normal_n + LOSS_S / dt_s * stiffness * pressing_mm, 0.0)
-        rest_n, moving_n = surfaces.static[g] * normal_n, surfaces.kinetic[g] * normal_n
-        now_n = moving_n if touch.slipping[i] else rest_n
-        drag, pull, slips = _held(law, (now_n, rest_n, moving_n), drag, step, dt_s)
-        push = _add(pull, normal, normal_n)
-        _push(bodies, link, spot, push, weight)
-        _push(bodies, b, spot, push, -weight)
-        touch.body[i], touch.depth_m[i], touch.slipping[i] = b, depth, slips
-        touch.normal_n[i], touch.limit_n[i] = normal_n, moving_n if slips else rest_n
-        touch.drag_n[i] = math.sqrt(_dot(pull, pull))
-        left = math.sqrt(_dot(drag, drag))
-        touch.energy_j[i] = 1e-3 * weight * (energy + _stored(left, law[0], law[1], law[2]))
-        q = bodies.position[b]
-        at = _turned_back(bodies.rotation, b, (spot[0] - q[0], spot[1] - q[1], spot[2] - q[2]))
-        kept = _turned_back(bodies.rotation, b, drag)
-        mine = _turned_back(bodies.rotation, link, push)
-        for a in range(3):
-            touch.anchor_m[a, i], touch.drag_mm[a, i] = at[a], kept[a]
-            touch.force[a, i] = r[0, a, i] * mine[0] + r[1, a, i] * mine[1] + r[2, a, i] * mine[2]
 
 
 feel = compiled(feel_python, allocates=False, fastmath=("contract",))
