@@ -27,7 +27,7 @@ def test_what_is_held_sags_by_weight_over_stiffness_and_then_stays(thing: GraspO
     before = place(plant)
     stiffness_n_per_m = 500.0 * (plant.touch.body >= 0).sum()
     plant.model.opt.gravity[2] = -G
-    go(plant, 3.0)
+    go(plant, 6.0)
     hand = plant.data.qpos[0]
     settled = place(plant)
     sag = before[2] - settled[2] + hand
