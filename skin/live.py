@@ -21,11 +21,11 @@ from bus.state import BusChange
 from bus.transport import Transport
 from bus.wait import Lull, Waiter
 from skin.compiling import announcer
-from skin.errors import OptionError, SkinError
+from skin.errors import SkinError
+from skin.moving import Moving
 from skin.pacing import sync_frames, sync_ns, wait_until
 from skin.pipeline import Pipeline
 from skin.state import State, Status, trouble
-from topology.pose import pose_fault
 
 if TYPE_CHECKING:
     from skin.calibrate.background import Learning
@@ -49,7 +49,7 @@ class Timing:
     """SYNCs that a bus would not take: its cycle had no chance of an answer."""
 
 
-class Skin:
+class Skin(Moving):
     """An open skin; iterate over it for one `State` a cycle. Made by `skin.open`.
 
     Attributes
@@ -81,7 +81,6 @@ class Skin:
         self.timing = Timing()
         self.nodes = nodes
         self._recording = recording
-        self._position, self._rotation = topology.position, topology.rotation
         self._batch = FrameBatch(4096)
         self._waiter = Waiter(transports, wait)
         self._pace = pace
@@ -180,64 +179,6 @@ class Skin:
                 self._recording.write(sent)
         if deaf:
             raise SkinError(f"configure: must be taken by every bus; got no room on {deaf}")
-
-    def move(self, position: np.ndarray, rotation: np.ndarray) -> None:
-        """Set the poses of all units, for patches that move against each other.
-
-        Wrenches, centres and normals of the cycles to come are those of the new poses; the skin
-        frame stays. As often as they change: once a cycle is cheap. Units become no neighbours by
-        coming close.
-
-        Parameters
-        ----------
-        position : ndarray, shape (3, n)
-            Metre, skin frame.
-        rotation : ndarray, shape (3, 3, n)
-            Columns are the unit's axes in the skin frame.
-
-        Raises
-        ------
-        SkinError
-            An array of another shape, a position that is not finite, or no rotation.
-        """
-        self.pipeline.move(position, rotation)
-        self._position, self._rotation = np.array(position), np.array(rotation)
-
-    def move_patch(self, name: str, rotation: np.ndarray, translation: np.ndarray) -> None:
-        """Set the pose of one patch, by the rigid motion from where its file has it; see `move`.
-
-        Parameters
-        ----------
-        name : str
-            Of `Topology.patch_names`.
-        rotation : ndarray, shape (3, 3)
-        translation : ndarray, shape (3,)
-            Metre. What was at p in the skin frame is at ``rotation @ p + translation`` now.
-
-        Raises
-        ------
-        OptionError
-            There is no such patch.
-        SkinError
-            An array of another shape, a translation that is not finite, or no rotation.
-        """
-        at = self.topology
-        if name not in at.patch_names:
-            raise OptionError.unknown("patch", name, at.patch_names)
-        units = at.patch == at.patch_names.index(name)
-        turn, shift = np.asarray(rotation, float), np.asarray(translation, float)
-        if turn.shape != (3, 3) or shift.shape != (3,):
-            raise SkinError(
-                "rotation, translation: must have shapes (3, 3) and (3,); "
-                f"got {turn.shape} and {shift.shape}"
-            )
-        fault = pose_fault(shift[:, np.newaxis], turn[:, :, np.newaxis], "translation")
-        if fault is not None:
-            raise SkinError(fault[1])
-        position, turned = self._position.copy(), self._rotation.copy()
-        position[:, units] = turn @ at.position[:, units] + shift[:, np.newaxis]
-        turned[:, :, units] = np.einsum("ij,jkn->ikn", turn, at.rotation[:, :, units])
-        self.move(position, turned)
 
     def trouble(self, state: State) -> dict[str, Status]:
         """Units that must not be trusted in this state, and why, by unit name."""

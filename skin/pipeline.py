@@ -11,7 +11,8 @@ stage to its arrays before the first cycle; no stage asks whether it was given t
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from skin.calibrate.zeros import Zeros
     from skin.contact.contact import Contact
     from skin.contact.stream import ContactStream
+    from skin.robot.joints import Joints
 
 __all__ = ["Pipeline"]
 
@@ -322,6 +324,27 @@ class Pipeline:
         else:
             self.contacts.move(position, rotation)
         self.poses = np.array(position), np.array(rotation)
+
+    @cached_property
+    def joints(self) -> Joints:
+        """The joints of the robot that carries the skin, made when they are first asked for.
+
+        Raises
+        ------
+        SkinError
+            The topology has no robot.
+        """
+        from skin.robot.joints import Joints
+
+        contacts = self.contacts
+        return Joints(self.topology, None if contacts is None else contacts.model.geometry)
+
+    def move_joints(self, q: Mapping[str, float] | np.ndarray) -> None:
+        """Set joints, and the poses of the units by them, for the cycles to come; see
+        `skin.live.Skin.move_joints`."""
+        joints = self.joints
+        joints.move(q)
+        self.poses = joints.unit_poses
 
     def state(self, cycle: RawCycle) -> State:
         """The state of a cycle whose counts and flags lie in `counts` and `status` already."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from msgspec import Meta
+from msgspec import Meta, field
 
 from topology.schema import Overrides, Table
 
@@ -31,8 +31,10 @@ class Measured(Table, frozen=True, kw_only=True):
     hash: Annotated[str, Meta(description="SHA-256 of the recordings")] = ""
     range: Annotated[
         dict[str, tuple[_Share, _Share]], Meta(description="Lowest and highest recorded value")
-    ] = {}
-    goodness: Annotated[dict[str, _Share], Meta(description="Residuals of the laws")] = {}
+    ] = field(default_factory=dict)
+    goodness: Annotated[dict[str, _Share], Meta(description="Residuals of the laws")] = field(
+        default_factory=dict
+    )
     kept: Annotated[
         tuple[str, ...], Meta(description="Parameters and laws that stay as the model has them")
     ] = ()
@@ -51,7 +53,7 @@ class CalibrationFile(Table, frozen=True, kw_only=True):
     ] = ()
     units: Annotated[
         dict[str, Overrides], Meta(description="Unit (`r3c4`) to the parameters that differ")
-    ] = {}
+    ] = field(default_factory=dict)
     measured: Annotated[
         dict[str, Measured], Meta(description="Unit to how its parameters were measured")
-    ] = {}
+    ] = field(default_factory=dict)

@@ -19,6 +19,7 @@ __all__ = ["COMMANDS", "main"]
 COMMANDS = {
     "demo": "simulate a palm, decode it live, and show the errors against the truth",
     "check": "check a topology file and show what hangs where, and the load of each bus",
+    "mount": "check how the patches of a skin sit on a robot model, and write them into a copy",
     "sim": "run simulated units alone, on the buses of a topology",
     "run": "listen to the buses of a topology and show what the skin feels",
     "view": "show what the skin feels in a browser, live or from a log",

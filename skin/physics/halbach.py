@@ -149,6 +149,21 @@ class HalbachField:
             self._surround(self.surroundings, films, out)
         return out.reshape(*lead, 3, n)
 
+    def resting_ut(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Field of each film that another unit feels, both at rest and at the film's reference
+        temperature.
+
+        Returns
+        -------
+        chip, film : ndarray, shape (m,), int64
+            The unit that feels, and the one whose film it is.
+        field_ut : ndarray, shape (3, m), float64
+            In the axes of the chip; not finite where it is inside or beside the film.
+        """
+        start, film, at_rest = self._arrays.start, self._arrays.index, self._arrays.rest_ut
+        chip = np.repeat(np.arange(len(start) - 1), np.diff(start))
+        return chip, film.astype(np.int64), (at_rest * self._strength[film, np.newaxis]).T
+
     def _surround(self, surroundings: Surroundings, films: Films, out: np.ndarray) -> None:
         """Add the ambient field and the tools."""
         ambient = surroundings.in_skin()

@@ -36,10 +36,13 @@ ROOMS: dict[str, frozenset[str]] = {
     "sim": COMMON | {"physics"},
     "compiling": frozenset({"errors"}),
     "clock": frozenset(),
-    "pipeline": COMMON | {"physics", "decode", "contact", "calibrate", "clock"},
+    "robot": COMMON | {"physics", "contact"},
+    "pipeline": COMMON | {"physics", "decode", "contact", "calibrate", "clock", "robot"},
+    "moving": COMMON | {"contact", "pipeline", "robot"},
     "pacing": frozenset(),
     "live": COMMON
-    | {"physics", "decode", "contact", "calibrate", "pipeline", "pacing", "compiling", "sim"},
+    | {"physics", "decode", "contact", "calibrate", "pipeline", "pacing", "compiling", "sim"}
+    | {"moving"},
     "opening": COMMON | {"physics", "contact", "pipeline", "compiling", "sim", "live", "record"},
     "offline": COMMON | {"pipeline", "compiling"},
     "view": COMMON | {"live", "pipeline", "calibrate", "contact", "worker"},

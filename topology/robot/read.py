@@ -67,7 +67,7 @@ def try_model(path: Path, shown: str, report: Report) -> RobotModel | None:
     """
     own = ModelReport(report, shown)
     if path.suffix.lower() not in SUFFIXES:
-        own.value("a file of URDF (.urdf) or MJCF (.xml, .mjcf)", path.name, 0, "")
+        own.value("a file of URDF (.urdf) or MJCF (.xml, .mjcf)", path.name, 1, "")
         return None
     text = read_text(path, shown, report, LARGEST_MB, MOST_LINES)
     if text is None:

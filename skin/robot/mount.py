@@ -1,0 +1,207 @@
+"""Whether the units of a skin sit on the surfaces of their links, and what to do where they do not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from skin.errors import SkinError
+from skin.robot.kinematics import tables
+from skin.robot.mesh import read_mesh
+from skin.robot.surface import Surface, from_mesh, primitive
+from topology import Topology
+from topology.robot.model import Geom, RobotModel
+
+__all__ = ["DISTANCE_MM", "TILT_DEG", "PatchMount", "check_model", "check_patches"]
+
+DISTANCE_MM = 10.0
+"""From its link's surface a unit's sensing face may be so far [assumed: the height of a unit and
+what holds it]."""
+TILT_DEG = 30.0
+"""And its normal so much off the surface's [assumed: a unit of 12 mm on a finger's rounding]."""
+INVERTED_DEG = 150.0
+"""A unit that is tilted by more looks into its link [assumed]."""
+LARGEST_M = 10.0
+"""A robot that is larger is one in millimetres [assumed: no hand or humanoid is]."""
+LARGEST_MESH_M = 3.0
+"""And so is a mesh of a link that is larger [assumed]."""
+
+
+class PatchMount(msgspec.Struct, frozen=True, kw_only=True):
+    """How a patch sits on its link."""
+
+    name: str
+    link: str
+    """Empty where it hangs on the skin frame."""
+    units: int
+    distance_mm: tuple[float, float] | None
+    """Least and largest distance to the surface, negative inside; None where there is none."""
+    tilt_deg: float | None
+    """Largest angle between a unit's outward normal and the surface's."""
+    problems: tuple[str, ...]
+
+
+def check_model(robot: RobotModel) -> tuple[str, ...]:
+    """What is wrong with a model, whatever skin is on it: scale, masses, meshes; with what to do.
+
+    Parameters
+    ----------
+    robot : RobotModel
+    """
+    found = []
+    span = np.abs(robot.forward(robot.home)[:, :3, 3]).max()
+    if span > LARGEST_M:
+        found.append(
+            f"{_at(robot)}: lengths must be metres; got links {span:.4g} m apart: if they are "
+            "millimetres, divide every xyz of the model by 1000"
+        )
+    for link, name in enumerate(robot.link_names):
+        moves = robot.parent[link] >= 0 and name != ""
+        if moves and robot.path.suffix == ".urdf" and robot.mass[link] <= 0.0:
+            found.append(
+                f"{_at(robot, robot.lines[link])}: link {name!r} mass: must be positive; got "
+                f"{robot.mass[link]:g}: give its <inertial> the mass that the link has, or leave "
+                "it out"
+            )
+    told = set()
+    for geom in robot.geoms:
+        if geom.mesh is not None and geom.mesh not in told:
+            told.add(geom.mesh)
+            found += _mesh_problems(robot, geom)
+    return tuple(found)
+
+
+def _at(robot: RobotModel, line: int = 0) -> str:
+    return f"{robot.path}:{line}" if line else str(robot.path)
+
+
+def _mesh_problems(robot: RobotModel, geom: Geom) -> list[str]:
+    where = f"{_at(robot, geom.line)}: link {robot.link_names[geom.link]!r} mesh"
+    try:
+        triangles = read_mesh(Path(geom.mesh or "")) * np.array(geom.scale)
+    except ImportError:
+        raise
+    except SkinError as error:
+        return [f"{where}: {error}: correct its filename, or bring the file"]
+    extent = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
+    if extent > LARGEST_MESH_M:
+        return [
+            f"{where}: must be in metres; got {extent:.4g} m across: if it is drawn in "
+            f'millimetres, give it scale="0.001 0.001 0.001"'
+        ]
+    return []
+
+
+def check_patches(
+    topology: Topology, *, distance_mm: float = DISTANCE_MM, tilt_deg: float = TILT_DEG
+) -> list[PatchMount]:
+    """How each patch sits on its link.
+
+    Links are told by their collision shapes, and where they have none by what is seen of them.
+
+    Parameters
+    ----------
+    topology : Topology
+        With a robot.
+    distance_mm, tilt_deg : float
+        What is accepted.
+    """
+    robot = topology.robot
+    if robot is None:
+        raise SkinError(f"{topology.name}: must have a [robot]; got none")
+    _, mounted = tables(robot, topology)
+    found = []
+    for index, name in enumerate(topology.patch_names):
+        units = np.flatnonzero(topology.patch == index)
+        link = topology.patch_links[index]
+        distance = tilt = None
+        if link:
+            surfaces = _surfaces(robot, robot.link_names.index(link))
+            if surfaces:
+                distance, tilt = _seen(
+                    surfaces, mounted.position[:, units], -mounted.rotation[:, 2, units]
+                )
+        if distance is None or tilt is None:
+            found.append(PatchMount(name=name, link=link, units=units.size, distance_mm=None,
+                                    tilt_deg=None, problems=()))  # fmt: skip
+            continue
+        names = [topology.unit_names[unit] for unit in units]
+        found.append(PatchMount(
+            name=name, link=link, units=units.size,
+            distance_mm=(1e3 * float(distance.min()), 1e3 * float(distance.max())),
+            tilt_deg=float(tilt.max()),
+            problems=tuple(_problems(names, link, 1e3 * distance, tilt, distance_mm, tilt_deg)),
+        ))  # fmt: skip
+    return found
+
+
+def _surfaces(robot: RobotModel, link: int) -> list[tuple[Geom, Surface]]:
+    """Shapes of a link that can be read, those that touch before those that are only seen."""
+    own = [geom for geom in robot.geoms if geom.link == link]
+    chosen = [geom for geom in own if not geom.visual] or own
+    found = []
+    for geom in chosen:
+        if geom.mesh is None:
+            found.append((geom, primitive(geom.kind, geom.size)))
+            continue
+        try:
+            triangles = read_mesh(Path(geom.mesh)) * np.array(geom.scale)
+        except ImportError:
+            raise
+        except SkinError:
+            continue  # `check_model` says so
+        mirrored = np.prod(geom.scale) < 0.0
+        found.append((geom, from_mesh(triangles[:, ::-1] if mirrored else triangles)))
+    return found
+
+
+def _seen(
+    surfaces: list[tuple[Geom, Surface]], position: np.ndarray, outward: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Distance, metre, and tilt, degree, of units to the nearest of some shapes, shape (n,)."""
+    best = np.full(position.shape[1], np.inf)
+    normal = np.zeros(position.shape)
+    for geom, surface in surfaces:
+        turn = np.array(geom.rotation).reshape(3, 3)
+        distance, towards = surface(turn.T @ (position - np.array(geom.xyz)[:, np.newaxis]))
+        nearer = np.abs(distance) < np.abs(best)
+        best = np.where(nearer, distance, best)
+        normal = np.where(nearer, turn @ towards, normal)
+    along = np.clip(np.sum(normal * outward, axis=0), -1.0, 1.0)
+    return best, np.degrees(np.arccos(along))
+
+
+def _problems(
+    names: list[str],
+    link: str,
+    distance_mm: np.ndarray,
+    tilt_deg: np.ndarray,
+    most_mm: float,
+    most_deg: float,
+) -> list[str]:
+    found = []
+    worst = int(np.argmax(np.abs(distance_mm)))
+    if abs(distance_mm[worst]) > most_mm:
+        side = "off" if distance_mm[worst] > 0.0 else "inside"
+        count = int(np.count_nonzero(np.abs(distance_mm) > most_mm))
+        found.append(
+            f"{names[worst]}: must be within {most_mm:g} mm of the surface of {link!r}; got "
+            f"{abs(distance_mm[worst]):.1f} mm {side} ({count} of {len(names)} units): correct the "
+            "pose of the patch, whose lengths are metres in the link's frame"
+        )
+    worst = int(np.argmax(tilt_deg))
+    if tilt_deg[worst] > most_deg:
+        count = int(np.count_nonzero(tilt_deg > most_deg))
+        inverted = np.median(tilt_deg) > INVERTED_DEG
+        advice = (
+            "its normals point into the link: turn the patch by rpy_deg = [180, 0, 0]"
+            if inverted
+            else "turn the patch, or bend it (cylinder, dome, list)"
+        )
+        found.append(
+            f"{names[worst]}: must be tilted by at most {most_deg:g}° to the surface of {link!r}; "
+            f"got {tilt_deg[worst]:.1f}° ({count} of {len(names)} units): {advice}"
+        )
+    return found
