@@ -166,7 +166,7 @@ class World:
     def _moved(self) -> None:
         """Tell the skin where its joints are, as encoders would."""
         robot = self.skin.topology.robot
-        if robot is None or not self._names or not hasattr(self.skin, "move_joints"):
+        if robot is None or not self._names:
             return
         at = self.joints.coordinates(self._names)
         index = [robot.joint_names.index(name) for name in self._names]
