@@ -54,7 +54,7 @@ CLOSING_M_PER_S = 0.04
 GAIN_PER_S = 25.0
 """Of the loop from grip to target."""
 
-EASING_PER_S = 3.0
+EASING_PER_S = 2.0
 """How fast the grip follows a load that falls: a load that comes back finds it held."""
 
 

@@ -7,6 +7,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import topology as topology_package
 from skin.errors import OptionError, SceneError, shown
 from skin.grasp.episode import Episode
@@ -19,6 +21,9 @@ from skin.sim.unit import UnitSimulator
 from topology import Topology
 
 __all__ = ["grasp_scene"]
+
+APART_M = 10.0
+"""From link to link: beyond what any film is felt at."""
 
 NOISES = ("frequency_noise_hz", "field_noise_ut", "gel_noise_relative")
 
@@ -81,7 +86,7 @@ def grasp_scene(
     scaled = {name: drawn.noise * loaded.parameters[name] for name in NOISES}
     noisy = dataclasses.replace(loaded, parameters={**loaded.parameters, **scaled})
     units = UnitSimulator(
-        noisy, seed=seed, noise=noise, field=HalbachField(loaded, reach_m=FELT_M)
+        noisy, seed=seed, noise=noise, field=HalbachField(_apart(loaded), reach_m=FELT_M)
     )
     warmth = {
         int(body): thing.temperature_c
@@ -90,6 +95,16 @@ def grasp_scene(
     }
     gain = None if bool((drawn.gain == 1.0).all()) else drawn.gain
     return GraspScene(plant, units, temperature_c=warmth, gain=gain, step_s=step_s)
+
+
+def _apart(topology: Topology) -> Topology:
+    """The same with its links far from each other: films feel those of their own link, whose
+    distances stay."""
+    links = list(topology.patch_links)
+    link = np.array([links.index(name) for name in links])[topology.patch]
+    position = topology.position.copy()
+    position[0] += APART_M * link
+    return dataclasses.replace(topology, position=position)
 
 
 def _objects(objects: Any) -> list[GraspObject | str]:

@@ -12,12 +12,12 @@ from skin.sim.engine.object import GraspObject
 
 __all__ = ["OVER_SQUEEZED", "SECONDS", "Trial", "run_trial", "unknown_object"]
 
-SECONDS = 5.0
+SECONDS = 5.4
 LIFT_S, LIFT_M, LIFT_M_PER_S = 1.3, 0.04, 0.04
-GENTLY_S = 0.5
+GENTLY_S = 1.0
 """In which the hand gathers speed: what slips then still stands on the floor."""
 
-PULL_S, PULLED_S, PULL_SHARE = 2.8, 3.8, 0.8
+PULL_S, PULLED_S, PULL_SHARE = 3.2, 4.2, 0.8
 """From when to when it is pulled down, and by how much of its weight."""
 
 DROPPED_M = 0.01
