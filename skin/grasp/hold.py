@@ -1,8 +1,9 @@
 """Holder: a gripper that holds what it does not know, by slip onset and grip margin alone.
 
 It believes in a coefficient of friction, and grips as hard as the tangential load over it asks, with
-a margin. Where a contact begins to slip, the ratio of the loads at that moment is the friction there
-is, and the belief falls to it. That is all: weight, size and friction are never asked for.
+a margin. Where a contact begins to slip, or a probe finds that it slides, the ratio of the loads at
+that moment is the friction there is, and the belief falls to it. That is all: weight, size and
+friction are never asked for.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skin.contact.record import SlipState
+from skin.grasp.probe import Probe
 from skin.state import State
 from topology import Topology
 
@@ -97,6 +99,12 @@ class Holder:
         self._period_s = 1.0 / topology.cycle_rate_hz
         self._pads = [topology.patch == pad for pad in range(2)]
         self._slipped_s = 0.0
+        self._probe = Probe(self._period_s)
+
+    @property
+    def sure(self) -> bool:
+        """Whether what is lifted is known to hang, not to slide."""
+        return self._probe.hangs
 
     def update(self, state: State) -> float:
         """Look at a cycle; the target of both fingers, metre."""
@@ -111,10 +119,17 @@ class Holder:
             return self.target_m
         self._believe(state)
         needed_n = (1.0 + SAFETY) * grip.shear_n / grip.belief
-        easing = EASING_PER_S * period_s if grip.shear_n > LIFTED_N else 0.0
+        factor = 1.0
+        if grip.shear_n > LIFTED_N and not self.sure:
+            ratio = self._probe.update(grip.load_n, grip.shear_n)
+            if ratio is not None:
+                self._fall(ratio)
+                needed_n = (1.0 + SAFETY) * grip.shear_n / grip.belief
+            factor = self._probe.factor
+        easing = EASING_PER_S * period_s if self.sure else 0.0
         eased_n = grip.wanted_n - easing * (grip.wanted_n - needed_n)
         grip.wanted_n = float(np.clip(max(needed_n, eased_n), LEAST_N, MOST_N))
-        lacking_n = grip.wanted_n - grip.load_n
+        lacking_n = factor * grip.wanted_n - grip.load_n
         self.target_m += GAIN_PER_S * period_s * lacking_n / SERVO_N_PER_M
         return self.target_m
 
@@ -130,10 +145,13 @@ class Holder:
         if not late or not (state.slips or slides) or grip.shear_n < LIFTED_N:
             return
         self._slipped_s = 0.0
+        self._fall(SHARE_OF_SLIP * grip.shear_n / grip.load_n)
+        self.target_m += max(grip.wanted_n - grip.load_n, 0.0) / SERVO_N_PER_M
+
+    def _fall(self, ratio: float) -> None:
+        """Believe in no more friction than a slip has shown, and grip as that asks."""
+        grip = self.grip
         grip.slips += 1
-        ratio = SHARE_OF_SLIP * grip.shear_n / grip.load_n
-        before_n = grip.wanted_n
         grip.belief = max(min(grip.belief, ratio), LEAST_FALL * grip.belief)
         needed_n = (1.0 + SAFETY) * grip.shear_n / grip.belief
-        grip.wanted_n = min(max(needed_n, before_n), MOST_N)
-        self.target_m += max(grip.wanted_n - grip.load_n, 0.0) / SERVO_N_PER_M
+        grip.wanted_n = min(max(needed_n, grip.wanted_n), MOST_N)

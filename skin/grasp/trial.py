@@ -12,12 +12,13 @@ from skin.sim.engine.object import GraspObject
 
 __all__ = ["OVER_SQUEEZED", "SECONDS", "Trial", "run_trial", "unknown_object"]
 
-SECONDS = 5.4
-LIFT_S, LIFT_M, LIFT_M_PER_S = 1.3, 0.04, 0.04
-GENTLY_S = 1.0
-"""In which the hand gathers speed: what slips then still stands on the floor."""
+SECONDS = 6.0
+TRY_S, TRY_M_PER_S = 1.2, 0.004
+"""When the hand begins to rise, and how fast until it is sure that all hangs: what slides must go on
+sliding while it is probed."""
 
-PULL_S, PULLED_S, PULL_SHARE = 3.2, 4.2, 0.8
+LIFT_M, LIFT_M_PER_S = 0.04, 0.05
+PULL_S, PULLED_S, PULL_SHARE = 4.0, 5.0, 0.8
 """From when to when it is pulled down, and by how much of its weight."""
 
 DROPPED_M = 0.01
@@ -68,13 +69,13 @@ slid_m, gap_m, pull_n : list of float
     @property
     def dropped(self) -> bool:
         """Whether it slid down the pads, or never came up."""
-        return self.slid_m[-1] > DROPPED_M
+        return self.slid_m[-1] > DROPPED_M or self.hand_m[-1] < 0.5 * LIFT_M
 
     @property
     def over_squeezed_s(self) -> float:
         """The longest time that the margin was above `OVER_SQUEEZED`, once it hung free."""
         time_s, margin = np.array(self.time_s), np.array(self.true_margin)
-        above = (margin > OVER_SQUEEZED) & (time_s > LIFT_S + 0.3)
+        above = (margin > OVER_SQUEEZED) & (time_s > TRY_S + 0.5)
         longest = run = 0
         for is_above in above:
             run = run + 1 if is_above else 0
@@ -108,7 +109,7 @@ def run_trial(
             lower, upper = world.joints.limits("left")
             target_m = min(max(target_m, lower), upper)
             world.joints["left"] = world.joints["right"] = target_m
-            pull_n = _play(world, thing)
+            pull_n = _play(world, thing, holder.sure)
             _note(trial, world, holder, pull_n)
             if world.time_s >= seconds - 1e-9:
                 break
@@ -116,12 +117,13 @@ def run_trial(
     return trial
 
 
-def _play(world: World, thing: GraspObject) -> float:
+def _play(world: World, thing: GraspObject, sure: bool) -> float:
     """Lift the hand and pull the object, as time goes on; the pull in newton."""
-    time_s = world.time_s
-    since_s = max(time_s - LIFT_S, 0.0)
-    gently_s = 0.5 * since_s**2 / GENTLY_S if since_s < GENTLY_S else since_s - 0.5 * GENTLY_S
-    world.joints["lift"] = min(gently_s * LIFT_M_PER_S, LIFT_M)
+    time_s, period_s = world.time_s, 1.0 / world.skin.topology.cycle_rate_hz
+    height_m = world.joints.targets["lift"]
+    if time_s > TRY_S:
+        height_m = min(height_m + (LIFT_M_PER_S if sure else TRY_M_PER_S) * period_s, LIFT_M)
+    world.joints["lift"] = height_m
     rise = np.clip((time_s - PULL_S) / GENTLE_S, 0.0, 1.0)
     fall = np.clip((time_s - PULLED_S) / GENTLE_S, 0.0, 1.0)
     pull_n = float(PULL_SHARE * 9.81 * thing.mass_kg * (rise - fall))
