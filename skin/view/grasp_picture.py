@@ -105,9 +105,10 @@ def _draw_shot(axes: Any, shots: Shots, index: int) -> None:
     hand, half_gap = shots.hand_m[index], 0.5 * shots.gap_m[index]
     width, height = shots.half_m
     low = shots.height_m[index] - height
-    axes.add_patch(_box(-width, low, 2 * width, 2 * height, HUES[2]))
+    look: Any = {"align": "edge", "alpha": 0.6, "edgecolor": INK}
+    axes.bar(-width, 2 * height, 2 * width, low, color=HUES[2], **look)
     for left in (-half_gap - thick, half_gap):
-        axes.add_patch(_box(left, hand - tall / 2, thick, tall, HUES[0]))
+        axes.bar(left, tall, thick, hand - tall / 2, color=HUES[0], **look)
     if shots.pull_n[index] > 0.0:
         axes.annotate("", (0, low - 0.018), (0, low), arrowprops={"arrowstyle": "->"})
     axes.axhline(FLOOR_M, color=INK, linewidth=1)
@@ -115,9 +116,3 @@ def _draw_shot(axes: Any, shots: Shots, index: int) -> None:
     axes.set_title(f"{shots.time_s[index]:.1f} s", fontsize=8, color=MUTED)
     for side in axes.spines.values():
         side.set_visible(False)
-
-
-def _box(left: float, low: float, width: float, height: float, colour: str) -> Any:
-    from matplotlib.patches import Rectangle
-
-    return Rectangle((left, low), width, height, facecolor=colour, alpha=0.6, edgecolor=INK)
