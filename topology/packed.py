@@ -92,6 +92,8 @@ def from_arrays(arrays: Mapping[str, np.ndarray]) -> Topology:
                          f"{found.dtype} of shape {found.shape}")  # fmt: skip
         if kind == "f8" and not np.isfinite(found).all():
             raise refuse(name, "finite", "a number that is not")
+    if (fault := _robot_fault(texts)) is not None:
+        raise refuse(TEXTS, "a robot whose links carry the patches", fault)
     limits = {
         "patch": (0, len(texts.patch_names)), "frames_bus": (0, len(texts.buses)),
         "frames_layout": (0, len(texts.layouts)), "frames_units": (-1, n), "frames_part": (0, 16),
@@ -117,6 +119,31 @@ def from_arrays(arrays: Mapping[str, np.ndarray]) -> Topology:
         parameters={name: arrays[f"{PARAMETER}{name}"] for name in PARAMETERS},
         **of_units,
     )
+
+
+def _robot_fault(texts: _Texts) -> str | None:
+    """What a robot that goes along lacks; None if nothing, or if there is none."""
+    robot, links = texts.robot, texts.patch_links
+    if robot is None:
+        return "links without one" if any(links) else None
+    count, joints = len(robot.link_names), len(robot.joint_names)
+    of_links = (robot.parent, robot.joints, robot.kinds, robot.driver)
+    shapes = {
+        "multiplier": (count,), "offset": (count,), "axis": (3, count), "anchor": (3, count),
+        "xyz": (3, count), "rotation": (3, 3, count), "lower": (joints,), "upper": (joints,),
+        "home": (joints,),
+    }  # fmt: skip
+    for name, shape in shapes.items():
+        if getattr(robot, name).shape != shape:
+            return f"{name} of shape {getattr(robot, name).shape}"
+    if any(len(values) != count for values in of_links) or not 0 <= robot.base < count:
+        return f"{count} links"
+    if not all(-1 <= above < link for link, above in enumerate(robot.parent)):
+        return "a link before its parent"
+    if not all(-1 <= driver < joints for driver in robot.driver):
+        return f"{joints} joints"
+    known = len(links) == len(texts.patch_names) and {*links} <= {"", *robot.names}
+    return None if known else "a patch on another link"
 
 
 def _plain(value: object) -> object:

@@ -89,20 +89,26 @@ class Joints:
         """
         asked = self._asked
         if isinstance(q, Mapping):
-            asked[:] = self.q
-            try:
-                for name, value in q.items():
-                    asked[self._index[name]] = value
-            except KeyError:
-                raise self._unknown(name) from None
-            except (TypeError, ValueError):
-                raise OptionError(f"q[{name!r}]: must be a number; got {value!r}") from None
+            self._take_named(q)
         else:
             self._take(q)
         wrong = self._move()
         if wrong >= 0:
             raise self._refused(wrong)
         self.q[:] = asked
+
+    def _take_named(self, q: Mapping[str, float]) -> None:
+        """Take some coordinates by name; the others as they are."""
+        asked, index = self._asked, self._index
+        asked[:] = self.q
+        name, value = "", None
+        try:
+            for name, value in q.items():
+                asked[index[name]] = value
+        except KeyError:
+            raise self._unknown(name) from None
+        except (TypeError, ValueError):
+            raise OptionError(f"q[{name!r}]: must be a number; got {value!r}") from None
 
     def _take(self, q: np.ndarray) -> None:
         """Take coordinates in the model's order."""

@@ -1,4 +1,4 @@
-"""Whether the units of a skin sit on the surfaces of their links, and what to do where they do not."""
+"""Whether the units of a skin sit on the surfaces of their links, and what to do if not."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ Surface = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 AT_ONCE = 4_000_000
 """Pairs of points and triangles that are looked at together: some 500 MB [numeric]."""
-STEPS = 80
+STEPS = 120
 """Halvings that find the nearest point of an ellipsoid: to the last digit [numeric]."""
 
 
@@ -28,12 +28,12 @@ def primitive(kind: str, size: tuple[float, ...]) -> Surface:
 
 
 def _unit(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Lengths and directions; +z where there is no length."""
+    """Lengths and directions; +x where there is no length."""
     length = np.linalg.norm(vectors, axis=0)
     some = length > 0.0
-    up = np.zeros(vectors.shape)
-    up[2] = 1.0
-    return length, np.where(some, vectors / np.where(some, length, 1.0), up)
+    along_x = np.zeros(vectors.shape)
+    along_x[0] = 1.0
+    return length, np.where(some, vectors / np.where(some, length, 1.0), along_x)
 
 
 def _sphere(size: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -75,8 +75,6 @@ def _cylinder(size: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     flat = p.copy()
     flat[2] = 0.0
     around, radial = _unit(flat)
-    radial[2] = 0.0
-    radial[0] = np.where(around > 0.0, radial[0], 1.0)
     cap = np.zeros(p.shape)
     cap[2] = np.where(p[2] < 0.0, -1.0, 1.0)
     over = np.stack([around - size[0], np.abs(p[2]) - size[1]])
@@ -84,18 +82,20 @@ def _cylinder(size: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _ellipsoid(size: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The nearest point is at ``a² p / (t + a²)``, with t the root that lies on the surface."""
+    """The nearest point is at ``a² p / (t + a²)``, with t the root that lies on the surface, told
+    from its least value on, minus the least of a²."""
     square = size[:, np.newaxis] ** 2
     least = size.min()
+    beyond = square - least**2
     sign, p = np.where(p < 0.0, -1.0, 1.0), np.maximum(np.abs(p), 1e-12 * least)
-    low = np.full(p.shape[1], -(least**2))
-    high = np.linalg.norm(p, axis=0) * size.max()
+    low = np.zeros(p.shape[1])
+    high = np.linalg.norm(p, axis=0) * size.max() + least**2
     for _ in range(STEPS):
         middle = (low + high) / 2.0
         with np.errstate(divide="ignore"):
-            outside = np.sum((size[:, np.newaxis] * p / (middle + square)) ** 2, axis=0) > 1.0
+            outside = np.sum((size[:, np.newaxis] * p / (middle + beyond)) ** 2, axis=0) > 1.0
         low, high = np.where(outside, middle, low), np.where(outside, high, middle)
-    nearest = square * p / (high + square)
+    nearest = square * p / (high + beyond)
     inside = np.sum(p**2 / square, axis=0) < 1.0
     distance = np.linalg.norm(p - nearest, axis=0)
     _, normal = _unit(nearest / square)

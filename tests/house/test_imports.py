@@ -21,6 +21,8 @@ ONE_FILE_EACH = (
     "mcap",
     "cyclonedds",
     "PIL",
+    "mujoco",
+    "trimesh",
 )
 MODULES = [module_of(file) for file in sources()]
 

@@ -70,9 +70,9 @@ def read_mjcf(text: bytes, path: Path, report: ModelReport) -> RobotModel | None
     try:
         model = mujoco.MjModel.from_xml_path(os.fspath(path))
     except (ValueError, RuntimeError) as error:
-        text = " ".join(str(error).split())
-        found = re.search(r"[Ll]ine(?: number=)? ?(\d+)", text)
-        report.add("model-syntax", int(found[1]) if found else 0, kind="MJCF", reason=text)
+        reason = " ".join(str(error).split())
+        found = re.search(r"[Ll]ine(?: number=)? ?(\d+)", reason)
+        report.add("model-syntax", int(found[1]) if found else 0, kind="MJCF", reason=reason)
         return None
     return _Reader(mujoco, model, text, path, report).model()
 
@@ -140,7 +140,7 @@ class _Reader:
             home=m.qpos0[m.jnt_qposadr[free]].copy(),
         )  # fmt: skip
 
-    def _joint(self, joint: int) -> str:
+    def _joint(self, joint: Any) -> str:
         return self.m.joint(joint).name or f"joint{joint}"
 
     def _couplings(self) -> dict[int, tuple[int, float, float]]:

@@ -431,7 +431,9 @@ def test_who_reads_no_further_breaks_nothing():
 )
 def test_an_unknown_topology_is_refused_alike(name, capsys, tmp_path):
     more = ["-o", str(tmp_path / "run.mcap")] if name == "record" else []
-    assert main([*name.split(), "plam", *more]) == 2
+    (tmp_path / "hand.urdf").write_text('<robot name="hand"><link name="palm"/></robot>')
+    first = [str(tmp_path / "hand.urdf")] if name == "mount" else []
+    assert main([*name.split(), *first, "plam", *more]) == 2
     assert capsys.readouterr().err == (
         "plam: must be a file or a ready-made topology (fingertip, hand, palm, strip); "
         "got no such file; nearest: 'palm'\n"

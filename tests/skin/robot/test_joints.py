@@ -1,0 +1,199 @@
+"""Joints of a robot: poses of the units by them, and wrenches as its links see them."""
+
+import mujoco
+import numpy as np
+import pytest
+
+import skin
+from skin.contact.model import posed_units
+from skin.contact.stream import ContactStream
+from skin.errors import OptionError, SkinError
+from skin.robot.joints import Joints
+from skin.robot.kinematics import move_python, tables
+from tests.fixtures.robots import of_package, random_joints, write_gripper
+from topology import load
+
+ON_HAND = """format = 1
+name = "shadow"
+
+[robot]
+model = "{model}"
+base = "robot0:palm"
+
+[[buses]]
+name = "can0"
+data_bitrate = 5_000_000
+sync_id = 0x80
+"""
+PATCH = """
+[[patches]]
+name = "p{index}"
+kind = "grid"
+bus = "can0"
+layout = "f3t-fd64"
+link = "{link}"
+rows = 3
+columns = 3
+pitch_m = 0.013
+first_id = {first}
+pose = {{ xyz_m = [0, -0.01, 0.01], rpy_deg = [90, 10, 0] }}
+"""
+LINKS = ("robot0:ffdistal", "robot0:thdistal", "robot0:palm")
+
+
+@pytest.fixture
+def gripper(tmp_path):
+    return load(write_gripper(tmp_path))
+
+
+@pytest.fixture
+def hand(tmp_path):
+    (model,) = of_package("gymnasium_robotics", "envs/assets/hand/reach.xml")
+    patches = (PATCH.format(index=i, link=k, first=256 + 16 * i) for i, k in enumerate(LINKS))
+    file = tmp_path / "hand.toml"
+    file.write_text(ON_HAND.format(model=model) + "".join(patches))
+    return load(file)
+
+
+def test_units_go_with_their_links_as_mujoco_moves_them(hand):
+    joints = Joints(hand)
+    model = mujoco.MjModel.from_xml_path(str(hand.robot.path))
+    data = mujoco.MjData(model)
+    addresses = [model.joint(name).qposadr[0] for name in hand.robot.joint_names]
+
+    def pose(link):
+        base, of = data.body("robot0:palm"), data.body(link)
+        back = base.xmat.reshape(3, 3).T
+        return back @ of.xmat.reshape(3, 3), back @ (of.xpos - base.xpos)
+
+    data.qpos[addresses] = hand.robot.home
+    mujoco.mj_kinematics(model, data)
+    at_home = {link: pose(link) for link in LINKS}
+    for q in random_joints(hand.robot, 100):
+        joints.move(q)
+        data.qpos[addresses] = q
+        mujoco.mj_kinematics(model, data)
+        position, rotation = joints.unit_poses
+        for index, link in enumerate(LINKS):
+            units = hand.patch == index
+            (turn, at), (turn_home, at_home_) = pose(link), at_home[link]
+            local = turn_home.T @ (hand.position[:, units] - at_home_[:, np.newaxis])
+            expected = turn @ local + at[:, np.newaxis]
+            assert np.abs(position[:, units] - expected).max() < 1e-12
+            turned = np.einsum("ij,kj,kln->iln", turn, turn_home, hand.rotation[:, :, units])
+            assert np.abs(rotation[:, :, units] - turned).max() < 1e-12
+            found = joints.link_pose(link)
+            assert np.abs(found[0] - turn).max() < 1e-12
+            assert np.abs(found[1] - at).max() < 1e-12
+
+
+def test_compiled_kinematics_are_those_of_python(hand):
+    geometry = posed_units(hand.position, hand.rotation, hand.area)
+    joints = Joints(hand, geometry)
+    poses = joints._poses._replace(
+        **{name: np.zeros(array.shape) for name, array in joints._poses._asdict().items()}
+    )
+    for q in random_joints(hand.robot, 20):
+        joints.move(q)
+        assert move_python(*tables(hand.robot, hand), q, poses, np.empty((3, 3, 3))) == -1
+        for name, array in poses._asdict().items():
+            assert np.abs(array - getattr(joints._poses, name)).max() < 1e-14, name
+        plain = posed_units(*joints.unit_poses, hand.area)
+        assert np.abs(geometry.origin - plain.origin).max() < 1e-14
+        assert np.abs(geometry.pose["position"] - plain.pose["position"]).max() < 1e-14
+        assert np.array_equal(geometry.pose["rotation"], plain.pose["rotation"])
+
+
+def test_the_wrench_of_a_fixed_contact_is_the_truth_through_a_thousand_poses(hand):
+    stream = ContactStream(
+        hand.position, hand.rotation, hand.area, hand.neighbour_start, hand.neighbour_index,
+        want=("wrench", "contacts"), dtype="float64",
+    )  # fmt: skip
+    joints = Joints(hand, stream.model.geometry)
+    index, units = hand.robot.link_names.index(LINKS[0]), hand.patch == 0
+    force = np.zeros((3, hand.n))
+    force[:, units] = [[0.3], [-0.2], [1.5]]
+    truth = wrench_on_link(hand, index, force)
+    for cycle, q in enumerate(random_joints(hand.robot, 1000)):
+        joints.move(q)
+        (contact,) = stream.update(force, 0.01, stamp_ns=4_000_000 * cycle)
+        pose = hand.robot.forward(q)[index]
+        turn, at = pose[:3, :3], pose[:3, 3]
+        pushed = turn @ truth[:3]
+        in_base = np.concatenate([pushed, turn @ truth[3:] + np.cross(at, pushed)])
+        assert np.abs(contact.wrench - in_base).max() < 1e-9
+        assert np.abs(stream.total.wrench - in_base).max() < 1e-9
+        assert np.abs(joints.wrench_in(LINKS[0], contact)[0] - truth).max() < 1e-9
+    assert np.linalg.norm(truth[:3]) > 10.0
+
+
+def wrench_on_link(hand, index, force):
+    """What forces on units add up to in the frame of a link that carries them."""
+    at_home = hand.robot.forward(hand.robot.home)[index]
+    turn = at_home[:3, :3].T
+    local = turn @ (hand.position - at_home[:3, 3:])
+    pushed = turn @ np.einsum("ijn,jn->in", hand.rotation, force)
+    return np.concatenate([pushed.sum(axis=1), np.cross(local.T, pushed.T).sum(axis=0)])
+
+
+def test_what_follows_a_joint_moves_with_it_and_what_is_not_named_stays(gripper):
+    joints = Joints(gripper)
+    joints.move({"close": 0.02})
+    assert joints.link_pose("right")[1] == pytest.approx([0.03, 0.0, 0.03])
+    joints.move({})
+    assert joints.q.tolist() == [0.02]
+
+
+@pytest.mark.parametrize(
+    ("q", "told"),
+    [
+        ({"clos": 0.0}, "nearest: 'close'"),
+        ({"close_right": 0.0}, "must leave out 'close_right', which follows 'close'"),
+        ({"close": 0.06}, "within the joint's limits, 0 to 0.05; got 0.06"),
+        ({"close": float("nan")}, "q['close']: must be finite; got nan"),
+        ({"close": "wide"}, "q['close']: must be a number; got 'wide'"),
+        ([0.0, 0.0], "must have shape (1,), one for each of close; got (2,)"),
+        (["wide"], "q: must be numbers"),
+    ],
+)
+def test_joints_that_cannot_be_so_are_refused_and_nothing_moves(gripper, q, told):
+    joints = Joints(gripper)
+    joints.move([0.01])
+    before = joints.unit_poses[0].copy()
+    with pytest.raises(OptionError) as raised:
+        joints.move(q)
+    assert told in str(raised.value)
+    assert np.array_equal(joints.unit_poses[0], before)
+    assert joints.q.tolist() == [0.01]
+    joints.move({})
+    assert joints.q.tolist() == [0.01]
+
+
+def test_a_skin_without_a_robot_says_that_it_has_none():
+    with pytest.raises(SkinError, match=r"palm: must have a \[robot\]"):
+        Joints(load("palm"))
+
+
+def test_an_open_skin_is_moved_by_its_joints(gripper):
+    with skin.open(gripper) as pads:
+        pads.move_joints({"close": 0.01})
+        position, _ = pads.pipeline.poses
+        shift = position - gripper.position
+        assert shift[0] == pytest.approx([0.01] * 4 + [-0.01] * 4)
+        contacts = pads.pipeline.contacts.model.geometry
+        assert np.allclose(contacts.pose["position"].T + contacts.origin[:, None], position)
+        pads.move_joints(np.array([0.02]))
+        assert pads.link_pose("left")[1] == pytest.approx([-0.03, 0.0, 0.03])
+        seen = pads.wrench_in("left", np.array([0.0, 0.0, 2.0, 0.0, 0.0, 0.0]))
+        assert seen == pytest.approx([0, 0, 2, 0, -0.06, 0])  # 2 N at x = 0.03 of the left finger
+
+
+def test_a_skin_without_contacts_is_moved_too(gripper):
+    with skin.open(gripper, want={"temperature"}) as pads:
+        pads.move_joints({"close": 0.03})
+        position, _ = pads.pipeline.poses
+        assert position[0] == pytest.approx([-0.01] * 4 + [0.01] * 4)
+        pads.move_patch("left", np.eye(3), np.array([0.0, 0.0, 0.01]))
+        assert pads.pipeline.poses[0][2, :4].mean() == pytest.approx(0.04)
+        pads.move_joints({})
+        assert np.array_equal(pads.pipeline.poses[0], position)

@@ -1,0 +1,176 @@
+"""`skin mount`: what sits wrong is named, and units written into a model are where they were."""
+
+import json
+
+import mujoco
+import numpy as np
+import pytest
+import trimesh
+import yourdfpy
+
+from skin.cli import main
+from skin.robot.joints import Joints
+from skin.robot.write import unit_link_name, write_mounted
+from tests.fixtures.robots import GRIPPER, of_package, random_joints, write_gripper
+from tests.topology.robot.test_robot import MJCF
+from topology import load
+
+
+def mount(capsys, *arguments):
+    """Exit status, and what the command says, with its JSON object."""
+    status = main(["mount", *map(str, arguments), "--json"])
+    said = capsys.readouterr()
+    last = json.loads(said.out.splitlines()[-1]) if status < 2 else {}
+    return status, last, said.out + said.err
+
+
+def test_a_skin_that_sits_on_its_links_is_fine(tmp_path, capsys):
+    file = write_gripper(tmp_path)
+    status, found, said = mount(capsys, tmp_path / "gripper.urdf", file)
+    assert status == 0
+    assert found["links"] == ["palm", "left", "right"]
+    assert found["joints"] == [{"name": "close", "lower": 0.0, "upper": 0.05}]
+    assert "close_right (follows close)" in said
+    for patch in found["patches"]:
+        assert patch["distance_mm"] == pytest.approx([5.0, 5.0])
+        assert patch["tilt_deg"] == pytest.approx(0.0, abs=1e-5)
+
+
+def test_units_in_a_urdf_are_where_yourdfpy_sees_them(tmp_path, capsys):
+    file = write_gripper(tmp_path, pitch=83)
+    original = (tmp_path / "gripper.urdf").read_bytes()
+    out = tmp_path / "out.urdf"
+    assert mount(capsys, tmp_path / "gripper.urdf", file, "-o", out)[0] == 0
+    assert (tmp_path / "gripper.urdf").read_bytes() == original
+    skin = load(file)
+    peer = yourdfpy.URDF.load(str(out), load_meshes=False, build_scene_graph=True)
+    assert peer.actuated_joint_names == ["close"]
+    for unit, name in enumerate(skin.unit_names):
+        pose = peer.get_transform(unit_link_name(name), "palm")
+        assert np.abs(pose[:3, 3] - skin.position[:, unit]).max() < 1e-12
+        assert np.abs(pose[:3, :3] - skin.rotation[:, :, unit]).max() < 1e-9
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "gripper.toml", "gripper.urdf", "out.urdf"
+    ]  # fmt: skip
+
+
+def test_units_in_a_gripper_of_others_move_as_yourdfpy_moves_them(tmp_path):
+    (model,) = of_package("airo_models", "grippers/robotiq_2f_85/urdf/robotiq_2f_85.urdf")
+    text = model.read_text()
+    file = write_gripper(tmp_path, text)
+    fingers = file.read_text()
+    for side in ("left", "right"):
+        fingers = fingers.replace(f'link = "{side}"', f'link = "{side}_inner_finger_pad"')
+    file.write_text(fingers)
+    skin = load(file)
+    write_mounted(skin, tmp_path / "out.urdf")
+    peer = yourdfpy.URDF.load(str(tmp_path / "out.urdf"), load_meshes=False)
+    joints = Joints(skin)
+    for q in random_joints(skin.robot, 50):
+        joints.move(q)
+        peer.update_cfg(q)
+        position, rotation = joints.unit_poses
+        for unit, name in enumerate(skin.unit_names):
+            pose = peer.get_transform(unit_link_name(name), skin.robot.link_names[0])
+            assert np.abs(pose[:3, 3] - position[:, unit]).max() < 1e-12
+            assert np.abs(pose[:3, :3] - rotation[:, :, unit]).max() < 1e-12
+
+
+def test_units_in_an_mjcf_are_where_mujoco_sees_them(tmp_path, capsys):
+    file = write_gripper(tmp_path, MJCF, name="gripper.xml", pitch=83)
+    out = tmp_path / "out.xml"
+    assert mount(capsys, tmp_path / "gripper.xml", file, "-o", out)[0] == 0
+    skin = load(file)
+    model = mujoco.MjModel.from_xml_path(str(out))
+    data = mujoco.MjData(model)
+    data.joint("close_right").qpos = 0.01  # where the equality has it
+    mujoco.mj_kinematics(model, data)
+    for unit, name in enumerate(skin.unit_names):
+        site = data.site(unit_link_name(name))
+        assert np.abs(site.xpos - skin.position[:, unit]).max() < 1e-12
+        assert np.abs(site.xmat.reshape(3, 3) - skin.rotation[:, :, unit]).max() < 1e-12
+
+
+WRONG = {
+    "floats": (GRIPPER, {"out": 0.025}, "got 20.0 mm off (4 of 4 units): correct the pose"),
+    "inverted": (GRIPPER, {"pitch": -90}, "its normals point into the link: turn the patch"),
+    "tilted": (GRIPPER, {"pitch": 45}, "must be tilted by at most 30° to the surface of 'left'"),
+    "massless": (
+        GRIPPER.replace('value="0.1"', 'value="0"'),
+        {},
+        "gripper.urdf:5: link 'left' mass: must be positive; got 0: give its <inertial>",
+    ),
+    "no mesh": (
+        GRIPPER.replace('<box size="0.01 0.05 0.06"/>', '<mesh filename="tip.stl"/>', 1),
+        {},
+        "tip.stl: must be a mesh; got no such file: correct its filename",
+    ),
+    "millimetres": (
+        GRIPPER.replace("-0.05 0 0.03", "-50 0 30"),
+        {},
+        "lengths must be metres; got links 50 m apart: if they are millimetres, divide",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_what_sits_wrong_is_named_with_what_to_do_and_nothing_is_written(case, tmp_path, capsys):
+    model, how, told = WRONG[case]
+    file = write_gripper(tmp_path, model, **how)
+    out = tmp_path / "out.urdf"
+    status, found, said = mount(capsys, tmp_path / "gripper.urdf", file, "-o", out)
+    assert status == 1
+    assert not found["ok"]
+    assert any(told in problem for problem in found["problems"]), said
+    assert not out.exists()
+
+
+def test_a_mesh_in_millimetres_is_named_and_one_with_its_scale_is_fine(tmp_path, capsys):
+    trimesh.creation.box((10.0, 50.0, 6000.0)).export(tmp_path / "tip.stl")
+    box = '<box size="0.01 0.05 0.06"/>'
+    file = write_gripper(tmp_path, GRIPPER.replace(box, '<mesh filename="tip.stl"/>', 1))
+    _, found, _ = mount(capsys, tmp_path / "gripper.urdf", file)
+    assert any('give it scale="0.001 0.001 0.001"' in problem for problem in found["problems"])
+    scaled = '<mesh filename="tip.stl" scale="0.001 0.001 0.00001"/>'
+    file = write_gripper(tmp_path, GRIPPER.replace(box, scaled, 1))
+    status, found, said = mount(capsys, tmp_path / "gripper.urdf", file)
+    assert status == 0, said
+    assert found["patches"][0]["distance_mm"] == pytest.approx([5.0, 5.0])
+
+
+@pytest.mark.parametrize(
+    ("out", "told"),
+    [
+        ("gripper.urdf", "must be another file than the model; got the model itself"),
+        ("elsewhere/out.urdf", "must be a .urdf file beside the model"),
+        ("out.xml", "must be a .urdf file beside the model"),
+    ],
+)
+def test_a_copy_that_would_lose_something_is_refused(tmp_path, capsys, out, told):
+    file = write_gripper(tmp_path)
+    status, _, said = mount(capsys, tmp_path / "gripper.urdf", file, "-o", tmp_path / out)
+    assert status == 2
+    assert told in said
+
+
+def test_a_model_that_has_the_skin_already_is_refused(tmp_path, capsys):
+    file = write_gripper(tmp_path, GRIPPER.replace("</robot>", '<link name="left_r0c0"/></robot>'))
+    (tmp_path / "gripper.urdf").write_text(
+        GRIPPER.replace(
+            "</robot>",
+            '<link name="left_r0c0"/><joint name="j" type="fixed"><parent link="palm"/>'
+            '<child link="left_r0c0"/></joint></robot>',
+        )
+    )
+    out = tmp_path / "out.urdf"
+    status, _, said = mount(capsys, tmp_path / "gripper.urdf", file, "-o", out)
+    assert status == 2
+    assert "must have no link 'left_r0c0', which is to be that of unit 'left/r0c0'" in said
+
+
+def test_a_topology_of_another_model_is_refused(tmp_path, capsys):
+    file = write_gripper(tmp_path)
+    (tmp_path / "other.urdf").write_text(GRIPPER)
+    status, _, said = mount(capsys, tmp_path / "other.urdf", file)
+    assert status == 2
+    assert "robot model: must be" in said

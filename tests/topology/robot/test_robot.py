@@ -1,0 +1,135 @@
+"""Skins on robots: what hangs on links, and where it is."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from tests.fixtures.robots import GRIPPER, write_gripper
+from topology import TopologyError, load, read_model
+from topology.packed import packed, unpacked
+from topology.robot.urdf import resolve_mesh
+
+MJCF = """<mujoco model="gripper">
+  <compiler angle="degree"/>
+  <worldbody>
+    <body name="palm" pos="0 0 0.1">
+      <body name="left" pos="-0.05 0 0.03">
+        <joint name="turn" axis="0 0 1" pos="0.01 0 0" range="-90 90" ref="10"/>
+        <joint name="close" type="slide" axis="1 0 0" range="0 0.05"/>
+        <geom type="box" size="0.005 0.025 0.03"/>
+      </body>
+      <body name="right" pos="0.05 0 0.03">
+        <joint name="close_right" type="slide" axis="-1 0 0" range="0 0.05"/>
+        <geom type="box" size="0.005 0.025 0.03"/>
+      </body>
+    </body>
+  </worldbody>
+  <equality><joint joint1="close_right" joint2="close" polycoef="0.01 0.5 0 0 0"/></equality>
+</mujoco>
+"""
+
+
+def test_patches_move_with_their_links_to_where_home_has_them(tmp_path):
+    file = write_gripper(tmp_path)
+    text = file.read_text()
+    file.write_text(text.replace("[[buses]]", "home = { close = 0.02 }\n\n[[buses]]", 1))
+    skin = load(file)
+    left, right = skin.position[:, :4].mean(axis=1), skin.position[:, 4:].mean(axis=1)
+    assert left == pytest.approx([-0.05 + 0.02 + 0.010, 0.0, 0.03])
+    assert right == pytest.approx([0.05 - 0.02 - 0.010, 0.0, 0.03])  # it follows the left one
+    assert skin.patch_links == skin.patch_frames == ("left", "right")
+    outward = -skin.rotation[:, 2]
+    assert outward[0] == pytest.approx([1.0] * 4 + [-1.0] * 4)
+
+
+def test_the_base_is_the_frame_of_the_skin(tmp_path):
+    file = write_gripper(tmp_path)
+    in_root = load(file)
+    file.write_text(file.read_text().replace("[[buses]]", 'base = "left"\n\n[[buses]]', 1))
+    in_left = load(file)
+    pose = in_root.robot.forward(np.zeros(1))[1]
+    assert np.allclose(pose[:3, :3] @ in_left.position + pose[:3, 3:], in_root.position)
+    assert in_left.position[0, :4] == pytest.approx([0.010] * 4)
+
+
+def test_frames_on_a_link_carry_patches_with_it(tmp_path):
+    file = write_gripper(tmp_path)
+    text = file.read_text().replace('link = "left"', 'frame = "pad"', 1)
+    frame = '[[frames]]\nname = "pad"\nlink = "left"\npose.xyz_m = [0, 0, 0.01]\n\n[[patches]]'
+    file.write_text(text.replace("[[patches]]", frame, 1))
+    skin = load(file)
+    assert skin.patch_links == ("left", "right")
+    assert skin.position[2, :4].mean() == pytest.approx(0.04)
+
+
+def test_a_body_of_several_joints_stands_on_links_without_names(tmp_path):
+    (tmp_path / "gripper.xml").write_text(MJCF)
+    robot = read_model(tmp_path / "gripper.xml")
+    assert robot.names == ("world", "palm", "left", "right")
+    assert robot.link_names.count("") == 1
+    assert robot.joint_names == ("turn", "close")
+    assert robot.home == pytest.approx([np.radians(10.0), 0.0])
+    pose = robot.forward(np.array([np.radians(100.0), 0.02]))[robot.link_names.index("left")]
+    # about (0.01, 0, 0) by 90 degrees from where it was drawn, then along its own x
+    assert pose[:3, 3] == pytest.approx([-0.05 + 0.01, -0.01 + 0.02, 0.13])
+    right = robot.forward(np.array([0.0, 0.02]))[robot.link_names.index("right")]
+    assert right[0, 3] == pytest.approx(0.05 - (0.01 + 0.5 * 0.02))
+
+
+def test_a_packed_topology_brings_its_robot(tmp_path):
+    skin = load(write_gripper(tmp_path))
+    back = unpacked(packed(skin))
+    assert back.patch_links == skin.patch_links
+    for field in dataclasses.fields(skin.robot):
+        one, other = getattr(skin.robot, field.name), getattr(back.robot, field.name)
+        if isinstance(one, np.ndarray):
+            assert np.array_equal(one, other, equal_nan=True), field.name
+        else:
+            assert one == other, field.name
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"base": 9}, "3 links"),
+        ({"parent": (-1, 2, 0)}, "a link before its parent"),
+        ({"driver": (-1, 1, 0)}, "1 joints"),
+        ({"lower": np.zeros(2)}, "lower of shape (2,)"),
+        ({"link_names": ("palm", "left", "thumb")}, "a patch on another link"),
+    ],
+)
+def test_a_damaged_robot_is_refused(tmp_path, change, told):
+    skin = load(write_gripper(tmp_path))
+    broken = dataclasses.replace(skin, robot=dataclasses.replace(skin.robot, **change))
+    with pytest.raises(ValueError, match="must be a robot whose links carry") as raised:
+        unpacked(packed(broken))
+    assert told in str(raised.value)
+
+
+def test_meshes_of_packages_are_found_around_the_model(tmp_path):
+    model = tmp_path / "hand_description" / "urdf" / "hand.urdf"
+    mesh = tmp_path / "hand_description" / "meshes" / "tip.stl"
+    mesh.parent.mkdir(parents=True)
+    mesh.write_text("")
+    assert resolve_mesh("package://hand_description/meshes/tip.stl", model) == mesh
+    assert resolve_mesh("../meshes/tip.stl", model).resolve() == mesh
+    assert not resolve_mesh("package://other/tip.stl", model).exists()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("<robot ", "<!DOCTYPE x [<!ENTITY a 'b'>]>\n<robot ", "a document type, whose entities"),
+        ('<child link="right"/>', '<child link="left"/>', "'close' carries it already"),
+        ('<link name="palm">', '<link name="other"/><link name="palm">', "got 'other, palm'"),
+        ('type="prismatic"', 'type="floating"', "must be fixed, revolute (hinge), continuous"),
+        ("<robot ", "<sdf ", "mismatched tag"),
+        ('<mimic joint="close"/>', '<mimic joint="close_right"/>', "nearest: 'close'"),
+    ],
+)
+def test_a_urdf_that_is_no_tree_of_links_says_so_with_its_line(tmp_path, old, new, told):
+    with pytest.raises(TopologyError) as raised:
+        load(write_gripper(tmp_path, GRIPPER.replace(old, new, 1)))
+    assert told in str(raised.value)
+    assert "gripper.urdf:" in str(raised.value)
