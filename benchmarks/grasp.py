@@ -2,12 +2,13 @@
 
 `creep_um_per_s` is how fast a held object of 60 g goes down when all has settled, beside
 `creep_engine_um_per_s` of MuJoCo's own contacts in the same gripper (elliptic cone, impratio 10).
-`slip_friction_error` compares the coefficient at which it slips, found by bisection, with Coulomb's
-weight over normal force. `sag_error` is against weight over stiffness. `kick_energy_gain` is the
-largest rise of energy after a kick over the kick's, `cycle_energy_gain` what a slow push and release
-gives back above what it took, over what it took. `third_law_error` compares the sum of the units'
-forces with mass times acceleration. Real-time factors are of the closed loop: engine, forces, units,
-frames, decoder, contacts. `trials` are those of `skin demo grasp`.
+`slip_friction_error` compares the coefficient at which it slips, found by bisection, with
+Coulomb's weight over normal force. `sag_error` is against weight over stiffness.
+`kick_energy_gain` is the largest rise of energy after a kick over the kick's, `cycle_energy_gain`
+what a slow push and release gives back above what it took, over what it took. `third_law_error`
+compares the sum of the units' forces with mass times acceleration. Real-time factors are of the
+closed loop: engine, forces, units, frames, decoder, contacts. `trials` are those of `skin demo
+grasp`.
 """
 
 from __future__ import annotations

@@ -89,7 +89,9 @@ class GraspEnv(Env):
         self.render_mode = None
         with self._opened(0) as world:
             self._actuators = [
-                name for name in world.joints.targets if np.isfinite(world.joints.limits(name)).all()
+                name
+                for name in world.joints.targets
+                if np.isfinite(world.joints.limits(name)).all()
             ]
             limits = np.array([world.joints.limits(name) for name in self._actuators])
             count = len(world.joints)

@@ -1,7 +1,7 @@
 """Holder: a gripper that holds what it does not know, by slip onset and grip margin alone.
 
-It believes in a coefficient of friction, and grips as hard as the tangential load over it asks, with
-a margin. Where a contact begins to slip, or a probe finds that it slides, the ratio of the loads at
+It believes in a coefficient of friction, and grips as hard as the tangential load over it asks,
+with a margin. Where a contact begins to slip, or a probe finds that it slides, the ratio of the loads at
 that moment is the friction there is, and the belief falls to it. That is all: weight, size and
 friction are never asked for.
 """
@@ -29,7 +29,8 @@ FIRST_N = 2.5
 """Grip until something is lifted: faces are sure to be in touch [assumed]."""
 
 LIFTED_N = 0.3
-"""Tangential load of a pad from which on something hangs on it [assumed: twice what noise of 16 units seems to be]."""
+"""Tangential load of a pad from which on something hangs on it [assumed: twice what noise of 16
+units seems to be]."""
 
 LEAST_N, MOST_N = 0.5, 20.0
 """Of the grip, by pad [assumed: contact is sure above four sigma of a pad; the gripper's limit]."""

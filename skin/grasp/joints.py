@@ -82,9 +82,7 @@ class Joints(Mapping[str, float]):
     def targets(self) -> dict[str, float]:
         """Of every actuator."""
         model = self._plant.model
-        return {
-            name_of(model, "actuator", a): float(self._data.ctrl[a]) for a in range(model.nu)
-        }
+        return {name_of(model, "actuator", a): float(self._data.ctrl[a]) for a in range(model.nu)}
 
     def limits(self, name: str) -> tuple[float, float]:
         """Least and largest target of a joint."""

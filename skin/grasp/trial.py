@@ -14,8 +14,8 @@ __all__ = ["OVER_SQUEEZED", "SECONDS", "Trial", "run_trial", "unknown_object"]
 
 SECONDS = 6.0
 TRY_S, TRY_M_PER_S = 1.2, 0.004
-"""When the hand begins to rise, and how fast until it is sure that all hangs: what slides must go on
-sliding while it is probed."""
+"""When the hand begins to rise, and how fast until it is sure that all hangs: what slides must go
+on sliding while it is probed."""
 
 LIFT_M, LIFT_M_PER_S = 0.04, 0.05
 PULL_S, PULLED_S, PULL_SHARE = 4.0, 5.0, 0.8

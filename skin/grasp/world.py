@@ -160,8 +160,8 @@ class World:
 
     def __repr__(self) -> str:
         """Units, objects and the time."""
-        return f"<World {self.skin.topology.name!r}: {', '.join(self.truth.object_names) or 'no'} " \
-               f"objects, {self.time_s:.3f} s>"  # fmt: skip
+        names = ", ".join(self.truth.object_names) or "no objects"
+        return f"<World {self.skin.topology.name!r}: {names}, {self.time_s:.3f} s>"
 
     def _moved(self) -> None:
         """Tell the skin where its joints are, as encoders would."""

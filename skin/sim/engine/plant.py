@@ -1,4 +1,4 @@
-"""Plant: a robot with a skin, and what it may touch, moved by MuJoCo under the forces of the skin."""
+"""Plant: a robot with a skin, and what it may touch, moved by MuJoCo and the skin's forces."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from skin.sim.engine.mesh import Meshes
 from skin.sim.engine.object import GraspObject
 from skin.sim.engine.rays import MESH, PLANE
 from skin.sim.engine.spec import compile_model, engine_library, name_of
-from skin.sim.engine.touch import Bodies, Mounted, Surfaces, Touch, feel
+from skin.sim.engine.records import Bodies, Mounted, Surfaces, Touch
+from skin.sim.engine.touch import feel
 from skin.sim.mechanics.springs import Springs
 from topology import Topology
 
@@ -55,7 +56,7 @@ class Plant:
     objects : tuple of str
     object_bodies : ndarray, shape (o,), int32
     mounted, surfaces, bodies, touch : NamedTuple
-        See `skin.sim.engine.touch`.
+        See `skin.sim.engine.records`.
     yielding : ndarray, shape (b,)
         Inverse mass of the bodies at their rims, 1/kg.
     timestep_s : float

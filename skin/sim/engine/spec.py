@@ -153,7 +153,7 @@ def _leave_contacts(mujoco: Any, spec: Any, links: set[str]) -> None:
 
 
 def _add_servos(mujoco: Any, spec: Any) -> None:
-    """Give a position servo to each joint where a model has no actuator at all, as URDF has none."""
+    """Give a position servo to each joint of a model without any actuator, as URDF is."""
     if len(spec.actuators):
         return
     slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE

@@ -13,7 +13,9 @@ from skin.cli import main
 
 def test_the_demo_holds_what_it_does_not_know(tmp_path: Path, capsys) -> None:
     picture = tmp_path / "grasp.png"
-    assert main(["demo", "grasp", "--fast", "--json", "--seed", "2", "--picture", str(picture)]) == 0
+    assert (
+        main(["demo", "grasp", "--fast", "--json", "--seed", "2", "--picture", str(picture)]) == 0
+    )
     report = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert report["dropped"] is False
     assert report["slid_mm"] < 10.0

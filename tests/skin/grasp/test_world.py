@@ -106,7 +106,10 @@ def test_stiffer_units_bear_more_at_the_same_depth() -> None:
         (dict(mass_kg=0.0), "mass_kg: must be a number from 1e-06 to 1000; got 0.0"),
         (dict(shape="sfere"), "nearest: 'sphere'"),
         (dict(shape="sphere"), "size_m: must have 1 numbers of a sphere; got 3"),
-        (dict(shape="mesh", file="none.stl"), "file: must be a mesh .*got 'none.stl', which is not"),
+        (
+            dict(shape="mesh", file="none.stl"),
+            "file: must be a mesh .*got 'none.stl', which is not",
+        ),
         (dict(friction=float("nan")), "friction: must be a number from 0 to 10; got nan"),
     ],
 )

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from skin.sim.engine.object import GraspObject
-from skin.sim.engine.touch import Touch, feel, feel_python
+from skin.sim.engine.records import Touch
+from skin.sim.engine.touch import feel, feel_python
 from tests.fixtures.grasp import G, go, pinched, place, put
 
 BOX = GraspObject(name="it", mass_kg=0.06)
-CAPSULE = GraspObject(
-    name="it", shape="capsule", size_m=(0.015, 0.01), mass_kg=0.06
-)
+CAPSULE = GraspObject(name="it", shape="capsule", size_m=(0.015, 0.01), mass_kg=0.06)
 OFF_M = 0.006  # a ball in front of one unit of each pad, not of a gap
 BALL = GraspObject(
     name="it", shape="sphere", size_m=(0.025,), mass_kg=0.06, position_m=(0.0, OFF_M, OFF_M)
@@ -116,9 +115,11 @@ def test_a_kick_never_gains_energy() -> None:
     plant = pinched(BOX)
     plant.data.qvel[-6:] = [0.02, 0.02, 0.05, 1.0, 1.0, 1.0]
     kp = 1000.0
+
     def energy() -> float:
         servo = 0.5 * kp * ((plant.data.ctrl[1:] - plant.data.qpos[1:3]) ** 2).sum()
         return plant.energy_j() + servo
+
     plant.engine.mj_forward(plant.model, plant.data)
     rest = energy()
     kick = 0.5 * 0.06 * (0.02**2 + 0.02**2 + 0.05**2) + 0.5 * 3 * 0.06 * 0.04**2 / 6.0
