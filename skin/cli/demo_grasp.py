@@ -85,7 +85,7 @@ def shots_of(trial: Trial) -> Shots:
     size = trial.thing.size_m
     half = (size[0], size[2] if trial.thing.shape == "box" else size[1])
     columns = [name for name in Shots._fields if name != "half_m"]
-    return Shots(*(np.array(getattr(trial, name)) for name in columns), half)
+    return Shots(**{name: np.array(getattr(trial, name)) for name in columns}, half_m=half)
 
 
 def _title(report: dict[str, object]) -> str:

@@ -1,9 +1,9 @@
 """Holder: a gripper that holds what it does not know, by slip onset and grip margin alone.
 
 It believes in a coefficient of friction, and grips as hard as the tangential load over it asks,
-with a margin. Where a contact begins to slip, or a probe finds that it slides, the ratio of the loads at
-that moment is the friction there is, and the belief falls to it. That is all: weight, size and
-friction are never asked for.
+with a margin. Where a contact begins to slip, or a probe finds that it slides, the ratio of the
+loads at that moment is the friction there is, and the belief falls to it. That is all: weight,
+size and friction are never asked for.
 """
 
 from __future__ import annotations

@@ -14,8 +14,8 @@ from skin.sim.engine.inertia import yielding
 from skin.sim.engine.mesh import Meshes
 from skin.sim.engine.object import GraspObject
 from skin.sim.engine.rays import MESH, PLANE
-from skin.sim.engine.spec import compile_model, engine_library, name_of
 from skin.sim.engine.records import Bodies, Mounted, Surfaces, Touch
+from skin.sim.engine.spec import compile_model, engine_library, name_of
 from skin.sim.engine.touch import feel
 from skin.sim.mechanics.springs import Springs
 from topology import Topology

@@ -1,8 +1,8 @@
 """How long a step of the engine may be, from stiffness over mass.
 
-The forces of the skin are explicit: a body of mass m on springs k oscillates at
-``w = sqrt(k / m)``, and a step above ``2 / w`` lets that grow without bound. Of many bodies w² is at most the sum, over
-both bodies of a contact, of the largest ``sum_i k_i (1 / m + r_i² / I)`` [Gershgorin].
+The forces of the skin are explicit: a body of mass m on springs k oscillates at ``w = sqrt(k /
+m)``, and a step above ``2 / w`` lets that grow without bound. Of many bodies w² is at most the
+sum, over both bodies of a contact, of the largest ``sum_i k_i (1 / m + r_i² / I)`` [Gershgorin].
 """
 
 from __future__ import annotations

@@ -187,7 +187,8 @@ def _bear(bodies, mounted, surfaces, touch, i, rate):
     springs, was_slipping = mounted.springs, touch.slipping[i]
     before = touch.tip_mm[0, i], touch.tip_mm[1, i], touch.tip_mm[2, i]
     face = _face(bodies, mounted, i)
-    for trial in range(SLIDES):
+    trial = 0
+    while True:
         geom = touch.geom[i]
         weight, soft = mounted.weight[i, geom], surfaces.compliance[geom]
         spot, tip, normal = _tip(bodies, mounted, touch, i, face, weight)
@@ -205,6 +206,7 @@ def _bear(bodies, mounted, surfaces, touch, i, rate):
             held = onto_cone(pull, normal, friction)[2]
         if not _slide(bodies, mounted, surfaces, touch, i, held):
             return False
+        trial += 1
     touch.slipping[i] = trial > 0
     if rate > 0.0 and trial == 0:
         pull = lost(springs, i, pull, tip, before, rate)
