@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 import skin.sim
 from skin.errors import OptionError, SceneError, SkinError
@@ -58,6 +59,36 @@ def test_poses_of_the_skin_follow_the_joints() -> None:
         own = world.skin.pipeline.joints.unit_poses[0]
         assert own == pytest.approx(position, abs=1e-9)
         assert state.wrench[:3] == pytest.approx(world.truth.units.wrench[:3], abs=0.3)
+
+
+def test_a_mesh_in_millimetres_is_held_as_the_primitive_is(tmp_path: Path) -> None:
+    file = tmp_path / "cube.stl"
+    trimesh.creation.box((40.0, 40.0, 60.0)).export(file)
+    mesh = replace(CUBE, shape="mesh", size_m=(1e-3, 1e-3, 1e-3), file=file)
+    found = []
+    for thing in (CUBE, mesh):
+        with skin.sim.grasp("gripper", objects=[thing]) as world:
+            world.joints["left"] = world.joints["right"] = 0.035
+            for _ in world:
+                if world.time_s >= 0.6:
+                    break
+            found.append((world.truth.touched_by.copy(), world.truth.normal_n.copy()))
+    assert np.array_equal(found[0][0], found[1][0])
+    assert found[1][1] == pytest.approx(found[0][1], rel=1e-3)
+
+
+def test_two_objects_are_told_apart() -> None:
+    low = replace(CUBE, name="low", size_m=(0.02, 0.02, 0.012), position_m=(0.0, 0.0, -0.0175))
+    high = replace(CUBE, name="high", size_m=(0.02, 0.02, 0.012), position_m=(0.0, 0.0, 0.0075))
+    with skin.sim.grasp("gripper", objects=[low, high]) as world:
+        world.joints["left"] = world.joints["right"] = 0.035
+        for _ in world:
+            if world.time_s >= 0.6:
+                break
+        touched = world.truth.touched_by
+        assert set(touched.tolist()) >= {0, 1}
+        height = world.skin.topology.position[2]
+        assert height[touched == 0].max() < height[touched == 1].min()
 
 
 def test_a_push_moves_and_ends() -> None:
