@@ -15,7 +15,10 @@ import tyro
 from skin.cli import options
 from skin.cli.table import facts
 
-__all__ = ["demo", "errors_against_truth"]
+__all__ = ["SUBCOMMANDS", "demo", "errors_against_truth"]
+
+SUBCOMMANDS = {"grasp": "skin.cli.demo_grasp:demo_grasp"}
+"""Words that stand for commands of their own: module and function."""
 
 LOADED_N = 0.05
 """True normal load above which a unit counts as loaded in the force error."""

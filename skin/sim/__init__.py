@@ -14,22 +14,30 @@ The forward direction, written from the physics alone: nothing here is shared wi
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from skin.sim import scenes
 
 if TYPE_CHECKING:
+    from skin.grasp.world import grasp
+    from skin.sim.engine.object import GraspObject
     from skin.sim.scenes.load import load_scene, open_scene
 
-__all__ = ["load_scene", "open_scene", "scenes"]
+__all__ = ["GraspObject", "grasp", "load_scene", "open_scene", "scenes"]
+
+_HOMES = {
+    "GraspObject": "skin.sim.engine.object",
+    "grasp": "skin.grasp.world",
+    "load_scene": "skin.sim.scenes.load",
+    "open_scene": "skin.sim.scenes.load",
+}
 
 
 def __getattr__(name: str) -> Any:
-    if name not in __all__:
+    if name not in _HOMES:
         raise AttributeError(f"module 'skin.sim' has no attribute {name!r}")
-    from skin.sim.scenes import load
-
-    return getattr(load, name)
+    return getattr(import_module(_HOMES[name]), name)
 
 
 def __dir__() -> list[str]:

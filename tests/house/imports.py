@@ -50,6 +50,7 @@ ROOMS: dict[str, frozenset[str]] = {
     | {"physics", "contact", "pipeline", "compiling", "offline", "worker", "messages"},
     "export": COMMON | {"contact", "arrow"},
     "publish": COMMON | {"live", "contact", "worker", "messages"},
+    "grasp": COMMON | {"physics", "contact", "sim", "live", "opening"},
 }
 """What each room may import of `skin`, beside itself. `opening` starts simulated units when a skin
 is opened with ``simulate=True``. `cli` and the package's own `__init__` may import everything."""
@@ -64,6 +65,7 @@ TYPE_ONLY = {
     ("state", "contact"),  # a State holds contacts; who makes them imports State
     ("options", "contact"),  # Options may hold the parameters of slip
     ("options", "physics"),  # and a stencil
+    ("sim", "grasp"),  # its world is found under `skin.sim`, and opens a skin
 }
 """Edges allowed under ``if TYPE_CHECKING``, although the rooms' order is the other way."""
 

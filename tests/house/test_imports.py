@@ -13,6 +13,7 @@ from tests.house.sources import PACKAGES, ROOT, module_of, relative, sources
 
 ONE_FILE_EACH = (
     "matplotlib",
+    "gymnasium",
     "magpylib",
     "viser",
     "pyarrow",

@@ -60,7 +60,7 @@ def test_a_ready_made_topology_is_whole(name):
 
 
 def test_the_ready_made_topologies_are_what_they_are_called():
-    assert topology.builtin == ("fingertip", "hand", "palm", "strip")
+    assert topology.builtin == ("fingertip", "gripper", "hand", "palm", "strip")
     palm, fingertip, hand, strip = (load(n) for n in ("palm", "fingertip", "hand", "strip"))
     assert (palm.n, len(palm.frames), palm.buses[0].fd) == (64, 13, True)
     assert palm.frames.units[-1].tolist() == [60, 61, 62, 63, -1]
@@ -72,6 +72,9 @@ def test_the_ready_made_topologies_are_what_they_are_called():
     assert len(neighbours(fingertip, "tip/r1c1")) == 6
     assert (strip.n, strip.buses[0].fd, len(strip.frames)) == (10, False, 10)
     assert not strip.wired[CHANNELS.index("hall_temperature")].any()
+    gripper = load("gripper")
+    assert (gripper.n, gripper.patch_links) == (32, ("left_pad", "right_pad"))
+    assert gripper.rotation[0, 2].tolist() == pytest.approx([-1.0] * 16 + [1.0] * 16)
 
 
 def test_a_palm_unit_has_eight_neighbours_and_a_corner_three():

@@ -1,0 +1,139 @@
+"""What differs from one episode to the next, drawn by a seed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, replace
+
+import numpy as np
+
+from skin.errors import OptionError, check_number, shown
+from skin.sim.engine.object import GraspObject
+from skin.sim.mechanics.springs import Springs
+from topology import Topology
+from topology.pose import from_rpy
+
+__all__ = ["Episode", "Ranges"]
+
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Episode:
+    """How one world differs from what its files say.
+
+    Attributes
+    ----------
+    friction, mass, compliance : float
+        Factors of every object's.
+    stiffness : ndarray, shape (n,)
+        Factors of the units' own, which their calibration does not know of.
+    gain : ndarray, shape (3, n)
+        What units sense of their displacement: 0 where a unit is dead.
+    noise : float
+        Factor of the units' noise.
+    offset_m, tilt_rad : ndarray, shape (3, n)
+        How far units stand off where the topology says, and how they are turned, base frame.
+    """
+
+    friction: float = 1.0
+    mass: float = 1.0
+    compliance: float = 1.0
+    stiffness: np.ndarray = field(default_factory=lambda: np.ones(1))
+    gain: np.ndarray = field(default_factory=lambda: np.ones((3, 1)))
+    noise: float = 1.0
+    offset_m: np.ndarray = field(default_factory=lambda: np.zeros((3, 1)))
+    tilt_rad: np.ndarray = field(default_factory=lambda: np.zeros((3, 1)))
+
+    def objects(self, objects: Sequence[GraspObject | str]) -> list[GraspObject | str]:
+        """The objects of this episode."""
+        return [
+            thing if isinstance(thing, str) else replace(
+                thing,
+                friction=thing.friction * self.friction,
+                mass_kg=thing.mass_kg * self.mass,
+                compliance_mm_per_n=thing.compliance_mm_per_n * self.compliance,
+            )
+            for thing in objects
+        ]  # fmt: skip
+
+    def springs(self, topology: Topology) -> Springs:
+        """True laws of the units: with the stiffness, forces at one displacement grow."""
+        own = Springs.of(topology)
+        factor = np.array([np.ones(topology.n)] * 3)
+        factor[:2], factor[2] = 1.0 / self.stiffness, self.stiffness
+        return own._replace(normal=own.normal * factor, shear=own.shear * factor)
+
+    def poses(self, topology: Topology) -> tuple[np.ndarray, np.ndarray]:
+        """True poses of the units at home, shapes (3, n) and (3, 3, n)."""
+        turns = np.stack([from_rpy(*v) for v in np.broadcast_to(
+            self.tilt_rad, (3, topology.n)).T], axis=2)  # fmt: skip
+        rotation = np.einsum("ijn,jkn->ikn", turns, topology.rotation)
+        return topology.position + self.offset_m, rotation
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ranges:
+    """From what an episode is drawn, each evenly between two bounds.
+
+    Attributes
+    ----------
+    friction, mass, compliance : (float, float)
+        Factors of every object's.
+    stiffness, gain : (float, float)
+        Factors, unit by unit.
+    dead : (float, float)
+        Share of units that feel nothing.
+    noise : (float, float)
+        Factor of the units' noise.
+    offset_m, tilt_rad : (float, float)
+        Error of each coordinate of where the patches are mounted, patch by patch.
+
+    Examples
+    --------
+    >>> from topology import load
+    >>> palm = load("palm")
+    >>> drawn = Ranges(friction=(0.5, 2.0), dead=(0.1, 0.1)).draw(palm, seed=1)
+    >>> int((drawn.gain[2] == 0.0).sum())
+    6
+    """
+
+    friction: Range = (1.0, 1.0)
+    mass: Range = (1.0, 1.0)
+    compliance: Range = (1.0, 1.0)
+    stiffness: Range = (1.0, 1.0)
+    gain: Range = (1.0, 1.0)
+    dead: Range = (0.0, 0.0)
+    noise: Range = (1.0, 1.0)
+    offset_m: Range = (0.0, 0.0)
+    tilt_rad: Range = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        for part in fields(self):
+            value, signed = getattr(self, part.name), part.name in ("offset_m", "tilt_rad")
+            if not isinstance(value, tuple) or len(value) != 2:
+                raise OptionError(
+                    f"ranges: {part.name}: must be two numbers, least and largest; "
+                    f"got {shown(value)}"
+                )
+            most = 1.0 if part.name == "dead" or signed else 1e3
+            for bound in value:
+                check_number(f"ranges: {part.name}", bound, -1.0 if signed else 0.0, most)
+
+    def draw(self, topology: Topology, *, seed: int) -> Episode:
+        """One episode; the same for the same seed."""
+        random = np.random.default_rng((seed, 21))
+        n, patches = topology.n, len(topology.patch_names)
+        gain = np.ones((3, n)) * random.uniform(*self.gain, n)
+        dead = random.permutation(n)[: round(random.uniform(*self.dead) * n)]
+        gain[:, dead] = 0.0
+        return Episode(
+            friction=random.uniform(*self.friction),
+            mass=random.uniform(*self.mass),
+            compliance=random.uniform(*self.compliance),
+            stiffness=random.uniform(*self.stiffness, n),
+            gain=gain,
+            noise=random.uniform(*self.noise),
+            offset_m=random.uniform(*self.offset_m, (3, patches))[:, topology.patch],
+            tilt_rad=random.uniform(*self.tilt_rad, (3, patches))[:, topology.patch],
+        )

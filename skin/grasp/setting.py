@@ -1,0 +1,130 @@
+"""The scene of a grasp, from a model, a topology and objects."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import topology as topology_package
+from skin.errors import OptionError, SceneError, shown
+from skin.grasp.episode import Episode
+from skin.physics.halbach import FELT_M, HalbachField
+from skin.sim.engine.object import GraspObject
+from skin.sim.engine.plant import Plant
+from skin.sim.engine.scene import GraspScene
+from skin.sim.engine.steps import longest_step_s, worst_touch
+from skin.sim.unit import UnitSimulator
+from topology import Topology
+
+__all__ = ["grasp_scene"]
+
+APART_M = 10.0
+"""From link to link: beyond what any film is felt at."""
+
+NOISES = ("frequency_noise_hz", "field_noise_ut", "gel_noise_relative")
+
+
+def grasp_scene(
+    topology: Topology | str | Path,
+    objects: Iterable[GraspObject | str] = (),
+    *,
+    model: str | Path | None = None,
+    episode: Episode | None = None,
+    seed: int = 0,
+    noise: bool = True,
+    step_s: float | None = None,
+    self_touch: bool = True,
+) -> GraspScene:
+    """A scene that `skin.open(..., simulate=scene)` and `skin.sim.node.Nodes` play.
+
+    Parameters
+    ----------
+    topology : Topology, str or Path
+        With ``[robot] model``, and a link for every patch.
+    objects : iterable of GraspObject or str
+        New ones, and names of bodies of the model.
+    model : str or Path, optional
+        MJCF or URDF to simulate, where it is not that of the topology.
+    episode : Episode, optional
+        How this world differs from what the files say.
+    seed : int
+        Of the noise.
+    noise : bool
+        False: only quantisation.
+    step_s : float, optional
+        Longest step of the engine; chosen from stiffness over mass if not given.
+    self_touch : bool
+        Whether links feel each other.
+
+    Raises
+    ------
+    OptionError, SceneError, LibraryError, topology.TopologyError
+        What cannot be, with what to do.
+    """
+    loaded = topology if isinstance(topology, Topology) else topology_package.load(topology)
+    robot = loaded.robot
+    if robot is None:
+        raise OptionError(
+            f"{loaded.path or loaded.name}: must have [robot] model, the file of the robot that "
+            "the skin is on; got none"
+        )
+    path = robot.path if model is None else Path(model)
+    if not path.is_file():
+        raise SceneError(f"model: must be an MJCF or URDF file; got {str(path)!r}, not there")
+    given = _objects(objects)
+    drawn = Episode() if episode is None else episode
+    plant = Plant(
+        path, loaded, drawn.objects(given), springs=drawn.springs(loaded),
+        mounted_at=drawn.poses(loaded), self_touch=self_touch,
+    )  # fmt: skip
+    if step_s is not None:
+        _check_step(plant, step_s)
+    scaled = {name: drawn.noise * loaded.parameters[name] for name in NOISES}
+    noisy = dataclasses.replace(loaded, parameters={**loaded.parameters, **scaled})
+    units = UnitSimulator(
+        noisy, seed=seed, noise=noise, field=HalbachField(_apart(loaded), reach_m=FELT_M)
+    )
+    warmth = {
+        int(body): thing.temperature_c
+        for body, thing in zip(plant.object_bodies, given, strict=True)
+        if isinstance(thing, GraspObject)
+    }
+    gain = None if bool((drawn.gain == 1.0).all()) else drawn.gain
+    return GraspScene(plant, units, temperature_c=warmth, gain=gain, step_s=step_s)
+
+
+def _apart(topology: Topology) -> Topology:
+    """The same with its links far from each other: films feel those of their own link, whose
+    distances stay."""
+    links = list(topology.patch_links)
+    link = np.array([links.index(name) for name in links])[topology.patch]
+    position = topology.position.copy()
+    position[0] += APART_M * link
+    return dataclasses.replace(topology, position=position)
+
+
+def _objects(objects: Any) -> list[GraspObject | str]:
+    try:
+        given = [objects] if isinstance(objects, GraspObject | str) else list(objects)
+    except TypeError:
+        given = [objects]
+    for thing in given:
+        if not isinstance(thing, GraspObject | str):
+            raise OptionError(
+                f"objects: must be GraspObjects or names of bodies; got {shown(thing)}"
+            )
+    return given
+
+
+def _check_step(plant: Plant, step_s: float) -> None:
+    """Refuse a step that is too long for the worst grasp that these objects allow."""
+    longest_s = longest_step_s(plant, worst_touch(plant))
+    if not 0.0 < step_s <= longest_s * (1.0 + 1e-9):
+        raise OptionError(
+            f"step_s: must be above 0 and at most {longest_s:.2g} s, as stiffness over mass of a "
+            f"grasped object asks; got {shown(step_s)}: leave it out, and it is chosen"
+        )

@@ -1,0 +1,150 @@
+"""A trial of the holder: an object of unknown weight and friction is grasped, lifted and pulled."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from skin.grasp.hold import Holder
+from skin.grasp.world import World, grasp
+from skin.sim.engine.object import GraspObject
+
+__all__ = ["OVER_SQUEEZED", "SECONDS", "Trial", "run_trial", "unknown_object"]
+
+SECONDS = 6.0
+TRY_S, TRY_M_PER_S = 1.2, 0.004
+"""When the hand begins to rise, and how fast until it is sure that all hangs: what slides must go
+on sliding while it is probed."""
+
+LIFT_M, LIFT_M_PER_S = 0.04, 0.05
+PULL_S, PULLED_S, PULL_SHARE = 4.0, 5.0, 0.8
+"""From when to when it is pulled down, and by how much of its weight."""
+
+DROPPED_M = 0.01
+"""How far it may slide down the pads."""
+
+OPEN_M = 0.09
+"""Between the pads of the open gripper."""
+
+OVER_SQUEEZED = 0.6
+"""Margin above which an object is squeezed more than it needs, where that lasts over a second."""
+
+GENTLE_S = 0.2
+"""In which a pull rises."""
+
+
+@dataclass
+class Trial:
+    """What happened, cycle by cycle.
+
+    Attributes
+    ----------
+    thing : GraspObject
+    time_s, load_n, true_load_n, shear_n, wanted_n, margin, true_margin, belief, height_m, hand_m, \
+slid_m, gap_m, pull_n : list of float
+    slipping : list of int
+        Units whose face really slips.
+    slips : int
+        That the holder has seen.
+    """
+
+    thing: GraspObject
+    time_s: list[float] = field(default_factory=list)
+    load_n: list[float] = field(default_factory=list)
+    true_load_n: list[float] = field(default_factory=list)
+    shear_n: list[float] = field(default_factory=list)
+    wanted_n: list[float] = field(default_factory=list)
+    margin: list[float] = field(default_factory=list)
+    true_margin: list[float] = field(default_factory=list)
+    belief: list[float] = field(default_factory=list)
+    height_m: list[float] = field(default_factory=list)
+    hand_m: list[float] = field(default_factory=list)
+    slid_m: list[float] = field(default_factory=list)
+    gap_m: list[float] = field(default_factory=list)
+    pull_n: list[float] = field(default_factory=list)
+    slipping: list[int] = field(default_factory=list)
+    slips: int = 0
+
+    @property
+    def dropped(self) -> bool:
+        """Whether it slid down the pads, or never came up."""
+        return self.slid_m[-1] > DROPPED_M or self.hand_m[-1] < 0.5 * LIFT_M
+
+    @property
+    def over_squeezed_s(self) -> float:
+        """The longest time that the margin was above `OVER_SQUEEZED`, once it hung free."""
+        time_s, margin = np.array(self.time_s), np.array(self.true_margin)
+        above = (margin > OVER_SQUEEZED) & (time_s > TRY_S + 0.5)
+        longest = run = 0
+        for is_above in above:
+            run = run + 1 if is_above else 0
+            longest = max(longest, run)
+        return longest * float(np.median(np.diff(time_s)))
+
+
+def unknown_object(seed: int) -> GraspObject:
+    """A box or a cylinder that stands on the floor between the pads."""
+    random = np.random.default_rng((seed, 8))
+    half_m = 0.03
+    is_box = random.random() < 0.5
+    width_m = random.uniform(0.012, 0.03)
+    size = (width_m, random.uniform(0.012, 0.03), half_m) if is_box else (width_m, half_m)
+    return GraspObject(
+        name="object", shape="box" if is_box else "cylinder", size_m=size,
+        mass_kg=float(random.uniform(0.08, 0.35)), friction=float(random.uniform(0.3, 0.9)),
+        kinetic_share=float(random.uniform(0.7, 1.0)),
+    )  # fmt: skip
+
+
+def run_trial(
+    seed: int, *, thing: GraspObject | None = None, pace: bool = False, seconds: float = SECONDS
+) -> Trial:
+    """Grasp, lift and pull one object; the same for the same seed."""
+    thing = unknown_object(seed) if thing is None else thing
+    with grasp("gripper", objects=[thing], seed=seed, pace=pace) as world:
+        holder, trial = Holder(world.skin.topology), Trial(thing)
+        for state in world:
+            target_m = holder.update(state)
+            lower, upper = world.joints.limits("left")
+            target_m = min(max(target_m, lower), upper)
+            world.joints["left"] = world.joints["right"] = target_m
+            pull_n = _play(world, thing, holder.sure)
+            _note(trial, world, holder, pull_n)
+            if world.time_s >= seconds - 1e-9:
+                break
+        trial.slips = holder.grip.slips
+    return trial
+
+
+def _play(world: World, thing: GraspObject, sure: bool) -> float:
+    """Lift the hand and pull the object, as time goes on; the pull in newton."""
+    time_s, period_s = world.time_s, 1.0 / world.skin.topology.cycle_rate_hz
+    height_m = world.joints.targets["lift"]
+    if time_s > TRY_S:
+        height_m = min(height_m + (LIFT_M_PER_S if sure else TRY_M_PER_S) * period_s, LIFT_M)
+    world.joints["lift"] = height_m
+    rise = np.clip((time_s - PULL_S) / GENTLE_S, 0.0, 1.0)
+    fall = np.clip((time_s - PULLED_S) / GENTLE_S, 0.0, 1.0)
+    pull_n = float(PULL_SHARE * 9.81 * thing.mass_kg * (rise - fall))
+    world.push(thing.name, (0.0, 0.0, -pull_n))
+    return pull_n
+
+
+def _note(trial: Trial, world: World, holder: Holder, pull_n: float) -> None:
+    truth, grip = world.truth, holder.grip
+    height_m, hand_m = float(truth.position[2, 0]), world.joints["lift"]
+    trial.time_s.append(world.time_s)
+    trial.load_n.append(grip.load_n)
+    trial.true_load_n.append(float(truth.normal_n.sum()) / 2.0)
+    trial.shear_n.append(grip.shear_n)
+    trial.wanted_n.append(grip.wanted_n)
+    trial.margin.append(grip.margin if grip.touching else float("nan"))
+    trial.true_margin.append(truth.margin())
+    trial.belief.append(grip.belief)
+    trial.height_m.append(height_m)
+    trial.hand_m.append(hand_m)
+    trial.slid_m.append(hand_m - height_m)
+    trial.gap_m.append(OPEN_M - world.joints["left"] - world.joints["right"])
+    trial.pull_n.append(pull_n)
+    trial.slipping.append(int(truth.slipping.sum()))

@@ -1,0 +1,175 @@
+"""World: a grasp in MuJoCo, whose skin is open: one `State` a cycle, and the truth beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import skin.opening
+from skin.errors import OptionError, check_number, shown
+from skin.grasp.episode import Episode
+from skin.grasp.joints import Joints
+from skin.grasp.setting import grasp_scene
+from skin.live import Skin
+from skin.sim.engine.object import GraspObject
+from skin.sim.engine.scene import GraspScene
+from skin.sim.engine.truth import GraspTruth
+from skin.state import State
+from topology import Topology
+
+__all__ = ["World", "grasp"]
+
+
+def grasp(
+    model: Topology | str | Path,
+    topology: Topology | str | Path | None = None,
+    objects: Iterable[GraspObject | str] = (),
+    *,
+    episode: Episode | None = None,
+    seed: int = 0,
+    noise: bool = True,
+    step_s: float | None = None,
+    self_touch: bool = True,
+    pace: bool = False,
+    **options: Any,
+) -> World:
+    """Open a skin on a robot that MuJoCo moves, and put objects within its reach.
+
+    Parameters
+    ----------
+    model : str, Path or Topology
+        MJCF or URDF; alone, a topology, whose ``[robot] model`` it is.
+    topology : Topology, str or Path, optional
+        With a link of the model for every patch.
+    objects, episode, seed, noise, step_s, self_touch
+        See `skin.grasp.setting.grasp_scene`.
+    pace : bool
+        Real time; False goes as fast as it can.
+    **options
+        Of `skin.open`: ``want``, ``estimator``, ``log``, ``record``, …
+
+    Returns
+    -------
+    World
+
+    Raises
+    ------
+    OptionError, SceneError, LibraryError, topology.TopologyError
+        What cannot be, with what to do.
+
+    Examples
+    --------
+    >>> cube = GraspObject(name="cube", size_m=(0.02, 0.02, 0.03), mass_kg=0.06)
+    >>> with grasp("gripper", objects=[cube]) as world:
+    ...     world.joints["left"] = world.joints["right"] = 0.03
+    ...     for state in world:
+    ...         if world.time_s >= 0.5:
+    ...             break
+    ...     world.truth.object_names, int((world.truth.touched_by == 0).sum())
+    (('cube',), 32)
+    """
+    if topology is None:
+        own, file = model, None
+    elif isinstance(model, Topology):
+        raise OptionError(f"model: must be an MJCF or URDF file; got {shown(model)}")
+    else:
+        own, file = topology, model
+    scene = grasp_scene(
+        own, objects, model=file, episode=episode, seed=seed, noise=noise, step_s=step_s,
+        self_touch=self_touch,
+    )  # fmt: skip
+    return World(scene, pace=pace, seed=seed, **options)
+
+
+class World:
+    """A scene of a grasp with its open skin; iterate over it for one `State` a cycle.
+
+    Attributes
+    ----------
+    skin : Skin
+    scene : GraspScene
+    joints : Joints
+        ``world.joints["left"] = 0.03`` sets a target, from the next cycle on; reading gives the
+        position.
+    """
+
+    def __init__(self, scene: GraspScene, *, pace: bool = False, **options: Any) -> None:
+        self.scene = scene
+        self.joints = Joints(scene.plant)
+        topology = scene.plant.topology
+        self._names = () if topology.robot is None else topology.robot.joint_names
+        self._names = tuple(name for name in self._names if name in self.joints)
+        scene.moved = None
+        self.skin: Skin = skin.opening.open(topology, simulate=scene, pace=pace, **options)
+        scene.moved = self._moved
+        self._moved()
+
+    @property
+    def truth(self) -> GraspTruth:
+        """What is really the matter, as of the last cycle."""
+        return self.scene.truth
+
+    @property
+    def time_s(self) -> float:
+        """Of the last cycle, since the start."""
+        return self.scene.truth.time_s
+
+    def push(
+        self, name: str, force_n: Iterable[float], torque_nm: Iterable[float] = (0.0, 0.0, 0.0)
+    ) -> None:
+        """Push an object at its centre of mass, from the next cycle on, until told otherwise.
+
+        Parameters
+        ----------
+        name : str
+            An object or a link.
+        force_n, torque_nm : three numbers
+            Newton and newton metre, frame of the world.
+
+        Raises
+        ------
+        OptionError
+            No such object, or no three finite numbers.
+        """
+        plant = self.scene.plant
+        names = [plant.model.body(i).name for i in range(1, plant.model.nbody)]
+        if name not in names:
+            raise OptionError.unknown("push", name, names)
+        wrench = np.array([*force_n, *torque_nm], float)
+        if wrench.shape != (6,):
+            raise OptionError(f"push: must be three numbers each; got {wrench.size} together")
+        for value in wrench:
+            check_number("push", float(value), -1e6, 1e6)
+        plant.pushes[plant.model.body(name).id] = wrench
+
+    def __iter__(self) -> Iterator[State]:
+        return iter(self.skin)
+
+    def __enter__(self) -> World:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the skin; closing twice is fine."""
+        self.skin.close()
+
+    def __repr__(self) -> str:
+        """Units, objects and the time."""
+        names = ", ".join(self.truth.object_names) or "no objects"
+        return f"<World {self.skin.topology.name!r}: {names}, {self.time_s:.3f} s>"
+
+    def _moved(self) -> None:
+        """Tell the skin where its joints are, as encoders would."""
+        robot = self.skin.topology.robot
+        if robot is None or not self._names:
+            return
+        at = self.joints.coordinates(self._names)
+        index = [robot.joint_names.index(name) for name in self._names]
+        lower, upper = robot.lower[index], robot.upper[index]
+        at = np.fmin(np.fmax(at, lower), upper)  # the engine's limits yield a little
+        self.skin.move_joints(dict(zip(self._names, at.tolist(), strict=True)))

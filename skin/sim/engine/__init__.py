@@ -1,0 +1,1 @@
+"""Skin on bodies that an engine moves: depths, springs and friction, and wrenches back to it."""

@@ -1,0 +1,227 @@
+"""A world with an open skin: what it decodes, repeats and refuses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+import skin.sim
+from skin.errors import OptionError, SceneError, SkinError
+from skin.grasp.episode import Episode, Ranges
+from skin.sim.engine.object import GraspObject
+from topology import load
+
+CUBE = GraspObject(name="cube", size_m=(0.02, 0.02, 0.03), mass_kg=0.06)
+
+
+def played(seconds: float = 0.8, **options: object):
+    """Close the gripper on a cube; the world and its last state, both still open."""
+    world = skin.sim.grasp("gripper", objects=[CUBE], **options)
+    world.joints["left"] = world.joints["right"] = 0.035
+    for state in world:
+        if world.time_s >= seconds:
+            return world, state.copy()
+    raise AssertionError
+
+
+def test_the_skin_feels_what_the_engine_does() -> None:
+    world, state = played()
+    with world:
+        truth = world.truth
+        assert (truth.touched_by == 0).sum() == 32
+        error = state.units.force - truth.units.force
+        assert np.sqrt(np.mean(error**2)) < 0.06
+        assert len(state.contacts) == 2
+        assert truth.wrench[2, 0] + world.scene.plant.data.qfrc_constraint[-4] == pytest.approx(
+            0.06 * 9.81, rel=1e-3
+        )
+
+
+def test_the_same_seed_is_the_same_world_and_another_is_not() -> None:
+    forces = []
+    for seed in (3, 3, 4):
+        world, state = played(0.4, seed=seed)
+        with world:
+            forces.append((state.units.force, world.truth.position.copy()))
+    assert np.array_equal(forces[0][0], forces[1][0])
+    assert np.array_equal(forces[0][1], forces[1][1])
+    assert not np.array_equal(forces[0][0], forces[2][0])
+
+
+def test_poses_of_the_skin_follow_the_joints() -> None:
+    world, state = played()
+    with world:
+        position, _ = world.scene._poses()
+        own = world.skin.pipeline.joints.unit_poses[0]
+        assert own == pytest.approx(position, abs=1e-9)
+        assert state.wrench[:3] == pytest.approx(world.truth.units.wrench[:3], abs=0.3)
+
+
+def test_a_mesh_in_millimetres_is_held_as_the_primitive_is(tmp_path: Path) -> None:
+    file = tmp_path / "cube.stl"
+    trimesh.creation.box((40.0, 40.0, 60.0)).export(file)
+    mesh = replace(CUBE, shape="mesh", size_m=(1e-3, 1e-3, 1e-3), file=file)
+    found = []
+    for thing in (CUBE, mesh):
+        with skin.sim.grasp("gripper", objects=[thing]) as world:
+            world.joints["left"] = world.joints["right"] = 0.035
+            for _ in world:
+                if world.time_s >= 0.6:
+                    break
+            found.append((world.truth.touched_by.copy(), world.truth.normal_n.copy()))
+    assert np.array_equal(found[0][0], found[1][0])
+    assert found[1][1] == pytest.approx(found[0][1], rel=1e-3)
+
+
+def test_two_objects_are_told_apart() -> None:
+    low = replace(CUBE, name="low", size_m=(0.02, 0.02, 0.012), position_m=(0.0, 0.0, -0.0175))
+    high = replace(CUBE, name="high", size_m=(0.02, 0.02, 0.012), position_m=(0.0, 0.0, 0.0075))
+    with skin.sim.grasp("gripper", objects=[low, high]) as world:
+        world.joints["left"] = world.joints["right"] = 0.035
+        for _ in world:
+            if world.time_s >= 0.6:
+                break
+        touched = world.truth.touched_by
+        assert set(touched.tolist()) >= {0, 1}
+        height = world.skin.topology.position[2]
+        assert height[touched == 0].max() < height[touched == 1].min()
+
+
+def test_a_push_moves_and_ends() -> None:
+    world, _ = played()
+    with world:
+        before = world.truth.position[:, 0].copy()
+        world.push("cube", (0.0, 2.0, 0.0))
+        for _ in world:
+            if world.time_s > 1.2:
+                break
+        assert world.truth.position[1, 0] - before[1] == pytest.approx(2.0 / 16e3, rel=0.05)
+        world.push("cube", (0.0, 0.0, 0.0))
+        for _ in world:
+            if world.time_s > 1.8:
+                break
+        assert world.truth.position[:, 0] == pytest.approx(before, abs=2e-5)
+
+
+def test_an_episode_differs_as_drawn_and_dead_units_feel_nothing() -> None:
+    gripper = load("gripper")
+    ranges = Ranges(friction=(0.5, 0.6), mass=(2.0, 2.0), stiffness=(0.8, 1.2), dead=(0.25, 0.25),
+                    offset_m=(-1e-3, 1e-3))  # fmt: skip
+    drawn = ranges.draw(gripper, seed=5)
+    assert np.array_equal(drawn.stiffness, ranges.draw(gripper, seed=5).stiffness)
+    world, state = played(episode=drawn, noise=False)
+    with world:
+        model = world.scene.plant.model
+        assert model.body_mass[world.scene.plant.object_bodies[0]] == pytest.approx(0.12)
+        dead = drawn.gain[2] == 0.0
+        assert dead.sum() == 8
+        assert np.abs(state.units.force[2, dead]).max() < 0.02
+        assert world.truth.units.force[2, dead].min() > 0.1
+
+
+def test_stiffer_units_bear_more_at_the_same_depth() -> None:
+    gripper = load("gripper")
+    springs = Episode(stiffness=np.full(gripper.n, 2.0)).springs(gripper)
+    plain = Episode().springs(gripper)
+    assert springs.normal[0] == pytest.approx(plain.normal[0] / 2.0)
+    assert springs.normal[2] == pytest.approx(plain.normal[2] * 2.0)
+
+
+@pytest.mark.parametrize(
+    ("thing", "message"),
+    [
+        (dict(mass_kg=0.0), "mass_kg: must be a number from 1e-06 to 1000; got 0.0"),
+        (dict(shape="sfere"), "nearest: 'sphere'"),
+        (dict(shape="sphere"), "size_m: must have 1 numbers of a sphere; got 3"),
+        (
+            dict(shape="mesh", file="none.stl"),
+            "file: must be a mesh .*got 'none.stl', which is not",
+        ),
+        (dict(friction=float("nan")), "friction: must be a number from 0 to 10; got nan"),
+    ],
+)
+def test_an_object_that_cannot_be_is_refused(thing: dict, message: str) -> None:
+    with pytest.raises(SkinError, match=message):
+        replace(CUBE, **thing)
+
+
+def test_an_object_inside_the_skin_is_refused_with_unit_and_depth() -> None:
+    wide = replace(CUBE, size_m=(0.047, 0.02, 0.03))
+    with pytest.raises(SceneError, match=r"must start outside the skin; got 2.00 mm inside it at "):
+        skin.sim.grasp("gripper", objects=[wide])
+
+
+@pytest.mark.parametrize(
+    ("objects", "message"),
+    [
+        (["hant"], "nearest: 'hand'"),
+        ([7], "objects: must be GraspObjects or names of bodies; got 7"),
+        ([CUBE, replace(CUBE, name="left_pad")], "names of their own; got 'left_pad'"),
+    ],
+)
+def test_objects_that_are_none_are_refused(objects: list, message: str) -> None:
+    with pytest.raises(OptionError, match=message):
+        skin.sim.grasp("gripper", objects=objects)
+
+
+def test_a_step_that_is_too_long_is_refused_with_the_longest() -> None:
+    with pytest.raises(OptionError, match=r"step_s: must be above 0 and at most 0.000\d+ s"):
+        skin.sim.grasp("gripper", objects=[CUBE], step_s=0.002)
+    with skin.sim.grasp("gripper", objects=[CUBE], step_s=1e-4) as world:
+        for _ in world:
+            if world.time_s >= 0.04:
+                break
+        assert world.scene.steps == 400
+
+
+@pytest.mark.parametrize(
+    ("name", "target", "message"),
+    [
+        ("lefd", 0.01, "nearest: 'left'"),
+        ("left", 0.2, "must be a target from 0 to 0.07, its limits; got 0.2"),
+        ("left", float("nan"), "got nan"),
+        ("left", "wide", "got 'wide'"),
+    ],
+)
+def test_targets_that_cannot_be_are_refused(name: str, target: float, message: str) -> None:
+    with skin.sim.grasp("gripper") as world, pytest.raises(OptionError, match=message):
+        world.joints[name] = target
+
+
+def test_pushing_what_is_not_there_is_refused() -> None:
+    with skin.sim.grasp("gripper", objects=[CUBE]) as world:
+        with pytest.raises(OptionError, match="nearest: 'cube'"):
+            world.push("cub", (0, 0, 1))
+        with pytest.raises(OptionError, match="push"):
+            world.push("cube", (0, 0, float("inf")))
+
+
+def test_a_skin_without_a_robot_is_refused() -> None:
+    with pytest.raises(OptionError, match=r"must have \[robot\] model"):
+        skin.sim.grasp("palm")
+
+
+def test_a_model_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match="must be an MJCF or URDF file"):
+        skin.sim.grasp(tmp_path / "none.xml", "gripper")
+
+
+def test_an_object_without_a_surface_is_refused(tmp_path: Path) -> None:
+    text = load("gripper").robot.path.read_text(encoding="utf-8")
+    ghost = '<body name="ghost"><freejoint/><geom size="0.01" contype="0" conaffinity="0"/></body>'
+    file = tmp_path / "gripper.xml"
+    file.write_text(text.replace("<worldbody>", f"<worldbody>{ghost}"), encoding="utf-8")
+    with pytest.raises(SceneError, match="object 'ghost': must have a geom that collides"):
+        skin.sim.grasp(file, "gripper", objects=["ghost"])
+
+
+def test_a_model_without_the_links_of_the_patches_is_refused(tmp_path: Path) -> None:
+    text = load("gripper").robot.path.read_text(encoding="utf-8")
+    file = tmp_path / "gripper.xml"
+    file.write_text(text.replace('body name="left_pad"', 'body name="left_pat"'), encoding="utf-8")
+    with pytest.raises(OptionError, match="nearest: 'left_pat'"):
+        skin.sim.grasp(file, "gripper")
