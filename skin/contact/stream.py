@@ -97,6 +97,8 @@ class ContactStream:
         `UnitSlip` of each unit.
     shocks : Shocks or None
         Where they are wanted.
+    bound : Bound or None
+        The kernel of a cycle on the arrays of the last `bind`.
 
     Examples
     --------
@@ -182,6 +184,7 @@ class ContactStream:
         ]
         self.total = self._views[-1]
         self._now_ns = self.data.clock["now_ns"]
+        self.bound: Bound | None = None
         self._found: list[Contact] = []
         self._shock_inputs = (
             self.data.slots.present, self.records["event"], self.records["wrench"][:, :3],
@@ -328,6 +331,7 @@ class ContactStream:
                     f"got {array.dtype} of shape {array.shape}"
                 )
             call.put((1, "reading", field), array)
+        self.bound = call
         return lambda stamp_ns: self._take(call, stamp_ns)
 
     def __reduce_ex__(self, protocol: object) -> str:
@@ -358,6 +362,11 @@ class ContactStream:
         if contacts and self.shocks is not None:
             self.shocks.update(len(contacts), *self._shock_inputs, stamp_ns)
         return contacts
+
+    def resume(self) -> None:
+        """Take over contacts that `bound` has found since the last cycle of this stream."""
+        self._renew(int(self.data.clock["present"][0]), 0)
+        self.contacts = self._found.copy()
 
     def _renew(self, count: int, stamp_ns: int) -> None:
         """Contacts came or went, or it is too early for that."""
