@@ -109,6 +109,11 @@ class DecodedLog:
         """Frames read so far."""
         return self._reader.count
 
+    @property
+    def read_bytes(self) -> int:
+        """Bytes read so far, unpacked; 0 where a library reads the file."""
+        return self._reader.read_bytes
+
     def __iter__(self) -> Iterator[State]:
         self.pipeline.warmup()
         for frames in self._batches():

@@ -113,6 +113,10 @@ class Tables:
         found["trouble"] = self._trouble(self._spells(block))
         return found
 
+    def skip(self, block: Block) -> None:
+        """Pass over a block whose tables are there already."""
+        self._spells(block)
+
     def end(self) -> Any:
         """The spells that are open at the end of the log."""
         rows = [self._spell(i, *self._last) for i in np.flatnonzero(self._flags)]
