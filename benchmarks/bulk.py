@@ -242,7 +242,9 @@ def _usual_script(log: Path, out: Path) -> int:
         for message in reader:
             frames += 1
             try:
-                values = database.decode_message(message.arbitration_id, message.data)
+                values = database.decode_message(
+                    message.arbitration_id, message.data, decode_choices=False
+                )
             except KeyError:
                 continue
             values["time"] = message.timestamp

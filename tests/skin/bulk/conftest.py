@@ -2,46 +2,48 @@
 
 from __future__ import annotations
 
-import numpy as np
+from pathlib import Path
+
 import pytest
 
 import topology
 from bus.logs import write
+from skin.bulk.job import Job
 from tests.fixtures.live import frames_of
 
-CYCLES = 700
+CYCLES, PARTITION = 500, 120
 
 
 @pytest.fixture(scope="session")
 def palm_frames():
-    """A sphere that presses and slides, from the sixth of a second second on."""
+    """A sphere that presses and slides."""
     frames = frames_of("palm", "slide", CYCLES)
     frames["origin"] = 0
     return frames
 
 
 @pytest.fixture(scope="session")
-def palm():
-    """Its topology; tared, so that no zeros are looked for."""
-    loaded = topology.load("palm")
-    return loaded
-
-
-@pytest.fixture
-def log(palm_frames, tmp_path):
-    path = tmp_path / "palm.log"
+def log(palm_frames, tmp_path_factory):
+    path = tmp_path_factory.mktemp("log") / "run.log"
     write(path, palm_frames)
     return path
 
 
 @pytest.fixture
-def holed_log(palm_frames, tmp_path):
-    """With a unit's board silent for a while, a gap of half a second, and lost frames."""
-    frames = palm_frames.copy()
-    cycle = np.cumsum(frames["id"] == 0x80)
-    silent = (frames["id"] == frames["id"][3]) & (cycle > 100) & (cycle < 180)
-    gap = (cycle > 400) & (cycle < 525)
-    lost = np.random.default_rng(1).random(frames.size) < 0.01
-    path = tmp_path / "holed.log"
-    write(path, frames[~(silent | gap | (lost & (frames["id"] != 0x80)))])
-    return path
+def job(tmp_path):
+    """What the logs are decoded into."""
+    return Job(topology.load("palm"), tmp_path / "out", partition_cycles=PARTITION)
+
+
+@pytest.fixture
+def contents():
+    """A function: all that stands in a folder of results, by file."""
+
+    def read(folder: Path):
+        return {
+            str(file.relative_to(folder)): file.read_bytes()
+            for file in sorted(folder.rglob("*"))
+            if file.is_file() and file.suffix != ".json"
+        }
+
+    return read
