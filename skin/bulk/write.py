@@ -46,6 +46,9 @@ def writer_of(job: Job, part: Part) -> Writer:
 
 def clean(job: Job, part: Part, keep: int) -> None:
     """Remove what an earlier run has left of a log, but for its first partitions."""
+    manifest = job.manifest_of(part)
+    for file in manifest.parent.glob(f".{manifest.name}.*.part"):
+        file.unlink(missing_ok=True)
     for table in TABLES:
         folder = job.folder_of(table, part)
         for file in folder.glob("part-*") if folder.is_dir() else ():
