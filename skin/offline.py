@@ -62,7 +62,7 @@ def decode_log(
     >>> for state in decode_log("palm", "run.log"):  # doctest: +SKIP
     ...     print(state.time_s, state.wrench, state.contacts)
     >>> for block in decode_log("palm", "run.log").blocks():  # doctest: +SKIP
-    ...     print(block.stamp_ns, block.units.force, block.contacts["load"])  # (t,), (t, 3, n), (k,)
+    ...     print(block.stamp_ns, block.units.force)  # shapes (t,) and (t, 3, n)
     """
     loaded = source if isinstance(source, Topology) else topology_package.load(source)
     buses = buses_of(loaded, log) if len(loaded.buses) > 1 else None

@@ -1,12 +1,13 @@
 """Bound kernels called by other kernels: by address, so that it is the same machine code.
 
 A kernel that calls others is compiled together with them, which takes long, and lets the compiler
-order their arithmetic in another way. A chained call is of any `Bound`, however it was compiled, and
-gives the same numbers to the last bit.
+order their arithmetic in another way. A chained call is of any `Bound`, however it was compiled,
+and gives the same numbers to the last bit.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from hashlib import blake2b
 from typing import Any
 
@@ -61,24 +62,7 @@ def _entry(signature: Any) -> int:
     0 for none, and truth values as bits from the lowest up."""
     key = signature.return_type, signature.args
     if key not in _entries:
-        calling, result = calling_at(signature), signature.return_type
-        if isinstance(result, types.NoneType):
-
-            def call(place):
-                calling(place)
-                return 0
-
-        elif isinstance(result, types.BaseTuple):
-
-            def call(place):
-                first, second = calling(place)
-                return np.int64(first) | np.int64(second) << 1
-
-        else:
-
-            def call(place):
-                return np.int64(calling(place))
-
+        call = _as_integer(calling_at(signature), signature.return_type)
         digest = blake2b(repr(key).encode(), digest_size=12).hexdigest()
         call.__qualname__ = f"{_entry.__qualname__}.{digest}"
         kernel: Any = njit(nogil=True)(call)
@@ -90,8 +74,26 @@ def _entry(signature: Any) -> int:
     return _entries[key][0]
 
 
-@intrinsic
-def call_at(typing, function, place):
+def _as_integer(calling: Any, result: Any) -> Callable[[int], Any]:
+    """A function of one number whose result is an integer, whatever it calls gives."""
+
+    def nothing(place):
+        calling(place)
+        return 0
+
+    def two_bits(place):
+        first, second = calling(place)
+        return np.int64(first) | np.int64(second) << 1
+
+    def number(place):
+        return np.int64(calling(place))
+
+    if isinstance(result, types.NoneType):
+        return nothing
+    return two_bits if isinstance(result, types.BaseTuple) else number
+
+
+def _call_at(typing, function, place):
     """Call what `address` gave."""
     kind = types.int64
 
@@ -107,8 +109,7 @@ def call_at(typing, function, place):
     return kind(kind, kind), code
 
 
-@intrinsic
-def copy_bytes(typing, into, out_of, size):
+def _copy_bytes(typing, into, out_of, size):
     """Copy bytes from one address to another."""
 
     def code(context, builder, given, arguments):
@@ -118,3 +119,7 @@ def copy_bytes(typing, into, out_of, size):
         return context.get_dummy_value()
 
     return types.none(types.int64, types.int64, types.int64), code
+
+
+call_at: Any = intrinsic(_call_at)
+copy_bytes: Any = intrinsic(_copy_bytes)

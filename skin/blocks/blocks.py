@@ -35,9 +35,7 @@ class Blocks:
         Whether many cycles go in one compiled call where they can.
     """
 
-    def __init__(
-        self, pipeline: Pipeline, most: int | None = None, *, fast: bool = True
-    ) -> None:
+    def __init__(self, pipeline: Pipeline, most: int | None = None, *, fast: bool = True) -> None:
         self._pipeline = pipeline
         self._gather = Gather(pipeline, most)
         self._stride: Stride | None = None

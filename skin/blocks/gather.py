@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -93,8 +93,11 @@ class Gather:
         if not t:
             return None
         rows = {name: array[:t] for name, array in self.rows.items()}
-        read = {name[len(READING) :]: rows.pop(name) for name in [*rows] if name.startswith(READING)}
-        units = Reading(**{name: read.get(name, UNWANTED) for name in Reading.__slots__})
+        read = {
+            name[len(READING) :]: rows.pop(name) for name in [*rows] if name.startswith(READING)
+        }
+        shown: dict[str, Any] = {name: read.get(name, UNWANTED) for name in Reading.__slots__}
+        units = Reading(**shown)
         listed = {}
         if self._lists:
             listed["contacts"] = self.contacts[: self.contact_count].copy()

