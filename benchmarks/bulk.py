@@ -43,7 +43,7 @@ FORMATS = {"candump": "log", "blf": "blf", "mf4": "mf4"}
 def run(quick: bool) -> dict[str, Any]:
     """Measure; see `table` for what."""
     scene = _scene_frames()
-    rounds = {"few": 1, "mf4": 4 if quick else 16, "short": 24 if quick else 96,
+    rounds = {"few": 1, "mf4": 4 if quick else 8, "short": 24 if quick else 96,
               "long": 48 if quick else 704}  # fmt: skip
     figures: dict[str, Any] = {"units": topology.load(SKIN).n, "processors": os.cpu_count()}
     with TemporaryDirectory(dir=os.environ.get("BULK_FOLDER")) as name:
@@ -61,7 +61,7 @@ def run(quick: bool) -> dict[str, Any]:
         _write_log(log, scene, rounds["long"])
         figures |= _long(log, folder)
         log.unlink()
-        figures |= _scaling(scene, rounds["short"], folder)
+        figures |= _scaling(scene, rounds["short"] // 2, folder)
     return figures
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import sys
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -97,8 +98,6 @@ class Job:
 
     def told(self, part: Part) -> dict[str, str]:
         """What results tell of where they come from, and what they are compared by."""
-        from skin import __version__
-
         topology, calibration = hashes_of(self.topology)
         given = {name: value for name, value in self.options.items() if name != "want"}
         given["want"] = sorted(Options(**self.options).quantities)
@@ -107,7 +106,7 @@ class Job:
             "topology_sha256": topology, "calibration_sha256": calibration,
             "options": "of the recording" if part.is_recording else json.dumps(
                 given, sort_keys=True, default=repr),
-            "version": __version__, "format": self.format,
+            "version": _version(), "format": self.format,
             "partition_cycles": str(self.partition_cycles),
         }  # fmt: skip
 
@@ -119,6 +118,11 @@ class Job:
     def manifest_of(self, part: Part) -> Path:
         """The file that tells what is there of a log."""
         return self.folder / "_logs" / f"{part.key}.json"
+
+
+def _version() -> str:
+    """Of the package that this room is in, and that it must not import."""
+    return str(vars(sys.modules["skin"])["__version__"])
 
 
 def hashes_of(topology: Topology) -> tuple[str, str]:

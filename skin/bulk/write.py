@@ -159,7 +159,8 @@ class ArrayPartitions:
                 for name in self._blocks[0][table]
             }  # fmt: skip
             with whole_file(_place(self._job, self._part, table, number)) as file:
-                np.savez(file, unit=units, **columns, **{f"_{k}": v for k, v in told.items()})
+                every = {"unit": units} | columns | {f"_{k}": np.array(v) for k, v in told.items()}
+                np.savez(file, allow_pickle=False, **every)
         self._blocks = []
 
     def close(self) -> None:
