@@ -18,6 +18,7 @@ ONE_FILE_EACH = (
     "pyarrow",
     "asammdf",
     "cantools",
+    "distributed",
     "mcap",
     "cyclonedds",
     "PIL",
