@@ -125,8 +125,8 @@ class DecodedLog:
     def blocks(self, most: int | None = None, *, fast: bool = True) -> Iterator[Block]:
         """The same states, once, as arrays of many cycles: every number is the same to the bit.
 
-        A thread reads ahead. Memory is bounded, whatever the length of the log. Cycles go one by one
-        where "shocks" are wanted, as by default everything is: name what you want.
+        A thread reads ahead. Memory is bounded, whatever the length of the log. Cycles go one by
+        one where "shocks" are wanted, as by default everything is: name what you want.
 
         Parameters
         ----------
