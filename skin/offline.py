@@ -18,6 +18,7 @@ from skin.options import Options
 from topology import Topology
 
 if TYPE_CHECKING:
+    from skin.blocks.block import Block
     from skin.pipeline import Pipeline
     from skin.state import State
 
@@ -44,7 +45,8 @@ def decode_log(
     Returns
     -------
     DecodedLog
-        To be iterated, once, for one `State` a cycle.
+        To be iterated, once, for one `State` a cycle; or by `DecodedLog.blocks`, for thousands of
+        cycles at once as arrays, which is several times as fast.
 
     Raises
     ------
@@ -59,6 +61,8 @@ def decode_log(
     --------
     >>> for state in decode_log("palm", "run.log"):  # doctest: +SKIP
     ...     print(state.time_s, state.wrench, state.contacts)
+    >>> for block in decode_log("palm", "run.log").blocks():  # doctest: +SKIP
+    ...     print(block.stamp_ns, block.units.force)  # shapes (t,) and (t, 3, n)
     """
     loaded = source if isinstance(source, Topology) else topology_package.load(source)
     buses = buses_of(loaded, log) if len(loaded.buses) > 1 else None
@@ -100,16 +104,55 @@ class DecodedLog:
         """What is wrong with the log so far, as messages: SYNC that lacks, time that runs back."""
         return [f"{self._reader.path}: {fault}" for fault in self._watch.faults()]
 
+    @property
+    def frames(self) -> int:
+        """Frames read so far."""
+        return self._reader.count
+
+    @property
+    def read_bytes(self) -> int:
+        """Bytes read so far, unpacked; 0 where a library reads the file."""
+        return self._reader.read_bytes
+
     def __iter__(self) -> Iterator[State]:
         self.pipeline.warmup()
+        for frames in self._batches():
+            yield from self.pipeline.feed(frames)
+        last = self.pipeline.flush()
+        if last is not None:
+            yield last
+
+    def blocks(self, most: int | None = None, *, fast: bool = True) -> Iterator[Block]:
+        """The same states, once, as arrays of many cycles: every number is the same to the bit.
+
+        A thread reads ahead. Memory is bounded, whatever the length of the log. Cycles go one by
+        one where "shocks" are wanted, as by default everything is: name what you want.
+
+        Parameters
+        ----------
+        most : int, optional
+            Cycles of a block at most; some megabytes if not given.
+        fast : bool
+            Whether many cycles go in one compiled call.
+        """
+        from skin.blocks.ahead import ahead
+        from skin.blocks.blocks import Blocks
+
+        self.pipeline.warmup()
+        blocks = Blocks(self.pipeline, most, fast=fast)
+        for frames in ahead(frames.copy() for frames in self._batches()):
+            yield from blocks.feed(frames)
+        last = blocks.flush()
+        if last is not None:
+            yield last
+
+    def _batches(self) -> Iterator[np.ndarray]:
+        """Frames as they are read, each batch overwritten by the next one."""
         for batch in self._reader:
             # who recorded a frame as its own sent it on the bus all the same
             batch.frames["origin"] = 0
             self._watch.take(batch.frames)
-            yield from self.pipeline.feed(batch.frames)
-        last = self.pipeline.flush()
-        if last is not None:
-            yield last
+            yield batch.frames
 
 
 class _Watch:

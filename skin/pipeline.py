@@ -66,6 +66,8 @@ class Pipeline:
         What learns the fields of neighbours, once `learn` was called.
     poses : tuple of ndarray, shape (3, n) and (3, 3, n)
         Positions and rotations of the units, as of the last move; another tuple after each.
+    lists_contacts : bool
+        Whether states have contacts.
     counts : ndarray, shape (c, n), int16
     status : ndarray, shape (n,), uint16
         What the decoder reads: counts and flags of the last cycle, as the assembler writes them.
@@ -102,7 +104,7 @@ class Pipeline:
         self.learning: Learning | None = None
         self.poses = topology.position, topology.rotation
         self._watching: list[Callable[[State], None]] = []
-        self._lists_contacts = not options.quantities.isdisjoint(("contacts", "slip", "shocks"))
+        self.lists_contacts = not options.quantities.isdisjoint(("contacts", "slip", "shocks"))
         self.assembler = Assembler(topology, deadline_s=deadline_s)
         self.counts, self.status = self.assembler.counts, self.assembler.status
         self._area_share = topology.area / topology.area.sum()
@@ -186,7 +188,7 @@ class Pipeline:
         needed = set(options.quantities.intersection(UNIT_WANTS))
         if not options.quantities.isdisjoint(ARRAY_WANTS):
             needed |= {"force", "sigma"}
-        if self._lists_contacts:
+        if self.lists_contacts:
             needed |= {"displacement"}
             silent = ~topology.enabled | topology.counts_only
             if (topology.wired[CHANNELS.index("gel")] | silent).all():
@@ -228,6 +230,18 @@ class Pipeline:
         if "slip" in want:
             self._slip = stream.unit_slip
         self._label = stream.tracker.label
+
+    @property
+    def shown(self) -> dict[str, np.ndarray]:
+        """What each state shows of the array, by the names of `State`: arrays that stay the same,
+        None for what is not wanted."""
+        names = ("wrench", "wrench_sigma", "centroid", "centroid_covariance", "label", "slip")
+        return dict(zip(names, (*self._total, self._label, self._slip), strict=True))
+
+    @property
+    def watched(self) -> bool:
+        """Whether somebody looks at each cycle as it is made; see `watch` and `learn`."""
+        return bool(self._watching) or self.learning is not None
 
     def warmup(self) -> None:
         """Load or compile the kernels, so that the first cycle is not late."""
@@ -369,7 +383,7 @@ class Pipeline:
             cycle.closed_by,
             cycle.counters,
             *self._total,
-            contacts if self._lists_contacts else UNWANTED,
+            contacts if self.lists_contacts else UNWANTED,
             self._label,
             self._slip,
             clock.overruns,

@@ -8,10 +8,10 @@ from dataclasses import fields
 
 import numpy as np
 
-from bus.assemble.memory import BY_DEADLINE, BY_END, new_memory, new_shown
+from bus.assemble.memory import BY_DEADLINE, BY_END, Memory, Shown, new_memory, new_shown
 from bus.cycle import ClosedBy, FrameCounters, RawCycle
-from bus.frame import FRAME_DTYPE, views
-from bus.table import FrameTable
+from bus.frame import FRAME_DTYPE, FrameViews, views
+from bus.table import FrameTable, Tables
 from topology import Topology
 
 __all__ = ["Assembler"]
@@ -115,6 +115,16 @@ class Assembler:
         return self._shown.status
 
     @property
+    def sampled_ns(self) -> np.ndarray:
+        """`RawCycle.sampled_ns` of the last cycle: the same array for every cycle."""
+        return self._shown.sampled_ns
+
+    @property
+    def arrays(self) -> tuple[Tables, Memory, Shown]:
+        """What the kernels of `bus.assemble.feed` take after the frames."""
+        return self._arrays
+
+    @property
     def pending(self) -> bool:
         """Whether a cycle is open: with SYNC, one that waits for frames; without, always."""
         return bool(self._state.is_open[0])
@@ -170,7 +180,7 @@ class Assembler:
             if state.number[0] != number and not state.is_free[0]:
                 self._since_ns = self._clock()
             if state.closed_by[0]:
-                yield self._cycle()
+                yield self.cycle()
 
     def expire(self, now_ns: int) -> RawCycle | None:
         """Close the open cycle if its time is over.
@@ -194,11 +204,11 @@ class Assembler:
             self._since_ns += periods * self._period_ns
             self._close(BY_DEADLINE, *self._arrays)
             state.number[0] += periods - 1
-            return self._cycle()
+            return self.cycle()
         if not self.pending or now_ns - (self._since_ns or 0) < self.deadline_ns:
             return None
         self._close(BY_DEADLINE, *self._arrays)
-        return self._cycle()
+        return self.cycle()
 
     def silence(self, now_ns: int) -> RawCycle | None:
         """Give a cycle without data if no SYNC has come for longer than `stale_cycles` periods.
@@ -224,7 +234,7 @@ class Assembler:
         state.number[0] += periods
         state.stamp[0] += periods * self._period_ns
         self._close(BY_DEADLINE, *self._arrays)
-        return self._cycle()
+        return self.cycle()
 
     def flush(self) -> RawCycle | None:
         """Close what is open, at the end of a log or of a session; None if nothing is."""
@@ -232,9 +242,28 @@ class Assembler:
         if not self.pending or (state.is_free[0] and not state.is_busy[0]):
             return None
         self._close(BY_END, *self._arrays)
-        return self._cycle()
+        return self.cycle()
 
-    def _cycle(self) -> RawCycle:
+    def take(self, row: int, rows: FrameViews) -> tuple[int, RawCycle | None]:
+        """Take frames from a row on until a cycle closes.
+
+        Parameters
+        ----------
+        row : int
+        rows : FrameViews
+
+        Returns
+        -------
+        row : int
+            To go on from.
+        cycle : RawCycle or None
+            None where the frames end before.
+        """
+        row = self._feed(row, rows, *self._arrays)
+        return row, self.cycle() if self._state.closed_by[0] else None
+
+    def cycle(self) -> RawCycle:
+        """The cycle that has closed last; of its kernels' callers."""
         state, shown = self._state, self._shown
         return RawCycle(
             int(state.closed_number[0]),

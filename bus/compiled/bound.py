@@ -35,7 +35,7 @@ except ImportError:  # numba or llvmlite of another version
     cgutils: Any = None
     OF_NUMBA = ()
 
-__all__ = ["Bound", "direct"]
+__all__ = ["Bound", "calling_at", "direct"]
 
 TUPLE: Any = types.BaseTuple
 DATA = 4
@@ -135,7 +135,8 @@ class Bound(functools.partial):
 
 def _found(kernel: Any, kinds: tuple[types.Type, ...]) -> tuple[int, Callable] | None:
     """Where the code of a kernel lies, and what calls it; None where numba does not tell."""
-    kernel.compile(kinds)
+    if kinds not in kernel.overloads:
+        kernel.compile(kinds)
     found = kernel.overloads[kinds]
     if nested.kernel_pipeline is None:  # code is found by names then that need not be unique
         return None
@@ -214,7 +215,25 @@ def _caller(signature) -> Callable:
     key = signature.return_type, signature.args
     if key in _callers:
         return _callers[key]
-    result, kinds = key
+    calling = calling_at(signature)
+
+    def call(place):
+        return calling(place)
+
+    # a name, and so a file of the cache, for each signature: they are compiled side by side
+    digest = blake2b(repr(key).encode(), digest_size=12).hexdigest()
+    call.__qualname__ = f"{_caller.__qualname__}.{digest}"
+    kernel: Any = njit(nogil=True)(call)
+    cache_on_disk(kernel)
+    kernel.compile((types.int64,))
+    (found,) = kernel.overloads.values()
+    _callers[key] = found.entry_point
+    return found.entry_point
+
+
+def calling_at(signature) -> Any:
+    """What kernels call to call a function of a signature by the words of a `Bound`."""
+    result, kinds = signature.return_type, signature.args
 
     def call_address(typing, place):
         def code(context, builder, given, arguments):
@@ -233,17 +252,4 @@ def _caller(signature) -> Callable:
 
         return result(place), code
 
-    calling: Any = intrinsic(call_address)
-
-    def call(place):
-        return calling(place)
-
-    # a name, and so a file of the cache, for each signature: they are compiled side by side
-    digest = blake2b(repr(key).encode(), digest_size=12).hexdigest()
-    call.__qualname__ = f"{_caller.__qualname__}.{digest}"
-    kernel: Any = njit(nogil=True)(call)
-    cache_on_disk(kernel)
-    kernel.compile((types.int64,))
-    (found,) = kernel.overloads.values()
-    _callers[key] = found.entry_point
-    return found.entry_point
+    return intrinsic(call_address)

@@ -190,10 +190,12 @@ class BlfReader(LogReader):
         if self._end != _END:
             return b""
         try:
-            return file.read1(size)  # type: ignore[attr-defined]
+            got: bytes = file.read1(size)  # type: ignore[attr-defined]
         except (OSError, EOFError, zlib.error) as error:
             self._end = str(error)
             return b""
+        self.read_bytes += len(got)
+        return got
 
     def _read_up_to(self, file: BinaryIO, size: int) -> bytes:
         """Read `size` bytes, fewer at the end alone."""

@@ -59,6 +59,8 @@ class LogReader(ABC):
         Bus index of every channel that appeared so far; -1 for those left out.
     count : int
         Frames read so far.
+    read_bytes : int
+        Bytes read so far, unpacked; 0 where a library reads the file.
     skipped : dict of str to int
         What was read and is no frame, or of no bus asked for: kinds and how many so far.
     damage : LogError or None
@@ -123,7 +125,7 @@ class LogReader(ABC):
 
     def _start(self) -> None:
         self._channels = Channels(self._asked)
-        self.count = 0
+        self.count = self.read_bytes = 0
         self.skipped: dict[str, int] = {}
         self.damage: LogError | None = None
 
@@ -139,9 +141,11 @@ class LogReader(ABC):
         """Read some bytes into `view`; return their number, 0 at the end."""
         try:
             # What one read gives, so that a damage takes nothing along that came before it.
-            return file.readinto1(view)  # type: ignore[attr-defined]
+            got: int = file.readinto1(view)  # type: ignore[attr-defined]
         except (OSError, EOFError, zlib.error) as error:
             raise LogError(f"{self.path}: must be readable to its end; got: {error}") from error
+        self.read_bytes += got
+        return got
 
     def _skip(self, kind: str, count: int = 1) -> None:
         self.skipped[kind] = self.skipped.get(kind, 0) + count

@@ -83,6 +83,8 @@ class Zeros:
         Units that were tared in this run, and those that have the zeros of the run before.
     refused : dict of str to str
         Units that could not be tared yet, and why.
+    idle : int
+        Cycles to come that need not be looked at; who leaves them out takes them off.
     """
 
     def __init__(self, decoder: Decoder, *, tare: bool = True) -> None:
@@ -100,6 +102,7 @@ class Zeros:
         rate = topology.cycle_rate_hz
         self._cycles = max(round(WINDOW_S * rate), round(SPARE * LEAST_CYCLES))
         self._wait, self._longest = self._cycles, round(LONGEST_WAIT_S * rate)
+        self.idle = 0
         self._last: tuple[np.ndarray, np.ndarray] | None = None  # views, written each cycle
         rest_ut = decoder.rest_ut
         self._expected_ut = field_at_rest(topology) if rest_ut is None else rest_ut
@@ -120,7 +123,7 @@ class Zeros:
         topology = self._decoder.topology
         self._pending = topology.enabled & ~topology.counts_only
         self.taken, self.refused = [], {}
-        self._wait, self._steps = self._cycles, self._windows()
+        self._wait, self._steps, self.idle = self._cycles, self._windows(), 0
 
     def hear(self, frames: np.ndarray) -> None:
         """Take serial numbers from the heartbeats among frames, shape (m,), FRAME_DTYPE, where
@@ -131,13 +134,20 @@ class Zeros:
     def look(self, counts: np.ndarray, status: np.ndarray) -> None:
         """Look at a cycle, as the assembler has it: counts, shape (c, n), and flags, shape (n,)."""
         self._last = counts, status
-        if self._steps is not None and next(self._steps, True):
-            self._steps = None
+        if self.idle:
+            self.idle -= 1
+        elif self._steps is not None:
+            wait = next(self._steps, None)
+            if wait is None:
+                self._steps = None
+            else:
+                self.idle = wait
 
     # -- window by window -------------------------------------------------------------------------
 
-    def _windows(self) -> Iterator[None]:
-        """One step a cycle, until nothing is left to be taken."""
+    def _windows(self) -> Iterator[int]:
+        """One step a cycle, until nothing is left to be taken; yields how many cycles after the
+        next one need no step."""
         while self._pending.any() or self._saved is not None:
             n = self._filed.n
             counts = np.empty((self._cycles, len(CHANNELS), n), np.int16)
@@ -148,7 +158,7 @@ class Zeros:
                     counts[t], status[t] = self._last
                 if ambient is not None:
                     followed += ambient.field_at_chips_ut[:2] / self._cycles
-                yield
+                yield 0
             if self._saved is not None:
                 self._take_up(self._saved, counts, status)
                 continue
@@ -160,17 +170,16 @@ class Zeros:
             for k, i in enumerate(np.flatnonzero(self._pending).tolist()):
                 looks[i] = readings.look(i)
                 if k % UNITS_A_CYCLE:
-                    yield
+                    yield 0
             yield from self._tare(readings, looks, followed)
             if self._pending.any():
                 del counts, status, readings
-                for _ in range(self._wait):
-                    yield
+                yield self._wait - 1
                 self._wait = min(2 * self._wait, self._longest)
 
     def _tare(
         self, readings: Readings, looks: dict[int, Look], followed_ut: np.ndarray
-    ) -> Iterator[None]:
+    ) -> Iterator[int]:
         """Tare the units that nothing touches; tell of the others. Another step a cycle."""
         topology, names = self._decoder.topology, self._filed.unit_names
         faults = {i: look.faults[0] for i, look in looks.items() if look.faults}
@@ -188,9 +197,9 @@ class Zeros:
         if not taken.any():
             self.refused = refused
             return
-        yield
+        yield 0
         zeros = readings.zeros(taken)
-        yield
+        yield 0
         if self._decoder.ambient is not None:
             # once others tell the ambient field it is not part of a zero
             is_first = not topology.tared.any()

@@ -28,7 +28,7 @@ COMMANDS = {
     "doctor": "listen to the buses of a topology, and say what is wrong and why",
     "tare": "take the zeros of an untouched skin, and save them",
     "calibrate": "fit units to the recordings of a bench, and write their calibration file",
-    "decode": "turn a recorded log into forces",
+    "decode": "turn recorded logs into forces",
     "export": "write recorded logs as data sets for learning",
     "publish": "publish what the skin feels as topics of ROS 2",
     "dbc": "write a DBC file for each bus, for every other CAN tool",

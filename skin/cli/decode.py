@@ -1,46 +1,81 @@
-"""`skin decode`: a recorded log into forces."""
+"""`skin decode`: recorded logs into forces."""
 
 from __future__ import annotations
 
 import json as json_text
 import sys
-from dataclasses import asdict
+import time
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import numpy as np
 import tyro
 
 from skin.cli import options
-from skin.cli.table import counted
+
+if TYPE_CHECKING:
+    from skin.bulk.progress import Told
 
 __all__ = ["decode"]
 
-WANT = ("temperature", "force", "wrench", "centroid", "contacts", "slip")
+FILES = (".csv", ".npz", ".parquet")
 
 
 def decode(
-    log: Annotated[
-        Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG", help="recorded CAN log")
+    paths: Annotated[
+        tuple[str, ...],
+        tyro.conf.Positional,
+        tyro.conf.arg(
+            metavar="TOPOLOGY LOG [LOG ...]",
+            help="topology file, or the name of a ready-made one, and recorded CAN logs or "
+            "recordings; logs alone with --topology",
+        ),
     ],
     /,
     *,
-    topology: Annotated[str, tyro.conf.arg(metavar="FILE", help=options.FILE_HELP)],
+    topology: Annotated[
+        str | None,
+        options.quiet(f"{options.FILE_HELP}; then all that comes first are logs", metavar="FILE"),
+    ] = None,
     output: Annotated[
         Path | None,
         options.quiet(
-            "where to write: .csv (a row for each cycle and unit), .npz (arrays) or .parquet (a "
-            "row for each cycle)",
-            metavar="FILE",
+            "where to write: a folder for any number of logs; of one log .csv (a row for each "
+            "cycle and unit), .npz (arrays) or .parquet (a row for each cycle)",
+            metavar="DIR|FILE",
             aliases=["-o"],
         ),
     ] = None,
+    want: Annotated[
+        tuple[str, ...],
+        options.quiet("what to decode into a folder; forces, temperatures, contacts and slip "
+                      "otherwise", metavar="NAME [NAME ...]"),
+    ] = (),
+    jobs: Annotated[
+        int, tyro.conf.arg(metavar="N", help="logs that are decoded side by side")
+    ] = 1,
+    format: Annotated[
+        Literal["parquet", "npz"], tyro.conf.arg(help="of the files in a folder")
+    ] = "parquet",
+    share: Annotated[
+        str | None,
+        options.quiet("every N-th log only, from the I-th on, for one of N machines",
+                      metavar="I/N"),
+    ] = None,
+    cluster: Annotated[
+        str | None,
+        options.quiet("decode on the dask cluster of this scheduler", metavar="ADDRESS"),
+    ] = None,
+    anew: Annotated[
+        bool, options.quiet("decode logs into a folder that have not changed, too")
+    ] = False,
     json: options.Json = False,
-) -> int:
-    """Decode a recorded CAN log (candump, BLF, ASC, TRC, …).
+) -> int:  # fmt: skip
+    """Decode recorded CAN logs (candump, BLF, ASC, TRC, MF4, …) and recordings of `skin record`.
 
-    The frames of a skin with several buses are told apart by the channels of its file, which the
-    log must name.
+    Into a folder go Parquet files in parts: cycles, contacts, and spells of units in trouble
+    (docs/bulk.md). Every number is that of the live skin. A log that was decoded before is left
+    out, unless it, the topology, its calibration, the options or the version have changed; after
+    an interruption the same call goes on.
 
     A .csv has a row for each cycle and unit; beside it lie FILE.wrench.csv with a row for each
     cycle, FILE.contacts.csv with one for each cycle and contact, and FILE.events.csv with what
@@ -54,48 +89,113 @@ def decode(
     identity of what touches it, the same as long as it stays, and 0 for nothing.
     A .parquet has a row for each cycle; docs/connect.md has its columns.
 
-    Exits with 1 if the log holds no cycle of this skin, is damaged, lacks SYNC or has time that
-    runs back; all that can be decoded is.
+    Exits with 1 if a log holds no cycle of this skin, is damaged, lacks SYNC or has time that
+    runs back, or could not be decoded; all that can be decoded is.
     """
-    from skin.cli.decoded import writer_for
-    from skin.errors import SkinError
-    from skin.offline import decode_log
+    from skin.cli.decode_file import decode_file
+    from skin.errors import OptionError
+
+    given = list(paths)
+    if topology is None:
+        if len(given) < 2:
+            raise OptionError("decode: must be given a topology and a log; got "
+                              f"{' '.join(given) or 'none'}")  # fmt: skip
+        topology, *given = given
+    logs = [Path(log) for log in given]
+    into_file = output is not None and output.suffix != "" and not output.is_dir()
+    if len(logs) == 1 and (output is None or into_file):
+        return decode_file(logs[0], topology=topology, output=output, json=json)
+    if output is None or into_file:
+        raise OptionError(f"--output: must be a folder for several logs; got {output}")
+    return _into_folder(
+        _shared(logs, share), topology, output, json,
+        {"want": want or None, "jobs": jobs, "format": format, "anew": anew,
+         "cluster": cluster},
+    )  # fmt: skip
+
+
+def _shared(logs: list[Path], share: str | None) -> list[Path]:
+    """The logs of one of several machines, the same on all of them."""
+    if share is None:
+        return logs
+    from skin.errors import OptionError
+
+    first, _, count = share.partition("/")
+    if not (first.isdecimal() and count.isdecimal() and 1 <= int(first) <= int(count)):
+        raise OptionError(f"--share: must be I/N with I from 1 to N; got {share!r}")
+    return sorted(logs)[int(first) - 1 :: int(count)]
+
+
+def _into_folder(
+    logs: list[Path], topology: str, output: Path, json: bool, how: dict[str, Any]
+) -> int:
+    """Decode logs into a folder."""
+    from skin.bulk.job import Job
+    from skin.bulk.run import run
     from topology import load
 
-    if output is not None and output.suffix not in (".csv", ".npz", ".parquet"):
-        raise SkinError(f"--output: must end in .csv, .npz or .parquet; got {output.name!r}")
-    options.check_folder("--output", output)
-    loaded = load(topology)
-    want = (*WANT, "sigma") if output is not None and output.suffix == ".parquet" else WANT
-    states = decode_log(loaded, log, want=want, dtype="float64", sweeps=2)
-    cycles, valid, peak = 0, 0, 0.0
-    with writer_for(output, loaded) as add:
-        for state in states:
-            cycles += 1
-            valid += int(state.units.valid.sum())
-            peak = max(peak, float(np.linalg.norm(state.wrench[:3])))
-            add(state)
-    counters = asdict(states.counters)
-    report = {
-        "topology": loaded.name,
-        "units": loaded.n,
-        "cycles": cycles,
-        "valid_share": valid / max(1, cycles * loaded.n),
-        "peak_force_n": peak,
-        "counters": counters,
-        "damage": states.damage,
-        "faults": states.faults,
-        "output": str(output.resolve()) if output is not None and cycles else None,
-    }
-    if json:
-        print(json_text.dumps(report))
+    if not output.is_dir():
+        options.check_folder("--output", output)
+    asked = {} if how["want"] is None else {"want": how["want"]}
+    job = Job(load(topology), output, asked, how["format"], anew=how["anew"])
+    if not logs:
+        print(json_text.dumps({"logs": []}) if json else "no log for this share")
+        return 0
+    bar = _Bar()
+    if how["cluster"] is None:
+        report = run(job, logs, jobs=how["jobs"], tell=bar)
     else:
-        print(f"{cycles} cycles of {loaded.n} units; frames: {counted(counters)}")
-        print(f"valid readings {100 * report['valid_share']:.2f} %, peak force {peak:.2f} N")
-        if report["output"]:
-            print(f"written: {report['output']}")
-    if states.damage:
-        print(f"{states.damage}; what stands before it was decoded", file=sys.stderr)
-    for fault in states.faults:
+        from skin.bulk.cluster import run_on
+
+        report = run_on(how["cluster"], job, logs, tell=bar)
+    bar.end()
+    report["output"] = str(output.resolve())
+    print(json_text.dumps(report) if json else _table(report))
+    for fault in report["faults"]:
         print(fault, file=sys.stderr)
-    return 0 if cycles and not states.damage and not states.faults else 1
+    return int(bool(report["faults"]))
+
+
+def _table(report: dict[str, Any]) -> str:
+    from skin.cli.table import counted
+
+    lines = []
+    for one in report["logs"]:
+        text = f"{one['log']}: {one['state']}: {one.get('cycles', 0)} cycles"
+        if "valid_share" in one:
+            text += (f", valid {100 * one['valid_share']:.2f} %, {one['contacts']} contacts, "
+                     f"{one['slips']} slips")  # fmt: skip
+        if one.get("cycles_missing"):
+            text += f", {one['cycles_missing']} cycles missing"
+        if "counters" in one:
+            text += f"; frames: {counted(one['counters'])}"
+        lines.append(text)
+    lines.append(
+        f"{report['decoded']} decoded, {report['unchanged']} unchanged, {report['failed']} failed; "
+        f"{report['wall_s']:.1f} s, {report['frames_per_s'] / 1e6:.2f} M frames/s"
+    )
+    return "\n".join([*lines, f"written: {report['output']}"])
+
+
+class _Bar:
+    """A line of progress on standard error, where a terminal shows it."""
+
+    EVERY_S = 10.0
+
+    def __init__(self) -> None:
+        self._live, self._shown_at, self._width = sys.stderr.isatty(), time.monotonic(), 0
+
+    def __call__(self, told: Told) -> None:
+        text, now = str(told), time.monotonic()
+        if self._live:
+            bar = "█" * round(20 * told.share)
+            line = f"{bar:<20} {text}"
+            print(f"\r{line:<{self._width}}", end="", file=sys.stderr, flush=True)
+            self._width = len(line)
+        elif now - self._shown_at > self.EVERY_S:
+            self._shown_at = now
+            print(text, file=sys.stderr, flush=True)
+
+    def end(self) -> None:
+        if self._live and self._width:
+            print(file=sys.stderr)

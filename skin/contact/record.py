@@ -6,7 +6,8 @@ from enum import IntEnum, IntFlag
 
 import numpy as np
 
-__all__ = ["CONTACT", "Event", "Flag", "SlipState", "TrackState", "UnitKind", "UnitSlip"]
+__all__ = ["CONTACT", "UNTOUCHED", "Event", "Flag", "SlipState", "TrackState", "UnitKind",
+           "UnitSlip"]  # fmt: skip
 
 
 class UnitKind(IntEnum):
@@ -169,3 +170,19 @@ CONTACT = np.dtype(
     align=True,
 )
 """One contact. Metre, newton, newton metre, pascal, second; skin frame unless it says otherwise."""
+
+
+def _untouched() -> np.ndarray:
+    """The total where nothing touches: zero force, no centre, nothing known of anything else."""
+    record = np.zeros(1, CONTACT)
+    zero = ("load", "load_sigma", "wrench", "wrench_covariance", "wrench_sigma", "area", "shear")
+    for name in CONTACT.names or ():
+        if CONTACT[name].base == np.float64 and name not in zero:
+            record[name] = np.nan
+    record["peak_unit"] = record["hot_unit"] = -1
+    record["flags"] = Flag.WEAK
+    return record
+
+
+UNTOUCHED = _untouched()
+"""Shape (1,)."""

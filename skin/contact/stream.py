@@ -23,7 +23,7 @@ from skin.contact.model import (
     posed_units,
     set_poses,
 )  # fmt: skip
-from skin.contact.record import BRIDGE, CONTACT, OPEN, Flag
+from skin.contact.record import BRIDGE, OPEN, UNTOUCHED
 from skin.contact.shock import Shocks
 from skin.contact.slip import SlipSettings
 from skin.contact.step import EARLY, SAME, step
@@ -97,6 +97,8 @@ class ContactStream:
         `UnitSlip` of each unit.
     shocks : Shocks or None
         Where they are wanted.
+    bound : Bound or None
+        The kernel of a cycle on the arrays of the last `bind`.
 
     Examples
     --------
@@ -182,6 +184,7 @@ class ContactStream:
         ]
         self.total = self._views[-1]
         self._now_ns = self.data.clock["now_ns"]
+        self.bound: Bound | None = None
         self._found: list[Contact] = []
         self._shock_inputs = (
             self.data.slots.present, self.records["event"], self.records["wrench"][:, :3],
@@ -328,6 +331,7 @@ class ContactStream:
                     f"got {array.dtype} of shape {array.shape}"
                 )
             call.put((1, "reading", field), array)
+        self.bound = call
         return lambda stamp_ns: self._take(call, stamp_ns)
 
     def __reduce_ex__(self, protocol: object) -> str:
@@ -359,6 +363,11 @@ class ContactStream:
             self.shocks.update(len(contacts), *self._shock_inputs, stamp_ns)
         return contacts
 
+    def resume(self) -> None:
+        """Take over contacts that `bound` has found since the last cycle."""
+        self._renew(int(self.data.clock["present"][0]), 0)
+        self.contacts = self._found.copy()
+
     def _renew(self, count: int, stamp_ns: int) -> None:
         """Contacts came or went, or it is too early for that."""
         if count == EARLY:
@@ -369,21 +378,6 @@ class ContactStream:
         if count == 0:
             self.records[-1:] = UNTOUCHED
             self.unit_slip[:] = 0
-
-
-def _untouched() -> np.ndarray:
-    """The total where nothing touches: zero force, no centre, nothing known of anything else."""
-    record = np.zeros(1, CONTACT)
-    zero = ("load", "load_sigma", "wrench", "wrench_covariance", "wrench_sigma", "area", "shear")
-    for name in CONTACT.names or ():
-        if CONTACT[name].base == np.float64 and name not in zero:
-            record[name] = np.nan
-    record["peak_unit"] = record["hot_unit"] = -1
-    record["flags"] = Flag.WEAK
-    return record
-
-
-UNTOUCHED = _untouched()
 
 
 def _copy(name: str, values: object, own: np.ndarray) -> None:

@@ -43,7 +43,6 @@ from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -63,6 +62,31 @@ STANDS_ON = (
     "hall_offset_z_ut", "field_xx", "field_xy", "field_yx", "field_yy", "film_x_mm", "film_y_mm",
 )  # fmt: skip
 """Parameters without which saved zeros mean nothing."""
+
+
+class Follow:
+    """`Ambient.update` on arrays that stay the same.
+
+    Attributes
+    ----------
+    call : Bound
+        The kernel.
+    elapsed_s, calm_s : ndarray, shape (1,)
+        What it is told: see `skin.decode.ambient_model.AmbientData`.
+    """
+
+    __slots__ = ("_period_s", "call", "calm_s", "elapsed_s")
+
+    def __init__(self, call: Bound, data: AmbientData, period_s: float) -> None:
+        self.call, self._period_s = call, period_s
+        self.elapsed_s, self.calm_s = data.elapsed_s, data.calm_s
+
+    def __call__(self, dt_s: float | None = None) -> None:
+        """Look at the cycle that stands in the arrays, `dt_s` after the last one."""
+        period_s = self._period_s
+        self.elapsed_s[0] = dt_s = period_s if dt_s is None else max(dt_s, 0.0)
+        self.calm_s[0] = min(dt_s, 2.0 * period_s)
+        self.call()
 
 
 class Ambient:
@@ -252,7 +276,7 @@ class Ambient:
         self.begun += 1
         kernels.compose(self._model, self._data)
 
-    def bound(self, reading: Reading) -> Callable[..., None]:
+    def bound(self, reading: Reading) -> Follow:
         """`update` with a reading whose arrays stay the same, as a decoder's: they are looked at
         once.
 
@@ -272,18 +296,11 @@ class Ambient:
             **{name: array for name, array in read.items() if array is not None}
         ))  # fmt: skip
 
-    def _bound(self, data: AmbientData) -> Callable[..., None]:
-        call, period_s = Bound(kernels.update, self._model, data), self._period_s
-
-        def update(dt_s: float | None = None) -> None:
-            data.elapsed_s[0] = dt_s = period_s if dt_s is None else max(dt_s, 0.0)
-            data.calm_s[0] = min(dt_s, 2.0 * period_s)
-            call()
-
-        return update
+    def _bound(self, data: AmbientData) -> Follow:
+        return Follow(Bound(kernels.update, self._model, data), data, self._period_s)
 
     @functools.cached_property
-    def _own(self) -> Callable[..., None]:
+    def _own(self) -> Follow:
         return self._bound(self._data)
 
     def update(self, reading: Reading, dt_s: float | None = None) -> None:

@@ -34,8 +34,6 @@ the skin is refused. `sine` gains less: near its crest no sweep helps.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from bus.compiled.aligned import zeros
@@ -233,7 +231,7 @@ class CrossTalk:
         out: np.ndarray,
         base: np.ndarray | None = None,
         film_above: np.ndarray | None = None,
-    ) -> Callable[[], np.ndarray]:
+    ) -> Prediction:
         """`predict` with arrays that stay the same, for a call each cycle: they are looked at once.
 
         Parameters
@@ -253,17 +251,7 @@ class CrossTalk:
         pairs = PairData(known, self._todo, given.variance_ut2, written.variance_ut2)
         unknown = Bound(kernels.unknown, self._pair_model, pairs)
         adding = [part.bound(self._films, written.field_ut) for part in self._parts]
-
-        def call() -> np.ndarray:
-            moved, changed = films()
-            if changed:
-                unknown()
-            if moved:
-                for add in adding:
-                    add()
-            return out
-
-        return call
+        return Prediction(films, unknown, adding, out)
 
     def retare(self, topology: Topology) -> None:
         """Count what films at rest may be off by only in units that are not tared now."""
@@ -336,6 +324,33 @@ class CrossTalk:
             float(np.bincount(stencil.unit, axis, minlength=stencil.n).max(initial=0.0))
             for axis in each.T
         )
+
+
+class Prediction:
+    """The calls that a prediction is made of, in their order.
+
+    Attributes
+    ----------
+    films, unknown : Bound
+        The kernels of `skin.decode.crosstalk_kernels`; the second where what is known has changed.
+    adding : list of Bound
+        Of each part, where any film counts.
+    """
+
+    __slots__ = ("_out", "adding", "films", "unknown")
+
+    def __init__(self, films: Bound, unknown: Bound, adding: list[Bound], out: np.ndarray) -> None:
+        self.films, self.unknown, self.adding, self._out = films, unknown, adding, out
+
+    def __call__(self) -> np.ndarray:
+        """Predict; see `CrossTalk.predict`."""
+        moved, changed = self.films()
+        if changed:
+            self.unknown()
+        if moved:
+            for add in self.adding:
+                add()
+        return self._out
 
 
 def _rows(background: np.ndarray) -> Background:

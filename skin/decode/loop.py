@@ -10,8 +10,8 @@ import numpy as np
 from skin.state import Reading
 
 if TYPE_CHECKING:
-    from skin.decode.ambient import Ambient
-    from skin.decode.crosstalk import CrossTalk
+    from skin.decode.ambient import Ambient, Follow
+    from skin.decode.crosstalk import CrossTalk, Prediction
     from skin.decode.plan import Plan
     from skin.decode.results import Results
     from skin.physics.stencil import Stencil
@@ -107,8 +107,8 @@ class Loop:
         self._whole, self._film_above, self._taken = whole, film_above, taken
         self._base = np.zeros_like(taken)
         self._known = np.zeros_like(taken) if ambient is None else ambient.taken
-        self._predict: dict[bool, Callable[[], object]] = {}
-        self._follow: Callable[[float | None], None] | None = None
+        self._predict: dict[bool, Prediction] = {}
+        self._follow: Follow | None = None
 
     def reset(self) -> None:
         """Forget what was learnt; the next cycle is the first."""
@@ -147,7 +147,7 @@ class Loop:
             follow(elapsed_s)
         return reading
 
-    def _bind_prediction(self, crosstalk: CrossTalk, told: bool) -> Callable[[], object]:
+    def _bind_prediction(self, crosstalk: CrossTalk, told: bool) -> Prediction:
         """The prediction of cross-talk on top of a background that is told, or not."""
         whole, base = self._whole, self._base if told else self._known
         predict = self._predict[told] = crosstalk.bound(

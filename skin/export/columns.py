@@ -12,7 +12,8 @@ if TYPE_CHECKING:
     from skin.state import State
     from topology import Topology
 
-__all__ = ["CONTACT_FIELDS", "Block", "Field", "blocks_of", "contact_rows"]
+__all__ = ["AXES", "CONTACT_FIELDS", "LOADS", "LOAD_UNITS", "READINGS", "Block", "Field",
+           "blocks_of", "contact_rows"]  # fmt: skip
 
 
 class Block(NamedTuple):
@@ -45,6 +46,17 @@ class Field(NamedTuple):
 AXES = ("x", "y", "z")
 LOADS = ("fx", "fy", "fz", "mx", "my", "mz")
 LOAD_UNITS = ("N", "N", "N", "N m", "N m", "N m")
+
+
+READINGS = (
+    ("force", ("fx", "fy", "fz"), "N"),
+    ("force_sigma", ("fx_sigma", "fy_sigma", "fz_sigma"), "N"),
+    ("temperature", ("temperature",), "degC"),
+    ("temperature_sigma", ("temperature_sigma",), "degC"),
+    ("status", ("status",), ""),
+    ("valid", ("valid",), ""),
+)
+"""Of units: name in a `Reading`, endings of the columns, unit."""
 
 
 def _part(name: str, index: int) -> Callable[[Contact], Any]:
@@ -82,15 +94,7 @@ def blocks_of(topology: Topology, state: State) -> Iterator[Block]:
 
 def _units(names: tuple[str, ...], state: State) -> Iterator[Block]:
     """Columns of the units: all of a kind side by side."""
-    readings = (
-        ("force", ("fx", "fy", "fz"), "N"),
-        ("force_sigma", ("fx_sigma", "fy_sigma", "fz_sigma"), "N"),
-        ("temperature", ("temperature",), "degC"),
-        ("temperature_sigma", ("temperature_sigma",), "degC"),
-        ("status", ("status",), ""),
-        ("valid", ("valid",), ""),
-    )
-    for attribute, endings, unit in readings:
+    for attribute, endings, unit in READINGS:
         values = getattr(state.units, attribute)
         if values is not None:
             columns = tuple(f"{name}.{ending}" for ending in endings for name in names)

@@ -14,6 +14,7 @@ PICTURE = ROOT / "docs" / "imports.svg"
 
 PLACES = {
     "cli": (2.0, 0),
+    "bulk": (0.6, 0),
     "export": (0.0, 1),
     "view": (1.0, 1),
     "grasp": (3.3, 0),
@@ -21,7 +22,8 @@ PLACES = {
     "publish": (4.0, 1),
     "record": (2.0, 2),
     "live": (3.3, 2),
-    "offline": (1.35, 3),
+    "offline": (1.35, 2.85),
+    "blocks": (0.85, 3.5),
     "moving": (2.2, 3),
     "pacing": (3.0, 3),
     "compiling": (3.9, 4),
@@ -53,6 +55,8 @@ NOTES = {
     "grasp": "a hand in MuJoCo",
     "opening": "opens the buses",
     "offline": "logs to states",
+    "blocks": "many cycles at once",
+    "bulk": "many logs to tables",
     "live": "SYNC, pacing",
     "record": "recordings, replay",
     "pipeline": "the spine",

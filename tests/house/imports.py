@@ -44,7 +44,9 @@ ROOMS: dict[str, frozenset[str]] = {
     | {"physics", "decode", "contact", "calibrate", "pipeline", "pacing", "compiling", "sim"}
     | {"moving"},
     "opening": COMMON | {"physics", "contact", "pipeline", "compiling", "sim", "live", "record"},
-    "offline": COMMON | {"pipeline", "compiling"},
+    "blocks": COMMON | {"pipeline", "decode", "contact", "clock"},
+    "offline": COMMON | {"pipeline", "compiling", "blocks"},
+    "bulk": COMMON | {"contact", "pipeline", "blocks", "offline", "record", "export", "arrow"},
     "view": COMMON | {"live", "pipeline", "calibrate", "contact", "worker"},
     "record": COMMON
     | {"physics", "contact", "pipeline", "compiling", "offline", "worker", "messages"},

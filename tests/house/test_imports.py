@@ -19,6 +19,7 @@ ONE_FILE_EACH = (
     "pyarrow",
     "asammdf",
     "cantools",
+    "distributed",
     "mcap",
     "cyclonedds",
     "PIL",

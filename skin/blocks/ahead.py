@@ -1,0 +1,58 @@
+"""An iterator that is run ahead by a thread, so that reading waits for nobody."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Iterable, Iterator
+from typing import TypeVar
+
+__all__ = ["ahead"]
+
+T = TypeVar("T")
+POLL_S = 0.2
+"""After which a thread that nobody reads from looks whether it may end."""
+
+
+def ahead(items: Iterable[T], most: int = 4) -> Iterator[T]:
+    """The same items, made by a thread that is at most so many ahead; so is what it raises.
+
+    Examples
+    --------
+    >>> list(ahead(range(3)))
+    [0, 1, 2]
+    """
+    waiting: queue.Queue[tuple[bool, T | BaseException | None]] = queue.Queue(most)
+    ended = threading.Event()
+
+    def put(is_last: bool, item: T | BaseException | None) -> None:
+        while not ended.is_set():
+            try:
+                waiting.put((is_last, item), timeout=POLL_S)
+                return
+            except queue.Full:
+                continue
+
+    def work() -> None:
+        try:
+            for item in items:
+                put(False, item)
+                if ended.is_set():
+                    return
+            put(True, None)
+        except BaseException as error:  # is raised where the items are wanted
+            put(True, error)
+
+    thread = threading.Thread(target=work, name="skin-ahead", daemon=True)
+    thread.start()
+    try:
+        while True:
+            is_last, item = waiting.get()
+            if is_last:
+                if isinstance(item, BaseException):
+                    raise item
+                return
+            yield item  # type: ignore[misc]
+    finally:
+        ended.set()
+        thread.join()

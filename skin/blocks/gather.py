@@ -1,0 +1,130 @@
+"""States gathered into blocks, by copying what their pipeline shows."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from skin.blocks.block import CLOSED_BY, Block
+from skin.contact.record import CONTACT
+from skin.state import UNWANTED, Reading
+
+if TYPE_CHECKING:
+    from skin.pipeline import Pipeline
+    from skin.state import State
+
+__all__ = ["Gather"]
+
+BLOCK_BYTES = 16 << 20
+"""Of a block [assumed: the third cache, and a share of it that a laptop has]."""
+MOST_CYCLES, LEAST_CYCLES = 4096, 16
+CONTACTS = 16
+"""Contacts that a skin tells apart, at most, in one cycle."""
+READING = "reading."
+
+
+class Gather:
+    """Fills blocks with the states of one pipeline.
+
+    Parameters
+    ----------
+    pipeline : Pipeline
+    most : int, optional
+        Cycles of a block at most.
+
+    Attributes
+    ----------
+    count, contact_count : int
+        Cycles and contacts in the block that is being filled.
+    sources : dict of str to ndarray
+        What is copied each cycle: arrays that stay the same.
+    rows : dict of str to ndarray
+        Where they are copied to, with a leading axis of cycles.
+    """
+
+    def __init__(self, pipeline: Pipeline, most: int | None = None) -> None:
+        self._pipeline = pipeline
+        self.sources = _sources(pipeline)
+        self._lists = pipeline.lists_contacts
+        row_bytes = sum(array.nbytes for array in self.sources.values()) + 64
+        capacity = int(np.clip(BLOCK_BYTES // row_bytes, LEAST_CYCLES, MOST_CYCLES))
+        self.capacity = capacity if most is None else max(1, min(most, capacity))
+        self.contact_capacity = 2 * self.capacity + CONTACTS if self._lists else 0
+        topology = pipeline.topology
+        self._area_share = topology.area / topology.area.sum()
+        self._renew()
+
+    def _renew(self) -> None:
+        """Arrays for the next block."""
+        t = self.capacity
+        self.count = self.contact_count = 0
+        self.rows = {
+            name: np.empty((t, *array.shape), array.dtype) for name, array in self.sources.items()
+        }
+        self.cycle, self.stamp_ns, self.overruns = np.empty((3, t), np.int64)
+        self.closed_by = np.empty(t, np.uint8)
+        self.contact_start = np.zeros(t + 1, np.int64)
+        self.contacts = np.empty(self.contact_capacity, CONTACT)
+
+    @property
+    def is_full(self) -> bool:
+        """Whether another cycle may have no room."""
+        full = self.count == self.capacity
+        return full or (self._lists and self.contact_capacity - self.contact_count < CONTACTS)
+
+    def add(self, state: State) -> None:
+        """Copy a state of the pipeline."""
+        t, k = self.count, self.contact_count
+        for name, array in self.sources.items():
+            self.rows[name][t] = array
+        self.cycle[t], self.stamp_ns[t] = state.cycle, state.stamp_ns
+        self.overruns[t] = state.overruns
+        self.closed_by[t] = CLOSED_BY.index(state.closed_by)
+        for contact in state.contacts or ():
+            self.contacts[k] = contact.record
+            k += 1
+        self.count, self.contact_count = t + 1, k
+        self.contact_start[t + 1] = k
+
+    def block(self) -> Block | None:
+        """What was gathered, whose arrays are the block's from now on; None if nothing was."""
+        t = self.count
+        if not t:
+            return None
+        rows = {name: array[:t] for name, array in self.rows.items()}
+        read = {
+            name[len(READING) :]: rows.pop(name) for name in [*rows] if name.startswith(READING)
+        }
+        shown: dict[str, Any] = {name: read.get(name, UNWANTED) for name in Reading.__slots__}
+        units = Reading(**shown)
+        listed = {}
+        if self._lists:
+            listed["contacts"] = self.contacts[: self.contact_count].copy()
+            listed["contact_start"] = self.contact_start[: t + 1]
+        block = Block(
+            topology=self._pipeline.topology, cycle=self.cycle[:t], stamp_ns=self.stamp_ns[:t],
+            units=units, coverage=self._coverage(units.valid), closed_by=self.closed_by[:t],
+            overruns=self.overruns[:t], **listed, **rows,
+        )  # fmt: skip
+        self._renew()
+        return block
+
+    def _coverage(self, valid: np.ndarray) -> np.ndarray:
+        """As `Pipeline.state` has it, for the same bits."""
+        coverage = np.ones(len(valid))
+        for t in np.flatnonzero(~valid.all(axis=1)):
+            coverage[t] = float(self._area_share.dot(valid[t]))
+        return coverage
+
+
+def _sources(pipeline: Pipeline) -> dict[str, np.ndarray]:
+    """What states show, in arrays that stay the same."""
+    reading = pipeline.decoder.reading
+    found = {f"{READING}{name}": getattr(reading, name) for name in Reading.__slots__}
+    found |= pipeline.shown
+    found |= {
+        "totals": pipeline.assembler.totals,
+        "sampled_ns": pipeline.assembler.sampled_ns,
+    }
+    return {name: array for name, array in found.items() if array is not None}

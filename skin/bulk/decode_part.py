@@ -1,0 +1,192 @@
+"""One log of a job: decoded, written partition by partition, and told of."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bus.errors import BusError
+from skin.blocks.ahead import ahead
+from skin.blocks.block import Block
+from skin.blocks.blocks import blocks_of
+from skin.bulk.manifest import committed, save_manifest
+from skin.bulk.write import clean, writer_of
+from skin.errors import SkinError
+from skin.offline import decode_log
+
+if TYPE_CHECKING:
+    from skin.bulk.job import Job, Part
+
+__all__ = ["decode_part"]
+
+PARTITION_BYTES = 96 << 20
+"""Of decoded values in a file [assumed]."""
+BLOCKS_AHEAD = 2
+FOREIGN_SHARE = 0.5
+"""Of the frames of a log, above which it is of another skin [assumed]."""
+
+
+def decode_part(job: Job, part: Part) -> dict[str, Any]:
+    """Decode a log, or go on where an earlier call of the same job has ended.
+
+    What is decoded does not depend on where that was: the log is decoded from its beginning, as
+    its filters want it, and partitions that are there are not written again.
+
+    Parameters
+    ----------
+    job : Job
+    part : Part
+
+    Returns
+    -------
+    dict
+        What was decoded, and what was not; ``error`` is None, or why the log was left.
+    """
+    begun = time.monotonic()
+    before = committed(job, part)
+    if before is not None and before.get("complete"):
+        return before["summary"] | {"state": "unchanged"}
+    kept = before["partitions"] if before is not None else []
+    summary: dict[str, Any] = {"log": str(part.log), "key": part.key, "state": "decoded",
+                               "error": None}  # fmt: skip
+    sums = _Sums(list(kept))
+    try:
+        clean(job, part, len(kept))
+        save_manifest(job, part, _manifest(job, part, kept, {}))
+        source, blocks = _source(job, part)
+        _write(job, part, source, blocks, sums)
+    except (BusError, SkinError, OSError) as error:
+        return summary | sums.told() | {"state": "failed", "error": _words(error)}
+    summary |= sums.told() | {"counters": asdict(source.counters), "faults": source.faults,
+                              "damage": getattr(source, "damage", None)}  # fmt: skip
+    if part.log.stat().st_size != part.size:
+        summary["faults"] = [*summary["faults"], _grown(part)]
+    summary["faults"] = [*summary["faults"], *_strange(part, summary, job.topology.name)]
+    summary |= {"wall_s": time.monotonic() - begun}
+    save_manifest(job, part, _manifest(job, part, sums.partitions, summary, complete=True))
+    return summary
+
+
+def _source(job: Job, part: Part) -> tuple[Any, Iterator[Block]]:
+    """What tells of the log, and its blocks."""
+    if part.is_recording:
+        from skin.record.replay import replay
+
+        played = replay(part.log, job.topology)
+        return played, blocks_of(played, played.pipeline, job.partition_cycles)
+    decoded = decode_log(job.topology, part.log, **job.options)
+    return decoded, decoded.blocks(job.partition_cycles)
+
+
+def _write(job: Job, part: Part, source: Any, blocks: Iterator[Block], sums: _Sums) -> None:
+    """Write blocks into partitions; those that are kept are passed over."""
+    writer, kept = writer_of(job, part), len(sums.partitions)
+    number = rows = 0
+    try:
+        for block in ahead(blocks, BLOCKS_AHEAD):
+            most = job.partition_cycles or _partition_cycles(block)
+            if rows >= most:
+                _commit(job, part, source, sums, (writer, number, rows), kept)
+                number, rows = number + 1, 0
+            if number < kept:
+                writer.skip(block)
+            else:
+                writer.add(block, number)
+            sums.add(block)
+            rows += len(block)
+        if rows:
+            _commit(job, part, source, sums, (writer, number, rows), kept, ends=True)
+    finally:
+        writer.close()
+
+
+def _commit(
+    job: Job, part: Part, source: Any, sums: _Sums, done: tuple[Any, int, int], kept: int, *,
+    ends: bool = False,
+) -> None:  # fmt: skip
+    """Let a partition be there, and tell so."""
+    writer, number, rows = done
+    if number < kept:
+        return
+    writer.commit(number, ends=ends)
+    sums.partitions.append(rows)
+    told = sums.told() | {"read_bytes": getattr(source, "read_bytes", 0)}
+    save_manifest(job, part, _manifest(job, part, sums.partitions, told))
+
+
+def _manifest(
+    job: Job, part: Part, partitions: list[int], summary: dict[str, Any], complete: bool = False
+) -> dict[str, Any]:
+    return {"told": job.told(part), "partitions": list(partitions), "complete": complete,
+            "summary": summary}  # fmt: skip
+
+
+def _partition_cycles(block: Block) -> int:
+    """Cycles of a file."""
+    arrays = [getattr(block.units, name) for name in type(block.units).__slots__]
+    row_bytes = sum(one.nbytes for one in arrays if one is not None) / len(block)
+    return max(1, round(PARTITION_BYTES / row_bytes))
+
+
+def _words(error: Exception) -> str:
+    """An error as a message; of writing, the file and what is the matter with it."""
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
+    return str(error) or type(error).__name__
+
+
+def _grown(part: Part) -> str:
+    now = part.log.stat().st_size
+    return (f"{part.log}: must keep its size while it is read; got {now} bytes after {part.size}: "
+            "decode it again for the rest")  # fmt: skip
+
+
+def _strange(part: Part, summary: dict[str, Any], name: str) -> Iterator[str]:
+    """What tells that a log is not of this skin."""
+    counters = summary["counters"]
+    frames = sum(counters.values()) - counters["lost"] - counters["controller_overflow"]
+    foreign = counters["foreign"] + counters["short"]
+    if frames and (foreign > FOREIGN_SHARE * frames or not counters["data"]):
+        yield (f"{part.log}: must be a log of the skin {name!r}; got {foreign} foreign frames "
+               f"of {frames}, and {counters['data']} of its units")  # fmt: skip
+    elif not summary["cycles"]:
+        yield f"{part.log}: must hold cycles of the skin {name!r}; got none"
+
+
+class _Sums:
+    """What is told of all blocks together."""
+
+    def __init__(self, partitions: list[int]) -> None:
+        self.partitions = partitions
+        self.cycles = self.valid = self.readings = self.contacts = self.slips = self.frames = 0
+        self.first_ns = self.last_ns = None
+        self.overruns = 0
+
+    def add(self, block: Block) -> None:
+        """Count a block."""
+        self.cycles += len(block)
+        self.valid += int(np.count_nonzero(block.units.valid))
+        self.readings += block.units.valid.size
+        self.overruns = int(block.overruns[-1])
+        self.frames = int(block.totals[-1].sum())
+        if self.first_ns is None:
+            self.first_ns = int(block.stamp_ns[0])
+        self.last_ns = int(block.stamp_ns[-1])
+        if block.contacts is not None:
+            found = block.contacts
+            self.contacts += int(np.count_nonzero(found["event"] & 1))
+            began = (found["onset_ns"] != 0) & (found["onset_ns"] == found["seen_ns"])
+            self.slips += int(np.count_nonzero(began))
+
+    def told(self) -> dict[str, Any]:
+        """The sums, by name."""
+        return {
+            "cycles": self.cycles, "frames": self.frames, "cycles_missing": self.overruns,
+            "valid_share": self.valid / max(self.readings, 1), "contacts": self.contacts,
+            "slips": self.slips, "partitions": len(self.partitions),
+            "first_ns": self.first_ns, "last_ns": self.last_ns,
+        }  # fmt: skip

@@ -1,0 +1,53 @@
+"""The manifest of a log: what is there of it, and of what it was made."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+from topology.files import whole_file
+
+if TYPE_CHECKING:
+    from skin.bulk.job import Job, Part
+
+__all__ = ["Manifest", "is_up_to_date", "load_manifest", "save_manifest"]
+
+Manifest = dict[str, Any]
+"""``told`` (as of `Job.told`), ``partitions`` (rows of each), ``complete``, ``summary``."""
+
+
+def load_manifest(job: Job, part: Part) -> Manifest | None:
+    """The manifest of a log; None if there is none, or none that can be read."""
+    try:
+        found = json.loads(job.manifest_of(part).read_text("utf-8"))
+        partitions, told = found["partitions"], found["told"]
+        return found if isinstance(partitions, list) and isinstance(told, dict) else None
+    except (OSError, ValueError, LookupError, TypeError):
+        return None
+
+
+def save_manifest(job: Job, part: Part, manifest: Manifest) -> None:
+    """Write it, whole or not at all."""
+    path = job.manifest_of(part)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(path, "w", encoding="utf-8") as file:
+        json.dump(manifest, file, indent=1)
+
+
+def committed(job: Job, part: Part) -> Manifest | None:
+    """The manifest, if what it tells of was made of the same and is there."""
+    found = load_manifest(job, part)
+    if found is None or job.anew or found["told"] != job.told(part):
+        return None
+    folder = job.folder_of("cycles", part)
+    there = all(
+        (folder / f"part-{number:05}.{job.format}").is_file()
+        for number in range(len(found["partitions"]))
+    )
+    return found if there else None
+
+
+def is_up_to_date(job: Job, part: Part) -> bool:
+    """Whether there is nothing to be done for a log."""
+    found = committed(job, part)
+    return found is not None and bool(found.get("complete"))
