@@ -129,7 +129,8 @@ class NaiveSlip:
             ahead = self.raw - self.gain * way - self.lag
             self.surprise = inner(ahead, ahead)
             single = self.told * max(1.0, self.single)
-            most = OUTLIER * np.sqrt(np.maximum(self.noise, single) + self.variance)
+            floor = self.settings.floor_mm**2
+            most = OUTLIER * np.sqrt(np.maximum(self.noise, single) + self.variance + floor)
             self.lag = self.lag + self.share * np.clip(ahead, -most, most)
             self.variance = (1 - self.share) ** 2 * self.variance + self.share**2 * self.noise
         total = self.variance + self.anchor_variance + self.settings.floor_mm**2
@@ -237,7 +238,7 @@ class NaiveSlip:
         free = (2.0 * stuck - self.motions) / stuck
         if 2.0 * stuck - self.motions < 1.0:
             return
-        recent = self.dt_s / REST_S
+        recent = min(0.5, self.dt_s / REST_S)
         self.lag_mean = np.where(
             heard, (1.0 - recent) * self.lag_mean + recent * self.lag, self.lag_mean
         )

@@ -56,3 +56,18 @@ def test_slip_is_seen_after_the_same_time_at_any_rate(rate_hz):
     at_250 = np.median([latency_s(250.0, seed) for seed in range(15)])
     took = np.median([latency_s(rate_hz, seed) for seed in range(15)])
     assert at_250 / 1.5 < took < 1.5 * at_250
+
+
+@pytest.mark.parametrize("sigma_mm", [0.0, 1e-5, 1e-3])
+def test_slip_of_units_with_hardly_any_noise_is_seen_before_all_slip(sigma_mm):
+    hold, alarm = Hold(4, 5, sigma_mm=sigma_mm), False
+    # a gate in sigmas needs one
+    hold.force_sigma[:] = 0.01
+    for t in range(300):
+        truth = hold.step(hold.dome(), (10.0 * max(0.0, t / 250.0 - 0.3), 0.0), 0.4)
+        alarm |= hold.contact.slip >= SlipState.INCIPIENT
+        assert truth.slips.any() or not alarm
+        if truth.slips.all():
+            break
+    assert truth.slips.all()
+    assert alarm
