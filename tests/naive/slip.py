@@ -53,7 +53,7 @@ class NaiveSlip:
         Returns what a contact says of slip.
         """
         self.load, self.here = force[2], displacement[:2]
-        self.told = (sigma[:2] ** 2).mean(axis=0)
+        self.told = np.maximum((sigma[:2] ** 2).mean(axis=0), 1e-12)
         keep = 1.0 - self.dt_s / MEMORY_S
         self.lags, self.readings = keep * self.lags, keep * self.readings
         self.usual, self.single = self._mean(self.lags), self._mean(self.readings)
@@ -198,9 +198,11 @@ class NaiveSlip:
             np.logaddexp(0.0, np.logaddexp.reduce(little) - np.log(len(little))) if little else 0
         )
         odds = np.logaddexp.reduce([p[0] for p in much]) - np.log(len(much)) - holds
-        if odds <= self.limit:
+        if odds <= (0.0 if self.slip == SlipState.INCIPIENT else self.limit):
             return odds, 1.0
         _, slips, self.in_pattern[:] = max(much, key=lambda p: p[0])
+        if odds <= self.limit:
+            return odds, max(1.0 - slips, self.settings.gross_ratio)
         return odds, 1.0 - slips
 
     def _units(self):

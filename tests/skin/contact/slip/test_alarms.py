@@ -71,3 +71,26 @@ def test_slip_of_units_with_hardly_any_noise_is_seen_before_all_slip(sigma_mm):
             break
     assert truth.slips.all()
     assert alarm
+
+
+@pytest.mark.parametrize("speed_mm_s", [0.5, 2.0])
+def test_an_alarm_of_slip_that_goes_on_does_not_come_and_go(speed_mm_s):
+    for seed in range(5):
+        hold, states = Hold(5, 5, sigma_mm=0.03, seed=seed), []
+        for t in range(int(250.0 * (0.5 + 2.0 / speed_mm_s))):
+            way_mm = speed_mm_s * max(0.0, t / 250.0 - 0.3)
+            hold.step(hold.dome(1.0), (way_mm, 0.0), 0.4)
+            states.append(hold.contact.slip)
+        alarms = np.array(states) >= SlipState.INCIPIENT
+        assert alarms.any()
+        assert np.diff(alarms.astype(int)).clip(max=0).sum() == 0
+
+
+def test_nothing_is_said_to_stick_of_a_contact_that_slides():
+    hold, told = Hold(5, 5, sigma_mm=0.01), []
+    for t in range(500):
+        hold.step(hold.dome(1.0), (max(0.0, 2.0 * (t / 250.0 - 0.3)), 0.0), 0.4)
+        if hold.contact.slip == SlipState.GROSS:
+            told.append(hold.contact.stick_ratio)
+    assert len(told) > 100
+    assert max(told) < 0.3
