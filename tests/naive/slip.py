@@ -268,7 +268,7 @@ class NaiveSlip:
         way, noise = self.moved - self.known, self.noise
         read = noise + self.body
         follow = self.anchor_variance / (self.anchor_variance + read)
-        follow = self.held * np.maximum(follow, self.dt_s / CREEP_S)
+        follow = self.held * np.maximum(follow, min(1.0, self.dt_s / CREEP_S))
         rest = self.raw - self.gain * way
         self.anchor = self.anchor + follow * self.raw
         self.lag = self.lag - follow * rest

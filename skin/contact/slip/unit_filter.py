@@ -245,7 +245,7 @@ def correct(length, dt_s, unit: UnitFilter, row: UnitRows):
     drifting tare are no slip. The gain error is the slope of that line.
     """
     assume_noalias()
-    slowest = dt_s / PARAMETERS.creep_s
+    slowest = min(1.0, dt_s / PARAMETERS.creep_s)
     for j in range(length):
         # The first reading is the anchor already.
         variance, held = unit.anchor_variance[j], row.held[j] * (1.0 - row.new[j])

@@ -94,3 +94,13 @@ def test_nothing_is_said_to_stick_of_a_contact_that_slides():
             told.append(hold.contact.stick_ratio)
     assert len(told) > 100
     assert max(told) < 0.3
+
+
+@pytest.mark.parametrize("gap_s", [0.5, 30.0, 3600.0])
+def test_a_gap_in_the_cycles_of_what_is_held_is_no_slip(gap_s):
+    for seed in range(4):
+        hold = Hold(5, 5, sigma_mm=0.01, seed=seed)
+        for t in range(600):
+            hold.now_ns += round(1e9 * gap_s) if t == 400 else 0
+            hold.step(hold.dome(), (0.6 * min(1.0, t / 200.0), 0.0))
+            assert hold.contact.slip < SlipState.INCIPIENT
