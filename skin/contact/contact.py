@@ -145,7 +145,7 @@ class Contact:
     @property
     def slip_began(self) -> np.ndarray:
         """Units that began the slip that it is in, shape (m,), int32; empty if it does not slip."""
-        began = self._data.slip.history[BEGAN, self.units]
+        began = self._kept(self._data.slip.history[BEGAN])
         slips = self.slip >= SlipState.INCIPIENT
         return self.units[(began == self.record["id"]) & slips]
 
@@ -153,13 +153,18 @@ class Contact:
     def noise_ratio(self) -> np.ndarray:
         """Spread of its units' noise as seen while it held, over what sigma says, shape (m,): 1 or
         more; 1 where nothing was seen."""
-        return np.sqrt(np.maximum(self._data.slip.kept[NOISE_RATIO, self.units], 1.0))
+        return np.sqrt(np.maximum(self._kept(self._data.slip.kept[NOISE_RATIO]), 1.0))
 
     @property
     def noisy_units(self) -> np.ndarray:
         """Units whose noise is greater than their sigma says, shape (m,), int32; see `Flag.NOISY`.
         An alarm of slip allows for it; other sigmas do not."""
-        return self.units[self._data.slip.history[NOISY_UNIT, self.units] > 0.0]
+        return self.units[self._kept(self._data.slip.history[NOISY_UNIT]) > 0.0]
+
+    def _kept(self, row: np.ndarray) -> np.ndarray:
+        """What slip has kept of its units; 0 where slip is not wanted, and rows are too short."""
+        wanted = row.size >= self._data.units.kind.size
+        return row[self.units] if wanted else np.zeros(self.units.size)
 
     @property
     def unit_names(self) -> list[str]:

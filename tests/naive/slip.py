@@ -53,7 +53,7 @@ class NaiveSlip:
         Returns what a contact says of slip.
         """
         self.load, self.here = force[2], displacement[:2]
-        self.told = (sigma[:2] ** 2).mean(axis=0)
+        self.told = np.maximum((sigma[:2] ** 2).mean(axis=0), 1e-12)
         keep = 1.0 - self.dt_s / MEMORY_S
         self.lags, self.readings = keep * self.lags, keep * self.readings
         self.usual, self.single = self._mean(self.lags), self._mean(self.readings)
@@ -129,7 +129,8 @@ class NaiveSlip:
             ahead = self.raw - self.gain * way - self.lag
             self.surprise = inner(ahead, ahead)
             single = self.told * max(1.0, self.single)
-            most = OUTLIER * np.sqrt(np.maximum(self.noise, single) + self.variance)
+            floor = self.settings.floor_mm**2
+            most = OUTLIER * np.sqrt(np.maximum(self.noise, single) + self.variance + floor)
             self.lag = self.lag + self.share * np.clip(ahead, -most, most)
             self.variance = (1 - self.share) ** 2 * self.variance + self.share**2 * self.noise
         total = self.variance + self.anchor_variance + self.settings.floor_mm**2
@@ -197,9 +198,11 @@ class NaiveSlip:
             np.logaddexp(0.0, np.logaddexp.reduce(little) - np.log(len(little))) if little else 0
         )
         odds = np.logaddexp.reduce([p[0] for p in much]) - np.log(len(much)) - holds
-        if odds <= self.limit:
+        if odds <= (0.0 if self.slip == SlipState.INCIPIENT else self.limit):
             return odds, 1.0
         _, slips, self.in_pattern[:] = max(much, key=lambda p: p[0])
+        if odds <= self.limit:
+            return odds, max(1.0 - slips, self.settings.gross_ratio)
         return odds, 1.0 - slips
 
     def _units(self):
@@ -237,7 +240,7 @@ class NaiveSlip:
         free = (2.0 * stuck - self.motions) / stuck
         if 2.0 * stuck - self.motions < 1.0:
             return
-        recent = self.dt_s / REST_S
+        recent = min(0.5, self.dt_s / REST_S)
         self.lag_mean = np.where(
             heard, (1.0 - recent) * self.lag_mean + recent * self.lag, self.lag_mean
         )
@@ -265,7 +268,7 @@ class NaiveSlip:
         way, noise = self.moved - self.known, self.noise
         read = noise + self.body
         follow = self.anchor_variance / (self.anchor_variance + read)
-        follow = self.held * np.maximum(follow, self.dt_s / CREEP_S)
+        follow = self.held * np.maximum(follow, min(1.0, self.dt_s / CREEP_S))
         rest = self.raw - self.gain * way
         self.anchor = self.anchor + follow * self.raw
         self.lag = self.lag - follow * rest

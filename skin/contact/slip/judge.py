@@ -103,7 +103,9 @@ def _judge_contact(record, dt_s, now_ns, model, reading, units, slip: SlipArrays
             record["stick_ratio"] = stick_ratio_by_cone(record)
     if record["slip"] != SlipState.GROSS or judging < LEAST_UNITS:
         decide_contact(record, units, now_ns, judging, ratio, model.slip, slip)
-    elif not slides_still(record, ratio, now_ns, dt_s):
+    elif slides_still(record, ratio, now_ns, dt_s):
+        record["stick_ratio"] = 0.0
+    else:
         record["slip"] = SlipState.STICK
         record["onset_ns"] = 0
         for at in range(first, last):

@@ -9,6 +9,10 @@ from skin.contact.slip.parameters import PARAMETERS, SETTLED
 
 __all__ = ["begin_cycle", "is_noisy", "learn_noise", "noise_ratio", "unlike_readings"]
 
+AT_MOST_RECENT = 0.5
+"""[numeric] Share of one cycle in the mean of a lag, however long the cycle: a lag is not its own
+mean, and nothing would be left to learn from."""
+
 
 @jitable(inline=True)
 def begin_cycle(noise, dt_s):
@@ -55,7 +59,7 @@ def learn_noise(length, stuck, motions, share, dt_s, scratch: SlipScratch):
         return
     free /= stuck
     # Independent readings: a low-pass has one in twice its time constant.
-    weight, recent = 0.5 * share, min(1.0, dt_s / PARAMETERS.rest_s)
+    weight, recent = 0.5 * share, min(AT_MOST_RECENT, dt_s / PARAMETERS.rest_s)
     forget = min(1.0, dt_s / PARAMETERS.memory_s)
     outlier = PARAMETERS.outlier_sigmas**2
     most, most_reading = outlier * noise[4], outlier * noise[5]

@@ -10,6 +10,7 @@ import numpy as np
 
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
+from skin.contact.record import SlipState
 from skin.contact.slip.data import PLANE, PatternScratch, SlipScratch, UnitFilter, UnitRows
 from skin.contact.slip.parameters import PARAMETERS, PATTERNS, SlipModel
 
@@ -148,8 +149,8 @@ def detect_pattern(
 ):
     """Slip as the whole contact shows it: derivations.md, equations 15 to 18.
 
-    `alarm` is the logarithm of the odds that it takes. Returns the logarithm of the odds of slip,
-    and the share of the load that sticks: 1 without an alarm.
+    `alarm` is the logarithm of the odds that it takes to begin, and to be gross. Returns the
+    logarithm of the odds of slip, and the share of the load that sticks: 1 without an alarm.
     """
     row = scratch.row
     first, count = record["begin"], record["end"] - record["begin"]
@@ -163,12 +164,15 @@ def detect_pattern(
         return 0.0, 1.0
     softness = square / pull
     odds, best = _odds(length, nuisances, softness, record["load"], model, row, scratch.pattern)
-    if not odds > alarm:
+    # A slip that was told lasts until it is as likely as not.
+    least = 0.0 if record["slip"] == SlipState.INCIPIENT else alarm
+    if not odds > least:
         return odds, 1.0
     limit = FRICTIONS[best] * softness
     for j in range(length):
         row.in_pattern[j] = 1.0 if row.imposed[j] > limit * row.load[j] else 0.0
-    return odds, 1.0 - scratch.pattern.slipping[best]
+    sticks = 1.0 - scratch.pattern.slipping[best]
+    return odds, sticks if odds > alarm else max(sticks, model.gross_ratio)
 
 
 @jitable(inline=True)

@@ -16,6 +16,9 @@ from skin.contact.slip.rigid_fit import design_motions
 
 __all__ = ["Pace", "correct", "gather", "lowpass_share", "predict", "scatter"]
 
+LEAST_SIGMA_MM = 1e-6
+"""[numeric] Sigma of a displacement that is told as less, 0 for instance: millimetre."""
+
 
 @jitable(inline=True)
 def gather(record, reading, units, geometry, size, motions, slip: SlipArrays):
@@ -55,6 +58,7 @@ def gather(record, reading, units, geometry, size, motions, slip: SlipArrays):
         row.displacement[0, j] = displacement[0, i]
         row.displacement[1, j] = displacement[1, i]
         told = 0.5 * (np.float64(sigma[0, i]) ** 2 + np.float64(sigma[1, i]) ** 2)
+        told = max(told, LEAST_SIGMA_MM**2)
         row.told[j] = told
         ratio = noise_ratio(scratch.noise, unit.noise_sum[j], unit.noise_count[j])
         unit.noise_ratio[j] = ratio
@@ -164,7 +168,7 @@ def predict(length, motions, pace: Pace, model: SlipModel, unit: UnitFilter, row
     """Where the body asks each unit to be, and how far it lags: equations 6 to 9."""
     assume_noalias()
     share, unlike = pace.share, pace.unlike
-    prior = 1.0 / model.gain_error**2
+    prior, floor = 1.0 / model.gain_error**2, model.floor_mm**2
     for j in range(length):
         unit.gain_error[j] *= 1.0 - row.new[j]
         unit.gain_information[j] += row.new[j] * (prior - unit.gain_information[j])
@@ -194,7 +198,7 @@ def predict(length, motions, pace: Pace, model: SlipModel, unit: UnitFilter, row
             behind = here[j] - anchor[j] - now - unit.gain_error[j] * (now - followed[j])
             further = behind - lag[j]
             row.surprise[j] += further * further
-            spread = max(row.noise[j], unlike * row.told[j]) + unit.lag_variance[j]
+            spread = max(row.noise[j], unlike * row.told[j]) + unit.lag_variance[j] + floor
             most = PARAMETERS.outlier_sigmas * np.sqrt(spread)
             lag[j] = (1.0 - new) * (lag[j] + share * min(max(further, -most), most))
             mean[j] *= 1.0 - new
@@ -241,7 +245,7 @@ def correct(length, dt_s, unit: UnitFilter, row: UnitRows):
     drifting tare are no slip. The gain error is the slope of that line.
     """
     assume_noalias()
-    slowest = dt_s / PARAMETERS.creep_s
+    slowest = min(1.0, dt_s / PARAMETERS.creep_s)
     for j in range(length):
         # The first reading is the anchor already.
         variance, held = unit.anchor_variance[j], row.held[j] * (1.0 - row.new[j])

@@ -498,6 +498,17 @@ def test_age_path_and_travel_of_a_contact_that_wanders():
     assert (np.diff(contact.path[:, 0]) > 0.0).all()
 
 
+def test_a_contact_whose_slip_is_not_wanted_tells_none_of_its_units():
+    stream = plate(want={"contacts"})
+    cycle(stream, press(ONE, TWO), 1)
+    for contact in stream.contacts:
+        for one in (contact, contact.copy()):
+            assert repr(one).startswith(f"<Contact {contact.id}: ")
+            assert one.noise_ratio.tolist() == [1.0] * contact.units.size
+            assert not one.noisy_units.size
+            assert not one.slip_began.size
+
+
 def test_a_new_contact_knows_nothing_of_the_one_whose_record_it_takes():
     stream = plate(capacity=1, want={"slip"}, memory_s=0.01)
     for number in range(1, 9):

@@ -56,3 +56,51 @@ def test_slip_is_seen_after_the_same_time_at_any_rate(rate_hz):
     at_250 = np.median([latency_s(250.0, seed) for seed in range(15)])
     took = np.median([latency_s(rate_hz, seed) for seed in range(15)])
     assert at_250 / 1.5 < took < 1.5 * at_250
+
+
+@pytest.mark.parametrize("sigma_mm", [0.0, 1e-5, 1e-3])
+def test_slip_of_units_with_hardly_any_noise_is_seen_before_all_slip(sigma_mm):
+    hold, alarm = Hold(4, 5, sigma_mm=sigma_mm), False
+    # a gate in sigmas needs one
+    hold.force_sigma[:] = 0.01
+    for t in range(300):
+        truth = hold.step(hold.dome(), (10.0 * max(0.0, t / 250.0 - 0.3), 0.0), 0.4)
+        alarm |= hold.contact.slip >= SlipState.INCIPIENT
+        assert truth.slips.any() or not alarm
+        if truth.slips.all():
+            break
+    assert truth.slips.all()
+    assert alarm
+
+
+@pytest.mark.parametrize("speed_mm_s", [0.5, 2.0])
+def test_an_alarm_of_slip_that_goes_on_does_not_come_and_go(speed_mm_s):
+    for seed in range(5):
+        hold, states = Hold(5, 5, sigma_mm=0.03, seed=seed), []
+        for t in range(int(250.0 * (0.5 + 2.0 / speed_mm_s))):
+            way_mm = speed_mm_s * max(0.0, t / 250.0 - 0.3)
+            hold.step(hold.dome(1.0), (way_mm, 0.0), 0.4)
+            states.append(hold.contact.slip)
+        alarms = np.array(states) >= SlipState.INCIPIENT
+        assert alarms.any()
+        assert np.diff(alarms.astype(int)).clip(max=0).sum() == 0
+
+
+def test_nothing_is_said_to_stick_of_a_contact_that_slides():
+    hold, told = Hold(5, 5, sigma_mm=0.01), []
+    for t in range(500):
+        hold.step(hold.dome(1.0), (max(0.0, 2.0 * (t / 250.0 - 0.3)), 0.0), 0.4)
+        if hold.contact.slip == SlipState.GROSS:
+            told.append(hold.contact.stick_ratio)
+    assert len(told) > 100
+    assert max(told) < 0.3
+
+
+@pytest.mark.parametrize("gap_s", [0.5, 30.0, 3600.0])
+def test_a_gap_in_the_cycles_of_what_is_held_is_no_slip(gap_s):
+    for seed in range(4):
+        hold = Hold(5, 5, sigma_mm=0.01, seed=seed)
+        for t in range(600):
+            hold.now_ns += round(1e9 * gap_s) if t == 400 else 0
+            hold.step(hold.dome(), (0.6 * min(1.0, t / 200.0), 0.0))
+            assert hold.contact.slip < SlipState.INCIPIENT

@@ -106,3 +106,20 @@ def test_nothing_is_learned_from_units_that_slip():
     assert slips.any()
     # but for what all that stick say together
     np.testing.assert_allclose(by_unit(hold.contact)[slips], before[slips], rtol=0.03)
+
+
+@pytest.mark.parametrize("gap_s", [0.24, 0.246, 0.25, 5.0])
+def test_noise_is_learned_after_a_gap_in_the_cycles(gap_s):
+    hold = Hold(4, 5)
+    for t, now in enumerate(white(9, 0.06)):
+        hold.now_ns += round(1e9 * gap_s) if t == 250 else 0
+        hold.step(hold.dome(), (0.3 * min(1.0, t / 100.0), 0.0), noise=now)
+    assert by_unit(hold.contact).mean() == pytest.approx(2.0, rel=0.15)
+
+
+def test_a_sigma_of_0_is_forgotten_when_it_is_told_no_more():
+    hold, sigma = Hold(4, 5), 0.03
+    for t, now in enumerate(white(10, 0.06)):
+        hold.sigma[:] = 0.0 if t == 250 else sigma
+        hold.step(hold.dome(), (0.3 * min(1.0, t / 100.0), 0.0), noise=now)
+    assert by_unit(hold.contact).mean() == pytest.approx(2.0, rel=0.15)
