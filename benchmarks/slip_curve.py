@@ -27,7 +27,7 @@ from skin.contact.slip import SlipSettings
 __all__ = ["LEVELS", "curve", "judged", "levels", "run", "table"]
 
 SEED = 1000
-TRIALS = {"slip": 200, "hold": 600, "modulation": 100}
+TRIALS = {"slip": 100, "hold": 200, "modulation": 50}
 FAMILIES = ("base", "light")
 WORKERS = 2
 LEVELS = {

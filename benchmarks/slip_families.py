@@ -66,6 +66,7 @@ FAMILIES = {
     "100 Hz": Family(rate_hz=100.0),
     "1 kHz": Family(rate_hz=1000.0),
     "8 mm pitch": Family(pitch_m=0.008),
+    "6 mm pitch": Family(pitch_m=0.006),
     "rolling": Family(roll=(0.3, 0.8)),
     "shaking": Family(shake_mm=(0.01, 0.05), coarse_s=0.002),
 }

@@ -135,6 +135,6 @@ def _state(record, model: SlipModel, judging):
     if stick < model.gross_ratio or (few and record["margin"] < 0.0):
         return SlipState.GROSS
     leave = 0.5 + 0.5 * model.incipient_ratio
-    if stick < model.incipient_ratio or (before == SlipState.INCIPIENT and stick < leave):
-        return SlipState.INCIPIENT
-    return SlipState.STICK
+    slips = stick < model.incipient_ratio or (before == SlipState.INCIPIENT and stick < leave)
+    # Where all units slide alike none lags behind the others: then the cone alone can tell.
+    return SlipState.INCIPIENT if slips or record["margin"] < 0.0 else SlipState.STICK
