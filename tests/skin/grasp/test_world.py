@@ -317,3 +317,8 @@ def test_a_push_is_three_numbers_and_three() -> None:
             with pytest.raises(OptionError, match="push: force_n: must be"):
                 world.push("cube", force, torque)
         assert not world.scene.plant.pushes.any()
+
+
+def test_a_scene_whose_body_is_in_the_other_finger_names_the_grasp() -> None:
+    with pytest.raises(SceneError, match=r"into right/.*bodies are those of `skin\.sim\.grasp`"):
+        skin.open("gripper", simulate=True)
