@@ -322,3 +322,20 @@ def test_a_push_is_three_numbers_and_three() -> None:
 def test_a_scene_whose_body_is_in_the_other_finger_names_the_grasp() -> None:
     with pytest.raises(SceneError, match=r"into right/.*bodies are those of `skin\.sim\.grasp`"):
         skin.open("gripper", simulate=True)
+
+
+def test_a_small_thing_that_presses_a_film_onto_its_chip_ends_no_run() -> None:
+    bead = GraspObject(
+        name="bead", shape="sphere", size_m=(0.006,), mass_kg=0.01, friction=1.0,
+        position_m=(0.0, 0.006, -0.006),
+    )  # fmt: skip
+    deepest_mm = 0.0
+    with skin.sim.grasp("gripper", objects=[bead]) as world:
+        world.joints["left"] = world.joints["right"] = 0.07
+        for _ in world:
+            deepest_mm = max(deepest_mm, float(world.truth.units.depth_mm.max()))
+            if world.truth.bottomed.any() or world.time_s >= 0.8:
+                break
+        assert world.truth.bottomed.any()
+        assert world.truth.normal_n.max() > 6.0
+    assert deepest_mm == 3.5
