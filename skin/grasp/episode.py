@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
-from skin.errors import OptionError, check_number, shown
+from skin.errors import MOST_SEED, OptionError, check_number, shown
 from skin.sim.engine.object import GraspObject
 from skin.sim.mechanics.springs import Springs
 from topology import Topology
@@ -44,6 +44,26 @@ class Episode:
     noise: float = 1.0
     offset_m: np.ndarray = field(default_factory=lambda: np.zeros((3, 1)))
     tilt_rad: np.ndarray = field(default_factory=lambda: np.zeros((3, 1)))
+
+    def check(self, topology: Topology) -> None:
+        """Refuse what is not of these units.
+
+        Raises
+        ------
+        OptionError
+            An array of another number of units, or a stiffness that is not above 0.
+        """
+        for name in ("stiffness", "gain", "offset_m", "tilt_rad"):
+            count = np.shape(getattr(self, name))[-1]
+            if count not in (1, topology.n):
+                raise OptionError(
+                    f"episode: {name}: must be of the {topology.n} units of {topology.name!r}; "
+                    f"got {count}"
+                )
+        if not (self.stiffness > 0.0).all():
+            raise OptionError(
+                f"episode: stiffness: must be above 0; got {np.min(self.stiffness):g}"
+            )
 
     def objects(self, objects: Sequence[GraspObject | str]) -> list[GraspObject | str]:
         """The objects of this episode."""
@@ -119,9 +139,12 @@ class Ranges:
             most = 1.0 if part.name == "dead" or signed else 1e3
             for bound in value:
                 check_number(f"ranges: {part.name}", bound, -1.0 if signed else 0.0, most)
+            if value[0] > value[1]:
+                raise OptionError(f"ranges: {part.name}: must be least, then largest; got {value}")
 
     def draw(self, topology: Topology, *, seed: int) -> Episode:
         """One episode; the same for the same seed."""
+        check_number("seed", seed, 0, MOST_SEED, whole=True)
         random = np.random.default_rng((seed, 21))
         n, patches = topology.n, len(topology.patch_names)
         gain = np.ones((3, n)) * random.uniform(*self.gain, n)

@@ -43,7 +43,7 @@ class GraspEnv(Env):
     Parameters
     ----------
     topology : Topology, str or Path
-    objects : iterable of GraspObject
+    objects : GraspObject, or iterable of them
     ranges : Ranges, optional
         From what every episode is drawn.
     reward : callable, optional
@@ -69,7 +69,7 @@ class GraspEnv(Env):
     def __init__(
         self,
         topology: Topology | str | Path,
-        objects: Iterable[GraspObject],
+        objects: GraspObject | Iterable[GraspObject],
         *,
         ranges: Ranges | None = None,
         reward: Callable[[World], float] = lifted,
@@ -80,7 +80,9 @@ class GraspEnv(Env):
         check_number("cycles", cycles, 1, 10_000, whole=True)
         check_number("steps", steps, 1, 10**9, whole=True)
         self._topology = topology if isinstance(topology, Topology) else load(topology)
-        self._objects = list(objects)
+        self._objects = [objects] if isinstance(objects, GraspObject | str) else list(objects)
+        if not self._objects:
+            raise OptionError("objects: must have one or more, of which the first counts; got none")
         self._ranges, self._reward = ranges or Ranges(), reward
         self._cycles, self._steps, self._lowest_m = cycles, steps, lowest_m
         self._world: World | None = None
@@ -124,6 +126,11 @@ class GraspEnv(Env):
         world = self._world
         if world is None:
             raise OptionError("step: must come after reset; got none")
+        if np.shape(action) != self._lower.shape:
+            raise OptionError(
+                f"action: must have shape {self._lower.shape}, one for each of "
+                f"{', '.join(self._actuators)}; got {np.shape(action)}"
+            )
         share = 0.5 * (np.clip(np.asarray(action, float), -1.0, 1.0) + 1.0)
         targets = self._lower + share * (self._upper - self._lower)
         for name, target in zip(self._actuators, targets, strict=True):

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import topology as topology_package
-from skin.errors import OptionError, SceneError, shown
+from skin.errors import MOST_SEED, OptionError, SceneError, check_flag, check_number, shown
 from skin.grasp.episode import Episode
 from skin.physics.halbach import FELT_M, HalbachField
 from skin.sim.engine.object import GraspObject
@@ -24,6 +25,10 @@ __all__ = ["grasp_scene"]
 
 APART_M = 10.0
 """From link to link: beyond what any film is felt at."""
+
+LEAST_NOISE = 0.5
+"""Share of a unit's own noise: with less, its counts stand still, and it would be FROZEN
+[derived: docs/faults.md]."""
 
 NOISES = ("frequency_noise_hz", "field_noise_ut", "gel_noise_relative")
 
@@ -54,7 +59,7 @@ def grasp_scene(
     seed : int
         Of the noise.
     noise : bool
-        False: only quantisation.
+        False: only quantisation; units whose counts stand still are no fault then.
     step_s : float, optional
         Longest step of the engine; chosen from stiffness over mass if not given.
     self_touch : bool
@@ -65,6 +70,9 @@ def grasp_scene(
     OptionError, SceneError, LibraryError, topology.TopologyError
         What cannot be, with what to do.
     """
+    check_number("seed", seed, 0, MOST_SEED, whole=True)
+    check_flag("noise", noise)
+    check_flag("self_touch", self_touch)
     loaded = topology if isinstance(topology, Topology) else topology_package.load(topology)
     robot = loaded.robot
     if robot is None:
@@ -77,6 +85,9 @@ def grasp_scene(
         raise SceneError(f"model: must be an MJCF or URDF file; got {str(path)!r}, not there")
     given = _objects(objects)
     drawn = Episode() if episode is None else episode
+    drawn.check(loaded)
+    if not noise or drawn.noise < LEAST_NOISE:
+        loaded = _without_watch(loaded)
     plant = Plant(
         path, loaded, drawn.objects(given), springs=drawn.springs(loaded),
         mounted_at=drawn.poses(loaded), self_touch=self_touch,
@@ -95,6 +106,13 @@ def grasp_scene(
     }
     gain = None if bool((drawn.gain == 1.0).all()) else drawn.gain
     return GraspScene(plant, units, temperature_c=warmth, gain=gain, step_s=step_s)
+
+
+def _without_watch(topology: Topology) -> Topology:
+    """The same, but that nobody takes counts that stand still for a fault."""
+    parameters = topology.parameters
+    never = np.zeros_like(parameters["frozen_cycles"])
+    return dataclasses.replace(topology, parameters={**parameters, "frozen_cycles": never})
 
 
 def _apart(topology: Topology) -> Topology:
@@ -123,7 +141,8 @@ def _objects(objects: Any) -> list[GraspObject | str]:
 def _check_step(plant: Plant, step_s: float) -> None:
     """Refuse a step that is too long for the worst grasp that these objects allow."""
     longest_s = longest_step_s(plant, worst_touch(plant))
-    if not 0.0 < step_s <= longest_s * (1.0 + 1e-9):
+    is_number = isinstance(step_s, Real) and not isinstance(step_s, bool)
+    if not is_number or not 0.0 < step_s <= longest_s * (1.0 + 1e-9):
         raise OptionError(
             f"step_s: must be above 0 and at most {longest_s:.2g} s, as stiffness over mass of a "
             f"grasped object asks; got {shown(step_s)}: leave it out, and it is chosen"

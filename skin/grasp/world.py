@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,8 @@ from skin.state import State
 from topology import Topology
 
 __all__ = ["World", "grasp"]
+
+Vector = Sequence[float] | np.ndarray
 
 
 def grasp(
@@ -117,9 +119,7 @@ class World:
         """Of the last cycle, since the start."""
         return self.scene.truth.time_s
 
-    def push(
-        self, name: str, force_n: Iterable[float], torque_nm: Iterable[float] = (0.0, 0.0, 0.0)
-    ) -> None:
+    def push(self, name: str, force_n: Vector, torque_nm: Vector = (0.0, 0.0, 0.0)) -> None:
         """Push an object at its centre of mass, from the next cycle on, until told otherwise.
 
         Parameters
@@ -138,12 +138,12 @@ class World:
         names = [plant.model.body(i).name for i in range(1, plant.model.nbody)]
         if name not in names:
             raise OptionError.unknown("push", name, names)
-        wrench = np.array([*force_n, *torque_nm], float)
-        if wrench.shape != (6,):
-            raise OptionError(f"push: must be three numbers each; got {wrench.size} together")
-        for value in wrench:
-            check_number("push", float(value), -1e6, 1e6)
-        plant.pushes[plant.model.body(name).id] = wrench
+        for where, given in (("force_n", force_n), ("torque_nm", torque_nm)):
+            if np.shape(given) != (3,):
+                raise OptionError(f"push: {where}: must be three numbers; got {shown(given)}")
+            for value in given:
+                check_number(f"push: {where}", value, -1e6, 1e6)
+        plant.pushes[plant.model.body(name).id] = [*force_n, *torque_nm]
 
     def __iter__(self) -> Iterator[State]:
         return iter(self.skin)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -91,6 +91,12 @@ class RecordedPipeline(Pipeline):
         """Set the poses of the units for the cycles to come; see `Pipeline.move`."""
         super().move(position, rotation)
         self.recorder.moved(position, rotation)
+
+    def move_joints(self, q: Mapping[str, float] | np.ndarray) -> None:
+        """Set joints, and the poses of the units by them; see `Pipeline.move_joints`. They are set
+        once more as a replay does, which knows no joints, for the same last bit."""
+        super().move_joints(q)
+        self.move(*self.poses)
 
     def state(self, cycle: RawCycle) -> State:
         """The state of a cycle; see `Pipeline.state`."""

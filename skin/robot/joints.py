@@ -12,7 +12,7 @@ from bus.compiled.bound import Bound
 from skin.contact.contact import Contact
 from skin.contact.model import POSE
 from skin.contact.wrench import wrench_in_frame
-from skin.errors import OptionError, SkinError
+from skin.errors import OptionError, SkinError, shown
 from skin.robot.closeness import CloseFilm, Closeness
 from skin.robot.kinematics import Poses, move, tables
 from topology import Topology
@@ -107,26 +107,30 @@ class Joints:
                 asked[index[name]] = value
         except KeyError:
             raise self._unknown(name) from None
-        except (TypeError, ValueError):
-            raise OptionError(f"q[{name!r}]: must be a number; got {value!r}") from None
+        except (TypeError, ValueError, OverflowError):
+            raise OptionError(f"q[{name!r}]: must be a number; got {shown(value)}") from None
 
     def _take(self, q: np.ndarray) -> None:
         """Take coordinates in the model's order."""
-        if np.shape(q) != self.q.shape:
+        try:
+            shape = np.shape(q)
+            if shape == self.q.shape:
+                self._asked[:] = q
+        except (TypeError, ValueError, OverflowError):
+            raise OptionError(f"q: must be numbers; got {shown(q)}") from None
+        if shape != self.q.shape:
             names = ", ".join(self.robot.joint_names)
             raise OptionError(
-                f"q: must have shape {self.q.shape}, one for each of {names}; got {np.shape(q)}"
+                f"q: must have shape {self.q.shape}, one for each of {names}; got {shape}"
             )
-        try:
-            self._asked[:] = q
-        except (TypeError, ValueError):
-            raise OptionError(f"q: must be numbers; got {q!r}") from None
 
     def _unknown(self, name: object) -> OptionError:
         robot = self.robot
         if name in robot.joints and (j := robot.driver[robot.joints.index(str(name))]) >= 0:
             leader = robot.joint_names[j]
-            return OptionError(f"q: must leave out {name!r}, which follows {leader!r}; got both")
+            return OptionError(
+                f"q: must leave out {name!r}, which follows {leader!r}; got {name!r}"
+            )
         return OptionError.unknown("q", name, robot.joint_names)
 
     def _refused(self, joint: int) -> OptionError:
@@ -135,7 +139,7 @@ class Joints:
             return OptionError(f"q[{name!r}]: must be finite; got {value}")
         low, high = self.robot.lower[joint], self.robot.upper[joint]
         return OptionError(
-            f"q[{name!r}]: must be within the joint's limits, {low:g} to {high:g}; got {value:g}"
+            f"q[{name!r}]: must be within the joint's limits, {low:g} to {high:g}; got {value!r}"
         )
 
     def close_films(self) -> tuple[CloseFilm, ...]:
@@ -186,4 +190,6 @@ class Joints:
         rotation, origin = self.link_pose(link)
         if isinstance(wrench, Contact):
             return wrench.wrench_in(rotation, origin)
+        if np.shape(wrench) != (6,):
+            raise SkinError(f"wrench: must have shape (6,); got {np.shape(wrench)}")
         return wrench_in_frame(wrench, rotation, origin)

@@ -57,9 +57,9 @@ def check_model(robot: RobotModel) -> tuple[str, ...]:
             f"{_at(robot)}: lengths must be metres; got links {span:.4g} m apart: if they are "
             "millimetres, divide every xyz of the model by 1000"
         )
+    carried = _carried(robot)
     for link, name in enumerate(robot.link_names):
-        moves = robot.parent[link] >= 0 and name != ""
-        if moves and robot.path.suffix == ".urdf" and robot.mass[link] <= 0.0:
+        if robot.mass[link] < 0.0 or (robot.mass[link] == 0.0 and carried[link] <= 0.0):
             found.append(
                 f"{_at(robot, robot.lines[link])}: link {name!r} mass: must be positive; got "
                 f"{robot.mass[link]:g}: give its <inertial> the mass that the link has, or leave "
@@ -71,6 +71,21 @@ def check_model(robot: RobotModel) -> tuple[str, ...]:
             told.add(geom.mesh)
             found += _mesh_problems(robot, geom)
     return tuple(found)
+
+
+def _carried(robot: RobotModel) -> np.ndarray:
+    """What each joint that moves carries, with all that is fixed to its link, shape (L,), kg; NaN
+    where a model does not say, and for links that do not move of themselves."""
+    carrier = list(range(len(robot.parent)))
+    mass = np.where(np.isnan(robot.mass), 0.0, robot.mass)
+    carried = np.full(len(carrier), np.nan)
+    for link, parent in enumerate(robot.parent):
+        if robot.driver[link] >= 0 and robot.link_names[link]:
+            carried[link] = 0.0
+        elif parent >= 0:
+            carrier[link] = carrier[parent]
+        carried[carrier[link]] += mass[link]
+    return carried
 
 
 def _at(robot: RobotModel, line: int = 0) -> str:

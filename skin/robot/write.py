@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -82,15 +83,16 @@ def _check_names(topology: Topology, robot: RobotModel, root: Element) -> None:
 def _urdf(topology: Topology, robot: RobotModel, root: Element, text: bytes) -> bytes:
     """A massless link and a fixed joint for each unit, before the end of the robot."""
     _, mounted = tables(robot, topology)
-    lines = [f"\n  <!-- units of the skin {topology.name}: z into the skin -->"]
+    skin = topology.name.replace("--", "- -")  # no comment may have two
+    lines = [f"\n  <!-- units of the skin {skin}: z into the skin -->"]
     for unit, name in enumerate(map(unit_link_name, topology.unit_names)):
         xyz = _numbers(mounted.position[:, unit])
         rpy = _numbers(_rpy(mounted.rotation[:, :, unit]))
-        parent = robot.link_names[mounted.link[unit]]
+        parent = quoteattr(robot.link_names[mounted.link[unit]])
         lines += [
             f'  <link name="{name}"/>',
             f'  <joint name="{name}_joint" type="fixed">',
-            f'    <parent link="{parent}"/>',
+            f"    <parent link={parent}/>",
             f'    <child link="{name}"/>',
             f'    <origin xyz="{xyz}" rpy="{rpy}"/>',
             "  </joint>",
@@ -123,15 +125,15 @@ def _mjcf(topology: Topology, robot: RobotModel, root: Element, text: bytes) -> 
 
 
 def _inserted(text: bytes, new: dict[Element, str]) -> bytes:
-    """A text with more at the end of some elements."""
+    """A text with more at the end of some elements; in ASCII, as any encoding of it has."""
     for element, more in sorted(new.items(), key=lambda pair: -pair[0].end):
-        at = element.end
+        at, added = element.end, more.encode("ascii", "xmlcharrefreplace")
         if text[at : at + 2] == b"</":
-            text = text[:at] + more.encode() + text[at:]
+            text = text[:at] + added + text[at:]
             continue
         close = text.index(b"/>", at)  # written without an end tag
-        end = f"{more}</{element.tag}>"
-        text = text[:close] + b">" + end.encode() + text[close + 2 :]
+        end = f"</{element.tag}>".encode()
+        text = text[:close] + b">" + added + end + text[close + 2 :]
     return text
 
 

@@ -26,6 +26,7 @@ MOST_LINES = 1_000_000
 SUFFIXES = (".urdf", ".xml", ".mjcf")
 
 _ROOT = re.compile(rb"<(mujoco|robot)[\s>/]")
+_COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
 
 
 def read_model(file: str | os.PathLike[str]) -> RobotModel:
@@ -72,7 +73,7 @@ def try_model(path: Path, shown: str, report: Report) -> RobotModel | None:
     text = read_text(path, shown, report, LARGEST_MB, MOST_LINES)
     if text is None:
         return None
-    root = _ROOT.search(text)
+    root = _ROOT.search(_COMMENT.sub(b"", text))
     is_urdf = path.suffix.lower() == ".urdf" if root is None else root[1] == b"robot"
     model = read_urdf(text, path, own) if is_urdf else read_mjcf(text, path, own)
     if model is None:

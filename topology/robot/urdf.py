@@ -83,9 +83,10 @@ class _Reader:
         order = None if self.wrong else self._tree(joints)
         drivers = None if self.wrong else self._drivers({joint.name: joint for joint in joints})
         geoms = [] if order is None else self._geoms(order)
+        mass = [] if order is None else [self._mass(name) for name, _ in order]
         if order is None or drivers is None or self.wrong:
             return None
-        return _arrays(self.root, self.path, order, joints, drivers, geoms, self.links)
+        return _arrays(self.root, self.path, order, joints, drivers, geoms, mass, self.links)
 
     def _value(self, expected: str, got: str | None, element: Element, where: str) -> None:
         self.wrong = True
@@ -251,6 +252,14 @@ class _Reader:
             size.append(float(length[0]) / 2)
         return Geom(link, shape.tag, tuple(size), **at)
 
+    def _mass(self, link: str) -> float:
+        """Of a link, kg; NaN where the file does not say."""
+        inertial = self.links[link].first("inertial")
+        mass = None if inertial is None else inertial.first("mass")
+        if mass is None:
+            return math.nan
+        return float(self._numbers(mass, "value", 1, "", f"link {link!r} mass")[0])
+
 
 def resolve_mesh(name: str, model: Path) -> Path:
     """File of a mesh that a URDF names: relative to it, or in a package around it.
@@ -278,6 +287,7 @@ def _arrays(
     joints: list[_Joint],
     drivers: dict[str, tuple[str, float, float]],
     geoms: list[Geom],
+    mass: list[float],
     links: dict[str, Element],
 ) -> RobotModel:
     free = [joint for joint in joints if joint.kind != "fixed" and joint.follows is None]
@@ -307,18 +317,9 @@ def _arrays(
         joint_names=tuple(names),
         lower=lower,
         upper=upper,
-        mass=np.array([_mass(links[name]) for name, _ in order]),
+        mass=np.array(mass),
         geoms=tuple(geoms),
         lines=tuple(links[name].line for name, _ in order),
         base=0,
         home=np.zeros(len(names)),
     )
-
-
-def _mass(link: Element) -> float:
-    inertial = link.first("inertial")
-    mass = None if inertial is None else inertial.first("mass")
-    try:
-        return math.nan if mass is None else float(mass.get("value") or "nan")
-    except ValueError:
-        return math.nan

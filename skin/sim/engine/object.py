@@ -6,6 +6,9 @@ import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from skin.errors import OptionError, SceneError, check_choice, check_number, check_numbers, shown
 
@@ -69,17 +72,16 @@ class GraspObject:
         if not isinstance(self.name, str) or not self.name:
             raise OptionError(f"object: name: must be a text; got {shown(self.name)}")
         check_choice(f"{where}: shape", self.shape, SHAPES)
-        if len(self.size_m) != SHAPES[self.shape]:
-            raise OptionError(
-                f"{where}: size_m: must have {SHAPES[self.shape]} numbers of a {self.shape}; "
-                f"got {len(self.size_m)}"
-            )
+        count = SHAPES[self.shape]
+        _check_row(f"{where}: size_m", self.size_m, count, f" of a {self.shape}")
         for value in self.size_m:
             check_number(f"{where}: size_m", value, 1e-6, 1e3)
         check_number(f"{where}: mass_kg", self.mass_kg, 1e-6, 1e3)
         check_number(f"{where}: friction", self.friction, 0.0, 10.0)
         check_number(f"{where}: kinetic_share", self.kinetic_share, 0.0, 1.0)
         check_number(f"{where}: compliance_mm_per_n", self.compliance_mm_per_n, 0.0, 1e3)
+        _check_row(f"{where}: position_m", self.position_m, 3)
+        _check_row(f"{where}: rpy_deg", self.rpy_deg, 3)
         for value in (*self.position_m, *self.rpy_deg):
             check_number(f"{where}: position_m, rpy_deg", value, -1e6, 1e6)
         check_numbers(-273.15, 1000.0, temperature_c=self.temperature_c)
@@ -96,3 +98,10 @@ class GraspObject:
         if self.shape == "capsule":
             return size[0] + size[1]
         return math.hypot(*size)
+
+
+def _check_row(where: str, value: Any, count: int, of: str = "") -> None:
+    """Refuse what has not as many numbers as it must."""
+    if np.shape(value) != (count,):
+        got = len(value) if np.ndim(value) == 1 else shown(value)
+        raise OptionError(f"{where}: must have {count} numbers{of}; got {got}")

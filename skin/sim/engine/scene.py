@@ -126,6 +126,7 @@ class GraspScene:
         np.maximum(units.force[2], 0.0, out=units.force[2])
         np.greater(units.force[2], 0.0, out=units.contact)
         under(plant.mounted.springs, units.force, units.depth_mm, units.displacement_mm)
+        np.minimum(units.depth_mm, 1e3 * DEEPEST_M, out=units.depth_mm)  # there it lies on its chip
         if self._gain is not None:
             units.displacement_mm *= self._gain[:2]
             units.depth_mm *= self._gain[2]

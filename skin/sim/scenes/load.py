@@ -237,6 +237,12 @@ class _Check:
             return f"; its frame is that of {self.topology.patch_names[0]!r}, for want of 'on'"
         return f"; its frame is that of {on!r}"
 
+    def on_robot(self) -> str:
+        """Where fingers stand about a body, the scene to take, as the end of a message."""
+        if self.topology.robot is None:
+            return ""
+        return "; between the fingers of a robot, bodies are those of `skin.sim.grasp`"
+
     def body(self, index: int, table: BodyTable) -> None:
         motion = Motion(table, self.topology, 20.0)
         inward = -motion.frame(0.0)[0][:, 2]
@@ -263,7 +269,7 @@ class _Check:
                     where,
                     f"a body outside of the array, at most {DEEPEST_MM:g} mm into any unit",
                     f"{depth_mm.max():.3g} mm into {unit}",
-                    self.standing(table.on),
+                    self.standing(table.on) + self.on_robot(),
                 )
                 return
 

@@ -12,7 +12,9 @@ import trimesh
 import skin.sim
 from skin.errors import OptionError, SceneError, SkinError
 from skin.grasp.episode import Episode, Ranges
+from skin.grasp.setting import grasp_scene
 from skin.sim.engine.object import GraspObject
+from tests.fixtures.robots import GRIPPER, write_gripper
 from topology import load
 
 CUBE = GraspObject(name="cube", size_m=(0.02, 0.02, 0.03), mass_kg=0.06)
@@ -225,3 +227,115 @@ def test_a_model_without_the_links_of_the_patches_is_refused(tmp_path: Path) -> 
     file.write_text(text.replace('body name="left_pad"', 'body name="left_pat"'), encoding="utf-8")
     with pytest.raises(OptionError, match="nearest: 'left_pat'"):
         skin.sim.grasp(file, "gripper")
+
+
+URDF_INERTIA = '<inertia ixx="1e-5" iyy="1e-5" izz="1e-5" ixy="0" ixz="0" iyz="0"/>'
+
+
+def urdf_gripper(folder: Path, name: str = "gripper.urdf") -> Path:
+    """The gripper of `tests.fixtures.robots`, with inertia, on a link that is fixed to a base."""
+    heavy = f'<inertial><mass value="0.1"/>{URDF_INERTIA}</inertial>'
+    text = GRIPPER.replace('<inertial><mass value="0.1"/></inertial>', "")
+    for link in ("palm", "left", "right"):
+        text = text.replace(f'<link name="{link}">', f'<link name="{link}">{heavy}')
+    fixed = (
+        '<link name="ground"/><joint name="mount" type="fixed"><parent link="ground"/>'
+        '<child link="palm"/><origin xyz="0 0 0.2" rpy="0 0 1"/></joint></robot>'
+    )
+    file = write_gripper(folder, text.replace("</robot>", fixed), name=name)
+    file.write_text(file.read_text().replace("[robot]", '[robot]\nbase = "palm"'))
+    return file
+
+
+def test_a_joint_of_a_urdf_that_follows_another_does_so_under_the_force_of_a_grasp(
+    tmp_path: Path,
+) -> None:
+    box = GraspObject(
+        name="box",
+        mass_kg=0.05,
+        friction=1.0,
+        position_m=(0.0, 0.0, 0.23),
+        rpy_deg=(0, 0, 57.29578),
+    )
+    with skin.sim.grasp(urdf_gripper(tmp_path), objects=[box]) as world:
+        world.scene.plant.model.opt.gravity[:] = 0.0
+        assert world.joints.limits("close") == (0.0, 0.05)
+        with pytest.raises(OptionError, match=r"from 0 to 0\.05, its limits; got 0\.06"):
+            world.joints["close"] = 0.06
+        with pytest.raises(OptionError, match="'close_right': must have an actuator; got none"):
+            world.joints["close_right"] = 0.02
+        world.joints["close"] = 0.024
+        for _ in world:
+            if world.time_s >= 0.5:
+                break
+        assert world.truth.normal_n.sum() > 5.0
+        assert world.joints["close_right"] == pytest.approx(world.joints["close"], abs=2e-5)
+
+
+@pytest.mark.parametrize("name", ["gripper.urdf", "gripper.xml"])
+def test_links_that_are_fixed_stay_links_whatever_the_suffix(tmp_path: Path, name: str) -> None:
+    plant = grasp_scene(urdf_gripper(tmp_path, name)).plant
+    assert plant.model.body(plant.base_body).name == "palm"
+
+
+def test_a_skin_without_noise_does_not_take_standing_still_for_a_fault() -> None:
+    for options in ({"noise": False}, {"episode": Episode(noise=0.0)}):
+        world, state = played(0.6, **options)
+        with world:
+            assert state.units.valid.all()
+            assert len(state.contacts) == 2
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: GraspObject(name="a", size_m=0.02), "size_m: must have 3 numbers of a box; got 0"),
+        (lambda: GraspObject(name="a", position_m=(0.0, 0.0)), "position_m: must have 3 numbers"),
+        (lambda: GraspObject(name="a", rpy_deg=None), "rpy_deg: must have 3 numbers; got None"),
+        (lambda: grasp_scene("gripper", seed=-1), "seed: must be an integer from 0"),
+        (lambda: grasp_scene("gripper", noise="no"), "noise: must be True or False"),
+        (lambda: grasp_scene("gripper", step_s="1 ms"), "step_s: must be above 0 .*; got '1 ms'"),
+        (lambda: Ranges(mass=(2.0, 1.0)), "mass: must be least, then largest"),
+        (
+            lambda: grasp_scene("gripper", episode=Ranges().draw(load("palm"), seed=1)),
+            "stiffness: must be of the 32 units of 'gripper'; got 64",
+        ),
+        (
+            lambda: grasp_scene("gripper", episode=Episode(stiffness=np.zeros(32))),
+            "stiffness: must be above 0; got 0",
+        ),
+    ],
+)
+def test_what_cannot_be_is_told_before_anything_moves(make, message: str) -> None:
+    with pytest.raises(OptionError, match=message):
+        make()
+
+
+def test_a_push_is_three_numbers_and_three() -> None:
+    with skin.sim.grasp("gripper", objects=[CUBE]) as world:
+        for force, torque in (((1, 2), (1, 2, 3, 4)), (3.0, (0, 0, 0)), ((0, 0, "1"), (0, 0, 0))):
+            with pytest.raises(OptionError, match="push: force_n: must be"):
+                world.push("cube", force, torque)
+        assert not world.scene.plant.pushes.any()
+
+
+def test_a_scene_whose_body_is_in_the_other_finger_names_the_grasp() -> None:
+    with pytest.raises(SceneError, match=r"into right/.*bodies are those of `skin\.sim\.grasp`"):
+        skin.open("gripper", simulate=True)
+
+
+def test_a_small_thing_that_presses_a_film_onto_its_chip_ends_no_run() -> None:
+    bead = GraspObject(
+        name="bead", shape="sphere", size_m=(0.006,), mass_kg=0.01, friction=1.0,
+        position_m=(0.0, 0.006, -0.006),
+    )  # fmt: skip
+    deepest_mm = 0.0
+    with skin.sim.grasp("gripper", objects=[bead]) as world:
+        world.joints["left"] = world.joints["right"] = 0.07
+        for _ in world:
+            deepest_mm = max(deepest_mm, float(world.truth.units.depth_mm.max()))
+            if world.truth.bottomed.any() or world.time_s >= 0.8:
+                break
+        assert world.truth.bottomed.any()
+        assert world.truth.normal_n.max() > 6.0
+    assert deepest_mm == 3.5

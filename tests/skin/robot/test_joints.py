@@ -154,6 +154,9 @@ def test_what_follows_a_joint_moves_with_it_and_what_is_not_named_stays(gripper)
         ({"close": "wide"}, "q['close']: must be a number; got 'wide'"),
         ([0.0, 0.0], "must have shape (1,), one for each of close; got (2,)"),
         (["wide"], "q: must be numbers"),
+        ([[0.0], [0.0, 0.0]], "q: must be numbers"),
+        ({"close": 10**400}, "q['close']: must be a number"),
+        ({"close": 0.0500000001}, "limits, 0 to 0.05; got 0.0500000001"),
     ],
 )
 def test_joints_that_cannot_be_so_are_refused_and_nothing_moves(gripper, q, told):
@@ -197,3 +200,9 @@ def test_a_skin_without_contacts_is_moved_too(gripper):
         assert pads.pipeline.poses[0][2, :4].mean() == pytest.approx(0.04)
         pads.move_joints({})
         assert np.array_equal(pads.pipeline.poses[0], position)
+
+
+@pytest.mark.parametrize("wrench", [np.zeros(5), None, "none"])
+def test_a_wrench_that_is_none_is_refused(gripper, wrench):
+    with pytest.raises(SkinError, match=r"wrench: must have shape \(6,\); got"):
+        Joints(gripper).wrench_in("left", wrench)

@@ -14,6 +14,7 @@ from skin.robot.write import unit_link_name, write_mounted
 from tests.fixtures.robots import GRIPPER, of_package, random_joints, write_gripper
 from tests.topology.robot.test_robot import MJCF
 from topology import load
+from topology.robot import read_model
 
 
 def mount(capsys, *arguments):
@@ -174,3 +175,38 @@ def test_a_topology_of_another_model_is_refused(tmp_path, capsys):
     status, _, said = mount(capsys, tmp_path / "other.urdf", file)
     assert status == 2
     assert "robot model: must be" in said
+
+
+def test_names_that_xml_must_escape_and_any_encoding_are_written_as_they_were(tmp_path, capsys):
+    odd = GRIPPER.replace('"left"', '"links &amp; \u00e4u\u00dfen"').replace('"right"', '"r"')
+    text = f'<?xml version="1.0" encoding="latin-1"?>{odd}'
+    file = write_gripper(tmp_path)
+    (tmp_path / "gripper.urdf").write_bytes(text.encode("latin-1"))
+    told = file.read_text().replace('link = "left"', 'link = "links & \u00e4u\u00dfen"')
+    told = told.replace('link = "right"', 'link = "r"').replace('"gripper"', '"a--b"', 1)
+    file.write_text(told, "utf-8")
+    out = tmp_path / "out.urdf"
+    status, _, said = mount(capsys, tmp_path / "gripper.urdf", file, "-o", out)
+    assert status == 0, said
+    with_skin = read_model(out)
+    unit = with_skin.link_names.index("left_r0c0")
+    assert with_skin.link_names[with_skin.parent[unit]] == "links & \u00e4u\u00dfen"
+
+
+@pytest.mark.parametrize("name", ["gripper.urdf", "gripper.URDF", "gripper.xml"])
+@pytest.mark.parametrize("mass", ["0", "-1"])
+def test_a_mass_that_cannot_be_is_named_whatever_the_suffix(tmp_path, capsys, name, mass):
+    file = write_gripper(tmp_path, GRIPPER.replace('value="0.1"', f'value="{mass}"'), name=name)
+    status, found, _ = mount(capsys, tmp_path / name, file)
+    assert status == 1
+    assert f"link 'left' mass: must be positive; got {mass}" in found["problems"][0]
+
+
+def test_a_link_without_mass_may_carry_one_that_has_some(tmp_path, capsys):
+    carried = (
+        '<link name="tip"><inertial><mass value="0.1"/></inertial></link><joint name="glued" '
+        'type="fixed"><parent link="left"/><child link="tip"/></joint></robot>'
+    )
+    model = GRIPPER.replace('value="0.1"', 'value="0"').replace("</robot>", carried)
+    file = write_gripper(tmp_path, model)
+    assert mount(capsys, tmp_path / "gripper.urdf", file)[0] == 0

@@ -126,6 +126,12 @@ def test_meshes_of_packages_are_found_around_the_model(tmp_path):
         ('type="prismatic"', 'type="floating"', "must be fixed, revolute (hinge), continuous"),
         ("<robot ", "<sdf ", "mismatched tag"),
         ('<mimic joint="close"/>', '<mimic joint="close_right"/>', "nearest: 'close'"),
+        (
+            '<mass value="0.1"/>',
+            '<mass value="heavy"/>',
+            "link 'left' mass value: must be a finite",
+        ),
+        ('<mass value="0.1"/>', "<mass/>", "link 'left' mass value: must be a finite number"),
     ],
 )
 def test_a_urdf_that_is_no_tree_of_links_says_so_with_its_line(tmp_path, old, new, told):
@@ -133,3 +139,8 @@ def test_a_urdf_that_is_no_tree_of_links_says_so_with_its_line(tmp_path, old, ne
         load(write_gripper(tmp_path, GRIPPER.replace(old, new, 1)))
     assert told in str(raised.value)
     assert "gripper.urdf:" in str(raised.value)
+
+
+def test_a_comment_does_not_tell_what_a_model_is(tmp_path):
+    file = write_gripper(tmp_path, f"<!-- once <mujoco > -->{GRIPPER}")
+    assert load(file).robot.link_names == ("palm", "left", "right")
