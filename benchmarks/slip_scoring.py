@@ -156,7 +156,8 @@ def score(outcomes: Sequence[Outcome]) -> dict[str, Any]:
 
     def quantile(values: list[float], q: float) -> float | None:
         value = float(np.quantile(values, q, method="higher")) if values else np.inf
-        return 1e3 * value if np.isfinite(value) else None
+        # of whole cycles: without the rounding of their sums
+        return round(1e3 * value, 6) if np.isfinite(value) else None
 
     def share(hits: list[bool]) -> float | None:
         return float(np.mean(hits)) if hits else None

@@ -119,13 +119,13 @@ class Holder:
             self.target_m += CLOSING_M_PER_S * period_s
             return self.target_m
         self._believe(state)
-        needed_n = (1.0 + SAFETY) * grip.shear_n / grip.belief
+        needed_n = self._needed_n()
         factor = 1.0
         if grip.shear_n > LIFTED_N and not self.sure:
             ratio = self._probe.update(grip.load_n, grip.shear_n)
             if ratio is not None:
                 self._fall(ratio)
-                needed_n = (1.0 + SAFETY) * grip.shear_n / grip.belief
+                needed_n = self._needed_n()
             factor = self._probe.factor
         easing = EASING_PER_S * period_s if self.sure else 0.0
         eased_n = grip.wanted_n - easing * (grip.wanted_n - needed_n)
@@ -154,5 +154,13 @@ class Holder:
         grip = self.grip
         grip.slips += 1
         grip.belief = max(min(grip.belief, ratio), LEAST_FALL * grip.belief)
+        grip.wanted_n = min(max(self._needed_n(), grip.wanted_n), MOST_N)
+
+    def _needed_n(self) -> float:
+        """Grip that the belief asks for. A belief that no slip has tested lets no more be borne
+        than the probe has seen borne: a flat face that slides all alike gives no warning."""
+        grip, borne = self.grip, self._probe.borne
         needed_n = (1.0 + SAFETY) * grip.shear_n / grip.belief
-        grip.wanted_n = min(max(needed_n, grip.wanted_n), MOST_N)
+        if grip.slips == 0 and borne > 0.0:
+            needed_n = max(needed_n, grip.shear_n / borne)
+        return needed_n

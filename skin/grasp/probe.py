@@ -30,10 +30,12 @@ class Probe:
         What the grip is to be multiplied by, now.
     hangs : bool
         The last answer.
+    borne : float
+        Ratio of the loads at which it hung, before the grip rose: friction is not less. 0 before.
     """
 
     def __init__(self, period_s: float) -> None:
-        self.factor, self.hangs = 1.0, False
+        self.factor, self.hangs, self.borne = 1.0, False, 0.0
         self._period_s = period_s
         self._begin()
 
@@ -62,7 +64,10 @@ class Probe:
         followed = (dragged - shear) / max(shear * (harder / load - 1.0), 1e-9)
         self._begin()
         self.hangs = followed < SLIDES
-        return None if self.hangs else shear / load
+        if not self.hangs:
+            return shear / load
+        self.borne = shear / load
+        return None
 
 
 def _add(sums: list, load_n: float, shear_n: float) -> None:

@@ -312,9 +312,7 @@ class NaiveSlip:
         few = (self.state != UnitSlip.SLIPPING).sum() < 3
         if ratio < settings.gross_ratio or (few and used > 1.0):
             self.slip = SlipState.GROSS
-        elif used > 1.0 or ratio < (
-            leave if before == SlipState.INCIPIENT else settings.incipient_ratio
-        ):
+        elif ratio < (leave if before == SlipState.INCIPIENT else settings.incipient_ratio):
             self.slip = SlipState.INCIPIENT
         else:
             self.slip = SlipState.STICK

@@ -136,5 +136,8 @@ def _state(record, model: SlipModel, judging):
         return SlipState.GROSS
     leave = 0.5 + 0.5 * model.incipient_ratio
     slips = stick < model.incipient_ratio or (before == SlipState.INCIPIENT and stick < leave)
-    # Where all units slide alike none lags behind the others: then the cone alone can tell.
-    return SlipState.INCIPIENT if slips or record["margin"] < 0.0 else SlipState.STICK
+    # Where all units slide alike none lags behind the others: then the cone alone can tell. What
+    # an alarm has taught does not count: a false one would be followed by others.
+    told = not record["friction_information"] > 0.0
+    used_up = told and record["margin"] < 0.0
+    return SlipState.INCIPIENT if slips or used_up else SlipState.STICK

@@ -104,3 +104,14 @@ def test_a_gap_in_the_cycles_of_what_is_held_is_no_slip(gap_s):
             hold.now_ns += round(1e9 * gap_s) if t == 400 else 0
             hold.step(hold.dome(), (0.6 * min(1.0, t / 200.0), 0.0))
             assert hold.contact.slip < SlipState.INCIPIENT
+
+
+def test_a_face_that_slides_all_alike_is_seen_where_its_friction_is_told():
+    hold, even = Hold(3, 3, slip=SlipSettings(friction=0.4)), np.full(9, 2.0)
+    seen = []
+    for t in range(300):
+        truth = hold.step(even, (6.0 * max(0.0, t / 250.0 - 0.3), 0.0), 0.4)
+        seen.append(hold.contact.slip)
+        assert seen[-1] < SlipState.INCIPIENT or hold.contact.margin < 0.05
+    assert truth.slips.all()
+    assert max(seen) >= SlipState.INCIPIENT
