@@ -278,7 +278,7 @@ def _factor(world: Any, warm_s: float, seconds: float) -> float:
 
 
 def _trials(count: int) -> dict[str, Any]:
-    """Objects of unknown weight and friction, held by slip onset and grip margin alone."""
+    """Objects of unknown weight and friction, held by slip onset, grip margin and one probe."""
     trials = {seed: run_trial(seed) for seed in range(REPORTED, REPORTED + count)}
     dropped = [seed for seed, trial in trials.items() if trial.dropped]
     squeezed = [seed for seed, trial in trials.items() if trial.over_squeezed_s > 1.0]

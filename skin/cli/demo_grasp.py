@@ -1,4 +1,4 @@
-"""`skin demo grasp`: a gripper holds what it does not know, by slip onset and grip margin alone."""
+"""`skin demo grasp`: a gripper holds what it does not know, by slip onset, grip margin and one probe."""
 
 from __future__ import annotations
 
@@ -34,8 +34,9 @@ def demo_grasp(
     """Close a gripper on an object of unknown weight and friction, lift it, and pull at it.
 
     MuJoCo moves gripper and object, the skin makes the forces between them, and the controller
-    knows no more than the frames on the bus tell: it holds by slip onset and grip margin. Exit
-    status 1 where the object is dropped. The picture needs matplotlib, all else does not.
+    knows no more than the frames on the bus tell: it holds by slip onset and grip margin, and
+    grips harder for a moment to see whether what it has lifted hangs or slides. Exit status 1
+    where the object is dropped. The picture needs matplotlib, all else does not.
     """
     from skin.errors import MOST_SEED, LibraryError, check_number
     from skin.grasp.trial import run_trial
@@ -92,7 +93,7 @@ def _title(report: dict[str, object]) -> str:
     told = "dropped" if report["dropped"] else "held"
     return (
         f"A {report['shape']} of {report['mass_kg']} kg and friction {report['friction']}, "
-        f"{told}, by slip onset and grip margin alone"
+        f"{told}, by slip onset, grip margin and one probe"
     )
 
 

@@ -1,4 +1,4 @@
-"""Holder: a gripper that holds what it does not know, by slip onset and grip margin alone.
+"""Holder: a gripper that holds what it does not know, by slip onset, grip margin and one probe.
 
 It believes in a coefficient of friction, and grips as hard as the tangential load over it asks,
 with a margin. Where a contact begins to slip, or a probe finds that it slides, the ratio of the

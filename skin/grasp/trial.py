@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -100,9 +101,13 @@ def unknown_object(seed: int) -> GraspObject:
 def run_trial(
     seed: int, *, thing: GraspObject | None = None, pace: bool = False, seconds: float = SECONDS
 ) -> Trial:
-    """Grasp, lift and pull one object; the same for the same seed."""
+    """Grasp, lift and pull one object; the same for the same seed.
+
+    With `pace` no faster than real time; where the machine is too slow, no cycle is left out.
+    """
     thing = unknown_object(seed) if thing is None else thing
-    with grasp("gripper", objects=[thing], seed=seed, pace=pace) as world:
+    with grasp("gripper", objects=[thing], seed=seed) as world:
+        began_s = time.monotonic()
         holder, trial = Holder(world.skin.topology), Trial(thing)
         for state in world:
             target_m = holder.update(state)
@@ -113,6 +118,8 @@ def run_trial(
             _note(trial, world, holder, pull_n)
             if world.time_s >= seconds - 1e-9:
                 break
+            if pace:
+                time.sleep(max(0.0, began_s + world.time_s - time.monotonic()))
         trial.slips = holder.grip.slips
     return trial
 
