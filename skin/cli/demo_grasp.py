@@ -1,4 +1,4 @@
-"""`skin demo grasp`: a gripper holds what it does not know, by slip onset, grip margin and one probe."""
+"""`skin demo grasp`: a gripper holds what it does not know, by slip, margin and one probe."""
 
 from __future__ import annotations
 
