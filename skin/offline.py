@@ -135,12 +135,12 @@ class DecodedLog:
         fast : bool
             Whether many cycles go in one compiled call.
         """
-        from skin.blocks.ahead import ahead
         from skin.blocks.blocks import Blocks
+        from skin.blocks.prefetch import prefetch
 
         self.pipeline.warmup()
         blocks = Blocks(self.pipeline, most, fast=fast)
-        for frames in ahead(frames.copy() for frames in self._batches()):
+        for frames in prefetch(frames.copy() for frames in self._batches()):
             yield from blocks.feed(frames)
         last = blocks.flush()
         if last is not None:

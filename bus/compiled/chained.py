@@ -109,13 +109,13 @@ def _call_at(typing, function, place):
     return kind(kind, kind), code
 
 
-def _copy_bytes(typing, into, out_of, size):
+def _copy_bytes(typing, into, source, size):
     """Copy bytes from one address to another."""
 
     def code(context, builder, given, arguments):
         byte = ir.IntType(8).as_pointer()
-        target, source = (builder.inttoptr(one, byte) for one in arguments[:2])
-        cgutils.raw_memcpy(builder, target, source, arguments[2], ir.IntType(64)(1))
+        target, origin = (builder.inttoptr(one, byte) for one in arguments[:2])
+        cgutils.raw_memcpy(builder, target, origin, arguments[2], ir.IntType(64)(1))
         return context.get_dummy_value()
 
     return types.none(types.int64, types.int64, types.int64), code

@@ -136,9 +136,15 @@ def call(stage, which):
 
 
 @jitable
+def is_bound(stage, which):
+    """Whether the pipeline has this stage."""
+    return stage.calls[which, 0] != 0
+
+
+@jitable
 def predict(stage, copies):
     """The background of the next decoding; see `skin.decode.crosstalk.Prediction`."""
-    if stage.calls[FILMS, 0] == 0:
+    if not is_bound(stage, FILMS):
         if copies.background[2] > 0:
             copy_bytes(copies.background[0], copies.background[1], copies.background[2])
         return
@@ -153,7 +159,7 @@ def predict(stage, copies):
 @jitable
 def decode(stage, copies, time):
     """Decode the cycle that stands in the inputs; see `skin.decode.loop.Loop`."""
-    looks = stage.calls[AMBIENT, 0] != 0 and (
+    looks = is_bound(stage, AMBIENT) and (
         time["look_every"] <= 1 or stage.phase[0] % time["look_every"] == 0
     )
     if looks:
@@ -177,7 +183,7 @@ def decode(stage, copies, time):
 @jitable
 def describe(stage, ends, time):
     """Find and describe contacts; see `skin.contact.stream.ContactStream`."""
-    if stage.calls[STEP, 0] == 0:
+    if not is_bound(stage, STEP):
         return
     ends.clock[0]["now_ns"] = time["now_ns"]
     if call(stage, STEP) != SAME and ends.clock[0]["present"] == 0:

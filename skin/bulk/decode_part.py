@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bus.errors import BusError
-from skin.blocks.ahead import ahead
 from skin.blocks.block import Block
 from skin.blocks.blocks import blocks_of
+from skin.blocks.prefetch import prefetch
 from skin.bulk.manifest import committed, save_manifest
 from skin.bulk.write import clean, writer_of
 from skin.errors import SkinError
@@ -87,7 +87,7 @@ def _write(job: Job, part: Part, source: Any, blocks: Iterator[Block], sums: _Su
     writer, kept = writer_of(job, part), len(sums.partitions)
     number = rows = 0
     try:
-        for block in ahead(blocks, BLOCKS_AHEAD):
+        for block in prefetch(blocks, BLOCKS_AHEAD):
             most = job.partition_cycles or _partition_cycles(block)
             if rows >= most:
                 _commit(job, part, source, sums, (writer, number, rows), kept)

@@ -17,7 +17,6 @@ from topology import Topology
 __all__ = ["Column", "Tables", "contact_columns", "cycle_columns"]
 
 BITS = tuple(flag for flag in Status if flag & INVALID)
-NEVER_NS = np.iinfo(np.int64).min
 
 
 class Column(NamedTuple):

@@ -17,34 +17,35 @@ if TYPE_CHECKING:
 
 __all__ = ["decode"]
 
-FILES = (".csv", ".npz", ".parquet")
+Paths = Annotated[
+    tuple[str, ...],
+    tyro.conf.Positional,
+    tyro.conf.arg(
+        metavar="TOPOLOGY LOG [LOG ...]",
+        help="topology file, or the name of a ready-made one, and recorded CAN logs or "
+        "recordings; logs alone with --topology",
+    ),
+]
+Output = Annotated[
+    Path | None,
+    options.quiet(
+        "where to write: a folder for any number of logs; of one log .csv (a row for each "
+        "cycle and unit), .npz (arrays) or .parquet (a row for each cycle)",
+        metavar="DIR|FILE",
+        aliases=["-o"],
+    ),
+]
 
 
 def decode(
-    paths: Annotated[
-        tuple[str, ...],
-        tyro.conf.Positional,
-        tyro.conf.arg(
-            metavar="TOPOLOGY LOG [LOG ...]",
-            help="topology file, or the name of a ready-made one, and recorded CAN logs or "
-            "recordings; logs alone with --topology",
-        ),
-    ],
+    paths: Paths,
     /,
     *,
     topology: Annotated[
         str | None,
         options.quiet(f"{options.FILE_HELP}; then all that comes first are logs", metavar="FILE"),
     ] = None,
-    output: Annotated[
-        Path | None,
-        options.quiet(
-            "where to write: a folder for any number of logs; of one log .csv (a row for each "
-            "cycle and unit), .npz (arrays) or .parquet (a row for each cycle)",
-            metavar="DIR|FILE",
-            aliases=["-o"],
-        ),
-    ] = None,
+    output: Output = None,
     want: Annotated[
         tuple[str, ...],
         options.quiet("what to decode into a folder; forces, temperatures, contacts and slip "

@@ -103,7 +103,7 @@ class Holder:
         self._probe = Probe(self._period_s)
 
     @property
-    def sure(self) -> bool:
+    def hangs(self) -> bool:
         """Whether what is lifted is known to hang, not to slide."""
         return self._probe.hangs
 
@@ -121,13 +121,13 @@ class Holder:
         self._believe(state)
         needed_n = self._needed_n()
         factor = 1.0
-        if grip.shear_n > LIFTED_N and not self.sure:
+        if grip.shear_n > LIFTED_N and not self.hangs:
             ratio = self._probe.update(grip.load_n, grip.shear_n)
             if ratio is not None:
                 self._fall(ratio)
                 needed_n = self._needed_n()
             factor = self._probe.factor
-        easing = EASING_PER_S * period_s if self.sure else 0.0
+        easing = EASING_PER_S * period_s if self.hangs else 0.0
         eased_n = grip.wanted_n - easing * (grip.wanted_n - needed_n)
         grip.wanted_n = float(np.clip(max(needed_n, eased_n), LEAST_N, MOST_N))
         lacking_n = factor * grip.wanted_n - grip.load_n

@@ -97,7 +97,10 @@ def grasp_scene(
     scaled = {name: drawn.noise * loaded.parameters[name] for name in NOISES}
     noisy = dataclasses.replace(loaded, parameters={**loaded.parameters, **scaled})
     units = UnitSimulator(
-        noisy, seed=seed, noise=noise, field=HalbachField(_apart(loaded), reach_m=FELT_M)
+        noisy,
+        seed=seed,
+        noise=noise,
+        field=HalbachField(_with_distant_links(loaded), reach_m=FELT_M),
     )
     warmth = {
         int(body): thing.temperature_c
@@ -115,7 +118,7 @@ def _without_watch(topology: Topology) -> Topology:
     return dataclasses.replace(topology, parameters={**parameters, "frozen_cycles": never})
 
 
-def _apart(topology: Topology) -> Topology:
+def _with_distant_links(topology: Topology) -> Topology:
     """The same with its links far from each other: films feel those of their own link, whose
     distances stay."""
     links = list(topology.patch_links)

@@ -114,7 +114,7 @@ def run_trial(
             lower, upper = world.joints.limits("left")
             target_m = min(max(target_m, lower), upper)
             world.joints["left"] = world.joints["right"] = target_m
-            pull_n = _play(world, thing, holder.sure)
+            pull_n = _play(world, thing, holder.hangs)
             _note(trial, world, holder, pull_n)
             if world.time_s >= seconds - 1e-9:
                 break
@@ -124,12 +124,12 @@ def run_trial(
     return trial
 
 
-def _play(world: World, thing: GraspObject, sure: bool) -> float:
+def _play(world: World, thing: GraspObject, hangs: bool) -> float:
     """Lift the hand and pull the object, as time goes on; the pull in newton."""
     time_s, period_s = world.time_s, 1.0 / world.skin.topology.cycle_rate_hz
     height_m = world.joints.targets["lift"]
     if time_s > TRY_S:
-        height_m = min(height_m + (LIFT_M_PER_S if sure else TRY_M_PER_S) * period_s, LIFT_M)
+        height_m = min(height_m + (LIFT_M_PER_S if hangs else TRY_M_PER_S) * period_s, LIFT_M)
     world.joints["lift"] = height_m
     rise = np.clip((time_s - PULL_S) / GENTLE_S, 0.0, 1.0)
     fall = np.clip((time_s - PULLED_S) / GENTLE_S, 0.0, 1.0)

@@ -35,9 +35,13 @@ MANY_ARGUMENTS: dict[str, Callable[[Definition], bool]] = {
         and d.node.name in ("__init__", "__new__")
         and not d.owner.name.startswith("_")
     ),
-    "skin.open and skin.publish.ros: everything a user may set, given by name": lambda d: (
+    "skin.open, skin.sim.grasp, skin.publish.ros: all a user may set, given by name": lambda d: (
         (relative(d.file), d.name)
-        in (("skin/opening.py", "open"), ("skin/publish/publisher.py", "ros"))
+        in (
+            ("skin/opening.py", "open"),
+            ("skin/publish/publisher.py", "ros"),
+            ("skin/grasp/world.py", "grasp"),
+        )
     ),
     "a command: its arguments are the options of the command line": lambda d: (
         relative(d.file).startswith("skin/cli/") and not d.name.startswith("_")

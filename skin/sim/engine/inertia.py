@@ -12,8 +12,8 @@ __all__ = ["rims", "yielding"]
 def yielding(model: Any) -> np.ndarray:
     """Inverse mass of every body at its rim, shape (b,), 1/kg: at most the trace of its inverse
     inertia there."""
-    middle, turning = model.body_invweight0.T
-    of_free = middle + turning * rims(model) ** 2
+    middle, rotational = model.body_invweight0.T
+    of_free = middle + rotational * rims(model) ** 2
     of_link = 3.0 * middle  # the mean over directions, of which one may have it all
     return np.where(model.body_dofnum == 6, of_free, of_link)
 

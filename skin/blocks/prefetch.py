@@ -1,4 +1,4 @@
-"""An iterator that is run ahead by a thread, so that reading waits for nobody."""
+"""An iterator that a thread runs beforehand, so that reading waits for nobody."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ import threading
 from collections.abc import Iterable, Iterator
 from typing import TypeVar
 
-__all__ = ["ahead"]
+__all__ = ["prefetch"]
 
 T = TypeVar("T")
 POLL_S = 0.2
 """After which a thread that nobody reads from looks whether it may end."""
 
 
-def ahead(items: Iterable[T], most: int = 4) -> Iterator[T]:
-    """The same items, made by a thread that is at most so many ahead; so is what it raises.
+def prefetch(items: Iterable[T], most: int = 4) -> Iterator[T]:
+    """The same items, made beforehand by a thread, at most so many; so is what it raises.
 
     Examples
     --------
-    >>> list(ahead(range(3)))
+    >>> list(prefetch(range(3)))
     [0, 1, 2]
     """
     waiting: queue.Queue[tuple[bool, T | BaseException | None]] = queue.Queue(most)
