@@ -86,7 +86,9 @@ class MemoryTransport(Transport):
 
     def receive(self, batch: FrameBatch, timeout_s: float = 0.0) -> int:
         """Append waiting frames to `batch`; see `Transport.receive`."""
-        with self._arrival:
+        # The lock itself, not the condition: an exception that a signal raises within
+        # Condition.__enter__, which is Python, would leave the lock held for ever.
+        with self._channel.lock:
             if not self._waiting and not self._closed and timeout_s > 0 and batch.room:
                 self._arrival.wait_for(lambda: self._waiting or self._closed, timeout_s)
             if self._closed:
