@@ -75,8 +75,8 @@ def decode(
 
     Into a folder go Parquet files in parts: cycles, contacts, and spells of units in trouble
     (docs/bulk.md). Every number is that of the live skin. A log that was decoded before is left
-    out, unless it, the topology, its calibration, the options or the version have changed; after
-    an interruption the same call goes on.
+    out, unless it, the topology, its calibration, what is wanted or the version have changed;
+    after an interruption the same call goes on.
 
     A .csv has a row for each cycle and unit; beside it lie FILE.wrench.csv with a row for each
     cycle, FILE.contacts.csv with one for each cycle and contact, and FILE.events.csv with what

@@ -435,6 +435,6 @@ def test_an_unknown_topology_is_refused_alike(name, capsys, tmp_path):
     first = [str(tmp_path / "hand.urdf")] if name == "mount" else []
     assert main([*name.split(), *first, "plam", *more]) == 2
     assert capsys.readouterr().err == (
-        "plam: must be a file or a ready-made topology (fingertip, hand, palm, strip); "
+        "plam: must be a file or a ready-made topology (fingertip, gripper, hand, palm, strip); "
         "got no such file; nearest: 'palm'\n"
     )

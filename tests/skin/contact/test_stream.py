@@ -426,7 +426,7 @@ def test_before_anything_is_brought_nothing_touches():
 
 
 def test_where_nothing_touches_there_is_no_load_and_the_rest_is_not_known():
-    for record in (plate(want=CONTACT_WANTS).total.record, module._untouched()[0]):
+    for record in (plate(want=CONTACT_WANTS).total.record, module.UNTOUCHED[0]):
         zero = ("load", "load_sigma", "wrench", "wrench_covariance", "wrench_sigma", "area",
                 "shear")  # fmt: skip
         for name in record.dtype.names:

@@ -100,5 +100,5 @@ def test_nothing_to_simulate_is_refused(capsys: pytest.CaptureFixture[str]) -> N
     assert main(["sim"]) == 2
     assert capsys.readouterr().err == (
         "skin sim: must have a file or the name of a ready-made topology "
-        "(fingertip, hand, palm, strip); got none\n"
+        "(fingertip, gripper, hand, palm, strip); got none\n"
     )
