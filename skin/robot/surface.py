@@ -29,11 +29,14 @@ def primitive(kind: str, size: tuple[float, ...]) -> Surface:
 
 def _unit(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Lengths and directions; +x where there is no length."""
-    length = np.linalg.norm(vectors, axis=0)
-    some = length > 0.0
+    largest = np.max(np.abs(vectors), axis=0)
+    some = largest > 0.0
     along_x = np.zeros(vectors.shape)
     along_x[0] = 1.0
-    return length, np.where(some, vectors / np.where(some, length, 1.0), along_x)
+    # Over the largest component first: squares of a tiny vector are lost or round.
+    scaled = np.where(some, vectors / np.where(some, largest, 1.0), along_x)
+    length = np.linalg.norm(scaled, axis=0)
+    return largest * length, scaled / length
 
 
 def _sphere(size: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -57,7 +60,7 @@ def _rounded(over: np.ndarray, outward: np.ndarray) -> tuple[np.ndarray, np.ndar
     """Of a convex shape of faces: how far a point is beyond each (m, n), and where each looks to
     (m, 3, n). Outside, faces that are square to each other add up; inside the nearest counts."""
     beyond = np.maximum(over, 0.0)
-    outside = np.sqrt(np.sum(beyond**2, axis=0))
+    outside, _ = _unit(beyond)
     nearest = np.argmax(over, axis=0)
     every = np.arange(over.shape[1])
     inner = outward[nearest, :, every].T

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from skin.robot.surface import from_mesh, primitive
@@ -35,6 +35,9 @@ def inside(kind, size, p):
 
 @pytest.mark.parametrize("kind", SHAPES)
 @given(x=coordinates, y=coordinates, z=coordinates)
+@example(x=0.0, y=0.0, z=4.4e-161)
+@example(x=5e-324, y=1e-300, z=0.0)
+@example(x=0.02, y=0.03 + 1e-170, z=3e-162)
 def test_along_the_normal_the_surface_is_where_the_distance_says(kind, x, y, z):
     look, p = primitive(kind, SHAPES[kind]), np.array([[x], [y], [z]])
     distance, normal = look(p)
