@@ -102,6 +102,17 @@ FIGURES = (
     Figure("logs", "candump_ratio", "time of python-can over ours to read the same candump log"),
     Figure("logs", "blf_ratio", "the same of BLF"),
     Figure("simulate", "real_time_factor_64", "simulated over real seconds, 64 units, every non-ideality on"),
+    # recorded logs
+    Figure("bulk", "candump_ratio", "time of the usual script (python-can, cantools, pyarrow) over `skin decode`, candump log of 64 units to Parquet, one core both", "", ">= 10", True),
+    Figure("bulk", "blf_ratio", "the same of BLF", "", ">= 20", True),
+    Figure("bulk", "mf4_ratio", "the same of MF4, read by asammdf"),
+    Figure("bulk", "candump_frames_per_s", "frames a second there, candump, one process that may use every core", "1/s"),
+    Figure("bulk", "blf_frames_per_s", "the same of BLF", "1/s"),
+    Figure("bulk", "peak_gib", "most memory of a process that decodes a long log", "GiB", "<= 1", True),
+    Figure("bulk", "hour_s", "an hour of 64 units at 250 Hz with slip and contacts, one process, one log", "s", "<= 60", True),
+    Figure("bulk", "hour_cpu_s", "the same on processors, of all threads together", "s"),
+    Figure("bulk", "scaling", "four logs by two processes, times as fast as by one"),
+    Figure("bulk", "equal_to_live", "tables hold what a live skin shows, value by value (1: yes)", "", ">= 1", True),
     # numbers
     Figure("accuracy", "coverage_min", "least share of errors within one sigma (0.683 if it is right), over every cell of the stated range, every component, films as drawn and as made; the interval is that of one cell", "", ">= 0.66", True, "", "coverage_interval"),
     Figure("accuracy", "coverage_max", "the largest", "", "<= 0.72", True, "", "coverage_interval"),
