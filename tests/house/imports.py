@@ -52,6 +52,8 @@ ROOMS: dict[str, frozenset[str]] = {
     | {"physics", "contact", "pipeline", "compiling", "offline", "worker", "messages"},
     "export": COMMON | {"contact", "arrow"},
     "publish": COMMON | {"live", "contact", "worker", "messages"},
+    "behaviours": COMMON | {"contact"},
+    "tasks": COMMON | {"contact", "behaviours", "grasp", "physics", "sim", "live", "opening"},
     "grasp": COMMON | {"physics", "contact", "sim", "live", "opening"},
 }
 """What each room may import of `skin`, beside itself. `opening` starts simulated units when a skin

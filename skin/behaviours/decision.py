@@ -1,0 +1,56 @@
+"""Decisions of a behaviour, each with its reason."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import NamedTuple
+
+__all__ = ["Decision", "Decisions"]
+
+KEPT = 1000
+"""Decisions that a log keeps; older ones are forgotten [numeric]."""
+
+
+class Decision(NamedTuple):
+    """What was decided, and why.
+
+    Attributes
+    ----------
+    time_s : float
+        Of the cycle's SYNC, since the behaviour's first cycle.
+    what : str
+    why : str
+        With the numbers that decided.
+    """
+
+    time_s: float
+    what: str
+    why: str
+
+    def __str__(self) -> str:
+        return f"{self.time_s:9.3f} s  {self.what}: {self.why}"
+
+
+class Decisions:
+    """A log of decisions; iterate over it, oldest first."""
+
+    def __init__(self) -> None:
+        self._kept: deque[Decision] = deque(maxlen=KEPT)
+
+    def add(self, time_s: float, what: str, why: str) -> None:
+        """Add one."""
+        self._kept.append(Decision(time_s, what, why))
+
+    @property
+    def last(self) -> Decision | None:
+        """The newest, or None."""
+        return self._kept[-1] if self._kept else None
+
+    def __len__(self) -> int:
+        return len(self._kept)
+
+    def __iter__(self):
+        return iter(tuple(self._kept))
+
+    def __str__(self) -> str:
+        return "\n".join(map(str, self._kept))
