@@ -223,7 +223,7 @@ def _add_lost(valid, pad_of, share, sums):
         lost, whole = 0.0, 0.0
         for i in range(share.size):
             if pad_of[i] == pad:
-                own = mean if np.isnan(share[i]) else max(share[i], 0.0)
+                own = mean if np.isnan(share[i]) else share[i]
                 whole += own
                 lost += 0.0 if valid[i] else own
         sums.lost[pad] = lost / whole if whole > 0.0 else 0.0
