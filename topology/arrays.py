@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from msgspec.structs import replace
@@ -16,7 +17,7 @@ from topology.robot.model import RobotModel
 from topology.schema import Bus
 from topology.wire import WireLayout
 
-__all__ = ["Frames", "Topology"]
+__all__ = ["Frames", "Topology", "seal"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +145,11 @@ class Topology:
             parts.append(what if count == n else f"{count or 'none'} {what}")
         return f"<Topology {self.name!r}: {', '.join(parts)}>"
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """As `multiprocessing` hands it to another process: read-only there, too."""
+        self.__dict__.update(state)
+        seal(self)
+
     @property
     def n(self) -> int:
         """Number of units."""
@@ -210,6 +216,15 @@ class Topology:
             return self.unit_names.index(name)
         except ValueError:
             raise unknown_unit(name, self.name, self.unit_names) from None
+
+
+def seal(topology: Topology) -> None:
+    """Make all arrays of a topology read-only."""
+    robot = () if topology.robot is None else vars(topology.robot).values()
+    own = (vars(topology), vars(topology.frames), topology.parameters)
+    for array in (*(array for arrays in own for array in arrays.values()), *robot):
+        if isinstance(array, np.ndarray):
+            array.setflags(write=False)
 
 
 def _named(one: str, many: str, names: Sequence[str]) -> str:

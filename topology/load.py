@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from topology.address import Address, to_frames
-from topology.arrays import Frames, Topology
+from topology.arrays import Frames, Topology, seal
 from topology.budget import bus_load
 from topology.check.addresses import check_clashes
 from topology.check.patches import place_patches
@@ -171,9 +171,7 @@ def _finish(frames: Frames, draft: Draft, parts: Parts) -> Topology:
         patch_links=links,
         robot=parts.robot,
     )
-    for array in (*vars(frames).values(), *vars(topology).values(), *draft.parameters.values()):
-        if isinstance(array, np.ndarray):
-            array.setflags(write=False)
+    seal(topology)
     return topology
 
 

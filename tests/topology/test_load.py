@@ -118,6 +118,8 @@ def test_arrays_of_a_topology_cannot_be_written_and_survive_pickling():
     again = pickle.loads(pickle.dumps(skin))  # as `multiprocessing` hands it to another process
     assert again.unit_names == skin.unit_names
     np.testing.assert_array_equal(again.frames.units, skin.frames.units)
+    for array in (again.position, again.parameters["radius_m"], again.frames.units):
+        assert not array.flags.writeable  # and kernels compiled for read-only arrays fit
 
 
 def test_unit_index_finds_a_unit_and_names_the_nearest():
