@@ -21,6 +21,7 @@ alone, its displacements all 0, they are force over stiffness: `n_per_mm` of ``-
 
 from __future__ import annotations
 
+from codecs import BOM_UTF8
 from collections.abc import Callable
 from pathlib import Path
 
@@ -97,14 +98,14 @@ def _is_idle(one: Recording) -> bool:
 def _table(path: Path) -> tuple[tuple[str, ...], np.ndarray, int]:
     """Names of the columns, the numbers, and the line of the first."""
     try:
-        text = read_regular(path, LARGEST).decode("ascii")
+        text = read_regular(path, LARGEST).removeprefix(BOM_UTF8).decode("ascii")
     except TooLargeError as error:
         raise RecordingError(
             f"{path}: must have {LARGEST} bytes at most; got {error.size}"
         ) from None
     except UnicodeDecodeError:
         raise RecordingError(f"{path}: must be a table in ASCII or HDF5; got neither") from None
-    lines = text.splitlines() or [""]
+    lines = text.rstrip().splitlines() or [""]
     head = tuple(name.strip() for name in lines[0].split(","))
     if len(head) < FEWEST:
         got = shown(text[:40])

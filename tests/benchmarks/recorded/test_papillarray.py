@@ -47,6 +47,18 @@ def test_a_log_says_the_same_and_that_its_labels_are_the_sensors(tmp_path):
         np.testing.assert_allclose(getattr(one, name), getattr(other, name), atol=1e-4)
 
 
+def test_a_mark_of_utf_8_and_blank_lines_at_the_end_change_nothing(tmp_path):
+    rows = pillar_rows(seconds=1.0, rate_hz=250.0)
+    for name, text in (("a.csv", write_plain(tmp_path / "a.csv", rows).read_text()),
+                       ("b.csv", log_text(rows))):  # fmt: skip
+        file = tmp_path / name
+        file.write_text(text)
+        (plain,), _ = read(file, Array())
+        file.write_text("\ufeff" + text.rstrip() + "\r\n\n \n", encoding="utf-8")
+        (marked,), _ = read(file, Array())
+        np.testing.assert_array_equal(plain.force, marked.force)
+
+
 def test_two_sensors_of_a_log_are_two_recordings_and_an_idle_one_is_left_out(tmp_path):
     file = tmp_path / "a.csv"
     file.write_text(log_text(pillar_rows(seconds=1.0, rate_hz=250.0), ("S0", "S1")))
