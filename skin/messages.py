@@ -115,7 +115,11 @@ geometry_msgs/Vector3 normal   # outward
 uint8 slip                     # 0 not known, 1 stick, 2 incipient, 3 gross
 float32 stick_ratio            # share of the load on units that stick
 float32 friction               # NaN before slip has shown it
+float32 friction_sigma
 float32 margin                 # share of the friction cone that is left
+float32 slip_probability       # that some of the load slips; NaN where too little is known
+float32 grip_force             # N, normal force that would hold with the safety asked for
+float32 grip_force_sigma
 uint16 units                   # how many units it has""",
     "f3t_msgs/msg/SkinState": """\
 std_msgs/Header header    # stamp of the SYNC

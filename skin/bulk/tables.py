@@ -82,9 +82,10 @@ def contact_columns(block: Block) -> Iterator[Column]:
     yield Column("slip", "", np.array([one.name.lower() for one in SlipState])[found["slip"]])
     began = (found["onset_ns"] != 0) & (found["onset_ns"] == found["seen_ns"])
     yield Column("slip_began", "", began)
-    for name in ("stick_ratio", "slip_probability", "friction", "margin"):
+    for name in ("stick_ratio", "slip_probability", "friction", "friction_sigma", "margin"):
         yield Column(name, "", found[name])
-    yield Column("grip_force", "N", found["grip_force"])
+    for name in ("grip_force", "grip_force_sigma"):
+        yield Column(name, "N", found[name])
 
 
 class Tables:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,7 +21,7 @@ __all__ = ["Events", "writer_for"]
 
 CONTACT_COLUMNS = (
     "time_s contact units load_n x_m y_m z_m nx ny nz fx_n fy_n fz_n slip stick_ratio margin "
-    "friction"
+    "friction friction_sigma slip_probability grip_force_n grip_force_sigma_n"
 )
 
 
@@ -101,8 +101,10 @@ class _Tables:
             self._contacts(
                 [time_s, contact.id, contact.units.size, f"{contact.load:.4f}",
                  *_texts(contact.centroid), *_texts(contact.normal), *_texts(contact.wrench[:3]),
-                 contact.slip.name.lower(), f"{contact.stick_ratio:.4f}", f"{contact.margin:.4f}",
-                 f"{contact.friction:.4f}"]
+                 contact.slip.name.lower(),
+                 *_texts([contact.stick_ratio, contact.margin, contact.friction,
+                          contact.friction_sigma, contact.slip_probability, contact.grip_force,
+                          contact.grip_force_sigma])]
             )  # fmt: skip
         for identity, event in self._events.of(state):
             self._happened([time_s, identity, event])
@@ -186,5 +188,5 @@ def _contact_of_units(state: State) -> np.ndarray:
     return np.array([0, *(contact.id for contact in state.contacts)])[state.label + 1]
 
 
-def _texts(values: np.ndarray) -> list[str]:
+def _texts(values: Iterable[float]) -> list[str]:
     return [f"{value:.6f}" for value in values]

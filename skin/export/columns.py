@@ -76,7 +76,11 @@ CONTACT_FIELDS: tuple[Field, ...] = (
     Field("slip", "", "", lambda contact: contact.slip.name.lower()),
     Field("stick_ratio", "", "float64", lambda contact: contact.stick_ratio),
     Field("friction", "", "float64", lambda contact: contact.friction),
+    Field("friction_sigma", "", "float64", lambda contact: contact.friction_sigma),
     Field("margin", "", "float64", lambda contact: contact.margin),
+    Field("slip_probability", "", "float64", lambda contact: contact.slip_probability),
+    Field("grip_force", "N", "float64", lambda contact: contact.grip_force),
+    Field("grip_force_sigma", "N", "float64", lambda contact: contact.grip_force_sigma),
 )  # fmt: skip
 """What a table tells of a contact; skin frame, as `skin.contact.contact.Contact` has it."""
 

@@ -19,6 +19,9 @@ LISTED = 32
 
 Message = dict[str, Any]
 XYZ = ("x", "y", "z")
+OF_SLIP = ("stick_ratio", "friction", "friction_sigma", "margin", "slip_probability", "grip_force",
+           "grip_force_sigma")  # fmt: skip
+"""Numbers of a contact that go into its message as they are."""
 
 
 def header(stamp_ns: int, frame: str) -> Message:
@@ -60,8 +63,8 @@ def _contact(one: np.void) -> Message:
         "id": int(one["id"]), "wrench": _wrench(one["wrench"]),
         "wrench_sigma": one["wrench_sigma"], "centroid": vector(one["centroid"]),
         "normal": vector(one["normal"]), "slip": int(one["slip"]),
-        "stick_ratio": float(one["stick_ratio"]), "friction": float(one["friction"]),
-        "margin": float(one["margin"]), "units": int(one["end"] - one["begin"]),
+        **{name: float(one[name]) for name in OF_SLIP},
+        "units": int(one["end"] - one["begin"]),
     }  # fmt: skip
 
 

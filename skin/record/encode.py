@@ -78,17 +78,19 @@ assert FRAME_DTYPE.itemsize % 8 == 0  # or frames in a list would be padded
 CONTACT_MESSAGE = np.dtype(
     {
         "names": ["id", "wrench", "wrench_sigma", "centroid", "normal", "slip", "stick_ratio",
-                  "friction", "margin", "units"],
-        "formats": ["<i8", ("<f8", 6), ("<f8", 6), ("<f8", 3), ("<f8", 3), "u1", "<f4", "<f4",
-                    "<f4", "<u2"],
-        "offsets": [0, 8, 56, 104, 128, 152, 156, 160, 164, 168],
-        "itemsize": 176,
+                  "friction", "friction_sigma", "margin", "slip_probability", "grip_force",
+                  "grip_force_sigma", "units"],
+        "formats": ["<i8", ("<f8", 6), ("<f8", 6), ("<f8", 3), ("<f8", 3), "u1", *["<f4"] * 7,
+                    "<u2"],
+        "offsets": [0, 8, 56, 104, 128, 152, *range(156, 184, 4), 184],
+        "itemsize": 192,
     }
 )  # fmt: skip
 """``f3t_msgs/msg/Contact`` in a list; the last of a list ends with its last field."""
-LAST_BYTES = 170
+LAST_BYTES = 186
 _SAME = ("id", "wrench", "wrench_sigma", "centroid", "normal", "slip", "stick_ratio", "friction",
-         "margin")  # fmt: skip
+         "friction_sigma", "margin", "slip_probability", "grip_force",
+         "grip_force_sigma")  # fmt: skip
 
 
 class StateEncoder:

@@ -79,7 +79,8 @@ def test_contacts_have_the_values_of_the_live_ones(run, decoded):
                 three = [getattr(getattr(contact, name), axis) for axis in "xyz"]
                 np.testing.assert_array_equal(three, getattr(true, name))
             assert (contact.slip, contact.units) == (true.slip, true.units.size)
-            for name in ("stick_ratio", "friction", "margin"):
+            for name in ("stick_ratio", "friction", "friction_sigma", "margin",
+                         "slip_probability", "grip_force", "grip_force_sigma"):  # fmt: skip
                 np.testing.assert_equal(
                     np.float32(getattr(contact, name)), np.float32(getattr(true, name))
                 )
