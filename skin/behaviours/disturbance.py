@@ -4,6 +4,9 @@ The sum of what the pads bear is in balance with weight and with whoever pulls: 
 hand of a person, however the object lies or slips. A disturbance begins where the change is more
 than noise, and ends where it is not. While it lasts the rest is not learned.
 
+On a bare skin what is felt is what the contacts bear, where contacts are wanted of the skin: the
+noise of units that nothing touches stays out then.
+
 What fills in for units that fall silent is a guess, so that a change of who is heard is no change
 of force: the rest is moved by what it seems to change. While nothing is heard time stands still.
 """
@@ -13,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,6 +25,9 @@ from skin.contact.record import SlipState
 from skin.errors import check_number
 from skin.state import State
 from topology import Topology
+
+if TYPE_CHECKING:
+    from skin.contact.contact import Contact
 
 __all__ = ["Disturbance", "DisturbanceParameters"]
 
@@ -191,7 +198,7 @@ class Disturbance:
             self._start_ns = state.stamp_ns
         self.time_s = 1e-9 * (state.stamp_ns - self._start_ns)
         loads = self.pads.read(state)
-        wrench = self._wrench(loads)
+        wrench = self._wrench(loads, state.contacts)
         self.heard = all(map(math.isfinite, wrench))
         if not self.heard:
             return False
@@ -211,11 +218,13 @@ class Disturbance:
         self._last = wrench
         return True
 
-    def _wrench(self, loads) -> list[float]:
-        """Force, and moment about the grasp or torsion, of all pads."""
+    def _wrench(self, loads, contacts: list[Contact] | None) -> list[float]:
+        """Force, and moment about the grasp or torsion, of all pads or contacts."""
         x, y, z = loads.force_n.sum(axis=1).tolist()
         if not self.held:
             torsion = float(loads.torsion_nm.sum())
+            if contacts is not None and x == x:
+                x, y, z, torsion = _touched(contacts)
             return [x, y, z, *(torsion * n for n in self.normal)]
         a, b, c = loads.moment_nm.sum(axis=1).tolist()
         u, v, w = self._centre
@@ -296,7 +305,7 @@ class Disturbance:
         self.impulse_ns = [0.0] * 6
         self.energy = [0.0] * 3
         self._sliding = 0.0
-        self._first: list[float] | None = None
+        self._way = _Way()
 
     def _add(self, wrench: list[float], state: State, loads) -> None:
         """Add up what this cycle brings."""
@@ -323,15 +332,52 @@ class Disturbance:
                 self._sliding += self._period_s
             self.moved = self._sliding / max(self._lasted, self._period_s)
             return
-        if self.load_n < 0.5 * self.peak_n or self.load_n <= 0.0:
-            return
-        centre = _centre(loads)
-        if self._first is None:
-            self._first = centre
-        way = math.dist(centre, self._first)
-        way = way / (way + self.parameters.touch_lever_m)
-        if math.isfinite(way):
-            self.moved = max(self.moved, way)
+        centre, load = _centre(loads), self.load_n
+        if state.contacts:
+            hardest = max(state.contacts, key=lambda contact: contact.load)
+            centre, load = hardest.centroid.tolist(), hardest.load
+        if math.isfinite(centre[0]) and load > 0.0:
+            self._way.add(load * load, self._lasted, centre)
+            way = self._way.length_m
+            self.moved = way / (way + self.parameters.touch_lever_m)
+
+
+class _Way:
+    """How far something goes, by a straight line through where it is seen, by weight."""
+
+    def __init__(self) -> None:
+        self._weight = self._t = self._tt = 0.0
+        self._x, self._tx = [0.0] * 3, [0.0] * 3
+
+    def add(self, weight: float, time_s: float, place: list[float]) -> None:
+        """It is seen at a place."""
+        self._weight += weight
+        self._t += weight * time_s
+        self._tt += weight * time_s * time_s
+        for i in range(3):
+            self._x[i] += weight * place[i]
+            self._tx[i] += weight * time_s * place[i]
+
+    @property
+    def length_m(self) -> float:
+        """Speed times the duration of an even motion that has the same spread in time."""
+        mean = self._t / self._weight
+        spread = self._tt / self._weight - mean * mean
+        if not spread > 0.0:
+            return 0.0
+        slope = [(b - mean * a) / self._weight for a, b in zip(self._x, self._tx, strict=True)]
+        return math.hypot(*slope) * math.sqrt(12.0 / spread)
+
+
+def _touched(contacts: list[Contact]) -> tuple[float, float, float, float]:
+    """Force and torsion of all contacts together."""
+    x = y = z = torsion = 0.0
+    for contact in contacts:
+        wrench = contact.wrench
+        x, y, z = x + wrench[0], y + wrench[1], z + wrench[2]
+        turning = contact.torsion
+        torsion += turning if turning == turning else 0.0
+    return float(x), float(y), float(z), float(torsion)
 
 
 def _centre(loads) -> list[float]:

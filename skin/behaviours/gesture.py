@@ -63,6 +63,13 @@ short is either [assumed]."""
 TURNS, NO_TURN = (6.0, 1.0), (1.0, 8.0)
 """Share of the moment: fingers are up to a half of the lever off the middle [assumed]."""
 
+PRESSED, DRAGGED, STRAIGHT = (100.0, 1.0), (8.0, 1.3), (1.0, 30.0)
+"""On a bare skin: share along the normal of a finger that presses, and of one that drags by up to
+its friction; share of the moment of one that does not turn [assumed]."""
+
+STAYS, GOES = (1.2, 8.0), (5.0, 2.0)
+"""What moves, of a finger that stays, and of one that goes on by two lengths or more [assumed]."""
+
 HELD = {
     "tap": Kind(duration_s=SHORT, size_n=(1.5, 0.7), normal=EITHER, turning=(1.0, 4.0)),
     "brush": Kind(duration_s=LIGHT, size_n=(0.25, 0.45), normal=EITHER, turning=(1.0, 3.0)),
@@ -75,14 +82,15 @@ HELD = {
 """Of a hand that acts on what a gripper holds [assumed]."""
 
 TOUCH = {
-    "tap": Kind(duration_s=SHORT, size_n=(1.5, 0.7), normal=ALONG, turning=(1.0, 20.0)),
-    "brush": Kind(duration_s=LIGHT, size_n=(0.3, 0.5), normal=(5.0, 2.0), turning=(1.0, 6.0),
-                  moved=(3.0, 2.0)),
-    "press": Kind(duration_s=LONG, size_n=(2.0, 0.7), normal=(20.0, 1.0), turning=(1.0, 30.0)),
-    "pull": Kind(duration_s=LONG, size_n=(2.0, 0.7), normal=(8.0, 2.5), turning=(1.0, 30.0)),
-    "slide": Kind(duration_s=LONG, size_n=(2.0, 0.7), normal=(8.0, 2.5), turning=(1.0, 30.0),
-                  moved=(6.0, 2.0)),
-    "twist": Kind(duration_s=LONG, size_n=(2.0, 0.7), normal=(20.0, 1.0), turning=(2.0, 6.0)),
+    "tap": Kind(duration_s=SHORT, size_n=(1.5, 0.7), normal=PRESSED, turning=STRAIGHT, moved=STAYS),
+    "brush": Kind(duration_s=LIGHT, size_n=(0.4, 0.5), normal=(5.0, 2.0), turning=STRAIGHT,
+                  moved=GOES),
+    "press": Kind(duration_s=LONG, size_n=(2.0, 0.7), normal=PRESSED, turning=STRAIGHT,
+                  moved=STAYS),
+    "pull": Kind(duration_s=LONG, size_n=(2.0, 0.7), normal=DRAGGED, turning=STRAIGHT, moved=STAYS),
+    "slide": Kind(duration_s=LONG, size_n=(2.0, 0.7), normal=DRAGGED, turning=STRAIGHT, moved=GOES),
+    "twist": Kind(duration_s=LONG, size_n=(2.5, 0.7), normal=(30.0, 1.0), turning=(2.0, 6.0),
+                  moved=STAYS),
 }  # fmt: skip
 """Of a finger that touches a skin [assumed]."""
 

@@ -46,9 +46,11 @@ class HandoverParameters:
 
     Attributes
     ----------
-    take, light : (float, float)
-        Mean and sigma of the support under a hand that takes, which may well be more than the mean,
-        and under a light touch [assumed: people let go of 60 % and more before they pull].
+    take : (float, float, float)
+        Support under a hand that takes: even from the first to the second, and beyond by the third,
+        a sigma [assumed: people bear what they take, some pull a little more].
+    light : (float, float)
+        Mean and sigma of the support under a light touch [assumed].
     bump_s : (float, float)
         Median duration of a bump, and sigma of its logarithm [assumed: 20 to 100 ms].
     widest : float
@@ -59,7 +61,7 @@ class HandoverParameters:
     priors : (float, float, float, float)
         Of hand, light touch, bump and fault in what is felt during a handover [assumed].
     sure : float
-        Probability at which it is taken [assumed: a hand in a hundred is waited for longer].
+        Probability at which it is taken [assumed: one release in two hundred where somebody acts would be wrong, if all were as likely].
     smooth_s : float
         Time constant of the support [assumed].
     least_n : float
@@ -71,13 +73,13 @@ class HandoverParameters:
     disturbance : DisturbanceParameters
     """
 
-    take: tuple[float, float] = (0.9, 0.25)
+    take: tuple[float, float, float] = (0.8, 1.2, 0.25)
     light: tuple[float, float] = (0.1, 0.15)
-    bump_s: tuple[float, float] = (0.05, 0.4)
+    bump_s: tuple[float, float] = (0.06, 0.45)
     widest: float = 5.0
     agree: tuple[float, float] = (3.0, 3.0)
-    priors: tuple[float, float, float, float] = (0.2, 0.4, 0.4, 0.02)
-    sure: float = 0.99
+    priors: tuple[float, float, float, float] = (0.2, 0.4, 0.4, 0.001)
+    sure: float = 0.995
     smooth_s: float = 0.015
     least_n: float = 0.35
     still_s: float = 0.4
@@ -195,7 +197,7 @@ class Handover:
         if not seen.active:
             self._age_s = 0.0
             return
-        hand = normal_log(min(self.support, p.take[0]), *p.take)
+        hand = _even_log(self.support, *p.take)
         light = normal_log(max(self.support, p.light[0]), *p.light)
         self._age_s = self._age_s + self._period_s if hand > light else 0.0
         even = -math.log(2.0 * p.widest)
@@ -254,6 +256,13 @@ class Handover:
         if self._still_s >= p.still_s:
             why = f"{self.weight_n:.2f} N hang still for {self._still_s:.2f} s"
             self._enter(Phase.RECEIVED, why)
+
+
+def _even_log(value: float, low: float, high: float, sigma: float) -> float:
+    """Logarithm of a density that is even between two bounds, and falls normally beyond."""
+    away = value - min(max(value, low), high)
+    width = math.sqrt(2.0 * math.pi) * sigma + high - low
+    return -0.5 * (away / sigma) ** 2 - math.log(width)
 
 
 def _dot(a, b) -> float:

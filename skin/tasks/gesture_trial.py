@@ -15,7 +15,7 @@ from skin.tasks.held import held_object, thing_of
 from skin.tasks.person import Act, Hand, Person, brush, bump, draw_person, pull, twist
 
 __all__ = ["STRENGTHS_N", "Asked", "GestureTrial", "Seen", "asked_kinds", "asked_pulls",
-           "run_gestures"]  # fmt: skip
+           "match", "run_gestures"]  # fmt: skip
 
 STRENGTHS_N = (0.5, 1.0, 2.0)
 """Of pulls, as in the paper's Fig. 4c."""
@@ -123,11 +123,11 @@ def run_gestures(
             trial.force_n.append(gestures.disturbance.force_n)
             trial.true_n.append(hand.force_n.tolist())
             hand.update()
-    _match(trial, begun, told)
+    match(trial, begun, told)
     return trial
 
 
-def _match(
+def match(
     trial: GestureTrial, begun: list[tuple[float, Asked]], told: list[tuple[float, Gesture]]
 ) -> None:
     """Which gesture was told of which act."""
