@@ -56,7 +56,9 @@ class DisturbanceParameters:
         Sigma of the rest itself, newton [assumed].
     lever_m : float
         Lever by which moments of a held object are compared with forces: noise of both is alike
-        then on pads of some centimetres [derived]. `touch_lever_m` of a finger that touches a skin [assumed].
+        then on pads of some centimetres [derived].
+    touch_lever_m : float
+        The same of a finger that touches a skin [assumed: its radius of contact].
     held_n : float
         Load at rest from which on something is held [assumed: four sigma of two pads].
     """
@@ -223,7 +225,7 @@ class Disturbance:
         x, y, z = loads.force_n.sum(axis=1).tolist()
         if not self.held:
             torsion = float(loads.torsion_nm.sum())
-            if contacts is not None and x == x:
+            if contacts is not None and math.isfinite(x):
                 x, y, z, torsion = _touched(contacts)
             return [x, y, z, *(torsion * n for n in self.normal)]
         a, b, c = loads.moment_nm.sum(axis=1).tolist()
@@ -376,7 +378,7 @@ def _touched(contacts: list[Contact]) -> tuple[float, float, float, float]:
         wrench = contact.wrench
         x, y, z = x + wrench[0], y + wrench[1], z + wrench[2]
         turning = contact.torsion
-        torsion += turning if turning == turning else 0.0
+        torsion += turning if math.isfinite(turning) else 0.0
     return float(x), float(y), float(z), float(torsion)
 
 

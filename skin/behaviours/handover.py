@@ -61,7 +61,8 @@ class HandoverParameters:
     priors : (float, float, float, float)
         Of hand, light touch, bump and fault in what is felt during a handover [assumed].
     sure : float
-        Probability at which it is taken [assumed: one release in two hundred where somebody acts would be wrong, if all were as likely].
+        Probability at which it is taken [assumed: a wrong release is two
+        hundred times as bad as to wait for more].
     smooth_s : float
         Time constant of the support [assumed].
     least_n : float

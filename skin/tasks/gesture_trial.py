@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -10,12 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from skin.behaviours.gesture import Gesture, GestureParameters, Gestures
-from skin.state import State
 from skin.tasks.held import held_object, thing_of
 from skin.tasks.person import Act, Hand, Person, brush, bump, draw_person, pull, twist
 
-__all__ = ["STRENGTHS_N", "Asked", "GestureTrial", "Seen", "asked_kinds", "asked_pulls",
-           "match", "run_gestures"]  # fmt: skip
+__all__ = ["KINDS", "STRENGTHS_N", "Asked", "GestureTrial", "Seen", "asked_kinds", "asked_pulls",
+           "asked_story", "match", "run_gestures"]  # fmt: skip
 
 STRENGTHS_N = (0.5, 1.0, 2.0)
 """Of pulls, as in the paper's Fig. 4c."""
@@ -43,6 +43,18 @@ class Seen(NamedTuple):
     told: Gesture | None
     first_s: float
 
+    @property
+    def is_right(self) -> bool:
+        """Whether the kind is right; a push is a pull away from the person."""
+        return self.told is not None and self.told.kind.replace("push", "pull") == self.asked.kind
+
+    @property
+    def off_rad(self) -> float:
+        """Error of the direction; NaN where nothing was told, or no direction asked."""
+        if self.told is None or not math.isfinite(self.asked.angle_rad):
+            return math.nan
+        return math.remainder(self.told.angle_rad - self.asked.angle_rad, 2.0 * math.pi)
+
 
 @dataclass
 class GestureTrial:
@@ -53,8 +65,10 @@ class GestureTrial:
     seen : list of Seen
     others : list of Gesture
         Told where nobody did anything.
-    time_s, force_n, true_n, odds : list
-        Cycle by cycle: felt and true change of force, and the probabilities of the kinds.
+    time_s, force_n, true_n : list
+        Cycle by cycle: felt and true change of force.
+    update_us : list of float
+        Microseconds of `Gestures.update`.
     person : Person
     """
 
@@ -64,6 +78,7 @@ class GestureTrial:
     time_s: list[float] = field(default_factory=list)
     force_n: list[list[float]] = field(default_factory=list)
     true_n: list[list[float]] = field(default_factory=list)
+    update_us: list[float] = field(default_factory=list)
 
 
 def asked_pulls(random: np.random.Generator, strength_n: float) -> list[Asked]:
@@ -83,6 +98,20 @@ def asked_kinds(random: np.random.Generator, each: int = 2) -> list[Asked]:
     return [found[i] for i in random.permutation(len(found))]
 
 
+def asked_story(random: np.random.Generator) -> list[Asked]:
+    """Eight pulls round in order, of 0.8 to 1.6 N, then a tap, a press and a twist (Fig. 4b)."""
+    found = []
+    for k in range(8):
+        angle = math.remainder(math.radians(45.0 * k), 2.0 * math.pi)
+        force = float(random.uniform(0.8, 1.6)) * np.array([0.0, math.cos(angle), math.sin(angle)])
+        found.append(Asked("pull", angle, pull(force, rise_s=0.2, hold_s=0.4, fall_s=0.2)))
+    tap = bump((0.0, 0.0, -2.0), 0.05)
+    press = pull((1.5, 0.0, 0.0), rise_s=0.2, hold_s=0.4, fall_s=0.2)
+    turn = twist((0.04, 0.0, 0.0), rise_s=0.2, hold_s=0.4, fall_s=0.2)
+    others = [("tap", -math.pi / 2.0, tap), ("press", math.nan, press), ("twist", math.nan, turn)]
+    return found + [Asked(*other) for other in others]
+
+
 KINDS = ("tap", "brush", "press", "pull", "twist")
 
 
@@ -91,20 +120,24 @@ def run_gestures(
     asked: Callable[[np.random.Generator], Sequence[Asked]],
     *,
     parameters: GestureParameters | None = None,
-    each_state: Callable[[State], None] | None = None,
+    pace: bool = False,
 ) -> GestureTrial:
-    """Play gestures of one person on one object; the same for the same seed."""
+    """Play gestures of one person on one object; the same for the same seed. With `pace` no faster
+    than real time."""
     random = np.random.default_rng((seed, 41))
     thing, person = thing_of(random), draw_person(random)
     waiting, trial = list(asked(random)), GestureTrial(person)
     begun: list[tuple[float, Asked]] = []
     told: list[tuple[float, Gesture]] = []
-    with held_object(
-        thing, strongest_n=STRONGEST_N, seed=seed, want={"force", "sigma"}
-    ) as (world, _, states):
+    with held_object(thing, strongest_n=STRONGEST_N, seed=seed, want={"force", "sigma"}) as (
+        world,
+        _,
+        states,
+    ):
         gestures, hand = Gestures(world.skin.topology, parameters), Hand(world, thing.name, person)
         start_s = next_s = world.time_s
         next_s += PAUSE_S
+        paced_s = time.monotonic()
         for state in states:
             now_s = world.time_s - start_s
             if waiting and world.time_s >= next_s:
@@ -114,9 +147,11 @@ def run_gestures(
                 next_s = world.time_s + one.act.seconds + PAUSE_S
             elif not waiting and world.time_s >= next_s:
                 break
-            if each_state is not None:
-                each_state(state)
+            if pace:
+                time.sleep(max(0.0, paced_s + now_s - time.monotonic()))
+            begun_ns = time.perf_counter_ns()
             found = gestures.update(state)
+            trial.update_us.append(1e-3 * (time.perf_counter_ns() - begun_ns))
             if found is not None:
                 told.append((now_s, found))
             trial.time_s.append(now_s)

@@ -7,6 +7,7 @@ block is released: then it is securely grasped.
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -46,8 +47,8 @@ class Take:
         How far the block is off where it was, after the release.
     why : str
         The decision.
-    time_s, support, true_support, hand_odds : list of float
-        Cycle by cycle.
+    time_s, support, true_support, hand_odds, update_us : list of float
+        Cycle by cycle; the last is what `Handover.update` took, microseconds.
     """
 
     person: Person
@@ -62,6 +63,7 @@ class Take:
     support: list[float] = field(default_factory=list)
     true_support: list[float] = field(default_factory=list)
     hand_odds: list[float] = field(default_factory=list)
+    update_us: list[float] = field(default_factory=list)
 
     @property
     def latency_s(self) -> float:
@@ -96,9 +98,7 @@ def run_take(seed: int, parameters: HandoverParameters | None = None) -> Take:
     acts.append((1.1, take(wanted, rise_s, hesitates=hesitates, waits_s=waits_s)))
     trial = Take(person, weight_n, hesitates, rise_s)
     until_s = 1.1 + waits_s + rise_s + GIVE_UP_S
-    with held_object(
-        thing, strongest_n=STRONGEST_N, seed=seed, want=WANT
-    ) as (world, grip, states):
+    with held_object(thing, strongest_n=STRONGEST_N, seed=seed, want=WANT) as (world, grip, states):
         handover = Handover(world.skin.topology, parameters)
         handover.give()
         hand, start_s = Hand(world, thing.name, person), world.time_s
@@ -108,7 +108,10 @@ def run_take(seed: int, parameters: HandoverParameters | None = None) -> Take:
             while acts and now_s >= acts[0][0]:
                 hand.begin(acts.pop(0)[1])
             _note(trial, now_s, handover, hand)
-            if handover.update(state) == Phase.TAKEN and not grip.opening:
+            begun_ns = time.perf_counter_ns()
+            phase = handover.update(state)
+            trial.update_us.append(1e-3 * (time.perf_counter_ns() - begun_ns))
+            if phase == Phase.TAKEN and not grip.opening:
                 trial.taken_s, trial.why = now_s, str(handover.decisions.last)
                 grip.release()
                 until_s = now_s + AFTER_S
@@ -174,9 +177,7 @@ def run_carry(seed: int, seconds: float, parameters: HandoverParameters | None =
     random = np.random.default_rng((seed, 44))
     thing, person = thing_of(random), draw_person(random)
     carry = Carry(seconds)
-    with held_object(
-        thing, strongest_n=STRONGEST_N, seed=seed, want=WANT
-    ) as (world, _, states):
+    with held_object(thing, strongest_n=STRONGEST_N, seed=seed, want=WANT) as (world, _, states):
         handover = Handover(world.skin.topology, parameters)
         handover.give()
         hand, start_s = Hand(world, thing.name, person), world.time_s
@@ -203,7 +204,7 @@ def _swing(world: World, home_m: float, height_m: float) -> None:
 
 
 def _touch(carry: Carry, random: np.random.Generator, weight_n: float) -> Act:
-    """A bump, a brush, or a hand that bears up to 35 % and lets go."""
+    """A bump, a brush, or a hand that goes along, bears up to 35 % and lets go."""
     kind = random.random()
     if kind < 0.45:
         carry.bumps += 1
@@ -216,7 +217,7 @@ def _touch(carry: Carry, random: np.random.Generator, weight_n: float) -> Act:
     seconds = float(random.uniform(0.2, 0.8))
     course = take((0.0, 0.0, share * weight_n), 1.0, hesitates=1.0, waits_s=seconds)
     return Act(seconds=seconds, force_n=course.force_n, course=course.course,
-               moment_nm=course.moment_nm, holds=True)  # fmt: skip
+               moment_nm=course.moment_nm, holds=False)  # fmt: skip
 
 
 def _bump(random: np.random.Generator, most_n: float) -> Act:

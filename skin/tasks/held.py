@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -47,7 +48,7 @@ class SteadyGrip:
 
     def squeeze(self, wanted_n: float, felt_n: float) -> None:
         """See `Gripper`."""
-        if felt_n == felt_n and not self.opening:
+        if math.isfinite(felt_n) and not self.opening:
             self.target_m += GAIN_PER_S * self._period_s * (wanted_n - felt_n) / SERVO_N_PER_M
         self._set()
 
