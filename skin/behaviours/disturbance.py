@@ -8,7 +8,8 @@ On a bare skin what is felt is what the contacts bear, where contacts are wanted
 noise of units that nothing touches stays out then.
 
 What fills in for units that fall silent is a guess, so that a change of who is heard is no change
-of force: the rest is moved by what it seems to change. While nothing is heard time stands still.
+of force: the rest is moved by what it seems to change, and nothing is told for that moment. While
+nothing is heard nothing is told, either.
 """
 
 from __future__ import annotations
@@ -52,6 +53,9 @@ class DisturbanceParameters:
         For how long it must stay below `end` [assumed].
     longest_s : float
         What lasts longer is a new rest [assumed].
+    anchor_s : float
+        In which the rest is found anew where other units are heard [derived: its mean has a fourth
+        of the noise].
     wander_n : float
         Sigma of the rest itself, newton [assumed].
     lever_m : float
@@ -71,6 +75,7 @@ class DisturbanceParameters:
     end: float = 9.0
     quiet_s: float = 0.05
     longest_s: float = 10.0
+    anchor_s: float = 0.06
     wander_n: float = 0.02
     lever_m: float = 0.04
     touch_lever_m: float = 0.005
@@ -94,7 +99,7 @@ class Disturbance:
     Attributes
     ----------
     heard : bool
-        Whether this cycle is known; all else is as it was where it is not.
+        Whether it is known what the pads bear in this cycle; all else is as it was where it is not.
     held : bool
         Whether something is held at rest; a bare skin else.
     active, ended : bool
@@ -107,6 +112,8 @@ class Disturbance:
         The same about the grasp; on a bare skin the torsion alone.
     rest_n : list of 3 float
         What the pads bear at rest.
+    pad_force_n : list of list of float
+        As `PadLoads.force_n`, of this cycle.
     load_n : float
         Sum of the normal forces of the pads.
     impulse_ns, energy : list of float
@@ -138,6 +145,7 @@ class Disturbance:
         self._start_ns: int | None = None
         self.heard = self.held = self.active = self.ended = False
         self._valid = b""
+        self._missed, self._mean = 0, [0.0] * 6
         self._last = [0.0] * 6
         self.settle()
         self._forget()
@@ -153,6 +161,7 @@ class Disturbance:
         self._change = [0.0] * 6
         self._slowly = [0.0] * 6
         self._is_light = True
+        self._doubt = 0.0  # variance of the rest, over that of the noise of a cycle
 
     @property
     def settled(self) -> bool:
@@ -187,6 +196,12 @@ class Disturbance:
         impulse = math.sqrt(x * x + y * y + z * z + turning)
         return impulse / self.peak_n if self.peak_n > 0.0 else 0.0
 
+    @property
+    def sigma_n(self) -> float:
+        """One-sigma of a component of `force_n`."""
+        share = self._smooth / (2.0 - self._smooth)
+        return math.sqrt(share * sum(self._noise[:3]) / 3.0 + self.parameters.wander_n**2)
+
     def mean_variance(self, duration_s: float) -> float:
         """Variance of a component of the mean change over a time, newton squared: of noise, and of
         the rest."""
@@ -204,33 +219,44 @@ class Disturbance:
         self.heard = all(map(math.isfinite, wrench))
         if not self.heard:
             return False
-        self.load_n = float(loads.load_n.sum())
+        self.load_n = sum(loads.load_n.tolist())
         valid = state.units.valid.tobytes()
         if valid != self._valid:
-            if self._valid and self.settled:
-                self._rest = [
-                    r + w - b for r, w, b in zip(self._rest, wrench, self._last, strict=True)
-                ]
-            self._valid = valid
-            self._last = wrench
-        if not self.settled:
+            self._valid, self._last = valid, wrench
+            self._missed, self._mean = 0, [0.0] * 6
+        if self.settled and self._missed * self._period_s < self.parameters.anchor_s:
+            self.heard = False
+            self._anchor(wrench)
+        elif not self.settled:
             self._learn(wrench, loads)
         else:
             self._follow(wrench, state, loads)
         self._last = wrench
-        return True
+        return self.heard
 
     def _wrench(self, loads, contacts: list[Contact] | None) -> list[float]:
         """Force, and moment about the grasp or torsion, of all pads or contacts."""
-        x, y, z = loads.force_n.sum(axis=1).tolist()
+        self.pad_force_n = loads.force_n.tolist()
+        x, y, z = map(sum, self.pad_force_n)
         if not self.held:
             torsion = float(loads.torsion_nm.sum())
             if contacts is not None and math.isfinite(x):
                 x, y, z, torsion = _touched(contacts)
             return [x, y, z, *(torsion * n for n in self.normal)]
-        a, b, c = loads.moment_nm.sum(axis=1).tolist()
+        a, b, c = map(sum, loads.moment_nm.tolist())
         u, v, w = self._centre
         return [x, y, z, a - (v * z - w * y), b - (w * x - u * z), c - (u * y - v * x)]
+
+    def _anchor(self, wrench: list[float]) -> None:
+        """Move the rest so that other units hear the same change; it is not known meanwhile."""
+        self._missed += 1
+        share = 1.0 / self._missed
+        for i in range(6):
+            self._mean[i] += share * (wrench[i] - self._mean[i])
+        if self._missed * self._period_s >= self.parameters.anchor_s:
+            kept = self._change if self.active else [0.0] * 6
+            self._rest = [mean - change for mean, change in zip(self._mean, kept, strict=True)]
+            self._doubt += share + self._smooth / (2.0 - self._smooth)
 
     def _learn(self, wrench: list[float], loads) -> None:
         """Mean of a first look; at half of it is known what is held, and it begins anew."""
@@ -288,13 +314,14 @@ class Disturbance:
         for i in range(6):
             change[i] += gain * (wrench[i] - rest[i] - change[i])
             square, scale = change[i] * change[i], 1.0 if i < 3 else lever_square
-            distance += square / (share * noise[i] + wander * scale)
+            distance += square / ((share + self._doubt) * noise[i] + wander * scale)
             size += (square - share * noise[i]) / scale
         return distance, size
 
     def _rest_on(self, wrench: list[float]) -> None:
         """Learn rest and noise a little further."""
         gain, rest, noise, last = self._noise_gain, self._rest, self._noise, self._last
+        self._doubt -= gain * self._doubt
         for i in range(6):
             step = wrench[i] - last[i]
             noise[i] += gain * (0.5 * step * step - noise[i])

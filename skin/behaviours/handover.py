@@ -24,6 +24,11 @@ from topology import Topology
 __all__ = ["Handover", "HandoverParameters", "Phase"]
 
 
+STILL = 4.5
+"""Sigmas of a force by which it moves [derived: noise alone is as far in three components once in
+half a minute of looks]."""
+
+
 class Phase(StrEnum):
     """Where a handover is."""
 
@@ -78,8 +83,8 @@ class HandoverParameters:
     light: tuple[float, float] = (0.1, 0.15)
     bump_s: tuple[float, float] = (0.06, 0.45)
     widest: float = 5.0
-    agree: tuple[float, float] = (3.0, 3.0)
-    priors: tuple[float, float, float, float] = (0.2, 0.4, 0.4, 0.001)
+    agree: tuple[float, float] = (6.0, 6.0)
+    priors: tuple[float, float, float, float] = (0.2, 0.4, 0.4, 0.002)
     sure: float = 0.995
     smooth_s: float = 0.015
     least_n: float = 0.35
@@ -178,7 +183,8 @@ class Handover:
 
     def _clear(self) -> None:
         self.support, self._age_s, self._still_s = math.nan, 0.0, 0.0
-        self._rest = []
+        self._still_n = [math.inf] * 3
+        self._rest, self._lift = [], [0.0] * self._pads
 
     def _enter(self, phase: Phase, why: str) -> None:
         self.phase = phase
@@ -192,9 +198,11 @@ class Handover:
         if weight_n < p.least_n:
             self.support = math.nan
             return
-        lift = (sum(pads) - sum(self._rest)) / weight_n
-        before = self.support if self.support == self.support else lift
-        self.support = before + self._gain * (lift - before)
+        self._lift = [
+            before + self._gain * (now - rest - before)
+            for before, now, rest in zip(self._lift, pads, self._rest, strict=True)
+        ]
+        self.support = sum(self._lift) / weight_n
         if not seen.active:
             self._age_s = 0.0
             return
@@ -202,7 +210,7 @@ class Handover:
         light = normal_log(max(self.support, p.light[0]), *p.light)
         self._age_s = self._age_s + self._period_s if hand > light else 0.0
         even = -math.log(2.0 * p.widest)
-        agree = self._agree(pads)
+        agree = self._agree()
         logs = {
             "hand": hand + agree,
             "light": light + agree,
@@ -222,10 +230,8 @@ class Handover:
     def _pad_lifts(self) -> list[float]:
         """What each pad is lifted with, newton; its rest is that of the sum, by the same rules."""
         seen = self.disturbance
-        force = seen.pads.loads.force_n
-        now = [
-            _dot((force[0, i], force[1, i], force[2, i]), self._up) for i in range(self._pads)
-        ]  # fmt: skip
+        u, v, w = self._up
+        now = [u * x + v * y + w * z for x, y, z in zip(*seen.pad_force_n, strict=True)]
         rest = _dot(seen.rest_n, self._up)
         if not self._rest:
             self._rest = list(now)
@@ -236,27 +242,29 @@ class Handover:
         self._rest = [r + moved for r in self._rest]
         return now
 
-    def _agree(self, pads: list[float]) -> float:
+    def _agree(self) -> float:
         """Logarithm of how well two pads agree that somebody lifts."""
-        change = [v - r for v, r in zip(pads, self._rest, strict=True)]
-        total = sum(change)
+        total = sum(self._lift)
         if self._pads != 2 or total <= 0.0:
             return 0.0
-        return beta_log(change[0] / total, *self.parameters.agree)
+        return beta_log(self._lift[0] / total, *self.parameters.agree)
 
     def _take(self) -> None:
         """Close on what touches; what hangs still is received."""
         seen, p = self.disturbance, self.parameters
         if self.phase == Phase.AWAITING:
-            if seen.active or seen.held:
+            if seen.active or seen.load_n > seen.parameters.held_n:
                 self._enter(Phase.OFFERED, f"{seen.load_n:.2f} N on the pads")
                 seen.settle()
             return
-        still = seen.held and not seen.active and self.weight_n > p.least_n
-        self._still_s = self._still_s + self._period_s if still else 0.0
+        now = [rest + change for rest, change in zip(seen.rest_n, seen.force_n, strict=True)]
+        weight_n = -_dot(now, self._up)
+        moved = math.dist(now, self._still_n) > STILL * seen.sigma_n
+        if moved or not seen.held or weight_n < p.least_n:
+            self._still_s, self._still_n = 0.0, now
+        self._still_s += self._period_s
         if self._still_s >= p.still_s:
-            why = f"{self.weight_n:.2f} N hang still for {self._still_s:.2f} s"
-            self._enter(Phase.RECEIVED, why)
+            self._enter(Phase.RECEIVED, f"{weight_n:.2f} N hang still for {self._still_s:.2f} s")
 
 
 def _even_log(value: float, low: float, high: float, sigma: float) -> float:
@@ -267,4 +275,4 @@ def _even_log(value: float, low: float, high: float, sigma: float) -> float:
 
 
 def _dot(a, b) -> float:
-    return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
