@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
-from itertools import pairwise, starmap
+from itertools import pairwise
 from multiprocessing import get_context
 from typing import Any
 
@@ -38,16 +38,18 @@ SECTOR_RAD = math.pi / 8.0
 
 def run(quick: bool) -> dict[str, Any]:
     """Measure; see the module for what the figures are."""
-    seeds, mixed = (1, 1) if quick else (20, 12)
-    jobs = [("pulls", REPORTED + seed, i) for seed in range(seeds)
+    return score(1, 1, 1) if quick else score(20, 12, 2)
+
+
+def score(people: int, mixed: int, each: int) -> dict[str, Any]:
+    """The figures of so many people by strength of pull, and so many who do each kind of gesture so
+    often."""
+    jobs = [("pulls", REPORTED + seed, i) for seed in range(people)
             for i in range(len(STRENGTHS_N))]  # fmt: skip
-    jobs += [("held", REPORTED + 100 + seed, 1 if quick else 2) for seed in range(mixed)]
-    jobs += [("touch", REPORTED + 200 + seed, 1 if quick else 2) for seed in range(mixed)]
-    if quick:
-        trials = list(starmap(_play, jobs))
-    else:
-        with ProcessPoolExecutor(WORKERS, get_context("fork")) as pool:
-            trials = list(pool.map(_play, *zip(*jobs, strict=True)))
+    jobs += [("held", REPORTED + 100 + seed, each) for seed in range(mixed)]
+    jobs += [("touch", REPORTED + 200 + seed, each) for seed in range(mixed)]
+    with ProcessPoolExecutor(WORKERS, get_context("fork")) as pool:
+        trials = list(pool.map(_play, *zip(*jobs, strict=True)))
     by = {kind: [t for t, job in zip(trials, jobs, strict=True) if job[0] == kind]
           for kind in ("pulls", "held", "touch")}  # fmt: skip
     strengths = [STRENGTHS_N[job[2]] for job in jobs if job[0] == "pulls"]

@@ -24,19 +24,25 @@ from skin.tasks.handover_trial import Carry, Take, run_carry, run_take
 REPORTED = 7000
 WORKERS = 2
 EPISODE_S = 30.0
-CARRIES = 36
+TAKES, CARRIES = 300, 36
+AWAY = 500
+"""Seeds of carrying begin so far behind those of takes."""
 
 
 def run(quick: bool) -> dict[str, Any]:
     """Measure; see the module for what the figures are."""
     if quick:
-        takes = [run_take(REPORTED + seed) for seed in range(2)]
-        carries = [run_carry(REPORTED + 500, 5.0)]
-    else:
-        with ProcessPoolExecutor(WORKERS, get_context("fork")) as pool:
-            takes = list(pool.map(run_take, range(REPORTED, REPORTED + 300), chunksize=4))
-            carry = partial(run_carry, seconds=EPISODE_S)
-            carries = list(pool.map(carry, range(REPORTED + 500, REPORTED + 500 + CARRIES)))
+        return score(2, 1, 5.0)
+    return score(TAKES, CARRIES, EPISODE_S)
+
+
+def score(taken: int, carried: int, episode_s: float) -> dict[str, Any]:
+    """The figures of some takes and of some episodes of carrying."""
+    first = REPORTED + AWAY
+    with ProcessPoolExecutor(WORKERS, get_context("fork")) as pool:
+        takes = list(pool.map(run_take, range(REPORTED, REPORTED + taken)))
+        carry = partial(run_carry, seconds=episode_s)
+        carries = list(pool.map(carry, range(first, first + carried)))
     return {"seeds": len(takes) + len(carries), **_takes(takes), **_carries(carries)}
 
 

@@ -46,8 +46,8 @@ class DisturbanceParameters:
     smooth_s, slow_s : float
         Time constants of what is compared with noise [assumed: half of a short tap, of a brush].
     onset, end : float
-        Squared distance from rest, in sigmas, over force and moment: 36 for six numbers and a look
-        every 30 ms is a false onset in 5 hours of white noise; 9 is what noise has one time in six
+        Squared distance from rest, in sigmas, over force and moment: 34 for six numbers and a look
+        every 30 ms is a false onset in an hour of white noise; 9 is what noise has one time in six
         [derived].
     quiet_s : float
         For how long it must stay below `end` [assumed].
@@ -71,12 +71,12 @@ class DisturbanceParameters:
     rest_s: float = 1.0
     smooth_s: float = 0.015
     slow_s: float = 0.06
-    onset: float = 36.0
+    onset: float = 34.0
     end: float = 9.0
     quiet_s: float = 0.05
     longest_s: float = 10.0
     anchor_s: float = 0.06
-    wander_n: float = 0.02
+    wander_n: float = 0.01
     lever_m: float = 0.04
     touch_lever_m: float = 0.005
     held_n: float = 0.6

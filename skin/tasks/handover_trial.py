@@ -95,9 +95,9 @@ def run_take(seed: int, parameters: HandoverParameters | None = None) -> Take:
         [0.5 * side * math.cos(heading), side * math.sin(heading), 1.0]
     )  # fmt: skip
     acts = _before(random)
-    acts.append((1.1, take(wanted, rise_s, hesitates=hesitates, waits_s=waits_s)))
+    acts.append((0.9, take(wanted, rise_s, hesitates=hesitates, waits_s=waits_s)))
     trial = Take(person, weight_n, hesitates, rise_s)
-    until_s = 1.1 + waits_s + rise_s + GIVE_UP_S
+    until_s = 0.9 + waits_s + rise_s + GIVE_UP_S
     with held_object(thing, strongest_n=STRONGEST_N, seed=seed, want=WANT) as (world, grip, states):
         handover = Handover(world.skin.topology, parameters)
         handover.give()
@@ -127,9 +127,9 @@ def _before(random: np.random.Generator) -> list[tuple[float, Act]]:
     """What a hand does as it comes near: it knocks at the block, or brushes over it."""
     acts: list[tuple[float, Act]] = []
     if random.random() < 0.5:
-        acts.append((0.4, _bump(random, 2.0)))
+        acts.append((0.35, _bump(random, 2.0)))
     if random.random() < 0.5:
-        acts.append((0.7, _brush(random)))
+        acts.append((0.55, _brush(random)))
     return acts
 
 

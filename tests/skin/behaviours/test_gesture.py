@@ -1,4 +1,4 @@
-"""Gestures on a block in a gripper, whose forces are made by hand, and of people on the simulator."""
+"""Gestures on a block in a gripper, whose forces are made by hand, and of people simulated."""
 
 import math
 
