@@ -65,8 +65,8 @@ class GestureTrial:
     seen : list of Seen
     others : list of Gesture
         Told where nobody did anything.
-    time_s, force_n, true_n : list
-        Cycle by cycle: felt and true change of force.
+    time_s, force_n, true_n, moment_nm, true_nm : list
+        Cycle by cycle: felt and true change of force and moment.
     update_us : list of float
         Microseconds of `Gestures.update`.
     person : Person
@@ -78,6 +78,8 @@ class GestureTrial:
     time_s: list[float] = field(default_factory=list)
     force_n: list[list[float]] = field(default_factory=list)
     true_n: list[list[float]] = field(default_factory=list)
+    moment_nm: list[list[float]] = field(default_factory=list)
+    true_nm: list[list[float]] = field(default_factory=list)
     update_us: list[float] = field(default_factory=list)
 
 
@@ -157,6 +159,8 @@ def run_gestures(
             trial.time_s.append(now_s)
             trial.force_n.append(gestures.disturbance.force_n)
             trial.true_n.append(hand.force_n.tolist())
+            trial.moment_nm.append(gestures.disturbance.moment_nm)
+            trial.true_nm.append(hand.moment_nm.tolist())
             hand.update()
     match(trial, begun, told)
     return trial

@@ -22,6 +22,46 @@ Vector = Sequence[float] | np.ndarray
 Course = Callable[[float], float]
 """From time since the begin, second, to a share from 0 to 1."""
 
+
+@dataclass(frozen=True)
+class _Trapezoid:
+    """Rise, stay and fall, with minimum jerk; seconds."""
+
+    rise_s: float
+    hold_s: float
+    fall_s: float
+
+    def __call__(self, t: float) -> float:
+        if t < self.rise_s:
+            return _jerk(t / self.rise_s)
+        over_s = t - self.rise_s - self.hold_s
+        return 1.0 if over_s <= 0.0 else 1.0 - _jerk(over_s / self.fall_s)
+
+
+@dataclass(frozen=True)
+class _Bell:
+    """A half sine to a power."""
+
+    seconds: float
+    power: int
+
+    def __call__(self, t: float) -> float:
+        return math.sin(math.pi * t / self.seconds) ** self.power
+
+
+@dataclass(frozen=True)
+class _Tried:
+    """A share of it first, let go again, and then all of it."""
+
+    share: float
+    tried: _Trapezoid
+    waits_s: float
+    whole: _Trapezoid
+
+    def __call__(self, t: float) -> float:
+        return self.share * self.tried(t) if t < self.waits_s else self.whole(t - self.waits_s)
+
+
 TURN_NM, TURN_NMS = 0.3, 0.003
 """Rotational stiffness and damping of a hand that holds on, by radian [assumed: a light pinch]."""
 
@@ -85,14 +125,14 @@ class Act:
 
 def pull(force_n: Vector, *, rise_s: float, hold_s: float, fall_s: float) -> Act:
     """Pull, push or press: the target goes away by force over stiffness, stays and comes back."""
-    course = _trapezoid(rise_s, hold_s, fall_s)
+    course = _Trapezoid(rise_s, hold_s, fall_s)
     return Act(seconds=rise_s + hold_s + fall_s, force_n=np.array(force_n, float), course=course,
                moment_nm=np.zeros(3), holds=True)  # fmt: skip
 
 
 def twist(moment_nm: Vector, *, rise_s: float, hold_s: float, fall_s: float) -> Act:
     """Turn it."""
-    course = _trapezoid(rise_s, hold_s, fall_s)
+    course = _Trapezoid(rise_s, hold_s, fall_s)
     return Act(seconds=rise_s + hold_s + fall_s, force_n=np.zeros(3), course=course,
                moment_nm=np.array(moment_nm, float), holds=True)  # fmt: skip
 
@@ -100,23 +140,19 @@ def twist(moment_nm: Vector, *, rise_s: float, hold_s: float, fall_s: float) -> 
 def bump(force_n: Vector, seconds: float) -> Act:
     """A tap or a bump: half a sine."""
     return Act(seconds=seconds, force_n=np.array(force_n, float), moment_nm=np.zeros(3),
-               course=lambda t: math.sin(math.pi * t / seconds), holds=False)  # fmt: skip
+               course=_Bell(seconds, 1), holds=False)  # fmt: skip
 
 
 def brush(force_n: Vector, seconds: float) -> Act:
     """A sleeve or a finger that passes: rises and falls without a jump."""
     return Act(seconds=seconds, force_n=np.array(force_n, float), moment_nm=np.zeros(3),
-               course=lambda t: math.sin(math.pi * t / seconds) ** 2, holds=False)  # fmt: skip
+               course=_Bell(seconds, 2), holds=False)  # fmt: skip
 
 
 def take(force_n: Vector, rise_s: float, *, hesitates: float = 0.0, waits_s: float = 0.0) -> Act:
     """Take over: the force rises and stays; one that hesitates bears a share first, and lets go."""
-    whole = _trapezoid(rise_s, math.inf, 1.0)
-    partial = _trapezoid(0.3 * waits_s, 0.4 * waits_s, 0.3 * waits_s)
-
-    def course(t: float) -> float:
-        return hesitates * partial(t) if t < waits_s else whole(t - waits_s)
-
+    tried = _Trapezoid(0.3 * waits_s, 0.4 * waits_s, 0.3 * waits_s)
+    course = _Tried(hesitates, tried, waits_s, _Trapezoid(rise_s, math.inf, 1.0))
     return Act(seconds=math.inf, force_n=np.array(force_n, float), course=course,
                moment_nm=np.zeros(3), holds=True)  # fmt: skip
 
@@ -205,17 +241,6 @@ class Hand:
         phase = 2.0 * math.pi * person.tremor_hz * self.world.time_s + person.tremor_phase
         sway = np.array([math.sin(phase), math.sin(phase + 2.0), math.sin(phase + 4.0)])
         return min(size, person.tremor_n + 0.02 * size) * sway
-
-
-def _trapezoid(rise_s: float, hold_s: float, fall_s: float) -> Course:
-    """Rise, stay and fall, with minimum jerk."""
-
-    def course(t: float) -> float:
-        if t < rise_s:
-            return _jerk(t / rise_s)
-        return 1.0 if t <= rise_s + hold_s else 1.0 - _jerk((t - rise_s - hold_s) / fall_s)
-
-    return course
 
 
 def _jerk(x: float) -> float:

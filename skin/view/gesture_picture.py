@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = ["save_gestures"]
 
-NAMES = ("across the pads, x", "sideways, y", "up, z")
+NAMES = ("onto the pads,\nx", "sideways,\ny", "up,\nz")
 
 
 def save_gestures(path: Path, trial: GestureTrial) -> None:
@@ -35,7 +35,7 @@ def save_gestures(path: Path, trial: GestureTrial) -> None:
         )
         left, rest = made.subfigures(1, 2, width_ratios=(1.0, 2.1))
         _draw_plane(left.subplots(), trial)
-        rows = rest.subplots(4, 1, sharex=True, height_ratios=(1, 1, 1, 0.9))
+        rows = rest.subplots(5, 1, sharex=True, height_ratios=(1, 1, 1, 1, 1))
         time_s = np.array(trial.time_s)
         felt, true = np.array(trial.force_n), np.array(trial.true_n)
         most = 1.15 * max(float(np.abs(felt).max()), float(np.abs(true).max()))
@@ -44,9 +44,14 @@ def save_gestures(path: Path, trial: GestureTrial) -> None:
             axes.plot(time_s, felt[:, i], color=HUES[0], linewidth=1, label="felt")
             axes.set_ylim(-most, most)
             axes.set_ylabel(f"{NAMES[i]}, N")
+        rows[3].plot(
+            time_s, 1e3 * np.array(trial.true_nm)[:, 0], color=MUTED, linewidth=3, alpha=0.5
+        )
+        rows[3].plot(time_s, 1e3 * np.array(trial.moment_nm)[:, 0], color=HUES[0], linewidth=1)
+        rows[3].set_ylabel("moment\nabout x, mNm")
         rows[0].legend(loc="upper left", frameon=False, ncols=2, fontsize=8)
-        _draw_told(rows[3], trial)
-        rows[3].set_xlabel("time, s")
+        _draw_told(rows[4], trial)
+        rows[4].set_xlabel("time, s")
         with whole_file(path) as file:
             made.savefig(file, dpi=110, format="png")
 
