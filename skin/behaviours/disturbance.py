@@ -16,74 +16,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from skin.behaviours.disturbance_parameters import DisturbanceParameters
 from skin.behaviours.pads import Pads
 from skin.contact.record import SlipState
-from skin.errors import check_number
 from skin.state import State
 from topology import Topology
 
 if TYPE_CHECKING:
     from skin.contact.contact import Contact
 
-__all__ = ["Disturbance", "DisturbanceParameters"]
+__all__ = ["Disturbance"]
 
 
-@dataclass(frozen=True, kw_only=True)
-class DisturbanceParameters:
-    """How a disturbance is told from rest.
-
-    Attributes
-    ----------
-    learn_s : float
-        First look at rest, in which nothing is told [derived: noise of its mean is a seventh].
-    rest_s : float
-        Time constant of the rest [assumed: slower than a hand, faster than a drift].
-    smooth_s, slow_s : float
-        Time constants of what is compared with noise [assumed: half of a short tap, of a brush].
-    onset, end : float
-        Squared distance from rest, in sigmas, over force and moment: 34 for six numbers and a look
-        every 30 ms is a false onset in an hour of white noise; 9 is what noise has one time in six
-        [derived].
-    quiet_s : float
-        For how long it must stay below `end` [assumed].
-    longest_s : float
-        What lasts longer is a new rest [assumed].
-    anchor_s : float
-        In which the rest is found anew where other units are heard [derived: its mean has a fourth
-        of the noise].
-    wander_n : float
-        Sigma of the rest itself, newton [assumed].
-    lever_m : float
-        Lever by which moments of a held object are compared with forces: noise of both is alike
-        then on pads of some centimetres [derived].
-    touch_lever_m : float
-        The same of a finger that touches a skin [assumed: its radius of contact].
-    held_n : float
-        Load at rest from which on something is held [assumed: four sigma of two pads].
-    """
-
-    learn_s: float = 0.2
-    rest_s: float = 1.0
-    smooth_s: float = 0.015
-    slow_s: float = 0.06
-    onset: float = 34.0
-    end: float = 9.0
-    quiet_s: float = 0.05
-    longest_s: float = 10.0
-    anchor_s: float = 0.06
-    wander_n: float = 0.01
-    lever_m: float = 0.04
-    touch_lever_m: float = 0.005
-    held_n: float = 0.6
-
-    def __post_init__(self) -> None:
-        for name in self.__dataclass_fields__:
-            check_number(f"disturbance: {name}", getattr(self, name), 1e-6, 1e6)
+KNOWN = 10**9
+"""In place of the cycles since other units are heard, where the rest was learned since then."""
 
 
 class Disturbance:
@@ -145,7 +95,7 @@ class Disturbance:
         self._start_ns: int | None = None
         self.heard = self.held = self.active = self.ended = False
         self._valid = b""
-        self._missed, self._mean = 0, [0.0] * 6
+        self._missed, self._mean = KNOWN, [0.0] * 6
         self._last = [0.0] * 6
         self.settle()
         self._forget()
@@ -223,7 +173,7 @@ class Disturbance:
         valid = state.units.valid.tobytes()
         if valid != self._valid:
             self._valid, self._last = valid, wrench
-            self._missed, self._mean = 0, [0.0] * 6
+            self._missed, self._mean = 0 if self.settled else KNOWN, [0.0] * 6
         if self.settled and self._missed * self._period_s < self.parameters.anchor_s:
             self.heard = False
             self._anchor(wrench)

@@ -16,7 +16,8 @@ from enum import StrEnum
 
 from skin.behaviours.decision import Decisions
 from skin.behaviours.densities import beta_log, log_normal_longer_log, normal_log
-from skin.behaviours.disturbance import Disturbance, DisturbanceParameters
+from skin.behaviours.disturbance import Disturbance
+from skin.behaviours.disturbance_parameters import DisturbanceParameters
 from skin.errors import check_number
 from skin.state import State
 from topology import Topology
