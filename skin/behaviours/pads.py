@@ -51,6 +51,10 @@ class PadLoads(NamedTuple):
         Share of the load on units that are valid.
     temperature_c : ndarray, shape (p,)
         Degree Celsius: mean of the valid units, weighted by normal force; NaN where there is none.
+    moment_nm : ndarray, shape (3, p)
+        Newton metre, skin frame: of what the world exerts on the pad, about the skin's origin.
+    centre_m : ndarray, shape (3, p)
+        Metre, skin frame: centre of pressure of the valid units; NaN where nothing presses.
     """
 
     load_n: np.ndarray
@@ -61,6 +65,8 @@ class PadLoads(NamedTuple):
     force_sigma_n: np.ndarray
     heard: np.ndarray
     temperature_c: np.ndarray
+    moment_nm: np.ndarray
+    centre_m: np.ndarray
 
 
 class Pads:
@@ -97,6 +103,7 @@ class Pads:
             load_n=np.zeros(count), force_n=np.zeros((3, count)), shear_n=np.zeros((3, count)),
             torsion_nm=np.zeros(count), load_sigma_n=np.zeros(count),
             force_sigma_n=np.zeros(count), heard=np.zeros(count), temperature_c=np.zeros(count),
+            moment_nm=np.zeros((3, count)), centre_m=np.zeros((3, count)),
         )  # fmt: skip
         places = Places(pad, self._position, self._rotation)
         gain = min(1.0, 1.0 / (SHARE_S * topology.cycle_rate_hz))
@@ -259,6 +266,8 @@ def _finish(sums, pad, out):
     along = share * (force[0] * normal[0] + force[1] * normal[1] + force[2] * normal[2])
     for a in range(3):
         out.force_n[a, pad] = scale * force[a]
+        out.moment_nm[a, pad] = scale * moment[a]
+        out.centre_m[a, pad] = centre[a] / pressed if pressed > 0.0 else np.nan
         out.shear_n[a, pad] = out.force_n[a, pad] - (along * normal[a] / length if length else 0.0)
     twist = 0.0
     if length > 0.0:

@@ -69,6 +69,7 @@ TYPE_ONLY = {
     ("state", "contact"),  # a State holds contacts; who makes them imports State
     ("options", "contact"),  # Options may hold the parameters of slip
     ("options", "physics"),  # and a stencil
+    ("view", "tasks"),  # pictures draw what tasks have noted
     ("sim", "grasp"),  # its world is found under `skin.sim`, and opens a skin
 }
 """Edges allowed under ``if TYPE_CHECKING``, although the rooms' order is the other way."""

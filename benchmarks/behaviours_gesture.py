@@ -1,0 +1,168 @@
+"""Gestures of people on what a gripper holds, and on a bare skin: which, whereto, how sure.
+
+`directions`: pulls of 8 directions and 3 strengths (`STRENGTHS_N`), each person on an object of its
+own; right is a pull within 22.5 degrees of the true direction. `held`, `touch`: what is told (down)
+of what is done (across), where nothing is told `none`. `calibration`: share of right kinds by the
+confidence that was told. `told_s`: from the begin of a gesture to the first time that its kind is
+told. Seeds from `REPORTED` on were not looked at while densities were chosen; those below 50 were.
+"""
+
+from __future__ import annotations
+
+import math
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from itertools import pairwise
+from multiprocessing import get_context
+from typing import Any
+
+import numpy as np
+
+from benchmarks.slip_intervals import per_minute, rate
+from skin.tasks.gesture_trial import (
+    KINDS,
+    STRENGTHS_N,
+    GestureTrial,
+    Seen,
+    asked_kinds,
+    asked_pulls,
+    run_gestures,
+)
+from skin.tasks.touch_trial import TOUCH_KINDS, run_touches
+
+REPORTED = 7000
+WORKERS = 2
+BINS = (0.0, 0.7, 0.9, 0.98, 0.995, 1.0)
+SECTOR_RAD = math.pi / 8.0
+
+
+def run(quick: bool) -> dict[str, Any]:
+    """Measure; see the module for what the figures are."""
+    return score(1, 1, 1) if quick else score(20, 12, 2)
+
+
+def score(people: int, mixed: int, each: int) -> dict[str, Any]:
+    """The figures of so many people by strength of pull, and so many who do each kind of gesture so
+    often."""
+    jobs = [("pulls", REPORTED + seed, i) for seed in range(people)
+            for i in range(len(STRENGTHS_N))]  # fmt: skip
+    jobs += [("held", REPORTED + 100 + seed, each) for seed in range(mixed)]
+    jobs += [("touch", REPORTED + 200 + seed, each) for seed in range(mixed)]
+    with ProcessPoolExecutor(WORKERS, get_context("fork")) as pool:
+        trials = list(pool.map(_play, *zip(*jobs, strict=True)))
+    by = {kind: [t for t, job in zip(trials, jobs, strict=True) if job[0] == kind]
+          for kind in ("pulls", "held", "touch")}  # fmt: skip
+    strengths = [STRENGTHS_N[job[2]] for job in jobs if job[0] == "pulls"]
+    told = [seen for trial in by["held"] + by["touch"] for seen in trial.seen]
+    rested_s = sum(_rested_s(trial) for trial in by["pulls"] + by["held"])
+    return {
+        "seeds": len({job[:2] for job in jobs}),
+        **_directions(by["pulls"], strengths),
+        "held": _confusion(by["held"], KINDS),
+        "touch": _confusion(by["touch"], TOUCH_KINDS),
+        "calibration": _calibration(told),
+        "told_s_median": float(np.nanmedian(
+            [seen.first_s for trial in trials for seen in trial.seen])),
+        "false_per_minute": per_minute(
+            sum(len(trial.others) for trial in by["pulls"] + by["held"]), rested_s),
+        "us_per_cycle": float(np.median([us for trial in by["pulls"] for us in trial.update_us])),
+    }  # fmt: skip
+
+
+def table(figures: dict[str, Any]) -> str:
+    """The figures for a person."""
+    lines = [
+        f"pulls: {_shown(figures['right_share'])} right, direction "
+        f"{figures['direction_rms_deg']:.2f} degrees rms"
+    ]
+    lines += [
+        f"  {row['strength_n']:.1f} N: {_shown(row['right_share'])} right, "
+        f"{row['direction_rms_deg']:.2f} degrees rms"
+        for row in figures["by_strength"]
+    ]
+    for where in ("held", "touch"):
+        confusion = figures[where]["confusion"]
+        names = [*confusion, "none"]
+        lines.append(f"{where + ', done':<14}" + "".join(f"{name:>8}" for name in names))
+        lines += [
+            f"  {name:<12}" + "".join(f"{row.get(told, 0):>8}" for told in names)
+            for name, row in confusion.items()
+        ]
+        lines.append(f"  right {_shown(figures[where]['right_share'])}")
+    lines += [
+        f"confidence {row['from']:.3f} to {row['to']:.3f}: mean {row['confidence']:.3f}, right "
+        f"{_shown(row['right'])}"
+        for row in figures["calibration"]
+    ]
+    lines.append(
+        f"told {figures['told_s_median']:.3f} s after the begin, "
+        f"{figures['us_per_cycle']:.0f} us a cycle"
+    )
+    return "\n".join(lines)
+
+
+def _play(kind: str, seed: int, count: int) -> GestureTrial:
+    if kind == "pulls":
+        strength_n = STRENGTHS_N[count]
+        return run_gestures(3 * seed + count, partial(asked_pulls, strength_n=strength_n))
+    if kind == "held":
+        return run_gestures(seed, partial(asked_kinds, each=count))
+    return run_touches(seed, count)
+
+
+def _directions(trials: list[GestureTrial], strengths: list[float]) -> dict[str, Any]:
+    def row(of: list[GestureTrial]) -> dict[str, Any]:
+        every = [seen for trial in of for seen in trial.seen]
+        off = np.degrees([seen.off_rad for seen in every])
+        right = sum(seen.is_right and abs(seen.off_rad) < SECTOR_RAD for seen in every)
+        return {
+            "right_share": rate(right, len(every)),
+            "direction_rms_deg": float(np.sqrt(np.nanmean(off**2))),
+            "unseen": sum(seen.told is None for seen in every),
+        }
+
+    return row(trials) | {
+        "by_strength": [
+            {"strength_n": strength}
+            | row([t for t, own in zip(trials, strengths, strict=True) if own == strength])
+            for strength in STRENGTHS_N
+        ]
+    }
+
+
+def _confusion(trials: list[GestureTrial], kinds: tuple[str, ...]) -> dict[str, Any]:
+    every = [seen for trial in trials for seen in trial.seen]
+    rows: dict[str, dict[str, int]] = {kind: {} for kind in kinds}
+    for seen in every:
+        told = "none" if seen.told is None else seen.told.kind.replace("push", "pull")
+        row = rows[seen.asked.kind]
+        row[told] = row.get(told, 0) + 1
+    return {
+        "confusion": rows,
+        "right_share": rate(sum(seen.is_right for seen in every), len(every)),
+    }
+
+
+def _calibration(every: list[Seen]) -> list[dict[str, Any]]:
+    told = [(seen.told.confidence, seen.is_right) for seen in every if seen.told is not None]
+    rows = []
+    for low, high in pairwise(BINS):
+        mine = [(c, right) for c, right in told if low <= c and (c < high or high == 1.0)]
+        if mine:
+            rows.append({
+                "from": low, "to": high, "confidence": float(np.mean([c for c, _ in mine])),
+                "right": rate(sum(right for _, right in mine), len(mine)),
+            })  # fmt: skip
+    return rows
+
+
+def _rested_s(trial: GestureTrial) -> float:
+    return trial.time_s[-1] - sum(seen.asked.act.seconds for seen in trial.seen)
+
+
+def _shown(found: dict[str, float] | None) -> str:
+    if found is None:
+        return "none"
+    return (
+        f"{found['rate']:.1%} ({found['lower']:.1%} to {found['upper']:.1%} of {found['trials']})"
+    )

@@ -1,0 +1,378 @@
+"""Disturbance: what somebody does to a skin, or to what it holds, against a slowly learned rest.
+
+The sum of what the pads bear is in balance with weight and with whoever pulls: its change is the
+hand of a person, however the object lies or slips. A disturbance begins where the change is more
+than noise, and ends where it is not. While it lasts the rest is not learned.
+
+On a bare skin what is felt is what the contacts bear, where contacts are wanted of the skin: the
+noise of units that nothing touches stays out then.
+
+What fills in for units that fall silent is a guess, so that a change of who is heard is no change
+of force: the rest is moved by what it seems to change, and nothing is told for that moment. While
+nothing is heard nothing is told, either.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from skin.behaviours.disturbance_parameters import DisturbanceParameters
+from skin.behaviours.pads import Pads
+from skin.contact.record import SlipState
+from skin.state import State
+from topology import Topology
+
+if TYPE_CHECKING:
+    from skin.contact.contact import Contact
+
+__all__ = ["Disturbance"]
+
+
+KNOWN = 10**9
+"""In place of the cycles since other units are heard, where the rest was learned since then."""
+
+
+class Disturbance:
+    """Follows the change of the pads' summed wrench, a cycle after the other.
+
+    Parameters
+    ----------
+    topology : Topology
+    parameters : DisturbanceParameters, optional
+    pads : iterable of str, optional
+        Patches that belong together; all if not given.
+
+    Attributes
+    ----------
+    heard : bool
+        Whether it is known what the pads bear in this cycle; all else is as it was where it is not.
+    held : bool
+        Whether something is held at rest; a bare skin else.
+    active, ended : bool
+        Whether a disturbance lasts; whether this cycle has ended it.
+    time_s, began_s, duration_s : float
+        Duration up to the last cycle that was more than noise.
+    force_n : list of 3 float
+        Newton, skin frame: change from rest, smoothed by `smooth_s`.
+    moment_nm : list of 3 float
+        The same about the grasp; on a bare skin the torsion alone.
+    rest_n : list of 3 float
+        What the pads bear at rest.
+    pad_force_n : list of list of float
+        As `PadLoads.force_n`, of this cycle.
+    load_n : float
+        Sum of the normal forces of the pads.
+    impulse_ns, energy : list of float
+        Of the disturbance so far: integral of the change, six numbers, newton second and newton
+        metre second; integrals of the squares along the pads' normal, across it and of the moment
+        over the lever, without what noise adds.
+    peak_n : float
+        Of the smoothed change, moment over lever included, without what noise adds.
+    moved : float
+        Share from 0 to 1: of the time in which what is held slides; on a bare skin of the way of
+        the centre of pressure, over itself and `touch_lever_m`.
+    """
+
+    def __init__(
+        self,
+        topology: Topology,
+        parameters: DisturbanceParameters | None = None,
+        pads: Iterable[str] | None = None,
+    ) -> None:
+        self.parameters = DisturbanceParameters() if parameters is None else parameters
+        self.pads = Pads(topology, pads)
+        self.normal = _axis(topology, self.pads.names)
+        self._period_s = 1.0 / topology.cycle_rate_hz
+        p, dt = self.parameters, self._period_s
+        self._smooth = dt / (p.smooth_s + dt)
+        self._slow = dt / (p.slow_s + dt)
+        self._noise_gain = dt / (p.rest_s + dt)
+        self.time_s = 0.0
+        self._start_ns: int | None = None
+        self.heard = self.held = self.active = self.ended = False
+        self._valid = b""
+        self._missed, self._mean = KNOWN, [0.0] * 6
+        self._last = [0.0] * 6
+        self.settle()
+        self._forget()
+
+    def settle(self) -> None:
+        """Take what the pads bear from now on as rest: after a grasp, a lift or a turn."""
+        self._count = 0
+        self.active = False
+        self._rest = [0.0] * 6
+        self._noise = [0.0] * 6
+        self._centre = [0.0] * 3
+        self._loads = 0.0
+        self._change = [0.0] * 6
+        self._slowly = [0.0] * 6
+        self._is_light = True
+        self._doubt = 0.0  # variance of the rest, over that of the noise of a cycle
+
+    @property
+    def settled(self) -> bool:
+        """Whether the rest is known."""
+        return self._count * self._period_s >= self.parameters.learn_s
+
+    @property
+    def rest_n(self) -> list[float]:
+        """See the class."""
+        return self._rest[:3]
+
+    @property
+    def force_n(self) -> list[float]:
+        """See the class."""
+        return self._change[:3]
+
+    @property
+    def moment_nm(self) -> list[float]:
+        """See the class."""
+        return self._change[3:]
+
+    @property
+    def lever_m(self) -> float:
+        """The lever in use."""
+        return self.parameters.lever_m if self.held else self.parameters.touch_lever_m
+
+    @property
+    def lasting_s(self) -> float:
+        """Duration of a rectangle of the same impulse and peak: what rings on adds nothing."""
+        x, y, z, a, b, c = self.impulse_ns
+        turning = (a * a + b * b + c * c) / self.lever_m**2
+        impulse = math.sqrt(x * x + y * y + z * z + turning)
+        return impulse / self.peak_n if self.peak_n > 0.0 else 0.0
+
+    @property
+    def sigma_n(self) -> float:
+        """One-sigma of a component of `force_n`."""
+        share = self._smooth / (2.0 - self._smooth)
+        return math.sqrt(share * sum(self._noise[:3]) / 3.0 + self.parameters.wander_n**2)
+
+    def mean_variance(self, duration_s: float) -> float:
+        """Variance of a component of the mean change over a time, newton squared: of noise, and of
+        the rest."""
+        noise = (self._noise[0] + self._noise[1] + self._noise[2]) / 3.0
+        return noise * self._period_s / duration_s + self.parameters.wander_n**2
+
+    def update(self, state: State) -> bool:
+        """Look at a cycle; whether it is known what the pads bear."""
+        self.ended = False
+        if self._start_ns is None:
+            self._start_ns = state.stamp_ns
+        self.time_s = 1e-9 * (state.stamp_ns - self._start_ns)
+        loads = self.pads.read(state)
+        wrench = self._wrench(loads, state.contacts)
+        self.heard = all(map(math.isfinite, wrench))
+        if not self.heard:
+            return False
+        self.load_n = sum(loads.load_n.tolist())
+        valid = state.units.valid.tobytes()
+        if valid != self._valid:
+            self._valid, self._last = valid, wrench
+            self._missed, self._mean = 0 if self.settled else KNOWN, [0.0] * 6
+        if self.settled and self._missed * self._period_s < self.parameters.anchor_s:
+            self.heard = False
+            self._anchor(wrench)
+        elif not self.settled:
+            self._learn(wrench, loads)
+        else:
+            self._follow(wrench, state, loads)
+        self._last = wrench
+        return self.heard
+
+    def _wrench(self, loads, contacts: list[Contact] | None) -> list[float]:
+        """Force, and moment about the grasp or torsion, of all pads or contacts."""
+        self.pad_force_n = loads.force_n.tolist()
+        x, y, z = map(sum, self.pad_force_n)
+        if not self.held:
+            torsion = float(loads.torsion_nm.sum())
+            if contacts is not None and math.isfinite(x):
+                x, y, z, torsion = _touched(contacts)
+            return [x, y, z, *(torsion * n for n in self.normal)]
+        a, b, c = map(sum, loads.moment_nm.tolist())
+        u, v, w = self._centre
+        return [x, y, z, a - (v * z - w * y), b - (w * x - u * z), c - (u * y - v * x)]
+
+    def _anchor(self, wrench: list[float]) -> None:
+        """Move the rest so that other units hear the same change; it is not known meanwhile."""
+        self._missed += 1
+        share = 1.0 / self._missed
+        for i in range(6):
+            self._mean[i] += share * (wrench[i] - self._mean[i])
+        if self._missed * self._period_s >= self.parameters.anchor_s:
+            kept = self._change if self.active else [0.0] * 6
+            self._rest = [mean - change for mean, change in zip(self._mean, kept, strict=True)]
+            self._doubt += share + self._smooth / (2.0 - self._smooth)
+
+    def _learn(self, wrench: list[float], loads) -> None:
+        """Mean of a first look; at half of it is known what is held, and it begins anew."""
+        self._count += 1
+        share = 1.0 / self._count
+        for i in range(6):
+            step = wrench[i] - self._last[i] if self._count > 1 else 0.0
+            self._noise[i] += share * (0.5 * step * step - self._noise[i])
+            self._rest[i] += share * (wrench[i] - self._rest[i])
+        self._loads += share * (self.load_n - self._loads)
+        if not self.settled:
+            return
+        held = self._loads > self.parameters.held_n
+        centre = _centre(loads) if held else [0.0] * 3
+        if held != self.held or (held and math.dist(centre, self._centre) > 1e-3):
+            self.held = held
+            self.settle()
+            self._centre = centre
+
+    def _follow(self, wrench: list[float], state: State, loads) -> None:
+        """Compare with rest; begin, go on or end."""
+        p = self.parameters
+        distance, size = self._compare(wrench, self._change, self._smooth)
+        is_sharp = distance > p.onset
+        if not self.active or self._is_light:
+            slow, slow_size = self._compare(wrench, self._slowly, self._slow)
+            if not is_sharp:
+                distance, size = slow, slow_size
+        if not self.active:
+            if distance <= p.onset:
+                self._rest_on(wrench)
+                return
+            self._forget()
+            self.active = self._is_light = True
+            self.began_s = self.time_s - (p.smooth_s if is_sharp else p.slow_s)
+        self._is_light = self._is_light and not is_sharp
+        self._add(wrench, state, loads)
+        self.peak_n = max(self.peak_n, math.sqrt(max(size, 0.0)))
+        self._lasted = self.time_s - self.began_s
+        if distance > p.end:
+            self.duration_s = self._lasted
+        if self._lasted - self.duration_s > p.quiet_s or self._lasted > p.longest_s:
+            self.active, self.ended = False, True
+            self._slowly = list(self._change)
+            if self._lasted > p.longest_s:
+                self.settle()
+
+    def _compare(
+        self, wrench: list[float], change: list[float], gain: float
+    ) -> tuple[float, float]:
+        """Smooth the change from rest; its squared distance in sigmas, and its squared size."""
+        rest, noise, share = self._rest, self._noise, gain / (2.0 - gain)
+        wander, lever_square = self.parameters.wander_n**2, self.lever_m**2
+        distance = size = 0.0
+        for i in range(6):
+            change[i] += gain * (wrench[i] - rest[i] - change[i])
+            square, scale = change[i] * change[i], 1.0 if i < 3 else lever_square
+            distance += square / ((share + self._doubt) * noise[i] + wander * scale)
+            size += (square - share * noise[i]) / scale
+        return distance, size
+
+    def _rest_on(self, wrench: list[float]) -> None:
+        """Learn rest and noise a little further."""
+        gain, rest, noise, last = self._noise_gain, self._rest, self._noise, self._last
+        self._doubt -= gain * self._doubt
+        for i in range(6):
+            step = wrench[i] - last[i]
+            noise[i] += gain * (0.5 * step * step - noise[i])
+            rest[i] += gain * (wrench[i] - rest[i])
+
+    def _forget(self) -> None:
+        """Begin a new disturbance."""
+        self.began_s = self.time_s
+        self.duration_s = self._lasted = self.peak_n = self.moved = 0.0
+        self.impulse_ns = [0.0] * 6
+        self.energy = [0.0] * 3
+        self._sliding = 0.0
+        self._way = _Way()
+
+    def _add(self, wrench: list[float], state: State, loads) -> None:
+        """Add up what this cycle brings."""
+        dt, n = self._period_s, self.normal
+        change = [wrench[i] - self._rest[i] for i in range(6)]
+        noise = self._noise
+        for i in range(6):
+            self.impulse_ns[i] += dt * change[i]
+        along = change[0] * n[0] + change[1] * n[1] + change[2] * n[2]
+        whole = change[0] ** 2 + change[1] ** 2 + change[2] ** 2
+        along_noise = sum(noise[i] * n[i] * n[i] for i in range(3))
+        scale = 1.0 / (self.lever_m * self.lever_m)
+        turning = change[3] ** 2 + change[4] ** 2 + change[5] ** 2
+        energy = self.energy
+        energy[0] += dt * (along * along - along_noise)
+        energy[1] += dt * (whole - along * along - (noise[0] + noise[1] + noise[2] - along_noise))
+        energy[2] += dt * scale * (turning - noise[3] - noise[4] - noise[5])
+        self._move(state, loads)
+
+    def _move(self, state: State, loads) -> None:
+        """How far a finger has gone, or for how long what is held slides."""
+        if self.held:
+            if state.slip is not None and any(c.slip == SlipState.GROSS for c in state.contacts):
+                self._sliding += self._period_s
+            self.moved = self._sliding / max(self._lasted, self._period_s)
+            return
+        centre, load = _centre(loads), self.load_n
+        if state.contacts:
+            hardest = max(state.contacts, key=lambda contact: contact.load)
+            centre, load = hardest.centroid.tolist(), hardest.load
+        if math.isfinite(centre[0]) and load > 0.0:
+            self._way.add(load * load, self._lasted, centre)
+            way = self._way.length_m
+            self.moved = way / (way + self.parameters.touch_lever_m)
+
+
+class _Way:
+    """How far something goes, by a straight line through where it is seen, by weight."""
+
+    def __init__(self) -> None:
+        self._weight = self._t = self._tt = 0.0
+        self._x, self._tx = [0.0] * 3, [0.0] * 3
+
+    def add(self, weight: float, time_s: float, place: list[float]) -> None:
+        """It is seen at a place."""
+        self._weight += weight
+        self._t += weight * time_s
+        self._tt += weight * time_s * time_s
+        for i in range(3):
+            self._x[i] += weight * place[i]
+            self._tx[i] += weight * time_s * place[i]
+
+    @property
+    def length_m(self) -> float:
+        """Speed times the duration of an even motion that has the same spread in time."""
+        mean = self._t / self._weight
+        spread = self._tt / self._weight - mean * mean
+        if not spread > 0.0:
+            return 0.0
+        slope = [(b - mean * a) / self._weight for a, b in zip(self._x, self._tx, strict=True)]
+        return math.hypot(*slope) * math.sqrt(12.0 / spread)
+
+
+def _touched(contacts: list[Contact]) -> tuple[float, float, float, float]:
+    """Force and torsion of all contacts together."""
+    x = y = z = torsion = 0.0
+    for contact in contacts:
+        wrench = contact.wrench
+        x, y, z = x + wrench[0], y + wrench[1], z + wrench[2]
+        turning = contact.torsion
+        torsion += turning if math.isfinite(turning) else 0.0
+    return float(x), float(y), float(z), float(torsion)
+
+
+def _centre(loads) -> list[float]:
+    """Centre of pressure of all pads together."""
+    weight = np.where(np.isfinite(loads.centre_m[0]), np.maximum(loads.load_n, 0.0), 0.0)
+    total = weight.sum()
+    if not total > 0.0:
+        return [math.nan] * 3
+    return (np.nan_to_num(loads.centre_m) @ weight / total).tolist()
+
+
+def _axis(topology: Topology, names: Iterable[str]) -> list[float]:
+    """Mean normal of the pads, into the first one; opposing pads count alike."""
+    total = np.zeros(3)
+    for name in names:
+        own = topology.patch == topology.patch_names.index(name)
+        mean = topology.rotation[:, 2, own].mean(axis=1)
+        total += mean if total @ mean >= 0.0 else -mean
+    return (total / np.linalg.norm(total)).tolist()

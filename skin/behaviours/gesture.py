@@ -1,0 +1,302 @@
+"""Gestures: what a hand does to a skin, or to what it holds, and how sure that is.
+
+Every kind of gesture has stated densities of how long it lasts, how strong it is, along what it
+acts and whether anything moves. Bayes' rule over them is the confidence: a probability, as far as
+people are as the densities say. While a gesture lasts, its duration and size so far say only that
+they are not less: their densities give way to the share of gestures that last longer, or grow
+larger.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from skin.behaviours.decision import Decisions
+from skin.behaviours.densities import beta_log, log_normal_log, log_normal_longer_log
+from skin.behaviours.disturbance import Disturbance
+from skin.behaviours.disturbance_parameters import DisturbanceParameters
+from skin.errors import check_number, check_numbers
+from skin.state import State
+from topology import Topology
+
+__all__ = ["HELD", "TOUCH", "Gesture", "GestureParameters", "Gestures", "Kind"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kind:
+    """Densities of one kind of gesture.
+
+    Attributes
+    ----------
+    duration_s, size_n : (float, float)
+        Median, and standard deviation of the logarithm, of a log-normal: of the duration of a
+        rectangle of the same impulse and peak, and of the peak force, where moments count as forces
+        at a lever.
+    normal, turning, moved : (float, float)
+        Beta distributions of shares: of the energy of force along the normal; of the energy of
+        force and moment that is moment; of what moves (see `Disturbance.moved`).
+    prior : float
+        How often it is, by any measure.
+    """
+
+    duration_s: tuple[float, float]
+    size_n: tuple[float, float]
+    normal: tuple[float, float] = (1.0, 1.0)
+    turning: tuple[float, float] = (1.0, 1.0)
+    moved: tuple[float, float] = (1.0, 30.0)
+    prior: float = 1.0
+
+
+LONG = (0.6, 0.6)
+"""Duration of what is done on purpose and held: 0.2 to 2 s [assumed]."""
+
+SHORT, LIGHT = (0.035, 0.4), (0.07, 0.5)
+"""Of a tap and of a brush: half a sine of 25 to 100 ms, a bell of 50 to 300 ms [assumed]."""
+
+ACROSS, ALONG, EITHER = (1.0, 12.0), (12.0, 1.0), (0.3, 0.3)
+"""Share along the normal: a hand does not act exactly along or across, by some 15 degrees; what is
+short is either [assumed]."""
+
+TURNS, NO_TURN = (6.0, 1.0), (1.0, 8.0)
+"""Share of the moment: fingers are up to a half of the lever off the middle [assumed]."""
+
+PRESSED, DRAGGED, STRAIGHT = (100.0, 1.0), (8.0, 1.3), (1.0, 30.0)
+"""On a bare skin: share along the normal of a finger that presses, and of one that drags by up to
+its friction; share of the moment of one that does not turn [assumed]."""
+
+STAYS, GOES = (1.2, 8.0), (5.0, 2.0)
+"""What moves, of a finger that stays, and of one that goes on by two lengths or more [assumed]."""
+
+HELD = {
+    "tap": Kind(duration_s=SHORT, size_n=(1.5, 0.7), normal=EITHER, turning=(1.0, 4.0)),
+    "brush": Kind(duration_s=LIGHT, size_n=(0.25, 0.45), normal=EITHER, turning=(1.0, 3.0)),
+    "press": Kind(duration_s=LONG, size_n=(1.5, 0.7), normal=ALONG, turning=NO_TURN),
+    "pull": Kind(duration_s=LONG, size_n=(1.2, 0.7), normal=ACROSS, turning=NO_TURN),
+    "slide": Kind(duration_s=LONG, size_n=(2.0, 0.7), normal=ACROSS, turning=NO_TURN,
+                  moved=(3.0, 2.0)),
+    "twist": Kind(duration_s=LONG, size_n=(1.0, 0.7), turning=TURNS),
+}  # fmt: skip
+"""Of a hand that acts on what a gripper holds [assumed]."""
+
+TOUCH = {
+    "tap": Kind(duration_s=SHORT, size_n=(1.5, 0.7), normal=PRESSED, turning=STRAIGHT, moved=STAYS),
+    "brush": Kind(duration_s=LIGHT, size_n=(0.4, 0.5), normal=(5.0, 2.0), turning=STRAIGHT,
+                  moved=GOES),
+    "press": Kind(duration_s=LONG, size_n=(2.0, 0.7), normal=PRESSED, turning=STRAIGHT,
+                  moved=STAYS),
+    "pull": Kind(duration_s=LONG, size_n=(2.0, 0.7), normal=DRAGGED, turning=STRAIGHT, moved=STAYS),
+    "slide": Kind(duration_s=LONG, size_n=(2.0, 0.7), normal=DRAGGED, turning=STRAIGHT, moved=GOES),
+    "twist": Kind(duration_s=LONG, size_n=(2.5, 0.7), normal=(30.0, 1.0), turning=(2.0, 6.0),
+                  moved=STAYS),
+}  # fmt: skip
+"""Of a finger that touches a skin [assumed]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GestureParameters:
+    """How gestures are told apart.
+
+    Attributes
+    ----------
+    held, touch : dict of str to Kind
+        Densities on what is held, and on a bare skin.
+    sure : float
+        Confidence at which a gesture is told before it has ended [assumed].
+    look_s : float
+        How often the confidence is found while it lasts [assumed].
+    up, towards : tuple of 3 float
+        Skin frame: what is at 90 degrees; where the person stands, which tells a push from a pull.
+        (0, 0, 0) if that is not known: all are pulls then.
+    disturbance : DisturbanceParameters
+    """
+
+    held: dict[str, Kind] = field(default_factory=lambda: HELD)
+    touch: dict[str, Kind] = field(default_factory=lambda: TOUCH)
+    sure: float = 0.95
+    look_s: float = 0.02
+    up: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    towards: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    disturbance: DisturbanceParameters = field(default_factory=DisturbanceParameters)
+
+    def __post_init__(self) -> None:
+        check_number("gestures: sure", self.sure, 0.5, 1.0)
+        check_number("gestures: look_s", self.look_s, 1e-6, 10.0)
+        for name in ("up", "towards"):
+            for value in getattr(self, name):
+                check_numbers(-1e3, 1e3, **{f"gestures: {name}": value})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gesture:
+    """What somebody does.
+
+    Attributes
+    ----------
+    kind : str
+        tap, brush, press, push, pull, slide or twist.
+    confidence : float
+        Probability that it is.
+    probabilities : dict of str to float
+        Of all kinds; push and pull are one.
+    began_s, duration_s : float
+        On the behaviour's clock.
+    force_n : tuple of 3 float
+        Newton, skin frame: mean change of force.
+    angle_rad, angle_sigma_rad : float
+        Of the force in the plane of the pads, from `Gestures.right` to `Gestures.up`; pi / sqrt(3)
+        is no knowledge.
+    peak_n : float
+    ended : bool
+        False while it lasts: all may still change.
+    """
+
+    kind: str
+    confidence: float
+    probabilities: dict[str, float]
+    began_s: float
+    duration_s: float
+    force_n: tuple[float, float, float]
+    angle_rad: float
+    angle_sigma_rad: float
+    peak_n: float
+    ended: bool
+
+
+class Gestures:
+    """Recognises gestures, one after the other.
+
+    A gesture is told as soon as it is sure, and once more when it has ended. Call `settle` after a
+    grasp or a move: what the pads bear then is the rest that hands are told from.
+
+    Parameters
+    ----------
+    topology : Topology
+    parameters : GestureParameters, optional
+    pads : iterable of str, optional
+        Patches that feel together: the fingers of a gripper, or one skin; all if not given.
+
+    Attributes
+    ----------
+    disturbance : Disturbance
+    decisions : Decisions
+    last : Gesture or None
+    right, up : ndarray, shape (3,)
+        Axes of the plane of the pads, skin frame, as of who looks onto the face of the first pad:
+        `up` is the given one in the plane, or y where that is along the normal.
+
+    Examples
+    --------
+    >>> from topology import load
+    >>> gestures = Gestures(load("gripper"))
+    >>> gestures.right.round().tolist(), gestures.up.round().tolist()
+    ([0.0, 1.0, 0.0], [0.0, 0.0, 1.0])
+    """
+
+    def __init__(
+        self,
+        topology: Topology,
+        parameters: GestureParameters | None = None,
+        pads: Iterable[str] | None = None,
+    ) -> None:
+        self.parameters = GestureParameters() if parameters is None else parameters
+        self.disturbance = Disturbance(topology, self.parameters.disturbance, pads)
+        self.decisions = Decisions()
+        self.last: Gesture | None = None
+        normal = np.array(self.disturbance.normal)
+        self.right, self.up = _plane(normal, np.array(self.parameters.up))
+        towards = np.array(self.parameters.towards, float)
+        length = float(np.linalg.norm(towards))
+        self._towards = (towards / length if length > 0.0 else towards).tolist()
+        self._axes = self.right.tolist(), self.up.tolist()
+        self._next_s = 0.0
+        self._told = ""
+
+    def settle(self) -> None:
+        """Take what the pads bear from now on as rest."""
+        self.disturbance.settle()
+        self._told = ""
+
+    def update(self, state: State) -> Gesture | None:
+        """Look at a cycle; a gesture where one has become sure, or has ended."""
+        seen = self.disturbance
+        if not seen.update(state) or not (seen.active or seen.ended):
+            return None
+        if not seen.ended and seen.time_s < self._next_s:
+            return None
+        self._next_s = seen.time_s + self.parameters.look_s
+        gesture = self._judge()
+        if not seen.ended and (gesture.confidence < self.parameters.sure
+                               or gesture.kind == self._told):  # fmt: skip
+            return None
+        self._told = "" if seen.ended else gesture.kind
+        self.last = gesture
+        self.decisions.add(seen.time_s, gesture.kind, _why(gesture, seen))
+        return gesture
+
+    def _judge(self) -> Gesture:
+        """Bayes' rule over what is known of the disturbance."""
+        seen = self.disturbance
+        kinds = self.parameters.held if seen.held else self.parameters.touch
+        logs = {name: _log_odds(kind, seen) for name, kind in kinds.items()}
+        most = max(logs.values())
+        total = sum(math.exp(value - most) for value in logs.values())
+        odds = {name: math.exp(value - most) / total for name, value in logs.items()}
+        name = max(odds, key=odds.__getitem__)
+        duration_s = max(seen.duration_s, 1e-3)
+        x, y, z = (value / duration_s for value in seen.impulse_ns[:3])
+        right, up = self._axes
+        u = x * right[0] + y * right[1] + z * right[2]
+        v = x * up[0] + y * up[1] + z * up[2]
+        length = math.hypot(u, v)
+        away = x * self._towards[0] + y * self._towards[1] + z * self._towards[2]
+        told = "push" if name == "pull" and away < -AWAY * length else name
+        noise = math.sqrt(seen.mean_variance(duration_s))
+        return Gesture(
+            kind=told, confidence=odds[name], probabilities=odds, began_s=seen.began_s,
+            duration_s=seen.duration_s, force_n=(x, y, z), angle_rad=math.atan2(v, u),
+            angle_sigma_rad=min(math.atan2(noise, length), math.pi / math.sqrt(3.0)),
+            peak_n=seen.peak_n, ended=seen.ended,
+        )  # fmt: skip
+
+
+AWAY = 0.38
+"""Cosine from where on a force goes away from the person: half of 45 degrees beyond across
+[derived]."""
+
+
+def _log_odds(kind: Kind, seen: Disturbance) -> float:
+    """Logarithm of prior times densities."""
+    lasts = of_size = log_normal_log if seen.ended else log_normal_longer_log
+    along, across, turning = (max(value, 0.0) for value in seen.energy)
+    force = along + across + 1e-12
+    return (
+        math.log(kind.prior)
+        + lasts(max(seen.lasting_s, 1e-3), *kind.duration_s)
+        + of_size(max(seen.peak_n, 1e-3), *kind.size_n)
+        + beta_log(along / force, *kind.normal)
+        + beta_log(turning / (force + turning), *kind.turning)
+        + beta_log(seen.moved, *kind.moved)
+    )
+
+
+def _plane(normal: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two axes across the normal, the second as near as can be to `up`, or else to y."""
+    for wanted in (up, np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])):
+        across = wanted - normal * (normal @ wanted)
+        length = float(np.linalg.norm(across))
+        if length > 0.5 * float(np.linalg.norm(wanted)) > 0.0:
+            break
+    across = across / length
+    return np.cross(normal, across), across
+
+
+def _why(gesture: Gesture, seen: Disturbance) -> str:
+    told = "after" if gesture.ended else "for"
+    return (
+        f"{gesture.confidence:.3f} sure {told} {gesture.duration_s:.3f} s, {gesture.peak_n:.2f} N "
+        f"at most, {math.degrees(gesture.angle_rad):.0f} degrees"
+    )

@@ -1,0 +1,279 @@
+"""Handover: when a hand has taken what the gripper gives, and when it has given what it takes.
+
+While it gives, what may be is weighed by Bayes' rule over the support: the share of the weight that
+somebody bears. A *hand that takes* bears most of it, and goes on to. A *light* touch (a brush, a
+hand that only tries, an arm that moves) bears little. A *bump* may bear anything, but not for long.
+A *fault* (a magnet, a unit that lies) is on one pad alone. How long the support has lasted is
+counted from where it was last better explained by a light touch.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from skin.behaviours.decision import Decisions
+from skin.behaviours.densities import beta_log, log_normal_longer_log, normal_log
+from skin.behaviours.disturbance import Disturbance
+from skin.behaviours.disturbance_parameters import DisturbanceParameters
+from skin.errors import check_number
+from skin.state import State
+from topology import Topology
+
+__all__ = ["Handover", "HandoverParameters", "Phase"]
+
+
+STILL = 4.5
+"""Sigmas of a force by which it moves [derived: noise alone is as far in three components once in
+half a minute of looks]."""
+
+
+class Phase(StrEnum):
+    """Where a handover is."""
+
+    IDLE = "idle"
+    GIVING = "giving"
+    """Held, until somebody takes it."""
+    TAKEN = "taken"
+    """A hand bears it: open the gripper."""
+    AWAITING = "awaiting"
+    """Open, until something is put between the pads."""
+    OFFERED = "offered"
+    """Something touches the pads: close the gripper."""
+    RECEIVED = "received"
+    """It hangs on the pads, and nobody moves it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class HandoverParameters:
+    """What hands, bumps and touches are like.
+
+    Attributes
+    ----------
+    take : (float, float, float)
+        Support under a hand that takes: even from the first to the second, and beyond by the third,
+        a sigma [assumed: people bear what they take, some pull a little more].
+    light : (float, float)
+        Mean and sigma of the support under a light touch [assumed].
+    bump_s : (float, float)
+        Median duration of a bump, and sigma of its logarithm [assumed: 20 to 100 ms].
+    widest : float
+        Support under a bump or a fault is even from minus this to this [assumed].
+    agree : (float, float)
+        Beta distribution of the first of two pads' share in the change, under a hand [assumed: a
+        hand holds on up to half a pad off the middle].
+    priors : (float, float, float, float)
+        Of hand, light touch, bump and fault in what is felt during a handover [assumed].
+    sure : float
+        Probability at which it is taken [assumed: a wrong release is two
+        hundred times as bad as to wait for more].
+    smooth_s : float
+        Time constant of the support [assumed].
+    least_n : float
+        Weight below which nothing can be told [derived: five sigma of two pads].
+    still_s : float
+        For how long nobody may move what has been received [assumed].
+    up : tuple of 3 float
+        Against gravity, skin frame.
+    disturbance : DisturbanceParameters
+    """
+
+    take: tuple[float, float, float] = (0.8, 1.2, 0.25)
+    light: tuple[float, float] = (0.1, 0.15)
+    bump_s: tuple[float, float] = (0.06, 0.45)
+    widest: float = 5.0
+    agree: tuple[float, float] = (6.0, 6.0)
+    priors: tuple[float, float, float, float] = (0.2, 0.4, 0.4, 0.002)
+    sure: float = 0.995
+    smooth_s: float = 0.015
+    least_n: float = 0.35
+    still_s: float = 0.4
+    up: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    disturbance: DisturbanceParameters = field(default_factory=DisturbanceParameters)
+
+    def __post_init__(self) -> None:
+        check_number("handover: sure", self.sure, 0.5, 1.0)
+        for name in ("widest", "smooth_s", "least_n", "still_s"):
+            check_number(f"handover: {name}", getattr(self, name), 1e-6, 1e3)
+        check_number("handover: up", math.dist(self.up, (0.0, 0.0, 0.0)), 1e-6, 1e3)
+
+
+class Handover:
+    """Gives what is held, or takes what is offered.
+
+    Parameters
+    ----------
+    topology : Topology
+    parameters : HandoverParameters, optional
+    pads : iterable of str, optional
+        Patches of the gripper; all if not given.
+
+    Attributes
+    ----------
+    phase : Phase
+    probabilities : dict of str to float
+        Of hand, light, bump and fault, as of the last cycle in which somebody did something.
+    support : float
+        Share of the weight that somebody bears; NaN where the weight is not known.
+    disturbance : Disturbance
+    decisions : Decisions
+
+    Examples
+    --------
+    ::
+
+        handover.give()
+        for state in skin:
+            if handover.update(state) is Phase.TAKEN:
+                gripper.release()
+    """
+
+    def __init__(
+        self,
+        topology: Topology,
+        parameters: HandoverParameters | None = None,
+        pads: Iterable[str] | None = None,
+    ) -> None:
+        self.parameters = HandoverParameters() if parameters is None else parameters
+        self.disturbance = Disturbance(topology, self.parameters.disturbance, pads)
+        self.decisions = Decisions()
+        self.phase = Phase.IDLE
+        self.probabilities: dict[str, float] = {}
+        length = math.dist(self.parameters.up, (0.0, 0.0, 0.0))
+        self._up = [value / length for value in self.parameters.up]
+        self._period_s = 1.0 / topology.cycle_rate_hz
+        self._gain = self._period_s / (self.parameters.smooth_s + self._period_s)
+        self._pads = len(self.disturbance.pads.names)
+        self._rest: list[float] = []
+        self._clear()
+
+    def give(self) -> None:
+        """What is held is to be given from now on; hold it still for a moment."""
+        self._enter(Phase.GIVING, "asked to")
+        self.disturbance.settle()
+        self._clear()
+
+    def take(self) -> None:
+        """Something is to be put between the open pads."""
+        self._enter(Phase.AWAITING, "asked to")
+        self.disturbance.settle()
+        self._clear()
+
+    def stop(self) -> None:
+        """Neither."""
+        self._enter(Phase.IDLE, "asked to")
+
+    def update(self, state: State) -> Phase:
+        """Look at a cycle; where the handover is."""
+        seen = self.disturbance
+        heard = seen.update(state)
+        if not heard or not seen.settled:
+            return self.phase
+        if self.phase == Phase.GIVING:
+            self._give()
+        elif self.phase in (Phase.AWAITING, Phase.OFFERED):
+            self._take()
+        return self.phase
+
+    @property
+    def weight_n(self) -> float:
+        """What hangs on the pads at rest."""
+        return -_dot(self.disturbance.rest_n, self._up)
+
+    def _clear(self) -> None:
+        self.support, self._age_s, self._still_s = math.nan, 0.0, 0.0
+        self._still_n = [math.inf] * 3
+        self._rest, self._lift = [], [0.0] * self._pads
+
+    def _enter(self, phase: Phase, why: str) -> None:
+        self.phase = phase
+        self.decisions.add(self.disturbance.time_s, phase.value, why)
+
+    def _give(self) -> None:
+        """Weigh what may be, and say when it is taken."""
+        p, seen = self.parameters, self.disturbance
+        weight_n = self.weight_n
+        pads = self._pad_lifts()
+        if weight_n < p.least_n:
+            self.support = math.nan
+            return
+        self._lift = [
+            before + self._gain * (now - rest - before)
+            for before, now, rest in zip(self._lift, pads, self._rest, strict=True)
+        ]
+        self.support = sum(self._lift) / weight_n
+        if not seen.active:
+            self._age_s = 0.0
+            return
+        hand = _even_log(self.support, *p.take)
+        light = normal_log(max(self.support, p.light[0]), *p.light)
+        self._age_s = self._age_s + self._period_s if hand > light else 0.0
+        even = -math.log(2.0 * p.widest)
+        agree = self._agree()
+        logs = {
+            "hand": hand + agree,
+            "light": light + agree,
+            "bump": even + agree + log_normal_longer_log(max(self._age_s, 1e-3), *p.bump_s),
+            "fault": even,
+        }
+        odds = [q * math.exp(v) for q, v in zip(p.priors, logs.values(), strict=True)]
+        total = sum(odds)
+        self.probabilities = {name: v / total for name, v in zip(logs, odds, strict=True)}
+        if self.probabilities["hand"] >= p.sure:
+            why = (
+                f"{self.probabilities['hand']:.3f} sure: {self.support:.0%} of {weight_n:.2f} N "
+                f"borne for {self._age_s:.3f} s"
+            )
+            self._enter(Phase.TAKEN, why)
+
+    def _pad_lifts(self) -> list[float]:
+        """What each pad is lifted with, newton; its rest is that of the sum, by the same rules."""
+        seen = self.disturbance
+        u, v, w = self._up
+        now = [u * x + v * y + w * z for x, y, z in zip(*seen.pad_force_n, strict=True)]
+        rest = _dot(seen.rest_n, self._up)
+        if not self._rest:
+            self._rest = list(now)
+        if not seen.active:
+            gain = self._period_s / seen.parameters.rest_s
+            self._rest = [r + gain * (v - r) for r, v in zip(self._rest, now, strict=True)]
+        moved = (rest - sum(self._rest)) / self._pads
+        self._rest = [r + moved for r in self._rest]
+        return now
+
+    def _agree(self) -> float:
+        """Logarithm of how well two pads agree that somebody lifts."""
+        total = sum(self._lift)
+        if self._pads != 2 or total <= 0.0:
+            return 0.0
+        return beta_log(self._lift[0] / total, *self.parameters.agree)
+
+    def _take(self) -> None:
+        """Close on what touches; what hangs still is received."""
+        seen, p = self.disturbance, self.parameters
+        if self.phase == Phase.AWAITING:
+            if seen.active or seen.load_n > seen.parameters.held_n:
+                self._enter(Phase.OFFERED, f"{seen.load_n:.2f} N on the pads")
+                seen.settle()
+            return
+        now = [rest + change for rest, change in zip(seen.rest_n, seen.force_n, strict=True)]
+        weight_n = -_dot(now, self._up)
+        moved = math.dist(now, self._still_n) > STILL * seen.sigma_n
+        if moved or not seen.held or weight_n < p.least_n:
+            self._still_s, self._still_n = 0.0, now
+        self._still_s += self._period_s
+        if self._still_s >= p.still_s:
+            self._enter(Phase.RECEIVED, f"{weight_n:.2f} N hang still for {self._still_s:.2f} s")
+
+
+def _even_log(value: float, low: float, high: float, sigma: float) -> float:
+    """Logarithm of a density that is even between two bounds, and falls normally beyond."""
+    away = value - min(max(value, low), high)
+    width = math.sqrt(2.0 * math.pi) * sigma + high - low
+    return -0.5 * (away / sigma) ** 2 - math.log(width)
+
+
+def _dot(a, b) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

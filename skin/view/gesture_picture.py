@@ -1,0 +1,101 @@
+"""Picture of gestures: felt force beside the true one over time and in the plane of the pads."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from skin.view.plots import HUES, INK, MUTED, figure
+from topology.files import whole_file
+
+if TYPE_CHECKING:
+    from skin.tasks.gesture_trial import GestureTrial
+
+__all__ = ["save_gestures"]
+
+NAMES = ("onto the pads,\nx", "sideways,\ny", "up,\nz")
+
+
+def save_gestures(path: Path, trial: GestureTrial) -> None:
+    """Draw a trial and write it to `path` as a PNG file, whole or not at all.
+
+    Raises
+    ------
+    LibraryError
+        matplotlib is not installed.
+    """
+    with figure((12.0, 7.6)) as made:
+        right = sum(seen.is_right for seen in trial.seen)
+        made.suptitle(
+            f"What a person does to a block in a gripper: {right} of {len(trial.seen)} recognised",
+            color=INK,
+        )
+        left, rest = made.subfigures(1, 2, width_ratios=(1.0, 2.1))
+        _draw_plane(left.subplots(), trial)
+        rows = rest.subplots(5, 1, sharex=True, height_ratios=(1, 1, 1, 1, 1))
+        time_s = np.array(trial.time_s)
+        felt, true = np.array(trial.force_n), np.array(trial.true_n)
+        most = 1.15 * max(float(np.abs(felt).max()), float(np.abs(true).max()))
+        for i, axes in enumerate(rows[:3]):
+            axes.plot(time_s, true[:, i], color=MUTED, linewidth=3, alpha=0.5, label="truth")
+            axes.plot(time_s, felt[:, i], color=HUES[0], linewidth=1, label="felt")
+            axes.set_ylim(-most, most)
+            axes.set_ylabel(f"{NAMES[i]}, N")
+        rows[3].plot(
+            time_s, 1e3 * np.array(trial.true_nm)[:, 0], color=MUTED, linewidth=3, alpha=0.5
+        )
+        rows[3].plot(time_s, 1e3 * np.array(trial.moment_nm)[:, 0], color=HUES[0], linewidth=1)
+        rows[3].set_ylabel("moment\nabout x, mNm")
+        rows[0].legend(loc="upper left", frameon=False, ncols=2, fontsize=8)
+        _draw_told(rows[4], trial)
+        rows[4].set_xlabel("time, s")
+        with whole_file(path) as file:
+            made.savefig(file, dpi=110, format="png")
+
+
+def _draw_plane(axes: Any, trial: GestureTrial) -> None:
+    """Mean felt force of each pull beside its true direction."""
+    time_s, true = np.array(trial.time_s), np.array(trial.true_n)
+    pulls = [s for s in trial.seen if s.asked.kind == "pull" and s.told is not None]
+    most = 0.1
+    for seen in pulls:
+        told = seen.told
+        assert told is not None
+        own = (time_s >= told.began_s) & (time_s < told.began_s + told.duration_s)
+        mean = true[own].mean(axis=0)
+        size = math.hypot(told.force_n[1], told.force_n[2])
+        most = max(most, size, math.hypot(mean[1], mean[2]))
+        axes.plot([0.0, mean[1]], [0.0, mean[2]], color=MUTED, linewidth=5, alpha=0.4,
+                  solid_capstyle="round", label="truth" if seen is pulls[0] else None)  # fmt: skip
+        u, v = size * math.cos(told.angle_rad), size * math.sin(told.angle_rad)
+        axes.annotate("", (u, v), (0.0, 0.0), arrowprops={"arrowstyle": "->", "color": HUES[0]})
+        axes.annotate(f"{math.degrees(told.angle_rad):.0f}°", (1.14 * u, 1.14 * v), ha="center",
+                      va="center", fontsize=8, color=INK)  # fmt: skip
+    axes.plot([], [], color=HUES[0], label="felt")
+    axes.axhline(0.0, color=MUTED, linewidth=0.5)
+    axes.axvline(0.0, color=MUTED, linewidth=0.5)
+    axes.set(xlim=(-1.35 * most, 1.35 * most), ylim=(-1.35 * most, 1.35 * most), aspect="equal")
+    axes.set_xlabel("sideways, y, N")
+    axes.set_ylabel("up, z, N")
+    axes.set_title("mean force of each pull, in the plane of the pads", fontsize=9, color=INK)
+    axes.legend(loc="upper left", frameon=False, fontsize=8)
+
+
+def _draw_told(axes: Any, trial: GestureTrial) -> None:
+    """What was done, above what was told, each as a bar with its name."""
+    for seen in trial.seen:
+        asked, told = seen.asked, seen.told
+        axes.broken_barh([(seen.began_s, asked.act.seconds)], (1.05, 0.8), color=MUTED, alpha=0.4)
+        middle = seen.began_s + 0.5 * asked.act.seconds
+        axes.text(middle, 1.45, asked.kind, ha="center", va="center", fontsize=7, rotation=90)
+        if told is None:
+            continue
+        hue = HUES[0] if seen.is_right else HUES[1]
+        axes.broken_barh([(told.began_s, told.duration_s)], (0.05, 0.8), color=hue, alpha=0.5)
+        axes.text(told.began_s + 0.5 * told.duration_s, 0.45, told.kind, ha="center", va="center",
+                  fontsize=7, rotation=90)  # fmt: skip
+    axes.set(ylim=(0.0, 2.0), yticks=(0.45, 1.45), yticklabels=("told", "done"))
+    axes.tick_params(axis="y", length=0)

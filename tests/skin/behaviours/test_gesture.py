@@ -1,0 +1,144 @@
+"""Gestures on a block in a gripper, whose forces are made by hand, and of people simulated."""
+
+import math
+
+import numpy as np
+import pytest
+
+from bus.status import Status
+from skin.behaviours.gesture import GestureParameters, Gestures
+from skin.errors import OptionError
+from skin.tasks.gesture_trial import asked_story, run_gestures
+from skin.tasks.touch_trial import TOUCH_KINDS, run_touches
+from tests.skin.behaviours.held import Held, half_sine, nothing, play, ramp
+
+PULL = ramp(1.2, 0.15, 0.7)
+
+
+def rested(held=None, **parameters):
+    """Gestures that know the rest of a block that is held."""
+    held = Held() if held is None else held
+    gestures = Gestures(held.topology, GestureParameters(**parameters))
+    assert play(gestures, held, nothing, 0.6) == []
+    assert gestures.disturbance.held
+    return gestures, held
+
+
+def ended(told):
+    return [gesture for _, gesture in told if gesture.ended]
+
+
+@pytest.mark.parametrize("degrees", range(-170, 190, 40))
+def test_a_pull_is_told_with_its_angle_before_it_ends(degrees):
+    gestures, held = rested()
+    angle = math.radians(degrees)
+    way = math.cos(angle) * gestures.right + math.sin(angle) * gestures.up
+    told = play(gestures, held, PULL, 1.0, way)
+    first_s, first = told[0]
+    (last,) = ended(told)
+    assert (first.kind, last.kind) == ("pull", "pull")
+    assert first_s < 0.4
+    assert not first.ended
+    off = math.remainder(last.angle_rad - angle, 2.0 * math.pi)
+    assert abs(off) < math.radians(4.0)
+    assert abs(off) < 4.0 * last.angle_sigma_rad
+    assert last.confidence > 0.99
+    assert sum(last.probabilities.values()) == pytest.approx(1.0)
+    assert len(gestures.decisions) == len(told)
+
+
+@pytest.mark.parametrize(
+    ("kind", "course", "way", "turns"),
+    [
+        ("tap", half_sine(2.0, 0.05), (0.0, 0.0, 1.0), False),
+        ("tap", half_sine(2.0, 0.05), (1.0, 0.0, 0.0), False),
+        ("brush", half_sine(0.35, 0.15), (0.0, 1.0, 0.0), False),
+        ("press", PULL, (1.0, 0.0, 0.0), False),
+        ("twist", ramp(0.04, 0.15, 0.7), (1.0, 0.0, 0.0), True),
+        ("twist", ramp(0.04, 0.15, 0.7), (0.0, 0.6, 0.8), True),
+    ],
+)
+def test_what_a_hand_does_is_told_by_its_name(kind, course, way, turns):
+    gestures, held = rested(Held(noise_n=0.01))
+    (last,) = ended(play(gestures, held, course, 1.2, way, turns=turns))
+    assert last.kind == kind
+
+
+def test_away_from_the_person_is_a_push():
+    gestures, held = rested(towards=(0.0, -1.0, 0.0))
+    (away,) = ended(play(gestures, held, PULL, 1.2, (0.0, 1.0, 0.0)))
+    (here,) = ended(play(gestures, held, PULL, 1.2, (0.0, -1.0, 0.0)))
+    assert (away.kind, here.kind) == ("push", "pull")
+
+
+def test_a_drift_is_no_gesture():
+    gestures, held = rested()
+    assert play(gestures, held, lambda t: 0.05 * t, 6.0) == []
+
+
+def test_a_wrong_parameter_is_named():
+    with pytest.raises(OptionError, match="gestures: sure"):
+        GestureParameters(sure=1.5)
+
+
+def test_units_that_fall_silent_are_no_gesture_and_a_pull_goes_on():
+    gestures, held = rested()
+    held.status[[3, 20]] = int(Status.FAULT)
+    assert play(gestures, held, nothing, 0.6) == []
+
+    def pull(t):
+        held.status[[8, 9]] = int(Status.STALE) if t > 0.3 else 0
+        return PULL(t)
+
+    (last,) = ended(play(gestures, held, pull, 1.2))
+    assert last.kind == "pull"
+    assert math.degrees(last.angle_rad) == pytest.approx(90.0, abs=6.0)
+    held.status[:] = 0
+    assert play(gestures, held, nothing, 0.6) == []
+
+
+def test_while_the_bus_stops_nothing_is_told_and_a_pull_is_told_after():
+    gestures, held = rested()
+
+    def stops(t):
+        held.status[:] = int(Status.STALE) if 0.2 < t < 0.4 else 0
+        return 0.0
+
+    assert play(gestures, held, stops, 0.8) == []
+
+    def pulled(t):
+        stops(t)
+        return PULL(t)
+
+    (last,) = ended(play(gestures, held, pulled, 1.2))
+    assert last.kind == "pull"
+    held.stamp_ns += 200_000_000  # no states at all for that time
+    assert play(gestures, held, nothing, 0.4) == []
+
+
+def test_a_magnet_that_is_seen_is_no_gesture():
+    gestures, held = rested()
+    held.status[:6] = int(Status.MAGNETIC_ANOMALY)
+    assert play(gestures, held, nothing, 0.6) == []
+    held.status[:16] = int(Status.MAGNETIC_ANOMALY)
+    assert play(gestures, held, PULL, 0.8) == []
+    held.status[:] = 0
+    assert play(gestures, held, nothing, 0.4) == []
+
+
+def test_people_are_understood_on_the_simulator():
+    trial = run_gestures(3, lambda random: asked_story(random)[6:])
+    assert [seen.is_right for seen in trial.seen] == [True] * 5
+    off = [seen.off_rad for seen in trial.seen if math.isfinite(seen.off_rad)]
+    assert np.degrees(np.abs(off)).max() < 8.0
+    assert trial.others == []
+
+
+def test_a_finger_on_a_bare_skin_is_understood():
+    trial = run_touches(5)
+    kinds = {seen.asked.kind: seen.told for seen in trial.seen}
+    assert set(kinds) == set(TOUCH_KINDS)
+    right = sum(seen.is_right for seen in trial.seen)
+    assert right >= 5
+    slide = next(seen for seen in trial.seen if seen.asked.kind == "slide")
+    assert math.degrees(abs(slide.off_rad)) < 5.0

@@ -1,0 +1,129 @@
+"""Handovers of a block whose forces are made by hand, and of a person on the simulator."""
+
+import numpy as np
+import pytest
+
+from bus.status import Status
+from skin.behaviours.handover import Handover, HandoverParameters, Phase
+from skin.errors import OptionError
+from skin.tasks.handover_trial import run_carry, run_take
+from tests.skin.behaviours.held import Held, half_sine, nothing, play, ramp
+
+
+def giving(held=None):
+    """A handover that gives, at rest."""
+    held = Held() if held is None else held
+    handover = Handover(held.topology)
+    handover.give()
+    play(handover, held, nothing, 0.6)
+    assert handover.phase is Phase.GIVING
+    return handover, held
+
+
+def taken_s(told):
+    return next((time_s for time_s, phase in told if phase is Phase.TAKEN), None)
+
+
+@pytest.mark.parametrize("rise_s", [0.1, 0.3, 0.6])
+@pytest.mark.parametrize("share", [0.8, 1.0, 1.3])
+def test_a_hand_that_bears_the_weight_is_recognised_within_two_tenths(rise_s, share):
+    handover, held = giving()
+    told = play(handover, held, ramp(share * held.weight_n, rise_s, 5.0), 1.5)
+    half_s = rise_s * 0.5 / share
+    assert half_s < taken_s(told) < half_s + 0.2
+    assert handover.decisions.last.what == "taken"
+    assert "borne for" in handover.decisions.last.why
+
+
+@pytest.mark.parametrize(
+    ("course", "way"),
+    [
+        (half_sine(4.0, 0.05), (0.0, 0.0, 1.0)),
+        (half_sine(1.5, 0.07), (0.0, 0.0, 1.0)),
+        (half_sine(4.0, 0.08), (0.3, 0.5, 0.8)),
+        (half_sine(0.5, 0.3), (0.2, 0.9, 0.4)),
+        (ramp(0.5, 0.2, 0.9), (0.0, 0.0, 1.0)),
+        (ramp(2.0, 0.2, 0.9), (0.0, 1.0, 0.0)),
+        (ramp(-2.0, 0.2, 0.9), (0.0, 0.0, 1.0)),
+    ],
+    ids=["bump", "soft bump", "oblique bump", "brush", "partial", "sideways", "down"],
+)
+def test_what_is_not_a_take_releases_nothing(course, way):
+    handover, held = giving()
+    assert taken_s(play(handover, held, course, 1.2, way)) is None
+
+
+def test_without_a_weight_nothing_is_given():
+    handover, held = giving(Held(weight_n=0.1))
+    assert taken_s(play(handover, held, ramp(1.0, 0.2, 5.0), 1.0)) is None
+
+
+def test_units_that_fall_silent_release_nothing_and_a_take_is_recognised_without_them():
+    handover, held = giving()
+    for lost in ([0, 1, 2], [0, 1, 2, 16, 17, 18], [0, 1, 2]):
+        held.status[:] = 0
+        held.status[lost] = int(Status.STALE)
+        assert taken_s(play(handover, held, nothing, 0.4)) is None
+    assert taken_s(play(handover, held, ramp(1.4, 0.2, 5.0), 1.0)) < 0.35
+
+
+def test_while_the_bus_stops_nothing_is_released_and_a_take_in_between_is_found():
+    handover, held = giving()
+
+    def course(t):
+        held.status[:] = int(Status.STALE) if 0.2 < t < 0.4 else 0
+        return ramp(1.4, 0.15, 9.0)(t - 0.2) if t > 0.2 else 0.0
+
+    assert 0.4 < taken_s(play(handover, held, course, 1.0)) < 0.65
+    handover.give()
+    held.stamp_ns += 200_000_000
+    assert taken_s(play(handover, held, lambda _: 1.4, 0.6)) is None
+
+
+def test_a_magnet_at_one_pad_is_no_hand_whether_it_is_seen_or_not():
+    handover, held = giving()
+    for cycle in range(250):
+        phase = handover.update(held.cycle(lies=min(1.4, 0.05 * cycle)))
+        assert phase is Phase.GIVING
+    held.status[:16] = int(Status.MAGNETIC_ANOMALY)
+    assert taken_s(play(handover, held, nothing, 0.5)) is None
+    assert handover.phase is Phase.GIVING
+
+
+def test_what_is_offered_is_received_when_it_hangs_still():
+    held = Held(weight_n=0.0, grip_n=0.0)
+    handover = Handover(held.topology)
+    handover.take()
+    play(handover, held, nothing, 0.5)
+    assert handover.phase is Phase.AWAITING
+    held.grip_n = 3.0
+    play(handover, held, nothing, 0.3)
+    assert handover.phase is Phase.OFFERED
+    play(handover, held, nothing, 1.0)
+    assert handover.phase is Phase.OFFERED  # the person still bears all of it
+    for cycle in range(300):
+        held.weight_n = min(1.5, 0.02 * cycle)
+        handover.update(held.cycle())
+    play(handover, held, nothing, 1.5)
+    assert handover.phase is Phase.RECEIVED
+    handover.stop()
+    assert handover.phase is Phase.IDLE
+
+
+def test_a_wrong_parameter_is_named():
+    with pytest.raises(OptionError, match="handover: least_n"):
+        HandoverParameters(least_n=-1.0)
+
+
+@pytest.mark.parametrize("seed", [1, 4])
+def test_a_person_takes_a_block_out_of_the_gripper(seed):
+    trial = run_take(seed)
+    assert trial.recognised, trial.why
+    assert trial.latency_s < 0.3
+    assert np.nanmax(trial.true_support) > 0.75
+
+
+def test_bumps_and_brushes_on_the_way_release_nothing():
+    carry = run_carry(12, 4.0)
+    assert carry.released == []
+    assert carry.bumps + carry.brushes + carry.tugs >= 1
