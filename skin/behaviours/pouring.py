@@ -236,21 +236,21 @@ class Pouring:
         """Learn what a millilitre warms from strong flows, and weak flows from that."""
         rate, rate_sigma = warmth.rate_c_per_s, warmth.rate_sigma_c_per_s
         flow, sigma = self.flow_ml_per_s, self.flow_sigma_ml_per_s
-        if math.isnan(self.c_per_ml):
-            hot_c = self.settings.hot_c
-            if not hot_c - warmth.inside_c > 1.0:
-                return
-            first = (hot_c - warmth.inside_c) / (1e3 * FIRST_SHARE * self._tare)
+        coldness_c = self.settings.hot_c - warmth.inside_c
+        if not self._squares and coldness_c > 1.0:
+            first = coldness_c / (1e3 * FIRST_SHARE * self._tare)
             self._squares = 1.0 / (FIRST_SPREAD * first) ** 2
             self._products = first * self._squares
-            self.c_per_ml = first
         if flow > 5.0 * sigma and rate > 5.0 * rate_sigma:
             keep = 1.0 - self._period_s / LEARN_S
-            variance = rate_sigma**2 + (self.c_per_ml * sigma) ** 2
+            first = 0.0 if math.isnan(self.c_per_ml) else self.c_per_ml
+            variance = rate_sigma**2 + (first * sigma) ** 2
             gained = self._period_s / APART_S * flow / variance
             self._squares = keep * self._squares + gained * flow
             self._products = keep * self._products + gained * rate
-            self.c_per_ml = self._products / self._squares
+        if not self._products > 0.0:
+            return
+        self.c_per_ml = self._products / self._squares
         spread = math.hypot(FALL_SPREAD, 1.0 / math.sqrt(self._squares) / self.c_per_ml)
         told = rate / self.c_per_ml
         told_sigma = math.hypot(rate_sigma / self.c_per_ml, spread * told)

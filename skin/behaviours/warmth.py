@@ -48,10 +48,13 @@ class WarmthSettings:
     wall_lag_s : float
         Lag of the outer face of what is held behind its contents: of 1 mm of glass [derived: d²/a];
         0.05 for something massive.
+    wall_sigma : float
+        Share of what is within, above where the gel began, that the outer face may lack: one-sigma
+        [assumed: a cup in still air].
     jump_c_per_s : float
         By how much a rate may jump: one-sigma [assumed: a burner that is lit under a beaker].
     drift_c_per_s15 : float
-        How fast it changes otherwise: its one-sigma after a second [assumed: cooling by 20 K with a
+        How fast it changes otherwise: its one-sigma after a second [assumed: cooling by 40 K with a
         time constant of half a minute].
     noise_c : float
         One-sigma of the noise of a unit's temperature, before it is learned [assumed].
@@ -70,8 +73,9 @@ class WarmthSettings:
 
     gel_lag_s: float = 4.0
     wall_lag_s: float = 1.0
+    wall_sigma: float = 0.005
     jump_c_per_s: float = 2.0
-    drift_c_per_s15: float = 0.02
+    drift_c_per_s15: float = 0.04
     noise_c: float = 0.05
     turn_sigmas: float = 4.0
     band_c: tuple[float, float] = (60.0, 75.0)
@@ -85,6 +89,7 @@ class WarmthSettings:
         check_numbers(1e-6, 1e3, drift_c_per_s15=self.drift_c_per_s15)
         check_numbers(1e-3, 100.0, turn_sigmas=self.turn_sigmas)
         check_numbers(0.0, 1e3, ahead_s=self.ahead_s)
+        check_numbers(0.0, 1.0, wall_sigma=self.wall_sigma)
         low, high = self.band_c
         check_numbers(-273.15, 1e4, band_low=low, limit_c=self.limit_c, hot_c=self.hot_c)
         check_numbers(low, 1e4, band_high=high)
@@ -206,7 +211,7 @@ class Warmth:
         covariance[GEL, GEL] = self.settings.noise_c**2
         self._filter.begin(np.array([gel.mean_c, 0.0, gel.mean_c, gel.mean_c]), covariance)
         self._noise = Noise(self.settings.noise_c**2 / gel.count, self._period_s)
-        self._spread_c = gel.sigma_c
+        self._spread_c, self._room_c = gel.sigma_c, gel.mean_c
         self.decisions.add(self._time_s, "touched", f"gel at {gel.mean_c:.1f} °C")
 
     def _follow(self, gel: GelMean, steps: int) -> None:
@@ -230,7 +235,8 @@ class Warmth:
             filter.open(RATE, self.settings.jump_c_per_s)
             self.jumps += 1
         self.inside_c, self.rate_c_per_s, self.surface_c, _ = filter.x.tolist()
-        self.sigma_c = math.hypot(filter.sigma(INSIDE), self._spread_c)
+        lost_c = self.settings.wall_sigma * (self.inside_c - self._room_c)
+        self.sigma_c = math.hypot(filter.sigma(INSIDE), self._spread_c, lost_c)
         self.rate_sigma_c_per_s = filter.sigma(RATE)
         self.known = self.sigma_c < KNOWN_SIGMA_C
 

@@ -17,7 +17,11 @@ from skin.cli.table import facts
 
 __all__ = ["SUBCOMMANDS", "demo", "errors_against_truth"]
 
-SUBCOMMANDS = {"grasp": "skin.cli.demo_grasp:demo_grasp"}
+SUBCOMMANDS = {
+    "grasp": "skin.cli.demo_grasp:demo_grasp",
+    "pva": "skin.cli.demo_pva:demo_pva",
+    "tea": "skin.cli.demo_tea:demo_tea",
+}
 """Words that stand for commands of their own: module and function."""
 
 LOADED_N = 0.05

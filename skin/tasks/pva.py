@@ -8,6 +8,7 @@ are not scaled. A lag of 4 s is ten times as much of such a phase as it is there
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -46,13 +47,14 @@ def _centre(station: Station, seconds: float, values: dict[str, float]) -> None:
 
 def _heat(station: Station, seconds: float, values: dict[str, float]) -> None:
     station.power_w = station.burner_w
+    if seconds == 0.0:
+        station.middle_m = station.middle_m or station.hand.lift_m
+        station.hand.go(0.03, lift=station.middle_m)
 
 
 def _shake(station: Station, seconds: float, values: dict[str, float]) -> None:
     """Up and down, beginning and ending at rest in the middle."""
     station.power_w = 0.0
-    if seconds == 0.0:
-        station.middle_m = station.hand.lift_m
     swell = min(seconds, 1.0)
     turn = 2.0 * math.pi * values.get("frequency_hz", 1.0) * seconds
     station.hand.shake(
@@ -96,9 +98,14 @@ def pva_episode(seed: int) -> Episode:
     return RANGES.draw(load("gripper"), seed=seed)
 
 
-def run_pva(seed: int, *, pace: bool = False, file: Path | None = None) -> tuple[Setting, Story]:
-    """Play the story; the same for the same seed."""
+def run_pva(
+    seed: int, *, pace: bool = False, file: Path | None = None, water_c: float | None = None
+) -> tuple[Setting, Story]:
+    """Play the story; the same for the same seed. Another file may stand in for its own, and the
+    water may have another temperature at the start."""
     setting = pva_setting(seed)
+    if water_c is not None:
+        setting = replace(setting, vessel=replace(setting.vessel, water_c=water_c))
     random = np.random.default_rng((seed, 32))
     with Station(setting, seed=seed, episode=pva_episode(seed)) as station:
         station.burner_w = float(FASTER * random.uniform(150.0, 200.0))
