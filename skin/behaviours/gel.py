@@ -17,7 +17,7 @@ from skin.errors import OptionError
 from skin.state import State
 from topology import Topology
 
-__all__ = ["Gel"]
+__all__ = ["SMOOTH_S", "Gel", "GelMean"]
 
 ON_SIGMAS, OFF_SIGMAS = 5.0, 2.0
 """Normal force over its sigma from which on a unit is touched, and down to which it stays so

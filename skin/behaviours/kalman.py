@@ -12,16 +12,16 @@ __all__ = ["Kalman", "Noise"]
 NOISE_S = 2.0
 """Time constant of the noise that is learned [assumed]."""
 
-JUDGED_S = 0.25
-"""Time constant of the mean of innovations that tells a change [assumed: a quarter of the second
+JUDGED_S = 0.12
+"""Time constant of the mean of innovations that tells a change [assumed: an eighth of the second
 in which changes are wanted]."""
 
-OPEN_SIGMAS = 5.0
-"""Of that mean, beyond which what was taken for constant is not [derived: once in some days, by
-Gaussian noise]."""
+OPEN_SIGMAS = 4.0
+"""Of that mean, beyond which what was taken for constant is not [derived: once in half an hour, by
+Gaussian noise; it costs a second of precision then]."""
 
-OPEN_S = (0.25, 0.5, 0.75, 1.0)
-"""How long ago a jump may have been when it shows [assumed: up to the second in which changes are
+OPEN_S = (0.2, 0.4, 0.6, 0.8)
+"""How long ago a jump may have been when it shows [assumed: within the second in which changes are
 wanted]."""
 
 MOST_STEPS = 100_000
@@ -58,7 +58,7 @@ class Noise:
 class Kalman:
     """Follows m states of ``dx/dt = flows @ x + noise``, and tells where they jump.
 
-    The mean of the innovations over a quarter of a second, in sigmas, is 0 as long as the model
+    The mean of the innovations over an eighth of a second, in sigmas, is 0 as long as the model
     holds. Where it is far off, something has changed that was taken for constant: `changed` says
     so, and its owner opens the covariance of that state.
 

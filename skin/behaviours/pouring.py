@@ -259,18 +259,18 @@ class Pouring:
         self.flow_sigma_ml_per_s = (own + other) ** -0.5
 
     def _tell(self) -> None:
-        """The stage, which stays until the flow is beyond a bound by a sigma."""
-        flow, sigma, ask = max(self.flow_ml_per_s, 0.0), self.flow_sigma_ml_per_s, self.settings
+        """The stage, which stays until the flow is beyond a bound by half a sigma."""
+        flow, slack, ask = max(self.flow_ml_per_s, 0.0), 0.5 * self.flow_sigma_ml_per_s, self.settings
         bounds = ask.least_ml_per_s, ask.low_ml_per_s, ask.high_ml_per_s
         names = "none", "micro", "low", "high"
         now = names.index(self.stage)
-        low = sum(flow - sigma >= bound for bound in bounds)
-        high = sum(flow + sigma >= bound for bound in bounds)
+        low = sum(flow - slack >= bound for bound in bounds)
+        high = sum(flow + slack >= bound for bound in bounds)
         found = min(max(now, low), high)
         if found != now:
             self.stage = names[found]
             self._say(f"{self.stage} flow" if found else "no flow",
-                      f"{flow:.2f} ± {sigma:.2f} ml/s after {self.poured_ml:.1f} ml")  # fmt: skip
+                      f"{flow:.2f} ± {self.flow_sigma_ml_per_s:.2f} ml/s after {self.poured_ml:.1f} ml")  # fmt: skip
 
     def _say(self, what: str, why: str) -> None:
         self.decisions.add(self._time_s, what, why)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skin.behaviours.decision import Decisions
-from skin.behaviours.gel import Gel, GelMean
+from skin.behaviours.gel import SMOOTH_S, Gel, GelMean
 from skin.behaviours.kalman import Kalman, Noise
 from skin.errors import check_numbers
 from skin.state import State
@@ -35,6 +35,12 @@ FIRST_RATE_C_PER_S = 1.0
 
 KNOWN_SIGMA_C = 1.0
 """One-sigma up to which the temperature counts as known [assumed: a tenth of the usual bands]."""
+
+JUMP_ERROR = 0.02
+"""Share of a jump of the mean gel, where the set of units changes, that may be wrong [assumed]."""
+
+JUMPED_S = 2.0
+"""After a rate has changed, in which its sign is enough to say which way [assumed]."""
 
 
 @dataclass(frozen=True)
@@ -59,8 +65,8 @@ class WarmthSettings:
     noise_c : float
         One-sigma of the noise of a unit's temperature, before it is learned [assumed].
     turn_sigmas : float
-        Rate over its sigma at which a phase begins; half of it, and it ends or turns [derived: once
-        in four hours by noise].
+        Rate over its sigma at which a phase begins, or half of it after the gels have disagreed;
+        below half of it, it ends [derived: once in four hours by noise].
     band_c : (float, float)
         Wanted [paper: 60 to 75 °C for PVA].
     limit_c : float
@@ -171,6 +177,7 @@ class Warmth:
         self.inside_c = self.sigma_c = self.rate_c_per_s = self.rate_sigma_c_per_s = nan
         self.surface_c = self.gel_c = self.phase_began_s = nan
         self._rate_before = self._crossed_s = 0.0
+        self._jumped_s = -math.inf
         self.phase = "unknown"
         self.in_band = self.over_limit = self.hot = self.known = False
         self._last_ns: int | None = None
@@ -222,7 +229,9 @@ class Warmth:
             filter.restart(GEL, gel.mean_c, noise.variance)
             steps = 0
         elif gel.changed:
-            filter.shift(GEL, gel.jump_c, noise.variance)
+            # smoothed differences are late, and differences fall with the gel's lag
+            jump_c = gel.jump_c * math.exp(-SMOOTH_S / self.settings.gel_lag_s)
+            filter.shift(GEL, jump_c, noise.variance + (JUMP_ERROR * jump_c) ** 2)
         if gel.count:
             self._spread_c = gel.sigma_c
         if steps:
@@ -234,6 +243,7 @@ class Warmth:
         if filter.changed:
             filter.open(RATE, self.settings.jump_c_per_s)
             self.jumps += 1
+            self._jumped_s = self._time_s
         self.inside_c, self.rate_c_per_s, self.surface_c, _ = filter.x.tolist()
         lost_c = self.settings.wall_sigma * (self.inside_c - self._room_c)
         self.sigma_c = math.hypot(filter.sigma(INSIDE), self._spread_c, lost_c)
@@ -251,8 +261,8 @@ class Warmth:
         if (rate > 0.0) != (self._rate_before > 0.0):
             self._crossed_s = self._time_s
         self._rate_before = rate
-        turns = found in ("heating", "cooling") and way != found
-        if abs(rate) > most * (0.5 if turns else 1.0) * max(sigma, settled):
+        jumped = self._time_s - self._jumped_s < JUMPED_S  # that it changed is known: which way?
+        if abs(rate) > most * (0.5 if jumped else 1.0) * max(sigma, settled):
             found = way
         elif sigma < 2.0 * settled and abs(rate) < 0.5 * most * settled:
             found = "steady"
