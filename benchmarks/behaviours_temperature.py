@@ -84,14 +84,16 @@ def table(figures: dict[str, Any]) -> str:
     """The figures for a person."""
     told = figures
     return "\n".join([
-        f"temperature: {told['seeds']} runs, {told['dropped']} dropped; done {_share(told['done'])}",
+        f"temperature: {told['seeds']} runs, {told['dropped']} dropped; "
+        f"done {_share(told['done'])}",
         f"  turns of heating and cooling: {told['turns']}, told after "
-        f"{_number(told['turn_delay_s_median'])} s median, {_number(told['turn_delay_s_p95'])} s p95"
-        f"; within 1 s {_share(told['turn_within_1s'])}, onset {_share(told['onset_within_1s'])}; "
+        f"{_number(told['turn_delay_s_median'])} s median, "
+        f"{_number(told['turn_delay_s_p95'])} s p95; within 1 s {_share(told['turn_within_1s'])}, onset {_share(told['onset_within_1s'])}; "
         f"false {told['false_turns']} in {told['seconds']:.0f} s",
         f"  band left, told within 1 °C of it: {_share(told['band_alarm_within_1c'])}, worst "
         f"{_number(told['band_alarm_error_c_worst'])} °C; limit told in time "
-        f"{_share(told['limit_alarm_in_time'])}, worst at {_number(told['limit_alarm_c_worst'])} °C",
+        f"{_share(told['limit_alarm_in_time'])}, worst at "
+        f"{_number(told['limit_alarm_c_worst'])} °C",
         f"  1 Hz within 0.02 Hz: {_share(told['frequency_within_20mhz'])}, worst "
         f"{_number(told['frequency_error_hz_worst'])} Hz off",
         f"  temperature within: {_number(told['temperature_rmse_c'])} °C rms off, "

@@ -80,7 +80,7 @@ class Level:
 
     def __init__(
         self, topology: Topology, names: tuple[str, str] | None = None,
-        settings: LevelSettings = LevelSettings(),  # noqa: B008
+        settings: LevelSettings = LevelSettings(),
     ) -> None:  # fmt: skip
         self.settings = settings
         self.decisions = Decisions()

@@ -135,7 +135,7 @@ class Pouring:
 
     def __init__(
         self, topology: Topology, names: Iterable[str] | None = None,
-        settings: PouringSettings = PouringSettings(),  # noqa: B008
+        settings: PouringSettings = PouringSettings(),
         warmth: Warmth | None = None,
     ) -> None:  # fmt: skip
         self.settings, self.warmth = settings, warmth
@@ -189,8 +189,8 @@ class Pouring:
         known = not math.isnan(self.weight_n)
         if known != self.known:
             self.known = known
-            self._say("weight is known" if known else "weight is not known",
-                      f"{float(loads.heard.min()):.0%} of a pad's load is heard at least")  # fmt: skip
+            what = "weight is known" if known else "weight is not known"
+            self._say(what, f"{float(loads.heard.min()):.0%} of a pad's load is heard at least")
         self._noise.update(self.weight_n / G)
         if not self._wanted:
             return
@@ -260,7 +260,11 @@ class Pouring:
 
     def _tell(self) -> None:
         """The stage, which stays until the flow is beyond a bound by half a sigma."""
-        flow, slack, ask = max(self.flow_ml_per_s, 0.0), 0.5 * self.flow_sigma_ml_per_s, self.settings
+        flow, slack, ask = (
+            max(self.flow_ml_per_s, 0.0),
+            0.5 * self.flow_sigma_ml_per_s,
+            self.settings,
+        )
         bounds = ask.least_ml_per_s, ask.low_ml_per_s, ask.high_ml_per_s
         names = "none", "micro", "low", "high"
         now = names.index(self.stage)
@@ -269,8 +273,9 @@ class Pouring:
         found = min(max(now, low), high)
         if found != now:
             self.stage = names[found]
-            self._say(f"{self.stage} flow" if found else "no flow",
-                      f"{flow:.2f} ± {self.flow_sigma_ml_per_s:.2f} ml/s after {self.poured_ml:.1f} ml")  # fmt: skip
+            what = f"{self.stage} flow" if found else "no flow"
+            why = f"{flow:.2f} ± {2.0 * slack:.2f} ml/s after {self.poured_ml:.1f} ml"
+            self._say(what, why)
 
     def _say(self, what: str, why: str) -> None:
         self.decisions.add(self._time_s, what, why)

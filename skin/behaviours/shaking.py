@@ -90,7 +90,7 @@ class Shaking:
 
     def __init__(
         self, topology: Topology, names: Iterable[str] | None = None,
-        settings: ShakingSettings = ShakingSettings(),  # noqa: B008
+        settings: ShakingSettings = ShakingSettings(),
     ) -> None:  # fmt: skip
         self.settings = settings
         self.decisions = Decisions()

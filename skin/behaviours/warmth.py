@@ -151,7 +151,7 @@ class Warmth:
 
     def __init__(
         self, topology: Topology, names: Iterable[str] | None = None,
-        settings: WarmthSettings = WarmthSettings(),  # noqa: B008
+        settings: WarmthSettings = WarmthSettings(),
     ) -> None:  # fmt: skip
         self.settings = settings
         self.decisions = Decisions()
@@ -291,8 +291,9 @@ class Warmth:
         in_band = low + slack <= self.inside_c <= high - slack
         if in_band != self.in_band:
             self.in_band = in_band
-            self._say("in band" if in_band else "out of band",
-                      f"{self.inside_c:.1f} ± {sigma:.1f} °C, band {low:g} to {high:g} °C")  # fmt: skip
+            what = "in band" if in_band else "out of band"
+            why = f"{self.inside_c:.1f} ± {sigma:.1f} °C, band {low:g} to {high:g} °C"
+            self._say(what, why)
         sure = max(self.rate_c_per_s - 2.0 * self.rate_sigma_c_per_s, 0.0)
         coming_c = self.inside_c + sure * ask.ahead_s
         over = max(self.inside_c, coming_c) >= ask.limit_c - (sigma if self.over_limit else 0.0)

@@ -61,9 +61,7 @@ def figures_of(seed: int, story: Story) -> dict[str, Any]:
     }
 
 
-def reel_of(
-    story: Story, felt: list[Change], levels_c: dict[str, float], fills: bool
-) -> Reel:
+def reel_of(story: Story, felt: list[Change], levels_c: dict[str, float], fills: bool) -> Reel:
     """A story for its picture."""
     from skin.tasks.play import COLUMNS
     from skin.view.story_picture import Reel, Span

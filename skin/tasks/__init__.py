@@ -1,1 +1,1 @@
-"""Tasks: behaviours composed to stories, by a small file, and the stages that they are played on."""
+"""Tasks: behaviours composed to stories by a small file, and the stages they are played on."""

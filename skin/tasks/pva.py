@@ -57,9 +57,7 @@ def _shake(station: Station, seconds: float, values: dict[str, float]) -> None:
     station.power_w = 0.0
     swell = min(seconds, 1.0)
     turn = 2.0 * math.pi * values.get("frequency_hz", 1.0) * seconds
-    station.hand.shake(
-        station.middle_m + swell * values.get("amplitude_m", 0.01) * math.sin(turn)
-    )
+    station.hand.shake(station.middle_m + swell * values.get("amplitude_m", 0.01) * math.sin(turn))
 
 
 def _put_down(station: Station, seconds: float, values: dict[str, float]) -> None:

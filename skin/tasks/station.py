@@ -1,4 +1,4 @@
-"""Station: a gripper above a bench with a vessel, a flame, a kettle and a person, and what it feels.
+"""Station: a gripper with a vessel, a flame, a kettle and a person, and what it feels.
 
 Everything that happens to the vessel is physics: its mass grows, its surface warms, the person
 pulls. The behaviours know no more than the frames on the bus tell.

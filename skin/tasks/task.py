@@ -247,9 +247,7 @@ class _Check:
             condition = Condition.of(text)
             if condition is None:
                 expected = "a field, a comparison and a number, true, false or a 'word'"
-                self.report.add(
-                    "value", self.source, (*key, i), expected=expected, got=repr(text)
-                )
+                self.report.add("value", self.source, (*key, i), expected=expected, got=repr(text))
             else:
                 self.name((*key, i), condition.field, self.fields, "a field")
 

@@ -13,6 +13,7 @@ from topology.files import whole_file
 
 __all__ = ["Reel", "Span", "save_story"]
 
+TRUTH: Any = {"color": MUTED, "linewidth": 3, "alpha": 0.5}
 LEAST_LABEL = 0.035
 """Share of the whole time from which on a span has its name in it."""
 
@@ -63,7 +64,7 @@ def save_story(path: Path, reel: Reel, title: str) -> None:
     with figure((11.0, 8.4)) as made:
         made.suptitle(title, color=INK)
         steps, warm, force, more, last = made.subplots(
-            5, 1, sharex=True, height_ratios=(0.35, 2.0, 1.6, 1.1, 1.1)
+            5, 1, sharex=True, height_ratios=(0.42, 2.0, 1.6, 1.1, 1.1)
         )
         _draw_steps(steps, reel)
         _draw_warmth(warm, reel)
@@ -85,8 +86,9 @@ def _draw_steps(axes: Any, reel: Reel) -> None:
         share = (span.to_s - span.from_s) / whole
         if share > LEAST_LABEL:
             turned = share < 0.011 * len(span.name)
+            name = span.name.replace(" ", "\n", 1) if turned else span.name
             axes.text(
-                0.5 * (span.from_s + span.to_s), 0.5, span.name, ha="center", va="center",
+                0.5 * (span.from_s + span.to_s), 0.5, name, ha="center", va="center",
                 fontsize=7, rotation=90 if turned else 0, color=INK,
             )  # fmt: skip
     axes.set(ylim=(0.0, 1.0), yticks=[], ylabel="step")
@@ -102,7 +104,12 @@ def _shade(axes: Any, reel: Reel) -> None:
         if span.name in SHADES:
             label = None if span.name in named else f"{span.name}, felt"
             axes.axvspan(
-                span.from_s, span.to_s, color=SHADES[span.name], alpha=0.12, linewidth=0, label=label
+                span.from_s,
+                span.to_s,
+                color=SHADES[span.name],
+                alpha=0.12,
+                linewidth=0,
+                label=label,
             )
             named.add(span.name)
 
@@ -110,7 +117,7 @@ def _shade(axes: Any, reel: Reel) -> None:
 def _draw_warmth(axes: Any, reel: Reel) -> None:
     columns, time_s = reel.columns, reel.columns["time_s"]
     _shade(axes, reel)
-    axes.plot(time_s, columns["true_c"], color=MUTED, linewidth=3, alpha=0.5, label="truth, within")
+    axes.plot(time_s, columns["true_c"], label="truth, within", **TRUTH)
     axes.plot(time_s, columns["inside_c"], color=HUES[1], linewidth=1, label="felt, within")
     axes.plot(time_s, columns["gel_c"], color=INK, linewidth=0.8, linestyle=":", label="gel")
     for name, level_c in reel.levels_c.items():
@@ -123,21 +130,22 @@ def _draw_warmth(axes: Any, reel: Reel) -> None:
 
 def _draw_forces(axes: Any, reel: Reel) -> None:
     columns, time_s = reel.columns, reel.columns["time_s"]
-    for name, label, hue in (("load_n", "Fn by pad", HUES[0]), ("weight_n", "Ft, both pads", HUES[2])):  # fmt: skip
-        axes.plot(time_s, columns[f"true_{name}"], color=MUTED, linewidth=3, alpha=0.5)
+    kinds = ("load_n", "Fn by pad", HUES[0]), ("weight_n", "Ft, both pads", HUES[2])
+    for name, label, hue in kinds:
         axes.plot(time_s, columns[name], color=hue, linewidth=0.7, label=f"{label}, felt")
-    axes.plot([], [], color=MUTED, linewidth=3, alpha=0.5, label="truth")
+        axes.plot(time_s, columns[f"true_{name}"], color=INK, linewidth=1.2, alpha=0.7)
+    axes.plot([], [], color=INK, linewidth=1.2, alpha=0.7, label="truth")
     axes.set_ylabel("force, N")
 
 
 def _draw_pouring(flow: Any, amount: Any, reel: Reel) -> None:
     columns, time_s = reel.columns, reel.columns["time_s"]
-    flow.plot(time_s, columns["true_flow_ml_per_s"], color=MUTED, linewidth=3, alpha=0.5, label="truth")  # fmt: skip
+    flow.plot(time_s, columns["true_flow_ml_per_s"], label="truth", **TRUTH)
     flow.plot(time_s, columns["flow_ml_per_s"], color=HUES[0], linewidth=1, label="flow, felt")
     flow.set_ylabel("flow, ml/s")
     most = float(np.nanmax(columns["true_flow_ml_per_s"]))
     flow.set_ylim(-0.1 * most - 0.1, 1.4 * most + 0.1)
-    amount.plot(time_s, columns["true_poured_ml"], color=MUTED, linewidth=3, alpha=0.5, label="truth")  # fmt: skip
+    amount.plot(time_s, columns["true_poured_ml"], label="truth", **TRUTH)
     amount.plot(time_s, columns["poured_ml"], color=HUES[2], linewidth=1, label="poured, felt")
     amount.set_ylabel("poured, ml")
 
@@ -147,5 +155,5 @@ def _draw_shaking(lift: Any, often: Any, reel: Reel) -> None:
     lift.plot(time_s, 1e3 * columns["lift_m"], color=INK, linewidth=0.8, label="hand, as told")
     lift.set_ylabel("height, mm")
     often.plot(time_s, columns["frequency_hz"], color=HUES[0], linewidth=1, label="felt")
-    often.axhline(1.0, color=MUTED, linewidth=3, alpha=0.5, label="truth, shaken")
+    often.axhline(1.0, label="truth, shaken", **TRUTH)
     often.set(ylabel="frequency, Hz", ylim=(0.9, 1.1))

@@ -135,5 +135,5 @@ def test_what_was_poured_stays_at_the_end(held):
 
 
 def test_flows_out_of_order_are_refused():
-    with pytest.raises(OptionError, match="high_ml_per_s: must be a number from 3.5"):
+    with pytest.raises(OptionError, match=r"high_ml_per_s: must be a number from 3\.5"):
         PouringSettings(high_ml_per_s=1.0)

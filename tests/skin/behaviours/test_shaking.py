@@ -110,5 +110,5 @@ def test_a_magnet_near_a_pad_does_not_look_like_shaking(held):
 
 
 def test_a_band_below_the_window_is_refused():
-    with pytest.raises(OptionError, match="band_low: must be a number from 0.2"):
+    with pytest.raises(OptionError, match=r"band_low: must be a number from 0\.2"):
         ShakingSettings(band_hz=(0.1, 2.0))

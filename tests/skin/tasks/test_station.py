@@ -34,7 +34,8 @@ def test_what_is_poured_is_weighed_and_warms_and_a_person_takes_it():
             assert time_s < 6.0
         mass_kg = station.vessel.mass_kg
         assert station.vessel.poured_kg == pytest.approx(0.02, rel=0.02)
-        assert float(station.world.scene.plant.model.body("glass").mass[0]) == pytest.approx(mass_kg)
+        model = station.world.scene.plant.model
+        assert float(model.body("glass").mass[0]) == pytest.approx(mass_kg)
         true_n, felt_n = before_n
         assert abs(true_n) == pytest.approx(9.81 * mass_kg, rel=0.02)
         assert felt_n == pytest.approx(9.81 * mass_kg, abs=0.7)
