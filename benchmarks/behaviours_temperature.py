@@ -88,7 +88,8 @@ def table(figures: dict[str, Any]) -> str:
         f"done {_share(told['done'])}",
         f"  turns of heating and cooling: {told['turns']}, told after "
         f"{_number(told['turn_delay_s_median'])} s median, "
-        f"{_number(told['turn_delay_s_p95'])} s p95; within 1 s {_share(told['turn_within_1s'])}, onset {_share(told['onset_within_1s'])}; "
+        f"{_number(told['turn_delay_s_p95'])} s p95; within 1 s "
+        f"{_share(told['turn_within_1s'])}, onset {_share(told['onset_within_1s'])}; "
         f"false {told['false_turns']} in {told['seconds']:.0f} s",
         f"  band left, told within 1 °C of it: {_share(told['band_alarm_within_1c'])}, worst "
         f"{_number(told['band_alarm_error_c_worst'])} °C; limit told in time "
