@@ -73,9 +73,9 @@ def table(figures: dict[str, Any]) -> str:
         f"  frequency within 0.02 Hz: {within['rate']:.1%} ({within['lower']:.1%} to "
         f"{within['upper']:.1%}), worst {told['frequency_error_hz_worst']:.3f} Hz, "
         f"{told['frequency_error_sigmas_rms']:.1f} sigma rms; false {told['false_shaken']}; "
-        f"{told['shaking']['us_mean']:.1f} µs a cycle",
+        f"{told['shaking']['us_median']:.1f} µs a cycle",
         f"  weight off the line: {told['arm_error_mm_rms']:.2f} mm rms off, worst "
-        f"{told['arm_error_mm_worst']:.2f} mm; {told['level']['us_mean']:.1f} µs a cycle",
+        f"{told['arm_error_mm_worst']:.2f} mm; {told['level']['us_median']:.1f} µs a cycle",
     ])  # fmt: skip
 
 
