@@ -20,6 +20,8 @@ __all__ = ["SUBCOMMANDS", "demo", "errors_against_truth"]
 SUBCOMMANDS = {
     "grasp": "skin.cli.demo_grasp:demo_grasp",
     "gesture": "skin.cli.demo_gesture:demo_gesture",
+    "pva": "skin.cli.demo_pva:demo_pva",
+    "tea": "skin.cli.demo_tea:demo_tea",
 }
 """Words that stand for commands of their own: module and function."""
 

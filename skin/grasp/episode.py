@@ -30,6 +30,8 @@ class Episode:
         Factors of the units' own, which their calibration does not know of.
     gain : ndarray, shape (3, n)
         What units sense of their displacement: 0 where a unit is dead.
+    gel : ndarray, shape (n,)
+        Factors of the gels' currents, which their calibration does not know of: 1 % is 0.24 °C.
     noise : float
         Factor of the units' noise.
     offset_m, tilt_rad : ndarray, shape (3, n)
@@ -41,6 +43,7 @@ class Episode:
     compliance: float = 1.0
     stiffness: np.ndarray = field(default_factory=lambda: np.ones(1))
     gain: np.ndarray = field(default_factory=lambda: np.ones((3, 1)))
+    gel: np.ndarray = field(default_factory=lambda: np.ones(1))
     noise: float = 1.0
     offset_m: np.ndarray = field(default_factory=lambda: np.zeros((3, 1)))
     tilt_rad: np.ndarray = field(default_factory=lambda: np.zeros((3, 1)))
@@ -53,7 +56,7 @@ class Episode:
         OptionError
             An array of another number of units, or a stiffness that is not above 0.
         """
-        for name in ("stiffness", "gain", "offset_m", "tilt_rad"):
+        for name in ("stiffness", "gain", "gel", "offset_m", "tilt_rad"):
             count = np.shape(getattr(self, name))[-1]
             if count not in (1, topology.n):
                 raise OptionError(
@@ -100,7 +103,7 @@ class Ranges:
     ----------
     friction, mass, compliance : (float, float)
         Factors of every object's.
-    stiffness, gain : (float, float)
+    stiffness, gain, gel : (float, float)
         Factors, unit by unit.
     dead : (float, float)
         Share of units that feel nothing.
@@ -123,6 +126,7 @@ class Ranges:
     compliance: Range = (1.0, 1.0)
     stiffness: Range = (1.0, 1.0)
     gain: Range = (1.0, 1.0)
+    gel: Range = (1.0, 1.0)
     dead: Range = (0.0, 0.0)
     noise: Range = (1.0, 1.0)
     offset_m: Range = (0.0, 0.0)
@@ -159,4 +163,5 @@ class Ranges:
             noise=random.uniform(*self.noise),
             offset_m=random.uniform(*self.offset_m, (3, patches))[:, topology.patch],
             tilt_rad=random.uniform(*self.tilt_rad, (3, patches))[:, topology.patch],
+            gel=random.uniform(*self.gel, n),
         )

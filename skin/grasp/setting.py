@@ -95,6 +95,7 @@ def grasp_scene(
     if step_s is not None:
         _check_step(plant, step_s)
     scaled = {name: drawn.noise * loaded.parameters[name] for name in NOISES}
+    scaled["gel_current_20c_ua"] = drawn.gel * loaded.parameters["gel_current_20c_ua"]
     noisy = dataclasses.replace(loaded, parameters={**loaded.parameters, **scaled})
     units = UnitSimulator(
         noisy,

@@ -145,6 +145,35 @@ class World:
                 check_number(f"push: {where}", value, -1e6, 1e6)
         plant.pushes[plant.model.body(name).id] = [*force_n, *torque_nm]
 
+    def warm(self, name: str, celsius: float) -> None:
+        """Let the surface of an object be as warm as this, from the next cycle on.
+
+        Raises
+        ------
+        OptionError
+            No such object, or no temperature.
+        """
+        check_number("warm: celsius", celsius, -273.15, 1000.0)
+        self.scene.set_temperature(self._object("warm", name), celsius)
+
+    def weigh(self, name: str, mass_kg: float) -> None:
+        """Let an object have this mass, from the next cycle on, spread as it was.
+
+        Raises
+        ------
+        OptionError
+            No such object, or no mass.
+        """
+        check_number("weigh: mass_kg", mass_kg, 1e-6, 1e3)
+        self.scene.plant.set_mass(self._object("weigh", name), mass_kg)
+
+    def _object(self, where: str, name: str) -> int:
+        """Body of an object."""
+        plant = self.scene.plant
+        if name not in plant.objects:
+            raise OptionError.unknown(where, name, plant.objects)
+        return int(plant.object_bodies[plant.objects.index(name)])
+
     def __iter__(self) -> Iterator[State]:
         return iter(self.skin)
 

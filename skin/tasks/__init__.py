@@ -1,1 +1,2 @@
-"""Tasks: behaviours played on the simulator, with the people and the things that they deal with."""
+"""Tasks: behaviours composed to stories by a small file, and the stages, people and things that they
+are played with on the simulator."""

@@ -118,6 +118,18 @@ class Plant:
         self._elapsed_s[0] = 0.0
         self._feel()
 
+    def set_mass(self, body: int, mass_kg: float) -> None:
+        """Let a body weigh more or less from now on, spread as it was."""
+        model = self.model
+        before = float(model.body_mass[body])
+        model.body_mass[body] = mass_kg
+        model.body_inertia[body] *= mass_kg / before
+        while True:
+            model.body_subtreemass[body] += mass_kg - before
+            if body == 0:
+                break
+            body = int(model.body_parentid[body])
+
     def wrench_on(self, body: int) -> np.ndarray:
         """What the skin does to a body, shape (6,): newton, and newton metre about its centre of
         mass."""

@@ -76,6 +76,10 @@ class GraspScene:
         self.truth = self._nothing()
         self._tell(0.0)
 
+    def set_temperature(self, body: int, celsius: float) -> None:
+        """Let the surface of a body be as warm as this from the next instant on."""
+        self._warmth[body] = celsius
+
     def at(self, time_s: float) -> Truth:
         """Go on to `time_s`; see `Scene`. SkinError if time runs backwards, or the engine fails."""
         period_s = time_s - self._time_s

@@ -1,0 +1,212 @@
+"""Kalman filter of a few states, of which one is measured: floats in, floats out, compiled."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import expm, solve_discrete_are
+
+from bus.compiled.jit import compiled
+
+__all__ = ["Kalman", "Noise"]
+
+NOISE_S = 2.0
+"""Time constant of the noise that is learned [assumed]."""
+
+JUDGED_S = 0.12
+"""Time constant of the mean of innovations that tells a change [assumed: an eighth of the second
+in which changes are wanted]."""
+
+OPEN_SIGMAS = 4.0
+"""Of that mean, beyond which what was taken for constant is not [derived: once in half an hour, by
+Gaussian noise; it costs a second of precision then]."""
+
+OPEN_S = (0.2, 0.4, 0.6, 0.8)
+"""How long ago a jump may have been when it shows [assumed: within the second in which changes are
+wanted]."""
+
+MOST_STEPS = 100_000
+"""Steps that are predicted at once; a longer silence tells no more [numeric]."""
+
+
+class Noise:
+    """Variance of white noise on a value that changes slowly, from differences of neighbours.
+
+    Parameters
+    ----------
+    variance : float
+        Before any is heard.
+    period_s : float
+
+    Attributes
+    ----------
+    variance : float
+    """
+
+    def __init__(self, variance: float, period_s: float) -> None:
+        self.variance = variance
+        self._gain = min(1.0, period_s / NOISE_S)
+        self._last = float("nan")
+
+    def update(self, value: float, kept: bool = True) -> None:
+        """Take the next value; NaN for none, and not `kept` where it may have jumped."""
+        off = value - self._last
+        self._last = value
+        if kept and off == off:  # noqa: PLR0124
+            self.variance += self._gain * (0.5 * off * off - self.variance)
+
+
+class Kalman:
+    """Follows m states of ``dx/dt = flows @ x + noise``, and tells where they jump.
+
+    The mean of the innovations over an eighth of a second, in sigmas, is 0 as long as the model
+    holds. Where it is far off, something has changed that was taken for constant: `changed` says
+    so, and its owner opens the covariance of that state.
+
+    Parameters
+    ----------
+    flows : ndarray, shape (m, m)
+        1/s.
+    intensity : ndarray, shape (m, m)
+        Of the white noise, square of the states' units per second.
+    period_s : float
+
+    Attributes
+    ----------
+    x : ndarray, shape (m,)
+    covariance : ndarray, shape (m, m)
+
+    Examples
+    --------
+    >>> level = Kalman(np.zeros((1, 1)), np.zeros((1, 1)), 0.01)
+    >>> level.begin(np.zeros(1), np.array([[100.0]]))
+    >>> level.update(0, 5.0, 1.0)
+    >>> level.x.round(2), level.covariance.round(2)
+    (array([4.95]), array([[0.99]]))
+    """
+
+    def __init__(self, flows: np.ndarray, intensity: np.ndarray, period_s: float) -> None:
+        count = len(flows)
+        # Van Loan, "Computing integrals involving the matrix exponential", 1978
+        block = np.zeros((2 * count, 2 * count))
+        block[:count, :count], block[:count, count:] = -flows, intensity
+        block[count:, count:] = flows.T
+        both = expm(block * period_s)
+        self._step = np.ascontiguousarray(both[count:, count:].T)
+        noise = self._step @ both[:count, count:]
+        self._noise = np.ascontiguousarray(0.5 * (noise + noise.T))
+        self._scratch = np.zeros((count, count))
+        later = np.stack([expm(flows * since_s) for since_s in OPEN_S])
+        self._opened = np.einsum("tak,tbk->kab", later, later) / len(OPEN_S)
+        self._gain = min(1.0, period_s / JUDGED_S)
+        self._scale = ((2.0 - self._gain) / self._gain) ** 0.5
+        self._mean = 0.0
+        self.x = np.zeros(count)
+        self.covariance = np.zeros((count, count))
+
+    def begin(self, x: np.ndarray, covariance: np.ndarray) -> None:
+        """Begin anew from what is known."""
+        self.x[:], self.covariance[:] = x, covariance
+        self._mean = 0.0
+
+    @property
+    def disagreement(self) -> float:
+        """Mean of the innovations, in its own sigmas."""
+        return self._scale * self._mean
+
+    @property
+    def changed(self) -> bool:
+        """Whether the model holds no longer."""
+        return abs(self.disagreement) > OPEN_SIGMAS
+
+    def open(self, row: int, sigma: float) -> None:
+        """One state may have jumped by so much, some time within the last second: learn it anew,
+        and what it has led to since."""
+        self.covariance += sigma * sigma * self._opened[row]
+        self._mean = 0.0
+
+    def restart(self, row: int, value: float, variance: float) -> None:
+        """One state is what it is measured to be, whatever it was before."""
+        self.covariance[row, :] = self.covariance[:, row] = 0.0
+        self.x[row], self.covariance[row, row] = value, variance
+        self._mean = 0.0
+
+    def shift(self, row: int, by: float, variance: float) -> None:
+        """One state is measured from another zero from now on."""
+        self.x[row] += by
+        self.covariance[row, row] += variance
+
+    def update(self, row: int, measured: float, variance: float, steps: int = 1) -> None:
+        """Go on by some periods, and take a measurement of one state; NaN for none."""
+        off = _follow(
+            self._step, self._noise, self._scratch, self.x, self.covariance,
+            (min(steps, MOST_STEPS), row), (measured, variance),
+        )  # fmt: skip
+        self._mean += self._gain * (off - self._mean)
+
+    def settled_sigma(self, row: int, measured: int, variance: float) -> float:
+        """One-sigma that a state settles at, where another is measured with this variance."""
+        picked = np.zeros((len(self.x), 1))
+        picked[measured] = 1.0
+        settled = solve_discrete_are(self._step.T, picked, self._noise, np.eye(1) * variance)
+        column = settled @ picked
+        left = settled - column @ column.T / (settled[measured, measured] + variance)
+        return float(left[row, row]) ** 0.5
+
+    def sigma(self, row: int) -> float:
+        """One-sigma of a state."""
+        return float(self.covariance[row, row]) ** 0.5
+
+
+def follow_python(step, noise, scratch, x, covariance, what, measured):
+    """Predict `what[0]` periods, and correct by a measurement of state `what[1]`.
+
+    Parameters
+    ----------
+    step, noise, scratch, covariance : ndarray, shape (m, m)
+    x : ndarray, shape (m,)
+        Updated in place, as `covariance` is.
+    what : (int, int)
+    measured : (float, float)
+        Value, NaN for none, and variance.
+
+    Returns
+    -------
+    float
+        Innovation over its sigma; 0 where nothing is measured.
+    """
+    count = x.size
+    row = what[1]
+    for _ in range(what[0]):
+        for a in range(count):
+            scratch[0, a] = 0.0
+            for b in range(count):
+                scratch[0, a] += step[a, b] * x[b]
+        for a in range(count):
+            x[a] = scratch[0, a]
+        for a in range(count):
+            for b in range(count):
+                scratch[a, b] = 0.0
+                for c in range(count):
+                    scratch[a, b] += step[a, c] * covariance[c, b]
+        for a in range(count):
+            for b in range(a, count):
+                now = noise[a, b]
+                for c in range(count):
+                    now += scratch[a, c] * step[b, c]
+                covariance[a, b] = covariance[b, a] = now
+    value, variance = measured
+    if np.isnan(value):
+        return 0.0
+    total = covariance[row, row] + variance
+    off = value - x[row]
+    for a in range(count):
+        scratch[0, a] = covariance[a, row]
+    for a in range(count):
+        gain = scratch[0, a] / total
+        x[a] += gain * off
+        for b in range(count):
+            covariance[a, b] -= gain * scratch[0, b]
+    return off / np.sqrt(total)
+
+
+_follow = compiled(follow_python, fastmath=("contract",))

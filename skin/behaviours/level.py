@@ -1,0 +1,153 @@
+"""Level: whether what two pads hold hangs evenly between them, and how far off its middle they are.
+
+Two pads that hold a weight evenly bear half of it each, and feel no torsion. Where the weight is
+nearer to one, that one bears more; where it hangs beside the line between them, it twists them,
+and torsion over weight is how far.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from skin.behaviours.decision import Decisions
+from skin.behaviours.pads import PadLoads, Pads
+from skin.errors import check_numbers
+from skin.state import State
+from topology import Topology
+
+__all__ = ["Level", "LevelSettings"]
+
+LEFT_SIGMAS = 5.0
+"""Beyond a bound, at which what was level is so no longer [derived: not by noise within hours]."""
+
+
+@dataclass(frozen=True)
+class LevelSettings:
+    """When what is held counts as level.
+
+    Attributes
+    ----------
+    most_arm_m : float
+        Between the weight and the line between the pads [assumed: a fifth of the pitch of units].
+    most_imbalance : float
+        Difference of what the two pads bear over their sum [assumed].
+    least_n : float
+        Weight below which nothing is told [assumed: five sigma of two pads].
+    mean_s : float
+        Time constant of the means [derived: 0.3 s take noise of 2 mm to 0.2 mm].
+    down : tuple of 3 float
+        Where weight points, skin frame.
+    """
+
+    most_arm_m: float = 0.0025
+    most_imbalance: float = 0.15
+    least_n: float = 0.5
+    mean_s: float = 0.3
+    down: tuple[float, float, float] = (0.0, 0.0, -1.0)
+
+    def __post_init__(self) -> None:
+        check_numbers(0.0, 1.0, most_arm_m=self.most_arm_m, most_imbalance=self.most_imbalance)
+        check_numbers(1e-3, 1e3, least_n=self.least_n, mean_s=self.mean_s)
+
+
+class Level:
+    """Watches two pads that face each other.
+
+    Parameters
+    ----------
+    topology : Topology
+    names : (str, str), optional
+        Patches; the first two if not given.
+    settings : LevelSettings
+
+    Attributes
+    ----------
+    imbalance, imbalance_sigma : float
+        What the first pad bears of the weight minus what the second does, over their sum; NaN where
+        it is not known.
+    arm_m, arm_sigma_m : float
+        How far the weight is off the line between the pads, along `across`.
+    across : ndarray, shape (3,)
+        Unit vector, skin frame: horizontal, across that line.
+    level, known : bool
+    decisions : Decisions
+    """
+
+    fields = ("imbalance", "imbalance_sigma", "arm_m", "arm_sigma_m", "level", "known")
+
+    def __init__(
+        self, topology: Topology, names: tuple[str, str] | None = None,
+        settings: LevelSettings = LevelSettings(),
+    ) -> None:  # fmt: skip
+        self.settings = settings
+        self.decisions = Decisions()
+        self._pads = Pads(topology, topology.patch_names[:2] if names is None else names)
+        down = np.array(settings.down, float)
+        self._down = down / np.linalg.norm(down)
+        first = topology.patch == topology.patch_names.index(self._pads.names[0])
+        normal = topology.rotation[:, 2, first].mean(axis=1)
+        across = np.cross(self._down, normal)
+        self.across = across / np.linalg.norm(across)
+        self._gain = min(1.0, 1.0 / (settings.mean_s * topology.cycle_rate_hz))
+        self._first_ns: int | None = None
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what was held."""
+        self.imbalance = self.imbalance_sigma = self.arm_m = self.arm_sigma_m = math.nan
+        self.level = self.known = False
+        self._means: list[float] | None = None
+        self._spreads = [0.0, 0.0]
+        self._age = 0
+
+    def update(self, state: State, loads: PadLoads | None = None) -> None:
+        """Look at a cycle; `loads` are those of the same two pads, where somebody has read them."""
+        loads = self._pads.read(state) if loads is None else loads
+        if self._first_ns is None:
+            self._first_ns = state.stamp_ns
+        one, two = (self._down @ loads.force_n).tolist()
+        twist_one, twist_two = loads.torsion_nm.tolist()
+        twist = twist_one - twist_two
+        now = [one - two, one + two, twist]
+        if any(map(math.isnan, now)):
+            self.known = self.level = False
+            return
+        if self._means is None:
+            self._means = now
+        means, gain = self._means, max(self._gain, 1.0 / (self._age + 1))
+        self._age += 1
+        offs = [value - mean for value, mean in zip(now, means, strict=True)]
+        for i, off in enumerate(offs):
+            means[i] += gain * off
+        for i, off in enumerate((offs[0], offs[2])):
+            self._spreads[i] += gain * (off * off - self._spreads[i])
+        self._tell(state, gain)
+
+    def _tell(self, state: State, gain: float) -> None:
+        assert self._means is not None
+        difference, weight, twist = self._means
+        settled = self._age * self._gain >= 1.0
+        self.known = settled and weight > self.settings.least_n
+        if not self.known:
+            self.level = False
+            return
+        self.imbalance, self.arm_m = difference / weight, twist / weight
+        share = 0.5 * gain
+        self.imbalance_sigma = math.sqrt(share * self._spreads[0]) / weight
+        self.arm_sigma_m = math.sqrt(share * self._spreads[1]) / weight
+        ask, slack = self.settings, LEFT_SIGMAS if self.level else 0.0
+        level = (
+            abs(self.arm_m) <= ask.most_arm_m + slack * self.arm_sigma_m
+            and abs(self.imbalance) <= ask.most_imbalance + slack * self.imbalance_sigma
+        )
+        if level != self.level:
+            self.level = level
+            assert self._first_ns is not None
+            self.decisions.add(
+                1e-9 * (state.stamp_ns - self._first_ns), "level" if level else "not level",
+                f"weight {1e3 * self.arm_m:+.1f} ± {1e3 * self.arm_sigma_m:.1f} mm off the line, "
+                f"imbalance {self.imbalance:+.0%}",
+            )  # fmt: skip

@@ -1,0 +1,177 @@
+"""Shaking: how often and how strongly what is held is moved to and fro.
+
+Moved up and down, it weighs more and less. A sine is fitted to the weight of the last seconds, with
+mean and trend, every quarter of a second.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from skin.behaviours.decision import Decisions
+from skin.behaviours.pads import PadLoads, Pads
+from skin.behaviours.sine_fit import FIT_SIZE, fit_sine
+from skin.errors import check_numbers
+from skin.state import State
+from topology import Topology
+
+__all__ = ["Shaking", "ShakingSettings"]
+
+SAMPLES_PER_PERIOD = 8
+"""Of the highest frequency, means that are fitted: a mean over such a part is 3 % too small, which
+is put right [derived]."""
+
+FITS_PER_S = 4.0
+
+
+@dataclass(frozen=True)
+class ShakingSettings:
+    """What to look for.
+
+    Attributes
+    ----------
+    window_s : float
+        That is fitted [derived: 5 s of 1 Hz, a tenth of a newton over noise of half that, leave
+        0.003 Hz].
+    band_hz : (float, float)
+        Lowest and highest frequency, neither included [derived: three periods in the window, and
+        what hands do].
+    sigmas : float
+        Amplitude over its sigma from which on something is periodic; half of it, and it is not
+        [derived: the largest of a hundred of noise stays below 4].
+    least_share : float
+        Of the variance beside the trend that one sine must explain [assumed: the largest of noise
+        alone explains a tenth].
+    direction : tuple of 3 float
+        Along which it is looked for, skin frame: force on the pads.
+    """
+
+    window_s: float = 5.0
+    band_hz: tuple[float, float] = (0.6, 4.0)
+    sigmas: float = 8.0
+    least_share: float = 0.3
+    direction: tuple[float, float, float] = (0.0, 0.0, -1.0)
+
+    def __post_init__(self) -> None:
+        check_numbers(0.1, 1e3, window_s=self.window_s)
+        check_numbers(1.0 / self.window_s, 1e3, band_low=self.band_hz[0])
+        check_numbers(self.band_hz[0], 1e3, band_high=self.band_hz[1])
+        check_numbers(0.0, 1e3, sigmas=self.sigmas)
+        check_numbers(0.0, 1.0, least_share=self.least_share)
+
+
+class Shaking:
+    """Watches the force on pads along a direction.
+
+    Parameters
+    ----------
+    topology : Topology
+    names : iterable of str, optional
+        Patches that hold it; all of them if not given.
+    settings : ShakingSettings
+
+    Attributes
+    ----------
+    frequency_hz, frequency_sigma_hz : float
+        NaN where nothing is periodic.
+    amplitude_n, amplitude_sigma_n : float
+        Of the force: mass times acceleration.
+    shaken : bool
+    decisions : Decisions
+    """
+
+    fields = (
+        "frequency_hz", "frequency_sigma_hz", "amplitude_n", "amplitude_sigma_n", "shaken",
+    )  # fmt: skip
+
+    def __init__(
+        self, topology: Topology, names: Iterable[str] | None = None,
+        settings: ShakingSettings = ShakingSettings(),
+    ) -> None:  # fmt: skip
+        self.settings = settings
+        self.decisions = Decisions()
+        self._pads = Pads(topology, names)
+        along = np.array(settings.direction, float)
+        self._along = tuple((along / np.linalg.norm(along)).tolist())
+        rate_hz = topology.cycle_rate_hz
+        self._cycles = max(1, round(rate_hz / (SAMPLES_PER_PERIOD * settings.band_hz[1])))
+        self._sample_s = self._cycles / rate_hz
+        self._period_ns = 1e9 / rate_hz
+        count = max(16, round(settings.window_s / self._sample_s))
+        self._every = max(1, round(1.0 / (FITS_PER_S * self._sample_s)))
+        self._value, self._weight = np.zeros(count), np.zeros(count)
+        self._scratch = np.zeros((5, 5)), np.zeros(5)
+        self._fit = np.full(FIT_SIZE, np.nan)
+        self._first_ns: int | None = None
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the last seconds."""
+        self._weight[:] = 0.0
+        self._sample, self._sum, self._heard = -1, 0.0, 0
+        self._lose()
+        self.shaken = False
+
+    def update(self, state: State, loads: PadLoads | None = None) -> None:
+        """Look at a cycle; `loads` are those of the same pads, where somebody has read them."""
+        loads = self._pads.read(state) if loads is None else loads
+        if self._first_ns is None:
+            self._first_ns = state.stamp_ns
+        cycle = round((state.stamp_ns - self._first_ns) / self._period_ns)
+        sample = cycle // self._cycles
+        if sample != self._sample:
+            self._next(sample)
+        x, y, z = self._along
+        force = loads.force_n
+        value = x * sum(force[0].tolist()) + y * sum(force[1].tolist()) + z * sum(force[2].tolist())
+        if value == value:  # noqa: PLR0124
+            self._sum += value
+            self._heard += 1
+
+    def _next(self, sample: int) -> None:
+        """Put a mean into the ring, and nothing in place of those that lack."""
+        count = self._value.size
+        before = self._sample
+        if before >= 0:
+            place = before % count
+            self._value[place] = self._sum / self._heard if self._heard else 0.0
+            self._weight[place] = self._heard / self._cycles
+            for missed in range(max(before + 1, sample - count), sample):
+                self._weight[missed % count] = 0.0
+            if sample // self._every != before // self._every:
+                self._judge(sample)
+        self._sample, self._sum, self._heard = sample, 0.0, 0
+
+    def _judge(self, sample: int) -> None:
+        fit_sine(
+            self._value, self._weight, sample % self._value.size, self._sample_s,
+            self.settings.band_hz, *self._scratch, self._fit,
+        )  # fmt: skip
+        hz, hz_sigma, amplitude, sigma, _, _, share, _ = self._fit.tolist()
+        need = self.settings.sigmas * (0.5 if self.shaken else 1.0)
+        low_hz, high_hz = self.settings.band_hz
+        is_within = low_hz < hz < high_hz  # at an end, what moves is slower or faster
+        shaken = is_within and amplitude > need * sigma and share > self.settings.least_share
+        if shaken:
+            angle = math.pi * hz * self._sample_s
+            damped = math.sin(angle) / angle
+            self.frequency_hz, self.frequency_sigma_hz = hz, hz_sigma
+            self.amplitude_n, self.amplitude_sigma_n = amplitude / damped, sigma / damped
+        else:
+            self._lose()
+        if shaken != self.shaken:
+            self.shaken = shaken
+            self.decisions.add(
+                1e-9 * self._period_ns * sample * self._cycles,
+                "shaken" if shaken else "not shaken",
+                f"{hz:.3f} ± {hz_sigma:.3f} Hz, {amplitude:.3f} ± {sigma:.3f} N, "
+                f"{share:.0%} of what moves",
+            )  # fmt: skip
+
+    def _lose(self) -> None:
+        self.frequency_hz = self.frequency_sigma_hz = math.nan
+        self.amplitude_n = self.amplitude_sigma_n = math.nan

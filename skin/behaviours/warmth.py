@@ -1,0 +1,312 @@
+"""Warmth: how warm what is held really is, whether it is heated or cools, and whether it may.
+
+The gel lags what touches it by seconds, and a wall lags what is behind it. Both lags are known, so
+that a Kalman filter can go back through them: its states are the temperature within, its rate, the
+wall's surface and the gel. The surface is what a person would touch, the temperature within is what
+matters to a solution or to tea. A rate is taken for constant until the gels disagree; phases turn
+where it is beyond its own noise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from skin.behaviours.decision import Decisions
+from skin.behaviours.gel import SMOOTH_S, Gel, GelMean
+from skin.behaviours.kalman import Kalman, Noise
+from skin.errors import check_numbers
+from skin.state import State
+from topology import Topology
+
+__all__ = ["Warmth", "WarmthSettings"]
+
+INSIDE, RATE, WALL, GEL = range(4)
+
+FIRST_SIGMA_C, WALL_SIGMA_C = 30.0, 2.0
+"""At the first touch: of what is within, and of what the wall differs from it [assumed: any cup,
+that has stood for a while]."""
+
+FIRST_RATE_C_PER_S = 1.0
+"""One-sigma of the rate at the first touch [assumed]."""
+
+KNOWN_SIGMA_C = 1.0
+"""One-sigma up to which the temperature counts as known [assumed: a tenth of the usual bands]."""
+
+JUMP_ERROR = 0.02
+"""Share of a jump of the mean gel, where the set of units changes, that may be wrong [assumed]."""
+
+JUMPED_S = 2.0
+"""After a rate has changed, in which its sign is enough to say which way [assumed]."""
+
+
+@dataclass(frozen=True)
+class WarmthSettings:
+    """What is known of the contact, and what is watched.
+
+    Attributes
+    ----------
+    gel_lag_s : float
+        Lag of the gel behind what touches it [1-D heat model, assumed].
+    wall_lag_s : float
+        Lag of the outer face of what is held behind its contents: of 1 mm of glass [derived: d²/a];
+        0.05 for something massive.
+    wall_sigma : float
+        Share of what is within, above where the gel began, that the outer face may lack: one-sigma
+        [assumed: a cup in still air].
+    jump_c_per_s : float
+        By how much a rate may jump: one-sigma [assumed: a burner that is lit under a beaker].
+    drift_c_per_s15 : float
+        How fast it changes otherwise: its one-sigma after a second [assumed: cooling by 40 K with a
+        time constant of half a minute].
+    noise_c : float
+        One-sigma of the noise of a unit's temperature, before it is learned [assumed].
+    turn_sigmas : float
+        Rate over its sigma at which a phase begins, or half of it after the gels have disagreed;
+        below half of it, it ends [derived: once in four hours by noise].
+    band_c : (float, float)
+        Wanted [paper: 60 to 75 °C for PVA].
+    limit_c : float
+        Never to be passed [paper: 90 °C].
+    hot_c : float
+        Surface from which on a person is to be warned [ISO 13732-1: a minute's contact].
+    ahead_s : float
+        How long before the limit is reached, at this rate, it is told [assumed].
+    """
+
+    gel_lag_s: float = 4.0
+    wall_lag_s: float = 1.0
+    wall_sigma: float = 0.005
+    jump_c_per_s: float = 2.0
+    drift_c_per_s15: float = 0.04
+    noise_c: float = 0.05
+    turn_sigmas: float = 4.0
+    band_c: tuple[float, float] = (60.0, 75.0)
+    limit_c: float = 90.0
+    hot_c: float = 51.0
+    ahead_s: float = 2.0
+
+    def __post_init__(self) -> None:
+        check_numbers(1e-3, 1e3, gel_lag_s=self.gel_lag_s, wall_lag_s=self.wall_lag_s)
+        check_numbers(1e-6, 1e3, jump_c_per_s=self.jump_c_per_s, noise_c=self.noise_c)
+        check_numbers(1e-6, 1e3, drift_c_per_s15=self.drift_c_per_s15)
+        check_numbers(1e-3, 100.0, turn_sigmas=self.turn_sigmas)
+        check_numbers(0.0, 1e3, ahead_s=self.ahead_s)
+        check_numbers(0.0, 1.0, wall_sigma=self.wall_sigma)
+        low, high = self.band_c
+        check_numbers(-273.15, 1e4, band_low=low, limit_c=self.limit_c, hot_c=self.hot_c)
+        check_numbers(low, 1e4, band_high=high)
+
+
+class Warmth:
+    """Watches the temperature of what pads hold.
+
+    Parameters
+    ----------
+    topology : Topology
+    names : iterable of str, optional
+        Patches that hold it; all of them if not given.
+    settings : WarmthSettings
+
+    Attributes
+    ----------
+    inside_c, sigma_c : float
+        Temperature within, and its one-sigma; NaN before anything is touched.
+    rate_c_per_s, rate_sigma_c_per_s : float
+        Its rise.
+    surface_c : float
+        Of the outer face: contact temperature, without the gel's lag.
+    gel_c : float
+        As the units tell it, mean; NaN where none is heard.
+    phase : str
+        "unknown", "steady", "heating" or "cooling".
+    phase_began_s : float
+        Since the first cycle: when the rate crossed zero, before it was beyond its noise.
+    in_band, over_limit, hot, known : bool
+        Within the band; at the limit, or so within `ahead_s`; too hot to be touched; sigma is below
+        1 °C. What is not known counts as over the limit and as hot where it was last known so.
+    jumps : int
+        How often the rate has been found to have changed.
+    decisions : Decisions
+
+    Examples
+    --------
+    ::
+
+        warmth = Warmth(skin.topology)
+        for state in skin:
+            warmth.update(state)
+            if warmth.over_limit:
+                flame.off()
+    """
+
+    fields = (
+        "inside_c", "sigma_c", "rate_c_per_s", "rate_sigma_c_per_s", "surface_c", "gel_c", "phase",
+        "in_band", "over_limit", "hot", "known",
+    )  # fmt: skip
+    """Attributes that a task may ask for."""
+
+    def __init__(
+        self, topology: Topology, names: Iterable[str] | None = None,
+        settings: WarmthSettings = WarmthSettings(),
+    ) -> None:  # fmt: skip
+        self.settings = settings
+        self.decisions = Decisions()
+        self._gel = Gel(topology, names)
+        self._period_s = 1.0 / topology.cycle_rate_hz
+        flows = np.zeros((4, 4))
+        flows[INSIDE, RATE] = 1.0
+        for row, above, lag_s in ((WALL, INSIDE, settings.wall_lag_s),
+                                  (GEL, WALL, settings.gel_lag_s)):  # fmt: skip
+            flows[row, row], flows[row, above] = -1.0 / lag_s, 1.0 / lag_s
+        intensity = np.zeros((4, 4))
+        intensity[RATE, RATE] = settings.drift_c_per_s15**2
+        self._filter = Kalman(flows, intensity, self._period_s)
+        self._settled_c_per_s = self._filter.settled_sigma(
+            RATE, GEL, settings.noise_c**2 / topology.n
+        )
+        self._first_ns: int | None = None
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what was held."""
+        nan = math.nan
+        self.inside_c = self.sigma_c = self.rate_c_per_s = self.rate_sigma_c_per_s = nan
+        self.surface_c = self.gel_c = self.phase_began_s = nan
+        self._rate_before = self._crossed_s = 0.0
+        self._jumped_s = -math.inf
+        self.phase = "unknown"
+        self.in_band = self.over_limit = self.hot = self.known = False
+        self._last_ns: int | None = None
+        self.jumps = 0
+        self._free_s, self._is_free = 0.0, False
+        self._spread_c = 0.0
+        self._gel.reset()
+
+    def update(self, state: State) -> None:
+        """Look at a cycle."""
+        if self._first_ns is None:
+            self._first_ns = state.stamp_ns
+        self._time_s = 1e-9 * (state.stamp_ns - self._first_ns)
+        gel = self._gel.read(state)
+        self.gel_c = gel.mean_c
+        if self._last_ns is None:
+            if gel.count:
+                self._begin(gel)
+                self._last_ns = state.stamp_ns
+            return
+        steps = max(round(1e-9 * (state.stamp_ns - self._last_ns) / self._period_s), 0)
+        self._last_ns = state.stamp_ns
+        self._free_s = 0.0 if gel.touched else self._free_s + steps * self._period_s
+        if self._free_s > self.settings.gel_lag_s:
+            self.decisions.add(self._time_s, "nothing is held", f"for {self._free_s:.1f} s")
+            self.reset()
+            return
+        self._follow(gel, steps)
+        self._turn()
+        self._watch()
+
+    def _begin(self, gel: GelMean) -> None:
+        own, between = FIRST_SIGMA_C**2, WALL_SIGMA_C**2
+        covariance = np.zeros((4, 4))
+        covariance[INSIDE, INSIDE] = covariance[INSIDE, WALL] = covariance[WALL, INSIDE] = own
+        covariance[WALL, WALL] = own + between
+        covariance[RATE, RATE] = FIRST_RATE_C_PER_S**2
+        covariance[GEL, GEL] = self.settings.noise_c**2
+        self._filter.begin(np.array([gel.mean_c, 0.0, gel.mean_c, gel.mean_c]), covariance)
+        self._noise = Noise(self.settings.noise_c**2 / gel.count, self._period_s)
+        self._spread_c, self._room_c = gel.sigma_c, gel.mean_c
+        self.decisions.add(self._time_s, "touched", f"gel at {gel.mean_c:.1f} °C")
+
+    def _follow(self, gel: GelMean, steps: int) -> None:
+        filter, noise = self._filter, self._noise
+        noise.update(gel.mean_c, not gel.changed)
+        if self._is_free and gel.count:
+            filter.update(GEL, math.nan, 1.0, steps)
+            filter.restart(GEL, gel.mean_c, noise.variance)
+            steps = 0
+        elif gel.changed:
+            # smoothed differences are late, and differences fall with the gel's lag
+            jump_c = gel.jump_c * math.exp(-SMOOTH_S / self.settings.gel_lag_s)
+            filter.shift(GEL, jump_c, noise.variance + (JUMP_ERROR * jump_c) ** 2)
+        if gel.count:
+            self._spread_c = gel.sigma_c
+        if steps:
+            filter.update(GEL, gel.mean_c, noise.variance, steps)
+        if gel.touched == 0:
+            self._is_free = True
+        elif gel.count:
+            self._is_free = False
+        if filter.changed:
+            filter.open(RATE, self.settings.jump_c_per_s)
+            self.jumps += 1
+            self._jumped_s = self._time_s
+        self.inside_c, self.rate_c_per_s, self.surface_c, _ = filter.x.tolist()
+        lost_c = self.settings.wall_sigma * (self.inside_c - self._room_c)
+        self.sigma_c = math.hypot(filter.sigma(INSIDE), self._spread_c, lost_c)
+        self.rate_sigma_c_per_s = filter.sigma(RATE)
+        self.known = self.sigma_c < KNOWN_SIGMA_C
+
+    def _turn(self) -> None:
+        """Heating, cooling or steady, as far as the rate is beyond its noise."""
+        if not self.known:
+            return
+        rate, sigma = self.rate_c_per_s, self.rate_sigma_c_per_s
+        most, settled = self.settings.turn_sigmas, self._settled_c_per_s
+        found = self.phase
+        way = "heating" if rate > 0.0 else "cooling"
+        if (rate > 0.0) != (self._rate_before > 0.0):
+            self._crossed_s = self._time_s
+        self._rate_before = rate
+        jumped = self._time_s - self._jumped_s < JUMPED_S  # that it changed is known: which way?
+        if abs(rate) > most * (0.5 if jumped else 1.0) * max(sigma, settled):
+            found = way
+        elif sigma < 2.0 * settled and abs(rate) < 0.5 * most * settled:
+            found = "steady"
+        if found != self.phase:
+            self.phase = found
+            self.phase_began_s = self._time_s if found == "steady" else self._crossed_s
+            self.decisions.add(
+                self._time_s, found, f"{self.rate_c_per_s:+.2f} ± {self.rate_sigma_c_per_s:.2f} "
+                f"°C/s at {self.inside_c:.1f} °C",
+            )  # fmt: skip
+
+    def _watch(self) -> None:
+        """Band, limit and a surface too hot, each with a sigma of hysteresis; what is not known
+        stays as it was, and the limit is then taken for passed."""
+        ask, sigma = self.settings, self.sigma_c
+        if not self.known:
+            if self.over_limit:
+                return
+            coming_c = self.inside_c + sigma
+            if self.phase != "unknown" and coming_c >= ask.limit_c:
+                self.over_limit = True
+                self._say("limit", f"not known: {self.inside_c:.1f} ± {sigma:.1f} °C")
+            return
+        low, high = ask.band_c
+        slack = -sigma if self.in_band else 0.0
+        in_band = low + slack <= self.inside_c <= high - slack
+        if in_band != self.in_band:
+            self.in_band = in_band
+            what = "in band" if in_band else "out of band"
+            why = f"{self.inside_c:.1f} ± {sigma:.1f} °C, band {low:g} to {high:g} °C"
+            self._say(what, why)
+        sure = max(self.rate_c_per_s - 2.0 * self.rate_sigma_c_per_s, 0.0)
+        coming_c = self.inside_c + sure * ask.ahead_s
+        over = max(self.inside_c, coming_c) >= ask.limit_c - (sigma if self.over_limit else 0.0)
+        if over != self.over_limit:
+            self.over_limit = over
+            self._say("limit" if over else "below limit",
+                      f"{self.inside_c:.1f} °C, {coming_c:.1f} °C in {ask.ahead_s:g} s; limit "
+                      f"{ask.limit_c:g} °C")  # fmt: skip
+        hot = self.surface_c >= ask.hot_c - (sigma if self.hot else 0.0)
+        if hot != self.hot:
+            self.hot = hot
+            self._say("hot" if hot else "not hot",
+                      f"surface {self.surface_c:.1f} °C, limit {ask.hot_c:g} °C")  # fmt: skip
+
+    def _say(self, what: str, why: str) -> None:
+        self.decisions.add(self._time_s, what, why)

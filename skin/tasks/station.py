@@ -1,0 +1,264 @@
+"""Station: a gripper with a vessel, a flame, a kettle and a person, and what it feels.
+
+Everything that happens to the vessel is physics: its mass grows, its surface warms, the person
+pulls. The behaviours know no more than the frames on the bus tell.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from skin.behaviours.level import Level
+from skin.behaviours.pads import Pads
+from skin.behaviours.pouring import Pouring, PouringSettings, water_density
+from skin.behaviours.shaking import Shaking
+from skin.behaviours.warmth import Warmth, WarmthSettings
+from skin.errors import OptionError
+from skin.grasp.episode import Episode
+from skin.grasp.world import World, grasp
+from skin.sim.engine.object import GraspObject
+from skin.state import State
+from skin.tasks.hand import Hand
+from skin.tasks.vessel import Vessel, VesselSettings
+
+__all__ = ["DROPPED_M", "Person", "Setting", "Station"]
+
+BENCH_M = -0.05
+CLEAR_M = 5e-4
+"""Between the vessel and the bench at the start [numeric]."""
+
+DROPPED_M = 0.01
+"""How far it may slide down the pads."""
+
+TAP_LAG_S = 0.1
+"""Of a tap that is closed [assumed]."""
+
+TAKEN_S, TAKEN_SHARE = 0.1, 0.5
+"""Time constant of the weight, and share of what was offered below which it is taken [assumed]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setting:
+    """What differs from one run to the next.
+
+    Attributes
+    ----------
+    thing : GraspObject
+        Its mass is that of the vessel.
+    vessel : VesselSettings
+    hot_c : float
+        Of the kettle's water.
+    warmth, pouring : settings of the behaviours
+    """
+
+    thing: GraspObject
+    vessel: VesselSettings = field(default_factory=VesselSettings)
+    hot_c: float = 88.0
+    warmth: WarmthSettings = field(default_factory=WarmthSettings)
+    pouring: PouringSettings = field(default_factory=PouringSettings)
+
+
+@dataclass
+class Person:
+    """Takes what is offered: bears a share of its weight that grows, and holds it where it is.
+
+    Attributes
+    ----------
+    rise_s : float
+        In which the share grows to all of it.
+    stiffness_n_per_m, damping_ns_per_m : float
+        Of the arm.
+    share : float
+        Now.
+    """
+
+    rise_s: float = 0.5
+    stiffness_n_per_m: float = 150.0
+    damping_ns_per_m: float = 15.0
+    share: float = 0.0
+    _at: np.ndarray | None = None
+
+    def force(self, dt_s: float, position: np.ndarray, velocity: np.ndarray, weight_n: float):
+        """On the vessel, newton, shape (3,)."""
+        if self._at is None:
+            self._at = position.copy()
+        self.share = min(self.share + dt_s / self.rise_s, 1.0)
+        spring = self.stiffness_n_per_m * (self._at - position)
+        force = spring - self.damping_ns_per_m * velocity
+        force[2] += weight_n
+        return self.share * force
+
+
+class Station:
+    """A world with a vessel and all behaviours; iterate over `cycles`.
+
+    Attributes
+    ----------
+    world : World
+    vessel : Vessel
+    hand : Hand
+    warmth, pouring, shaking, level
+        Behaviours, updated every cycle.
+    power_w, flow_ml_per_s : float
+        What the flame and the tap are set to.
+    burner_w, tap_ml_per_s, person_rise_s : float
+        What the flame gives where it is lit, the tap where it is open, and in what time a person
+        takes the weight.
+    off_centre_m, middle_m : float
+        What a task remembers: how far the weight was off, and about which height it shakes.
+    person : Person or None
+        Who takes the vessel.
+    time_s, started_s : float
+        Now, and of the first cycle.
+    released : bool
+        Whether it has been let go to a person.
+    taken : bool
+        Whether a person seems to bear what is held.
+    """
+
+    fields = ("time_s", "flow_ml_per_s", "power_w", "released", "taken", "coming_c")
+
+    def __init__(
+        self, setting: Setting, *, seed: int = 0, episode: Episode | None = None, pace: bool = False
+    ) -> None:
+        self.setting = setting
+        self.vessel = Vessel(setting.vessel)
+        thing = replace(
+            setting.thing,
+            mass_kg=self.vessel.mass_kg,
+            position_m=(*setting.thing.position_m[:2], BENCH_M + _height(setting.thing) + CLEAR_M),
+            temperature_c=self.vessel.wall_c,
+        )
+        self.name = thing.name
+        self.world: World = grasp(
+            Path(__file__).with_name("station.xml"), "gripper", objects=[thing], episode=episode,
+            seed=seed, pace=pace, want=("force", "temperature", "sigma"),
+        )  # fmt: skip
+        topology = self.world.skin.topology
+        self._period_s = 1.0 / topology.cycle_rate_hz
+        self._pads = Pads(topology)
+        self.hand = Hand(self.world)
+        self.warmth = Warmth(topology, settings=setting.warmth)
+        self.pouring = Pouring(topology, settings=setting.pouring, warmth=self.warmth)
+        self.shaking = Shaking(topology)
+        self.level = Level(topology)
+        self.power_w = self.flow_ml_per_s = self.time_s = 0.0
+        self.burner_w = self.tap_ml_per_s = 0.0
+        self.person_rise_s = 0.5
+        self.off_centre_m = self.middle_m = 0.0
+        self.taken, self._offered_n, self._borne_n = False, math.nan, math.nan
+        self.started_s = math.nan
+        self.person: Person | None = None
+        self.released = False
+        self.slid_m = 0.0
+        self._start_m: float | None = None
+
+    def feels(self) -> dict[str, object]:
+        """Behaviours, by the first word of a field."""
+        return {
+            "warmth": self.warmth, "pouring": self.pouring, "shaking": self.shaking,
+            "level": self.level, "hand": self.hand, "station": self,
+        }  # fmt: skip
+
+    @classmethod
+    def known_fields(cls) -> list[str]:
+        """All of their fields."""
+        kinds = {
+            "warmth": Warmth, "pouring": Pouring, "shaking": Shaking, "level": Level,
+            "hand": Hand, "station": cls,
+        }  # fmt: skip
+        return [f"{word}.{name}" for word, kind in kinds.items() for name in kind.fields]
+
+    def update(self, state: State) -> None:
+        """Let the behaviours look at a cycle; the hand is moved by `act`."""
+        self.time_s = self.world.time_s
+        if math.isnan(self.started_s):
+            self.started_s = self.time_s
+        self.loads = self._pads.read(state)
+        self.warmth.update(state)
+        for behaviour in (self.pouring, self.shaking, self.level):
+            behaviour.update(state, self.loads)
+
+    def act(self) -> None:
+        """Move the hand, and let the world go on."""
+        self.hand.update(self.loads)
+        vessel, dt_s = self.vessel, self._period_s
+        flow = 1e-3 * self.flow_ml_per_s
+        vessel.step(dt_s, power_w=self.power_w, flow_kg_per_s=flow, hot_c=self.setting.hot_c)
+        self.world.warm(self.name, vessel.wall_c)
+        if vessel.flow_kg_per_s > 1e-7:
+            self.world.weigh(self.name, vessel.mass_kg)
+        truth = self.world.truth
+        position = truth.position[:, 0]
+        if self.person is not None:
+            weight_n = 9.81 * vessel.mass_kg
+            force = self.person.force(dt_s, position, truth.velocity[:3, 0], weight_n)
+            self.world.push(self.name, force)
+        height = float(position[2]) - self.world.joints["lift"]
+        if self.hand.held and self._start_m is None:
+            self._start_m = height
+        if self._start_m is not None and not self.released:
+            self.slid_m = max(self.slid_m, self._start_m - height)
+
+    def offer(self) -> None:
+        """From now on, see whether somebody takes what is held."""
+        self._offered_n = self._borne_n = math.nan
+        self.taken = False
+
+    def watch_taking(self) -> None:
+        """Whether half of what hung there is borne by somebody else: the place of a better one."""
+        weight_n = self.pouring.weight_n
+        if math.isnan(weight_n):
+            return
+        if math.isnan(self._offered_n):
+            self._offered_n = self._borne_n = weight_n
+        self._offered_n = max(self._offered_n, self._borne_n)
+        self._borne_n += (weight_n - self._borne_n) * self._period_s / TAKEN_S
+        self.taken = self._borne_n < TAKEN_SHARE * self._offered_n
+
+    @property
+    def coming_c(self) -> float:
+        """What the temperature within will come to when the tap is closed now: it lags."""
+        return self.warmth.inside_c + TAP_LAG_S * self.warmth.rate_c_per_s
+
+    @property
+    def true_poured_ml(self) -> float:
+        """Since the start, at the temperature that it has now."""
+        return 1e3 * self.vessel.poured_kg / water_density(self.vessel.water_c)
+
+    def regripped(self) -> None:
+        """What is held is held anew: slides count from here."""
+        self._start_m = None
+
+    @property
+    def dropped(self) -> bool:
+        """Whether the vessel slid down the pads, or fell."""
+        fell = self.world.truth.position[2, 0] < BENCH_M - 0.01
+        return self.slid_m > DROPPED_M or bool(fell)
+
+    @property
+    def tilt_deg(self) -> float:
+        """Of the vessel from upright."""
+        return math.degrees(math.acos(min(1.0, float(self.world.truth.rotation[2, 2, 0]))))
+
+    def close(self) -> None:
+        """Close the world."""
+        self.world.close()
+
+    def __enter__(self) -> Station:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+
+def _height(thing: GraspObject) -> float:
+    if thing.shape == "box":
+        return thing.size_m[2]
+    if thing.shape == "cylinder":
+        return thing.size_m[1]
+    raise OptionError(f"thing: must be a box or a cylinder; got {thing.shape!r}")

@@ -1,0 +1,74 @@
+"""The filter against batch least squares, and against noise that is made up."""
+
+import numpy as np
+import pytest
+
+from skin.behaviours.kalman import Kalman, Noise
+
+
+def test_a_ramp_is_that_of_least_squares():
+    random = np.random.default_rng(1)
+    period_s, count, sigma = 0.01, 300, 0.2
+    times = period_s * np.arange(1, count + 1)
+    values = 3.0 + 2.0 * times + random.normal(0.0, sigma, count)
+    filter = Kalman(np.array([[0.0, 1.0], [0.0, 0.0]]), np.zeros((2, 2)), period_s)
+    filter.begin(np.zeros(2), 1e8 * np.eye(2))
+    for value in values:
+        filter.update(0, value, sigma**2)
+    design = np.stack([np.ones(count), times - times[-1]], axis=1)
+    expected = np.linalg.lstsq(design, values, rcond=None)[0]
+    np.testing.assert_allclose(filter.x, expected, rtol=1e-5)
+    covariance = sigma**2 * np.linalg.inv(design.T @ design)
+    np.testing.assert_allclose(filter.covariance, covariance, rtol=1e-4)
+
+
+def test_a_silence_of_many_periods_is_as_that_many_of_one():
+    one, many = (Kalman(np.array([[0.0, 1.0], [0.0, -0.5]]), np.eye(2), 0.02) for _ in range(2))
+    for filter in (one, many):
+        filter.begin(np.array([1.0, 2.0]), np.eye(2))
+    for _ in range(50):
+        one.update(0, np.nan, 1.0)
+    many.update(0, np.nan, 1.0, 50)
+    np.testing.assert_allclose(one.x, many.x)
+    np.testing.assert_allclose(one.covariance, many.covariance)
+    # of a walk: the variance is the time
+    assert one.covariance[1, 1] == pytest.approx(np.exp(-1.0) + 1.0 - np.exp(-1.0), rel=1e-3)
+
+
+def test_the_settled_sigma_is_where_it_settles():
+    filter = Kalman(np.array([[0.0, 1.0], [0.0, 0.0]]), np.diag([0.0, 0.01]), 0.01)
+    filter.begin(np.zeros(2), np.eye(2))
+    for _ in range(5000):
+        filter.update(0, 0.0, 0.04)
+    assert filter.sigma(1) == pytest.approx(filter.settled_sigma(1, 0, 0.04), rel=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_jump_is_told_and_noise_is_not(seed):
+    random = np.random.default_rng(seed)
+    filter = Kalman(np.zeros((1, 1)), np.zeros((1, 1)), 0.004)
+    filter.begin(np.zeros(1), np.array([[0.01]]))
+    told = 0
+    for _ in range(5000):
+        filter.update(0, random.normal(), 1.0)
+        told += filter.changed
+    assert told < 20  # a few cycles in a row at most, in 20 s
+    filter.begin(np.zeros(1), np.array([[0.01]]))
+    count = 0
+    while not filter.changed:
+        filter.update(0, 1.0 + random.normal(), 1.0)
+        count += 1
+        assert count < 100
+    filter.open(0, 1.0)
+    for _ in range(1000):
+        filter.update(0, 1.0 + random.normal(), 1.0)
+    assert filter.x[0] == pytest.approx(1.0, abs=0.15)
+
+
+def test_noise_is_learned_from_neighbours_and_jumps_are_left_out():
+    random = np.random.default_rng(3)
+    noise = Noise(1.0, 0.004)
+    for k in range(5000):
+        jumped = k % 100 == 0
+        noise.update(100.0 * (k // 100) + random.normal(0.0, 0.1), not jumped)
+    assert noise.variance == pytest.approx(0.01, rel=0.15)

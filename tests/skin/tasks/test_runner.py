@@ -1,0 +1,105 @@
+"""The runner against stories told by hand."""
+
+import math
+from types import SimpleNamespace
+
+from skin.tasks.runner import Runner
+from skin.tasks.task import Alarm, Step, Task
+
+
+class Told:
+    """A runner whose fields are set by hand."""
+
+    def __init__(self, steps, alarms=()):
+        self.feels = SimpleNamespace(value=0.0, good=True)
+        self.done = []
+
+        def action(name):
+            return lambda seconds, values: self.done.append((name, round(seconds, 3), values))
+
+        task = Task(format=1, name="told", steps=list(steps), alarms=list(alarms))
+        self.runner = Runner(task, {"it": self.feels}, {n: action(n) for n in ("do", "stop")})
+        self.time_s = 10.0
+
+    def go(self, seconds=0.1, **fields):
+        for name, value in fields.items():
+            setattr(self.feels, name, value)
+        for _ in range(round(seconds / 0.1)):
+            self.runner.update(self.time_s)
+            self.time_s += 0.1
+        return self.runner.step
+
+
+def step(name, until=("it.value >= 1",), do="do", **more):
+    return Step(name=name, do=do, until=list(until), **more)
+
+
+def test_steps_follow_each_other_and_say_why():
+    told = Told([step("a"), step("b", ("it.value >= 2",))])
+    assert told.go(0.5) == "a"
+    assert told.go(value=1.0) == "b"
+    told.go(value=2.5)
+    assert told.runner.outcome == "done"
+    assert [passed.name for passed in told.runner.timeline] == ["a", "b"]
+    assert told.runner.timeline[1].why == "it.value >= 2 (is 2.5)"
+    assert told.done[0] == ("do", 0.0, {})
+    assert told.done[1][1] == 0.1
+    assert told.done[-1][1] == 0.0  # each step counts its own seconds
+
+
+def test_what_is_not_known_does_not_end_a_step():
+    told = Told([step("a")])
+    assert told.go(1.0, value=math.nan) == "a"
+    assert told.runner.outcome == ""
+
+
+def test_a_condition_may_have_to_last():
+    told = Told([step("a", lasting_s=0.25), step("b")])
+    assert told.go(0.3, value=1.0) == "a"
+    assert told.go(0.1, value=0.0) == "a"
+    assert told.go(0.3, value=1.0) == "a"
+    assert told.go(0.1) == "b"
+
+
+def test_a_step_that_takes_too_long_fails_over_and_the_task_with_it():
+    told = Told([
+        step("a", timeout_s=0.5, on_failure="c"), step("b"),
+        step("c", ("step.seconds >= 0.2",), do="stop"),
+    ])  # fmt: skip
+    told.go(2.0)
+    assert told.runner.outcome == "failed"
+    assert told.runner.why == "a: not within 0.5 s: it.value >= 1 (is 0)"
+    assert [passed.name for passed in told.runner.timeline] == ["a", "c"]
+    assert any(name == "stop" for name, _, _ in told.done)
+
+
+def test_a_step_is_repeated_so_often():
+    told = Told([
+        step("a", ("step.seconds >= 0.1",)), step("b", ("step.seconds >= 0.1",), next="a", times=3),
+        step("c", ("step.seconds >= 0.1",)),
+    ])  # fmt: skip
+    told.go(5.0)
+    assert "".join(passed.name for passed in told.runner.timeline) == "abababc"
+    assert told.runner.outcome == "done"
+
+
+def test_an_alarm_is_heard_in_every_step_but_those_it_names():
+    alarm = Alarm(when=["it.good == false"], to="c", why="not good", not_in=["b"])
+    steps = [step("a"), step("b"), step("c", ("step.seconds >= 0.1",), do="stop")]
+    told = Told(steps, [alarm])
+    told.go(0.2)
+    assert told.go(0.1, good=False) == "c"
+    told.go(1.0)
+    assert told.runner.outcome == "failed"
+    assert "alarm, not good: it.good == false (is False)" in told.runner.why
+    other = Told(steps, [alarm])
+    assert other.go(0.1, value=1.0) == "b"
+    assert other.go(0.5, value=0.0, good=False) == "b"
+
+
+def test_a_step_may_end_the_task():
+    told = Told([step("a", ends="failed"), step("b")])
+    told.go(0.1, value=1.0)
+    assert told.runner.outcome == "failed"
+    told.go(1.0)
+    assert len(told.runner.timeline) == 1
