@@ -1,2 +1,3 @@
-"""Tasks: behaviours composed to stories by a small file, and the stages, people and things that they
-are played with on the simulator."""
+"""Tasks: behaviours composed to stories by a small file, with the stages, people and things of the
+simulator that they are played with.
+"""
