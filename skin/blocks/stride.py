@@ -165,7 +165,7 @@ class Stride:
             np.array([array.ctypes.data for array in sources.values()]), np.array(into),
             np.array([array.nbytes for array in sources.values()]), background, gather.cycle,
             gather.stamp_ns, gather.overruns, gather.closed_by, gather.contact_start,
-            np.array([gather.contacts.ctypes.data]),
+            np.array([gather.contacts.ctypes.data]), gather.contact_slot,
         )  # fmt: skip
 
     # -- the state of clock and filters ------------------------------------------------------------

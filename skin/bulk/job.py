@@ -20,7 +20,7 @@ from topology.packed import PARAMETER, TEXTS, to_arrays
 
 __all__ = ["FORMATS", "Job", "Part", "parts_of"]
 
-FORMATS = ("parquet", "npz")
+FORMATS = ("parquet", "npz", "mcap")
 WANT = ("temperature", "force", "sigma", "wrench", "centroid", "contacts", "slip")
 """What is decoded where nothing else is asked for."""
 END_BYTES = 1 << 20
@@ -69,7 +69,7 @@ class Job:
         Where the results go.
     options : dict, optional
         As of `skin.options.Options`.
-    format : "parquet" or "npz"
+    format : "parquet", "npz" or "mcap"
     anew : bool
         Whether logs are decoded again that have not changed.
     partition_cycles : int, optional

@@ -55,7 +55,7 @@ def decode(
         int, tyro.conf.arg(metavar="N", help="logs that are decoded side by side")
     ] = 1,
     format: Annotated[
-        Literal["parquet", "npz"], tyro.conf.arg(help="of the files in a folder")
+        Literal["parquet", "npz", "mcap"], tyro.conf.arg(help="of the files in a folder")
     ] = "parquet",
     share: Annotated[
         str | None,
@@ -74,7 +74,7 @@ def decode(
     """Decode recorded CAN logs (candump, BLF, ASC, TRC, MF4, …) and recordings of `skin record`.
 
     Into a folder go Parquet files in parts: cycles, contacts, and spells of units in trouble
-    (docs/bulk.md). Every number is that of the live skin. A log that was decoded before is left
+    (docs/bulk.md); with --format mcap what Foxglove shows, without frames. Every number is that of the live skin. A log that was decoded before is left
     out, unless it, the topology, its calibration, what is wanted or the version have changed;
     after an interruption the same call goes on.
 

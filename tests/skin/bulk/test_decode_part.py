@@ -172,7 +172,8 @@ def test_a_disk_that_fills_leaves_whole_files_and_a_second_call_goes_on(job, log
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
     assert summary["state"] == "failed"
-    assert "File too large" in summary["error"]
+    assert summary["error"].startswith(f"{full.folder}/")
+    assert summary["error"].endswith(".parquet: File too large")
     assert not list(full.folder.rglob("*.part"))
     for file in full.folder.rglob("*.parquet"):
         pyarrow.parquet.ParquetFile(file).read()
