@@ -74,9 +74,10 @@ def decode(
     """Decode recorded CAN logs (candump, BLF, ASC, TRC, MF4, …) and recordings of `skin record`.
 
     Into a folder go Parquet files in parts: cycles, contacts, and spells of units in trouble
-    (docs/bulk.md); with --format mcap what Foxglove shows, without frames. Every number is that of the live skin. A log that was decoded before is left
-    out, unless it, the topology, its calibration, what is wanted or the version have changed;
-    after an interruption the same call goes on.
+    (docs/bulk.md); with --format mcap what Foxglove shows, without frames. Every number is that of
+    the live skin. A log that was decoded before is left out, unless it, the topology, its
+    calibration, what is wanted or the version have changed; after an interruption the same call
+    goes on.
 
     A .csv has a row for each cycle and unit; beside it lie FILE.wrench.csv with a row for each
     cycle, FILE.contacts.csv with one for each cycle and contact, and FILE.events.csv with what
