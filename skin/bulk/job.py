@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import sys
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -28,6 +29,9 @@ END_BYTES = 1 << 20
 that was changed between them is not seen."""
 HEAD_BYTES, HEAD_AT = 1 << 12, 256
 """Bytes that name a log, and where they begin: beyond what loggers write again when they end."""
+BEGAN = slice(136, 144)
+"""When an MF4 began (ASAM MDF 4.1, HD block), whose next bytes may be those of every log of the
+same logger; bytes of other formats there stay as they are, too."""
 RECORDING = ".mcap"
 MOST_PARTITION_CYCLES = 1 << 24
 
@@ -175,7 +179,8 @@ def _part_of(log: Path) -> Part:
             last = file.read(END_BYTES)
     except OSError as error:
         raise LogError(f"{log}: must be a readable file; got: {error.strerror}") from None
-    head = first[HEAD_AT : HEAD_AT + HEAD_BYTES] or first
+    head = first[BEGAN] + first[HEAD_AT : HEAD_AT + HEAD_BYTES] if size > HEAD_AT else first
+    head = head or os.fsencode(log.absolute())  # of empty logs there are many
     stem = log.name.removesuffix(".gz").rpartition(".")[0] or log.name
     key = f"{quote(stem, safe='')}-{hashlib.sha256(head).hexdigest()[:8]}"
     digest = hashlib.sha256(b"%d\n" % size)

@@ -106,6 +106,8 @@ def decode(
     logs = [Path(log) for log in given]
     into_file = output is not None and output.suffix != "" and not output.is_dir()
     if len(logs) == 1 and (output is None or into_file):
+        _refuse_of_folders(output, want=want, jobs=jobs != 1, format=format != "parquet",
+                           share=share, cluster=cluster, anew=anew)  # fmt: skip
         return decode_file(logs[0], topology=topology, output=output, json=json)
     if output is None or into_file:
         raise OptionError(f"--output: must be a folder for several logs; got {output}")
@@ -114,6 +116,15 @@ def decode(
         {"want": want or None, "jobs": jobs, "format": format, "anew": anew,
          "cluster": cluster},
     )  # fmt: skip
+
+
+def _refuse_of_folders(output: Path | None, **given: object) -> None:
+    """Options that a single file, or none, would leave out without a word."""
+    from skin.errors import OptionError
+
+    for name, value in given.items():
+        if value:
+            raise OptionError(f"--{name}: must be given with a folder as --output; got {output}")
 
 
 def _shared(logs: list[Path], share: str | None) -> list[Path]:

@@ -240,6 +240,17 @@ def test_options_are_checked_before_anything_is_written(tmp_path):
         parts_of([])
 
 
+def test_empty_logs_and_logs_with_the_same_head_are_told_apart(log, tmp_path):
+    text = log.read_bytes()
+    found = []
+    for k, content in enumerate((b"", b"", text[:136] + b"began 1." + text[144:],
+                                 text[:136] + b"began 2." + text[144:])):  # fmt: skip
+        (folder := tmp_path / f"day{k}").mkdir()
+        found.append(folder / "run.log")
+        found[-1].write_bytes(content)
+    assert len({part.key for part in parts_of(found)}) == len(found)
+
+
 def test_the_same_log_is_not_taken_twice(log, tmp_path):
     (tmp_path / log.name).write_bytes(log.read_bytes())
     with pytest.raises(OptionError, match="must be another log than"):
