@@ -55,9 +55,9 @@ def decode_part(job: Job, part: Part) -> dict[str, Any]:
                                "error": None}  # fmt: skip
     sums = _Sums(list(kept), list(tables))
     try:
+        source, blocks = _source(job, part)  # what is refused leaves what is there
         clean(job, part, len(kept))
         save_manifest(job, part, _manifest(job, part, sums, {}))
-        source, blocks = _source(job, part)
         _write(job, part, source, blocks, sums)
     except (BusError, SkinError, OSError) as error:
         return summary | sums.told() | {"state": "failed", "error": _words(error)}
@@ -77,11 +77,11 @@ def _source(job: Job, part: Part) -> tuple[Any, Iterator[Block]]:
         if job.format == "mcap":
             raise OptionError(f"{part.log}: format: must be 'parquet' or 'npz' for a recording, "
                               "which is MCAP already; got 'mcap'")  # fmt: skip
-        from skin.record.replay import replay
+        from skin.record.replay import replay_anew
 
-        played = replay(part.log, job.topology)
+        played = replay_anew(part.log, job.topology, **job.options)
         return played, blocks_of(played, played.pipeline, job.partition_cycles)
-    decoded = decode_log(job.topology, part.log, **job.options)
+    decoded = decode_log(job.topology, part.log, **job.of_logs)
     return decoded, decoded.blocks(job.partition_cycles)
 
 

@@ -72,7 +72,7 @@ class Job:
     folder : Path
         Where the results go.
     options : dict, optional
-        As of `skin.options.Options`.
+        As of `skin.options.Options`; a recording has its own in place of those not given.
     format : "parquet", "npz" or "mcap"
     anew : bool
         Whether logs are decoded again that have not changed.
@@ -97,18 +97,24 @@ class Job:
         if self.partition_cycles is not None:
             check_number("partition_cycles", self.partition_cycles, 1, MOST_PARTITION_CYCLES,
                          whole=True)  # fmt: skip
-        object.__setattr__(self, "options", {"want": WANT} | self.options)
-        Options(**self.options)
+        Options(**self.of_logs)
+
+    @property
+    def of_logs(self) -> dict[str, Any]:
+        """The options that logs are decoded by; recordings have their own, but for those given."""
+        return {"want": WANT} | self.options
 
     def told(self, part: Part) -> dict[str, str]:
         """What results tell of where they come from, and what they are compared by."""
         topology, calibration = hashes_of(self.topology)
-        given = {name: value for name, value in self.options.items() if name != "want"}
-        given["want"] = sorted(Options(**self.options).quantities)
+        options = self.options if part.is_recording else self.of_logs
+        given = dict(options)
+        if "want" in given:
+            given["want"] = sorted(Options(**options).quantities)
         return {
             "skin": self.topology.name, "log": part.log.name, "log_sha256": part.content,
             "topology_sha256": topology, "calibration_sha256": calibration,
-            "options": "of the recording" if part.is_recording else json.dumps(
+            "options": "of the recording" if part.is_recording and not given else json.dumps(
                 given, sort_keys=True, default=repr),
             "version": _version(), "format": self.format,
             "partition_cycles": str(self.partition_cycles),

@@ -49,7 +49,7 @@ def decode(
     want: Annotated[
         tuple[str, ...],
         options.quiet("what to decode into a folder; forces, temperatures, contacts and slip "
-                      "otherwise", metavar="NAME [NAME ...]"),
+                      "otherwise, and of recordings what their runs had", metavar="NAME [NAME ...]"),
     ] = (),
     jobs: Annotated[
         int, tyro.conf.arg(metavar="N", help="logs that are decoded side by side")

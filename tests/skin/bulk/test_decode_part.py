@@ -228,6 +228,51 @@ def test_a_recording_is_decoded_as_it_was(job, palm_frames, tmp_path):
     assert json.loads(job.manifest_of(parts_of([file])[0]).read_text())["complete"]
 
 
+def test_a_recording_is_decoded_anew_by_another_calibration_and_for_other_wants(
+    job, palm_frames, log, tmp_path
+):
+    pytest.importorskip("mcap")
+    from skin.record.pipeline import RecordedPipeline
+
+    file = tmp_path / "run.mcap"
+    pipeline = RecordedPipeline(job.topology, skin.Options(want=WANT), file=file)
+    for _ in pipeline.feed(palm_frames):
+        pass
+    pipeline.flush()
+    pipeline.close()
+    done(job, file)
+    before = column(job, "cycles", "wrench.fz")
+    anew, _ = changed(job, log, "calibration")
+    assert (done(anew, file)["state"], done(anew, file)["state"]) == ("decoded", "unchanged")
+    after = column(job, "cycles", "wrench.fz")
+    by_log = [state.wrench[2] for state in skin.decode_log(anew.topology, log, want=WANT)]
+    np.testing.assert_array_equal(after, by_log)
+    assert not np.array_equal(before, after)
+    few = dataclasses.replace(anew, options={"want": ("force",)})
+    assert (done(few, file)["state"], done(few, file)["faults"]) == ("decoded", [])
+    assert not (job.folder_of("contacts", parts_of([file])[0]) / "part-00000.parquet").exists()
+
+
+def test_a_recording_of_another_skin_is_refused_and_leaves_what_is_there(
+    job, palm_frames, contents, tmp_path
+):
+    pytest.importorskip("mcap")
+    from skin.record.pipeline import RecordedPipeline
+
+    file = tmp_path / "run.mcap"
+    pipeline = RecordedPipeline(job.topology, skin.Options(want=("force",)), file=file)
+    for _ in pipeline.feed(palm_frames[:2000]):
+        pass
+    pipeline.close()
+    done(job, file)
+    before = contents(job.folder)
+    moved, _ = changed(job, file, "topology")
+    summary = done(moved, file)
+    assert summary["state"] == "failed"
+    assert "must be recorded with 'palm' as it is now; got differences in pos" in summary["error"]
+    assert contents(job.folder) == before
+
+
 def test_options_are_checked_before_anything_is_written(tmp_path):
     palm = topology.load("palm")
     with pytest.raises(OptionError, match="want"):
