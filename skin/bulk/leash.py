@@ -11,7 +11,7 @@ import os
 import signal
 import threading
 import time
-from multiprocessing.connection import Connection
+from typing import Any
 
 __all__ = ["hold"]
 
@@ -19,7 +19,7 @@ GRACE_S = 10.0
 """For files to be dropped that are not whole."""
 
 
-def hold(pipe: Connection) -> None:
+def hold(pipe: Any) -> None:
     """Let this process end with the other end of a pipe; what it does is left as by Ctrl-C."""
     signal.signal(signal.SIGINT, _leave)
     threading.Thread(target=_end_with, args=(pipe,), name="skin-leash", daemon=True).start()
@@ -30,7 +30,7 @@ def _leave(_number: int, _frame: object) -> None:
     raise SystemExit(128 + signal.SIGINT)
 
 
-def _end_with(pipe: Connection) -> None:
+def _end_with(pipe: Any) -> None:
     try:
         pipe.recv_bytes()
     except (EOFError, OSError):

@@ -49,7 +49,7 @@ def decode(
     want: Annotated[
         tuple[str, ...],
         options.quiet("what to decode into a folder; forces, temperatures, contacts and slip "
-                      "otherwise, and of recordings what their runs had", metavar="NAME [NAME ...]"),
+                      "otherwise; of recordings as their runs", metavar="NAME [NAME ...]"),
     ] = (),
     jobs: Annotated[
         int, tyro.conf.arg(metavar="N", help="logs that are decoded side by side")
