@@ -28,6 +28,13 @@ class Clock:
 
     Attributes
     ----------
+    period_ns : int
+        As given.
+    number : int or None
+        Of the last cycle, as its stamp; None before the first one.
+    stamp_ns : int
+    off_ns : int
+        By which the stamp is later than the time: what is left of it to follow.
     now_ns : int
         Of the last cycle; 0 of the first one.
     elapsed_ns : int
@@ -45,10 +52,10 @@ class Clock:
     """
 
     def __init__(self, period_ns: int) -> None:
-        self._period_ns = period_ns
+        self.period_ns = period_ns
         self.now_ns, self.elapsed_ns, self.overruns = 0, period_ns, 0
-        self._number: int | None = None
-        self._stamp_ns = self._off_ns = 0
+        self.number: int | None = None
+        self.stamp_ns = self.off_ns = 0
 
     def tick(self, number: int, stamp_ns: int) -> None:
         """Go on to the next cycle.
@@ -60,19 +67,19 @@ class Clock:
         stamp_ns : int
             `RawCycle.stamp_ns`
         """
-        if self._number is not None:
-            self._go_on(max(number - self._number, 1) * self._period_ns, stamp_ns - self._stamp_ns)
-        self._number, self._stamp_ns = number, stamp_ns
+        if self.number is not None:
+            self._go_on(max(number - self.number, 1) * self.period_ns, stamp_ns - self.stamp_ns)
+        self.number, self.stamp_ns = number, stamp_ns
 
     def _go_on(self, counted_ns: int, stamped_ns: int) -> None:
         """By a time that numbers and stamps tell."""
-        period_ns = self._period_ns
+        period_ns = self.period_ns
         if 0 < stamped_ns < LONGEST_NS:
             if stamped_ns - counted_ns > GAP_PERIODS * period_ns:
                 counted_ns = stamped_ns
-            off_ns = self._off_ns + stamped_ns - counted_ns
+            off_ns = self.off_ns + stamped_ns - counted_ns
             elapsed_ns = max(counted_ns + off_ns // FOLLOW, counted_ns // FOLLOW, 1)
-            self._off_ns = self._off_ns + stamped_ns - elapsed_ns
+            self.off_ns = self.off_ns + stamped_ns - elapsed_ns
         else:
             elapsed_ns = counted_ns
         self.elapsed_ns = elapsed_ns

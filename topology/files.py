@@ -23,6 +23,7 @@ __all__ = [
     "read_arrays",
     "read_regular",
     "whole_file",
+    "whole_path",
 ]
 
 LARGEST_ARRAYS = 1 << 31
@@ -60,20 +61,27 @@ def named(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def whole_file(path: Path, mode: str = "wb", **how: Any) -> Iterator[IO[Any]]:
-    """Open a file beside `path`, which takes its place at the end of the block, and is gone if an
-    error ends it; `how` is for `open`. Of several that write at once, the last one stays. An error
-    of writing names `path`. A device or pipe is refused, since a file would take its place."""
+def whole_path(path: Path) -> Iterator[Path]:
+    """The path of a new file beside `path`, which takes its place at the end of the block, and is
+    gone if an error ends it. Of several that write at once, the last one stays. An error of writing
+    names `path`. A device or pipe is refused, since a file would take its place."""
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise OSError(errno.EINVAL, "must be a regular file, or a new one", str(path))
     beside = path.with_name(f".{path.name}.{uuid.uuid4().hex[:12]}.part")
     try:
         with named(path):
-            with beside.open(mode, **how) as file:
-                yield file
+            yield beside
             os.replace(beside, path)
     finally:
         beside.unlink(missing_ok=True)
+
+
+@contextmanager
+def whole_file(path: Path, mode: str = "wb", **how: Any) -> Iterator[IO[Any]]:
+    """Open a file that takes the place of `path` at the end of the block, as of `whole_path`; `how`
+    is for `open`."""
+    with whole_path(path) as beside, beside.open(mode, **how) as file:
+        yield file
 
 
 def check_path(where: str, value: object, error: Callable[[str], Exception]) -> None:

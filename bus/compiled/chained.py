@@ -25,7 +25,7 @@ except ImportError:  # numba or llvmlite of another version
     ir: Any = None
     cgutils: Any = None
 
-__all__ = ["NOTHING", "address", "call_at", "copy_bytes"]
+__all__ = ["NOTHING", "address", "call_at", "copy_bytes", "words"]
 
 NOTHING = np.zeros(2, np.int64)
 """In place of the address of what is not there."""
@@ -50,6 +50,14 @@ def address(bound: object) -> np.ndarray | None:
         return None
     (found,) = (one for one in bound._kernel.overloads.values() if _lies_at(one, int(words[0])))
     return np.array([_entry(found.signature), words.ctypes.data])
+
+
+def words(bound: Bound) -> np.ndarray:
+    """What the call of a bound kernel reads its arguments from, int64, to be written by who calls
+    it by its `address`: a number among them may be another one in the next call."""
+    found = bound._words
+    assert found is not None  # it has no address otherwise
+    return found
 
 
 def _lies_at(overload: Any, place: int) -> bool:

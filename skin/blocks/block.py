@@ -48,6 +48,8 @@ class Block:
         Records of all contacts of all cycles, in order.
     contact_start : ndarray, shape (t + 1,), int64
         The contacts of cycle i are ``contacts[contact_start[i] : contact_start[i + 1]]``.
+    contact_slot : ndarray, shape (k,), int32
+        A place that each contact has as long as it lasts; another one may have it later.
     label : ndarray, shape (t, n), int32
         Contact of each unit, counted within its cycle, -1 for none.
     slip : ndarray, shape (t, n), int32
@@ -69,6 +71,7 @@ class Block:
     centroid_covariance: np.ndarray = UNWANTED
     contacts: np.ndarray = UNWANTED
     contact_start: np.ndarray = UNWANTED
+    contact_slot: np.ndarray = UNWANTED
     label: np.ndarray = UNWANTED
     slip: np.ndarray = UNWANTED
     sampled_ns: np.ndarray = UNWANTED

@@ -47,6 +47,9 @@ class Gather:
         self._pipeline = pipeline
         self.sources = _sources(pipeline)
         self._lists = pipeline.lists_contacts
+        self._present = np.zeros(0, np.int32)
+        if pipeline.contacts is not None:
+            self._present = pipeline.contacts.data.slots.present
         row_bytes = sum(array.nbytes for array in self.sources.values()) + 64
         capacity = int(np.clip(BLOCK_BYTES // row_bytes, LEAST_CYCLES, MOST_CYCLES))
         self.capacity = capacity if most is None else max(1, min(most, capacity))
@@ -66,6 +69,7 @@ class Gather:
         self.closed_by = np.empty(t, np.uint8)
         self.contact_start = np.zeros(t + 1, np.int64)
         self.contacts = np.empty(self.contact_capacity, CONTACT)
+        self.contact_slot = np.empty(self.contact_capacity, np.int32)
 
     @property
     def is_full(self) -> bool:
@@ -81,8 +85,8 @@ class Gather:
         self.cycle[t], self.stamp_ns[t] = state.cycle, state.stamp_ns
         self.overruns[t] = state.overruns
         self.closed_by[t] = CLOSED_BY.index(state.closed_by)
-        for contact in state.contacts or ():
-            self.contacts[k] = contact.record
+        for slot, contact in zip(self._present, state.contacts or (), strict=False):
+            self.contacts[k], self.contact_slot[k] = contact.record, slot
             k += 1
         self.count, self.contact_count = t + 1, k
         self.contact_start[t + 1] = k
@@ -102,6 +106,7 @@ class Gather:
         if self._lists:
             listed["contacts"] = self.contacts[: self.contact_count].copy()
             listed["contact_start"] = self.contact_start[: t + 1]
+            listed["contact_slot"] = self.contact_slot[: self.contact_count].copy()
         block = Block(
             topology=self._pipeline.topology, cycle=self.cycle[:t], stamp_ns=self.stamp_ns[:t],
             units=units, coverage=self._coverage(units.valid), closed_by=self.closed_by[:t],

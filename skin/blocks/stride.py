@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bus.compiled.bound import Bound
-from bus.compiled.chained import NOTHING, address
+from bus.compiled.chained import NOTHING, address, words
 from bus.frame import FrameViews
 from skin.blocks.gather import CONTACTS, Gather
 from skin.blocks.stride_kernel import DONE, STAGES, TIME, Copies, Ends, Stage, stride
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 __all__ = ["Stride"]
 
 EMPTY = np.zeros(0, np.int64)
+CLOCK_FIELDS = ("period_ns", "now_ns", "elapsed_ns", "overruns", "number", "stamp_ns", "off_ns")
+"""Of `skin.clock.Clock`, by the names of TIME."""
 
 
 class Stride:
@@ -81,7 +83,7 @@ class Stride:
         feed = Bound(_feed(), row, rows, *pipeline.assembler.arrays)
         calls = self._stage.calls
         calls[0] = address(feed)
-        stage = self._stage._replace(frame_words=feed._words)
+        stage = self._stage._replace(frame_words=words(feed))
         first = gather.count
         time["row"], time["count"], time["contacts"] = row, first, gather.contact_count
         time["most"] = min(gather.capacity, first + most)
@@ -99,9 +101,8 @@ class Stride:
     def _connect(self) -> bool:
         """Find the stages' addresses, anew where the decoder has other kernels."""
         decoder = self._pipeline.decoder
-        passes = decoder._bound[-1]
-        decode = passes.calls.get(decoder.loop is None)
-        if decode is None or decoder._mode is None:
+        decode = decoder.call
+        if decode is None or decoder.mode.now is None:
             return False
         if decode is not self._decode:
             self._decode, self._stage = decode, self._stage_of(decode)
@@ -110,23 +111,21 @@ class Stride:
     def _stage_of(self, decode: object) -> Stage | None:
         """The stages; None where one has no address."""
         decoder, contacts = self._pipeline.decoder, self._pipeline.contacts
-        loop, creep = decoder.loop, decoder.creep
         called: dict[str, object] = {"decode": decode}
         adding: list[object] = []
         elapsed_s = calm_s = np.zeros(1)
-        if loop is not None and loop.crosstalk is not None:
-            prediction = loop._predict.get(False)
-            if prediction is None:
+        if decoder.loop is not None:
+            stages = decoder.loop.stages
+            if stages is None:
                 return None
-            called |= {"films": prediction.films, "unknown": prediction.unknown}
-            adding = [*prediction.adding]
-        if loop is not None and loop.ambient is not None:
-            if loop._follow is None:
-                return None
-            called["ambient"] = loop._follow.call
-            elapsed_s, calm_s = loop._follow.elapsed_s, loop._follow.calm_s
-        if creep is not None:
-            called |= dict(zip(("relax_to", "relax_fro"), creep._calls, strict=True))
+            if (prediction := stages.prediction) is not None:
+                called |= {"films": prediction.films, "unknown": prediction.unknown}
+                adding = [*prediction.adding]
+            if (follow := stages.follow) is not None:
+                called["ambient"] = follow.call
+                elapsed_s, calm_s = follow.elapsed_s, follow.calm_s
+        if decoder.creep is not None:
+            called |= dict(zip(("relax_to", "relax_fro"), decoder.creep.calls, strict=True))
         if contacts is not None:
             called["step"] = contacts.bound
         places = {name: address(one) for name, one in called.items()}
@@ -137,9 +136,8 @@ class Stride:
         return Stage(
             calls=np.array([places.get(name, NOTHING) for name in STAGES]),
             adding=np.array(parts, np.int64).reshape(-1, 2), frame_words=EMPTY,
-            assembled=self._pipeline.assembler.arrays[1].state,
-            phase=decoder._control["phase"][decoder._live][:1],
-            advance=decoder._control["advance"], elapsed_s=elapsed_s, calm_s=calm_s,
+            assembled=self._pipeline.assembler.arrays[1].state, phase=decoder.mode.phase,
+            advance=decoder.mode.advance, elapsed_s=elapsed_s, calm_s=calm_s,
         )  # fmt: skip
 
     def _ends_of(self) -> Ends:
@@ -156,16 +154,17 @@ class Stride:
     def _copies(self, gather: Gather) -> Copies:
         """Where things are copied to."""
         sources = gather.sources
-        into = [gather.rows[name].ctypes.data for name in sources]
+        rows = [gather.rows[name].ctypes.data for name in sources]
         background, loop = np.zeros(3, np.int64), self._pipeline.decoder.loop
-        if loop is not None and loop.crosstalk is None:
-            taken, known = loop._taken, loop._known
-            background[:] = taken.ctypes.data, known.ctypes.data, taken.nbytes
+        stages = None if loop is None else loop.stages
+        if stages is not None and stages.prediction is None:
+            into, source = stages.background
+            background[:] = into.ctypes.data, source.ctypes.data, into.nbytes
         return Copies(
-            np.array([array.ctypes.data for array in sources.values()]), np.array(into),
+            np.array([array.ctypes.data for array in sources.values()]), np.array(rows),
             np.array([array.nbytes for array in sources.values()]), background, gather.cycle,
             gather.stamp_ns, gather.overruns, gather.closed_by, gather.contact_start,
-            np.array([gather.contacts.ctypes.data]),
+            np.array([gather.contacts.ctypes.data]), gather.contact_slot,
         )  # fmt: skip
 
     # -- the state of clock and filters ------------------------------------------------------------
@@ -173,44 +172,32 @@ class Stride:
     def _load(self) -> None:
         """Take it from the pipeline."""
         time, clock, decoder = self._time[0], self._pipeline.clock, self._pipeline.decoder
-        for name in (
-            "period_ns",
-            "now_ns",
-            "elapsed_ns",
-            "overruns",
-            "number",
-            "stamp_ns",
-            "off_ns",
-        ):
-            time[name] = getattr(clock, name if hasattr(clock, name) else f"_{name}")
+        for name in CLOCK_FIELDS:
+            time[name] = getattr(clock, name)
         time["rate_hz"] = decoder.topology.cycle_rate_hz
-        time["aging_missing"] = decoder._aging._missing
+        time["aging_missing"] = decoder.aging.missing
         time["creep_last"], time["sweeps"], time["look_every"] = -1, 0, 1
         if (creep := decoder.creep) is not None:
-            time["creep_missing"], time["creep_steps"] = creep._missing, creep._steps
-            time["creep_last"] = creep._last
+            time["creep_missing"], time["creep_steps"] = creep.missing, creep.steps
+            time["creep_last"] = creep.last
         if (loop := decoder.loop) is not None:
-            time["look_since_s"], time["look_every"] = loop.looks._since_s, loop.looks._every
-            time["sweeps"] = loop._sweeps if loop.crosstalk is not None else 0
+            time["look_since_s"], time["look_every"] = loop.looks.since_s, loop.looks.every
+            time["sweeps"] = loop.sweeps if loop.crosstalk is not None else 0
             if loop.ambient is not None:
-                time["look_period_s"] = loop.ambient._period_s
-            decoder._tell(False, True)
+                time["look_period_s"] = loop.ambient.period_s
+        decoder.mode.tell(loop is None, True)
 
     def _store(self) -> None:
         """Hand it back."""
         time, pipeline, decoder = self._time[0], self._pipeline, self._pipeline.decoder
-        clock = pipeline.clock
-        clock.now_ns, clock.elapsed_ns = int(time["now_ns"]), int(time["elapsed_ns"])
-        clock.overruns, clock._number = int(time["overruns"]), int(time["number"])
-        clock._stamp_ns, clock._off_ns = int(time["stamp_ns"]), int(time["off_ns"])
-        decoder._aging._missing = float(time["aging_missing"])
+        for name in CLOCK_FIELDS:
+            setattr(pipeline.clock, name, int(time[name]))
+        decoder.aging.missing = float(time["aging_missing"])
         if (creep := decoder.creep) is not None:
-            creep._missing, creep._last = float(time["creep_missing"]), int(time["creep_last"])
+            creep.missing, creep.last = float(time["creep_missing"]), int(time["creep_last"])
         if (loop := decoder.loop) is not None:
-            loop.looks._since_s = float(time["look_since_s"])
-            if time["sweeps"] > 1:
-                decoder._mode = (False, not (time["count"] > 0))
-                decoder._tell(False, True)
+            loop.looks.since_s = float(time["look_since_s"])
+        decoder.mode.tell(loop is None, True)  # the last sweep of a cycle did not go on
         if pipeline.contacts is not None:
             pipeline.contacts.resume()
 

@@ -78,6 +78,7 @@ class Copies(NamedTuple):
     closed_by: np.ndarray  # uint8
     contact_start: np.ndarray  # (t + 1,)
     contacts: np.ndarray  # (1,), int64: address of the first contact
+    contact_slot: np.ndarray  # int32
 
 
 @jitable
@@ -204,6 +205,7 @@ def keep(ends, copies, time):
         for k in range(ends.clock[0]["present"]):
             into = copies.contacts[0] + time["contacts"] * size
             copy_bytes(into, ends.places[0] + ends.present[k] * size, size)
+            copies.contact_slot[time["contacts"]] = ends.present[k]
             time["contacts"] += 1
     copies.contact_start[t + 1] = time["contacts"]
     time["count"] = t + 1

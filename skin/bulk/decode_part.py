@@ -15,7 +15,7 @@ from skin.blocks.blocks import blocks_of
 from skin.blocks.prefetch import prefetch
 from skin.bulk.manifest import committed, save_manifest
 from skin.bulk.write import clean, writer_of
-from skin.errors import SkinError
+from skin.errors import OptionError, SkinError
 from skin.offline import decode_log
 
 if TYPE_CHECKING:
@@ -50,14 +50,14 @@ def decode_part(job: Job, part: Part) -> dict[str, Any]:
     before = committed(job, part)
     if before is not None and before.get("complete"):
         return before["summary"] | {"state": "unchanged"}
-    kept = before["partitions"] if before is not None else []
+    kept, tables = (before["partitions"], before["tables"]) if before is not None else ([], [])
     summary: dict[str, Any] = {"log": str(part.log), "key": part.key, "state": "decoded",
                                "error": None}  # fmt: skip
-    sums = _Sums(list(kept))
+    sums = _Sums(list(kept), list(tables))
     try:
+        source, blocks = _source(job, part)  # what is refused leaves what is there
         clean(job, part, len(kept))
-        save_manifest(job, part, _manifest(job, part, kept, {}))
-        source, blocks = _source(job, part)
+        save_manifest(job, part, _manifest(job, part, sums, {}))
         _write(job, part, source, blocks, sums)
     except (BusError, SkinError, OSError) as error:
         return summary | sums.told() | {"state": "failed", "error": _words(error)}
@@ -67,18 +67,21 @@ def decode_part(job: Job, part: Part) -> dict[str, Any]:
         summary["faults"] = [*summary["faults"], _grown(part)]
     summary["faults"] = [*summary["faults"], *_strange(part, summary, job.topology.name)]
     summary |= {"wall_s": time.monotonic() - begun}
-    save_manifest(job, part, _manifest(job, part, sums.partitions, summary, complete=True))
+    save_manifest(job, part, _manifest(job, part, sums, summary, complete=True))
     return summary
 
 
 def _source(job: Job, part: Part) -> tuple[Any, Iterator[Block]]:
     """What tells of the log, and its blocks."""
     if part.is_recording:
-        from skin.record.replay import replay
+        if job.format == "mcap":
+            raise OptionError(f"{part.log}: format: must be 'parquet' or 'npz' for a recording, "
+                              "which is MCAP already; got 'mcap'")  # fmt: skip
+        from skin.record.replay import replay_anew
 
-        played = replay(part.log, job.topology)
+        played = replay_anew(part.log, job.topology, **job.options)
         return played, blocks_of(played, played.pipeline, job.partition_cycles)
-    decoded = decode_log(job.topology, part.log, **job.options)
+    decoded = decode_log(job.topology, part.log, **job.of_logs)
     return decoded, decoded.blocks(job.partition_cycles)
 
 
@@ -114,15 +117,16 @@ def _commit(
         return
     writer.commit(number, ends=ends)
     sums.partitions.append(rows)
+    sums.tables = list(writer.tables)
     told = sums.told() | {"read_bytes": getattr(source, "read_bytes", 0)}
-    save_manifest(job, part, _manifest(job, part, sums.partitions, told))
+    save_manifest(job, part, _manifest(job, part, sums, told))
 
 
 def _manifest(
-    job: Job, part: Part, partitions: list[int], summary: dict[str, Any], complete: bool = False
+    job: Job, part: Part, sums: _Sums, summary: dict[str, Any], complete: bool = False
 ) -> dict[str, Any]:
-    return {"told": job.told(part), "partitions": list(partitions), "complete": complete,
-            "summary": summary}  # fmt: skip
+    return {"told": job.told(part), "partitions": sums.partitions, "tables": sums.tables,
+            "complete": complete, "summary": summary}  # fmt: skip
 
 
 def _partition_cycles(block: Block) -> int:
@@ -160,8 +164,8 @@ def _strange(part: Part, summary: dict[str, Any], name: str) -> Iterator[str]:
 class _Sums:
     """What is told of all blocks together."""
 
-    def __init__(self, partitions: list[int]) -> None:
-        self.partitions = partitions
+    def __init__(self, partitions: list[int], tables: list[str]) -> None:
+        self.partitions, self.tables = partitions, tables
         self.cycles = self.valid = self.readings = self.contacts = self.slips = self.frames = 0
         self.first_ns = self.last_ns = None
         self.overruns = 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import sys
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -20,7 +21,7 @@ from topology.packed import PARAMETER, TEXTS, to_arrays
 
 __all__ = ["FORMATS", "Job", "Part", "parts_of"]
 
-FORMATS = ("parquet", "npz")
+FORMATS = ("parquet", "npz", "mcap")
 WANT = ("temperature", "force", "sigma", "wrench", "centroid", "contacts", "slip")
 """What is decoded where nothing else is asked for."""
 END_BYTES = 1 << 20
@@ -28,6 +29,9 @@ END_BYTES = 1 << 20
 that was changed between them is not seen."""
 HEAD_BYTES, HEAD_AT = 1 << 12, 256
 """Bytes that name a log, and where they begin: beyond what loggers write again when they end."""
+BEGAN = slice(136, 144)
+"""When an MF4 began (ASAM MDF 4.1, HD block), whose next bytes may be those of every log of the
+same logger; bytes of other formats there stay as they are, too."""
 RECORDING = ".mcap"
 MOST_PARTITION_CYCLES = 1 << 24
 
@@ -68,8 +72,8 @@ class Job:
     folder : Path
         Where the results go.
     options : dict, optional
-        As of `skin.options.Options`.
-    format : "parquet" or "npz"
+        As of `skin.options.Options`; a recording has its own in place of those not given.
+    format : "parquet", "npz" or "mcap"
     anew : bool
         Whether logs are decoded again that have not changed.
     partition_cycles : int, optional
@@ -93,18 +97,24 @@ class Job:
         if self.partition_cycles is not None:
             check_number("partition_cycles", self.partition_cycles, 1, MOST_PARTITION_CYCLES,
                          whole=True)  # fmt: skip
-        object.__setattr__(self, "options", {"want": WANT} | self.options)
-        Options(**self.options)
+        Options(**self.of_logs)
+
+    @property
+    def of_logs(self) -> dict[str, Any]:
+        """The options that logs are decoded by; recordings have their own, but for those given."""
+        return {"want": WANT} | self.options
 
     def told(self, part: Part) -> dict[str, str]:
         """What results tell of where they come from, and what they are compared by."""
         topology, calibration = hashes_of(self.topology)
-        given = {name: value for name, value in self.options.items() if name != "want"}
-        given["want"] = sorted(Options(**self.options).quantities)
+        options = self.options if part.is_recording else self.of_logs
+        given = dict(options)
+        if "want" in given:
+            given["want"] = sorted(Options(**options).quantities)
         return {
             "skin": self.topology.name, "log": part.log.name, "log_sha256": part.content,
             "topology_sha256": topology, "calibration_sha256": calibration,
-            "options": "of the recording" if part.is_recording else json.dumps(
+            "options": "of the recording" if part.is_recording and not given else json.dumps(
                 given, sort_keys=True, default=repr),
             "version": _version(), "format": self.format,
             "partition_cycles": str(self.partition_cycles),
@@ -175,7 +185,8 @@ def _part_of(log: Path) -> Part:
             last = file.read(END_BYTES)
     except OSError as error:
         raise LogError(f"{log}: must be a readable file; got: {error.strerror}") from None
-    head = first[HEAD_AT : HEAD_AT + HEAD_BYTES] or first
+    head = first[BEGAN] + first[HEAD_AT : HEAD_AT + HEAD_BYTES] if size > HEAD_AT else first
+    head = head or os.fsencode(log.absolute())  # of empty logs there are many
     stem = log.name.removesuffix(".gz").rpartition(".")[0] or log.name
     key = f"{quote(stem, safe='')}-{hashlib.sha256(head).hexdigest()[:8]}"
     digest = hashlib.sha256(b"%d\n" % size)

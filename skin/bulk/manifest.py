@@ -13,15 +13,16 @@ if TYPE_CHECKING:
 __all__ = ["Manifest", "is_up_to_date", "load_manifest", "save_manifest"]
 
 Manifest = dict[str, Any]
-"""``told`` (as of `Job.told`), ``partitions`` (rows of each), ``complete``, ``summary``."""
+"""``told`` (as of `Job.told`), ``partitions`` (rows of each), ``tables`` of which each has a file,
+``complete``, ``summary``."""
 
 
 def load_manifest(job: Job, part: Part) -> Manifest | None:
     """The manifest of a log; None if there is none, or none that can be read."""
     try:
         found = json.loads(job.manifest_of(part).read_text("utf-8"))
-        partitions, told = found["partitions"], found["told"]
-        return found if isinstance(partitions, list) and isinstance(told, dict) else None
+        lists = isinstance(found["partitions"], list) and isinstance(found["tables"], list)
+        return found if lists and isinstance(found["told"], dict) else None
     except (OSError, ValueError, LookupError, TypeError):
         return None
 
@@ -39,9 +40,9 @@ def committed(job: Job, part: Part) -> Manifest | None:
     found = load_manifest(job, part)
     if found is None or job.anew or found["told"] != job.told(part):
         return None
-    folder = job.folder_of("cycles", part)
     there = all(
-        (folder / f"part-{number:05}.{job.format}").is_file()
+        (job.folder_of(str(table), part) / f"part-{number:05}.{job.format}").is_file()
+        for table in found["tables"]
         for number in range(len(found["partitions"]))
     )
     return found if there else None

@@ -12,6 +12,7 @@ from typing import Any
 
 from skin.bulk.decode_part import decode_part
 from skin.bulk.job import Job, Part, parts_of
+from skin.bulk.leash import hold
 from skin.bulk.manifest import load_manifest
 from skin.bulk.progress import Progress, Tell
 from skin.errors import check_number
@@ -74,8 +75,10 @@ def _in_processes(
     """Summaries as they come; largest logs first, so that no long one is left for the end."""
     left = sorted(parts, key=lambda part: part.size)
     tries = dict.fromkeys(left, 0)
+    context = multiprocessing.get_context("spawn")
     while left:
-        pool = ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn"))
+        held, leash = context.Pipe(duplex=False)
+        pool = ProcessPoolExecutor(jobs, context, initializer=hold, initargs=(held,))
         running: dict[Future[dict[str, Any]], Part] = {}
         try:
             while left or running:
@@ -98,7 +101,11 @@ def _in_processes(
                     progress.ended(part)
                     yield part.key, _given_up(job, part)
         finally:
+            if running:  # this process is to end
+                leash.close()
             pool.shutdown(cancel_futures=True)
+            leash.close()
+            held.close()
 
 
 def _given_up(job: Job, part: Part) -> dict[str, Any]:

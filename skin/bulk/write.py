@@ -10,22 +10,31 @@ import numpy as np
 
 from skin.arrow import arrow_for
 from skin.bulk.tables import Tables, contact_columns, cycle_columns
-from topology.files import whole_file
+from topology.files import named, whole_file
 
 if TYPE_CHECKING:
     from skin.blocks.block import Block
     from skin.bulk.job import Job, Part
 
-__all__ = ["TABLES", "Writer", "writer_of"]
+__all__ = ["TABLES", "Writer", "clean", "drop", "place", "writer_of"]
 
-TABLES = ("cycles", "contacts", "trouble")
+TABLES = ("cycles", "contacts", "trouble", "states")
+"""Folders of the files that there may be."""
 COMPRESSION = "lz4"
 """A third faster to write than zstd, and 6 % larger, on force and temperature."""
 DICTIONARY = ("closed_by", "slip", "unit", "flags")
 
 
 class Writer(Protocol):
-    """Writes the partitions of a log, whose blocks come in their order."""
+    """Writes the partitions of a log, whose blocks come in their order.
+
+    Attributes
+    ----------
+    tables : tuple of str
+        Of which each partition has a file, of `TABLES`; known with the first block.
+    """
+
+    tables: tuple[str, ...]
 
     def add(self, block: Block, number: int) -> None:
         """Add a block to a partition."""
@@ -42,6 +51,10 @@ class Writer(Protocol):
 
 def writer_of(job: Job, part: Part) -> Writer:
     """The writer of a job's format."""
+    if job.format == "mcap":
+        from skin.bulk.message_partitions import MessagePartitions
+
+        return MessagePartitions(job, part)
     return (ParquetPartitions if job.format == "parquet" else ArrayPartitions)(job, part)
 
 
@@ -59,16 +72,30 @@ def clean(job: Job, part: Part, keep: int) -> None:
             file.unlink(missing_ok=True)
 
 
-def _place(job: Job, part: Part, table: str, number: int) -> Path:
+def place(job: Job, part: Part, table: str, number: int) -> Path:
+    """Where a partition of a table is to be; its folder is made."""
     folder = job.folder_of(table, part)
     folder.mkdir(parents=True, exist_ok=True)
     return folder / f"part-{number:05}.{job.format}"
+
+
+class _DroppedError(Exception):
+    """Ends files that are not to take their places."""
+
+
+def drop(files: ExitStack) -> None:
+    """Close files of `topology.files.whole_path` so that none takes its place."""
+    try:
+        files.__exit__(_DroppedError, _DroppedError(), None)
+    except (_DroppedError, OSError):
+        pass
 
 
 class ParquetPartitions:
     """Parquet files: a row group for each block, and hashes in the metadata."""
 
     def __init__(self, job: Job, part: Part) -> None:
+        self.tables: tuple[str, ...] = ()
         self._job, self._part = job, part
         self._library = arrow_for(job.folder, "written")
         self._tables = Tables(self._library, job.topology, job.told(part))
@@ -77,7 +104,9 @@ class ParquetPartitions:
 
     def add(self, block: Block, number: int) -> None:
         """Add a block; see `Writer`."""
-        for name, table in self._tables.of(block).items():
+        tables = self._tables.of(block)
+        self.tables = tuple(tables)
+        for name, table in tables.items():
             self._write(name, table, number)
 
     def skip(self, block: Block) -> None:
@@ -95,15 +124,11 @@ class ParquetPartitions:
     def close(self) -> None:
         """Drop what was not committed; see `Writer`."""
         files, self._files, self._open = self._files, ExitStack(), {}
-        dropped = _DroppedError()
-        try:
-            files.__exit__(_DroppedError, dropped, None)
-        except (_DroppedError, OSError):
-            pass
+        drop(files)
 
     def _write(self, name: str, table: Any, number: int) -> None:
+        path = place(self._job, self._part, name, number)
         if name not in self._open:
-            path = _place(self._job, self._part, name, number)
             file = self._files.enter_context(whole_file(path))
             floats = [one.name for one in table.schema if self._library.arrow.types.is_floating(
                 one.type)]  # fmt: skip
@@ -116,11 +141,8 @@ class ParquetPartitions:
                     write_statistics=[one for one in table.schema.names if "." not in one],
                 )
             )  # fmt: skip
-        self._open[name].write_table(table)
-
-
-class _DroppedError(Exception):
-    """Ends files that are not to take their places."""
+        with named(path):
+            self._open[name].write_table(table)
 
 
 class ArrayPartitions:
@@ -128,6 +150,7 @@ class ArrayPartitions:
     these are arrays of shape (t, …, n)."""
 
     def __init__(self, job: Job, part: Part) -> None:
+        self.tables: tuple[str, ...] = ()
         self._job, self._part = job, part
         self._blocks: list[dict[str, dict[str, np.ndarray]]] = []
 
@@ -153,12 +176,13 @@ class ArrayPartitions:
         """Let the files take their places; see `Writer`."""
         units = np.array(self._job.topology.unit_names)
         told = self._job.told(self._part)
-        for table in self._blocks[0] if self._blocks else ():
+        self.tables = tuple(self._blocks[0]) if self._blocks else ()
+        for table in self.tables:
             columns = {
                 name: np.concatenate([block[table][name] for block in self._blocks])
                 for name in self._blocks[0][table]
             }  # fmt: skip
-            with whole_file(_place(self._job, self._part, table, number)) as file:
+            with whole_file(place(self._job, self._part, table, number)) as file:
                 every = {"unit": units} | columns | {f"_{k}": np.array(v) for k, v in told.items()}
                 np.savez(file, allow_pickle=False, **every)
         self._blocks = []

@@ -49,13 +49,13 @@ def decode(
     want: Annotated[
         tuple[str, ...],
         options.quiet("what to decode into a folder; forces, temperatures, contacts and slip "
-                      "otherwise", metavar="NAME [NAME ...]"),
+                      "otherwise; of recordings as their runs", metavar="NAME [NAME ...]"),
     ] = (),
     jobs: Annotated[
         int, tyro.conf.arg(metavar="N", help="logs that are decoded side by side")
     ] = 1,
     format: Annotated[
-        Literal["parquet", "npz"], tyro.conf.arg(help="of the files in a folder")
+        Literal["parquet", "npz", "mcap"], tyro.conf.arg(help="of the files in a folder")
     ] = "parquet",
     share: Annotated[
         str | None,
@@ -74,9 +74,10 @@ def decode(
     """Decode recorded CAN logs (candump, BLF, ASC, TRC, MF4, …) and recordings of `skin record`.
 
     Into a folder go Parquet files in parts: cycles, contacts, and spells of units in trouble
-    (docs/bulk.md). Every number is that of the live skin. A log that was decoded before is left
-    out, unless it, the topology, its calibration, what is wanted or the version have changed;
-    after an interruption the same call goes on.
+    (docs/bulk.md); with --format mcap what Foxglove shows, without frames. Every number is that of
+    the live skin. A log that was decoded before is left out, unless it, the topology, its
+    calibration, what is wanted or the version have changed; after an interruption the same call
+    goes on.
 
     A .csv has a row for each cycle and unit; beside it lie FILE.wrench.csv with a row for each
     cycle, FILE.contacts.csv with one for each cycle and contact, and FILE.events.csv with what
@@ -105,6 +106,8 @@ def decode(
     logs = [Path(log) for log in given]
     into_file = output is not None and output.suffix != "" and not output.is_dir()
     if len(logs) == 1 and (output is None or into_file):
+        _refuse_of_folders(output, want=want, jobs=jobs != 1, format=format != "parquet",
+                           share=share, cluster=cluster, anew=anew)  # fmt: skip
         return decode_file(logs[0], topology=topology, output=output, json=json)
     if output is None or into_file:
         raise OptionError(f"--output: must be a folder for several logs; got {output}")
@@ -113,6 +116,15 @@ def decode(
         {"want": want or None, "jobs": jobs, "format": format, "anew": anew,
          "cluster": cluster},
     )  # fmt: skip
+
+
+def _refuse_of_folders(output: Path | None, **given: object) -> None:
+    """Options that a single file, or none, would leave out without a word."""
+    from skin.errors import OptionError
+
+    for name, value in given.items():
+        if value:
+            raise OptionError(f"--{name}: must be given with a folder as --output; got {output}")
 
 
 def _shared(logs: list[Path], share: str | None) -> list[Path]:

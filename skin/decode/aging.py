@@ -26,6 +26,11 @@ class Aging:
         `phase` of `skin.decode.records.CONTROL`, of the shares that decode single cycles.
     every : int
         Cycles for which temperatures are held.
+
+    Attributes
+    ----------
+    missing : float
+        Periods that were gathered.
     """
 
     def __init__(
@@ -37,7 +42,7 @@ class Aging:
             (state[name], self._share(period_s, p[lag_s], state[name]))
             for name, lag_s in (("film_lag", "film_lag_s"), ("chip_lag", "hall_lag_s"))
         ]
-        self._missing = 0.0
+        self.missing = 0.0
 
     @staticmethod
     def _share(period_s: float, lag_s: np.ndarray, like: np.ndarray) -> np.ndarray:
@@ -49,16 +54,16 @@ class Aging:
 
     def reset(self) -> None:
         """Forget what was gathered."""
-        self._missing = 0.0
+        self.missing = 0.0
 
     def __call__(self, periods: float) -> None:
         """Say how many periods the next cycle is after the last one."""
-        self._missing += periods - 1.0
-        if abs(self._missing) < WORTH:
+        self.missing += periods - 1.0
+        if abs(self.missing) < WORTH:
             return
         for lags, share in self._lags:
-            np.multiply(lags, np.exp(-self._missing * share), out=lags)
-        whole, self._missing = round(self._missing), 0.0
+            np.multiply(lags, np.exp(-self.missing * share), out=lags)
+        whole, self.missing = round(self.missing), 0.0
         phase, every = int(self._phase[0]), self._every
         if every > 1 and whole > 0:
             # temperatures that are due within the gap are due now

@@ -71,19 +71,21 @@ class Follow:
     ----------
     call : Bound
         The kernel.
+    period_s : float
+        From one look to the next.
     elapsed_s, calm_s : ndarray, shape (1,)
         What it is told: see `skin.decode.ambient_model.AmbientData`.
     """
 
-    __slots__ = ("_period_s", "call", "calm_s", "elapsed_s")
+    __slots__ = ("call", "calm_s", "elapsed_s", "period_s")
 
     def __init__(self, call: Bound, data: AmbientData, period_s: float) -> None:
-        self.call, self._period_s = call, period_s
+        self.call, self.period_s = call, period_s
         self.elapsed_s, self.calm_s = data.elapsed_s, data.calm_s
 
     def __call__(self, dt_s: float | None = None) -> None:
         """Look at the cycle that stands in the arrays, `dt_s` after the last one."""
-        period_s = self._period_s
+        period_s = self.period_s
         self.elapsed_s[0] = dt_s = period_s if dt_s is None else max(dt_s, 0.0)
         self.calm_s[0] = min(dt_s, 2.0 * period_s)
         self.call()
@@ -147,7 +149,7 @@ class Ambient:
         self._body = np.array([self.bodies.index(name) for name in of_patch])[topology.patch]
         self.taken = np.empty((5, topology.n), dtype)
         self.background, self.residue_ut2 = self.taken[:4], self.taken[4]
-        self._period_s = every / topology.cycle_rate_hz
+        self.period_s = every / topology.cycle_rate_hz
         self._model = model_of(topology, self.bodies, guard_m, near_votes=crosstalk)
         self._data = data_of(topology.n, len(self.bodies), dtype)._replace(
             background=self.background, residue_ut2=self.residue_ut2
@@ -297,7 +299,7 @@ class Ambient:
         ))  # fmt: skip
 
     def _bound(self, data: AmbientData) -> Follow:
-        return Follow(Bound(kernels.update, self._model, data), data, self._period_s)
+        return Follow(Bound(kernels.update, self._model, data), data, self.period_s)
 
     @functools.cached_property
     def _own(self) -> Follow:

@@ -287,6 +287,15 @@ class Creep:
     ----------
     borne : Results
         The same with the forces that are borne; flags are those of `elastic`.
+    calls : list of callable
+        Two, by turns, for each goes on from the memory that the other one leaves; none before they
+        were needed.
+    last : int
+        Which of them was the last.
+    steps : float
+        Periods that a call goes on by.
+    missing : float
+        Periods that were gathered, less than a step.
     """
 
     def __init__(self, topology: Topology, names: tuple[str, ...], elastic: Results) -> None:
@@ -311,19 +320,19 @@ class Creep:
         first = Memory(zeros(3 * n, real), h, variance)
         self._memories = first, Memory(*(array.copy() for array in first))
         self._elastic = elastic
-        self._calls: list[Callable[[], object]] = []
+        self.calls: list[Callable[[], object]] = []
         self.reset()
 
     def reset(self) -> None:
         """Forget the history: the next cycle is the first."""
         for memory in self._memories:
             memory.elastic[:] = np.nan
-        self._last, self._missing = 0, 0.0
+        self.last, self.missing = 0, 0.0
         self._stretch(1.0)
 
     def elapse(self, periods: float) -> None:
         """Say how many periods the next cycle is after the last one."""
-        self._missing += periods - 1.0
+        self.missing += periods - 1.0
 
     def warmup(self) -> None:
         """Compile what a cycle needs, or load it."""
@@ -334,22 +343,22 @@ class Creep:
             (self._elastic.values, self.borne.values),
             zeros((3, a.elastic.size), a.h.dtype),
         )
-        self._calls = [
+        self.calls = [
             Bound(relax, self._model, CreepData(*arrays, *turns, *scratch))
             for turns in ((a, b), (b, a))
         ]  # fmt: skip
 
     def __call__(self, advance: bool) -> None:
         """Go on to the cycle that stands in `elastic`; without `advance`, to it once more."""
-        if not self._calls:
+        if not self.calls:
             self.warmup()
         if advance:
-            self._last = 1 - self._last
-            steps = max(round((1.0 + self._missing) * STEPS_A_PERIOD) / STEPS_A_PERIOD, 0.0)
-            self._missing += 1.0 - steps
-            if steps != self._steps:
+            self.last = 1 - self.last
+            steps = max(round((1.0 + self.missing) * STEPS_A_PERIOD) / STEPS_A_PERIOD, 0.0)
+            self.missing += 1.0 - steps
+            if steps != self.steps:
                 self._stretch(steps)
-        self._calls[self._last]()
+        self.calls[self.last]()
 
     def batch(self, results: Results, advance: bool) -> None:
         """Do the same, in place, with consecutive cycles."""
@@ -368,7 +377,7 @@ class Creep:
         # near 0 the difference is lost in rounding, and lag² / 12
         model.spread[:] = np.where(lag > 1e-3, square - gained**2, lag**2 / 12.0)
         model.sharper[:] = 1.0 + (model.weight * model.gained).sum(axis=0)
-        self._steps = steps
+        self.steps = steps
 
 
 def _rows(names: tuple[str, ...]) -> Rows:

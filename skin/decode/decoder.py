@@ -13,6 +13,7 @@ from bus.compiled.aligned import zeros
 from skin.decode import records, sharing
 from skin.decode.aging import Aging
 from skin.decode.loop import estimators, loop_of
+from skin.decode.mode import Mode
 from skin.decode.passes import Passes, arrays_of, check_call, plain
 from skin.decode.plan import DecodeOptions, Plan
 from skin.decode.results import Results, results_of
@@ -63,6 +64,8 @@ class Decoder:
         What takes these off; None where neither is there.
     creep : Creep or None
         What adds to forces what has not relaxed.
+    aging : Aging
+    mode : Mode
 
     Raises
     ------
@@ -148,7 +151,8 @@ class Decoder:
         self._shares = sharing.Shares(n, real, workers)
         self._control = self._shares.control
         self._live = self._shares.of(1)
-        self._aging = Aging(
+        self.mode = Mode(self._control, self._live)
+        self.aging = Aging(
             self.topology, self._state, self._control["phase"][self._live],
             self.plan.temperature_every,
         )  # fmt: skip
@@ -182,6 +186,11 @@ class Decoder:
         return self._reading
 
     @property
+    def call(self) -> Callable[[], object] | None:
+        """The kernel on the arrays of the last `bind`; None before it was needed."""
+        return self._bound[-1].calls.get(self.loop is None)
+
+    @property
     def estimator(self) -> str:
         """Inversion of the tangential field."""
         return self.plan.estimator
@@ -193,8 +202,8 @@ class Decoder:
         for name in records.HELD if self.plan.temperature_every > 1 else ():
             self._state[name] = np.nan
         self._control["phase"] = 0
-        self._aging.reset()
-        self._mode: tuple[bool, bool] | None = None
+        self.aging.reset()
+        self.mode.now = None
         self._background[:] = 0.0
         for array in (*self._out.arrays, self._shown.values):
             array[:] = 0
@@ -216,7 +225,7 @@ class Decoder:
             self.crosstalk.retare(topology)
         if self.ambient is not None:
             self.ambient.topology = topology
-        self.topology, self._mode = topology, None
+        self.topology, self.mode.now = topology, None
 
     def elapse(self, seconds: float) -> None:
         """Say how long after the last cycle the next one is, if that is not a period.
@@ -229,7 +238,7 @@ class Decoder:
         if self.loop is not None:
             self.loop.looks.elapse(seconds)
         periods = seconds * self.topology.cycle_rate_hz
-        self._aging(periods)
+        self.aging(periods)
         if self.creep is not None:
             self.creep.elapse(periods)
 
@@ -351,19 +360,12 @@ class Decoder:
     def _decode_cycle(self, passes: Passes, bare: bool, advance: bool) -> Reading:
         """Decode the cycle that stands in the inputs, `bare` without a background."""
         call = passes.calls.get(bare) or passes.at(bare)
-        if (bare, advance) != self._mode:
-            self._tell(bare, advance)
+        if (bare, advance) != self.mode.now:
+            self.mode.tell(bare, advance)
         call()
         if self.creep is not None:
             self.creep(advance)
         return self._reading
-
-    def _tell(self, bare: bool, advance: bool) -> None:
-        """Tell the kernel what is not as with the last call."""
-        self._control["advance"] = advance
-        if self._mode is None or bare is not self._mode[0]:
-            self._control["reuse"] = False
-        self._mode = bare, advance
 
     def _batch(self, raw, status, background, advance: bool) -> Reading:
         """Decode consecutive cycles into new arrays."""
@@ -383,15 +385,15 @@ class Decoder:
             taken[:, : background.shape[1]] = background
             background = taken
         share, phase = self._shares.of(raw.shape[0]), self._control["phase"]
-        self._mode = None
-        self._tell(background is None, advance)
+        self.mode.now = None
+        self.mode.tell(background is None, advance)
         phase[share] = phase[self._live.start or 0]
         sharing.together([
             functools.partial(self._kernel, self._model, data)
             for data in self._data(share, plain(raw), plain(status), background, out)
         ])  # fmt: skip
         phase[self._live] = phase[share.start or 0]
-        self._mode = None
+        self.mode.now = None
         if self.creep is not None:
             self.creep.batch(out, advance)
         return out.reading(slice(None), self.plan.quantities)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from skin.physics.stencil import Stencil
     from topology import Topology
 
-__all__ = ["Looks", "Loop", "estimators", "loop_of"]
+__all__ = ["Looks", "Loop", "Stages", "estimators", "loop_of"]
 
 
 def estimators(
@@ -49,15 +49,21 @@ class Looks:
     plan : Plan
         The field is estimated in cycles whose number is a multiple of its `looks_every`.
     rate_hz : float
+
+    Attributes
+    ----------
+    every : int
+    since_s : float
+        Since the last estimate.
     """
 
     def __init__(self, phase: np.ndarray, plan: Plan, rate_hz: float) -> None:
-        self._phase, self._every, self._period_s = phase, plan.looks_every, 1.0 / rate_hz
+        self._phase, self.every, self._period_s = phase, plan.looks_every, 1.0 / rate_hz
         self.reset()
 
     def reset(self) -> None:
         """The next cycle is the first."""
-        self._since_s = 0.0
+        self.since_s = 0.0
         self._next_s: float | None = None
 
     def elapse(self, seconds: float) -> None:
@@ -66,12 +72,24 @@ class Looks:
 
     def next(self) -> float | None:
         """Count the next cycle: seconds since the last estimate, None where there is none now."""
-        self._since_s += self._period_s if self._next_s is None else self._next_s
+        self.since_s += self._period_s if self._next_s is None else self._next_s
         self._next_s = None
-        if self._every > 1 and int(self._phase[0]) % self._every:
+        if self.every > 1 and int(self._phase[0]) % self.every:
             return None
-        since_s, self._since_s = self._since_s, 0.0
+        since_s, self.since_s = self.since_s, 0.0
         return since_s
+
+
+class Stages(NamedTuple):
+    """What a `Loop` calls before and after its decoding, for who goes through many cycles in one
+    compiled call."""
+
+    prediction: Prediction | None
+    """Before each decoding; where there is none, `background` is copied."""
+    background: tuple[np.ndarray, np.ndarray]
+    """Where it is copied to, and from."""
+    follow: Follow | None
+    """After the last decoding, where `looks` say so."""
 
 
 class Loop:
@@ -94,7 +112,7 @@ class Loop:
 
     Attributes
     ----------
-    crosstalk, ambient, looks
+    crosstalk, ambient, sweeps, looks
         As given.
     """
 
@@ -103,7 +121,7 @@ class Loop:
         film_above: np.ndarray | None, taken: np.ndarray, looks: Looks,
     ) -> None:  # fmt: skip
         self.crosstalk, self.ambient, self.looks = crosstalk, ambient, looks
-        self._sweeps = sweeps
+        self.sweeps = sweeps
         self._whole, self._film_above, self._taken = whole, film_above, taken
         self._base = np.zeros_like(taken)
         self._known = np.zeros_like(taken) if ambient is None else ambient.taken
@@ -139,13 +157,22 @@ class Loop:
             predict = self._predict.get(told) or self._bind_prediction(self.crosstalk, told)
             predict()
             reading = decode(advance)
-            for _ in range(1, self._sweeps):
+            for _ in range(1, self.sweeps):
                 predict()
                 decode(False)
         if self.ambient is not None and elapsed_s is not None:
             self._follow = follow = self._follow or self.ambient.bound(self._whole)
             follow(elapsed_s)
         return reading
+
+    @property
+    def stages(self) -> Stages | None:
+        """What a cycle is made of that is told no background; None before it was needed."""
+        prediction = self._predict.get(False)
+        lacks = self.crosstalk is not None and prediction is None
+        if lacks or (self.ambient is not None and self._follow is None):
+            return None
+        return Stages(prediction, (self._taken, self._known), self._follow)
 
     def _bind_prediction(self, crosstalk: CrossTalk, told: bool) -> Prediction:
         """The prediction of cross-talk on top of a background that is told, or not."""

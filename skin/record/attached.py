@@ -25,10 +25,12 @@ from topology import Topology, TopologyError
 from topology.files import read_arrays, read_regular
 from topology.packed import from_arrays, to_arrays
 
-__all__ = ["Setup", "attachments", "read_setup"]
+__all__ = ["DECODED", "Setup", "attachments", "decoded_attachments", "read_setup"]
 
 FORMAT = 1
 RUN, ARRAYS, STENCIL, ZEROS = "run.json", "topology.npz", "stencil.npz", "zeros.npz"
+DECODED = "decoded.json"
+"""In place of the run: of what `skin decode` has made states, which came without frames."""
 LARGEST_SOURCE = 2_000_000
 OWN = ("want", "slip", "stencil")
 """Options that are not what JSON holds."""
@@ -72,6 +74,20 @@ def attachments(
     return found | _sources(topology)
 
 
+def decoded_attachments(topology: Topology, told: Mapping[str, str]) -> dict[str, bytes]:
+    """Files of states that were decoded from a log, by name.
+
+    Parameters
+    ----------
+    topology : Topology
+    told : mapping of str to str
+        Of what they were made; ``log`` among it, the name of the log.
+    """
+    arrays = _archive(to_arrays(dataclasses.replace(topology, path=None)))
+    told_json = json.dumps(dict(told), indent=1, sort_keys=True).encode()
+    return {DECODED: told_json, ARRAYS: arrays} | _sources(topology)
+
+
 @dataclasses.dataclass(frozen=True)
 class Setup:
     """How a run was set up.
@@ -99,6 +115,9 @@ def read_setup(file: Path, attached: Mapping[str, bytes]) -> Setup:
     bus.LogError
         A file lacks, or is damaged.
     """
+    if DECODED in attached:
+        raise LogError(f"{file}: must be a recording, with frames to be replayed; got states that "
+                       f"were decoded from {_origin(attached[DECODED])}: replay that")  # fmt: skip
     for name in (RUN, ARRAYS):
         if name not in attached:
             raise LogError(f"{file}: must be a recording of a skin, with {name!r} attached; "
@@ -132,6 +151,14 @@ def read_setup(file: Path, attached: Mapping[str, bytes]) -> Setup:
         except (SkinError, TopologyError, TypeError, AttributeError) as error:
             raise LogError(f"{file}: {RUN}: must be options of a run; got: {error}") from None
     return Setup(topology, options, deadline_s, attached.get(ZEROS, b"") if takes_zeros else None)
+
+
+def _origin(decoded: bytes) -> str:
+    """The log that states were decoded from."""
+    try:
+        return repr(json.loads(decoded)["log"])
+    except (ValueError, LookupError, TypeError, RecursionError):
+        return "a log"
 
 
 def _slip(values: dict[str, Any]) -> Any:

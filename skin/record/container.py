@@ -120,9 +120,9 @@ class Container:
         """Bytes in the file."""
         return self._file.size
 
-    def attach(self, name: str, data: bytes, media_type: str) -> None:
-        """Put a file into it."""
-        now_ns = time.time_ns()
+    def attach(self, name: str, data: bytes, media_type: str, stamp_ns: int | None = None) -> None:
+        """Put a file into it, of a time; of now if none is given."""
+        now_ns = time.time_ns() if stamp_ns is None else stamp_ns
         self._writer.add_attachment(now_ns, now_ns, name, media_type, data)
 
     def add(self, topic: str, kind: str, stamp_ns: int, data: bytes) -> None:

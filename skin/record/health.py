@@ -43,6 +43,10 @@ class Health:
         self._buses, self._states = buses, [-1] * len(buses)
         self._before = np.zeros(len(KINDS), np.int64)
 
+    def begin(self, counters: np.ndarray) -> None:
+        """Tell, at first, of frames after these, shape (15,)."""
+        self._before = counters.copy()
+
     def hear(self, slot: np.ndarray) -> None:
         """Take the states of the buses, where a slot has them."""
         states = slot["bus_states"].tolist()

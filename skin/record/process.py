@@ -10,7 +10,7 @@ import base64
 import sys
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,7 +22,10 @@ from skin.record.slot import Event
 from skin.record.topics import FRAMES, LAYOUT, POSES, STATE
 from skin.worker import WorkerEnd
 
-__all__ = ["SlotsToMessages", "main"]
+if TYPE_CHECKING:
+    from topology import Topology
+
+__all__ = ["SlotsToMessages", "attach", "described", "main"]
 
 FLUSH_S = 0.4
 POLL_S = 0.02
@@ -34,6 +37,27 @@ SLOW_NS = 1_000_000_000
 MEDIA = {".toml": "application/toml", ".json": "application/json", ".npz": "application/x-npz"}
 
 
+def described(topology: Topology) -> dict[str, Any]:
+    """What messages tell of a skin, as JSON."""
+    rows = {
+        "position": topology.position, "rotation": topology.rotation.reshape(9, -1),
+        "patch": topology.patch, "enabled": topology.enabled,
+    }  # fmt: skip
+    return {
+        "topology": topology.name,
+        "names": topology.unit_names,
+        "patches": topology.patch_names,
+        "buses": [bus.name for bus in topology.buses],
+        **{name: values.tolist() for name, values in rows.items()},
+    }
+
+
+def attach(file: Container, name: str, data: bytes, stamp_ns: int | None = None) -> None:
+    """Put a file into a recording."""
+    media = MEDIA.get(Path(name).suffix, "application/octet-stream")
+    file.attach(name, data, media, stamp_ns)
+
+
 class SlotsToMessages:
     """Writes slots of the ring as messages.
 
@@ -41,10 +65,14 @@ class SlotsToMessages:
     ----------
     file : Container
     request : dict
-        As the recorder has made it.
+        As `described`.
+    counters : ndarray, shape (15,), int64, optional
+        Frames before the first slot, which diagnostics do not tell of.
     """
 
-    def __init__(self, file: Container, request: dict[str, Any]) -> None:
+    def __init__(
+        self, file: Container, request: dict[str, Any], counters: np.ndarray | None = None
+    ) -> None:
         self._file = file
         names = request["names"]
         rotation = np.array(request["rotation"], float).reshape(3, 3, -1)
@@ -54,6 +82,8 @@ class SlotsToMessages:
         )  # fmt: skip
         enabled = np.array(request["enabled"], bool)
         self._health = Health(request["topology"], names, enabled, request["buses"])
+        if counters is not None:
+            self._health.begin(counters)
         self._state, self._wrench = StateEncoder(len(names)), WrenchEncoder()
         self._stamp_ns = 0
         self._scene_ns = self._slow_ns = -(1 << 62)
@@ -136,8 +166,7 @@ def main() -> None:
     try:
         file = Container(Path(request["file"]), "f3t-skin")
         for name, data in request["attached"].items():
-            media = MEDIA.get(Path(name).suffix, "application/octet-stream")
-            file.attach(name, base64.b64decode(data), media)
+            attach(file, name, base64.b64decode(data))
         file.flush()
         _serve(end, file, SlotsToMessages(file, request))
     except OSError as error:

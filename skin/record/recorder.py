@@ -21,6 +21,7 @@ from bus.transport import Transport
 from skin.contact.record import CONTACT
 from skin.errors import SkinError
 from skin.record.container import require
+from skin.record.process import described
 from skin.record.slot import EVENTS, Event, SlotWriter, slot_dtype
 from skin.record.staging import FULL, NO_ROOM, STAGED, Ring, Staged, hand_over, stage
 from skin.state import State
@@ -282,16 +283,8 @@ def check_new(file: str | os.PathLike[str]) -> None:
 
 def _request(file: Path, topology: Topology, attached: Mapping[str, bytes]) -> dict[str, Any]:
     """What the worker is told, as JSON."""
-    rows = {
-        "position": topology.position, "rotation": topology.rotation.reshape(9, -1),
-        "patch": topology.patch, "enabled": topology.enabled,
-    }  # fmt: skip
     return {
         "file": str(file.absolute()),
-        "topology": topology.name,
-        "names": topology.unit_names,
-        "patches": topology.patch_names,
-        "buses": [bus.name for bus in topology.buses],
-        **{name: values.tolist() for name, values in rows.items()},
+        **described(topology),
         "attached": {name: base64.b64encode(data).decode() for name, data in attached.items()},
     }

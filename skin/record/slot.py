@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from skin.contact.stream import ContactStream
     from skin.record.staging import Ring, Staged
 
-__all__ = ["EVENTS", "Event", "SlotWriter", "slot_dtype"]
+__all__ = ["COUNTERS", "EVENTS", "Event", "SlotWriter", "slot_dtype"]
 
 EVENTS = 24
 """Events that a slot has room for; more go on in the next one."""

@@ -172,7 +172,8 @@ def test_a_disk_that_fills_leaves_whole_files_and_a_second_call_goes_on(job, log
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
     assert summary["state"] == "failed"
-    assert "File too large" in summary["error"]
+    assert summary["error"].startswith(f"{full.folder}/")
+    assert summary["error"].endswith(".parquet: File too large")
     assert not list(full.folder.rglob("*.part"))
     for file in full.folder.rglob("*.parquet"):
         pyarrow.parquet.ParquetFile(file).read()
@@ -227,6 +228,51 @@ def test_a_recording_is_decoded_as_it_was(job, palm_frames, tmp_path):
     assert json.loads(job.manifest_of(parts_of([file])[0]).read_text())["complete"]
 
 
+def test_a_recording_is_decoded_anew_by_another_calibration_and_for_other_wants(
+    job, palm_frames, log, tmp_path
+):
+    pytest.importorskip("mcap")
+    from skin.record.pipeline import RecordedPipeline
+
+    file = tmp_path / "run.mcap"
+    pipeline = RecordedPipeline(job.topology, skin.Options(want=WANT), file=file)
+    for _ in pipeline.feed(palm_frames):
+        pass
+    pipeline.flush()
+    pipeline.close()
+    done(job, file)
+    before = column(job, "cycles", "wrench.fz")
+    anew, _ = changed(job, log, "calibration")
+    assert (done(anew, file)["state"], done(anew, file)["state"]) == ("decoded", "unchanged")
+    after = column(job, "cycles", "wrench.fz")
+    by_log = [state.wrench[2] for state in skin.decode_log(anew.topology, log, want=WANT)]
+    np.testing.assert_array_equal(after, by_log)
+    assert not np.array_equal(before, after)
+    few = dataclasses.replace(anew, options={"want": ("force",)})
+    assert (done(few, file)["state"], done(few, file)["faults"]) == ("decoded", [])
+    assert not (job.folder_of("contacts", parts_of([file])[0]) / "part-00000.parquet").exists()
+
+
+def test_a_recording_of_another_skin_is_refused_and_leaves_what_is_there(
+    job, palm_frames, contents, tmp_path
+):
+    pytest.importorskip("mcap")
+    from skin.record.pipeline import RecordedPipeline
+
+    file = tmp_path / "run.mcap"
+    pipeline = RecordedPipeline(job.topology, skin.Options(want=("force",)), file=file)
+    for _ in pipeline.feed(palm_frames[:2000]):
+        pass
+    pipeline.close()
+    done(job, file)
+    before = contents(job.folder)
+    moved, _ = changed(job, file, "topology")
+    summary = done(moved, file)
+    assert summary["state"] == "failed"
+    assert "must be recorded with 'palm' as it is now; got differences in pos" in summary["error"]
+    assert contents(job.folder) == before
+
+
 def test_options_are_checked_before_anything_is_written(tmp_path):
     palm = topology.load("palm")
     with pytest.raises(OptionError, match="want"):
@@ -237,6 +283,17 @@ def test_options_are_checked_before_anything_is_written(tmp_path):
         Job(palm, tmp_path, partition_cycles=0)
     with pytest.raises(OptionError, match="logs: must be at least one; got none"):
         parts_of([])
+
+
+def test_empty_logs_and_logs_with_the_same_head_are_told_apart(log, tmp_path):
+    text = log.read_bytes()
+    found = []
+    for k, content in enumerate((b"", b"", text[:136] + b"began 1." + text[144:],
+                                 text[:136] + b"began 2." + text[144:])):  # fmt: skip
+        (folder := tmp_path / f"day{k}").mkdir()
+        found.append(folder / "run.log")
+        found[-1].write_bytes(content)
+    assert len({part.key for part in parts_of(found)}) == len(found)
 
 
 def test_the_same_log_is_not_taken_twice(log, tmp_path):

@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -98,6 +100,8 @@ def test_the_command_decodes_into_a_folder_and_tells_what_it_did(logs, tmp_path,
         (["palm", "a.log", "b.log"], "--output: must be a folder for several logs; got None"),
         (["palm", "a.log", "b.log", "-o", "x.csv"], "must be a folder for several logs; got x.csv"),
         (["palm", "none.log", "-o", "out"], "none.log: must be an existing file; got none"),
+        (["palm", "a.log", "--want", "force"], "--want: must be given with a folder as --output"),
+        (["palm", "a.log", "-o", "a.npz", "--format", "mcap"], "--format: must be given with a fo"),
         (["palm", "a.log", "-o", "out", "--share", "4/3"], "--share: must be I/N with I from 1"),
     ],
 )
@@ -106,3 +110,42 @@ def test_wrong_use_is_refused(arguments, message, capsys, tmp_path, monkeypatch)
     assert main(["decode", *arguments]) == 2
     assert message in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+JOB = """
+import sys
+from pathlib import Path
+import topology
+from skin.bulk.job import Job
+from skin.bulk.run import run
+
+if __name__ == "__main__":
+    folder, *logs = map(Path, sys.argv[1:])
+    run(Job(topology.load("palm"), folder, partition_cycles=100), logs, jobs=2)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
+def test_processes_end_with_the_one_that_started_them(number, logs, tmp_path):
+    (script := tmp_path / "script.py").write_text(JOB)
+    folder = tmp_path / "out"
+    job = subprocess.Popen(
+        [sys.executable, script, folder, *logs], start_new_session=True,
+        stderr=subprocess.DEVNULL, env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+    )  # fmt: skip
+    for _ in range(600):
+        if list(folder.rglob("part-*")):
+            break
+        time.sleep(0.05)
+    os.kill(job.pid, number)
+    assert job.wait(60) != 0
+    for _ in range(600):
+        try:
+            os.killpg(job.pid, 0)
+        except ProcessLookupError:
+            break
+        time.sleep(0.1)
+    else:
+        os.killpg(job.pid, signal.SIGKILL)
+        pytest.fail("processes are left")
+    assert not list(folder.rglob(".part-*"))

@@ -1,0 +1,106 @@
+"""Partitions as MCAP files, which Foxglove shows: what `skin record` writes of states, by the same
+encoders."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from skin.bulk.write import drop, place
+from skin.contact.record import CONTACT
+from skin.record.attached import decoded_attachments
+from skin.record.container import Container, require
+from skin.record.process import SlotsToMessages, attach, described
+from skin.record.slot import COUNTERS, slot_dtype
+from topology.files import named, whole_path
+
+if TYPE_CHECKING:
+    from skin.blocks.block import Block
+    from skin.bulk.job import Job, Part
+
+__all__ = ["MessagePartitions"]
+
+LIBRARY = "f3t-skin"
+OF_UNITS = ("status", "force", "force_sigma", "temperature")
+
+
+class MessagePartitions:
+    """MCAP files with the topics of a recording but its frames; see `skin.bulk.write.Writer`."""
+
+    def __init__(self, job: Job, part: Part) -> None:
+        require(str(job.folder))
+        self.tables: tuple[str, ...] = ("states",)
+        self._job, self._part = job, part
+        self._described = described(job.topology)
+        self._attached = decoded_attachments(job.topology, job.told(part))
+        self._slots = np.zeros(1, slot_dtype(job.topology))
+        for name in (*OF_UNITS[1:], "wrench"):
+            self._slots[name] = np.nan  # of what is not wanted
+        self._slots["contact"] = self._slots["bus_states"] = -1
+        self._slots["has_state"] = 1
+        self._counters = np.zeros(COUNTERS, np.int64)
+        self._open: tuple[Container, SlotsToMessages] | None = None
+        self._files = ExitStack()
+
+    def add(self, block: Block, number: int) -> None:
+        """Add a block; see `Writer`."""
+        if self._open is None:
+            self._open = self._begin(number, int(block.stamp_ns[0]))
+        file, written = self._open
+        slot = self._slots[0]
+        with named(place(self._job, self._part, "states", number)):
+            for t in range(len(block)):
+                self._fill(block, t)
+                written.write(slot)
+            file.flush()
+        self.skip(block)
+
+    def skip(self, block: Block) -> None:
+        """Pass over a block; see `Writer`."""
+        self._counters = block.totals[-1].copy()
+
+    def commit(self, number: int, *, ends: bool) -> None:
+        """Let the file take its place; see `Writer`."""
+        assert self._open is not None
+        with named(place(self._job, self._part, "states", number)):
+            self._open[0].finish()
+        self._open = None
+        files, self._files = self._files, ExitStack()
+        files.close()
+
+    def close(self) -> None:
+        """Drop what was not committed; see `Writer`."""
+        files, self._files, self._open = self._files, ExitStack(), None
+        drop(files)
+
+    def _begin(self, number: int, stamp_ns: int) -> tuple[Container, SlotsToMessages]:
+        """A file, and what writes into it. Its times are those of the log, so that it is the same
+        whenever it is written."""
+        path = place(self._job, self._part, "states", number)
+        file = Container(self._files.enter_context(whole_path(path)), LIBRARY)
+        self._files.callback(file.close)
+        for name, data in self._attached.items():
+            attach(file, name, data, max(0, stamp_ns))
+        return file, SlotsToMessages(file, self._described, self._counters)
+
+    def _fill(self, block: Block, t: int) -> None:
+        """A cycle of a block, as the recorder hands it over."""
+        slots = self._slots
+        slots["stamp_ns"], slots["cycle"] = block.stamp_ns[t], block.cycle[t]
+        slots["counters"] = block.totals[t]
+        for name in OF_UNITS:
+            values = getattr(block.units, name)
+            if values is not None:
+                slots[name] = values[t]
+        if block.wrench is not None:
+            slots["wrench"] = block.wrench[t]
+        if block.label is not None:
+            slots["contact"] = block.label[t]
+        if block.contacts is not None:
+            first, end = block.contact_start[t : t + 2].tolist()
+            slots["contact_count"] = count = end - first
+            slots["contact_slots"][0, :count] = block.contact_slot[first:end]
+            raw = block.contacts[first:end].view(np.uint8).reshape(count, CONTACT.itemsize)
+            slots["contacts"][0, :count] = raw
