@@ -26,8 +26,9 @@ __all__ = ["Demand"]
 SLOW_S, MIDDLE_S, FAST_S = 0.1, 0.04, 0.01
 """Time constants [assumed: a pull by hand rises in 0.1 s or more]."""
 
-SURE = 3.0
-"""Sigmas that a quick mean must be above the slow one [assumed: one cycle of 700]."""
+SURE = 1.0
+"""Sigmas that are taken off a quick mean: their highest in 0.3 s is two [derived: 30 independent
+values], and the grip shall stand one above what is needed, for it cannot know better."""
 
 UNKNOWN_SIGMA_N = 0.05
 """Of a pad's force where sigma is not wanted [derived: 16 units of 0.0125 N]."""
@@ -75,6 +76,8 @@ class Demand:
         The same over 0.01 s.
     raw_n : float
         The same of this cycle.
+    pull_n : float
+        Tangential load alone, without torsion, in this cycle, along its mean over 0.1 s.
     sure_n : float
         `fast_n` less its noise: what is borne at least.
     soon_n : float
@@ -90,17 +93,18 @@ class Demand:
             slow, middle, fast, ahead, _left(fast), _left_ahead(fast, middle, ahead)
         )
         self._means = Means(*(np.zeros((SIGNALS, pads)) for _ in Means._fields))
-        self._told = np.zeros(6)
+        self._told = np.zeros(7)
         self._is_first = np.ones(1, bool)
-        self.now_n = self.fast_n = self.raw_n = self.sure_n = self.soon_n = 0.0
+        self.now_n = self.fast_n = self.raw_n = self.sure_n = self.soon_n = self.pull_n = 0.0
         self.sigma_n = UNKNOWN_SIGMA_N
 
     def update(self, loads: PadLoads, arm_m: float) -> None:
         """Go on by a cycle; a pad that is not heard is left out."""
         follow(loads, arm_m, self._weights, self._means, self._is_first, self._told)
-        (self.raw_n, self.now_n, self.fast_n, self.sure_n, self.soon_n, self.sigma_n) = (
-            self._told.tolist()
-        )
+        (
+            self.raw_n, self.now_n, self.fast_n, self.sure_n, self.soon_n, self.sigma_n,
+            self.pull_n,
+        ) = self._told.tolist()  # fmt: skip
 
 
 def _left(gain: float) -> float:
@@ -123,14 +127,14 @@ def follow_python(
     is_first: np.ndarray,
     told: np.ndarray,
 ) -> None:
-    """Follow the loads; `told` becomes the attributes of `Demand` from `raw_n` to `sigma_n`, raw,
-    slow, fast, sure, soon, sigma."""
+    """Follow the loads; `told` becomes the attributes of `Demand`: raw, slow, fast, sure, soon,
+    sigma, pull."""
     pads = loads.load_n.size
-    raw, slow, fast, soon, variance, heard = 0.0, 0.0, 0.0, 0.0, 0.0, 0
+    raw, slow, fast, soon, pull, variance, heard = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0
     for pad in range(pads):
         if np.isnan(loads.load_n[pad]):
             continue
-        size, size_slow, size_fast, size_soon = 0.0, 0.0, 0.0, 0.0
+        size, size_slow, size_fast, size_soon, along, mean = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for row in range(4):
             x = loads.shear_n[row, pad] if row < 3 else loads.torsion_nm[pad] / arm_m
             if is_first[0]:
@@ -144,10 +148,14 @@ def follow_python(
             size_slow += means.slow[row, pad] ** 2
             size_fast += quick * quick
             size_soon += ahead * ahead
+            if row < 3:
+                along += x * means.slow[row, pad]
+                mean += means.slow[row, pad] ** 2
         raw += np.sqrt(size)
         slow += np.sqrt(size_slow)
         fast += np.sqrt(size_fast)
         soon += np.sqrt(size_soon)
+        pull += along / np.sqrt(mean) if mean > 0.0 else 0.0
         sigma = loads.force_sigma_n[pad]
         sigma = UNKNOWN_SIGMA_N if np.isnan(sigma) else sigma
         variance += sigma * sigma
@@ -159,7 +167,7 @@ def follow_python(
     told[0], told[1], told[2] = raw / heard, slow / heard, fast / heard
     told[3] = told[2] - SURE * weights.fast_noise * sigma
     told[4] = max(told[1], told[3], soon / heard - SURE * weights.soon_noise * sigma)
-    told[5] = sigma
+    told[5], told[6] = sigma, pull / heard
 
 
 follow = compiled(follow_python, fastmath={"contract"})

@@ -233,7 +233,7 @@ class GripControl:
             self._probe.restart()
             return
         began = not self._probe.loosens
-        answer = self._probe.update(self.load_n, demand.raw_n, demand.sigma_n, own.least_grip_n)
+        answer = self._probe.update(self.load_n, demand, own.least_grip_n)
         if began and self._probe.loosens:
             self._decide("loosens", f"{demand.now_n:.2f} N hang still: how much friction is there?")
         if answer is not None:
@@ -296,7 +296,7 @@ class GripControl:
             return
         ratio = demand.fast_n / max(self.load_n, 1e-3)
         at_limit = self.is_tested and demand.sure_n > AT_LIMIT * self.friction * self.load_n
-        near = not self.is_tested or ratio > NEAR_LIMIT * self.friction
+        near = ratio > NEAR_LIMIT * self.friction or not (self.is_tested or self._answers)
         if not at_limit and not (self._is_alarmed and near):
             return
         self.slips += 1

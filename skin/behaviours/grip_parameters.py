@@ -33,7 +33,7 @@ class GripParameters:
         tangential force, of which the mean over 0.1 s leaves a seventh].
     horizon_s : float
         Second, what the gripper takes to answer: so far ahead a load that rises is gripped for
-        [assumed: two cycles and a servo of 100 Hz].
+        [assumed: a cycle and a servo of 15 Hz].
     easing_s : float
         Second, time constant by which the grip follows a load that falls: one that comes back soon
         finds it held [assumed].
@@ -53,14 +53,14 @@ class GripParameters:
         A number that cannot be.
     """
 
-    safety: float = 0.15
+    safety: float = 0.1
     least_friction: float = 0.25
     first_grip_n: float = 2.5
     least_grip_n: float = 0.4
     most_grip_n: float = 20.0
     touch_n: float = 0.25
     lifted_n: float = 0.1
-    horizon_s: float = 0.03
+    horizon_s: float = 0.015
     easing_s: float = 0.3
     unheard_s: float = 0.1
     unheard_rise: float = 0.5

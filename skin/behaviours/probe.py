@@ -14,6 +14,8 @@ import math
 from enum import Enum
 from typing import NamedTuple
 
+from skin.behaviours.demand import Demand
+
 __all__ = ["Answer", "Outcome", "Probe"]
 
 WAIT_S, MEAN_S = 0.12, 0.16
@@ -33,6 +35,10 @@ false alarm in 500 cycles of white noise, more than a probe takes; Siegmund, 198
 
 RISE = 8.0
 """The same sum upwards, at which somebody pulls, and the probe is given up [assumed]."""
+
+
+LOOKS_BACK = 6
+"""Cycles before Page's sum rises, in which a slide may have begun [numeric]."""
 
 
 class Outcome(Enum):
@@ -56,7 +62,7 @@ class Answer(NamedTuple):
     kinetic : float
         Ratio while it slid; `friction` where it held.
     shear_n : float
-        Tangential load by pad that hung still.
+        What friction bore by pad while it hung still.
     """
 
     outcome: Outcome
@@ -90,30 +96,34 @@ class Probe:
     def restart(self) -> None:
         """Forget what it was at."""
         self.factor = 1.0
-        self._count, self._sum, self._hung_n = 0, 0.0, 0.0
+        self._count, self._mean_n = 0, 0.0
+        self._pull_n, self._borne_n = 0.0, 0.0
         self._lack, self._rise = 0.0, 0.0
         self._loads: list[float] = []
         self._shears: list[float] = []
         self._began = 0
 
-    def update(self, load_n: float, shear_n: float, sigma_n: float, least_n: float) -> Answer | None:
+    def update(
+        self, load_n: float, demand: Demand, least_n: float
+    ) -> Answer | None:
         """Go on by a cycle; an answer where there is one.
 
         Parameters
         ----------
-        load_n, shear_n : float
+        load_n : float
             Newton by pad, of this cycle.
-        sigma_n : float
-            One-sigma of `shear_n`.
+        demand : Demand
+            Of this cycle.
         least_n : float
             Newton: to which grip it may loosen.
         """
+        sigma_n = demand.sigma_n
         if not self.loosens:
-            self._watch(shear_n, sigma_n)
+            self._watch(demand)
             return None
         self._loads.append(load_n)
-        self._shears.append(shear_n)
-        off = (shear_n - self._hung_n) / sigma_n
+        self._shears.append(demand.pull_n)
+        off = (demand.pull_n - self._pull_n) / sigma_n
         self._rise = max(self._rise + off - DRIFT, 0.0)
         self._lack = max(self._lack - off - DRIFT, 0.0)
         if self._lack == 0.0:
@@ -127,25 +137,49 @@ class Probe:
         self.factor *= math.exp(-LOOSENS_PER_S * self._period_s)
         return None
 
-    def _watch(self, shear_n: float, sigma_n: float) -> None:
+    def _watch(self, demand: Demand) -> None:
         """Take the mean of a load that stays, and begin to loosen after it."""
         self._count += 1
-        self._sum += (shear_n - self._sum) / min(self._count, self._mean)
-        if abs(shear_n - self._sum) > STEADY * sigma_n:
+        self._mean_n += (demand.pull_n - self._mean_n) / min(self._count, self._mean)
+        if abs(demand.pull_n - self._mean_n) > STEADY * demand.sigma_n:
             self._count = 0
         if self._count >= self._wait + self._mean:
-            self._hung_n = self._sum
+            self._pull_n, self._borne_n = self._mean_n, demand.now_n
             self.factor = math.exp(-LOOSENS_PER_S * self._period_s)
 
     def _answer(self, outcome: Outcome, sigma_n: float) -> Answer:
-        loads, hung_n, began = self._loads, self._hung_n, self._began
-        near = loads[max(began - 2, 0) : began + 2]
-        grip_n = sum(near) / len(near) if outcome is Outcome.SLID else min(loads)
-        friction = hung_n / grip_n
-        shears, after = self._shears[began:], loads[began:]
-        kinetic = sum(shears) / sum(after) if outcome is Outcome.SLID else friction
-        noise = sigma_n / (hung_n * math.sqrt(0.5 * self._mean))
-        steps = LOOSENS_PER_S * self._period_s * math.sqrt(2.0) * max(len(after), 1) / 2.0
-        sigma = friction * math.hypot(noise, 0.5 * steps)
+        borne_n = self._borne_n
+        noise = sigma_n / (self._pull_n * math.sqrt(0.5 * self._mean))
+        if outcome is Outcome.SLID:
+            held_n, share = _onset(self._loads, self._shears, self._pull_n, self._began)
+            friction, kinetic = borne_n / held_n, share * borne_n / held_n
+            slid = max(len(self._loads) - self._began, 1)
+            noise = math.hypot(noise, 0.5 * LOOSENS_PER_S * self._period_s * math.sqrt(slid))
+        else:
+            friction = kinetic = borne_n / min(self._loads)
         self.restart()
-        return Answer(outcome, friction, sigma, kinetic, hung_n)
+        return Answer(outcome, friction, friction * noise, kinetic, borne_n)
+
+
+def _onset(
+    loads: list[float], shears: list[float], pull_n: float, began: int
+) -> tuple[float, float]:
+    """Grip at which a slide began, and friction in motion over that at rest.
+
+    The least squares of a load that stays until then and is in proportion to the grip from then on:
+    Page's sum alone tells of a beginning before the true one, where noise had already begun to
+    count, or after it, where the load lacks little at first.
+    """
+    first, best, held_n, share = max(began - LOOKS_BACK, 0), math.inf, loads[-1], 1.0
+    before = 0.0
+    for i in range(first, len(loads) - 1):
+        products = sum(s * n for s, n in zip(shears[i:], loads[i:], strict=True))
+        ratio = products / sum(n * n for n in loads[i:])
+        ratio = min(ratio, pull_n / loads[i])
+        after = sum((s - ratio * n) ** 2 for s, n in zip(shears[i:], loads[i:], strict=True))
+        if before + after < best:
+            near = loads[max(i - 1, 0) : i + 2]
+            best, held_n = before + after, sum(near) / len(near)
+            share = min(ratio * held_n / pull_n, 1.0)
+        before += (shears[i] - pull_n) ** 2
+    return held_n, share

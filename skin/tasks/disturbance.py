@@ -56,7 +56,10 @@ START_M = 0.004
 OPEN_M = 0.045
 """From the middle to a pad of the open gripper."""
 
-OFF_M = 0.004
+KINETIC = (0.85, 1.0)
+"""Friction in motion over that at rest [assumed: silicone slides about as hard as it sticks]."""
+
+OFF_M = 0.003
 """How far from the middle of the pads it stands, at most."""
 
 
@@ -157,7 +160,7 @@ def case_of(seed: int, topology: Topology) -> Case:
     thing = GraspObject(
         name="object", shape="box" if is_box else "cylinder", size_m=size,
         mass_kg=float(random.uniform(0.03, 0.3)), friction=float(random.uniform(0.3, 0.9)),
-        kinetic_share=float(random.uniform(0.7, 1.0)),
+        kinetic_share=float(random.uniform(*KINETIC)),
         position_m=(0.0, float(random.uniform(-OFF_M, OFF_M)), 0.0),
     )  # fmt: skip
     knots = [REST_S]
