@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bus.compiled.bound import Bound
 from bus.compiled.jit import compiled
 from skin.behaviours.pads import PadLoads
 
@@ -89,10 +90,13 @@ class Demand:
     def __init__(self, pads: int, period_s: float, horizon_s: float) -> None:
         slow, middle, fast = (-math.expm1(-period_s / t) for t in (SLOW_S, MIDDLE_S, FAST_S))
         ahead = (FAST_S + horizon_s) / (MIDDLE_S - FAST_S)
-        self._weights = Weights(
+        weights = Weights(
             slow, middle, fast, ahead, _left(fast), _left_ahead(fast, middle, ahead)
         )
+        self._weights = weights
         self._means = Means(*(np.zeros((SIGNALS, pads)) for _ in Means._fields))
+        self._arm_m = np.zeros(1)
+        self._loads: PadLoads | None = None
         self._told = np.zeros(7)
         self._is_first = np.ones(1, bool)
         self.now_n = self.fast_n = self.raw_n = self.sure_n = self.soon_n = self.pull_n = 0.0
@@ -100,7 +104,13 @@ class Demand:
 
     def update(self, loads: PadLoads, arm_m: float) -> None:
         """Go on by a cycle; a pad that is not heard is left out."""
-        follow(loads, arm_m, self._weights, self._means, self._is_first, self._told)
+        self._arm_m[0] = arm_m
+        if loads is not self._loads:  # those of `Pads` are the same tuple in every cycle
+            self._loads = loads
+            self._follow = Bound(
+                follow, loads, self._arm_m, self._weights, self._means, self._is_first, self._told
+            )
+        self._follow()
         (
             self.raw_n, self.now_n, self.fast_n, self.sure_n, self.soon_n, self.sigma_n,
             self.pull_n,
@@ -121,7 +131,7 @@ def _left_ahead(fast: float, middle: float, ahead: float) -> float:
 
 def follow_python(
     loads: PadLoads,
-    arm_m: float,
+    arm_m: np.ndarray,
     weights: Weights,
     means: Means,
     is_first: np.ndarray,
@@ -136,7 +146,7 @@ def follow_python(
             continue
         size, size_slow, size_fast, size_soon, along, mean = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for row in range(4):
-            x = loads.shear_n[row, pad] if row < 3 else loads.torsion_nm[pad] / arm_m
+            x = loads.shear_n[row, pad] if row < 3 else loads.torsion_nm[pad] / arm_m[0]
             if is_first[0]:
                 means.slow[row, pad] = means.middle[row, pad] = means.fast[row, pad] = x
             means.slow[row, pad] += weights.slow * (x - means.slow[row, pad])

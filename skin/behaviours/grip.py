@@ -58,6 +58,11 @@ REFRACTORY_S = 0.04
 BOOST_S = 0.15
 """How long a grip that has caught a slip is kept [assumed]."""
 
+INCIPIENT = int(SlipState.INCIPIENT)
+
+ARM_CYCLES = 10
+"""From one look at the arm of the torsion to the next: it changes with the contact [numeric]."""
+
 ARM_M = 0.015
 """Mean distance of the load from its centre, until a contact tells [assumed: a pad of 4 x 4]."""
 
@@ -130,6 +135,7 @@ class GripControl:
         self._arm_m = ARM_M
         self._floor_n = 0.0
         self._is_alarmed = False
+        self._cycles = 0
 
     @property
     def time_s(self) -> float:
@@ -275,19 +281,20 @@ class GripControl:
     # -- slip --------------------------------------------------------------------------------------
 
     def _read_contacts(self, state: State) -> None:
-        """Arm of the torsion, and whether anything slips."""
-        arm_m, total_n, alarmed = 0.0, 0.0, False
-        for contact in state.contacts or ():
+        """Whether anything begins to slip, and, now and then, the arm of the torsion."""
+        contacts = state.contacts or ()
+        self._is_alarmed = False
+        for contact in contacts:
             record = contact.record
-            load_n, arm = float(record["load"]), float(record["arm"])
-            if arm == arm:
-                arm_m, total_n = arm_m + load_n * arm, total_n + load_n
-            slip = record["slip"]
-            if slip >= SlipState.INCIPIENT:
-                alarmed |= record["onset_ns"] == record["seen_ns"]
-        if total_n > 0.0 and arm_m > 0.0:
-            self._arm_m = arm_m / total_n
-        self._is_alarmed = bool(alarmed)
+            if record["slip"] >= INCIPIENT and record["onset_ns"] == record["seen_ns"]:
+                self._is_alarmed = True
+        self._cycles += 1
+        if self._cycles % ARM_CYCLES == 0:
+            arms = [(contact.load, contact.arm) for contact in contacts]
+            known = [(load_n, arm_m) for load_n, arm_m in arms if load_n > 0.0 and arm_m > 0.0]
+            if known:
+                total_n = sum(load_n for load_n, _ in known)
+                self._arm_m = sum(load_n * arm_m for load_n, arm_m in known) / total_n
 
     def _look_for_slip(self) -> None:
         """Grip harder where faces begin to slip, or must be about to."""
