@@ -58,6 +58,9 @@ REFRACTORY_S = 0.04
 BOOST_S = 0.15
 """How long a grip that has caught a slip is kept [assumed]."""
 
+TOLD = 0.05
+"""Share by which a slip must raise the grip to be told of [assumed]."""
+
 INCIPIENT = int(SlipState.INCIPIENT)
 
 ARM_CYCLES = 10
@@ -314,7 +317,8 @@ class GripControl:
             self.kinetic = min(self.kinetic, self.friction)
         why = "faces begin to slip" if self._is_alarmed else "friction is used up"
         self._floor_n = (1.0 + own.safety) * demand.soon_n / self.kinetic
-        self._decide("grips harder", f"{why} at a ratio of {ratio:.2f}: {self._floor_n:.2f} N")
+        if self._floor_n > (1.0 + TOLD) * self.wanted_n:
+            self._decide("grips harder", f"{why} at a ratio of {ratio:.2f}: {self._floor_n:.2f} N")
 
     # -- silence and the end -----------------------------------------------------------------------
 

@@ -17,7 +17,10 @@ from skin.cli.table import facts
 
 __all__ = ["SUBCOMMANDS", "demo", "errors_against_truth"]
 
-SUBCOMMANDS = {"grasp": "skin.cli.demo_grasp:demo_grasp"}
+SUBCOMMANDS = {
+    "grasp": "skin.cli.demo_grasp:demo_grasp",
+    "grip": "skin.cli.demo_grip:demo_grip",
+}
 """Words that stand for commands of their own: module and function."""
 
 LOADED_N = 0.05

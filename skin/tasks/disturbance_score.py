@@ -8,8 +8,8 @@ from skin.tasks.disturbance import PULLED_S, REST_S, Disturbance
 
 __all__ = ["figures_of", "reactions_s"]
 
-LOOK_S = 1.0
-"""Of the rest and of the recovery that are compared: their last second."""
+LOOK_S = 0.3
+"""Ends of the rest and of the recovery that are compared."""
 
 ONSET_UNITS = 1
 """Units that really slip, from which on a slip counts."""
@@ -28,8 +28,8 @@ def figures_of(run: Disturbance) -> dict[str, object]:
     """Figures of one run, by name.
 
     `margin_…` are friction times grip over the tangential load, minus 1, by the truth: at rest in
-    the last second before the pulls, at the largest load, and the median from there to the end.
-    `return_error` is the grip in the last second over that at rest, minus 1. `reaction_ms` is the
+    the last moment before the pulls, at the largest load, and the median from there to the end.
+    `return_error` is the grip at the end over that at rest, minus 1. `reaction_ms` is the
     median time from a unit's true slip to a rise of the command.
     """
     clock_s, margin = run.clock_s, np.array(run.margin)
