@@ -1,14 +1,12 @@
 """What friction has to bear on the pads of a gripper: tangential load and torsion, now and soon.
 
-A tangential load and a moment about the normal use friction up together: all faces of a pad slip
-where ``hypot(shear, torsion / arm)`` reaches friction times grip, the arm being the mean distance
-of the load from its centre (a circle in place of the limit surface, which is exact for either
-alone).
+A moment about the normal loads the faces that are far from its axis more than the others, and these
+slip first; where friction is less in motion than at rest, the others follow at once. So a pad's
+demand is what its most loaded face asks for: the tangential load, and the torsion over an arm.
 
 Noise must not shake the grip, and a pull must not wait for a mean. So three means of different
-length follow the loads, and the demand is the largest of what they tell beyond their noise: the
-slow one as it is, the fast one less its noise, and what a load that goes on to rise will be when
-the gripper has answered.
+length follow the loads, and the demand is the largest of the slow one, the fast one, and what a
+load that goes on to rise will be when the gripper has answered, less the noise of that.
 """
 
 from __future__ import annotations
@@ -19,17 +17,29 @@ from typing import NamedTuple
 import numpy as np
 
 from bus.compiled.bound import Bound
-from bus.compiled.jit import compiled
+from bus.compiled.jit import compiled, jitable
 from skin.behaviours.pads import PadLoads
 
 __all__ = ["Demand"]
 
-SLOW_S, MIDDLE_S, FAST_S = 0.1, 0.04, 0.01
+SLOW_S, MIDDLE_S, FAST_S = 0.1, 0.025, 0.01
 """Time constants [assumed: a pull by hand rises in 0.1 s or more]."""
 
 SURE = 1.0
-"""Sigmas that are taken off a quick mean: their highest in 0.3 s is two [derived: 30 independent
-values], and the grip shall stand one above what is needed, for it cannot know better."""
+"""Sigmas that are taken off a forecast and off a torsion: both only ever add to the demand, and
+would add their noise [assumed]."""
+
+MOVING, MOVING_SHARE = 3.5, 0.04
+"""Sigmas, and share of itself, by which the fast mean of a load that moves is off the slow one
+[assumed: what swings by 4 % is at rest]."""
+
+FURTHEST = 1.4
+"""What a forecast may be of the fast mean: a hand that lifts what stands loads stiff pads within
+10 ms, and a straight line through that leads nowhere [assumed]."""
+
+FARTHEST = 1.25
+"""Torsion of the most loaded face, of the mean one: mean distance times farthest over mean square
+of 4 x 4, 2 x 4 and 1 x 4 units, 1.27, 1.21, 1.2 [derived]."""
 
 UNKNOWN_SIGMA_N = 0.05
 """Of a pad's force where sigma is not wanted [derived: 16 units of 0.0125 N]."""
@@ -48,12 +58,13 @@ class Means(NamedTuple):
 
 class Weights(NamedTuple):
     """Gains of the three means, the share of the rise that is added, and what noise is left of one
-    sigma in the fast mean and in the forecast; shape () each."""
+    sigma in the slow mean, in the fast one and in the forecast."""
 
     slow: float
     middle: float
     fast: float
     ahead: float
+    slow_noise: float
     fast_noise: float
     soon_noise: float
 
@@ -76,13 +87,18 @@ class Demand:
     fast_n : float
         The same over 0.01 s.
     raw_n : float
-        The same of this cycle.
+        Tangential load alone, in this cycle.
     pull_n : float
-        Tangential load alone, without torsion, in this cycle, along its mean over 0.1 s.
+        The same along its mean over 0.1 s.
     sure_n : float
-        `fast_n` less its noise: what is borne at least.
+        `fast_n` less two of its sigmas: what is borne at least.
     soon_n : float
         What to grip for: the largest that is sure.
+    is_moving : bool
+        Whether the load rises or falls: the fast mean is off the slow one by more than noise.
+    borne_n : float
+        Newton by pad, a mean over 0.1 s: what all faces together bear where all of them slip, the
+        root of the squares of tangential load and torsion over arm.
     sigma_n : float
         One-sigma of `raw_n`.
     """
@@ -91,15 +107,17 @@ class Demand:
         slow, middle, fast = (-math.expm1(-period_s / t) for t in (SLOW_S, MIDDLE_S, FAST_S))
         ahead = (FAST_S + horizon_s) / (MIDDLE_S - FAST_S)
         weights = Weights(
-            slow, middle, fast, ahead, _left(fast), _left_ahead(fast, middle, ahead)
+            slow, middle, fast, ahead, _left(slow), _left(fast), _left_ahead(fast, middle, ahead)
         )
         self._weights = weights
         self._means = Means(*(np.zeros((SIGNALS, pads)) for _ in Means._fields))
         self._arm_m = np.zeros(1)
         self._loads: PadLoads | None = None
-        self._told = np.zeros(7)
+        self._told = np.zeros(8)
         self._is_first = np.ones(1, bool)
         self.now_n = self.fast_n = self.raw_n = self.sure_n = self.soon_n = self.pull_n = 0.0
+        self.borne_n = 0.0
+        self.is_moving = False
         self.sigma_n = UNKNOWN_SIGMA_N
 
     def update(self, loads: PadLoads, arm_m: float) -> None:
@@ -113,8 +131,10 @@ class Demand:
         self._follow()
         (
             self.raw_n, self.now_n, self.fast_n, self.sure_n, self.soon_n, self.sigma_n,
-            self.pull_n,
+            self.pull_n, self.borne_n,
         ) = self._told.tolist()  # fmt: skip
+        noise_n = MOVING * self._weights.fast_noise * self.sigma_n
+        self.is_moving = abs(self.fast_n - self.now_n) > noise_n + MOVING_SHARE * self.now_n
 
 
 def _left(gain: float) -> float:
@@ -129,6 +149,12 @@ def _left_ahead(fast: float, middle: float, ahead: float) -> float:
     return float(np.sqrt((answer**2).sum()))
 
 
+@jitable
+def _beyond(torsion, noise):
+    """What a torsion, as a force, adds at the most loaded face."""
+    return FARTHEST * max(abs(torsion) - SURE * noise, 0.0)
+
+
 def follow_python(
     loads: PadLoads,
     arm_m: np.ndarray,
@@ -138,13 +164,15 @@ def follow_python(
     told: np.ndarray,
 ) -> None:
     """Follow the loads; `told` becomes the attributes of `Demand`: raw, slow, fast, sure, soon,
-    sigma, pull."""
+    sigma, pull, borne."""
     pads = loads.load_n.size
-    raw, slow, fast, soon, pull, variance, heard = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0
+    raw, slow, fast, soon, pull, borne, variance, heard = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0
     for pad in range(pads):
         if np.isnan(loads.load_n[pad]):
             continue
-        size, size_slow, size_fast, size_soon, along, mean = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        sigma = loads.force_sigma_n[pad]
+        sigma = UNKNOWN_SIGMA_N if np.isnan(sigma) else sigma
+        size, size_slow, size_fast, size_soon, along = 0.0, 0.0, 0.0, 0.0, 0.0
         for row in range(4):
             x = loads.shear_n[row, pad] if row < 3 else loads.torsion_nm[pad] / arm_m[0]
             if is_first[0]:
@@ -154,20 +182,19 @@ def follow_python(
             means.fast[row, pad] += weights.fast * (x - means.fast[row, pad])
             quick = means.fast[row, pad]
             ahead = quick + weights.ahead * (quick - means.middle[row, pad])
-            size += x * x
-            size_slow += means.slow[row, pad] ** 2
-            size_fast += quick * quick
-            size_soon += ahead * ahead
             if row < 3:
+                size += x * x
+                size_slow += means.slow[row, pad] ** 2
+                size_fast += quick * quick
+                size_soon += ahead * ahead
                 along += x * means.slow[row, pad]
-                mean += means.slow[row, pad] ** 2
+        torsion = means.slow[3, pad]
+        borne += np.sqrt(size_slow + torsion**2)
         raw += np.sqrt(size)
-        slow += np.sqrt(size_slow)
-        fast += np.sqrt(size_fast)
-        soon += np.sqrt(size_soon)
-        pull += along / np.sqrt(mean) if mean > 0.0 else 0.0
-        sigma = loads.force_sigma_n[pad]
-        sigma = UNKNOWN_SIGMA_N if np.isnan(sigma) else sigma
+        slow += np.sqrt(size_slow) + _beyond(torsion, weights.slow_noise * sigma)
+        fast += np.sqrt(size_fast) + _beyond(means.fast[3, pad], weights.fast_noise * sigma)
+        soon += np.sqrt(size_soon) + _beyond(ahead, weights.soon_noise * sigma)
+        pull += along / np.sqrt(size_slow) if size_slow > 0.0 else 0.0
         variance += sigma * sigma
         heard += 1
     if heard == 0:
@@ -175,9 +202,10 @@ def follow_python(
     is_first[0] = False
     sigma = np.sqrt(variance) / heard
     told[0], told[1], told[2] = raw / heard, slow / heard, fast / heard
-    told[3] = told[2] - SURE * weights.fast_noise * sigma
-    told[4] = max(told[1], told[3], soon / heard - SURE * weights.soon_noise * sigma)
-    told[5], told[6] = sigma, pull / heard
+    told[3] = told[2] - 2.0 * weights.fast_noise * sigma
+    ahead = min(soon / heard - SURE * weights.soon_noise * sigma, FURTHEST * told[2])
+    told[4] = max(told[1], told[2], ahead)
+    told[5], told[6], told[7] = sigma, pull / heard, borne / heard
 
 
 follow = compiled(follow_python, fastmath={"contract"})

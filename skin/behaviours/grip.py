@@ -36,12 +36,8 @@ DOUBT = 1.0
 AGREE = 3.0
 """Sigmas that two slides may differ by and tell of the same friction [numeric]."""
 
-AT_LIMIT = 0.97
-"""Share of the friction believed in, used up, at which faces are taken to slip [derived: three
-sigma of the fast mean at 1 N]."""
-
 NEAR_LIMIT = 0.8
-"""The same, below which a slip that begins is that of faces at an edge, and holds [assumed]."""
+"""Share of the friction believed in, used up, below which a slip that begins is that of faces at an edge, and holds [assumed]."""
 
 SHARE_OF_SLIP = 0.9
 """Friction over the ratio of loads where slip begins: the faces that began it had more of it."""
@@ -49,11 +45,17 @@ SHARE_OF_SLIP = 0.9
 LEAST_FALL = 0.75
 """Of the belief at one slip: a ratio far below tells of a load that has just fallen [assumed]."""
 
-FIRST_KINETIC = 0.75
+FIRST_KINETIC = 0.85
 """Friction in motion over that at rest, until a slide has shown it [assumed]."""
 
 REFRACTORY_S = 0.04
 """After a slip, before the next one is believed: the grip takes as long to rise [derived]."""
+
+CATCHES = 1.15
+"""By which the loop that catches a slide grows, from one round to the next [assumed]."""
+
+RESTED_S = 0.3
+"""After which a load that has moved is at rest: a slide would have been caught [assumed]."""
 
 BOOST_S = 0.15
 """How long a grip that has caught a slip is kept [assumed]."""
@@ -139,6 +141,7 @@ class GripControl:
         self._floor_n = 0.0
         self._is_alarmed = False
         self._cycles = 0
+        self._rested_s = 0.0
 
     @property
     def time_s(self) -> float:
@@ -150,6 +153,19 @@ class GripControl:
         """Share of the friction believed in that is left; NaN before anything is touched."""
         held_n = self.friction * self.load_n
         return 1.0 - self.shear_n / held_n if held_n > 0.0 else math.nan
+
+    @property
+    def safety(self) -> float:
+        """Grip above the least that holds, now.
+
+        While a load moves, a slide may begin unseen. What slides drags by friction in motion times
+        grip: with a grip of (1 + safety) times that over friction at rest, the grip rises until
+        nothing slides any more if (1 + safety) times the ratio of the two is above 1.
+        """
+        own = self.parameters
+        if self._rested_s > RESTED_S:
+            return own.safety
+        return max(own.safety, CATCHES * self.friction / self.kinetic - 1.0)
 
     @property
     def least_n(self) -> float:
@@ -218,7 +234,8 @@ class GripControl:
     def _set(self, elapsed_s: float) -> None:
         """The grip that is wanted: up at once, down slowly."""
         own = self.parameters
-        needed_n = (1.0 + own.safety) * self.least_n
+        self._rested_s = 0.0 if self.demand.is_moving else self._rested_s + elapsed_s
+        needed_n = (1.0 + self.safety) * self.least_n
         if self._slipped_s > BOOST_S:
             self._floor_n = 0.0
         if not self.is_tested and self.demand.now_n < own.lifted_n:
@@ -305,7 +322,7 @@ class GripControl:
         if self._slipped_s < REFRACTORY_S or demand.now_n < own.lifted_n:
             return
         ratio = demand.fast_n / max(self.load_n, 1e-3)
-        at_limit = self.is_tested and demand.sure_n > AT_LIMIT * self.friction * self.load_n
+        at_limit = self.is_tested and demand.sure_n > self.friction * self.load_n
         near = ratio > NEAR_LIMIT * self.friction or not (self.is_tested or self._answers)
         if not at_limit and not (self._is_alarmed and near):
             return

@@ -16,8 +16,8 @@ class GripParameters:
     Attributes
     ----------
     safety : float
-        Grip above the least that holds, as a share of it [assumed: people take 0.1 to 0.4,
-        Johansson and Westling, 1984].
+        Grip above the least that holds what rests, as a share of it [assumed: people take 0.1 to
+        0.4, Johansson and Westling, 1984, of which doubt about friction is a part here].
     least_friction : float
         Coefficient of friction that is believed in until something is known [assumed: silicone on
         what is wet or dusty].
@@ -53,14 +53,14 @@ class GripParameters:
         A number that cannot be.
     """
 
-    safety: float = 0.1
+    safety: float = 0.08
     least_friction: float = 0.25
     first_grip_n: float = 2.5
     least_grip_n: float = 0.4
     most_grip_n: float = 20.0
     touch_n: float = 0.25
     lifted_n: float = 0.1
-    horizon_s: float = 0.015
+    horizon_s: float = 0.02
     easing_s: float = 0.2
     unheard_s: float = 0.1
     unheard_rise: float = 0.5

@@ -37,6 +37,10 @@ RISE = 8.0
 """The same sum upwards, at which somebody pulls, and the probe is given up [assumed]."""
 
 
+DOUBTED = 0.3
+"""Sigma of friction at rest over what is found of it above that in motion: an onset that is found
+late shows both [assumed]."""
+
 LOOKS_BACK = 6
 """Cycles before Page's sum rises, in which a slide may have begun [numeric]."""
 
@@ -144,7 +148,7 @@ class Probe:
         if abs(demand.pull_n - self._mean_n) > STEADY * demand.sigma_n:
             self._count = 0
         if self._count >= self._wait + self._mean:
-            self._pull_n, self._borne_n = self._mean_n, demand.now_n
+            self._pull_n, self._borne_n = self._mean_n, demand.borne_n
             self.factor = math.exp(-LOOSENS_PER_S * self._period_s)
 
     def _answer(self, outcome: Outcome, sigma_n: float) -> Answer:
@@ -153,8 +157,7 @@ class Probe:
         if outcome is Outcome.SLID:
             held_n, share = _onset(self._loads, self._shears, self._pull_n, self._began)
             friction, kinetic = borne_n / held_n, share * borne_n / held_n
-            slid = max(len(self._loads) - self._began, 1)
-            noise = math.hypot(noise, 0.5 * LOOSENS_PER_S * self._period_s * math.sqrt(slid))
+            noise = math.hypot(noise, LOOSENS_PER_S * self._period_s, DOUBTED * (1.0 - share))
         else:
             friction = kinetic = borne_n / min(self._loads)
         self.restart()

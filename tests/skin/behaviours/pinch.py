@@ -11,6 +11,8 @@ import numpy as np
 from topology import load
 
 PERIOD_S = 0.004
+LIFTED_S, HANGS_S = 0.3, 0.4
+"""From when to when the floor lets go of it."""
 G = 9.81
 
 
@@ -68,7 +70,9 @@ class Pinch:
     def _step(self):
         self.state.stamp_ns += round(1e9 * PERIOD_S)
         self.grip_n += (self.asked_n - self.grip_n) * (1.0 - np.exp(-PERIOD_S / 0.012))
-        load_n = self.mass_kg * G + self.pull_n
+        time_s = 1e-9 * self.state.stamp_ns
+        lifted = min(max((time_s - LIFTED_S) / (HANGS_S - LIFTED_S), 0.0), 1.0)
+        load_n = lifted * self.mass_kg * G + self.pull_n
         slides = self.speed_m_per_s > 0.0
         held_n = 2.0 * self.grip_n * (self.kinetic if slides else self.friction)
         if slides or load_n > held_n:

@@ -33,7 +33,7 @@ def test_friction_is_found_and_the_grip_is_hardly_more_than_holds(friction, shar
 
 
 def test_before_anything_is_known_the_belief_is_small():
-    pinch, control = held(seconds=0.3)
+    pinch, control = held(seconds=0.6)
     assert not control.is_tested
     assert pinch.grip_n > 1.5 * pinch.needed_n
     assert control.friction == GripParameters().least_friction
