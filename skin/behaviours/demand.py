@@ -94,6 +94,8 @@ class Demand:
         `fast_n` less two of its sigmas: what is borne at least.
     soon_n : float
         What to grip for: the largest that is sure.
+    noise_n : float
+        One-sigma of what is followed: of `fast_n` while the load moves, else of `now_n`.
     is_moving : bool
         Whether the load rises or falls: the fast mean is off the slow one by more than noise.
     borne_n : float
@@ -118,6 +120,7 @@ class Demand:
         self.now_n = self.fast_n = self.raw_n = self.sure_n = self.soon_n = self.pull_n = 0.0
         self.borne_n = 0.0
         self.is_moving = False
+        self.noise_n = 0.0
         self.sigma_n = UNKNOWN_SIGMA_N
 
     def update(self, loads: PadLoads, arm_m: float) -> None:
@@ -133,8 +136,11 @@ class Demand:
             self.raw_n, self.now_n, self.fast_n, self.sure_n, self.soon_n, self.sigma_n,
             self.pull_n, self.borne_n,
         ) = self._told.tolist()  # fmt: skip
-        noise_n = MOVING * self._weights.fast_noise * self.sigma_n
-        self.is_moving = abs(self.fast_n - self.now_n) > noise_n + MOVING_SHARE * self.now_n
+        self.noise_n = self._weights.fast_noise * self.sigma_n
+        least_n = MOVING * self.noise_n + MOVING_SHARE * self.now_n
+        self.is_moving = abs(self.fast_n - self.now_n) > least_n
+        if not self.is_moving:
+            self.noise_n = self._weights.slow_noise * self.sigma_n
 
 
 def _left(gain: float) -> float:

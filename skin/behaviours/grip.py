@@ -37,7 +37,8 @@ AGREE = 3.0
 """Sigmas that two slides may differ by and tell of the same friction [numeric]."""
 
 NEAR_LIMIT = 0.8
-"""Share of the friction believed in, used up, below which a slip that begins is that of faces at an edge, and holds [assumed]."""
+"""Share of the friction believed in, used up, below which a slip that begins is that of faces at an
+edge, and holds [assumed]."""
 
 SHARE_OF_SLIP = 0.9
 """Friction over the ratio of loads where slip begins: the faces that began it had more of it."""
@@ -51,7 +52,7 @@ FIRST_KINETIC = 0.85
 REFRACTORY_S = 0.04
 """After a slip, before the next one is believed: the grip takes as long to rise [derived]."""
 
-CATCHES = 1.15
+CATCHES = 1.1
 """By which the loop that catches a slide grows, from one round to the next [assumed]."""
 
 RESTED_S = 0.3
@@ -194,7 +195,7 @@ class GripControl:
         """Look at a cycle, and tell the gripper."""
         elapsed_s = self._clock(state.stamp_ns)
         loads = self._pads.read(state)
-        felt = [load for load in loads.load_n.tolist() if load == load]
+        felt = [load for load in loads.load_n.tolist() if not math.isnan(load)]
         all_heard = len(felt) == len(self._pads.names)
         if felt:
             self.load_n = sum(felt) / len(felt)
@@ -235,7 +236,7 @@ class GripControl:
         """The grip that is wanted: up at once, down slowly."""
         own = self.parameters
         self._rested_s = 0.0 if self.demand.is_moving else self._rested_s + elapsed_s
-        needed_n = (1.0 + self.safety) * self.least_n
+        needed_n = (1.0 + self.safety) * self.least_n + self.demand.noise_n / self._sure_friction
         if self._slipped_s > BOOST_S:
             self._floor_n = 0.0
         if not self.is_tested and self.demand.now_n < own.lifted_n:

@@ -61,7 +61,7 @@ class GripParameters:
     touch_n: float = 0.25
     lifted_n: float = 0.1
     horizon_s: float = 0.02
-    easing_s: float = 0.2
+    easing_s: float = 0.15
     unheard_s: float = 0.1
     unheard_rise: float = 0.5
     release_n_per_s: float = 5.0

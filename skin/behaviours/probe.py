@@ -30,7 +30,7 @@ LOOSENS_PER_S = 4.0
 after t is g t^3 4/6, 0.4 mm in 40 ms; slower, it would be as far before the load tells]."""
 
 DRIFT, LIMIT = 0.5, 6.0
-"""Of Page's test, in sigmas: what is taken off each cycle, and the sum that is a slide [derived: one
+"""Of Page's test, in sigmas: what is taken off each cycle, and the sum that is a slide [derived: a
 false alarm in 500 cycles of white noise, more than a probe takes; Siegmund, 1985]."""
 
 RISE = 8.0
@@ -107,9 +107,7 @@ class Probe:
         self._shears: list[float] = []
         self._began = 0
 
-    def update(
-        self, load_n: float, demand: Demand, least_n: float
-    ) -> Answer | None:
+    def update(self, load_n: float, demand: Demand, least_n: float) -> Answer | None:
         """Go on by a cycle; an answer where there is one.
 
         Parameters

@@ -193,9 +193,7 @@ def run_disturbance(
         return _played(world, case, parameters, pace)
 
 
-def _played(
-    world: World, case: Case, parameters: GripParameters | None, pace: bool
-) -> Disturbance:
+def _played(world: World, case: Case, parameters: GripParameters | None, pace: bool) -> Disturbance:
     began_s = time.monotonic()
     gripper = SimulatedGripper(world)
     gripper.target_m = max(OPEN_M - case.thing.size_m[0] - START_M, 0.0)
