@@ -82,7 +82,8 @@ def _title(report: dict[str, object]) -> str:
     dead = f", {report['dead_units']} units dead" if report["dead_units"] else ""
     told = "dropped" if report["dropped"] else "held"
     return (
-        f"A {report['shape']} of {report['mass_kg']} kg and friction {report['friction']}{dead}, "
+        f"A {report['shape']} of {report['mass_kg']:.3f} kg and friction "
+        f"{report['friction']:.2f}{dead}, "
         f"pulled and turned: {told}"
     )
 
