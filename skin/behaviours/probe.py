@@ -41,6 +41,10 @@ DOUBTED = 0.3
 """Sigma of friction at rest over what is found of it above that in motion: an onset that is found
 late shows both [assumed]."""
 
+OVERLOOKED, HELD_OVERLOOKED = 0.4, 1.1
+"""Sigmas of one cycle's load that a slide may lack unseen: Page's sum needs 6 + 0.5 m in m cycles,
+1.1 a cycle in ten of them; where a slide was seen, its least squares know it better [derived]."""
+
 LOOKS_BACK = 6
 """Cycles before Page's sum rises, in which a slide may have begun [numeric]."""
 
@@ -150,14 +154,17 @@ class Probe:
             self.factor = math.exp(-LOOSENS_PER_S * self._period_s)
 
     def _answer(self, outcome: Outcome, sigma_n: float) -> Answer:
-        borne_n = self._borne_n
-        noise = sigma_n / (self._pull_n * math.sqrt(0.5 * self._mean))
+        borne_n, relative = self._borne_n, sigma_n / self._pull_n
+        noise = relative * math.sqrt(2.0 / self._mean)
         if outcome is Outcome.SLID:
             held_n, share = _onset(self._loads, self._shears, self._pull_n, self._began)
             friction, kinetic = borne_n / held_n, share * borne_n / held_n
-            noise = math.hypot(noise, LOOSENS_PER_S * self._period_s, DOUBTED * (1.0 - share))
+            step = LOOSENS_PER_S * self._period_s
+            noise = math.hypot(noise, step, DOUBTED * (1.0 - share), OVERLOOKED * relative)
         else:
-            friction = kinetic = borne_n / min(self._loads)
+            last = self._loads[-3:]
+            friction = kinetic = borne_n * len(last) / sum(last)
+            noise = math.hypot(noise, HELD_OVERLOOKED * relative)
         self.restart()
         return Answer(outcome, friction, friction * noise, kinetic, borne_n)
 

@@ -28,7 +28,7 @@ def test_friction_is_found_and_the_grip_is_hardly_more_than_holds(friction, shar
     pinch, control = held(friction=friction, kinetic=share * friction, seconds=4.0)
     assert control.is_tested
     assert control.friction == pytest.approx(friction, rel=0.1)
-    assert 1.0 < pinch.grip_n / pinch.needed_n < 1.35
+    assert 1.0 < pinch.grip_n / pinch.needed_n < 1.4
     assert pinch.slid_m < 0.004
 
 
