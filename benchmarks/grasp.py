@@ -23,12 +23,12 @@ import numpy as np
 
 from benchmarks.grasp_hand import hand_model, hand_topology
 from benchmarks.slip_intervals import rate
-from skin.grasp.trial import OVER_SQUEEZED, run_trial
 from skin.grasp.world import grasp
 from skin.sim.engine.object import GraspObject
 from skin.sim.engine.plant import Plant
 from skin.sim.engine.spec import engine_library
 from skin.sim.engine.steps import split
+from skin.tasks.grasp_trial import OVER_SQUEEZED, run_trial
 from topology import load
 
 G = 9.81

@@ -22,6 +22,7 @@ SUBCOMMANDS = {
     "gesture": "skin.cli.demo_gesture:demo_gesture",
     "pva": "skin.cli.demo_pva:demo_pva",
     "tea": "skin.cli.demo_tea:demo_tea",
+    "grip": "skin.cli.demo_grip:demo_grip",
 }
 """Words that stand for commands of their own: module and function."""
 

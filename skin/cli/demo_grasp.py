@@ -14,7 +14,7 @@ from skin.cli import options
 from skin.cli.table import facts
 
 if TYPE_CHECKING:
-    from skin.grasp.trial import Trial
+    from skin.tasks.grasp_trial import Trial
     from skin.view.grasp_picture import Shots
 
 __all__ = ["demo_grasp", "figures_of"]
@@ -39,7 +39,7 @@ def demo_grasp(
     where the object is dropped. The picture needs matplotlib, all else does not.
     """
     from skin.errors import MOST_SEED, LibraryError, check_number
-    from skin.grasp.trial import run_trial
+    from skin.tasks.grasp_trial import run_trial
     from skin.view.grasp_picture import save_grasp
 
     options.check_folder("--picture", picture)

@@ -31,7 +31,9 @@ def test_sums_are_those_of_each_pad_in_the_skin_frame():
     loads = Pads(topology).read(Cycle(units))
     for pad in range(2):
         own = topology.patch == pad
-        turned = np.einsum("abn,bn->an", topology.rotation, units.force.astype(float))[:, own]
+        force = units.force.astype(float)
+        force[:2, force[2] < 4.0 * 0.01] = 0.0  # of what nothing presses
+        turned = np.einsum("abn,bn->an", topology.rotation, force)[:, own]
         total = turned.sum(axis=1)
         weight = np.maximum(units.force[2, own], 0.0)
         normal = (topology.rotation[:, 2, own] * weight).sum(axis=1)

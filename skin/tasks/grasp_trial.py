@@ -1,4 +1,4 @@
-"""A trial of the holder: an object of unknown weight and friction is grasped, lifted and pulled."""
+"""A trial of the grip control: an object nobody has described is grasped, lifted and pulled."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from skin.grasp.hold import Holder
+from skin.behaviours.grip import GripControl
 from skin.grasp.world import World, grasp
 from skin.sim.engine.object import GraspObject
+from skin.tasks.simulated_gripper import SimulatedGripper
 
 __all__ = ["OVER_SQUEEZED", "SECONDS", "Trial", "run_trial", "unknown_object"]
 
@@ -47,7 +48,7 @@ slid_m, gap_m, pull_n : list of float
     slipping : list of int
         Units whose face really slips.
     slips : int
-        That the holder has seen.
+        That the control has seen.
     """
 
     thing: GraspObject
@@ -108,19 +109,17 @@ def run_trial(
     thing = unknown_object(seed) if thing is None else thing
     with grasp("gripper", objects=[thing], seed=seed) as world:
         began_s = time.monotonic()
-        holder, trial = Holder(world.skin.topology), Trial(thing)
+        control = GripControl(world.skin.topology, SimulatedGripper(world))
+        trial = Trial(thing)
         for state in world:
-            target_m = holder.update(state)
-            lower, upper = world.joints.limits("left")
-            target_m = min(max(target_m, lower), upper)
-            world.joints["left"] = world.joints["right"] = target_m
-            pull_n = _play(world, thing, holder.hangs)
-            _note(trial, world, holder, pull_n)
+            control.update(state)
+            pull_n = _play(world, thing, control.is_tested)
+            _note(trial, world, control, pull_n)
             if world.time_s >= seconds - 1e-9:
                 break
             if pace:
                 time.sleep(max(0.0, began_s + world.time_s - time.monotonic()))
-        trial.slips = holder.grip.slips
+        trial.slips = control.slips
     return trial
 
 
@@ -138,17 +137,17 @@ def _play(world: World, thing: GraspObject, hangs: bool) -> float:
     return pull_n
 
 
-def _note(trial: Trial, world: World, holder: Holder, pull_n: float) -> None:
-    truth, grip = world.truth, holder.grip
+def _note(trial: Trial, world: World, control: GripControl, pull_n: float) -> None:
+    truth = world.truth
     height_m, hand_m = float(truth.position[2, 0]), world.joints["lift"]
     trial.time_s.append(world.time_s)
-    trial.load_n.append(grip.load_n)
+    trial.load_n.append(control.load_n)
     trial.true_load_n.append(float(truth.normal_n.sum()) / 2.0)
-    trial.shear_n.append(grip.shear_n)
-    trial.wanted_n.append(grip.wanted_n)
-    trial.margin.append(grip.margin if grip.touching else float("nan"))
+    trial.shear_n.append(control.shear_n)
+    trial.wanted_n.append(control.wanted_n)
+    trial.margin.append(control.margin)
     trial.true_margin.append(truth.margin())
-    trial.belief.append(grip.belief)
+    trial.belief.append(control.friction)
     trial.height_m.append(height_m)
     trial.hand_m.append(hand_m)
     trial.slid_m.append(hand_m - height_m)

@@ -1,0 +1,374 @@
+"""GripControl: the least grip that holds what pulls, turns and weighs, and no more.
+
+It knows neither weight nor friction. It grips as hard as tangential load and torsion over friction
+ask, a little more, and for what a load that rises will be when the gripper has answered. Until
+something is known of friction it believes in little; what hangs still is loosened once for a
+moment (`skin.behaviours.probe`), and the belief becomes what that has shown. A slip later on makes
+it fall.
+
+::
+
+    control = GripControl(topology, gripper)
+    for state in skin:
+        control.update(state)
+"""
+
+from __future__ import annotations
+
+import math
+from enum import Enum
+
+from skin.behaviours.decision import Decisions
+from skin.behaviours.demand import Demand
+from skin.behaviours.grip_parameters import GripParameters
+from skin.behaviours.gripper import Gripper
+from skin.behaviours.pads import Pads
+from skin.behaviours.probe import Answer, Outcome, Probe
+from skin.contact.record import SlipState
+from skin.state import State
+from topology import Topology
+
+__all__ = ["GripControl", "Phase"]
+
+DOUBT = 1.0
+"""Sigmas of friction that are left as a margin beside the safety [assumed]."""
+
+AGREE = 3.0
+"""Sigmas that two slides may differ by and tell of the same friction [numeric]."""
+
+NEAR_LIMIT = 0.8
+"""Share of the friction believed in, used up, below which a slip that begins is that of faces at an
+edge, and holds [assumed]."""
+
+SHARE_OF_SLIP = 0.9
+"""Friction over the ratio of loads where slip begins: the faces that began it had more of it."""
+
+LEAST_FALL = 0.75
+"""Of the belief at one slip: a ratio far below tells of a load that has just fallen [assumed]."""
+
+FIRST_KINETIC = 0.85
+"""Friction in motion over that at rest, until a slide has shown it [assumed]."""
+
+REFRACTORY_S = 0.04
+"""After a slip, before the next one is believed: the grip takes as long to rise [derived]."""
+
+CATCHES = 1.1
+"""By which the loop that catches a slide grows, from one round to the next [assumed]."""
+
+RESTED_S = 0.3
+"""After which a load that has moved is at rest: a slide would have been caught [assumed]."""
+
+BOOST_S = 0.15
+"""How long a grip that has caught a slip is kept [assumed]."""
+
+TOLD = 0.05
+"""Share by which a slip must raise the grip to be told of [assumed]."""
+
+INCIPIENT = int(SlipState.INCIPIENT)
+
+ARM_CYCLES = 10
+"""From one look at the arm of the torsion to the next: it changes with the contact [numeric]."""
+
+ARM_M = 0.015
+"""Mean distance of the load from its centre, until a contact tells [assumed: a pad of 4 x 4]."""
+
+
+class Phase(Enum):
+    """What the control is at."""
+
+    CLOSING = "closing"
+    HOLDING = "holding"
+    RELEASING = "releasing"
+    OPEN = "open"
+
+
+class GripControl:
+    """Closes a gripper of two or more pads until all touch, holds, and lets go.
+
+    Parameters
+    ----------
+    topology : Topology
+    gripper : Gripper
+        The adapter of what moves the pads.
+    parameters : GripParameters, optional
+    pads : iterable of str, optional
+        Patches of the pads; all of them if not given.
+
+    Attributes
+    ----------
+    phase : Phase
+    decisions : Decisions
+    load_n, shear_n : float
+        Newton, mean over the pads, as felt.
+    wanted_n : float
+        Newton, what was asked of the gripper.
+    friction, friction_sigma, kinetic : float
+        Coefficients that are believed in, at rest and in motion.
+    slips : int
+        That were seen, those of probes left out.
+    is_tested : bool
+        Whether friction was found out: what has been lifted is known to hang.
+    is_steady : bool
+        Set by who moves the hand: whether it moves evenly or stands, so that what a load does is
+        friction's doing; no probe begins otherwise.
+    demand : Demand
+    """
+
+    def __init__(
+        self,
+        topology: Topology,
+        gripper: Gripper,
+        parameters: GripParameters | None = None,
+        pads: tuple[str, ...] | None = None,
+    ) -> None:
+        self.parameters = own = parameters or GripParameters()
+        self.gripper = gripper
+        self.decisions = Decisions()
+        self.phase = Phase.CLOSING
+        period_s = 1.0 / topology.cycle_rate_hz
+        self._pads = Pads(topology, pads)
+        self.demand = Demand(len(self._pads.names), period_s, own.horizon_s)
+        self._probe = Probe(period_s)
+        self.load_n = self.shear_n = 0.0
+        self.wanted_n = own.first_grip_n
+        self.friction, self.friction_sigma = own.least_friction, 0.0
+        self.kinetic = FIRST_KINETIC * own.least_friction
+        self.slips, self.is_tested, self.is_steady = 0, False, True
+        self._answers: list[Answer] = []
+        self._period_s = period_s
+        self._started_ns = self._stamp_ns = -1
+        self._unheard_s, self._slipped_s = 0.0, math.inf
+        self._arm_m = ARM_M
+        self._floor_n = 0.0
+        self._is_alarmed = False
+        self._cycles = 0
+        self._rested_s = 0.0
+
+    @property
+    def time_s(self) -> float:
+        """Of the last cycle, since the first."""
+        return 1e-9 * (self._stamp_ns - self._started_ns)
+
+    @property
+    def margin(self) -> float:
+        """Share of the friction believed in that is left; NaN before anything is touched."""
+        held_n = self.friction * self.load_n
+        return 1.0 - self.shear_n / held_n if held_n > 0.0 else math.nan
+
+    @property
+    def safety(self) -> float:
+        """Grip above the least that holds, now.
+
+        While a load moves, a slide may begin unseen. What slides drags by friction in motion times
+        grip: with a grip of (1 + safety) times that over friction at rest, the grip rises until
+        nothing slides any more if (1 + safety) times the ratio of the two is above 1.
+        """
+        own = self.parameters
+        if self._rested_s > RESTED_S:
+            return own.safety
+        return max(own.safety, CATCHES * self.friction / self.kinetic - 1.0)
+
+    @property
+    def least_n(self) -> float:
+        """The least grip that would hold what the pads bear now, by what is believed."""
+        return self.demand.soon_n / self._sure_friction
+
+    def release(self) -> None:
+        """Let go, gently, from the next cycle on."""
+        if self.phase in (Phase.CLOSING, Phase.HOLDING):
+            self._decide("releases", f"asked to, at {self.wanted_n:.2f} N")
+            self.phase = Phase.RELEASING
+            self._probe.restart()
+
+    def close(self) -> None:
+        """Close on whatever comes between the pads; what was known of friction is forgotten."""
+        own = self.parameters
+        self.phase = Phase.CLOSING
+        self.wanted_n, self._floor_n = own.first_grip_n, 0.0
+        self.friction, self.friction_sigma = own.least_friction, 0.0
+        self.kinetic = FIRST_KINETIC * own.least_friction
+        self.is_tested = False
+        self._answers.clear()
+        self._probe.restart()
+
+    def update(self, state: State) -> None:
+        """Look at a cycle, and tell the gripper."""
+        elapsed_s = self._clock(state.stamp_ns)
+        loads = self._pads.read(state)
+        felt = [load for load in loads.load_n.tolist() if not math.isnan(load)]
+        all_heard = len(felt) == len(self._pads.names)
+        if felt:
+            self.load_n = sum(felt) / len(felt)
+            self._read_contacts(state)
+            self.demand.update(loads, self._arm_m)
+            self.shear_n = self.demand.fast_n
+        if self.phase is Phase.CLOSING:
+            if all_heard and min(felt) > self.parameters.touch_n:
+                self.phase = Phase.HOLDING
+                self._decide("holds", f"all pads touch, the lightest with {min(felt):.2f} N")
+        elif self.phase is Phase.RELEASING:
+            self._let_go(elapsed_s)
+        elif self.phase is Phase.HOLDING:
+            if all_heard:
+                self._hold(elapsed_s)
+            else:
+                self._keep(elapsed_s)
+        if self.phase is Phase.OPEN:
+            self.gripper.release()
+        else:
+            factor = self._probe.factor
+            self.gripper.squeeze(factor * self.wanted_n, self.load_n if all_heard else math.nan)
+
+    # -- holding -----------------------------------------------------------------------------------
+
+    def _hold(self, elapsed_s: float) -> None:
+        if self._unheard_s > self.parameters.unheard_s:
+            self._decide("hears all pads again", f"after {self._unheard_s:.2f} s")
+        self._unheard_s = 0.0
+        self._slipped_s += elapsed_s
+        if self._probe.loosens or (self.parameters.probe and not self.is_tested):
+            self._ask()
+        if not self._probe.loosens:
+            self._look_for_slip()
+        self._set(elapsed_s)
+
+    def _set(self, elapsed_s: float) -> None:
+        """The grip that is wanted: up at once, down slowly."""
+        own = self.parameters
+        self._rested_s = 0.0 if self.demand.is_moving else self._rested_s + elapsed_s
+        needed_n = (1.0 + self.safety) * self.least_n + self.demand.noise_n / self._sure_friction
+        if self._slipped_s > BOOST_S:
+            self._floor_n = 0.0
+        if not self.is_tested and self.demand.now_n < own.lifted_n:
+            needed_n = max(needed_n, own.first_grip_n)
+        needed_n = max(needed_n, self._floor_n)
+        if needed_n < self.wanted_n:
+            eased = -math.expm1(-elapsed_s / own.easing_s)
+            needed_n = self.wanted_n + eased * (needed_n - self.wanted_n)
+        if needed_n > own.most_grip_n >= self.wanted_n and self.wanted_n < own.most_grip_n:
+            self._decide("grips no harder", f"{needed_n:.2f} N is above {own.most_grip_n:g} N")
+        self.wanted_n = min(max(needed_n, own.least_grip_n), own.most_grip_n)
+
+    @property
+    def _sure_friction(self) -> float:
+        return max(self.friction - DOUBT * self.friction_sigma, 1e-3)
+
+    def _ask(self) -> None:
+        """Go on with the probe, where something hangs."""
+        own, demand = self.parameters, self.demand
+        if not self.is_steady or (demand.now_n < own.lifted_n and not self._probe.loosens):
+            self._probe.restart()
+            return
+        began = not self._probe.loosens
+        answer = self._probe.update(self.load_n, demand, own.least_grip_n)
+        if began and self._probe.loosens:
+            self._decide("loosens", f"{demand.now_n:.2f} N hang still: how much friction is there?")
+        if answer is not None:
+            self._take(answer)
+
+    def _take(self, answer: Answer) -> None:
+        """Believe what a probe has found."""
+        told = f"friction {answer.friction:.2f} ± {answer.sigma:.2f}"
+        if answer.outcome is Outcome.DISTURBED:
+            self._decide("grips again", "the load changes: asks later")
+            return
+        if answer.outcome is Outcome.HELD:
+            self._believe(answer.friction, answer.sigma, FIRST_KINETIC * answer.friction)
+            self._decide("eases", f"it holds at the least grip, {told} or more")
+            return
+        self._slipped_s = 0.0
+        caught_n = (1.0 + self.parameters.safety) * answer.shear_n / answer.kinetic
+        self._floor_n = max(caught_n, self.wanted_n)
+        self._decide("catches it", f"it slid: {told}, {answer.kinetic:.2f} in motion")
+        self._answers.append(answer)
+        if len(self._answers) > 1:
+            self._compare(*self._answers[-2:])
+
+    def _compare(self, one: Answer, other: Answer) -> None:
+        """Two slides that agree tell of friction; else the smaller was something else."""
+        sigma = math.hypot(one.sigma, other.sigma)
+        if abs(one.friction - other.friction) > AGREE * sigma:
+            self._answers = [max(one, other, key=lambda answer: answer.friction)]
+            return
+        friction = 0.5 * (one.friction + other.friction)
+        self._believe(friction, 0.5 * sigma, 0.5 * (one.kinetic + other.kinetic))
+        self._decide("eases", f"two slides agree: friction {friction:.2f} ± {0.5 * sigma:.2f}")
+
+    def _believe(self, friction: float, sigma: float, kinetic: float) -> None:
+        self.is_tested = True
+        self.friction, self.friction_sigma = friction, sigma
+        self.kinetic = min(kinetic, friction)
+
+    # -- slip --------------------------------------------------------------------------------------
+
+    def _read_contacts(self, state: State) -> None:
+        """Whether anything begins to slip, and, now and then, the arm of the torsion."""
+        contacts = state.contacts or ()
+        self._is_alarmed = False
+        for contact in contacts:
+            record = contact.record
+            if record["slip"] >= INCIPIENT and record["onset_ns"] == record["seen_ns"]:
+                self._is_alarmed = True
+        self._cycles += 1
+        if self._cycles % ARM_CYCLES == 0:
+            arms = [(contact.load, contact.arm) for contact in contacts]
+            known = [(load_n, arm_m) for load_n, arm_m in arms if load_n > 0.0 and arm_m > 0.0]
+            if known:
+                total_n = sum(load_n for load_n, _ in known)
+                self._arm_m = sum(load_n * arm_m for load_n, arm_m in known) / total_n
+
+    def _look_for_slip(self) -> None:
+        """Grip harder where faces begin to slip, or must be about to."""
+        own, demand = self.parameters, self.demand
+        if self._slipped_s < REFRACTORY_S or demand.now_n < own.lifted_n:
+            return
+        ratio = demand.fast_n / max(self.load_n, 1e-3)
+        at_limit = self.is_tested and demand.sure_n > self.friction * self.load_n
+        near = ratio > NEAR_LIMIT * self.friction or not (self.is_tested or self._answers)
+        if not at_limit and not (self._is_alarmed and near):
+            return
+        self.slips += 1
+        self._slipped_s = 0.0
+        seen = SHARE_OF_SLIP * ratio
+        if self._is_alarmed and seen < self.friction and not self.is_tested:
+            self.friction = max(seen, LEAST_FALL * self.friction)
+            self.kinetic = min(self.kinetic, self.friction)
+        why = "faces begin to slip" if self._is_alarmed else "friction is used up"
+        self._floor_n = (1.0 + own.safety) * demand.soon_n / self.kinetic
+        if self._floor_n > (1.0 + TOLD) * self.wanted_n:
+            self._decide("grips harder", f"{why} at a ratio of {ratio:.2f}: {self._floor_n:.2f} N")
+
+    # -- silence and the end -----------------------------------------------------------------------
+
+    def _keep(self, elapsed_s: float) -> None:
+        """A pad is not heard: nothing tells that less would do."""
+        own = self.parameters
+        self._probe.restart()
+        before_s, self._unheard_s = self._unheard_s, self._unheard_s + elapsed_s
+        if before_s == 0.0:
+            self._decide("keeps its grip", f"a pad is not heard, at {self.wanted_n:.2f} N")
+        if before_s <= own.unheard_s < self._unheard_s:
+            risen_n = (1.0 + own.unheard_rise) * self.wanted_n
+            self.wanted_n = max(self.wanted_n, min(risen_n, own.most_grip_n))
+            why = f"a pad is silent for {self._unheard_s:.2f} s"
+            self._decide("grips harder", f"{why}: {self.wanted_n:.2f} N, to be safe")
+
+    def _let_go(self, elapsed_s: float) -> None:
+        own = self.parameters
+        self.wanted_n -= own.release_n_per_s * elapsed_s
+        if self.wanted_n <= 0.0:
+            self.wanted_n = 0.0
+            self.phase = Phase.OPEN
+            self._decide("is open", "the grip is gone")
+
+    def _clock(self, stamp_ns: int) -> float:
+        """Seconds since the last cycle."""
+        if self._started_ns < 0:
+            self._started_ns = self._stamp_ns = stamp_ns
+            return self._period_s
+        elapsed_s = 1e-9 * (stamp_ns - self._stamp_ns)
+        self._stamp_ns = stamp_ns
+        return elapsed_s
+
+    def _decide(self, what: str, why: str) -> None:
+        self.decisions.add(self.time_s, what, why)

@@ -1,0 +1,84 @@
+"""What a user may set of the grip control."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from skin.errors import OptionError, check_flag, check_number
+
+__all__ = ["GripParameters"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class GripParameters:
+    """Of `skin.behaviours.grip.GripControl`; loads are those of one pad.
+
+    Attributes
+    ----------
+    safety : float
+        Grip above the least that holds what rests, as a share of it [assumed: people take 0.1 to
+        0.4, Johansson and Westling, 1984, of which doubt about friction is a part here].
+    least_friction : float
+        Coefficient of friction that is believed in until something is known [assumed: silicone on
+        what is wet or dusty].
+    first_grip_n : float
+        Newton, until something is lifted [assumed: the faces are sure to be in touch].
+    least_grip_n, most_grip_n : float
+        Newton, bounds of the grip while it holds [assumed: eight sigma of a pad; what a small
+        gripper gives].
+    touch_n : float
+        Newton, load of a pad from which on it touches [assumed: five sigma of a pad].
+    lifted_n : float
+        Newton, tangential load from which on something hangs [assumed: two sigma of a pad's
+        tangential force, of which the mean over 0.1 s leaves a seventh].
+    horizon_s : float
+        Second, what the gripper takes to answer: so far ahead a load that rises is gripped for
+        [assumed: a cycle and a servo of 15 Hz].
+    easing_s : float
+        Second, time constant by which the grip follows a load that falls: one that comes back soon
+        finds it held [assumed].
+    unheard_s : float
+        Second, how long pads may be silent before the grip rises [assumed: what one lost burst of
+        frames takes, at most].
+    unheard_rise : float
+        By which share it rises then [assumed].
+    release_n_per_s : float
+        Newton a second, how gently the grip is let go [assumed].
+    probe : bool
+        Whether to find out friction by loosening for a moment what hangs still.
+
+    Raises
+    ------
+    OptionError
+        A number that cannot be.
+    """
+
+    safety: float = 0.08
+    least_friction: float = 0.25
+    first_grip_n: float = 2.5
+    least_grip_n: float = 0.4
+    most_grip_n: float = 20.0
+    touch_n: float = 0.25
+    lifted_n: float = 0.1
+    horizon_s: float = 0.02
+    easing_s: float = 0.15
+    unheard_s: float = 0.1
+    unheard_rise: float = 0.5
+    release_n_per_s: float = 5.0
+    probe: bool = True
+
+    def __post_init__(self) -> None:
+        check_number("safety", self.safety, 0.0, 10.0)
+        check_number("least_friction", self.least_friction, 1e-3, 10.0)
+        for name in ("first_grip_n", "least_grip_n", "most_grip_n", "touch_n", "lifted_n"):
+            check_number(name, getattr(self, name), 1e-6, 1e4)
+        for name in ("horizon_s", "easing_s", "unheard_s"):
+            check_number(name, getattr(self, name), 1e-3, 60.0)
+        check_number("unheard_rise", self.unheard_rise, 0.0, 10.0)
+        check_number("release_n_per_s", self.release_n_per_s, 1e-3, 1e4)
+        check_flag("probe", self.probe)
+        if not self.least_grip_n <= self.first_grip_n <= self.most_grip_n:
+            raise OptionError(
+                "first_grip_n: must be from least_grip_n to most_grip_n, "
+                f"{self.least_grip_n:g} to {self.most_grip_n:g}; got {self.first_grip_n:g}"
+            )

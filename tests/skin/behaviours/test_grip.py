@@ -1,0 +1,173 @@
+"""The grip control on a pinch by hand, whose friction and weight are known."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from skin.behaviours.grip import GripControl, Phase
+from skin.behaviours.grip_parameters import GripParameters
+from skin.errors import OptionError
+from tests.skin.behaviours.pinch import PERIOD_S, Pinch
+
+
+def held(seconds=3.0, **options):
+    """A pinch that is held and has been probed, and its control."""
+    pinch = Pinch(**options)
+    control = GripControl(pinch.topology, pinch)
+    pinch.go(control, seconds)
+    assert control.phase is Phase.HOLDING
+    return pinch, control
+
+
+@pytest.mark.parametrize("friction", [0.32, 0.55, 0.85])
+@pytest.mark.parametrize("share", [0.8, 1.0])
+def test_friction_is_found_and_the_grip_is_hardly_more_than_holds(friction, share):
+    pinch, control = held(friction=friction, kinetic=share * friction, seconds=4.0)
+    assert control.is_tested
+    assert control.friction == pytest.approx(friction, rel=0.1)
+    assert 1.0 < pinch.grip_n / pinch.needed_n < 1.4
+    assert pinch.slid_m < 0.004
+
+
+def test_before_anything_is_known_the_belief_is_small():
+    pinch, control = held(seconds=0.6)
+    assert not control.is_tested
+    assert pinch.grip_n > 1.5 * pinch.needed_n
+    assert control.friction == GripParameters().least_friction
+
+
+@pytest.mark.parametrize("rise_s", [0.1, 0.3])
+def test_the_grip_rises_with_a_pull_before_it_slips(rise_s):
+    pinch, control = held()
+    before_m = pinch.slid_m
+    for share in np.linspace(0.0, 1.0, round(rise_s / PERIOD_S)):
+        pinch.pull_n = 1.5 * share * pinch.mass_kg * 9.81
+        pinch.go(control, PERIOD_S)
+    pinch.go(control, 0.5)
+    assert pinch.slid_m - before_m < 1e-3
+    assert 1.0 < pinch.grip_n / pinch.needed_n < 1.5
+
+
+def test_after_a_pull_the_grip_is_what_it_was():
+    pinch, control = held(seconds=5.0)
+    before_n = pinch.go(control, 0.5).mean()
+    for pull_n in 1.2 * np.sin(np.linspace(0.0, np.pi, 100)):
+        pinch.pull_n = pull_n
+        pinch.go(control, PERIOD_S)
+    pinch.pull_n = 0.0
+    pinch.go(control, 2.0)
+    assert pinch.go(control, 0.5).mean() == pytest.approx(before_n, rel=0.05)
+
+
+def test_no_more_than_the_most_is_asked_for_and_that_is_told():
+    pinch = Pinch(mass_kg=0.6, friction=0.3, kinetic=0.3)
+    control = GripControl(pinch.topology, pinch, GripParameters(most_grip_n=5.0))
+    pinch.go(control, 0.8)
+    assert pinch.asked_n <= 5.0
+    assert any(one.what == "grips no harder" for one in control.decisions)
+
+
+def test_silent_units_of_a_pad_leave_the_grip_as_it_is():
+    pinch, control = held()
+    before_n = pinch.go(control, 0.3).mean()
+    pinch.silent[[0, 5, 9, 17, 30]] = True
+    after = pinch.go(control, 1.0)
+    assert after.mean() == pytest.approx(before_n, rel=0.12)
+    assert (after > pinch.needed_n).all()
+
+
+def test_a_silent_pad_keeps_its_grip_and_then_gets_a_safe_one():
+    pinch, control = held()
+    before_n = control.wanted_n
+    pinch.silent[:16] = True
+    kept = pinch.go(control, 0.08)
+    assert (kept > 0.97 * before_n).all()
+    pinch.go(control, 0.3)
+    assert control.wanted_n == pytest.approx(1.5 * before_n, rel=0.05)
+    assert math.isnan(pinch.felt_n[-1])
+    told = [one.what for one in control.decisions]
+    assert "keeps its grip" in told
+    assert told[-1] == "grips harder"
+
+
+def test_a_bus_that_stops_for_200_ms_drops_nothing_and_is_forgotten():
+    pinch, control = held(seconds=4.0)
+    before_n, slid_m = pinch.go(control, 0.3).mean(), pinch.slid_m
+    pinch.silent[:] = True
+    stopped = pinch.go(control, 0.2)
+    assert (stopped > 0.97 * stopped[0]).all()
+    pinch.silent[:] = False
+    pinch.go(control, 1.5)
+    assert pinch.slid_m == slid_m
+    assert pinch.go(control, 0.3).mean() == pytest.approx(before_n, rel=0.1)
+    assert any(one.what == "hears all pads again" for one in control.decisions)
+
+
+def test_units_that_a_magnet_makes_invalid_drop_nothing():
+    pinch, control = held()
+    slid_m = pinch.slid_m
+    pinch.silent[16:30] = True  # MAGNETIC_ANOMALY: the numbers are there, and not valid
+    pinch.units.force[:2, 16:30] = 3.0
+    grips = pinch.go(control, 0.5)
+    assert (grips > pinch.needed_n).all()
+    assert pinch.slid_m == slid_m
+
+
+def test_states_that_come_late_do_not_let_go():
+    pinch, control = held()
+    pinch.state.stamp_ns += 200_000_000
+    before_n = control.wanted_n
+    pinch.go(control, PERIOD_S)
+    assert control.wanted_n > 0.9 * min(before_n, 1.1 * pinch.needed_n)
+
+
+def test_a_release_is_gentle_and_ends_open():
+    pinch, control = held()
+    control.release()
+    before_n = control.wanted_n
+    grips = pinch.go(control, before_n / control.parameters.release_n_per_s + 0.1)
+    assert np.diff(grips).min() > -0.1
+    assert control.phase is Phase.OPEN
+    assert pinch.is_open
+    assert grips[-1] < 0.1
+
+
+def test_a_hand_that_moves_unevenly_is_not_probed():
+    pinch = Pinch()
+    control = GripControl(pinch.topology, pinch)
+    control.is_steady = False
+    pinch.go(control, 2.0)
+    assert not control.is_tested
+    control.is_steady = True
+    pinch.go(control, 2.5)
+    assert control.is_tested
+
+
+def test_without_a_probe_the_belief_stays():
+    pinch = Pinch()
+    control = GripControl(pinch.topology, pinch, GripParameters(probe=False))
+    pinch.go(control, 2.0)
+    assert control.friction == 0.25
+    assert pinch.slid_m == 0.0
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"safety": -0.1}, "safety: must be a number from 0 to 10"),
+        ({"probe": 1}, "probe: must be"),
+        ({"first_grip_n": 30.0}, "first_grip_n: must be from least_grip_n to most_grip_n"),
+    ],
+)
+def test_parameters_that_cannot_be_are_refused(options, message):
+    with pytest.raises(OptionError, match=message):
+        GripParameters(**options)
+
+
+def test_unknown_pads_are_named():
+    pinch = Pinch()
+    with pytest.raises(OptionError, match="pads"):
+        GripControl(pinch.topology, pinch, pads=("thumb",))
