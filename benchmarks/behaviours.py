@@ -8,7 +8,10 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-PARTS = ("behaviours_grip",)
+PARTS = (
+    "behaviours_grip", "behaviours_gesture", "behaviours_handover", "behaviours_temperature",
+    "behaviours_pouring", "behaviours_shaking",
+)  # fmt: skip
 """Modules with `run(quick)` and `table(figures)`."""
 
 

@@ -30,7 +30,7 @@ from skin.tasks.gesture_trial import (
 )
 from skin.tasks.touch_trial import TOUCH_KINDS, run_touches
 
-REPORTED = 7000
+REPORTED = 8000
 WORKERS = 2
 BINS = (0.0, 0.7, 0.9, 0.98, 0.995, 1.0)
 SECTOR_RAD = math.pi / 8.0

@@ -21,7 +21,7 @@ import numpy as np
 from benchmarks.slip_intervals import per_minute, rate
 from skin.tasks.handover_trial import Carry, Take, run_carry, run_take
 
-REPORTED = 7000
+REPORTED = 8000
 WORKERS = 2
 EPISODE_S = 30.0
 TAKES, CARRIES = 300, 36
