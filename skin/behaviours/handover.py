@@ -130,6 +130,9 @@ class Handover:
                 gripper.release()
     """
 
+    fields = ("phase", "support")
+    """Attributes that a task may ask for."""
+
     def __init__(
         self,
         topology: Topology,

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from skin.behaviours.handover import Handover, Phase
 from skin.behaviours.level import Level
 from skin.behaviours.pads import Pads
 from skin.behaviours.pouring import Pouring, PouringSettings, water_density
@@ -36,9 +37,6 @@ DROPPED_M = 0.01
 
 TAP_LAG_S = 0.1
 """Of a tap that is closed [assumed]."""
-
-TAKEN_S, TAKEN_SHARE = 0.1, 0.5
-"""Time constant of the weight, and share of what was offered below which it is taken [assumed]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,11 +114,11 @@ class Station:
         Now, and of the first cycle.
     released : bool
         Whether it has been let go to a person.
-    taken : bool
-        Whether a person seems to bear what is held.
+    handover : Handover
+        Looks at cycles once it has been asked to give.
     """
 
-    fields = ("time_s", "flow_ml_per_s", "power_w", "released", "taken", "coming_c")
+    fields = ("time_s", "flow_ml_per_s", "power_w", "released", "coming_c")
 
     def __init__(
         self, setting: Setting, *, seed: int = 0, episode: Episode | None = None, pace: bool = False
@@ -146,11 +144,11 @@ class Station:
         self.pouring = Pouring(topology, settings=setting.pouring, warmth=self.warmth)
         self.shaking = Shaking(topology)
         self.level = Level(topology)
+        self.handover = Handover(topology)
         self.power_w = self.flow_ml_per_s = self.time_s = 0.0
         self.burner_w = self.tap_ml_per_s = 0.0
         self.person_rise_s = 0.5
         self.off_centre_m = self.middle_m = 0.0
-        self.taken, self._offered_n, self._borne_n = False, math.nan, math.nan
         self.started_s = math.nan
         self.person: Person | None = None
         self.released = False
@@ -161,7 +159,7 @@ class Station:
         """Behaviours, by the first word of a field."""
         return {
             "warmth": self.warmth, "pouring": self.pouring, "shaking": self.shaking,
-            "level": self.level, "hand": self.hand, "station": self,
+            "level": self.level, "handover": self.handover, "hand": self.hand, "station": self,
         }  # fmt: skip
 
     @classmethod
@@ -169,7 +167,7 @@ class Station:
         """All of their fields."""
         kinds = {
             "warmth": Warmth, "pouring": Pouring, "shaking": Shaking, "level": Level,
-            "hand": Hand, "station": cls,
+            "handover": Handover, "hand": Hand, "station": cls,
         }  # fmt: skip
         return [f"{word}.{name}" for word, kind in kinds.items() for name in kind.fields]
 
@@ -182,6 +180,8 @@ class Station:
         self.warmth.update(state)
         for behaviour in (self.pouring, self.shaking, self.level):
             behaviour.update(state, self.loads)
+        if self.handover.phase is not Phase.IDLE:
+            self.handover.update(state)
 
     def act(self) -> None:
         """Move the hand, and let the world go on."""
@@ -203,22 +203,6 @@ class Station:
             self._start_m = height
         if self._start_m is not None and not self.released:
             self.slid_m = max(self.slid_m, self._start_m - height)
-
-    def offer(self) -> None:
-        """From now on, see whether somebody takes what is held."""
-        self._offered_n = self._borne_n = math.nan
-        self.taken = False
-
-    def watch_taking(self) -> None:
-        """Whether half of what hung there is borne by somebody else: the place of a better one."""
-        weight_n = self.pouring.weight_n
-        if math.isnan(weight_n):
-            return
-        if math.isnan(self._offered_n):
-            self._offered_n = self._borne_n = weight_n
-        self._offered_n = max(self._offered_n, self._borne_n)
-        self._borne_n += (weight_n - self._borne_n) * self._period_s / TAKEN_S
-        self.taken = self._borne_n < TAKEN_SHARE * self._offered_n
 
     @property
     def coming_c(self) -> float:

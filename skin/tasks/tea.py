@@ -44,8 +44,7 @@ def _deliver(station: Station, seconds: float, values: dict[str, float]) -> None
 
 def _offer(station: Station, seconds: float, values: dict[str, float]) -> None:
     if seconds == 0.0:
-        station.offer()
-    station.watch_taking()
+        station.handover.give()
     if seconds > PERSON_S and station.person is None:
         station.person = Person(rise_s=station.person_rise_s)
 

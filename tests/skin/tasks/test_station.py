@@ -4,6 +4,7 @@ import pytest
 
 pytest.importorskip("mujoco")
 
+from skin.behaviours.handover import Phase
 from skin.errors import OptionError
 from skin.tasks.pva import pva_episode
 from skin.tasks.station import Person, Station
@@ -23,13 +24,12 @@ def test_what_is_poured_is_weighed_and_warms_and_a_person_takes_it():
             station.flow_ml_per_s = 20.0 if 2.0 < time_s < 3.0 else 0.0
             if time_s > 3.3 and before_n is None:
                 before_n = -float(station.world.truth.wrench[2, 0]), station.pouring.weight_n
-                station.offer()
-            if before_n is not None:
-                station.watch_taking()
-                if station.person is None:
-                    station.person = Person(rise_s=0.3)
+                station.handover.give()
+            if time_s > 3.8 and station.person is None:
+                station.person = Person(rise_s=0.3)
             station.act()
-            if station.taken:
+            if station.handover.phase is Phase.TAKEN:
+                assert station.person is not None
                 break
             assert time_s < 6.0
         mass_kg = station.vessel.mass_kg
