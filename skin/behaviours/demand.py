@@ -25,7 +25,7 @@ __all__ = ["Demand"]
 SLOW_S, MIDDLE_S, FAST_S = 0.1, 0.025, 0.01
 """Time constants [assumed: a pull by hand rises in 0.1 s or more]."""
 
-SURE = 1.0
+DOUBT = 1.0
 """Sigmas that are taken off a forecast and off a torsion: both only ever add to the demand, and
 would add their noise [assumed]."""
 
@@ -63,7 +63,7 @@ class Weights(NamedTuple):
     slow: float
     middle: float
     fast: float
-    ahead: float
+    forecast: float
     slow_noise: float
     fast_noise: float
     soon_noise: float
@@ -78,7 +78,7 @@ class Demand:
         How many.
     period_s : float
     horizon_s : float
-        How far ahead the forecast looks.
+        How far the forecast looks.
 
     Attributes
     ----------
@@ -107,9 +107,15 @@ class Demand:
 
     def __init__(self, pads: int, period_s: float, horizon_s: float) -> None:
         slow, middle, fast = (-math.expm1(-period_s / t) for t in (SLOW_S, MIDDLE_S, FAST_S))
-        ahead = (FAST_S + horizon_s) / (MIDDLE_S - FAST_S)
+        forecast = (FAST_S + horizon_s) / (MIDDLE_S - FAST_S)
         weights = Weights(
-            slow, middle, fast, ahead, _left(slow), _left(fast), _left_ahead(fast, middle, ahead)
+            slow,
+            middle,
+            fast,
+            forecast,
+            _left(slow),
+            _left(fast),
+            _left_forecast(fast, middle, forecast),
         )
         self._weights = weights
         self._means = Means(*(np.zeros((SIGNALS, pads)) for _ in Means._fields))
@@ -148,17 +154,19 @@ def _left(gain: float) -> float:
     return math.sqrt(gain / (2.0 - gain))
 
 
-def _left_ahead(fast: float, middle: float, ahead: float) -> float:
+def _left_forecast(fast: float, middle: float, forecast: float) -> float:
     """Share of a sigma in the forecast, by its answer to one sample."""
     age = np.arange(200)
-    answer = (1.0 + ahead) * fast * (1.0 - fast) ** age - ahead * middle * (1.0 - middle) ** age
+    answer = (1.0 + forecast) * fast * (1.0 - fast) ** age - forecast * middle * (
+        1.0 - middle
+    ) ** age
     return float(np.sqrt((answer**2).sum()))
 
 
 @jitable
 def _beyond(torsion, noise):
     """What a torsion, as a force, adds at the most loaded face."""
-    return FARTHEST * max(abs(torsion) - SURE * noise, 0.0)
+    return FARTHEST * max(abs(torsion) - DOUBT * noise, 0.0)
 
 
 def follow_python(
@@ -187,19 +195,19 @@ def follow_python(
             means.middle[row, pad] += weights.middle * (x - means.middle[row, pad])
             means.fast[row, pad] += weights.fast * (x - means.fast[row, pad])
             quick = means.fast[row, pad]
-            ahead = quick + weights.ahead * (quick - means.middle[row, pad])
+            forecast = quick + weights.forecast * (quick - means.middle[row, pad])
             if row < 3:
                 size += x * x
                 size_slow += means.slow[row, pad] ** 2
                 size_fast += quick * quick
-                size_soon += ahead * ahead
+                size_soon += forecast * forecast
                 along += x * means.slow[row, pad]
         torsion = means.slow[3, pad]
         borne += np.sqrt(size_slow + torsion**2)
         raw += np.sqrt(size)
         slow += np.sqrt(size_slow) + _beyond(torsion, weights.slow_noise * sigma)
         fast += np.sqrt(size_fast) + _beyond(means.fast[3, pad], weights.fast_noise * sigma)
-        soon += np.sqrt(size_soon) + _beyond(ahead, weights.soon_noise * sigma)
+        soon += np.sqrt(size_soon) + _beyond(forecast, weights.soon_noise * sigma)
         pull += along / np.sqrt(size_slow) if size_slow > 0.0 else 0.0
         variance += sigma * sigma
         heard += 1
@@ -209,8 +217,8 @@ def follow_python(
     sigma = np.sqrt(variance) / heard
     told[0], told[1], told[2] = raw / heard, slow / heard, fast / heard
     told[3] = told[2] - 2.0 * weights.fast_noise * sigma
-    ahead = min(soon / heard - SURE * weights.soon_noise * sigma, FURTHEST * told[2])
-    told[4] = max(told[1], told[2], ahead)
+    forecast = min(soon / heard - DOUBT * weights.soon_noise * sigma, FURTHEST * told[2])
+    told[4] = max(told[1], told[2], forecast)
     told[5], told[6], told[7] = sigma, pull / heard, borne / heard
 
 

@@ -142,8 +142,8 @@ class Disturbance:
     def lasting_s(self) -> float:
         """Duration of a rectangle of the same impulse and peak: what rings on adds nothing."""
         x, y, z, a, b, c = self.impulse_ns
-        turning = (a * a + b * b + c * c) / self.lever_m**2
-        impulse = math.sqrt(x * x + y * y + z * z + turning)
+        moment = (a * a + b * b + c * c) / self.lever_m**2
+        impulse = math.sqrt(x * x + y * y + z * z + moment)
         return impulse / self.peak_n if self.peak_n > 0.0 else 0.0
 
     @property
@@ -297,11 +297,11 @@ class Disturbance:
         whole = change[0] ** 2 + change[1] ** 2 + change[2] ** 2
         along_noise = sum(noise[i] * n[i] * n[i] for i in range(3))
         scale = 1.0 / (self.lever_m * self.lever_m)
-        turning = change[3] ** 2 + change[4] ** 2 + change[5] ** 2
+        moment = change[3] ** 2 + change[4] ** 2 + change[5] ** 2
         energy = self.energy
         energy[0] += dt * (along * along - along_noise)
         energy[1] += dt * (whole - along * along - (noise[0] + noise[1] + noise[2] - along_noise))
-        energy[2] += dt * scale * (turning - noise[3] - noise[4] - noise[5])
+        energy[2] += dt * scale * (moment - noise[3] - noise[4] - noise[5])
         self._move(state, loads)
 
     def _move(self, state: State, loads) -> None:
@@ -354,8 +354,8 @@ def _touched(contacts: list[Contact]) -> tuple[float, float, float, float]:
     for contact in contacts:
         wrench = contact.wrench
         x, y, z = x + wrench[0], y + wrench[1], z + wrench[2]
-        turning = contact.torsion
-        torsion += turning if math.isfinite(turning) else 0.0
+        own = contact.torsion
+        torsion += own if math.isfinite(own) else 0.0
     return float(x), float(y), float(z), float(torsion)
 
 

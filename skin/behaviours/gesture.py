@@ -36,7 +36,7 @@ class Kind:
         Median, and standard deviation of the logarithm, of a log-normal: of the duration of a
         rectangle of the same impulse and peak, and of the peak force, where moments count as forces
         at a lever.
-    normal, turning, moved : (float, float)
+    normal, moment, moved : (float, float)
         Beta distributions of shares: of the energy of force along the normal; of the energy of
         force and moment that is moment; of what moves (see `Disturbance.moved`).
     prior : float
@@ -46,7 +46,7 @@ class Kind:
     duration_s: tuple[float, float]
     size_n: tuple[float, float]
     normal: tuple[float, float] = (1.0, 1.0)
-    turning: tuple[float, float] = (1.0, 1.0)
+    moment: tuple[float, float] = (1.0, 1.0)
     moved: tuple[float, float] = (1.0, 30.0)
     prior: float = 1.0
 
@@ -72,25 +72,25 @@ STAYS, GOES = (1.2, 8.0), (5.0, 2.0)
 """What moves, of a finger that stays, and of one that goes on by two lengths or more [assumed]."""
 
 HELD = {
-    "tap": Kind(duration_s=SHORT, size_n=(1.5, 0.7), normal=EITHER, turning=(1.0, 4.0)),
-    "brush": Kind(duration_s=LIGHT, size_n=(0.25, 0.45), normal=EITHER, turning=(1.0, 3.0)),
-    "press": Kind(duration_s=LONG, size_n=(1.5, 0.7), normal=ALONG, turning=NO_TURN),
-    "pull": Kind(duration_s=LONG, size_n=(1.2, 0.7), normal=ACROSS, turning=NO_TURN),
-    "slide": Kind(duration_s=LONG, size_n=(2.0, 0.7), normal=ACROSS, turning=NO_TURN,
+    "tap": Kind(duration_s=SHORT, size_n=(1.5, 0.7), normal=EITHER, moment=(1.0, 4.0)),
+    "brush": Kind(duration_s=LIGHT, size_n=(0.25, 0.45), normal=EITHER, moment=(1.0, 3.0)),
+    "press": Kind(duration_s=LONG, size_n=(1.5, 0.7), normal=ALONG, moment=NO_TURN),
+    "pull": Kind(duration_s=LONG, size_n=(1.2, 0.7), normal=ACROSS, moment=NO_TURN),
+    "slide": Kind(duration_s=LONG, size_n=(2.0, 0.7), normal=ACROSS, moment=NO_TURN,
                   moved=(3.0, 2.0)),
-    "twist": Kind(duration_s=LONG, size_n=(1.0, 0.7), turning=TURNS),
+    "twist": Kind(duration_s=LONG, size_n=(1.0, 0.7), moment=TURNS),
 }  # fmt: skip
 """Of a hand that acts on what a gripper holds [assumed]."""
 
 TOUCH = {
-    "tap": Kind(duration_s=SHORT, size_n=(1.5, 0.7), normal=PRESSED, turning=STRAIGHT, moved=STAYS),
-    "brush": Kind(duration_s=LIGHT, size_n=(0.4, 0.5), normal=(5.0, 2.0), turning=STRAIGHT,
+    "tap": Kind(duration_s=SHORT, size_n=(1.5, 0.7), normal=PRESSED, moment=STRAIGHT, moved=STAYS),
+    "brush": Kind(duration_s=LIGHT, size_n=(0.4, 0.5), normal=(5.0, 2.0), moment=STRAIGHT,
                   moved=GOES),
-    "press": Kind(duration_s=LONG, size_n=(2.0, 0.7), normal=PRESSED, turning=STRAIGHT,
+    "press": Kind(duration_s=LONG, size_n=(2.0, 0.7), normal=PRESSED, moment=STRAIGHT,
                   moved=STAYS),
-    "pull": Kind(duration_s=LONG, size_n=(2.0, 0.7), normal=DRAGGED, turning=STRAIGHT, moved=STAYS),
-    "slide": Kind(duration_s=LONG, size_n=(2.0, 0.7), normal=DRAGGED, turning=STRAIGHT, moved=GOES),
-    "twist": Kind(duration_s=LONG, size_n=(2.5, 0.7), normal=(30.0, 1.0), turning=(2.0, 6.0),
+    "pull": Kind(duration_s=LONG, size_n=(2.0, 0.7), normal=DRAGGED, moment=STRAIGHT, moved=STAYS),
+    "slide": Kind(duration_s=LONG, size_n=(2.0, 0.7), normal=DRAGGED, moment=STRAIGHT, moved=GOES),
+    "twist": Kind(duration_s=LONG, size_n=(2.5, 0.7), normal=(30.0, 1.0), moment=(2.0, 6.0),
                   moved=STAYS),
 }  # fmt: skip
 """Of a finger that touches a skin [assumed]."""
@@ -104,7 +104,7 @@ class GestureParameters:
     ----------
     held, touch : dict of str to Kind
         Densities on what is held, and on a bare skin.
-    sure : float
+    least_confidence : float
         Confidence at which a gesture is told before it has ended [assumed].
     look_s : float
         How often the confidence is found while it lasts [assumed].
@@ -116,14 +116,14 @@ class GestureParameters:
 
     held: dict[str, Kind] = field(default_factory=lambda: HELD)
     touch: dict[str, Kind] = field(default_factory=lambda: TOUCH)
-    sure: float = 0.95
+    least_confidence: float = 0.95
     look_s: float = 0.02
     up: tuple[float, float, float] = (0.0, 0.0, 1.0)
     towards: tuple[float, float, float] = (0.0, 0.0, 0.0)
     disturbance: DisturbanceParameters = field(default_factory=DisturbanceParameters)
 
     def __post_init__(self) -> None:
-        check_number("gestures: sure", self.sure, 0.5, 1.0)
+        check_number("gestures: least_confidence", self.least_confidence, 0.5, 1.0)
         check_number("gestures: look_s", self.look_s, 1e-6, 10.0)
         for name in ("up", "towards"):
             for value in getattr(self, name):
@@ -192,7 +192,7 @@ class Gestures:
     --------
     >>> from topology import load
     >>> gestures = Gestures(load("gripper"))
-    >>> gestures.right.round().tolist(), gestures.up.round().tolist()
+    >>> (gestures.right.round() + 0.0).tolist(), (gestures.up.round() + 0.0).tolist()
     ([0.0, 1.0, 0.0], [0.0, 0.0, 1.0])
     """
 
@@ -229,7 +229,7 @@ class Gestures:
             return None
         self._next_s = seen.time_s + self.parameters.look_s
         gesture = self._judge()
-        if not seen.ended and (gesture.confidence < self.parameters.sure
+        if not seen.ended and (gesture.confidence < self.parameters.least_confidence
                                or gesture.kind == self._told):  # fmt: skip
             return None
         self._told = "" if seen.ended else gesture.kind
@@ -271,14 +271,14 @@ AWAY = 0.38
 def _log_odds(kind: Kind, seen: Disturbance) -> float:
     """Logarithm of prior times densities."""
     lasts = of_size = log_normal_log if seen.ended else log_normal_longer_log
-    along, across, turning = (max(value, 0.0) for value in seen.energy)
+    along, across, moment = (max(value, 0.0) for value in seen.energy)
     force = along + across + 1e-12
     return (
         math.log(kind.prior)
         + lasts(max(seen.lasting_s, 1e-3), *kind.duration_s)
         + of_size(max(seen.peak_n, 1e-3), *kind.size_n)
         + beta_log(along / force, *kind.normal)
-        + beta_log(turning / (force + turning), *kind.turning)
+        + beta_log(moment / (force + moment), *kind.moment)
         + beta_log(seen.moved, *kind.moved)
     )
 

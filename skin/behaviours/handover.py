@@ -66,7 +66,7 @@ class HandoverParameters:
         hand holds on up to half a pad off the middle].
     priors : (float, float, float, float)
         Of hand, light touch, bump and fault in what is felt during a handover [assumed].
-    sure : float
+    least_confidence : float
         Probability at which it is taken [assumed: a wrong release is two
         hundred times as bad as to wait for more].
     smooth_s : float
@@ -86,7 +86,7 @@ class HandoverParameters:
     widest: float = 5.0
     agree: tuple[float, float] = (6.0, 6.0)
     priors: tuple[float, float, float, float] = (0.2, 0.4, 0.4, 0.002)
-    sure: float = 0.995
+    least_confidence: float = 0.995
     smooth_s: float = 0.015
     least_n: float = 0.35
     still_s: float = 0.4
@@ -94,7 +94,7 @@ class HandoverParameters:
     disturbance: DisturbanceParameters = field(default_factory=DisturbanceParameters)
 
     def __post_init__(self) -> None:
-        check_number("handover: sure", self.sure, 0.5, 1.0)
+        check_number("handover: least_confidence", self.least_confidence, 0.5, 1.0)
         for name in ("widest", "smooth_s", "least_n", "still_s"):
             check_number(f"handover: {name}", getattr(self, name), 1e-6, 1e3)
         check_number("handover: up", math.dist(self.up, (0.0, 0.0, 0.0)), 1e-6, 1e3)
@@ -224,7 +224,7 @@ class Handover:
         odds = [q * math.exp(v) for q, v in zip(p.priors, logs.values(), strict=True)]
         total = sum(odds)
         self.probabilities = {name: v / total for name, v in zip(logs, odds, strict=True)}
-        if self.probabilities["hand"] >= p.sure:
+        if self.probabilities["hand"] >= p.least_confidence:
             why = (
                 f"{self.probabilities['hand']:.3f} sure: {self.support:.0%} of {weight_n:.2f} N "
                 f"borne for {self._age_s:.3f} s"

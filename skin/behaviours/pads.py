@@ -191,7 +191,7 @@ def pad_loads_python(
     out: PadLoads,
 ) -> None:
     """Add up what the units of each pad bear, with what silent ones are taken to bear."""
-    _add_up(readings, places, share, out.load_n, sums)
+    _sum_valid(readings, places, share, out.load_n, sums)
     _add_lost(readings.valid, places.pad, share, sums)
     for pad in range(sums.load.size):
         _finish(sums, pad, out)
@@ -203,7 +203,7 @@ def pad_loads_python(
 
 
 @jitable
-def _add_up(readings, places, share, last_n, sums):
+def _sum_valid(readings, places, share, last_n, sums):
     """Sums over the units that are valid."""
     for row in (sums.load, sums.pressed, sums.load_variance, sums.variance, sums.heat, sums.heated):
         row[:] = 0.0

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
 
@@ -24,7 +25,14 @@ from topology import Topology
 
 __all__ = ["Pouring", "PouringSettings", "water_density"]
 
-MASS, FLOW = range(2)
+
+class Row(IntEnum):
+    """States of the filter: mass, kilogram, and its rise."""
+
+    MASS = 0
+    FLOW = 1
+
+
 G = 9.80665
 
 FIRST_NOISE_KG = 0.005
@@ -176,7 +184,7 @@ class Pouring:
     def update(self, state: State, loads: PadLoads | None = None) -> None:
         """Look at a cycle; `loads` are those of the same pads, where somebody has read them."""
         loads = self._pads.read(state) if loads is None else loads
-        if self._first_ns is None:
+        if self._first_ns is None or self._last_ns is None:
             self._first_ns = self._last_ns = state.stamp_ns
         self._time_s = 1e-9 * (state.stamp_ns - self._first_ns)
         steps = max(round(1e-9 * (state.stamp_ns - self._last_ns) / self._period_s), 0)
@@ -214,21 +222,21 @@ class Pouring:
 
     def _follow(self, steps: int) -> None:
         filter = self._filter
-        filter.update(MASS, self.weight_n / G, self._noise.variance, steps)
+        filter.update(Row.MASS, self.weight_n / G, self._noise.variance, steps)
         warmer = 0 if self.warmth is None else self.warmth.jumps
         if filter.changed or warmer != self._jumps:
-            filter.open(FLOW, 1e-3 * self.settings.jump_ml_per_s)
+            filter.open(Row.FLOW, 1e-3 * self.settings.jump_ml_per_s)
         self._jumps = warmer
         celsius = 20.0 if self.warmth is None else self.warmth.inside_c
         density = water_density(20.0 if math.isnan(celsius) else min(max(celsius, 0.0), 100.0))
         mass, flow = filter.x.tolist()
         gained = mass - self._tare
         self.poured_ml = 1e3 * gained / density
-        random = filter.covariance[MASS, MASS] + self._tared
+        random = filter.covariance[Row.MASS, Row.MASS] + self._tared
         own = self.settings.gain_sigma * gained
         self.sigma_ml = 1e3 * math.sqrt(float(random) + own * own) / density
         self.flow_ml_per_s = 1e3 * flow / density
-        self.flow_sigma_ml_per_s = 1e3 * filter.sigma(FLOW) / density
+        self.flow_sigma_ml_per_s = 1e3 * filter.sigma(Row.FLOW) / density
         if self.warmth is not None and self.warmth.known:
             self._warm(self.warmth)
 

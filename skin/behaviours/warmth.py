@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
 
@@ -24,7 +25,15 @@ from topology import Topology
 
 __all__ = ["Warmth", "WarmthSettings"]
 
-INSIDE, RATE, WALL, GEL = range(4)
+
+class Row(IntEnum):
+    """States of the filter: temperature within, its rate, outer face, mean gel."""
+
+    INSIDE = 0
+    RATE = 1
+    WALL = 2
+    GEL = 3
+
 
 FIRST_SIGMA_C, WALL_SIGMA_C = 30.0, 2.0
 """At the first touch: of what is within, and of what the wall differs from it [assumed: any cup,
@@ -158,15 +167,15 @@ class Warmth:
         self._gel = Gel(topology, names)
         self._period_s = 1.0 / topology.cycle_rate_hz
         flows = np.zeros((4, 4))
-        flows[INSIDE, RATE] = 1.0
-        for row, above, lag_s in ((WALL, INSIDE, settings.wall_lag_s),
-                                  (GEL, WALL, settings.gel_lag_s)):  # fmt: skip
+        flows[Row.INSIDE, Row.RATE] = 1.0
+        for row, above, lag_s in ((Row.WALL, Row.INSIDE, settings.wall_lag_s),
+                                  (Row.GEL, Row.WALL, settings.gel_lag_s)):  # fmt: skip
             flows[row, row], flows[row, above] = -1.0 / lag_s, 1.0 / lag_s
         intensity = np.zeros((4, 4))
-        intensity[RATE, RATE] = settings.drift_c_per_s15**2
+        intensity[Row.RATE, Row.RATE] = settings.drift_c_per_s15**2
         self._filter = Kalman(flows, intensity, self._period_s)
         self._settled_c_per_s = self._filter.settled_sigma(
-            RATE, GEL, settings.noise_c**2 / topology.n
+            Row.RATE, Row.GEL, settings.noise_c**2 / topology.n
         )
         self._first_ns: int | None = None
         self.reset()
@@ -212,10 +221,12 @@ class Warmth:
     def _begin(self, gel: GelMean) -> None:
         own, between = FIRST_SIGMA_C**2, WALL_SIGMA_C**2
         covariance = np.zeros((4, 4))
-        covariance[INSIDE, INSIDE] = covariance[INSIDE, WALL] = covariance[WALL, INSIDE] = own
-        covariance[WALL, WALL] = own + between
-        covariance[RATE, RATE] = FIRST_RATE_C_PER_S**2
-        covariance[GEL, GEL] = self.settings.noise_c**2
+        covariance[Row.INSIDE, Row.INSIDE] = covariance[Row.INSIDE, Row.WALL] = covariance[
+            Row.WALL, Row.INSIDE
+        ] = own
+        covariance[Row.WALL, Row.WALL] = own + between
+        covariance[Row.RATE, Row.RATE] = FIRST_RATE_C_PER_S**2
+        covariance[Row.GEL, Row.GEL] = self.settings.noise_c**2
         self._filter.begin(np.array([gel.mean_c, 0.0, gel.mean_c, gel.mean_c]), covariance)
         self._noise = Noise(self.settings.noise_c**2 / gel.count, self._period_s)
         self._spread_c, self._room_c = gel.sigma_c, gel.mean_c
@@ -225,29 +236,29 @@ class Warmth:
         filter, noise = self._filter, self._noise
         noise.update(gel.mean_c, not gel.changed)
         if self._is_free and gel.count:
-            filter.update(GEL, math.nan, 1.0, steps)
-            filter.restart(GEL, gel.mean_c, noise.variance)
+            filter.update(Row.GEL, math.nan, 1.0, steps)
+            filter.restart(Row.GEL, gel.mean_c, noise.variance)
             steps = 0
         elif gel.changed:
             # smoothed differences are late, and differences fall with the gel's lag
             jump_c = gel.jump_c * math.exp(-SMOOTH_S / self.settings.gel_lag_s)
-            filter.shift(GEL, jump_c, noise.variance + (JUMP_ERROR * jump_c) ** 2)
+            filter.shift(Row.GEL, jump_c, noise.variance + (JUMP_ERROR * jump_c) ** 2)
         if gel.count:
             self._spread_c = gel.sigma_c
         if steps:
-            filter.update(GEL, gel.mean_c, noise.variance, steps)
+            filter.update(Row.GEL, gel.mean_c, noise.variance, steps)
         if gel.touched == 0:
             self._is_free = True
         elif gel.count:
             self._is_free = False
         if filter.changed:
-            filter.open(RATE, self.settings.jump_c_per_s)
+            filter.open(Row.RATE, self.settings.jump_c_per_s)
             self.jumps += 1
             self._jumped_s = self._time_s
         self.inside_c, self.rate_c_per_s, self.surface_c, _ = filter.x.tolist()
         lost_c = self.settings.wall_sigma * (self.inside_c - self._room_c)
-        self.sigma_c = math.hypot(filter.sigma(INSIDE), self._spread_c, lost_c)
-        self.rate_sigma_c_per_s = filter.sigma(RATE)
+        self.sigma_c = math.hypot(filter.sigma(Row.INSIDE), self._spread_c, lost_c)
+        self.rate_sigma_c_per_s = filter.sigma(Row.RATE)
         self.known = self.sigma_c < KNOWN_SIGMA_C
 
     def _turn(self) -> None:
@@ -294,8 +305,8 @@ class Warmth:
             what = "in band" if in_band else "out of band"
             why = f"{self.inside_c:.1f} ± {sigma:.1f} °C, band {low:g} to {high:g} °C"
             self._say(what, why)
-        sure = max(self.rate_c_per_s - 2.0 * self.rate_sigma_c_per_s, 0.0)
-        coming_c = self.inside_c + sure * ask.ahead_s
+        rising = max(self.rate_c_per_s - 2.0 * self.rate_sigma_c_per_s, 0.0)
+        coming_c = self.inside_c + rising * ask.ahead_s
         over = max(self.inside_c, coming_c) >= ask.limit_c - (sigma if self.over_limit else 0.0)
         if over != self.over_limit:
             self.over_limit = over

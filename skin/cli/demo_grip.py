@@ -5,7 +5,7 @@ from __future__ import annotations
 import json as json_text
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import tyro
@@ -15,6 +15,7 @@ from skin.cli.table import facts
 
 if TYPE_CHECKING:
     from skin.tasks.disturbance import Disturbance
+    from skin.view.grip_picture import GripCurves
 
 __all__ = ["demo_grip"]
 
@@ -65,7 +66,7 @@ def demo_grip(
     return 1 if run.dropped else 0
 
 
-def _curves(run: Disturbance) -> object:
+def _curves(run: Disturbance) -> GripCurves:
     """A run as arrays for its picture."""
     from skin.view.grip_picture import GripCurves
 
@@ -78,7 +79,7 @@ def _curves(run: Disturbance) -> object:
     )
 
 
-def _title(report: dict[str, object]) -> str:
+def _title(report: dict[str, Any]) -> str:
     dead = f", {report['dead_units']} units dead" if report["dead_units"] else ""
     told = "dropped" if report["dropped"] else "held"
     return (
@@ -88,7 +89,7 @@ def _title(report: dict[str, object]) -> str:
     )
 
 
-def _table(report: dict[str, object]) -> str:
+def _table(report: dict[str, Any]) -> str:
     rows = {
         "object": "{shape}, {mass_kg:.3f} kg, friction {friction:.2f}: the control knows none",
         "friction believed": "{friction_believed:.2f}, {slips} slips seen",

@@ -169,8 +169,8 @@ class Loop:
     def stages(self) -> Stages | None:
         """What a cycle is made of that is told no background; None before it was needed."""
         prediction = self._predict.get(False)
-        lacks = self.crosstalk is not None and prediction is None
-        if lacks or (self.ambient is not None and self._follow is None):
+        is_missing = self.crosstalk is not None and prediction is None
+        if is_missing or (self.ambient is not None and self._follow is None):
             return None
         return Stages(prediction, (self._taken, self._known), self._follow)
 

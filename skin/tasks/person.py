@@ -191,10 +191,6 @@ class Hand:
         at = truth.position[:, self._index].copy(), truth.rotation[:, :, self._index].copy()
         self._acts.append((self.world.time_s, act, *at))
 
-    def let_go(self) -> None:
-        """End all acts."""
-        self._acts.clear()
-
     @property
     def busy(self) -> bool:
         """Whether an act lasts."""

@@ -37,7 +37,7 @@ class Does(NamedTuple):
     """An action: a function of the station, and the names of its numbers."""
 
     run: Callable[[Station, float, dict[str, float]], None]
-    takes: tuple[str, ...] = ()
+    numbers: tuple[str, ...] = ()
 
 
 @dataclass
@@ -100,7 +100,7 @@ def play(
 ) -> Story:  # fmt: skip
     """Play a task file on a station to its end."""
     task = load_task(
-        file, fields=station.known_fields(), actions={name: do.takes for name, do in does.items()}
+        file, fields=station.known_fields(), actions={name: do.numbers for name, do in does.items()}
     )
     runner = Runner(task, station.feels(), _bound(station, does))
     story, rows = Story(), []
@@ -144,8 +144,9 @@ def _finish(story: Story, station: Station, runner: Runner) -> None:
     story.true_poured_ml = station.true_poured_ml
     story.true_end_c = station.vessel.water_c
     for name, behaviour in station.feels().items():
-        if hasattr(behaviour, "decisions"):
-            story.decisions[name] = [str(decision) for decision in behaviour.decisions]
+        decisions = getattr(behaviour, "decisions", None)
+        if decisions is not None:
+            story.decisions[name] = [str(decision) for decision in decisions]
 
 
 def _changes(story: Story, station: Station) -> None:

@@ -77,8 +77,8 @@ def test_a_drift_is_no_gesture():
 
 
 def test_a_wrong_parameter_is_named():
-    with pytest.raises(OptionError, match="gestures: sure"):
-        GestureParameters(sure=1.5)
+    with pytest.raises(OptionError, match="gestures: least_confidence"):
+        GestureParameters(least_confidence=1.5)
 
 
 def test_units_that_fall_silent_are_no_gesture_and_a_pull_goes_on():

@@ -132,6 +132,6 @@ def test_the_stories_that_come_along_are_good(name):
     task = load_task(
         file,
         fields=Station.known_fields(),
-        actions={word: do.takes for word, do in does.items()},
+        actions={word: do.numbers for word, do in does.items()},
     )
     assert task.name == name
