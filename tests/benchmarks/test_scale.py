@@ -70,7 +70,8 @@ def test_a_host_too_slow_for_its_units_loses_what_it_never_asks_for(small, way, 
     monkeypatch.setattr(Pipeline, "state", slow)
     row = scale.measure(*small, way, 0.1)
     assert row["left_out"] >= 6 * row["cycles"], "a cycle takes 7.5 periods at least"
-    assert row["lost"] >= 0.5 * len(small[0].frames) * row["left_out"], "unless units are held up"
+    unseen = row["lost"] + row["held_up"]  # those of units that a busy machine held up do not count
+    assert unseen >= 0.5 * len(small[0].frames) * row["left_out"]
     assert row["periods"] >= row["late"] >= 0.5 * row["left_out"]
 
 
