@@ -209,4 +209,5 @@ def follow_python(step, noise, scratch, x, covariance, what, measured):
     return off / np.sqrt(total)
 
 
-_follow = compiled(follow_python, fastmath=("contract",))
+# Not kept on disk: a second signature of it, loaded beside the first, does not end within LLVM.
+_follow = compiled(follow_python, fastmath=("contract",), cache=False)
