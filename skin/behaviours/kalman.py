@@ -137,9 +137,9 @@ class Kalman:
 
     def update(self, row: int, measured: float, variance: float, steps: int = 1) -> None:
         """Go on by some periods, and take a measurement of one state; NaN for none."""
-        off = _follow(
+        off = _follow(  # of plain numbers: each enumeration would be a signature of its own
             self._step, self._noise, self._scratch, self.x, self.covariance,
-            (min(steps, MOST_STEPS), row), (measured, variance),
+            (int(min(steps, MOST_STEPS)), int(row)), (float(measured), float(variance)),
         )  # fmt: skip
         self._mean += self._gain * (off - self._mean)
 
@@ -209,5 +209,4 @@ def follow_python(step, noise, scratch, x, covariance, what, measured):
     return off / np.sqrt(total)
 
 
-# Not kept on disk: a second signature of it, loaded beside the first, does not end within LLVM.
-_follow = compiled(follow_python, fastmath=("contract",), cache=False)
+_follow = compiled(follow_python, fastmath=("contract",))

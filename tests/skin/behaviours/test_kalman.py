@@ -1,9 +1,11 @@
 """The filter against batch least squares, and against noise that is made up."""
 
+from enum import IntEnum
+
 import numpy as np
 import pytest
 
-from skin.behaviours.kalman import Kalman, Noise
+from skin.behaviours.kalman import Kalman, Noise, _follow
 
 
 def test_a_ramp_is_that_of_least_squares():
@@ -72,3 +74,18 @@ def test_noise_is_learned_from_neighbours_and_jumps_are_left_out():
         jumped = k % 100 == 0
         noise.update(100.0 * (k // 100) + random.normal(0.0, 0.1), not jumped)
     assert noise.variance == pytest.approx(0.01, rel=0.15)
+
+
+class Row(IntEnum):
+    """Some states, named."""
+
+    ONE = 1
+
+
+def test_named_states_are_no_signature_of_their_own():
+    for row in (1, Row.ONE, np.int32(1)):
+        one = Kalman(np.zeros((2, 2)), np.eye(2), 0.01)
+        one.begin(np.zeros(2), np.eye(2))
+        one.update(row, 1.0, 0.5)
+        assert one.x[1] > 0.0
+    assert len(getattr(_follow, "signatures", [()])) == 1

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import pytest
 
+import skin
 import topology
 from bus.logs import write
-from skin.bulk.job import Job
+from skin.bulk.job import WANT, Job
 from tests.fixtures.live import frames_of
 
 CYCLES, PARTITION = 900, 220
@@ -33,6 +35,27 @@ def log(palm_frames, tmp_path_factory):
 def job(tmp_path):
     """What the logs are decoded into."""
     return Job(topology.load("palm"), tmp_path / "out", partition_cycles=PARTITION)
+
+
+@pytest.fixture
+def record(job, palm_frames, tmp_path):
+    """A function: a recording of frames, none left out however slow the host, and its states."""
+    pytest.importorskip("mcap")
+    from skin.record.pipeline import RecordedPipeline
+
+    def write(frames=palm_frames, want=WANT):
+        file = tmp_path / "run.mcap"
+        pipeline = RecordedPipeline(job.topology, skin.Options(want=want), file=file)
+        count = 0
+        for _ in pipeline.feed(frames):
+            count += 1
+            while pipeline.recorder._ring.waiting > 100:
+                time.sleep(0.001)
+        count += pipeline.flush() is not None
+        pipeline.close()
+        return file, count
+
+    return write
 
 
 @pytest.fixture

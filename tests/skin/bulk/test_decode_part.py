@@ -214,32 +214,15 @@ def test_units_in_trouble_are_told_by_spells(job, palm_frames, tmp_path):
     assert {row["last_cycle"] for row in late} == {179}
 
 
-def test_a_recording_is_decoded_as_it_was(job, palm_frames, tmp_path):
-    pytest.importorskip("mcap")
-    from skin.record.pipeline import RecordedPipeline
-
-    file = tmp_path / "run.mcap"
-    pipeline = RecordedPipeline(job.topology, skin.Options(want=WANT), file=file)
-    count = sum(1 for _ in pipeline.feed(palm_frames[: palm_frames.size // 4]))
-    count += pipeline.flush() is not None
-    pipeline.close()
+def test_a_recording_is_decoded_as_it_was(job, palm_frames, record):
+    file, count = record(palm_frames[: palm_frames.size // 4])
     summary = done(job, file)
     assert (summary["state"], summary["cycles"], summary["faults"]) == ("decoded", count, [])
     assert json.loads(job.manifest_of(parts_of([file])[0]).read_text())["complete"]
 
 
-def test_a_recording_is_decoded_anew_by_another_calibration_and_for_other_wants(
-    job, palm_frames, log, tmp_path
-):
-    pytest.importorskip("mcap")
-    from skin.record.pipeline import RecordedPipeline
-
-    file = tmp_path / "run.mcap"
-    pipeline = RecordedPipeline(job.topology, skin.Options(want=WANT), file=file)
-    for _ in pipeline.feed(palm_frames):
-        pass
-    pipeline.flush()
-    pipeline.close()
+def test_a_recording_is_decoded_anew_by_another_calibration_and_for_other_wants(job, log, record):
+    file, _ = record()
     done(job, file)
     before = column(job, "cycles", "wrench.fz")
     anew, _ = changed(job, log, "calibration")
@@ -254,16 +237,9 @@ def test_a_recording_is_decoded_anew_by_another_calibration_and_for_other_wants(
 
 
 def test_a_recording_of_another_skin_is_refused_and_leaves_what_is_there(
-    job, palm_frames, contents, tmp_path
+    job, palm_frames, contents, record
 ):
-    pytest.importorskip("mcap")
-    from skin.record.pipeline import RecordedPipeline
-
-    file = tmp_path / "run.mcap"
-    pipeline = RecordedPipeline(job.topology, skin.Options(want=("force",)), file=file)
-    for _ in pipeline.feed(palm_frames[:2000]):
-        pass
-    pipeline.close()
+    file, _ = record(palm_frames[:2000], ("force",))
     done(job, file)
     before = contents(job.folder)
     moved, _ = changed(job, file, "topology")

@@ -13,8 +13,7 @@ import pytest
 import skin
 from bus.errors import LogError
 from skin.bulk.decode_part import decode_part
-from skin.bulk.job import WANT, parts_of
-from skin.record.pipeline import RecordedPipeline
+from skin.bulk.job import parts_of
 from skin.state import INVALID
 from tests.skin.bulk.conftest import CYCLES, PARTITION
 
@@ -57,14 +56,9 @@ def of_cycles(found):
 
 
 @pytest.fixture
-def recorded(job, palm_frames, tmp_path):
+def recorded(record):
     """A recording of the frames of the log."""
-    pipeline = RecordedPipeline(job.topology, skin.Options(want=WANT), file=tmp_path / "run.mcap")
-    for _ in pipeline.feed(palm_frames):
-        pass
-    pipeline.flush()
-    pipeline.close()
-    return tmp_path / "run.mcap"
+    return record()[0]
 
 
 def test_a_file_holds_the_messages_of_a_recording(shown, log, recorded):
