@@ -30,11 +30,8 @@ from topology import Topology
 
 __all__ = ["GripControl", "Phase"]
 
-DOUBT = 1.0
+DOUBT = 2.0
 """Sigmas of friction that are left as a margin beside the safety [assumed]."""
-
-AGREE = 3.0
-"""Sigmas that two slides may differ by and tell of the same friction [numeric]."""
 
 NEAR_LIMIT = 0.8
 """Share of the friction believed in, used up, below which a slip that begins is that of faces at an
@@ -134,7 +131,6 @@ class GripControl:
         self.friction, self.friction_sigma = own.least_friction, 0.0
         self.kinetic = FIRST_KINETIC * own.least_friction
         self.slips, self.is_tested, self.is_steady = 0, False, True
-        self._answers: list[Answer] = []
         self._period_s = period_s
         self._started_ns = self._stamp_ns = -1
         self._unheard_s, self._slipped_s = 0.0, math.inf
@@ -188,7 +184,6 @@ class GripControl:
         self.friction, self.friction_sigma = own.least_friction, 0.0
         self.kinetic = FIRST_KINETIC * own.least_friction
         self.is_tested = False
-        self._answers.clear()
         self._probe.restart()
 
     def update(self, state: State) -> None:
@@ -280,19 +275,7 @@ class GripControl:
         caught_n = (1.0 + self.parameters.safety) * answer.shear_n / answer.kinetic
         self._floor_n = max(caught_n, self.wanted_n)
         self._decide("catches it", f"it slid: {told}, {answer.kinetic:.2f} in motion")
-        self._answers.append(answer)
-        if len(self._answers) > 1:
-            self._compare(*self._answers[-2:])
-
-    def _compare(self, one: Answer, other: Answer) -> None:
-        """Two slides that agree tell of friction; else the smaller was something else."""
-        sigma = math.hypot(one.sigma, other.sigma)
-        if abs(one.friction - other.friction) > AGREE * sigma:
-            self._answers = [max(one, other, key=lambda answer: answer.friction)]
-            return
-        friction = 0.5 * (one.friction + other.friction)
-        self._believe(friction, 0.5 * sigma, 0.5 * (one.kinetic + other.kinetic))
-        self._decide("eases", f"two slides agree: friction {friction:.2f} ± {0.5 * sigma:.2f}")
+        self._believe(answer.friction, answer.sigma, answer.kinetic)
 
     def _believe(self, friction: float, sigma: float, kinetic: float) -> None:
         self.is_tested = True
@@ -324,7 +307,7 @@ class GripControl:
             return
         ratio = demand.fast_n / max(self.load_n, 1e-3)
         at_limit = self.is_tested and demand.sure_n > self.friction * self.load_n
-        near = ratio > NEAR_LIMIT * self.friction or not (self.is_tested or self._answers)
+        near = ratio > NEAR_LIMIT * self.friction or not self.is_tested
         if not at_limit and not (self._is_alarmed and near):
             return
         self.slips += 1

@@ -14,7 +14,7 @@ import numpy as np
 
 from bus.compiled.bound import Bound
 from bus.compiled.jit import compiled, jitable
-from skin.errors import OptionError
+from skin.behaviours.checks import check_patches, check_state
 from skin.state import State
 from topology import Topology
 
@@ -87,14 +87,11 @@ class Pads:
     Raises
     ------
     OptionError
-        There is no such patch.
+        No patch, one that there is not, or one twice.
     """
 
     def __init__(self, topology: Topology, names: Iterable[str] | None = None) -> None:
-        self.names = tuple(topology.patch_names if names is None else names)
-        for name in self.names:
-            if name not in topology.patch_names:
-                raise OptionError.unknown("pads", name, topology.patch_names)
+        self.names = check_patches(topology, names)
         pad_of = {topology.patch_names.index(name): pad for pad, name in enumerate(self.names)}
         pad = np.array([pad_of.get(int(patch), -1) for patch in topology.patch], np.int64)
         self._position = np.ascontiguousarray(topology.position, float)
@@ -123,7 +120,13 @@ class Pads:
         self._position[:], self._rotation[:] = position, rotation
 
     def read(self, state: State) -> PadLoads:
-        """Loads of the pads in this cycle; `state` has force, and best sigma and temperature."""
+        """Loads of the pads in this cycle; `state` has force, and best sigma and temperature.
+
+        Raises
+        ------
+        OptionError
+            The state is of another topology, or has no force.
+        """
         units = state.units
         sigma = self._no_sigma if units.force_sigma is None else units.force_sigma
         warmth = self._no_temperature if units.temperature is None else units.temperature
@@ -139,6 +142,7 @@ class Pads:
                 self._call = Bound(pad_loads, last, *self._kept)
             self._call()
         else:  # arrays of a copy, or of the first cycle
+            check_state(state, self._no_temperature.size, "force")
             self._last = last = Readings(units.force, sigma, warmth, units.valid)
             self._call = None
             pad_loads(last, *self._kept)
@@ -192,14 +196,21 @@ def pad_loads_python(
 ) -> None:
     """Add up what the units of each pad bear, with what silent ones are taken to bear."""
     _sum_valid(readings, places, share, out.load_n, sums)
-    _add_lost(readings.valid, places.pad, share, sums)
+    _add_lost(readings, places.pad, share, sums)
     for pad in range(sums.load.size):
         _finish(sums, pad, out)
     for i in range(share.size):
         pad = places.pad[i]
-        if pad >= 0 and readings.valid[i] and out.load_n[pad] > SHARE_LOAD_N:
+        if pad >= 0 and _is_heard(readings, i) and out.load_n[pad] > SHARE_LOAD_N:
             now = readings.force[2, i] / out.load_n[pad]
             share[i] = now if np.isnan(share[i]) else share[i] + gain * (now - share[i])
+
+
+@jitable
+def _is_heard(readings, i):
+    """Whether a unit tells a force that is a number."""
+    told = readings.force[0, i] + readings.force[1, i] + readings.force[2, i]
+    return readings.valid[i] and np.isfinite(told)
 
 
 @jitable
@@ -211,7 +222,7 @@ def _sum_valid(readings, places, share, last_n, sums):
         rows[:] = 0.0
     for i in range(places.pad.size):
         pad = places.pad[i]
-        if pad < 0 or not readings.valid[i]:
+        if pad < 0 or not _is_heard(readings, i):
             continue
         load = readings.force[2, i]
         pressed = max(load, 0.0)
@@ -223,7 +234,7 @@ def _sum_valid(readings, places, share, last_n, sums):
         if is_pressed:
             across = readings.force_sigma[0, i] ** 2 + readings.force_sigma[1, i] ** 2
             sums.variance[pad] += 0.5 * across
-        if not np.isnan(readings.temperature[i]):
+        if np.isfinite(readings.temperature[i]):
             sums.heat[pad] += pressed * readings.temperature[i]
             sums.heated[pad] += pressed
         fx = readings.force[0, i] if is_pressed else 0.0
@@ -245,7 +256,7 @@ def _sum_valid(readings, places, share, last_n, sums):
 
 
 @jitable
-def _add_lost(valid, pad_of, share, sums):
+def _add_lost(readings, pad_of, share, sums):
     """Shares of the load on units that are not valid."""
     for pad in range(sums.lost.size):
         total, count = 0.0, 0
@@ -259,7 +270,7 @@ def _add_lost(valid, pad_of, share, sums):
             if pad_of[i] == pad:
                 own = mean if np.isnan(share[i]) else share[i]
                 whole += own
-                lost += 0.0 if valid[i] else own
+                lost += 0.0 if _is_heard(readings, i) else own
         sums.lost[pad] = lost / whole if whole > 0.0 else 0.0
 
 

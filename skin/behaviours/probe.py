@@ -3,9 +3,9 @@
 A flat face that slides all alike gives no warning: no unit is ahead of the others. But what hangs
 still has a tangential load that stays, whatever the grip is, until friction gives: from then on the
 load is friction times grip, and falls with it. So the grip is loosened, quickly, since what falls
-freely for 30 ms falls 4 mm at most, and Page's sum of what the load lacks tells the moment when it
-began to lack: the ratio of the loads at that moment is friction at rest, their ratio after it,
-friction in motion. Then the grip goes up again at once.
+freely for 30 ms falls 4 mm at most. Where Page's sum of what the load lacks rises, the posterior of
+the moment at which it began to lack is looked at: has it slid, the grip goes up again at once. The
+ratio of the loads at that moment is friction at rest, their ratio after it, friction in motion.
 """
 
 from __future__ import annotations
@@ -13,6 +13,9 @@ from __future__ import annotations
 import math
 from enum import Enum
 from typing import NamedTuple
+
+import numpy as np
+from scipy.special import ndtr
 
 from skin.behaviours.demand import Demand
 
@@ -29,24 +32,25 @@ LOOSENS_PER_S = 4.0
 """How fast the grip falls, as a share of itself [derived: with friction the same in motion, a slide
 after t is g t^3 4/6, 0.4 mm in 40 ms; slower, it would be as far before the load tells]."""
 
-DRIFT, LIMIT = 0.5, 6.0
-"""Of Page's test, in sigmas: what is taken off each cycle, and the sum that is a slide [derived: a
-false alarm in 500 cycles of white noise, more than a probe takes; Siegmund, 1985]."""
+DRIFT, LIMIT = 0.5, 2.0
+"""Of Page's test, in sigmas: what is taken off each cycle, and the sum from which on the posterior
+is worth its time [numeric]."""
 
 RISE = 8.0
 """The same sum upwards, at which somebody pulls, and the probe is given up [assumed]."""
 
+STILL = 0.1
+"""Probability that nothing slid, below which it has [assumed: one slide in ten that is none; it
+costs grip, a later one costs way]."""
 
-DOUBTED = 0.3
-"""Sigma of friction at rest over what is found of it above that in motion: an onset that is found
-late shows both [assumed]."""
+MOST_FRICTION = 1.2
+"""Coefficient that friction at rest may have [assumed: silicone on clean glass]."""
 
-OVERLOOKED, HELD_OVERLOOKED = 0.4, 1.1
-"""Sigmas of one cycle's load that a slide may lack unseen: Page's sum needs 6 + 0.5 m in m cycles,
-1.1 a cycle in ten of them; where a slide was seen, its least squares know it better [derived]."""
+LEAST_SHARE = 0.5
+"""Friction in motion over that at rest, at least [assumed]."""
 
-LOOKS_BACK = 6
-"""Cycles before Page's sum rises, in which a slide may have begun [numeric]."""
+LEAST_N = 1e-3
+"""Newton, of a load that is divided by [numeric]."""
 
 
 class Outcome(Enum):
@@ -64,7 +68,8 @@ class Answer(NamedTuple):
     ----------
     outcome : Outcome
     friction : float
-        Ratio of the loads at which it began to slide; where it held, the largest that it bore.
+        Ratio of the loads at which it began to slide, mean of its posterior; where it held, hardly
+        more than the largest that it bore.
     sigma : float
         One-sigma of `friction`.
     kinetic : float
@@ -109,7 +114,6 @@ class Probe:
         self._lack, self._rise = 0.0, 0.0
         self._loads: list[float] = []
         self._shears: list[float] = []
-        self._began = 0
 
     def update(self, load_n: float, demand: Demand, least_n: float) -> Answer | None:
         """Go on by a cycle; an answer where there is one.
@@ -132,14 +136,16 @@ class Probe:
         off = (demand.pull_n - self._pull_n) / sigma_n
         self._rise = max(self._rise + off - DRIFT, 0.0)
         self._lack = max(self._lack - off - DRIFT, 0.0)
-        if self._lack == 0.0:
-            self._began = len(self._loads)
         if self._rise > RISE:
-            return self._answer(Outcome.DISTURBED, sigma_n)
-        if self._lack > LIMIT:
-            return self._answer(Outcome.SLID, sigma_n)
-        if load_n <= least_n:
-            return self._answer(Outcome.HELD, sigma_n)
+            self.restart()
+            return Answer(Outcome.DISTURBED, math.nan, math.nan, math.nan, math.nan)
+        ends = load_n <= least_n
+        if ends or self._lack > LIMIT:
+            onset = self._onset(sigma_n)
+            if onset.held < STILL:
+                return self._answer(Outcome.SLID, sigma_n, onset)
+            if ends:
+                return self._answer(Outcome.HELD, sigma_n, onset)
         self.factor *= math.exp(-LOOSENS_PER_S * self._period_s)
         return None
 
@@ -153,41 +159,66 @@ class Probe:
             self._pull_n, self._borne_n = self._mean_n, demand.borne_n
             self.factor = math.exp(-LOOSENS_PER_S * self._period_s)
 
-    def _answer(self, outcome: Outcome, sigma_n: float) -> Answer:
+    def _onset(self, sigma_n: float) -> _Onset:
+        loads = np.maximum(self._loads, LEAST_N)
+        further = math.log(max(MOST_FRICTION * float(loads[-1]) / self._borne_n, 1.0))
+        later = 1.0 + further / (LOOSENS_PER_S * self._period_s)
+        return _onset(loads, np.array(self._shears), self._pull_n, sigma_n, self._mean, later)
+
+    def _answer(self, outcome: Outcome, sigma_n: float, onset: _Onset) -> Answer:
         borne_n, relative = self._borne_n, sigma_n / self._pull_n
-        noise = relative * math.sqrt(2.0 / self._mean)
-        if outcome is Outcome.SLID:
-            held_n, share = _onset(self._loads, self._shears, self._pull_n, self._began)
-            friction, kinetic = borne_n / held_n, share * borne_n / held_n
-            step = LOOSENS_PER_S * self._period_s
-            noise = math.hypot(noise, step, DOUBTED * (1.0 - share), OVERLOOKED * relative)
-        else:
-            last = self._loads[-3:]
-            friction = kinetic = borne_n * len(last) / sum(last)
-            noise = math.hypot(noise, HELD_OVERLOOKED * relative)
+        friction, kinetic = borne_n * onset.per_load, borne_n * onset.kinetic_per_load
+        kinetic = kinetic if outcome is Outcome.SLID else friction
+        noise = math.hypot(
+            relative * math.sqrt(2.0 / self._mean), LOOSENS_PER_S * self._period_s,
+            onset.sigma_per_load / onset.per_load,
+        )  # fmt: skip
         self.restart()
         return Answer(outcome, friction, friction * noise, kinetic, borne_n)
 
 
-def _onset(
-    loads: list[float], shears: list[float], pull_n: float, began: int
-) -> tuple[float, float]:
-    """Grip at which a slide began, and friction in motion over that at rest.
+class _Onset(NamedTuple):
+    """Where a slide began: mean and one-sigma of one over the load there, in 1/N; what friction in
+    motion bore over pull and load; the probability that it held all the time."""
 
-    The least squares of a load that stays until then and is in proportion to the grip from then on:
-    Page's sum alone tells of a beginning before the true one, where noise had already begun to
-    count, or after it, where the load lacks little at first.
+    per_load: float
+    sigma_per_load: float
+    kinetic_per_load: float
+    held: float
+
+
+def _onset(
+    loads: np.ndarray, shears: np.ndarray, pull_n: float, sigma_n: float, known: int, later: float
+) -> _Onset:
+    """When a load that stayed began to be in proportion to the grip: posterior over the cycles, of
+    shapes (m,), and over none of them.
+
+    Until then the load is what it was, `pull_n` in the mean of the `known` cycles before these;
+    from then on it is the grip times some ratio, at most that at which it began. Noise is white.
+    Any cycle is as likely, and so are the `later` ones that would come while friction can be as
+    high.
     """
-    first, best, held_n, share = max(began - LOOKS_BACK, 0), math.inf, loads[-1], 1.0
-    before = 0.0
-    for i in range(first, len(loads) - 1):
-        products = sum(s * n for s, n in zip(shears[i:], loads[i:], strict=True))
-        ratio = products / sum(n * n for n in loads[i:])
-        ratio = min(ratio, pull_n / loads[i])
-        after = sum((s - ratio * n) ** 2 for s, n in zip(shears[i:], loads[i:], strict=True))
-        if before + after < best:
-            near = loads[max(i - 1, 0) : i + 2]
-            best, held_n = before + after, sum(near) / len(near)
-            share = min(ratio * held_n / pull_n, 1.0)
-        before += (shears[i] - pull_n) ** 2
-    return held_n, share
+    smooth = np.convolve(np.pad(loads, 1, "edge"), np.full(3, 1.0 / 3.0), "valid")
+    products, squares, energy = (
+        np.cumsum(x[::-1])[::-1] for x in (shears * loads, loads * loads, shears * shears)
+    )
+    count = known + np.arange(loads.size + 1)
+    pulls = (known * pull_n + np.concatenate([[0.0], np.cumsum(shears)])) / count
+    errors = np.concatenate([[0.0], np.cumsum(shears**2)]) - count * pulls**2
+    most, ratio = pulls[:-1] / smooth, products / squares
+    errors[:-1] += energy - ratio * products
+    chance = np.concatenate([_within(ratio, sigma_n / np.sqrt(squares), most), [later]])
+    weights = chance * np.exp(-0.5 * (errors - errors.min()) / sigma_n**2)
+    weights /= weights.sum()
+    at = 1.0 / np.concatenate([smooth, loads[-1:]])
+    mean = float(weights @ at)
+    sigma = math.sqrt(max(float(weights @ (at - mean) ** 2), 0.0))
+    slid = max(1.0 - float(weights[-1]), 1e-9)
+    kinetic = float(weights[:-1] @ np.clip(ratio, LEAST_SHARE * most, most)) / (pull_n * slid)
+    return _Onset(mean, sigma, min(kinetic, mean), float(weights[-1]))
+
+
+def _within(ratio: np.ndarray, sigma: np.ndarray, most: np.ndarray) -> np.ndarray:
+    """Mean likelihood, of a normal one, over all ratios that friction in motion may have."""
+    low, high = (ndtr((share * most - ratio) / sigma) for share in (LEAST_SHARE, 1.0))
+    return np.sqrt(2.0 * np.pi) * sigma * (high - low) / ((1.0 - LEAST_SHARE) * most)

@@ -46,6 +46,20 @@ def test_both_coefficients_of_friction_are_found(friction, kinetic):
     assert np.mean([a.kinetic for a in answers]) == pytest.approx(kinetic, rel=0.12)
 
 
+def test_sigma_of_friction_covers_its_error():
+    found = [asked(coulomb(0.5, 0.45), sigma_n=0.06, seed=seed)[1] for seed in range(40)]
+    off = np.array([(answer.friction - 0.5) / answer.sigma for answer in found])
+    assert np.sqrt((off**2).mean()) < 1.6
+    assert np.mean([answer.sigma for answer in found]) < 0.05
+
+
+def test_a_slide_that_noise_hides_is_not_taken_for_more_friction():
+    found = [asked(coulomb(0.4, 0.4, 0.2), sigma_n=0.035, seed=seed)[1] for seed in range(40)]
+    least = [a.friction - 2.0 * a.sigma for a in found if a.outcome is not Outcome.DISTURBED]
+    assert len(least) > 35
+    assert np.mean(np.array(least) > 1.08 * 0.4) < 0.2
+
+
 def test_what_holds_at_the_least_grip_tells_a_bound():
     _, answer = asked(lambda load_n, slides, cycle: (0.3, False))
     assert answer.outcome is Outcome.HELD
