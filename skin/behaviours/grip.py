@@ -21,10 +21,11 @@ from enum import Enum
 from skin.behaviours.decision import Decisions
 from skin.behaviours.demand import Demand
 from skin.behaviours.grip_parameters import GripParameters
-from skin.behaviours.gripper import Gripper
+from skin.behaviours.gripper import Gripper, check_gripper
 from skin.behaviours.pads import Pads
 from skin.behaviours.probe import Answer, Outcome, Probe
 from skin.contact.record import SlipState
+from skin.errors import OptionError, check_kind
 from skin.state import State
 from topology import Topology
 
@@ -57,6 +58,13 @@ RESTED_S = 0.3
 
 BOOST_S = 0.15
 """How long a grip that has caught a slip is kept [assumed]."""
+
+NO_ANSWER = 0.5
+"""Share of the least grip to which a probe goes on to ask for less, while the least one is set: by
+then what is felt should have followed [assumed: 0.17 s]."""
+
+LATEST = 5.0
+"""Periods of a cycle that come late, for which a release goes on [assumed]."""
 
 TOLD = 0.05
 """Share by which a slip must raise the grip to be told of [assumed]."""
@@ -91,6 +99,11 @@ class GripControl:
     pads : iterable of str, optional
         Patches of the pads; all of them if not given.
 
+    Raises
+    ------
+    OptionError
+        Fewer than two pads, one that there is not, or what is no gripper.
+
     Attributes
     ----------
     phase : Phase
@@ -118,12 +131,16 @@ class GripControl:
         parameters: GripParameters | None = None,
         pads: tuple[str, ...] | None = None,
     ) -> None:
-        self.parameters = own = parameters or GripParameters()
+        self.parameters = own = GripParameters() if parameters is None else parameters
+        check_kind("parameters", own, GripParameters)
+        check_gripper(gripper)
         self.gripper = gripper
         self.decisions = Decisions()
         self.phase = Phase.CLOSING
         period_s = 1.0 / topology.cycle_rate_hz
         self._pads = Pads(topology, pads)
+        if len(self._pads.names) < 2:
+            raise OptionError(f"pads: must be two or more; got {', '.join(self._pads.names)}")
         self.demand = Demand(len(self._pads.names), period_s, own.horizon_s)
         self._probe = Probe(period_s)
         self.load_n = self.shear_n = 0.0
@@ -133,12 +150,10 @@ class GripControl:
         self.slips, self.is_tested, self.is_steady = 0, False, True
         self._period_s = period_s
         self._started_ns = self._stamp_ns = -1
-        self._unheard_s, self._slipped_s = 0.0, math.inf
-        self._arm_m = ARM_M
-        self._floor_n = 0.0
-        self._is_alarmed = False
-        self._cycles = 0
-        self._rested_s = 0.0
+        self._unheard_s, self._heard_s, self._slipped_s = 0.0, math.inf, math.inf
+        self._sure_n, self._loosens = own.first_grip_n, True
+        self._arm_m, self._floor_n, self._is_alarmed = ARM_M, 0.0, False
+        self._cycles, self._rested_s = 0, 0.0
 
     @property
     def time_s(self) -> float:
@@ -177,10 +192,11 @@ class GripControl:
             self._probe.restart()
 
     def close(self) -> None:
-        """Close on whatever comes between the pads; what was known of friction is forgotten."""
+        """Close on whatever comes between the pads; what was known of friction is forgotten. What
+        is held, or on its way to be let go, is gripped no less than it is."""
         own = self.parameters
-        self.phase = Phase.CLOSING
-        self.wanted_n, self._floor_n = own.first_grip_n, 0.0
+        self.phase, self._loosens = Phase.CLOSING, True
+        self.wanted_n, self._floor_n = max(own.first_grip_n, self.wanted_n), 0.0
         self.friction, self.friction_sigma = own.least_friction, 0.0
         self.kinetic = FIRST_KINETIC * own.least_friction
         self.is_tested = False
@@ -198,21 +214,35 @@ class GripControl:
             self.demand.update(loads, self._arm_m)
             self.shear_n = self.demand.fast_n
         if self.phase is Phase.CLOSING:
-            if all_heard and min(felt) > self.parameters.touch_n:
-                self.phase = Phase.HOLDING
-                self._decide("holds", f"all pads touch, the lightest with {min(felt):.2f} N")
+            self._grasp(elapsed_s, felt)
         elif self.phase is Phase.RELEASING:
             self._let_go(elapsed_s)
         elif self.phase is Phase.HOLDING:
             if all_heard:
                 self._hold(elapsed_s)
             else:
-                self._keep(elapsed_s)
+                self._keep(elapsed_s, bool(felt))
         if self.phase is Phase.OPEN:
             self.gripper.release()
-        else:
-            factor = self._probe.factor
-            self.gripper.squeeze(factor * self.wanted_n, self.load_n if all_heard else math.nan)
+            return
+        wanted_n = self.wanted_n
+        if self._probe.loosens:
+            wanted_n = max(self._probe.factor * wanted_n, self.parameters.least_grip_n)
+        self.gripper.squeeze(wanted_n, self.load_n if felt else math.nan)
+
+    def _grasp(self, elapsed_s: float, felt: list[float]) -> None:
+        """Hold once all pads touch; where some are silent for long, all that are heard."""
+        own, count = self.parameters, len(self._pads.names)
+        before_s, self._unheard_s = self._unheard_s, self._unheard_s + elapsed_s
+        if len(felt) == count:
+            self._unheard_s = 0.0
+        elif before_s <= own.unheard_s < self._unheard_s:
+            self._decide("waits", f"{count - len(felt)} of {count} pads are silent")
+        silent = self._unheard_s > own.unheard_s
+        if felt and min(felt) > own.touch_n and (len(felt) == count or silent):
+            self.phase, self._unheard_s = Phase.HOLDING, 0.0
+            pads = f"{len(felt)} of {count}" if silent else "all"
+            self._decide("holds", f"{pads} pads touch, the lightest with {min(felt):.2f} N")
 
     # -- holding -----------------------------------------------------------------------------------
 
@@ -220,8 +250,9 @@ class GripControl:
         if self._unheard_s > self.parameters.unheard_s:
             self._decide("hears all pads again", f"after {self._unheard_s:.2f} s")
         self._unheard_s = 0.0
+        self._heard_s += elapsed_s
         self._slipped_s += elapsed_s
-        if self._probe.loosens or (self.parameters.probe and not self.is_tested):
+        if self.parameters.probe and self._loosens and not self.is_tested:
             self._ask()
         if not self._probe.loosens:
             self._look_for_slip()
@@ -260,6 +291,11 @@ class GripControl:
             self._decide("loosens", f"{demand.now_n:.2f} N hang still: how much friction is there?")
         if answer is not None:
             self._take(answer)
+        elif self._probe.factor * self.wanted_n < NO_ANSWER * own.least_grip_n:
+            self._probe.restart()
+            self._loosens = False
+            why = f"felt are {self.load_n:.2f} N, asked for {own.least_grip_n:g} N"
+            self._decide("asks no more", f"{why}: it does not follow the grip")
 
     def _take(self, answer: Answer) -> None:
         """Believe what a probe has found."""
@@ -296,8 +332,7 @@ class GripControl:
         if self._cycles % ARM_CYCLES == 0:
             arms = [(contact.load, contact.arm) for contact in contacts]
             known = [(load_n, arm_m) for load_n, arm_m in arms if load_n > 0.0 and arm_m > 0.0]
-            if known:
-                total_n = sum(load_n for load_n, _ in known)
+            if total_n := sum(load_n for load_n, _ in known):
                 self._arm_m = sum(load_n * arm_m for load_n, arm_m in known) / total_n
 
     def _look_for_slip(self) -> None:
@@ -323,22 +358,30 @@ class GripControl:
 
     # -- silence and the end -----------------------------------------------------------------------
 
-    def _keep(self, elapsed_s: float) -> None:
-        """A pad is not heard: nothing tells that less would do."""
+    def _keep(self, elapsed_s: float, some_heard: bool) -> None:
+        """A pad is not heard: nothing tells that less would do; others may tell that more must."""
         own = self.parameters
         self._probe.restart()
         before_s, self._unheard_s = self._unheard_s, self._unheard_s + elapsed_s
         if before_s == 0.0:
+            if self._heard_s > own.unheard_s:  # a pad that comes and goes raises the grip once
+                self._sure_n = self.wanted_n
             self._decide("keeps its grip", f"a pad is not heard, at {self.wanted_n:.2f} N")
-        if before_s <= own.unheard_s < self._unheard_s:
-            risen_n = (1.0 + own.unheard_rise) * self.wanted_n
-            self.wanted_n = max(self.wanted_n, min(risen_n, own.most_grip_n))
-            why = f"a pad is silent for {self._unheard_s:.2f} s"
-            self._decide("grips harder", f"{why}: {self.wanted_n:.2f} N, to be safe")
+        self._heard_s = 0.0
+        needed_n, why = 0.0, "the other pads bear more"
+        if some_heard:
+            needed_n = (1.0 + self.safety) * self.least_n
+        safe_n = (1.0 + own.unheard_rise) * self._sure_n
+        if self._unheard_s > own.unheard_s and needed_n < safe_n:
+            needed_n, why = safe_n, f"a pad is silent for {self._unheard_s:.2f} s, to be safe"
+        needed_n = min(needed_n, own.most_grip_n)
+        if needed_n > (1.0 + TOLD) * self.wanted_n:
+            self._decide("grips harder", f"{why}: {needed_n:.2f} N")
+        self.wanted_n = max(self.wanted_n, needed_n)
 
     def _let_go(self, elapsed_s: float) -> None:
         own = self.parameters
-        self.wanted_n -= own.release_n_per_s * elapsed_s
+        self.wanted_n -= own.release_n_per_s * min(elapsed_s, LATEST * self._period_s)
         if self.wanted_n <= 0.0:
             self.wanted_n = 0.0
             self.phase = Phase.OPEN
@@ -349,7 +392,7 @@ class GripControl:
         if self._started_ns < 0:
             self._started_ns = self._stamp_ns = stamp_ns
             return self._period_s
-        elapsed_s = 1e-9 * (stamp_ns - self._stamp_ns)
+        elapsed_s = max(1e-9 * (stamp_ns - self._stamp_ns), 0.0)
         self._stamp_ns = stamp_ns
         return elapsed_s
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Protocol
 
-__all__ = ["Gripper"]
+from skin.errors import OptionError, shown
+
+__all__ = ["Gripper", "check_gripper"]
 
 
 class Gripper(Protocol):
@@ -22,8 +24,22 @@ class Gripper(Protocol):
         wanted_n : float
             Newton, on each pad, from now on.
         felt_n : float
-            Newton: what the pads feel, mean; NaN where it is not known, and what was set stays.
+            Newton: what the pads feel, mean of those that are heard; NaN where none is, and what
+            was set stays.
         """
 
     def release(self) -> None:
         """Open, gently, until told otherwise."""
+
+
+def check_gripper(gripper: object) -> None:
+    """Refuse what is no adapter.
+
+    Raises
+    ------
+    OptionError
+        It has no `squeeze` or no `release`.
+    """
+    for name in ("squeeze", "release"):
+        if not callable(getattr(gripper, name, None)):
+            raise OptionError(f"gripper: must have {name!r}; got {shown(gripper)}")

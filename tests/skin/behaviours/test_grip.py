@@ -25,11 +25,15 @@ def held(seconds=3.0, **options):
 @pytest.mark.parametrize("friction", [0.32, 0.55, 0.85])
 @pytest.mark.parametrize("share", [0.8, 1.0])
 def test_friction_is_found_and_the_grip_is_hardly_more_than_holds(friction, share):
-    pinch, control = held(friction=friction, kinetic=share * friction, seconds=4.0)
-    assert control.is_tested
-    assert control.friction == pytest.approx(friction, rel=0.1)
-    assert 1.0 < pinch.grip_n / pinch.needed_n < 1.4
-    assert pinch.slid_m < 0.004
+    shares = []
+    for seed in range(5):
+        pinch, control = held(friction=friction, kinetic=share * friction, seconds=4.0, seed=seed)
+        assert control.is_tested
+        assert control.friction == pytest.approx(friction, rel=0.15)
+        assert pinch.slid_m < 0.004
+        shares.append(pinch.grip_n / pinch.needed_n)
+    assert min(shares) > 1.0
+    assert np.median(shares) < 1.5
 
 
 def test_before_anything_is_known_the_belief_is_small():
@@ -48,7 +52,7 @@ def test_the_grip_rises_with_a_pull_before_it_slips(rise_s):
         pinch.go(control, PERIOD_S)
     pinch.go(control, 0.5)
     assert pinch.slid_m - before_m < 1e-3
-    assert 1.0 < pinch.grip_n / pinch.needed_n < 1.5
+    assert 1.0 < pinch.grip_n / pinch.needed_n < 1.6
 
 
 def test_after_a_pull_the_grip_is_what_it_was():
@@ -87,10 +91,112 @@ def test_a_silent_pad_keeps_its_grip_and_then_gets_a_safe_one():
     assert (kept > 0.97 * before_n).all()
     pinch.go(control, 0.3)
     assert control.wanted_n == pytest.approx(1.5 * before_n, rel=0.05)
+    assert pinch.felt_n[-1] == pytest.approx(control.wanted_n, rel=0.2)  # by the other pad
+    pinch.silent[:] = True
+    pinch.go(control, PERIOD_S)
     assert math.isnan(pinch.felt_n[-1])
     told = [one.what for one in control.decisions]
     assert "keeps its grip" in told
     assert told[-1] == "grips harder"
+
+
+def test_a_pull_that_one_pad_alone_hears_is_gripped_for():
+    pinch, control = held()
+    pinch.silent[:16] = True
+    pinch.go(control, 0.02)
+    slid_m = pinch.slid_m
+    for pull_n in np.linspace(0.0, 4.0, 100):
+        pinch.pull_n = pull_n
+        pinch.go(control, PERIOD_S)
+    pinch.go(control, 0.3)
+    assert pinch.grip_n > pinch.needed_n
+    assert pinch.slid_m - slid_m < 1e-3
+
+
+def test_a_pad_that_comes_and_goes_raises_the_grip_once():
+    pinch, control = held()
+    before_n = control.wanted_n
+    for _ in range(15):
+        pinch.silent[:16] = True
+        pinch.go(control, 0.12)
+        pinch.silent[:16] = False
+        pinch.go(control, 0.008)
+    assert 1.3 * before_n < control.wanted_n < 1.9 * before_n
+
+
+def test_a_silent_pad_raises_the_grip_to_the_most_at_most():
+    pinch = Pinch()
+    control = GripControl(pinch.topology, pinch, GripParameters(most_grip_n=3.0))
+    pinch.go(control, 0.5)
+    pinch.silent[:16] = True
+    pinch.go(control, 0.5)
+    assert control.wanted_n == 3.0
+
+
+def test_a_pad_that_is_silent_from_the_start_does_not_keep_it_from_holding():
+    pinch = Pinch()
+    pinch.silent[:16] = True
+    control = GripControl(pinch.topology, pinch)
+    pinch.go(control, 1.0)
+    assert control.phase is Phase.HOLDING
+    assert [one.what for one in control.decisions][:2] == ["waits", "holds"]
+    assert pinch.grip_n > pinch.needed_n
+    assert pinch.slid_m < 1e-3
+
+
+def test_a_grip_that_does_not_loosen_is_not_asked_again():
+    pinch = Pinch()
+    control = GripControl(pinch.topology, pinch)
+    pinch.go(control, 0.55)
+    wedged_n = pinch.grip_n = 3.0
+    least_n = wedged_n
+    for _ in range(700):
+        pinch.grip_n = wedged_n
+        pinch.go(control, PERIOD_S)
+        least_n = min(least_n, pinch.asked_n)
+    assert least_n == control.parameters.least_grip_n
+    told = [one.what for one in control.decisions]
+    assert told.count("loosens") == told.count("asks no more") == 1
+    assert not control.is_tested
+
+
+def test_numbers_that_are_none_poison_nothing():
+    pinch, control = held()
+    for value in (np.nan, np.inf):
+        show = pinch._show
+        pinch._show = lambda shear_n, value=value, show=show: (
+            show(shear_n),
+            pinch.units.force.__setitem__((slice(0, 2), slice(0, 16)), value),
+        )
+        pinch.go(control, 0.02)
+        pinch._show = show
+        pinch.go(control, 0.5)
+        assert np.isfinite(pinch.asked_n)
+    assert pinch.grip_n > pinch.needed_n
+
+
+def test_to_close_on_what_is_held_loosens_nothing():
+    pinch, control = held(mass_kg=0.3, friction=0.35, kinetic=0.33)
+    before_n, slid_m = control.wanted_n, pinch.slid_m
+    assert before_n > control.parameters.first_grip_n
+    control.close()
+    pinch.go(control, 0.1)
+    assert control.wanted_n >= 0.99 * before_n
+    assert pinch.slid_m == slid_m
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"gripper": None}, "gripper: must have 'squeeze'; got None"),
+        ({"parameters": {"safety": 0.2}}, "parameters: must be a GripParameters"),
+        ({"pads": ("left",)}, "pads: must be two or more; got left"),
+    ],
+)
+def test_what_is_no_gripper_is_refused(options, message):
+    pinch = Pinch()
+    with pytest.raises(OptionError, match=message):
+        GripControl(pinch.topology, **({"gripper": pinch} | options))
 
 
 def test_a_bus_that_stops_for_200_ms_drops_nothing_and_is_forgotten():
