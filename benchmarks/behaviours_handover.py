@@ -24,7 +24,7 @@ from skin.tasks.handover_trial import Carry, Take, run_carry, run_take
 REPORTED = 8000
 WORKERS = 2
 EPISODE_S = 30.0
-TAKES, CARRIES = 300, 36
+TAKES, CARRIES = 300, 120
 AWAY = 500
 """Seeds of carrying begin so far behind those of takes."""
 
