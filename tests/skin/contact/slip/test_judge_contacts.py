@@ -1,4 +1,4 @@
-"""Contacts that share a skin, meet and part, and units that come and go, against the slow algebra."""
+"""Contacts that share a skin, meet and part, and units that come and go; against slow algebra."""
 
 import numpy as np
 import pytest
