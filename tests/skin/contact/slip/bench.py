@@ -13,7 +13,7 @@ from skin.contact.slip.judge import judge
 from tests.naive.slip import NaiveSlip
 
 STIFFNESS = 0.5
-"""N/mm, tangential."""
+"""N/mm, tangential, of most units; that of each is a little else."""
 TOLD = (
     "slip", "slip_units", "body_units", "onset_ns", "stick_ratio", "pattern", "slip_probability",
     "slip_direction", "motion", "friction", "friction_sigma", "friction_spread", "margin",
@@ -57,6 +57,7 @@ class Bench:
     def __init__(self, skin, rng, **settings):
         self.position, self.rotation = skin
         self.n, self.rng = self.position.shape[1], rng
+        self.stiffness = STIFFNESS * (1.0 + 0.1 * np.cos(np.arange(self.n)))
         settings = SlipSettings(**settings)
         geometry = posed_units(self.position, self.rotation, 1e-4)
         self.model = SimpleNamespace(geometry=geometry, slip=settings.model())
@@ -97,13 +98,13 @@ class Bench:
         """Readings of units under loads (n,), of which friction lets no more through; with noise
         that is more than told by a factor."""
         far = np.maximum(np.hypot(*drag), 1e-12)
-        drag = drag * np.minimum(1.0, friction * load / STIFFNESS / far)
+        drag = drag * np.minimum(1.0, friction * load / self.stiffness / far)
         reading, n = self.reading, self.n
         reading.displacement_sigma[:] = sigma_mm * np.array([[0.8], [1.2], [1.0]])
         error = noise * reading.displacement_sigma[:2] * self.rng.standard_normal((2, n))
         reading.displacement[:2] = drag + error
         reading.displacement[2] = load / 4.5
-        reading.force[:2], reading.force[2] = STIFFNESS * reading.displacement[:2], load
+        reading.force[:2], reading.force[2] = self.stiffness * reading.displacement[:2], load
         reading.force_sigma[:] = np.array([[0.4], [0.7], [1.5]]) * sigma_mm
 
     def judge(self, contacts, dt_s=0.004, kind=None):

@@ -37,7 +37,8 @@ def test_a_body_that_is_dragged_until_it_slides(name, skin):
     rng = np.random.default_rng(len(name))
     bench = Bench(skin(6, rng), rng, **SETTINGS[name])
     states, _ = drag_along(bench, rng.uniform(0.6, 2.0, 6))
-    assert set(states) >= {STICK, INCIPIENT}
+    assert STICK in states
+    assert max(states) >= INCIPIENT
 
 
 @pytest.mark.parametrize("skin", [flat_skin, curved_skin])
