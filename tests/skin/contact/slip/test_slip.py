@@ -1,4 +1,4 @@
-"""Slip: its laws, machine code against Python, and the kernel against slow algebra."""
+"""Slip: its laws, and machine code against Python."""
 
 import numpy as np
 import pytest
@@ -7,88 +7,23 @@ from hypothesis import settings as profile
 from hypothesis import strategies as st
 
 import tests.naive.contact as naive
-from bus.compiled.jit import compiled
-from skin.contact.graph import neighbour_graph
 from skin.contact.record import Flag, SlipState, UnitSlip
 from skin.contact.slip import PARAMETERS, SlipSettings
-from skin.contact.slip.data import BEGAN, NOISY_UNIT, SlipData, unit_filter
 from skin.contact.slip.judge import judge
-from skin.contact.stream import ContactStream
 from skin.errors import SkinError
-from tests.naive.slip import NaiveSlip
+from tests.skin.contact.slip.watch import (
+    DT_S,
+    STIFFNESS,
+    Watch,
+    centred,
+    dome,
+    held,
+    readings,
+    rigid,
+    sliding,
+)  # fmt: skip
 
-AREA, DT_S = 1.1e-4, 0.004
-machine_code = compiled(judge, allocates=False)
-STIFFNESS = 0.5
-"""N/mm, tangential."""
 seeds = st.integers(0, 2**32)
-
-
-class Watch:
-    """Slip of an array cycle by cycle, with one of the two kernels, on top of a stream."""
-
-    def __init__(self, position, rotation, kernel=machine_code, **settings):
-        n = position.shape[1]
-        self.stream = ContactStream(
-            position, rotation, AREA, *neighbour_graph(position, 0.018), want={"contacts"},
-            dtype="float64",
-        )  # fmt: skip
-        self.kernel, data = kernel, SlipData.zeros(n)
-        self.model = self.stream.model._replace(slip=SlipSettings(**settings).model())
-        self.data = self.stream.data._replace(slip=data)
-        self.kept = unit_filter(data.kept)
-        self.now_ns = 0
-        # as those of a decoder: always the same arrays
-        self.force, self.force_sigma, self.moved, self.moved_sigma = np.zeros((4, 3, n))
-        self.valid = np.ones(n, bool)
-
-    def step(self, force, moved, sigma_mm, valid=True):
-        """Take a cycle: force (3, n), displacement (3, n) mm; returns the record of the contact."""
-        self.now_ns += round(1e9 * DT_S)
-        self.force[:], self.moved[:], self.moved_sigma[:] = force, moved, sigma_mm
-        self.force_sigma[:] = np.array([[STIFFNESS], [STIFFNESS], [3.0]]) * sigma_mm
-        self.valid[:] = valid
-        given = self.force, self.force_sigma, self.moved, self.moved_sigma
-        stream = self.stream
-        found = stream.update(*given, None, self.valid, stamp_ns=self.now_ns)
-        self.kernel(len(found), DT_S, self.now_ns, self.model, self.data)
-        return max((contact.record for contact in found), key=lambda r: r["load"])
-
-    @property
-    def units(self):
-        return self.stream.unit_slip
-
-
-def dome(position, peak=2.5, reach_m=0.04):
-    """Loads under a round body, newton; no unit is without."""
-    return peak * np.maximum(1.0 - (position[:2] ** 2).sum(axis=0) / reach_m**2, 0.05)
-
-
-def readings(load, drag, rng, sigma_mm=0.03):
-    """What units say under loads (n,) when they are dragged (2, n) mm, unit frame."""
-    moved = np.vstack([drag, load / 4.5])
-    moved = moved + sigma_mm * rng.standard_normal(moved.shape)
-    moved[2] = load / 4.5
-    return np.vstack([STIFFNESS * moved[:2], load]), moved
-
-
-def rigid(position, way_mm, angle):
-    """Drag of units that face down, on a body that goes `way_mm` and turns; (2, n) mm."""
-    x, y = 1e3 * position[:2]
-    c, s = np.cos(angle), np.sin(angle)
-    drag = np.array([c * x - s * y - x, s * x + c * y - y]) + np.array(way_mm)[:, np.newaxis]
-    return drag * np.array([[1.0], [-1.0]])
-
-
-def held(drag, load, friction):
-    """The drag that friction lets through."""
-    size = np.maximum(np.hypot(*drag), 1e-12)
-    return drag * np.minimum(1.0, friction * load / STIFFNESS / size)
-
-
-def centred(rows, columns):
-    position = naive.grid(rows, columns)
-    return position - position.mean(axis=1, keepdims=True), naive.facing_down(rows * columns)
 
 
 @given(seeds, st.floats(-2.2, 2.2), st.floats(-2.2, 2.2), st.floats(-0.05, 0.05))
@@ -249,21 +184,6 @@ def test_a_flat_face_on_soft_ground_is_no_slip_where_it_shares_shear_as_load():
     assert false <= 3
 
 
-def sliding(watch, position, load, *, friction=0.4, cycles=200, seed=3, order=None, push=1.0):
-    """Drag a body at 4 mm/s until all slips; the records and unit states of each cycle."""
-    rng = np.random.default_rng(seed)
-    records, units = [], []
-    for t in range(cycles):
-        drag = rigid(position, (0.016 * max(0, t - 30), 0.0), 0.0)
-        force, moved = readings(load, held(drag, load, friction), rng)
-        force = push * force
-        if order is not None:
-            force, moved = force[:, order], moved[:, order]
-        records.append(watch.step(force, moved, 0.03).copy())
-        units.append(watch.units.copy())
-    return np.array(records), np.array(units)
-
-
 def test_incipient_slip_is_seen_before_gross_slip_and_light_units_slip_first():
     position, rotation = centred(5, 5)
     load = dome(position)
@@ -406,52 +326,6 @@ def test_machine_code_is_the_python_code(seed):
     np.testing.assert_array_equal(one_units, other_units)
     for name in ("stick_ratio", "pattern", "motion", "friction", "margin", "friction_lower"):
         np.testing.assert_allclose(one[name], other[name], rtol=1e-6, atol=1e-9)
-
-
-TOLD = (
-    "stick_ratio", "pattern", "slip_probability", "friction", "friction_sigma", "friction_spread",
-    "margin", "grip_force", "grip_force_sigma",
-)  # fmt: skip
-
-
-@given(seeds)
-@profile(max_examples=8)
-def test_the_kernel_is_the_slow_algebra(seed):
-    rng = np.random.default_rng(seed)
-    rows, columns = rng.integers(1, 6), rng.integers(3, 6)
-    position, rotation = centred(rows, columns)
-    n = position.shape[1]
-    load = dome(position) * rng.uniform(0.5, 1.5, n)
-    angle, heading = rng.uniform(-0.02, 0.02), rng.uniform(-np.pi, np.pi)
-    speed, noise_mm = np.exp(rng.uniform(*np.log([0.004, 0.04]))), rng.uniform(0.03, 0.06)
-    halts = rng.integers(60, 200)
-    watch = Watch(position, rotation)
-    turned = np.array([[1.0], [-1.0]])
-    slow = NaiveSlip(position[:2] * turned, SlipSettings(), DT_S)
-    for t in range(300):
-        way = speed * (min(t, halts) - min(t, 30))
-        drag = rigid(position, (way * np.cos(heading), way * np.sin(heading)), angle * way)
-        force, moved = readings(load, held(drag, load, 0.4), rng, noise_mm)
-        record = watch.step(force, moved, 0.03)
-        told = slow.step(force, moved, watch.force_sigma, watch.moved_sigma, record)
-        np.testing.assert_array_equal(watch.units, slow.state)
-        assert record["slip"] == slow.slip
-        for name in TOLD:
-            # a pattern is the root of its odds, a probability has rounding of their logarithm
-            least = 1e-4 if name == "pattern" else 1e-8
-            share = 1e-4 if name == "slip_probability" else 1e-6
-            assert record[name] == pytest.approx(getattr(told, name), share, least, True), (t, name)
-        way = told.slip_direction * turned[:, 0]
-        np.testing.assert_allclose(record["slip_direction"][:2], way, atol=1e-6)
-        noise_ratio = np.sqrt(np.maximum(watch.kept.noise_ratio[:n], 1.0))
-        np.testing.assert_allclose(noise_ratio, told.noise_ratio, rtol=1e-8)
-        np.testing.assert_allclose(watch.kept.moved[:, :n], slow.moved, atol=1e-6)
-        noisy = watch.data.slip.history[NOISY_UNIT, :n] > 0.0
-        np.testing.assert_array_equal(noisy, told.noisy)
-        began = watch.data.slip.history[BEGAN, :n] == record["id"]
-        np.testing.assert_array_equal(began, slow.began)
-        if record["slip"] == SlipState.GROSS or (watch.units != UnitSlip.SLIPPING).sum() < 3:
-            break
 
 
 @pytest.mark.parametrize(

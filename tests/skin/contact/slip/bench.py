@@ -1,0 +1,195 @@
+"""Units under bodies that are dragged, and the kernel alone, in Python, beside the slow algebra."""
+
+from types import SimpleNamespace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from skin.contact.model import posed_units
+from skin.contact.record import CONTACT, Event, Flag, UnitKind
+from skin.contact.slip import SlipSettings
+from skin.contact.slip.data import BEGAN, NOISY_UNIT, SlipData, slip_arrays
+from skin.contact.slip.judge import judge
+from tests.naive.slip import NaiveSlip
+
+STIFFNESS = 0.5
+"""N/mm, tangential, of most units; that of each is a little else."""
+TOLD = (
+    "slip", "slip_units", "body_units", "onset_ns", "stick_ratio", "pattern", "slip_probability",
+    "slip_direction", "motion", "friction", "friction_sigma", "friction_spread", "margin",
+    "grip_force", "grip_force_sigma",
+)  # fmt: skip
+KEPT = {
+    "anchor": "anchor", "anchor_variance": "anchor_variance", "lag": "lag", "moved": "moved",
+    "lag_variance": "variance", "moved_slow": "slow", "followed": "known", "gain_error": "gain",
+    "followed_out": "known_out", "gain_information": "sure", "anchor_depth": "depth",
+    "lag_mean": "lag_mean", "age_s": "age_s",
+}  # fmt: skip
+"""What the kernel keeps of each unit, and how the slow algebra calls it."""
+
+
+def flat_skin(n, rng):
+    """Units in a plane, in rows of four, each turned about its own normal; all at random."""
+    at = np.arange(n)
+    place = 0.012 * np.array([at % 4, at // 4, 0.0 * at]) + rng.uniform(-0.002, 0.002, (3, n))
+    turned = Rotation.from_euler("z", rng.uniform(-3.0, 3.0, (n, 1)))
+    return _anywhere(place, turned, rng)
+
+
+def curved_skin(n, rng, tilt=0.5):
+    """The same with normals that point up to `tilt` radians away from their mean."""
+    at = np.arange(n)
+    place = 0.012 * np.array([at % 3, at // 3, 0.0 * at]) + rng.uniform(-0.002, 0.002, (3, n))
+    turned = Rotation.from_euler("z", rng.uniform(-3.0, 3.0, (n, 1)))
+    tilted = Rotation.from_rotvec(np.vstack([rng.uniform(-tilt, tilt, (2, n)), np.zeros(n)]).T)
+    return _anywhere(place, tilted * turned, rng)
+
+
+def _anywhere(place, frames, rng):
+    whole = Rotation.random(random_state=int(rng.integers(1 << 30)))
+    place = whole.apply(place.T).T + rng.uniform(-0.1, 0.1, (3, 1))
+    return place, np.moveaxis((whole * frames).as_matrix(), 0, 2)
+
+
+class Bench:
+    """Bodies that bear on units of a skin: position (3, n) in metre, rotation (3, 3, n)."""
+
+    def __init__(self, skin, rng, **settings):
+        self.position, self.rotation = skin
+        self.n, self.rng = self.position.shape[1], rng
+        self.stiffness = STIFFNESS * (1.0 + 0.1 * np.cos(np.arange(self.n)))
+        settings = SlipSettings(**settings)
+        geometry = posed_units(self.position, self.rotation, 1e-4)
+        self.model = SimpleNamespace(geometry=geometry, slip=settings.model())
+        self.naive = NaiveSlip(self.position, self.rotation, settings)
+        n = self.n
+        self.units = SimpleNamespace(
+            slip=np.zeros(n, np.int32), label=np.full(n, -1), kind=np.zeros(n, np.int32),
+            members=np.zeros(n, np.int64),
+        )  # fmt: skip
+        self.reading = SimpleNamespace(
+            force=np.zeros((3, n)), force_sigma=np.zeros((3, n)), displacement=np.zeros((3, n)),
+            displacement_sigma=np.zeros((3, n)),
+        )  # fmt: skip
+        self.contacts, self.slots = np.zeros(8, CONTACT), SimpleNamespace(present=np.zeros(8, int))
+        self.data = SimpleNamespace(
+            reading=self.reading, units=self.units, contacts=self.contacts, slots=self.slots,
+            slip=SlipData.zeros(n),
+        )  # fmt: skip
+        self.now_ns, self.seen = 10_000_000_000, set()
+
+    def drag(self, way_mm, angle=0.0, units=slice(None), tilt=0.0):
+        """How a body that goes along the skin (2,), turns about its middle normal and tilts by
+        radians drags units, (2, n) mm."""
+        frames, place = self.rotation[:, :, units], self.position[:, units]
+        up = frames[:, 2].mean(axis=1)
+        up /= np.linalg.norm(up)
+        along = np.cross(up, [0.3, 0.5, 0.8])
+        along /= np.linalg.norm(along)
+        across = np.cross(up, along)
+        away = place - place.mean(axis=1, keepdims=True)
+        turn = 1e3 * (angle * up + tilt * along)
+        goes = way_mm[0] * along + way_mm[1] * across + np.cross(turn, away.T)
+        drag = np.zeros((2, self.n))
+        drag[:, units] = np.einsum("na,acn->cn", goes, frames[:, :2])
+        return drag
+
+    def read(self, load, drag, friction=np.inf, sigma_mm=0.03, noise=1.0):
+        """Readings of units under loads (n,), of which friction lets no more through; with noise
+        that is more than told by a factor."""
+        far = np.maximum(np.hypot(*drag), 1e-12)
+        drag = drag * np.minimum(1.0, friction * load / self.stiffness / far)
+        reading, n = self.reading, self.n
+        reading.displacement_sigma[:] = sigma_mm * np.array([[0.8], [1.2], [1.0]])
+        error = noise * reading.displacement_sigma[:2] * self.rng.standard_normal((2, n))
+        reading.displacement[:2] = drag + error
+        reading.displacement[2] = load / 4.5
+        reading.force[:2], reading.force[2] = self.stiffness * reading.displacement[:2], load
+        reading.force_sigma[:] = np.array([[0.4], [0.7], [1.5]]) * sigma_mm
+
+    def judge(self, contacts, dt_s=0.004, kind=None):
+        """Judge contacts, each a dict of `id`, `members` and perhaps `parent`, `event`, `flags`,
+        and hold the kernel against the slow algebra; the records."""
+        reading, units = self.reading, self.units
+        self.now_ns += round(1e9 * dt_s)
+        units.label[:], units.kind[:] = -1, UnitKind.OUT if kind is None else kind
+        records, begin = [], 0
+        for k, contact in enumerate(contacts):
+            members = np.array(contact["members"])
+            slot = contact["id"] % 8
+            self.slots.present[k] = slot
+            record = self.contacts[slot]
+            end = begin + members.size
+            units.members[begin:end], units.label[members] = members, slot
+            units.kind[members] = UnitKind.OPEN
+            born = contact["id"] not in self.seen
+            self.seen.add(contact["id"])
+            record["id"], record["parent"] = contact["id"], contact.get("parent", 0)
+            record["event"] = contact.get("event", Event.BORN if born else Event.NONE)
+            record["begin"], record["end"], record["flags"] = begin, end, contact.get("flags", 0)
+            self._describe(record, members)
+            records.append((record, members))
+            begin = end
+        judge(len(contacts), dt_s, self.now_ns, self.model, self.data)
+        self.naive.leave((units.label < 0) & (units.kind == UnitKind.OUT))
+        judged = [(r, m) for r, m in records if not r["flags"] & Flag.WEAK]
+        told = self.naive.cycle(dt_s, self.now_ns, reading, judged)
+        for (record, members), each in zip(judged, told, strict=True):
+            compare(record, each)
+            compare_units(self.data.slip, units.slip, self.naive, members)
+        return [record for record, _ in records]
+
+    def _describe(self, record, members):
+        force, place = self.reading.force[:, members], self.position[:, members]
+        frames = self.rotation[:, :, members]
+        load, record["load"] = force[2], force[2].sum()
+        centre = place @ load / load.sum()
+        record["centroid"] = centre
+        away = (place - centre[:, np.newaxis]).T
+        record["arm"] = np.linalg.norm(away, axis=1) @ load / load.sum()
+        normal = frames[:, 2] @ load
+        axes, _ = np.linalg.qr(np.column_stack([normal, np.eye(3)]))
+        normal = -axes[:, 0] * np.sign(axes[:, 0] @ normal)
+        record["axes"] = np.column_stack([axes[:, 1], np.cross(normal, axes[:, 1]), normal])
+        total = np.einsum("abn,bn->an", frames, force)
+        record["shear"] = np.linalg.norm(total.sum(axis=1) - normal * (normal @ total.sum(axis=1)))
+        record["torsion"] = normal @ np.cross(away, total.T).sum(axis=0)
+        sigma = self.reading.force_sigma[:, members]
+        record["wrench_covariance"] = np.eye(6)
+        covariance = np.einsum("acn,cn,bcn->ab", frames, sigma**2, frames)
+        record["wrench_covariance"][:3, :3] = covariance
+
+
+def compare(record, told):
+    """Hold what the kernel says of a contact against what the slow algebra says."""
+    for name in TOLD:
+        # a pattern is the root of its odds, a probability has rounding of their logarithm
+        least = {"pattern": 1e-4, "margin": 1e-6}.get(name, 1e-8)
+        share = 1e-4 if name == "slip_probability" else 1e-6
+        np.testing.assert_allclose(record[name], getattr(told, name), share, least, err_msg=name)
+    np.testing.assert_allclose(record["rotation"], told.turn, 1e-6, 1e-9)
+    lower = max(told.friction_lower, 0.0)
+    np.testing.assert_allclose(record["friction_lower"], lower, 1e-6, 1e-9)
+    assert bool(record["flags"] & Flag.FEW_UNITS) == told.few
+    assert bool(record["flags"] & Flag.NO_FRICTION) == bool(np.isnan(told.margin))
+    assert bool(record["flags"] & Flag.NOISY) == told.noisy
+
+
+def compare_units(data, states, naive, members):
+    """And what it keeps of the units."""
+    (kept, history, _), n = slip_arrays(data), states.size
+    slow, close = naive.kept, np.testing.assert_allclose
+    np.testing.assert_array_equal(states, slow["state"])
+    np.testing.assert_array_equal(data.history[BEGAN, :n], slow["began"])
+    np.testing.assert_array_equal(data.history[NOISY_UNIT, members], slow["noisy"][members])
+    for name, called in KEPT.items():
+        mine = getattr(kept, name)[..., members]
+        close(mine, slow[called][..., members], 1e-5, 1e-8, err_msg=name)
+    close(kept.noise_ratio[members], slow["ratio"][members], 1e-8)
+    close(kept.noise_sum[members], slow["unit_lags"][0, members], 1e-6, 1e-9)
+    close(kept.noise_count[members], slow["unit_lags"][1, members], 1e-8, 1e-12)
+    close(data.noise[:2], naive.lags, 1e-6, 1e-12)
+    close(data.noise[2:4], naive.readings, 1e-6, 1e-12)
+    slid = np.array([history.slid_shear, history.slid_load, history.slid_variance])
+    close(slid[:, members], slow["slid"][:, members], 1e-6, 1e-12)
+    close(history.borne[members], slow["borne"][members], 1e-6, 1e-12)

@@ -1,0 +1,146 @@
+"""What is judged of a body that is dragged, cycle by cycle, against the slow algebra."""
+
+import numpy as np
+import pytest
+
+from skin.contact.record import SlipState, UnitSlip
+from tests.skin.contact.slip.bench import Bench, curved_skin, flat_skin
+
+NONE, STICK, INCIPIENT, GROSS = SlipState
+
+
+def drag_along(bench, load, *, speed=0.03, friction=0.4, halts=60, cycles=90, angle=0.004,
+               dt_s=0.005, start=12, **told):  # fmt: skip
+    """Drag one body over all units from cycle 12 on until it halts; its states and the units'."""
+    states, seen, everything = [], set(), np.arange(bench.n)[::-1]
+    for t in range(cycles):
+        way = speed * np.clip(t - start, 0, halts)
+        drag = bench.drag((0.8 * way, 0.6 * way), angle * way)
+        bench.read(load, drag, friction, **told)
+        (record,) = bench.judge([{"id": 5, "members": everything}], 0.02 if t < 10 else dt_s)
+        states.append(SlipState(record["slip"]))
+        seen |= {UnitSlip(state) for state in bench.units.slip}
+    return states, seen
+
+
+SETTINGS = {
+    "defaults": {},
+    "friction": {"friction": 0.3},
+    "noise": {"gain_error": 0.05, "floor_mm": 0.02, "false_alarms_per_hour": 50.0},
+    "ratios": {"incipient_ratio": 0.9, "gross_ratio": 0.5, "safety": 2.0, "slips_per_hour": 3.0},
+}
+
+
+@pytest.mark.parametrize("name", SETTINGS)
+@pytest.mark.parametrize("skin", [flat_skin, curved_skin])
+def test_a_body_that_is_dragged_until_it_slides(name, skin):
+    rng = np.random.default_rng(len(name))
+    bench = Bench(skin(6, rng), rng, **SETTINGS[name])
+    states, _ = drag_along(bench, rng.uniform(0.6, 2.0, 6))
+    assert STICK in states
+    assert max(states) >= INCIPIENT
+
+
+@pytest.mark.parametrize("skin", [flat_skin, curved_skin])
+def test_units_that_slip_stick_again_when_the_body_rests(skin):
+    rng = np.random.default_rng(3)
+    bench = Bench(skin(7, rng), rng)
+    load = np.array([2.0, 1.8, 0.5, 2.2, 1.9, 0.7, 2.4])
+    states, seen = drag_along(bench, load, speed=0.04, halts=30, cycles=120, dt_s=0.01)
+    assert set(states) == {NONE, STICK, INCIPIENT}
+    assert seen == {UnitSlip.STICK, UnitSlip.SLIPPING, UnitSlip.RE_STICK}
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.5])
+def test_noise_that_is_not_as_told(factor):
+    rng = np.random.default_rng(5)
+    bench = Bench(flat_skin(5, rng), rng)
+    drag_along(bench, rng.uniform(0.8, 1.6, 5), noise=factor, cycles=80)
+    assert (bench.naive.kept["ratio"] > 1.1).all() == (factor > 1.0)
+
+
+def test_one_unit_whose_noise_is_greater_than_told():
+    rng = np.random.default_rng(6)
+    bench = Bench(curved_skin(6, rng), rng)
+    noise = np.array([1.0, 1.0, 1.0, 6.0, 1.0, 1.0])
+    drag_along(bench, rng.uniform(0.8, 1.6, 6), noise=noise, cycles=80, friction=np.inf, dt_s=0.02)
+    assert bench.naive.kept["noisy"][3]
+    assert not bench.naive.kept["noisy"].all()
+
+
+def test_soft_ground_is_allowed_for_where_many_units_stick():
+    rng = np.random.default_rng(7)
+    bench = Bench(flat_skin(21, rng), rng)
+    states, _ = drag_along(bench, rng.uniform(0.6, 2.0, 21), cycles=55, speed=0.05)
+    assert INCIPIENT in states
+
+
+def test_readings_that_are_told_without_noise():
+    rng = np.random.default_rng(8)
+    bench = Bench(flat_skin(4, rng), rng)
+    states, _ = drag_along(bench, rng.uniform(0.6, 2.0, 4), sigma_mm=0.0, cycles=60)
+    assert INCIPIENT in states or GROSS in states
+
+
+@pytest.mark.parametrize("friction", [0.2, 0.45])
+def test_two_units_are_judged_by_the_cone_of_the_friction_that_is_told(friction):
+    rng = np.random.default_rng(9)
+    bench = Bench(flat_skin(2, rng), rng, friction=friction)
+    states, _ = drag_along(bench, np.array([1.5, 0.8]), cycles=80, speed=0.04)
+    assert set(states) >= {STICK, INCIPIENT}
+    assert (GROSS in states) == (friction < 0.4)
+
+
+def test_one_unit_of_unknown_friction_says_nothing():
+    rng = np.random.default_rng(10)
+    bench = Bench(flat_skin(1, rng), rng)
+    states, _ = drag_along(bench, np.array([1.5]), cycles=30)
+    assert set(states) == {NONE}
+
+
+def test_one_unit_of_known_friction():
+    rng = np.random.default_rng(11)
+    bench = Bench(curved_skin(1, rng), rng, friction=0.3)
+    states, _ = drag_along(bench, np.array([1.5]), cycles=60, speed=0.06)
+    assert GROSS in states
+
+
+def test_a_body_that_goes_fast_is_followed_fast():
+    rng = np.random.default_rng(12)
+    bench = Bench(curved_skin(6, rng), rng)
+    states, _ = drag_along(
+        bench, rng.uniform(0.6, 2.0, 6), speed=0.6, halts=4, cycles=40, friction=0.5
+    )
+    assert INCIPIENT in states
+
+
+@pytest.mark.parametrize("gap_s", [0.3, 2.0, 4.0, 11.0])
+def test_a_gap_in_the_cycles_in_the_midst_of_slip(gap_s):
+    rng = np.random.default_rng(13)
+    bench = Bench(flat_skin(5, rng), rng)
+    load, members = np.array([2.0, 1.5, 0.5, 1.8, 0.6]), [4, 2, 0, 1, 3]
+    for t in range(60):
+        bench.read(load, bench.drag((0.04 * np.clip(t - 15, 0, 22), 0.0)), 0.4)
+        bench.judge([{"id": 7, "members": members}], gap_s if t in (8, 40, 50) else 0.014)
+
+
+def test_a_body_that_slides_until_its_friction_is_not_what_it_was():
+    rng = np.random.default_rng(14)
+    bench = Bench(curved_skin(5, rng), rng)
+    load, states = np.array([1.0, 1.1, 0.9, 1.2, 1.0]), []
+    for t in range(85):
+        friction = 0.4 if t < 60 else 0.3
+        bench.read(load, bench.drag((0.05 * np.clip(t - 10, 0, 60), 0.0)), friction, sigma_mm=0.01)
+        (record,) = bench.judge([{"id": 7, "members": range(5)}], 0.02)
+        states.append(SlipState(record["slip"]))
+    slides = np.flatnonzero(np.array(states) == GROSS)
+    assert slides[0] < 35
+    assert slides[-1] == 59
+    assert set(states[60:]) >= {STICK}
+
+
+def test_a_face_that_slides_all_alike_is_seen_by_the_friction_that_is_told():
+    rng = np.random.default_rng(15)
+    bench = Bench(flat_skin(5, rng), rng, friction=0.4)
+    states, _ = drag_along(bench, np.ones(5), angle=0.0, cycles=70, sigma_mm=0.01)
+    assert INCIPIENT in states

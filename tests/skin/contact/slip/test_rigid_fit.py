@@ -1,0 +1,118 @@
+"""The body's motion: frame of the contact, what cannot be told, and a body that rolls."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from skin.contact.model import posed_units
+from skin.contact.record import CONTACT
+from skin.contact.slip.data import SlipData, slip_arrays
+from skin.contact.slip.rigid_fit import _solve, contact_frame
+from tests.skin.contact.slip.bench import Bench, curved_skin, flat_skin
+
+
+def test_a_contact_is_flat_whose_mean_normal_is_as_long_as_the_load_but_for_a_thousandth():
+    # two units of one load that lean apart by an angle: their mean normal is its cosine
+    for lost, flat in ((0.9e-3, True), (1.1e-3, False)):
+        lean = np.arccos(1.0 - lost)
+        frames = Rotation.from_euler("y", [[lean], [0.0], [-lean]]).as_matrix()
+        rng = np.random.default_rng(3)
+        position = rng.standard_normal((3, 3))
+        geometry = posed_units(position, np.moveaxis(frames, 0, 2), 1e-4)
+        record = np.zeros(1, CONTACT)[0]
+        record["begin"], record["end"], record["load"] = 1, 3, 5.0
+        record["axes"] = Rotation.random(random_state=4).as_matrix()
+        record["centroid"] = 0.1, 0.2, -0.4
+        fit = slip_arrays(SlipData.zeros(3)).scratch.fit
+        fit.mean_normal[:] = 9.0
+        force = np.array([[0.0] * 3, [0.0] * 3, [2.5, 7.0, 2.5]])
+        members = np.array([1, 2, 0])
+        assert contact_frame(record, members, force, geometry, fit) == flat
+        np.testing.assert_allclose(fit.mean_normal[:3], [0.0, 0.0, 5.0 * (1.0 - lost)], atol=1e-12)
+        np.testing.assert_array_equal(fit.axes[:, :3], record["axes"].T)
+        middle = (position.min(axis=1) + position.max(axis=1)) / 2.0
+        origin = geometry.origin
+        assert np.allclose(origin, middle) or np.allclose(origin, position.mean(axis=1))
+        np.testing.assert_allclose(fit.centre[:3], record["centroid"] - origin)
+
+
+def solve(rows, right):
+    """By the kernel, which is given the lower triangle alone."""
+    motions = rows.shape[1]
+    equations = np.full((6, 7), np.nan)
+    equations[:motions, :motions] = np.tril(rows.T @ rows)
+    equations[:motions, 6] = rows.T @ right
+    x = np.full(6, np.nan)
+    _solve(equations, motions, x)
+    return x[:motions], equations
+
+
+@pytest.mark.parametrize("scale", [1e-5, 1.0, 1e5])
+@pytest.mark.parametrize("motions", [1, 2, 3, 6])
+def test_normal_equations_are_solved_as_least_squares(motions, scale):
+    rng = np.random.default_rng(motions)
+    rows, right = scale * rng.standard_normal((9, motions)), rng.standard_normal(9)
+    expected, *_ = np.linalg.lstsq(rows, right, rcond=None)
+    x, equations = solve(rows, right)
+    np.testing.assert_allclose(x, expected, rtol=1e-8)
+    factor = np.linalg.cholesky(rows.T @ rows)
+    lower = np.tril_indices(motions)
+    np.testing.assert_allclose(equations[lower], factor[lower], rtol=1e-8)
+
+
+@pytest.mark.parametrize("blind", range(5))
+def test_a_motion_that_cannot_be_told_from_others_is_none(blind):
+    rng = np.random.default_rng(blind)
+    rows, right = rng.standard_normal((9, 5)), rng.standard_normal(9)
+    rows[:, blind] = rows[:, :blind] @ rng.uniform(0.5, 2.0, blind)
+    rest = np.delete(rows, blind, axis=1)
+    expected = np.insert(np.linalg.lstsq(rest, right, rcond=None)[0], blind, 0.0)
+    x, equations = solve(rows, right)
+    np.testing.assert_allclose(x, expected, rtol=1e-6)
+    assert not equations[blind:5, blind].any()
+
+
+def test_a_motion_counts_as_another_from_a_billionth_of_its_square_on():
+    rng = np.random.default_rng(1)
+    for apart, told in ((1.2, True), (0.85, False)):
+        rows, right = np.zeros((4, 2)), rng.standard_normal(4)
+        rows[0] = 1.0
+        rows[1, 1] = apart * np.sqrt(1e-9)
+        x, _ = solve(rows, right)
+        assert (x[1] != 0.0) == told
+
+
+@pytest.mark.parametrize("count", [8, 16])
+@pytest.mark.parametrize("skin", [flat_skin, curved_skin])
+def test_a_body_that_rolls_over_as_many_units_as_a_vector_has(skin, count):
+    rng = np.random.default_rng(count)
+    bench = Bench(skin(count + 1, rng), rng)
+    members = rng.permutation(count + 1)[:count]
+    base, swing = rng.uniform(0.6, 2.0, (2, count + 1))
+    for t in range(30):
+        load = base * (1.3 + 0.3 * np.sin(0.2 * t * swing))
+        bench.read(load, bench.drag((0.03 * t, 0.01 * t), 0.0, tilt=0.0004 * t), 0.45)
+        bench.judge([{"id": 4, "members": members}], 0.02)
+
+
+def test_units_that_come_late_one_by_one_on_a_curved_skin():
+    rng = np.random.default_rng(51)
+    bench = Bench(curved_skin(6, rng, tilt=0.3), rng)
+    load = rng.uniform(0.8, 1.6, 6)
+    for t in range(45):
+        members = [3, 0, 4, 2, 1, 5][: min(6, 1 + t // 5)]
+        bench.read(load * (1.0 + 0.01 * t), bench.drag((0.02 * t, 0.0), 0.0, tilt=0.001 * t))
+        bench.judge([{"id": 4, "members": members}], 0.02)
+
+
+def test_units_in_a_row_and_all_at_one_place():
+    rng = np.random.default_rng(52)
+    _, frames = flat_skin(4, rng)
+    along = np.array([[1.0], [0.5], [0.2]])
+    for spread in (0.01, 0.0):
+        bench = Bench((spread * along * np.arange(4), frames), rng)
+        for t in range(25):
+            bench.read(np.array([1.0, 0.4, 1.2, 0.9]), bench.drag((0.04 * t, 0.0)), 0.4)
+            (record,) = bench.judge([{"id": 4, "members": [2, 0, 3, 1]}], 0.02)
+        assert np.linalg.norm(record["motion"]) > 0.5
+        assert np.any(record["rotation"]) == (spread > 0.0)
