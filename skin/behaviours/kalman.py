@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from scipy.linalg import expm, solve_discrete_are
 
@@ -50,8 +52,8 @@ class Noise:
     def update(self, value: float, kept: bool = True) -> None:
         """Take the next value; NaN for none, and not `kept` where it may have jumped."""
         off = value - self._last
-        self._last = value
-        if kept and off == off:  # noqa: PLR0124
+        self._last = value if math.isfinite(value) else math.nan
+        if kept and math.isfinite(off):
             self.variance += self._gain * (0.5 * off * off - self.variance)
 
 
@@ -124,6 +126,11 @@ class Kalman:
         self.covariance += sigma * sigma * self._opened[row]
         self._mean = 0.0
 
+    def jump(self, row: int, sigma: float, steps: int) -> None:
+        """One state may have jumped by so much, this many periods ago."""
+        led_to = sigma * np.linalg.matrix_power(self._step, steps)[:, row]
+        self.covariance += np.outer(led_to, led_to)
+
     def restart(self, row: int, value: float, variance: float) -> None:
         """One state is what it is measured to be, whatever it was before."""
         self.covariance[row, :] = self.covariance[:, row] = 0.0
@@ -136,7 +143,8 @@ class Kalman:
         self.covariance[row, row] += variance
 
     def update(self, row: int, measured: float, variance: float, steps: int = 1) -> None:
-        """Go on by some periods, and take a measurement of one state; NaN for none."""
+        """Go on by some periods, and take a measurement of one state; none where it is no
+        finite number."""
         off = _follow(  # of plain numbers: each enumeration would be a signature of its own
             self._step, self._noise, self._scratch, self.x, self.covariance,
             (int(min(steps, MOST_STEPS)), int(row)), (float(measured), float(variance)),
@@ -154,7 +162,7 @@ class Kalman:
 
     def sigma(self, row: int) -> float:
         """One-sigma of a state."""
-        return float(self.covariance[row, row]) ** 0.5
+        return math.sqrt(max(float(self.covariance[row, row]), 0.0))
 
 
 def follow_python(step, noise, scratch, x, covariance, what, measured):
@@ -167,7 +175,7 @@ def follow_python(step, noise, scratch, x, covariance, what, measured):
         Updated in place, as `covariance` is.
     what : (int, int)
     measured : (float, float)
-        Value, NaN for none, and variance.
+        Value and variance; no measurement where one of them is not finite.
 
     Returns
     -------
@@ -195,7 +203,7 @@ def follow_python(step, noise, scratch, x, covariance, what, measured):
                     now += scratch[a, c] * step[b, c]
                 covariance[a, b] = covariance[b, a] = now
     value, variance = measured
-    if np.isnan(value):
+    if not np.isfinite(value + variance):
         return 0.0
     total = covariance[row, row] + variance
     off = value - x[row]
