@@ -1,4 +1,4 @@
-"""Directions that somebody gives: checked, and made unit vectors."""
+"""Directions and bands that somebody gives: checked, directions made unit vectors."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 from skin.errors import OptionError, shown
 
-__all__ = ["unit_vector"]
+__all__ = ["check_pair", "unit_vector"]
 
 
 def unit_vector(where: str, value: Any) -> tuple[float, float, float]:
@@ -33,3 +33,16 @@ def unit_vector(where: str, value: Any) -> tuple[float, float, float]:
     raise OptionError(
         f"{where}: must be three numbers (x, y, z), not all of them 0; got {shown(value)}"
     )
+
+
+def check_pair(where: str, value: Any) -> tuple[Any, Any]:
+    """A lower and an upper end.
+
+    Raises
+    ------
+    OptionError
+        They are not two.
+    """
+    if not isinstance(value, tuple | list) or len(value) != 2:
+        raise OptionError(f"{where}: must be (low, high); got {shown(value)}")
+    return value[0], value[1]

@@ -17,9 +17,10 @@ from enum import IntEnum
 import numpy as np
 
 from skin.behaviours.decision import Decisions
+from skin.behaviours.directions import check_pair
 from skin.behaviours.gel import SMOOTH_S, Gel, GelMean
 from skin.behaviours.kalman import JUDGED_S, Kalman, Noise
-from skin.errors import OptionError, check_kind, check_number, check_numbers, shown
+from skin.errors import check_kind, check_number, check_numbers
 from skin.state import State
 from topology import Topology
 
@@ -117,9 +118,7 @@ class WarmthSettings:
         check_numbers(1e-3, 100.0, turn_sigmas=self.turn_sigmas)
         check_numbers(0.0, 1e3, ahead_s=self.ahead_s, lag_sigma_s=self.lag_sigma_s)
         check_numbers(0.0, 1.0, wall_sigma=self.wall_sigma)
-        if not isinstance(self.band_c, tuple) or len(self.band_c) != 2:
-            raise OptionError(f"band_c: must be (low, high); got {shown(self.band_c)}")
-        low, high = self.band_c
+        low, high = check_pair("band_c", self.band_c)
         check_numbers(-273.15, 1e4, band_low=low, hot_c=self.hot_c)
         check_number("band_high", high, low, 1e4)
         check_number("limit_c", self.limit_c, high, 1e4)

@@ -236,7 +236,8 @@ def test_flows_out_of_order_are_refused():
     [({"down": (0, 0, 0)}, r"down: must be three numbers \(x, y, z\)"),
      ({"down": (math.nan, 0, -1)}, "down: must be three numbers"),
      ({"down": (0, -1)}, "down: must be three numbers"),
-     ({"hot_c": "88"}, "hot_c: must be a number"), ({"hot_c": math.inf}, "hot_c: must be a number")],
+     ({"hot_c": "88"}, "hot_c: must be a number"),
+     ({"hot_c": math.inf}, "hot_c: must be a number")],
 )  # fmt: skip
 def test_settings_that_cannot_be_are_refused(bad, message):
     with pytest.raises(OptionError, match=message):
