@@ -152,12 +152,12 @@ class Kalman:
         self.x[row], self.covariance[row, row] = value, variance
         self._means[:] = self._calm
 
-    def share(self, row: int, other: int, more: float, variance: float) -> None:
-        """One state is another, and so much more with this variance."""
+    def share(self, row: int, other: int, more: float) -> None:
+        """One state is another, and so much more."""
         self.x[row] = self.x[other] + more
         self.covariance[row, :] = self.covariance[other, :]
         self.covariance[:, row] = self.covariance[row, :]
-        self.covariance[row, row] = self.covariance[other, other] + variance
+        self.covariance[row, row] = self.covariance[other, other]
 
     def scale(self, row: int, by: float) -> None:
         """One state has another unit from now on."""

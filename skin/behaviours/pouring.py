@@ -45,6 +45,9 @@ FIRST_NOISE_KG = 0.005
 TARE_S = 1.0
 """In which what hangs there already is weighed [derived: 2 g of noise fall to 0.2 g]."""
 
+FIRST_FLOW_KG_PER_S = 0.001
+"""One-sigma of the flow while what hangs there is weighed [assumed]."""
+
 LEARN_S, APART_S = 3.0, 1.0
 """Time constant of what a millilitre warms, which falls as the vessel fills [assumed]; and time
 after which rates and flows have errors of their own [derived: the filters' own]."""
@@ -256,7 +259,10 @@ class Pouring:
             return
         variance = self._noise.variance / self._weighed
         self._tared = variance
-        self._filter.begin(np.array([self._tare, 0.0, 0.0]), np.diag([variance, 1e-6, 0.0]))
+        covariance = np.full((3, 3), variance)
+        covariance[Row.FLOW, :] = covariance[:, Row.FLOW] = 0.0
+        covariance[Row.FLOW, Row.FLOW] = FIRST_FLOW_KG_PER_S**2
+        self._filter.begin(np.array([self._tare, 0.0, 0.0]), covariance)
         self._units.keep()
         self.began = True
         self._say("tare", f"{1e3 * self._tare:.1f} ± {1e3 * variance**0.5:.1f} g")
@@ -269,7 +275,7 @@ class Pouring:
         self._filled_at = gained
         if self._units.as_kept:  # as at the tare: the same zero again
             self._filled, self._filled_variance, self._scale = 0.0, 0.0, 1.0
-            filter.share(Row.TOLD, Row.GAINED, self._tare, self._tared)
+            filter.share(Row.TOLD, Row.GAINED, self._tare)
             self._scaled_s = math.inf
             return
         self._filled_variance += since * since
@@ -320,7 +326,8 @@ class Pouring:
         self.poured_ml = 1e3 * gained / density
         since = self._filled * (gained - self._filled_at)
         self.sigma_ml = 1e3 / density * math.hypot(
-            filter.sigma(Row.GAINED), math.sqrt(variance) * filter.lag, since,
+            filter.sigma(Row.GAINED), math.sqrt(self._tared), since,
+            math.sqrt(variance) * filter.lag,
             1e-3 * self.settings.jump_ml_per_s * UNSEEN_S,
             math.sqrt(self._filled_variance), self.settings.gain_sigma * gained,
         )  # fmt: skip
