@@ -93,12 +93,12 @@ class Level:
     ) -> None:  # fmt: skip
         check_kind("topology", topology, Topology)
         check_kind("settings", settings, LevelSettings)
-        names = check_patches(topology, topology.patch_names[:2] if names is None else names)
-        if len(names) != 2:
-            raise OptionError(f"pads: must be two that face each other; got {shown(names)}")
+        pads = check_patches(topology, topology.patch_names[:2] if names is None else names)
+        if len(pads) != 2:
+            raise OptionError(f"pads: must be two that face each other; got {shown(pads)}")
         self.settings = settings
         self.decisions = Decisions()
-        self._pads = Pads(topology, names)
+        self._pads = Pads(topology, pads)
         self._down = np.array(unit_vector("down", settings.down))
         first = topology.patch == topology.patch_names.index(self._pads.names[0])
         normal = topology.rotation[:, 2, first].mean(axis=1)
@@ -106,7 +106,7 @@ class Level:
         length = float(np.linalg.norm(across))
         if not length > 0.1:
             raise OptionError(
-                f"down: must not be along the normal of pad {names[0]!r}; got {settings.down}"
+                f"down: must not be along the normal of pad {pads[0]!r}; got {settings.down}"
             )
         self.across = across / length
         self._gain = min(1.0, 1.0 / (settings.mean_s * topology.cycle_rate_hz))
