@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bus.compiled.jit import compiled
-from skin.errors import OptionError
+from skin.behaviours.checks import check_patches, check_state
 from skin.state import State
 from topology import Topology
 
@@ -29,6 +29,22 @@ LEAST_SIGMA_N = 0.005
 SMOOTH_S = 0.2
 """Time constant of the temperatures from which jumps are told [assumed]."""
 
+UNTOLD_SIGMA_C = 1.0
+"""Of the constants of a unit that tells no sigma [derived: the default of topologies]."""
+
+LEAST_C, MOST_C = -100.0, 1000.0
+"""A reading beyond is no temperature of a gel [assumed]."""
+
+JUDGED_S = 0.1
+"""Time between looks for units that tell less than the others [assumed]."""
+
+ASIDE_SIGMAS, ASIDE_C = 5.0, 3.0
+"""Below the median, from which on a unit is set aside: in robust sigmas of all of them, and at
+least three one-sigmas of a unit's constants [derived]."""
+
+LEAST_JUDGED = 3
+"""Units of which one can be told to lie: of two, nobody knows which [derived]."""
+
 
 class GelMean(NamedTuple):
     """Of a cycle.
@@ -40,7 +56,8 @@ class GelMean(NamedTuple):
     jump_c : float
         By how much the mean lies higher than it would, had the set of units stayed.
     sigma_c : float
-        Of what is the same in every reading: of the units' constants.
+        Of what is the same in every cycle: of the units' constants, and the standard error of what
+        they differ by, which is what one unit that lies moves the mean by.
     count : int
         Units in the mean.
     touched : int
@@ -69,78 +86,107 @@ class Gel:
     Raises
     ------
     OptionError
-        There is no such patch.
+        No patch, one that there is not, or one twice.
     """
 
     def __init__(self, topology: Topology, names: Iterable[str] | None = None) -> None:
-        wanted = tuple(topology.patch_names if names is None else names)
-        for name in wanted:
-            if name not in topology.patch_names:
-                raise OptionError.unknown("patches", name, topology.patch_names)
+        wanted = check_patches(topology, names)
         chosen = [i for i, name in enumerate(topology.patch_names) if name in wanted]
         self._of_pads = np.isin(topology.patch, chosen)
         self._touched = np.zeros(topology.n, bool)
         self._members = np.zeros(topology.n, bool)
+        self._aside = np.zeros(topology.n, bool)
+        self._every = max(1, round(JUDGED_S * topology.cycle_rate_hz))
+        self._cycle = 0
         self._smooth = np.full(topology.n, np.nan)
         self._gain = min(1.0, 1.0 / (SMOOTH_S * topology.cycle_rate_hz))
         self._no_sigma = np.full((3, topology.n), np.nan, np.float32)
-        self._no_spread = np.zeros(topology.n, np.float32)
+        self._no_spread = np.full(topology.n, np.nan, np.float32)
         self._out = np.zeros(6)
+        self._last: tuple[np.ndarray, ...] = ()
 
     def read(self, state: State) -> GelMean:
-        """The mean in this cycle; `state` has force and temperature, and best their sigma."""
+        """The mean in this cycle; `state` has force and temperature, and best their sigma.
+
+        Raises
+        ------
+        OptionError
+            The state is of another topology, or lacks force or temperature.
+        """
         units = state.units
+        last = self._last
+        if not last or units.force is not last[0] or units.temperature is not last[2]:
+            check_state(state, self._touched.size, "force", "temperature")
         sigma = self._no_sigma if units.force_sigma is None else units.force_sigma
         spread = self._no_spread if units.temperature_sigma is None else units.temperature_sigma
+        self._last = last = (units.force, sigma, units.temperature, spread, units.valid)
+        if self._cycle % self._every == 0:
+            self._set_aside(units.valid)
+        self._cycle += 1
         _gel_mean(
-            (units.force, sigma, units.temperature, spread, units.valid), self._of_pads,
-            self._touched, self._members, self._smooth, self._gain, self._out,
+            last, (self._of_pads, self._aside), self._touched, self._members, self._smooth,
+            self._gain, self._out,
         )  # fmt: skip
         mean, jump, told, count, touched, changed = self._out.tolist()
         return GelMean(mean, jump, told, int(count), int(touched), changed > 0.0)
 
     def reset(self) -> None:
         """Forget which units were in the mean."""
-        self._members[:] = False
+        self._members[:] = self._aside[:] = False
+
+    def _set_aside(self, valid: np.ndarray) -> None:
+        """Find units that tell far less than the others that are touched."""
+        told = self._smooth[self._of_pads & self._touched & valid]
+        told = told[np.isfinite(told)]
+        self._aside[:] = False
+        if told.size >= LEAST_JUDGED:
+            middle = np.median(told)
+            width = 1.4826 * np.median(np.abs(told - middle))  # one-sigma of a Gaussian
+            self._aside[:] = self._smooth < middle - max(ASIDE_C, ASIDE_SIGMAS * width)
 
 
-def gel_mean_python(readings, of_pads, touched, members, smooth, gain, out):
-    """See `Gel.read`; `out` is as `GelMean`."""
+def gel_mean_python(readings, marks, touched, members, smooth, gain, out):
+    """See `Gel.read`; `marks` are who is of the pads, and who is set aside; `out` is `GelMean`."""
     force, force_sigma, temperature, spread, valid = readings
-    count, before, among = 0, 0, 0
-    total, old, new, spreads = 0.0, 0.0, 0.0, 0.0
+    of_pads, aside = marks
+    count, before, among, changed = 0, 0, 0, False
+    total, old, new, squares, variances = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(touched.size):
         if not of_pads[i]:
             continue
-        heard = valid[i] and not np.isnan(temperature[i])
-        if valid[i]:
+        here = temperature[i]
+        heard = valid[i] and LEAST_C < here < MOST_C  # not where it is NaN
+        if valid[i] and not np.isnan(force[2, i]):
             sigma = force_sigma[2, i]
-            sigma = LEAST_SIGMA_N if np.isnan(sigma) else max(sigma, LEAST_SIGMA_N)
+            sigma = max(sigma, LEAST_SIGMA_N) if np.isfinite(sigma) else LEAST_SIGMA_N
             touched[i] = force[2, i] > (OFF_SIGMAS if touched[i] else ON_SIGMAS) * sigma
         if heard:
-            here = temperature[i]
             smooth[i] = here if np.isnan(smooth[i]) else smooth[i] + gain * (here - smooth[i])
-        if touched[i]:
-            among += 1
+        among += 1 if touched[i] else 0
         if members[i]:
             before += 1
             old += smooth[i]
-        if touched[i] and heard:
+        now = touched[i] and heard and not aside[i]
+        if now:
             count += 1
-            total += temperature[i]
+            total += here
             new += smooth[i]
-            spreads += spread[i]
+            squares += smooth[i] ** 2
+            own = spread[i] if np.isfinite(spread[i]) else UNTOLD_SIGMA_C
+            variances += own * own
+        changed = changed or now != members[i]
     out[0], out[1], out[2], out[3], out[4], out[5] = np.nan, 0.0, np.nan, count, among, 0.0
     if count == 0:
         return
     out[0] = total / count
-    out[2] = spreads / count**1.5
-    changed = False
-    for i in range(touched.size):
-        now = of_pads[i] and touched[i] and valid[i] and not np.isnan(temperature[i])
-        changed = changed or now != members[i]
-        members[i] = now
+    scatter = max(squares - new * new / count, 0.0) / max(count - 1, 1)
+    out[2] = np.sqrt((variances / count + scatter) / count)
     if changed:
+        for i in range(touched.size):
+            members[i] = (
+                of_pads[i] and touched[i] and valid[i] and not aside[i]
+                and LEAST_C < temperature[i] < MOST_C
+            )  # fmt: skip
         out[1] = new / count - old / before if before else 0.0
         out[5] = 1.0
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from scipy.linalg import expm, solve_discrete_are
 
@@ -50,8 +52,8 @@ class Noise:
     def update(self, value: float, kept: bool = True) -> None:
         """Take the next value; NaN for none, and not `kept` where it may have jumped."""
         off = value - self._last
-        self._last = value
-        if kept and off == off:  # noqa: PLR0124
+        self._last = value if math.isfinite(value) else math.nan
+        if kept and math.isfinite(off):
             self.variance += self._gain * (0.5 * off * off - self.variance)
 
 
@@ -69,6 +71,9 @@ class Kalman:
     intensity : ndarray, shape (m, m)
         Of the white noise, square of the states' units per second.
     period_s : float
+    judged_s : tuple of float
+        Time constants of the means of innovations that tell a change: a long one tells a smaller
+        change, later.
 
     Attributes
     ----------
@@ -84,7 +89,10 @@ class Kalman:
     (array([4.95]), array([[0.99]]))
     """
 
-    def __init__(self, flows: np.ndarray, intensity: np.ndarray, period_s: float) -> None:
+    def __init__(
+        self, flows: np.ndarray, intensity: np.ndarray, period_s: float,
+        judged_s: tuple[float, ...] = (JUDGED_S,),
+    ) -> None:  # fmt: skip
         count = len(flows)
         # Van Loan, "Computing integrals involving the matrix exponential", 1978
         block = np.zeros((2 * count, 2 * count))
@@ -97,21 +105,30 @@ class Kalman:
         self._scratch = np.zeros((count, count))
         later = np.stack([expm(flows * since_s) for since_s in OPEN_S])
         self._opened = np.einsum("tak,tbk->kab", later, later) / len(OPEN_S)
-        self._gain = min(1.0, period_s / JUDGED_S)
-        self._scale = ((2.0 - self._gain) / self._gain) ** 0.5
-        self._mean = 0.0
+        self._gains = [min(1.0, period_s / one_s) for one_s in judged_s]
+        self._scales = [((2.0 - gain) / gain) ** 0.5 for gain in self._gains]
+        self._calm = [0.0] * len(judged_s)
+        self._means = list(self._calm)
         self.x = np.zeros(count)
         self.covariance = np.zeros((count, count))
 
     def begin(self, x: np.ndarray, covariance: np.ndarray) -> None:
         """Begin anew from what is known."""
         self.x[:], self.covariance[:] = x, covariance
-        self._mean = 0.0
+        self._means[:] = self._calm
 
     @property
     def disagreement(self) -> float:
-        """Mean of the innovations, in its own sigmas."""
-        return self._scale * self._mean
+        """Mean of the innovations that is farthest off, in its own sigmas."""
+        told = [scale * mean for scale, mean in zip(self._scales, self._means, strict=True)]
+        return max(told, key=abs)
+
+    @property
+    def lag(self) -> float:
+        """What a mean of innovations is off beyond its noise, in sigmas of one: by so much the
+        filter is behind what is measured, before it is told that something changed."""
+        beyond = max(m * m - k**-2 for m, k in zip(self._means, self._scales, strict=True))
+        return math.sqrt(max(beyond, 0.0))
 
     @property
     def changed(self) -> bool:
@@ -122,13 +139,31 @@ class Kalman:
         """One state may have jumped by so much, some time within the last second: learn it anew,
         and what it has led to since."""
         self.covariance += sigma * sigma * self._opened[row]
-        self._mean = 0.0
+        self._means[:] = self._calm
+
+    def jump(self, row: int, sigma: float, steps: int) -> None:
+        """One state may have jumped by so much, this many periods ago."""
+        led_to = sigma * np.linalg.matrix_power(self._step, steps)[:, row]
+        self.covariance += np.outer(led_to, led_to)
 
     def restart(self, row: int, value: float, variance: float) -> None:
         """One state is what it is measured to be, whatever it was before."""
         self.covariance[row, :] = self.covariance[:, row] = 0.0
         self.x[row], self.covariance[row, row] = value, variance
-        self._mean = 0.0
+        self._means[:] = self._calm
+
+    def share(self, row: int, other: int, more: float) -> None:
+        """One state is another, and so much more."""
+        self.x[row] = self.x[other] + more
+        self.covariance[row, :] = self.covariance[other, :]
+        self.covariance[:, row] = self.covariance[row, :]
+        self.covariance[row, row] = self.covariance[other, other]
+
+    def scale(self, row: int, by: float) -> None:
+        """One state has another unit from now on."""
+        self.x[row] *= by
+        self.covariance[row, :] *= by
+        self.covariance[:, row] *= by
 
     def shift(self, row: int, by: float, variance: float) -> None:
         """One state is measured from another zero from now on."""
@@ -136,12 +171,14 @@ class Kalman:
         self.covariance[row, row] += variance
 
     def update(self, row: int, measured: float, variance: float, steps: int = 1) -> None:
-        """Go on by some periods, and take a measurement of one state; NaN for none."""
+        """Go on by some periods, and take a measurement of one state; none where it is no
+        finite number."""
         off = _follow(  # of plain numbers: each enumeration would be a signature of its own
             self._step, self._noise, self._scratch, self.x, self.covariance,
             (int(min(steps, MOST_STEPS)), int(row)), (float(measured), float(variance)),
         )  # fmt: skip
-        self._mean += self._gain * (off - self._mean)
+        for k, gain in enumerate(self._gains):
+            self._means[k] += gain * (off - self._means[k])
 
     def settled_sigma(self, row: int, measured: int, variance: float) -> float:
         """One-sigma that a state settles at, where another is measured with this variance."""
@@ -154,7 +191,7 @@ class Kalman:
 
     def sigma(self, row: int) -> float:
         """One-sigma of a state."""
-        return float(self.covariance[row, row]) ** 0.5
+        return math.sqrt(max(float(self.covariance[row, row]), 0.0))
 
 
 def follow_python(step, noise, scratch, x, covariance, what, measured):
@@ -167,7 +204,7 @@ def follow_python(step, noise, scratch, x, covariance, what, measured):
         Updated in place, as `covariance` is.
     what : (int, int)
     measured : (float, float)
-        Value, NaN for none, and variance.
+        Value and variance; no measurement where one of them is not finite.
 
     Returns
     -------
@@ -195,7 +232,7 @@ def follow_python(step, noise, scratch, x, covariance, what, measured):
                     now += scratch[a, c] * step[b, c]
                 covariance[a, b] = covariance[b, a] = now
     value, variance = measured
-    if np.isnan(value):
+    if not np.isfinite(value + variance):
         return 0.0
     total = covariance[row, row] + variance
     off = value - x[row]

@@ -12,9 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from skin.behaviours.checks import check_patches
 from skin.behaviours.decision import Decisions
+from skin.behaviours.directions import unit_vector
 from skin.behaviours.pads import PadLoads, Pads
-from skin.errors import check_numbers
+from skin.errors import OptionError, check_kind, check_numbers, shown
 from skin.state import State
 from topology import Topology
 
@@ -51,6 +53,7 @@ class LevelSettings:
     def __post_init__(self) -> None:
         check_numbers(0.0, 1.0, most_arm_m=self.most_arm_m, most_imbalance=self.most_imbalance)
         check_numbers(1e-3, 1e3, least_n=self.least_n, mean_s=self.mean_s)
+        unit_vector("down", self.down)
 
 
 class Level:
@@ -63,13 +66,19 @@ class Level:
         Patches; the first two if not given.
     settings : LevelSettings
 
+    Raises
+    ------
+    OptionError
+        They are not two pads, or weight points along their normals.
+
     Attributes
     ----------
     imbalance, imbalance_sigma : float
         What the first pad bears of the weight minus what the second does, over their sum; NaN where
         it is not known.
     arm_m, arm_sigma_m : float
-        How far the weight is off the line between the pads, along `across`.
+        How far the weight is off the line between the pads, along `across`; NaN where it is not
+        known.
     across : ndarray, shape (3,)
         Unit vector, skin frame: horizontal, across that line.
     level, known : bool
@@ -82,26 +91,38 @@ class Level:
         self, topology: Topology, names: tuple[str, str] | None = None,
         settings: LevelSettings = LevelSettings(),
     ) -> None:  # fmt: skip
+        check_kind("topology", topology, Topology)
+        check_kind("settings", settings, LevelSettings)
+        pads = check_patches(topology, topology.patch_names[:2] if names is None else names)
+        if len(pads) != 2:
+            raise OptionError(f"pads: must be two that face each other; got {shown(pads)}")
         self.settings = settings
         self.decisions = Decisions()
-        self._pads = Pads(topology, topology.patch_names[:2] if names is None else names)
-        down = np.array(settings.down, float)
-        self._down = down / np.linalg.norm(down)
+        self._pads = Pads(topology, pads)
+        self._down = np.array(unit_vector("down", settings.down))
         first = topology.patch == topology.patch_names.index(self._pads.names[0])
         normal = topology.rotation[:, 2, first].mean(axis=1)
         across = np.cross(self._down, normal)
-        self.across = across / np.linalg.norm(across)
+        length = float(np.linalg.norm(across))
+        if not length > 0.1:
+            raise OptionError(
+                f"down: must not be along the normal of pad {pads[0]!r}; got {settings.down}"
+            )
+        self.across = across / length
         self._gain = min(1.0, 1.0 / (settings.mean_s * topology.cycle_rate_hz))
         self._first_ns: int | None = None
         self.reset()
 
     def reset(self) -> None:
         """Forget what was held."""
-        self.imbalance = self.imbalance_sigma = self.arm_m = self.arm_sigma_m = math.nan
-        self.level = self.known = False
+        self._lose()
         self._means: list[float] | None = None
         self._spreads = [0.0, 0.0]
         self._age = 0
+
+    def _lose(self) -> None:
+        self.imbalance = self.imbalance_sigma = self.arm_m = self.arm_sigma_m = math.nan
+        self.level = self.known = False
 
     def update(self, state: State, loads: PadLoads | None = None) -> None:
         """Look at a cycle; `loads` are those of the same two pads, where somebody has read them."""
@@ -112,8 +133,8 @@ class Level:
         twist_one, twist_two = loads.torsion_nm.tolist()
         twist = twist_one - twist_two
         now = [one - two, one + two, twist]
-        if any(map(math.isnan, now)):
-            self.known = self.level = False
+        if not all(map(math.isfinite, now)):
+            self._lose()
             return
         if self._means is None:
             self._means = now
@@ -132,7 +153,7 @@ class Level:
         settled = self._age * self._gain >= 1.0
         self.known = settled and weight > self.settings.least_n
         if not self.known:
-            self.level = False
+            self._lose()
             return
         self.imbalance, self.arm_m = difference / weight, twist / weight
         share = 0.5 * gain

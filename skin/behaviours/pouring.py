@@ -16,10 +16,12 @@ from enum import IntEnum
 import numpy as np
 
 from skin.behaviours.decision import Decisions
-from skin.behaviours.kalman import Kalman, Noise
+from skin.behaviours.directions import unit_vector
+from skin.behaviours.heard_units import HeardUnits
+from skin.behaviours.kalman import JUDGED_S, Kalman, Noise
 from skin.behaviours.pads import PadLoads, Pads
 from skin.behaviours.warmth import Warmth
-from skin.errors import check_numbers
+from skin.errors import check_kind, check_number, check_numbers
 from skin.state import State
 from topology import Topology
 
@@ -27,10 +29,12 @@ __all__ = ["Pouring", "PouringSettings", "water_density"]
 
 
 class Row(IntEnum):
-    """States of the filter: mass, kilogram, and its rise."""
+    """States of the filter, kilogram: what the pads tell, its rise, what was gained. The first
+    has another zero for each set of units that is heard, the last has not."""
 
-    MASS = 0
+    TOLD = 0
     FLOW = 1
+    GAINED = 2
 
 
 G = 9.80665
@@ -41,6 +45,9 @@ FIRST_NOISE_KG = 0.005
 TARE_S = 1.0
 """In which what hangs there already is weighed [derived: 2 g of noise fall to 0.2 g]."""
 
+FIRST_FLOW_KG_PER_S = 0.001
+"""One-sigma of the flow while what hangs there is weighed [assumed]."""
+
 LEARN_S, APART_S = 3.0, 1.0
 """Time constant of what a millilitre warms, which falls as the vessel fills [assumed]; and time
 after which rates and flows have errors of their own [derived: the filters' own]."""
@@ -48,6 +55,24 @@ after which rates and flows have errors of their own [derived: the filters' own]
 FIRST_SHARE, FIRST_SPREAD = 0.6, 0.4
 """Heat capacity of a vessel with something in it, over that of as much water, before any is poured,
 and its relative one-sigma [assumed: between empty glass and water]."""
+
+JUDGED_LONG_S = 0.5
+"""Of the mean of innovations that tells a small change of flow [derived: 3 ml/s within a second,
+of 32 units]."""
+
+UNHEARD_S, STALE_S = JUDGED_S, 0.5
+"""Silence after which the flow may have stopped or jumped [derived: as long as that takes to
+show]; and after which no stage is told [assumed: half of the second in which it is wanted]."""
+
+UNSEEN_S = JUDGED_S / 3**0.5
+"""How long a flow that jumped may run unseen: one-sigma [derived: evenly, up to `JUDGED_S`]."""
+
+HUNG_S = 0.1
+"""Time constant of what hangs on each pad, which those that fall silent bore [assumed]."""
+
+LEFT_SPREAD = 0.5
+"""Of the share of silent units, what may differ in what is poured from what hung before [assumed:
+as of `PadLoads`]."""
 
 FALL_SPREAD = 0.2
 """Relative one-sigma of what a millilitre warms, since it was learned [assumed]."""
@@ -104,6 +129,9 @@ class PouringSettings:
         check_numbers(1e-6, 1e3, jump_ml_per_s=self.jump_ml_per_s)
         check_numbers(1e-6, 1e3, drift_ml_per_s15=self.drift_ml_per_s15)
         check_numbers(0.0, 1.0, gain_sigma=self.gain_sigma)
+        if not (isinstance(self.hot_c, float) and math.isnan(self.hot_c)):
+            check_number("hot_c", self.hot_c, -273.15, 1e4)
+        unit_vector("down", self.down)
 
 
 class Pouring:
@@ -123,10 +151,11 @@ class Pouring:
     weight_n : float
         What hangs on the pads, in this cycle; NaN where it is not known.
     poured_ml, sigma_ml : float
-        Since `begin`; NaN before it.
+        Since `begin`; NaN before it. Sigma allows for what silent units may have borne, and, while
+        nothing is heard, for a flow that stopped or jumped.
     flow_ml_per_s, flow_sigma_ml_per_s : float
     stage : str
-        "none", "micro", "low" or "high".
+        "none", "micro", "low" or "high"; "unknown" while nothing is heard for half a second.
     began : bool
         Whether what hung there has been weighed.
     known : bool
@@ -146,15 +175,21 @@ class Pouring:
         settings: PouringSettings = PouringSettings(),
         warmth: Warmth | None = None,
     ) -> None:  # fmt: skip
+        check_kind("topology", topology, Topology)
+        check_kind("settings", settings, PouringSettings)
+        if warmth is not None:
+            check_kind("warmth", warmth, Warmth)
         self.settings, self.warmth = settings, warmth
         self.decisions = Decisions()
         self._pads = Pads(topology, names)
         self._period_s = 1.0 / topology.cycle_rate_hz
-        flows = np.array([[0.0, 1.0], [0.0, 0.0]])
-        intensity = np.diag([0.0, (1e-3 * settings.drift_ml_per_s15) ** 2])
-        self._filter = Kalman(flows, intensity, self._period_s)
-        down = np.array(settings.down, float)
-        self._down = tuple((down / np.linalg.norm(down)).tolist())
+        flows = np.zeros((3, 3))
+        flows[[Row.TOLD, Row.GAINED], Row.FLOW] = 1.0
+        intensity = np.diag([0.0, (1e-3 * settings.drift_ml_per_s15) ** 2, 0.0])
+        self._filter = Kalman(flows, intensity, self._period_s, (JUDGED_S, JUDGED_LONG_S))
+        self._down = np.array(unit_vector("down", settings.down))
+        self._units = HeardUnits(topology, self._pads.names)
+        self._hung = np.zeros(len(self._pads.names))
         self._first_ns: int | None = None
         self._last_ns: int | None = None
         self.weight_n = self.poured_ml = self.sigma_ml = math.nan
@@ -162,12 +197,17 @@ class Pouring:
         self.stage, self.began, self.known = "none", False, False
         self._noise = Noise(FIRST_NOISE_KG**2, self._period_s)
         self._wanted = False
+        self._unheard_s = 0.0
 
     def begin(self) -> None:
         """Weigh what hangs there within the next second, and count from then on. It must hang
         still."""
         self._wanted, self.began = True, False
         self._tare, self._tared, self._weighed = 0.0, 0.0, 0
+        self._scale = 1.0  # of what is heard, to what hangs
+        self._filled, self._filled_at, self._filled_variance = 0.0, 0.0, 0.0
+        self._scaled_s = math.inf
+        self._level = 0
         self._squares = self._products = 0.0
         self._jumps = 0 if self.warmth is None else self.warmth.jumps
         self.poured_ml = self.sigma_ml = self.c_per_ml = math.nan
@@ -189,17 +229,20 @@ class Pouring:
         self._time_s = 1e-9 * (state.stamp_ns - self._first_ns)
         steps = max(round(1e-9 * (state.stamp_ns - self._last_ns) / self._period_s), 0)
         self._last_ns = state.stamp_ns
-        x, y, z = self._down
-        force = loads.force_n
-        self.weight_n = float(
-            x * sum(force[0].tolist()) + y * sum(force[1].tolist()) + z * sum(force[2].tolist())
-        )
-        known = not math.isnan(self.weight_n)
+        hung = self._down @ loads.force_n
+        self.weight_n = float(hung.sum())
+        known = math.isfinite(self.weight_n)
         if known != self.known:
             self.known = known
             what = "weight is known" if known else "weight is not known"
             self._say(what, f"{float(loads.heard.min()):.0%} of a pad's load is heard at least")
-        self._noise.update(self.weight_n / G)
+        changed = self._units.update(state, loads, self._hung) if known else 0.0
+        self._noise.update(self.weight_n / G, not changed)
+        if self._wanted and self.began and changed:
+            self._other_units(changed)
+        if known:
+            gain = 1.0 if changed else min(1.0, self._period_s / HUNG_S)
+            self._hung += gain * (hung - self._hung)
         if not self._wanted:
             return
         if self.began:
@@ -216,29 +259,84 @@ class Pouring:
             return
         variance = self._noise.variance / self._weighed
         self._tared = variance
-        self._filter.begin(np.array([self._tare, 0.0]), np.diag([variance, 1e-6]))
+        covariance = np.full((3, 3), variance)
+        covariance[Row.FLOW, :] = covariance[:, Row.FLOW] = 0.0
+        covariance[Row.FLOW, Row.FLOW] = FIRST_FLOW_KG_PER_S**2
+        self._filter.begin(np.array([self._tare, 0.0, 0.0]), covariance)
+        self._units.keep()
         self.began = True
         self._say("tare", f"{1e3 * self._tare:.1f} ± {1e3 * variance**0.5:.1f} g")
 
+    def _other_units(self, lost_n: float) -> None:
+        """Others are heard: what they tell has another zero, and perhaps another scale."""
+        filter = self._filter
+        told, gained = float(filter.x[Row.TOLD]), float(filter.x[Row.GAINED])
+        since = self._filled * (gained - self._filled_at)
+        self._filled_at = gained
+        if self._units.as_kept:  # as at the tare: the same zero again
+            self._filled, self._filled_variance, self._scale = 0.0, 0.0, 1.0
+            filter.share(Row.TOLD, Row.GAINED, self._tare)
+            self._scaled_s = math.inf
+            return
+        self._filled_variance += since * since
+        share = lost_n / (G * max(told, 1e-3))
+        self._filled = math.hypot(self._filled, share)
+        filter.shift(Row.TOLD, 0.0, (lost_n / G) ** 2)
+        self._scaled_s = self._time_s + TARE_S
+
+    def _rescale(self) -> None:
+        """What hangs is as much as before others were heard: that tells the scale of these."""
+        filter = self._filter
+        told, hangs = float(filter.x[Row.TOLD]), self._tare + float(filter.x[Row.GAINED])
+        self._scaled_s = math.inf
+        if not 0.2 * told < hangs < 5.0 * told:
+            return
+        own = filter.covariance
+        off = own[Row.TOLD, Row.TOLD] + own[Row.GAINED, Row.GAINED]
+        off = max(float(off - 2.0 * own[Row.TOLD, Row.GAINED]), 0.0)
+        scale = hangs / told
+        self._scale *= scale
+        filter.scale(Row.TOLD, scale)
+        gained = float(filter.x[Row.GAINED])
+        since = self._filled * (gained - self._filled_at)
+        self._filled_variance += since * since
+        self._filled_at = gained
+        self._filled = math.hypot(LEFT_SPREAD * self._filled, math.sqrt(off) / hangs)
+
     def _follow(self, steps: int) -> None:
         filter = self._filter
-        filter.update(Row.MASS, self.weight_n / G, self._noise.variance, steps)
+        before_s, self._unheard_s = self._unheard_s, self._unheard_s + steps * self._period_s
+        if before_s <= UNHEARD_S + self._period_s < self._unheard_s:
+            jump = max(1e-3 * self.settings.jump_ml_per_s, abs(float(filter.x[Row.FLOW])))
+            filter.jump(Row.FLOW, jump, round(before_s / self._period_s))
+        told = self._scale * self.weight_n / G
+        variance = self._scale**2 * self._noise.variance
+        filter.update(Row.TOLD, told, variance, steps)
+        if self.known:
+            self._unheard_s = 0.0
         warmer = 0 if self.warmth is None else self.warmth.jumps
         if filter.changed or warmer != self._jumps:
             filter.open(Row.FLOW, 1e-3 * self.settings.jump_ml_per_s)
         self._jumps = warmer
+        if self._time_s >= self._scaled_s and self.known:
+            self._rescale()
         celsius = 20.0 if self.warmth is None else self.warmth.inside_c
         density = water_density(20.0 if math.isnan(celsius) else min(max(celsius, 0.0), 100.0))
-        mass, flow = filter.x.tolist()
-        gained = mass - self._tare
+        flow, gained = filter.x[Row.FLOW :].tolist()
         self.poured_ml = 1e3 * gained / density
-        random = filter.covariance[Row.MASS, Row.MASS] + self._tared
-        own = self.settings.gain_sigma * gained
-        self.sigma_ml = 1e3 * math.sqrt(float(random) + own * own) / density
+        since = self._filled * (gained - self._filled_at)
+        self.sigma_ml = 1e3 / density * math.hypot(
+            filter.sigma(Row.GAINED), math.sqrt(self._tared), since,
+            math.sqrt(variance) * filter.lag,
+            1e-3 * self.settings.jump_ml_per_s * UNSEEN_S,
+            math.sqrt(self._filled_variance), self.settings.gain_sigma * gained,
+        )  # fmt: skip
         self.flow_ml_per_s = 1e3 * flow / density
-        self.flow_sigma_ml_per_s = 1e3 * filter.sigma(Row.FLOW) / density
-        if self.warmth is not None and self.warmth.known:
-            self._warm(self.warmth)
+        own = math.hypot(filter.sigma(Row.FLOW), self._filled * flow)
+        self.flow_sigma_ml_per_s = 1e3 * own / density
+        warmth = self.warmth
+        if warmth is not None and math.isfinite(warmth.gel_c) and warmth.phase != "unknown":
+            self._warm(warmth)
 
     def _warm(self, warmth: Warmth) -> None:
         """Learn what a millilitre warms from strong flows, and weak flows from that."""
@@ -275,11 +373,18 @@ class Pouring:
         )
         bounds = ask.least_ml_per_s, ask.low_ml_per_s, ask.high_ml_per_s
         names = "none", "micro", "low", "high"
-        now = names.index(self.stage)
+        if self._unheard_s > STALE_S:
+            if self.stage != "unknown":
+                self.stage = "unknown"
+                self._say("flow is not known", f"nothing is heard for {self._unheard_s:.1f} s")
+            return
+        now = self._level
         low = sum(flow - slack >= bound for bound in bounds)
         high = sum(flow + slack >= bound for bound in bounds)
-        found = min(max(now, low), high)
-        if found != now:
+        if self.stage == "unknown" and high - low > 1:
+            return
+        self._level = found = min(max(now, low), high)
+        if names[found] != self.stage:
             self.stage = names[found]
             what = f"{self.stage} flow" if found else "no flow"
             why = f"{flow:.2f} ± {2.0 * slack:.2f} ml/s after {self.poured_ml:.1f} ml"

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from skin.behaviours.decision import Decisions
+from skin.behaviours.directions import check_pair, unit_vector
 from skin.behaviours.pads import PadLoads, Pads
 from skin.behaviours.sine_fit import FIT_SIZE, fit_sine
-from skin.errors import check_numbers
+from skin.errors import check_kind, check_number, check_numbers
 from skin.state import State
 from topology import Topology
 
@@ -58,10 +59,12 @@ class ShakingSettings:
 
     def __post_init__(self) -> None:
         check_numbers(0.1, 1e3, window_s=self.window_s)
-        check_numbers(1.0 / self.window_s, 1e3, band_low=self.band_hz[0])
-        check_numbers(self.band_hz[0], 1e3, band_high=self.band_hz[1])
+        low_hz, high_hz = check_pair("band_hz", self.band_hz)
+        check_number("band_low", low_hz, 1.0 / self.window_s, 1e3)
+        check_number("band_high", high_hz, low_hz, 1e3)
         check_numbers(0.0, 1e3, sigmas=self.sigmas)
         check_numbers(0.0, 1.0, least_share=self.least_share)
+        unit_vector("direction", self.direction)
 
 
 class Shaking:
@@ -73,6 +76,11 @@ class Shaking:
     names : iterable of str, optional
         Patches that hold it; all of them if not given.
     settings : ShakingSettings
+
+    Raises
+    ------
+    OptionError
+        The pads cannot be, or the topology is too slow for the band.
 
     Attributes
     ----------
@@ -92,12 +100,14 @@ class Shaking:
         self, topology: Topology, names: Iterable[str] | None = None,
         settings: ShakingSettings = ShakingSettings(),
     ) -> None:  # fmt: skip
+        check_kind("topology", topology, Topology)
+        check_kind("settings", settings, ShakingSettings)
+        rate_hz = topology.cycle_rate_hz
+        check_number("band_high", settings.band_hz[1], 0.0, rate_hz / SAMPLES_PER_PERIOD)
         self.settings = settings
         self.decisions = Decisions()
         self._pads = Pads(topology, names)
-        along = np.array(settings.direction, float)
-        self._along = tuple((along / np.linalg.norm(along)).tolist())
-        rate_hz = topology.cycle_rate_hz
+        self._along = unit_vector("direction", settings.direction)
         self._cycles = max(1, round(rate_hz / (SAMPLES_PER_PERIOD * settings.band_hz[1])))
         self._sample_s = self._cycles / rate_hz
         self._period_ns = 1e9 / rate_hz
@@ -128,7 +138,7 @@ class Shaking:
         x, y, z = self._along
         force = loads.force_n
         value = x * sum(force[0].tolist()) + y * sum(force[1].tolist()) + z * sum(force[2].tolist())
-        if value == value:  # noqa: PLR0124
+        if math.isfinite(value):
             self._sum += value
             self._heard += 1
 

@@ -17,9 +17,10 @@ from enum import IntEnum
 import numpy as np
 
 from skin.behaviours.decision import Decisions
+from skin.behaviours.directions import check_pair
 from skin.behaviours.gel import SMOOTH_S, Gel, GelMean
-from skin.behaviours.kalman import Kalman, Noise
-from skin.errors import check_numbers
+from skin.behaviours.kalman import JUDGED_S, Kalman, Noise
+from skin.errors import check_kind, check_number, check_numbers
 from skin.state import State
 from topology import Topology
 
@@ -45,6 +46,14 @@ FIRST_RATE_C_PER_S = 1.0
 KNOWN_SIGMA_C = 1.0
 """One-sigma up to which the temperature counts as known [assumed: a tenth of the usual bands]."""
 
+FOUND_SIGMA_C = 3.0
+"""One-sigma from which on what is told is measured, no longer assumed [derived: what was assumed
+at the first touch weighs a hundredth]."""
+
+UNHEARD_S = JUDGED_S
+"""Silence after which the rate may have jumped [derived: as long as a jump takes to show, so that
+fewer cycles that lack tell no less]."""
+
 JUMP_ERROR = 0.02
 """Share of a jump of the mean gel, where the set of units changes, that may be wrong [assumed]."""
 
@@ -63,6 +72,9 @@ class WarmthSettings:
     wall_lag_s : float
         Lag of the outer face of what is held behind its contents: of 1 mm of glass [derived: d²/a];
         0.05 for something massive.
+    lag_sigma_s : float
+        One-sigma of both lags together: what is within is off by so much of its rise [assumed: a
+        tenth of the gel's].
     wall_sigma : float
         Share of what is within, above where the gel began, that the outer face may lack: one-sigma
         [assumed: a cup in still air].
@@ -88,6 +100,7 @@ class WarmthSettings:
 
     gel_lag_s: float = 4.0
     wall_lag_s: float = 1.0
+    lag_sigma_s: float = 0.4
     wall_sigma: float = 0.005
     jump_c_per_s: float = 2.0
     drift_c_per_s15: float = 0.04
@@ -103,11 +116,12 @@ class WarmthSettings:
         check_numbers(1e-6, 1e3, jump_c_per_s=self.jump_c_per_s, noise_c=self.noise_c)
         check_numbers(1e-6, 1e3, drift_c_per_s15=self.drift_c_per_s15)
         check_numbers(1e-3, 100.0, turn_sigmas=self.turn_sigmas)
-        check_numbers(0.0, 1e3, ahead_s=self.ahead_s)
+        check_numbers(0.0, 1e3, ahead_s=self.ahead_s, lag_sigma_s=self.lag_sigma_s)
         check_numbers(0.0, 1.0, wall_sigma=self.wall_sigma)
-        low, high = self.band_c
-        check_numbers(-273.15, 1e4, band_low=low, limit_c=self.limit_c, hot_c=self.hot_c)
-        check_numbers(low, 1e4, band_high=high)
+        low, high = check_pair("band_c", self.band_c)
+        check_numbers(-273.15, 1e4, band_low=low, hot_c=self.hot_c)
+        check_number("band_high", high, low, 1e4)
+        check_number("limit_c", self.limit_c, high, 1e4)
 
 
 class Warmth:
@@ -136,7 +150,8 @@ class Warmth:
         Since the first cycle: when the rate crossed zero, before it was beyond its noise.
     in_band, over_limit, hot, known : bool
         Within the band; at the limit, or so within `ahead_s`; too hot to be touched; sigma is below
-        1 °C. What is not known counts as over the limit and as hot where it was last known so.
+        1 °C. What is not known is over the limit, or hot, where one sigma more is; and it stays so
+        while nothing is heard, and after it has been let go, until something else is known.
     jumps : int
         How often the rate has been found to have changed.
     decisions : Decisions
@@ -162,6 +177,8 @@ class Warmth:
         self, topology: Topology, names: Iterable[str] | None = None,
         settings: WarmthSettings = WarmthSettings(),
     ) -> None:  # fmt: skip
+        check_kind("topology", topology, Topology)
+        check_kind("settings", settings, WarmthSettings)
         self.settings = settings
         self.decisions = Decisions()
         self._gel = Gel(topology, names)
@@ -181,17 +198,23 @@ class Warmth:
         self.reset()
 
     def reset(self) -> None:
-        """Forget what was held."""
+        """Forget what was held, and that it was over the limit or hot."""
+        self.over_limit = self.hot = False
+        self._lose()
+
+    def _lose(self) -> None:
+        """Forget what was held, but not what it warned of."""
         nan = math.nan
         self.inside_c = self.sigma_c = self.rate_c_per_s = self.rate_sigma_c_per_s = nan
         self.surface_c = self.gel_c = self.phase_began_s = nan
         self._rate_before = self._crossed_s = 0.0
         self._jumped_s = -math.inf
         self.phase = "unknown"
-        self.in_band = self.over_limit = self.hot = self.known = False
+        self.in_band = self.known = self._found = False
         self._last_ns: int | None = None
         self.jumps = 0
         self._free_s, self._is_free = 0.0, False
+        self._unheard_s, self._heard = 0.0, False
         self._spread_c = 0.0
         self._gel.reset()
 
@@ -212,7 +235,7 @@ class Warmth:
         self._free_s = 0.0 if gel.touched else self._free_s + steps * self._period_s
         if self._free_s > self.settings.gel_lag_s:
             self.decisions.add(self._time_s, "nothing is held", f"for {self._free_s:.1f} s")
-            self.reset()
+            self._lose()
             return
         self._follow(gel, steps)
         self._turn()
@@ -235,6 +258,7 @@ class Warmth:
     def _follow(self, gel: GelMean, steps: int) -> None:
         filter, noise = self._filter, self._noise
         noise.update(gel.mean_c, not gel.changed)
+        steps = self._wait(gel, steps)
         if self._is_free and gel.count:
             filter.update(Row.GEL, math.nan, 1.0, steps)
             filter.restart(Row.GEL, gel.mean_c, noise.variance)
@@ -257,13 +281,33 @@ class Warmth:
             self._jumped_s = self._time_s
         self.inside_c, self.rate_c_per_s, self.surface_c, _ = filter.x.tolist()
         lost_c = self.settings.wall_sigma * (self.inside_c - self._room_c)
-        self.sigma_c = math.hypot(filter.sigma(Row.INSIDE), self._spread_c, lost_c)
+        lag_c = self.settings.lag_sigma_s * self.rate_c_per_s
+        own_c = filter.sigma(Row.INSIDE)
+        self.sigma_c = math.hypot(own_c, self._spread_c, lost_c, lag_c)
         self.rate_sigma_c_per_s = filter.sigma(Row.RATE)
         self.known = self.sigma_c < KNOWN_SIGMA_C
+        self._heard = gel.count > 0
+        self._found = self._found or own_c < FOUND_SIGMA_C
+
+    def _wait(self, gel: GelMean, steps: int) -> int:
+        """Go on to the last cycle but one where nothing has been heard, and let the rate jump when
+        that has lasted; steps that are left."""
+        before_s = self._unheard_s
+        missed = steps - 1 if gel.count else steps
+        self._unheard_s = before_s + missed * self._period_s
+        if before_s <= UNHEARD_S < self._unheard_s:
+            first = min(max(round((UNHEARD_S - before_s) / self._period_s), 0), missed)
+            self._filter.update(Row.GEL, math.nan, 1.0, first)
+            ago = round(UNHEARD_S / self._period_s)
+            self._filter.jump(Row.RATE, self.settings.jump_c_per_s, ago)
+            steps -= first
+        if gel.count:
+            self._unheard_s = 0.0
+        return steps
 
     def _turn(self) -> None:
         """Heating, cooling or steady, as far as the rate is beyond its noise."""
-        if not self.known:
+        if not self._found:
             return
         rate, sigma = self.rate_c_per_s, self.rate_sigma_c_per_s
         most, settled = self.settings.turn_sigmas, self._settled_c_per_s
@@ -286,38 +330,32 @@ class Warmth:
             )  # fmt: skip
 
     def _watch(self) -> None:
-        """Band, limit and a surface too hot, each with a sigma of hysteresis; what is not known
-        stays as it was, and the limit is then taken for passed."""
+        """Band, limit and a surface too hot, each with a sigma of hysteresis. A sigma is added to
+        what is not known."""
         ask, sigma = self.settings, self.sigma_c
-        if not self.known:
-            if self.over_limit:
-                return
-            coming_c = self.inside_c + sigma
-            if self.phase != "unknown" and coming_c >= ask.limit_c:
-                self.over_limit = True
-                self._say("limit", f"not known: {self.inside_c:.1f} ± {sigma:.1f} °C")
-            return
+        is_measured = self._found and self._heard  # else nothing ends
+        unsure = 0.0 if self.known else sigma
         low, high = ask.band_c
         slack = -sigma if self.in_band else 0.0
         in_band = low + slack <= self.inside_c <= high - slack
-        if in_band != self.in_band:
+        if is_measured and in_band != self.in_band:
             self.in_band = in_band
             what = "in band" if in_band else "out of band"
             why = f"{self.inside_c:.1f} ± {sigma:.1f} °C, band {low:g} to {high:g} °C"
             self._say(what, why)
         rising = max(self.rate_c_per_s - 2.0 * self.rate_sigma_c_per_s, 0.0)
         coming_c = self.inside_c + rising * ask.ahead_s
-        over = max(self.inside_c, coming_c) >= ask.limit_c - (sigma if self.over_limit else 0.0)
-        if over != self.over_limit:
+        over = coming_c + unsure >= ask.limit_c - (sigma if self.over_limit else 0.0)
+        if over != self.over_limit and (over or is_measured):
             self.over_limit = over
             self._say("limit" if over else "below limit",
-                      f"{self.inside_c:.1f} °C, {coming_c:.1f} °C in {ask.ahead_s:g} s; limit "
-                      f"{ask.limit_c:g} °C")  # fmt: skip
-        hot = self.surface_c >= ask.hot_c - (sigma if self.hot else 0.0)
-        if hot != self.hot:
+                      f"{self.inside_c:.1f} ± {sigma:.1f} °C, {coming_c:.1f} °C in "
+                      f"{ask.ahead_s:g} s; limit {ask.limit_c:g} °C")  # fmt: skip
+        hot = self.surface_c + unsure >= ask.hot_c - (sigma if self.hot else 0.0)
+        if hot != self.hot and (self._found if hot else is_measured):
             self.hot = hot
-            self._say("hot" if hot else "not hot",
-                      f"surface {self.surface_c:.1f} °C, limit {ask.hot_c:g} °C")  # fmt: skip
+            why = f"surface {self.surface_c:.1f} ± {sigma:.1f} °C, limit {ask.hot_c:g} °C"
+            self._say("hot" if hot else "not hot", why)
 
     def _say(self, what: str, why: str) -> None:
         self.decisions.add(self._time_s, what, why)

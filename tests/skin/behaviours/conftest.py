@@ -31,6 +31,7 @@ class Held:
         self.weight_n, self.grip_n, self.aside_n = 2.0, 6.0, 0.0
         self.valid = np.ones(n, bool)
         self.heard = True
+        self.carries = np.ones(n)  # shares of the weight, which need not be those of the grip
         self.spoilt_n = np.zeros((3, n))
         self.cycle = 0
 
@@ -50,9 +51,10 @@ class Held:
         for pad in range(2):
             own = held & (self.topology.patch == pad)
             share = 1.0 / own.sum()
-            down = np.array([0.0, 0.0, -1.0]) * 0.5 * self.weight_n * share
+            down = np.zeros((3, own.sum()))
+            down[2] = -0.5 * self.weight_n * self.carries[own] / self.carries[own].sum()
             turn = self.topology.rotation[:, :, own]
-            force[:, own] = np.einsum("abn,a->bn", turn, down)
+            force[:, own] = np.einsum("abn,an->bn", turn, down)
             force[2, own] += self.grip_n * share
         force += self.spoilt_n + self.random.normal(0.0, NOISE_N, (3, n))
         valid = self.valid & self.heard

@@ -67,6 +67,53 @@ def test_a_jump_is_told_and_noise_is_not(seed):
     assert filter.x[0] == pytest.approx(1.0, abs=0.15)
 
 
+def test_a_jump_some_periods_ago_has_led_to_what_it_leads_to_since():
+    flows = np.array([[0.0, 1.0], [0.0, 0.0]])
+    filter = Kalman(flows, np.zeros((2, 2)), 0.01)
+    filter.begin(np.zeros(2), np.zeros((2, 2)))
+    filter.jump(1, 3.0, 50)
+    # a ramp of 3 ± 0.0 units a second for half a second
+    np.testing.assert_allclose(filter.covariance, 9.0 * np.array([[0.25, 0.5], [0.5, 1.0]]))
+
+
+def test_a_long_mean_tells_a_change_that_a_short_one_does_not():
+    told = []
+    for judged_s in ((0.12,), (0.12, 1.0)):
+        random = np.random.default_rng(7)
+        filter = Kalman(np.zeros((1, 1)), np.zeros((1, 1)), 0.004, judged_s)
+        filter.begin(np.zeros(1), np.array([[1e-6]]))
+        for _ in range(750):
+            filter.update(0, 0.4 + random.normal(), 1.0)
+        told.append(abs(filter.disagreement))
+        assert filter.lag == pytest.approx(0.4, abs=0.2) or len(judged_s) == 1
+    assert told[1] > 4.0 > told[0]
+
+
+def test_a_state_that_is_another_and_one_of_another_unit():
+    filter = Kalman(np.zeros((2, 2)), np.zeros((2, 2)), 0.01)
+    filter.begin(np.array([5.0, 2.0]), np.array([[4.0, 1.0], [1.0, 9.0]]))
+    filter.share(0, 1, 10.0)
+    np.testing.assert_allclose(filter.x, [12.0, 2.0])
+    np.testing.assert_allclose(filter.covariance, np.full((2, 2), 9.0))
+    filter.scale(0, 2.0)
+    np.testing.assert_allclose(filter.x, [24.0, 2.0])
+    np.testing.assert_allclose(filter.covariance, [[36.0, 18.0], [18.0, 9.0]])
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_what_is_no_number_is_no_measurement(bad):
+    filter = Kalman(np.zeros((1, 1)), np.zeros((1, 1)), 0.01)
+    filter.begin(np.zeros(1), np.eye(1))
+    filter.update(0, bad, 1.0)
+    filter.update(0, 1.0, bad)
+    assert filter.x[0] == 0.0
+    assert not filter.changed
+    noise = Noise(1.0, 0.01)
+    for value in (1.0, bad, 1.0, 1.0):
+        noise.update(value)
+    assert np.isfinite(noise.variance)
+
+
 def test_noise_is_learned_from_neighbours_and_jumps_are_left_out():
     random = np.random.default_rng(3)
     noise = Noise(1.0, 0.004)

@@ -5,7 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from skin.behaviours.level import Level
+from skin.behaviours.level import Level, LevelSettings
+from skin.errors import OptionError
+from topology import load
 
 
 def hang(held, arm_m, left_share=0.5):
@@ -62,6 +64,8 @@ def test_a_silent_bus_makes_it_unknown_and_it_comes_back(held):
     held.heard = False
     go(held, level, 0.2)
     assert not level.known
+    numbers = level.imbalance, level.imbalance_sigma, level.arm_m, level.arm_sigma_m
+    assert all(map(math.isnan, numbers))
     held.heard = True
     go(held, level, 0.5)
     assert level.level
@@ -76,3 +80,28 @@ def test_silent_units_and_a_magnet_do_not_tip_it(held, units):
     go(held, level, 1.0)
     assert abs(level.arm_m) < 0.006
     assert abs(level.imbalance) < 0.15
+
+
+@pytest.mark.parametrize("names", [("left",), "left", ("left", "left"), ("left", "rigth")])
+def test_other_than_two_pads_are_refused(held, names):
+    with pytest.raises(OptionError, match=r"^pads: must "):
+        Level(held.topology, names)
+
+
+def test_a_skin_of_one_pad_and_three_fingers_are_refused():
+    with pytest.raises(OptionError, match="pads: must be two that face each other"):
+        Level(load("fingertip"))
+    with pytest.raises(OptionError, match="pads: must be two that face each other"):
+        Level(load("hand"), ("thumb", "index", "middle"))
+
+
+@pytest.mark.parametrize("down", [(0, 0, 0), (0, 0, math.nan), (0, 1), "down", (0, 0, math.inf)])
+def test_a_direction_that_is_none_is_refused(down):
+    with pytest.raises(OptionError, match="down: must be three numbers"):
+        LevelSettings(down=down)
+
+
+def test_a_weight_along_the_normals_is_refused(held):
+    normal = tuple(held.topology.rotation[:, 2, 0].tolist())
+    with pytest.raises(OptionError, match="down: must not be along the normal of pad 'left'"):
+        Level(held.topology, settings=LevelSettings(down=normal))

@@ -112,3 +112,23 @@ def test_a_magnet_near_a_pad_does_not_look_like_shaking(held):
 def test_a_band_below_the_window_is_refused():
     with pytest.raises(OptionError, match=r"band_low: must be a number from 0\.2"):
         ShakingSettings(band_hz=(0.1, 2.0))
+
+
+@pytest.mark.parametrize(
+    ("bad", "message"),
+    [({"direction": (0, 0, 0)}, "direction: must be three numbers"),
+     ({"direction": (math.nan, 0, 1)}, "direction: must be three numbers"),
+     ({"band_hz": 1}, r"band_hz: must be \(low, high\); got 1"),
+     ({"band_hz": (4.0, 0.6)}, "band_high: must be a number from 4"),
+     ({"sigmas": "8"}, "sigmas: must be a number"), ({"window_s": math.inf}, "window_s: must be")],
+)  # fmt: skip
+def test_settings_that_cannot_be_are_refused(bad, message):
+    with pytest.raises(OptionError, match=message):
+        ShakingSettings(**bad)
+
+
+def test_a_band_that_is_too_fast_for_the_skin_is_refused(held):
+    with pytest.raises(OptionError, match=r"band_high: must be a number from 0 to 31\.25; got 40"):
+        Shaking(held.topology, settings=ShakingSettings(band_hz=(0.6, 40.0)))
+    with pytest.raises(OptionError, match="settings: must be a ShakingSettings"):
+        Shaking(held.topology, settings={})
