@@ -278,7 +278,7 @@ class NaiveSlip(Conclusions):
             np.logaddexp(0.0, np.logaddexp.reduce(little) - np.log(len(little))) if little else 0
         )
         odds = np.logaddexp.reduce([p[0] for p in much]) - np.log(len(much)) - holds
-        if odds <= (0.0 if self.contact.slip == SlipState.INCIPIENT else self.limit):
+        if odds <= (1e-9 if self.contact.slip == SlipState.INCIPIENT else self.limit):
             return odds, 1.0
         _, slips, self.in_pattern = max(much, key=lambda p: p[0])
         if odds <= self.limit:

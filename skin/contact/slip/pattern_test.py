@@ -22,6 +22,8 @@ RANK = 1e-9
 """[numeric] Share of a column below which it depends on those before it."""
 BLIND = 0.01
 """[numeric] Share of a unit's own lag that the nuisances must leave, to judge it by itself."""
+ROUNDING = 1e-9
+"""[numeric] Logarithm of odds that says nothing: sums of it are rounded by 1e-13."""
 
 
 @jitable(inline=True)
@@ -165,7 +167,7 @@ def detect_pattern(
     softness = square / pull
     odds, best = _odds(length, nuisances, softness, record["load"], model, row, scratch.pattern)
     # A slip that was told lasts until it is as likely as not.
-    least = 0.0 if record["slip"] == SlipState.INCIPIENT else alarm
+    least = ROUNDING if record["slip"] == SlipState.INCIPIENT else alarm
     if not odds > least:
         return odds, 1.0
     limit = FRICTIONS[best] * softness
