@@ -4,12 +4,18 @@ While it gives, what may be is weighed by Bayes' rule over the support: the shar
 somebody bears. A *hand that takes* bears most of it, and goes on to. A *light* touch (a brush, a
 hand that only tries, an arm that moves) bears little. A *bump* may bear anything, but not for long.
 A *fault* (a magnet, a unit that lies) is on one pad alone. How long the support has lasted is
-counted from where it was last better explained by a light touch.
+counted from where it was last better explained by a light touch, or was far below its peak: a bump
+is near its peak for less than half of its duration, a hand that takes stays there.
+
+Support is what lacks of the weight, not what has changed: somebody who leans on the object, or
+pulls it down, makes it heavier, and when they let go nothing is borne. The weight is what is told
+to `Handover.give`, or else the least that has hung on the pads at rest since then.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -24,6 +30,12 @@ from topology import Topology
 
 __all__ = ["Handover", "HandoverParameters", "Phase"]
 
+
+NEAR = 0.75
+"""Share of its peak from which on a support is near it [assumed]."""
+
+BUMP_NEAR = 1.0 - 2.0 * math.asin(NEAR) / math.pi
+"""Share of its duration for which half a sine is near its peak [derived]."""
 
 STILL = 4.5
 """Sigmas of a force by which it moves [derived: noise alone is as far in three components once in
@@ -58,7 +70,9 @@ class HandoverParameters:
     light : (float, float)
         Mean and sigma of the support under a light touch [assumed].
     bump_s : (float, float)
-        Median duration of a bump, and sigma of its logarithm [assumed: 20 to 100 ms].
+        Median duration of a bump, and sigma of its logarithm [assumed: 25 to 270 ms].
+    ease_s : float
+        In which a peak of the support is forgotten, so that a hand that eases is a hand [assumed].
     widest : float
         Support under a bump or a fault is even from minus this to this [assumed].
     agree : (float, float)
@@ -82,7 +96,8 @@ class HandoverParameters:
 
     take: tuple[float, float, float] = (0.8, 1.2, 0.25)
     light: tuple[float, float] = (0.1, 0.15)
-    bump_s: tuple[float, float] = (0.06, 0.45)
+    bump_s: tuple[float, float] = (0.08, 0.6)
+    ease_s: float = 0.3
     widest: float = 5.0
     agree: tuple[float, float] = (6.0, 6.0)
     priors: tuple[float, float, float, float] = (0.2, 0.4, 0.4, 0.002)
@@ -103,6 +118,9 @@ class HandoverParameters:
 class Handover:
     """Gives what is held, or takes what is offered.
 
+    What bears the weight for as long as a hand is a hand to it: half a sine of more than 0.25 s
+    upward, or something that swings by its weight at less than 2 Hz.
+
     Parameters
     ----------
     topology : Topology
@@ -116,7 +134,8 @@ class Handover:
     probabilities : dict of str to float
         Of hand, light, bump and fault, as of the last cycle in which somebody did something.
     support : float
-        Share of the weight that somebody bears; NaN where the weight is not known.
+        Share of the weight that somebody bears; negative where they weigh on it, NaN where the
+        weight is not known.
     disturbance : Disturbance
     decisions : Decisions
 
@@ -150,13 +169,31 @@ class Handover:
         self._gain = self._period_s / (self.parameters.smooth_s + self._period_s)
         self._pads = len(self.disturbance.pads.names)
         self._rest: list[float] = []
+        self._recent: deque[float] = deque(
+            maxlen=round(self.parameters.ease_s / self._period_s) + 1
+        )
         self._clear()
 
-    def give(self) -> None:
-        """What is held is to be given from now on; hold it still for a moment."""
+    def give(self, weight_n: float | None = None) -> None:
+        """What is held is to be given from now on; hold it still for a moment.
+
+        Parameters
+        ----------
+        weight_n : float, optional
+            Of what is held, newton, where it is known. Otherwise it is what hangs now: who leans on
+            it with twice its weight in this moment, and lets go later, is taken for a hand.
+
+        Raises
+        ------
+        OptionError
+            The weight is none.
+        """
+        if weight_n is not None:
+            check_number("handover: weight_n", weight_n, self.parameters.least_n, 1e3)
         self._enter(Phase.GIVING, "asked to")
         self.disturbance.settle()
         self._clear()
+        self._known_n = math.inf if weight_n is None else float(weight_n)
 
     def take(self) -> None:
         """Something is to be put between the open pads."""
@@ -171,10 +208,13 @@ class Handover:
     def update(self, state: State) -> Phase:
         """Look at a cycle; where the handover is."""
         seen = self.disturbance
-        heard = seen.update(state)
-        if not heard or not seen.settled:
+        if not seen.update(state):
+            self._before_n = math.nan  # other units may tell of another weight
+            return self.phase
+        if not seen.settled:
             return self.phase
         if self.phase == Phase.GIVING:
+            self._weigh()
             self._give()
         elif self.phase in (Phase.AWAITING, Phase.OFFERED):
             self._take()
@@ -182,13 +222,25 @@ class Handover:
 
     @property
     def weight_n(self) -> float:
-        """What hangs on the pads at rest."""
-        return -_dot(self.disturbance.rest_n, self._up)
+        """What hangs on the pads at rest, without what leans on it."""
+        return -_dot(self.disturbance.rest_n, self._up) - self._excess_n
+
+    def _weigh(self) -> None:
+        """How much more hangs at rest than the weight: somebody who leans on it for long."""
+        rest_n = -_dot(self.disturbance.rest_n, self._up)
+        if self._known_n is not None:
+            self._excess_n, self._known_n = max(rest_n - self._known_n, 0.0), None
+        elif not math.isnan(self._before_n):
+            self._excess_n = max(self._excess_n + rest_n - self._before_n, 0.0)
+        self._before_n = rest_n
 
     def _clear(self) -> None:
+        self._known_n: float | None = None
+        self._excess_n, self._before_n = 0.0, math.nan
         self.support, self._age_s, self._still_s = math.nan, 0.0, 0.0
         self._still_n = [math.inf] * 3
         self._rest, self._lift = [], [0.0] * self._pads
+        self._recent.clear()
 
     def _enter(self, phase: Phase, why: str) -> None:
         self.phase = phase
@@ -206,19 +258,21 @@ class Handover:
             before + self._gain * (now - rest - before)
             for before, now, rest in zip(self._lift, pads, self._rest, strict=True)
         ]
-        self.support = sum(self._lift) / weight_n
+        own_n = self._excess_n / self._pads
+        lift = [value - own_n for value in self._lift]
+        self.support = sum(lift) / weight_n
         if not seen.active:
-            self._age_s = 0.0
+            self._recent.clear()
             return
         hand = _even_log(self.support, *p.take)
         light = normal_log(max(self.support, p.light[0]), *p.light)
-        self._age_s = self._age_s + self._period_s if hand > light else 0.0
+        self._age(hand > light, seen.sigma_n / weight_n)
         even = -math.log(2.0 * p.widest)
-        agree = self._agree()
+        agree = self._agree(lift)
         logs = {
             "hand": hand + agree,
             "light": light + agree,
-            "bump": even + agree + log_normal_longer_log(max(self._age_s, 1e-3), *p.bump_s),
+            "bump": even + agree + self._bump_longer_log(),
             "fault": even,
         }
         odds = [q * math.exp(v) for q, v in zip(p.priors, logs.values(), strict=True)]
@@ -230,6 +284,22 @@ class Handover:
                 f"borne for {self._age_s:.3f} s"
             )
             self._enter(Phase.TAKEN, why)
+
+    def _age(self, is_hand: bool, sigma: float) -> None:
+        """For how long the support has been that of a hand, and near its peak."""
+        if not is_hand:
+            self._recent.clear()
+        self._recent.append(self.support)
+        least, cycles = NEAR * max(self._recent) - sigma, 0
+        for support in reversed(self._recent):
+            if support < least:
+                break
+            cycles += 1
+        self._age_s = cycles * self._period_s if is_hand else 0.0
+
+    def _bump_longer_log(self) -> float:
+        """Logarithm of the share of bumps that are near their peak for longer than so far."""
+        return log_normal_longer_log(max(self._age_s / BUMP_NEAR, 1e-3), *self.parameters.bump_s)
 
     def _pad_lifts(self) -> list[float]:
         """What each pad is lifted with, newton; its rest is that of the sum, by the same rules."""
@@ -246,12 +316,12 @@ class Handover:
         self._rest = [r + moved for r in self._rest]
         return now
 
-    def _agree(self) -> float:
+    def _agree(self, lift: list[float]) -> float:
         """Logarithm of how well two pads agree that somebody lifts."""
-        total = sum(self._lift)
+        total = sum(lift)
         if self._pads != 2 or total <= 0.0:
             return 0.0
-        return beta_log(self._lift[0] / total, *self.parameters.agree)
+        return beta_log(lift[0] / total, *self.parameters.agree)
 
     def _take(self) -> None:
         """Close on what touches; what hangs still is received."""

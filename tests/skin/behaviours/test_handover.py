@@ -26,11 +26,11 @@ def taken_s(told):
 
 @pytest.mark.parametrize("rise_s", [0.1, 0.3, 0.6])
 @pytest.mark.parametrize("share", [0.8, 1.0, 1.3])
-def test_a_hand_that_bears_the_weight_is_recognised_within_two_tenths(rise_s, share):
+def test_a_hand_that_bears_the_weight_is_recognised_within_three_tenths(rise_s, share):
     handover, held = giving()
     told = play(handover, held, ramp(share * held.weight_n, rise_s, 5.0), 1.5)
     half_s = rise_s * 0.5 / share
-    assert half_s < taken_s(told) < half_s + 0.2
+    assert half_s < taken_s(told) < half_s + 0.3
     assert handover.decisions.last.what == "taken"
     assert "borne for" in handover.decisions.last.why
 
@@ -41,16 +41,57 @@ def test_a_hand_that_bears_the_weight_is_recognised_within_two_tenths(rise_s, sh
         (half_sine(4.0, 0.05), (0.0, 0.0, 1.0)),
         (half_sine(1.5, 0.07), (0.0, 0.0, 1.0)),
         (half_sine(4.0, 0.08), (0.3, 0.5, 0.8)),
+        (half_sine(1.8, 0.25), (0.0, 0.0, 1.0)),
+        (half_sine(3.0, 0.2), (0.0, 0.0, 1.0)),
+        (lambda t: 1.5 * np.sin(4.0 * np.pi * t), (0.0, 0.0, 1.0)),
         (half_sine(0.5, 0.3), (0.2, 0.9, 0.4)),
         (ramp(0.5, 0.2, 0.9), (0.0, 0.0, 1.0)),
         (ramp(2.0, 0.2, 0.9), (0.0, 1.0, 0.0)),
         (ramp(-2.0, 0.2, 0.9), (0.0, 0.0, 1.0)),
     ],
-    ids=["bump", "soft bump", "oblique bump", "brush", "partial", "sideways", "down"],
+    ids=[
+        "bump",
+        "soft bump",
+        "oblique bump",
+        "slow bump",
+        "strong slow bump",
+        "swing",
+        "brush",
+        "partial",
+        "sideways",
+        "down",
+    ],
 )
 def test_what_is_not_a_take_releases_nothing(course, way):
     handover, held = giving()
     assert taken_s(play(handover, held, course, 1.2, way)) is None
+
+
+@pytest.mark.parametrize("size", [1.5, 3.0, 4.5])
+def test_who_pulls_it_down_for_long_and_lets_go_bears_nothing(size):
+    handover, held = giving()
+    told = play(handover, held, lambda t: -size if t < 11.0 else 0.0, 13.0)
+    assert taken_s(told) is None
+    assert handover.weight_n == pytest.approx(1.5, abs=0.1)
+    assert abs(handover.support) < 0.15
+    assert taken_s(play(handover, held, ramp(1.5, 0.3, 5.0), 1.0)) < 0.5
+
+
+def test_who_leans_on_it_from_the_start_bears_nothing_where_the_weight_is_known():
+    held = Held()
+    handover = Handover(held.topology)
+    handover.give(1.5)
+    told = play(handover, held, lambda t: -3.0 if t < 3.0 else 0.0, 4.5)
+    assert taken_s(told) is None
+    assert taken_s(play(handover, held, ramp(1.5, 0.3, 5.0), 1.0)) < 0.5
+    with pytest.raises(OptionError, match="handover: weight_n: must be a number from"):
+        handover.give(float("nan"))
+
+
+def test_a_hand_that_pulls_too_much_is_recognised_when_it_eases():
+    handover, held = giving()
+    told = play(handover, held, lambda t: 3.75 if t < 0.8 else 1.5, 2.0)
+    assert 0.8 < taken_s(told) < 1.2
 
 
 def test_without_a_weight_nothing_is_given():
