@@ -170,7 +170,8 @@ class Gestures:
     """Recognises gestures, one after the other.
 
     A gesture is told as soon as it is sure, and once more when it has ended. Call `settle` after a
-    grasp or a move: what the pads bear then is the rest that hands are told from.
+    grasp or a move: what the pads bear then is the rest that hands are told from. What lasts longer
+    than `DisturbanceParameters.longest_s` is told as ended then; its true end is no gesture.
 
     Parameters
     ----------
@@ -225,7 +226,7 @@ class Gestures:
         seen = self.disturbance
         if not seen.update(state) or not (seen.active or seen.ended):
             return None
-        if not seen.ended and seen.time_s < self._next_s:
+        if not seen.ended and (seen.returning or seen.time_s < self._next_s):
             return None
         self._next_s = seen.time_s + self.parameters.look_s
         gesture = self._judge()

@@ -71,6 +71,32 @@ def test_away_from_the_person_is_a_push():
     assert (away.kind, here.kind) == ("push", "pull")
 
 
+@pytest.mark.parametrize("rise_s", [0.02, 0.15, 0.5])
+def test_a_pull_of_fifteen_seconds_is_told_once_and_its_end_is_no_gesture(rise_s):
+    gestures, held = rested()
+    told = play(gestures, held, ramp(1.2, rise_s, 15.0), 16.0, (0.0, 1.0, 0.0))
+    (last,) = ended(told)
+    assert (last.kind, last.duration_s) == ("pull", pytest.approx(10.0, abs=0.1))
+    assert max(time_s for time_s, _ in told) < 10.1
+    assert gestures.disturbance.rest_n[1] == pytest.approx(0.0, abs=0.1)
+    (again,) = ended(play(gestures, held, PULL, 1.2, (0.0, -1.0, 0.0)))
+    assert again.kind == "pull"
+    assert math.degrees(abs(again.angle_rad)) == pytest.approx(180.0, abs=6.0)
+
+
+def test_another_gesture_during_a_long_pull_is_told():
+    gestures, held = rested()
+    tap = half_sine(2.0, 0.05)
+    way = np.array([0.0, 1.0, 0.0])
+    told = []
+    for cycle in range(round(16.0 / 0.004)):
+        t = 0.004 * cycle
+        force = ramp(1.2, 0.15, 15.0)(t) * way + [0.0, 0.0, -tap(t - 12.0)]
+        if (gesture := gestures.update(held.cycle(force=force))) is not None and gesture.ended:
+            told.append(gesture)
+    assert [gesture.kind for gesture in told] == ["pull", "tap"]
+
+
 def test_a_drift_is_no_gesture():
     gestures, held = rested()
     assert play(gestures, held, lambda t: 0.05 * t, 6.0) == []
