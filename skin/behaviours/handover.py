@@ -24,7 +24,8 @@ from skin.behaviours.decision import Decisions
 from skin.behaviours.densities import beta_log, log_normal_longer_log, normal_log
 from skin.behaviours.disturbance import Disturbance
 from skin.behaviours.disturbance_parameters import DisturbanceParameters
-from skin.errors import check_number
+from skin.behaviours.numbers import check_direction, check_tuple
+from skin.errors import OptionError, check_kind, check_number, shown
 from skin.state import State
 from topology import Topology
 
@@ -79,7 +80,8 @@ class HandoverParameters:
         Beta distribution of the first of two pads' share in the change, under a hand [assumed: a
         hand holds on up to half a pad off the middle].
     priors : (float, float, float, float)
-        Of hand, light touch, bump and fault in what is felt during a handover [assumed].
+        Of hand, light touch, bump and fault in what is felt during a handover; they sum to 1
+        [assumed].
     least_confidence : float
         Probability at which it is taken [assumed: a wrong release is two
         hundred times as bad as to wait for more].
@@ -100,7 +102,7 @@ class HandoverParameters:
     ease_s: float = 0.3
     widest: float = 5.0
     agree: tuple[float, float] = (6.0, 6.0)
-    priors: tuple[float, float, float, float] = (0.2, 0.4, 0.4, 0.002)
+    priors: tuple[float, float, float, float] = (0.2, 0.4, 0.398, 0.002)
     least_confidence: float = 0.995
     smooth_s: float = 0.015
     least_n: float = 0.35
@@ -112,7 +114,19 @@ class HandoverParameters:
         check_number("handover: least_confidence", self.least_confidence, 0.5, 1.0)
         for name in ("widest", "smooth_s", "least_n", "still_s"):
             check_number(f"handover: {name}", getattr(self, name), 1e-6, 1e3)
-        check_number("handover: up", math.dist(self.up, (0.0, 0.0, 0.0)), 1e-6, 1e3)
+        check_number("handover: ease_s", self.ease_s, 1e-3, 10.0)
+        share, sigma, positive = (-100.0, 100.0), (1e-3, 100.0), (1e-3, 1e3)
+        check_tuple("handover: take", self.take, share, share, sigma)
+        if self.take[1] < self.take[0]:
+            raise OptionError(f"handover: take: must rise; got {shown(self.take)}")
+        check_tuple("handover: light", self.light, share, sigma)
+        check_tuple("handover: bump_s", self.bump_s, positive, sigma)
+        check_tuple("handover: agree", self.agree, positive, positive)
+        check_tuple("handover: priors", self.priors, *[(0.0, 1.0)] * 4)
+        if abs(sum(self.priors) - 1.0) > 1e-6:
+            raise OptionError(f"handover: priors: must sum to 1; got {sum(self.priors):.6g}")
+        check_direction("handover: up", self.up)
+        check_kind("handover: disturbance", self.disturbance, DisturbanceParameters)
 
 
 class Handover:

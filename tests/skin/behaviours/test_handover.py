@@ -1,5 +1,7 @@
 """Handovers of a block whose forces are made by hand, and of a person on the simulator."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -151,9 +153,27 @@ def test_what_is_offered_is_received_when_it_hangs_still():
     assert handover.phase is Phase.IDLE
 
 
-def test_a_wrong_parameter_is_named():
-    with pytest.raises(OptionError, match="handover: least_n"):
-        HandoverParameters(least_n=-1.0)
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"least_n": -1.0}, "handover: least_n: must be a number from 1e-06 to 1000; got -1.0"),
+        ({"priors": (-1.0, 0.4, 0.4, 0.002)}, "handover: priors[0]: must be a number from 0 to 1"),
+        ({"priors": (np.nan,) * 4}, "handover: priors[0]: must be a number from 0 to 1; got nan"),
+        ({"priors": (0.5, 0.5, 0.5, 0.5)}, "handover: priors: must sum to 1; got 2"),
+        ({"priors": (0.5, 0.5)}, "handover: priors: must be 4 numbers; got (0.5, 0.5)"),
+        ({"take": (1.2, 0.8, 0.25)}, "handover: take: must rise; got (1.2, 0.8, 0.25)"),
+        ({"take": (0.8, 1.2, -0.25)}, "handover: take[2]: must be a number from 0.001 to 100"),
+        ({"light": (0.1, 0.0)}, "handover: light[1]: must be a number from 0.001 to 100; got 0.0"),
+        ({"bump_s": (-1.0, 0.5)}, "handover: bump_s[0]: must be a number from 0.001 to 1000"),
+        ({"agree": (0.0, 6.0)}, "handover: agree[0]: must be a number from 0.001 to 1000; got 0.0"),
+        ({"up": (0.0, 1.0)}, "handover: up: must be 3 numbers; got (0.0, 1.0)"),
+        ({"up": (0.0, 0.0, 0.0)}, "handover: up: must be a direction; got (0.0, 0.0, 0.0)"),
+        ({"disturbance": None}, "handover: disturbance: must be a DisturbanceParameters; got None"),
+    ],
+)
+def test_a_wrong_parameter_is_named(wrong, message):
+    with pytest.raises(OptionError, match=re.escape(message)):
+        HandoverParameters(**wrong)
 
 
 @pytest.mark.parametrize("seed", [1, 4])
