@@ -177,7 +177,7 @@ class _Reader:
                 values.pop(name, None)
                 if field.required:
                     values[name] = None
-        return info.cls(**values)
+        return info.cls(**{fields[name].name: value for name, value in values.items()})
 
     def value(self, info: Any, value: Any, key: Key) -> Any:
         """The value converted, or None where it does not fit (and is reported)."""
@@ -325,7 +325,8 @@ def describe(info: inspect.Type) -> str:
         case inspect.VarTupleType():
             item = _plain(info.item_type)
             of = "tables" if isinstance(item, _TABLES) else "numbers"
-            of = "names" if isinstance(item, inspect.StrType) else of
+            if isinstance(item, inspect.StrType):
+                of = "names" if item.pattern or not info.max_length else "texts"
             least = " with one at least" if info.min_length else ""
             return f"a list of {of}{least}" + (
                 f", {info.max_length} at most" if info.max_length else ""

@@ -7,6 +7,9 @@ than noise, and ends where it is not. While it lasts the rest is not learned.
 On a bare skin what is felt is what the contacts bear, where contacts are wanted of the skin: the
 noise of units that nothing touches stays out then.
 
+What lasts for too long becomes a new rest; the rest before it is kept, as who lets go then does
+nothing new. What goes straight back to it is a return, and where it has come there it is over.
+
 What fills in for units that fall silent is a guess, so that a change of who is heard is no change
 of force: the rest is moved by what it seems to change, and nothing is told for that moment. While
 nothing is heard nothing is told, either.
@@ -18,10 +21,10 @@ import math
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from skin.behaviours.disturbance_parameters import DisturbanceParameters
 from skin.behaviours.pads import Pads
+from skin.behaviours.sums import centre_of, normal_of, touched
+from skin.behaviours.way import Way
 from skin.contact.record import SlipState
 from skin.state import State
 from topology import Topology
@@ -54,6 +57,8 @@ class Disturbance:
         Whether something is held at rest; a bare skin else.
     active, ended : bool
         Whether a disturbance lasts; whether this cycle has ended it.
+    returning : bool
+        Whether what lasts is, so far, on the way back to the rest before.
     time_s, began_s, duration_s : float
         Duration up to the last cycle that was more than noise.
     force_n : list of 3 float
@@ -85,7 +90,7 @@ class Disturbance:
     ) -> None:
         self.parameters = DisturbanceParameters() if parameters is None else parameters
         self.pads = Pads(topology, pads)
-        self.normal = _axis(topology, self.pads.names)
+        self.normal = normal_of(topology, self.pads.names)
         self._period_s = 1.0 / topology.cycle_rate_hz
         p, dt = self.parameters, self._period_s
         self._smooth = dt / (p.smooth_s + dt)
@@ -102,7 +107,12 @@ class Disturbance:
 
     def settle(self) -> None:
         """Take what the pads bear from now on as rest: after a grasp, a lift or a turn."""
+        self._before: list[float] | None = None
+        self._learn_anew()
+
+    def _learn_anew(self) -> None:
         self._count = 0
+        self._straight, self._there = False, 0
         self.active = False
         self._rest = [0.0] * 6
         self._noise = [0.0] * 6
@@ -117,6 +127,11 @@ class Disturbance:
     def settled(self) -> bool:
         """Whether the rest is known."""
         return self._count * self._period_s >= self.parameters.learn_s
+
+    @property
+    def returning(self) -> bool:
+        """See the class."""
+        return self.active and self._straight
 
     @property
     def rest_n(self) -> list[float]:
@@ -191,7 +206,7 @@ class Disturbance:
         if not self.held:
             torsion = float(loads.torsion_nm.sum())
             if contacts is not None and math.isfinite(x):
-                x, y, z, torsion = _touched(contacts)
+                x, y, z, torsion = touched(contacts)
             return [x, y, z, *(torsion * n for n in self.normal)]
         a, b, c = map(sum, loads.moment_nm.tolist())
         u, v, w = self._centre
@@ -205,7 +220,11 @@ class Disturbance:
             self._mean[i] += share * (wrench[i] - self._mean[i])
         if self._missed * self._period_s >= self.parameters.anchor_s:
             kept = self._change if self.active else [0.0] * 6
-            self._rest = [mean - change for mean, change in zip(self._mean, kept, strict=True)]
+            rest = [mean - change for mean, change in zip(self._mean, kept, strict=True)]
+            if self._before is not None:
+                moved = zip(self._before, rest, self._rest, strict=True)
+                self._before = [before + now - then for before, now, then in moved]
+            self._rest = rest
             self._doubt += share + self._smooth / (2.0 - self._smooth)
 
     def _learn(self, wrench: list[float], loads) -> None:
@@ -220,11 +239,20 @@ class Disturbance:
         if not self.settled:
             return
         held = self._loads > self.parameters.held_n
-        centre = _centre(loads) if held else [0.0] * 3
+        centre = centre_of(loads) if held else [0.0] * 3
         if held != self.held or (held and math.dist(centre, self._centre) > 1e-3):
+            self._before = self._about(centre) if held and self.held else None
             self.held = held
-            self.settle()
+            self._learn_anew()
             self._centre = centre
+
+    def _about(self, centre: list[float]) -> list[float] | None:
+        """The rest before, with its moment about another centre."""
+        if self._before is None:
+            return None
+        x, y, z, a, b, c = self._before
+        u, v, w = (now - then for now, then in zip(centre, self._centre, strict=True))
+        return [x, y, z, a - (v * z - w * y), b - (w * x - u * z), c - (u * y - v * x)]
 
     def _follow(self, wrench: list[float], state: State, loads) -> None:
         """Compare with rest; begin, go on or end."""
@@ -241,6 +269,7 @@ class Disturbance:
                 return
             self._forget()
             self.active = self._is_light = True
+            self._straight, self._there = self._before is not None, 0
             self.began_s = self.time_s - (p.smooth_s if is_sharp else p.slow_s)
         self._is_light = self._is_light and not is_sharp
         self._add(wrench, state, loads)
@@ -248,11 +277,42 @@ class Disturbance:
         self._lasted = self.time_s - self.began_s
         if distance > p.end:
             self.duration_s = self._lasted
+        if self._before is not None and self._is_back(self._before):
+            return
         if self._lasted - self.duration_s > p.quiet_s or self._lasted > p.longest_s:
-            self.active, self.ended = False, True
+            is_long = self._lasted > p.longest_s
+            self.active, self.ended = False, not (is_long and self._straight)
             self._slowly = list(self._change)
-            if self._lasted > p.longest_s:
-                self.settle()
+            if is_long:
+                self._before = self._before or list(self._rest)
+                self._learn_anew()
+
+    def _is_back(self, before: list[float]) -> bool:
+        """Whether it has come back to the rest before; then that is the rest again."""
+        p, change = self.parameters, self._change
+        way = [then - now for then, now in zip(before, self._rest, strict=True)]
+        scales = [1.0] * 3 + [self.lever_m**-2] * 3
+        product = sum(s * a * b for s, a, b in zip(scales, way, change, strict=True))
+        square = sum(s * a * a for s, a in zip(scales, way, strict=True))
+        share = min(max(product / max(square, 1e-12), 0.0), 1.0)
+        off = [b - share * a for a, b in zip(way, change, strict=True)]
+        allowed = (p.back * p.back) * square
+        self._straight = self._straight and self._off_by(off, scales, allowed) <= p.onset
+        rest = [b - a for a, b in zip(way, change, strict=True)]
+        self._there = self._there + 1 if self._off_by(rest, scales, allowed) <= p.end else 0
+        if self._there * self._period_s < p.quiet_s:
+            return False
+        self._rest, self._before = list(before), None
+        self._change, self._slowly = [0.0] * 6, [0.0] * 6
+        self.active, self.ended = False, not self._straight
+        return True
+
+    def _off_by(self, off: list[float], scales: list[float], allowed: float) -> float:
+        """Squared distance from somewhere, in sigmas, where a square of it is allowed."""
+        share = self._smooth / (2.0 - self._smooth) + self._doubt
+        wander = self.parameters.wander_n**2 + allowed
+        rows = zip(off, self._noise, scales, strict=True)
+        return sum(a * a / (share * noise + wander / s) for a, noise, s in rows)
 
     def _compare(
         self, wrench: list[float], change: list[float], gain: float
@@ -284,7 +344,7 @@ class Disturbance:
         self.impulse_ns = [0.0] * 6
         self.energy = [0.0] * 3
         self._sliding = 0.0
-        self._way = _Way()
+        self._way = Way()
 
     def _add(self, wrench: list[float], state: State, loads) -> None:
         """Add up what this cycle brings."""
@@ -311,7 +371,7 @@ class Disturbance:
                 self._sliding += self._period_s
             self.moved = self._sliding / max(self._lasted, self._period_s)
             return
-        centre, load = _centre(loads), self.load_n
+        centre, load = centre_of(loads), self.load_n
         if state.contacts:
             hardest = max(state.contacts, key=lambda contact: contact.load)
             centre, load = hardest.centroid.tolist(), hardest.load
@@ -319,60 +379,3 @@ class Disturbance:
             self._way.add(load * load, self._lasted, centre)
             way = self._way.length_m
             self.moved = way / (way + self.parameters.touch_lever_m)
-
-
-class _Way:
-    """How far something goes, by a straight line through where it is seen, by weight."""
-
-    def __init__(self) -> None:
-        self._weight = self._t = self._tt = 0.0
-        self._x, self._tx = [0.0] * 3, [0.0] * 3
-
-    def add(self, weight: float, time_s: float, place: list[float]) -> None:
-        """It is seen at a place."""
-        self._weight += weight
-        self._t += weight * time_s
-        self._tt += weight * time_s * time_s
-        for i in range(3):
-            self._x[i] += weight * place[i]
-            self._tx[i] += weight * time_s * place[i]
-
-    @property
-    def length_m(self) -> float:
-        """Speed times the duration of an even motion that has the same spread in time."""
-        mean = self._t / self._weight
-        spread = self._tt / self._weight - mean * mean
-        if not spread > 0.0:
-            return 0.0
-        slope = [(b - mean * a) / self._weight for a, b in zip(self._x, self._tx, strict=True)]
-        return math.hypot(*slope) * math.sqrt(12.0 / spread)
-
-
-def _touched(contacts: list[Contact]) -> tuple[float, float, float, float]:
-    """Force and torsion of all contacts together."""
-    x = y = z = torsion = 0.0
-    for contact in contacts:
-        wrench = contact.wrench
-        x, y, z = x + wrench[0], y + wrench[1], z + wrench[2]
-        own = contact.torsion
-        torsion += own if math.isfinite(own) else 0.0
-    return float(x), float(y), float(z), float(torsion)
-
-
-def _centre(loads) -> list[float]:
-    """Centre of pressure of all pads together."""
-    weight = np.where(np.isfinite(loads.centre_m[0]), np.maximum(loads.load_n, 0.0), 0.0)
-    total = weight.sum()
-    if not total > 0.0:
-        return [math.nan] * 3
-    return (np.nan_to_num(loads.centre_m) @ weight / total).tolist()
-
-
-def _axis(topology: Topology, names: Iterable[str]) -> list[float]:
-    """Mean normal of the pads, into the first one; opposing pads count alike."""
-    total = np.zeros(3)
-    for name in names:
-        own = topology.patch == topology.patch_names.index(name)
-        mean = topology.rotation[:, 2, own].mean(axis=1)
-        total += mean if total @ mean >= 0.0 else -mean
-    return (total / np.linalg.norm(total)).tolist()

@@ -29,6 +29,8 @@ class DisturbanceParameters:
         For how long it must stay below `end` [assumed].
     longest_s : float
         What lasts longer is a new rest [assumed].
+    back : float
+        How far off the rest before it a return may be, as a share of its way [assumed].
     anchor_s : float
         In which the rest is found anew where other units are heard [derived: its mean has a fourth
         of the noise].
@@ -51,6 +53,7 @@ class DisturbanceParameters:
     end: float = 9.0
     quiet_s: float = 0.05
     longest_s: float = 10.0
+    back: float = 0.05
     anchor_s: float = 0.06
     wander_n: float = 0.01
     lever_m: float = 0.04

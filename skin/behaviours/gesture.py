@@ -19,7 +19,8 @@ from skin.behaviours.decision import Decisions
 from skin.behaviours.densities import beta_log, log_normal_log, log_normal_longer_log
 from skin.behaviours.disturbance import Disturbance
 from skin.behaviours.disturbance_parameters import DisturbanceParameters
-from skin.errors import check_number, check_numbers
+from skin.behaviours.numbers import check_direction, check_tuple
+from skin.errors import OptionError, check_kind, check_number
 from skin.state import State
 from topology import Topology
 
@@ -49,6 +50,13 @@ class Kind:
     moment: tuple[float, float] = (1.0, 1.0)
     moved: tuple[float, float] = (1.0, 30.0)
     prior: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("duration_s", "size_n"):
+            check_tuple(f"kind: {name}", getattr(self, name), (1e-6, 1e6), (1e-3, 100.0))
+        for name in ("normal", "moment", "moved"):
+            check_tuple(f"kind: {name}", getattr(self, name), (1e-3, 1e6), (1e-3, 1e6))
+        check_number("kind: prior", self.prior, 1e-9, 1e9)
 
 
 LONG = (0.6, 0.6)
@@ -125,9 +133,16 @@ class GestureParameters:
     def __post_init__(self) -> None:
         check_number("gestures: least_confidence", self.least_confidence, 0.5, 1.0)
         check_number("gestures: look_s", self.look_s, 1e-6, 10.0)
-        for name in ("up", "towards"):
-            for value in getattr(self, name):
-                check_numbers(-1e3, 1e3, **{f"gestures: {name}": value})
+        check_direction("gestures: up", self.up)
+        check_direction("gestures: towards", self.towards, or_none=True)
+        check_kind("gestures: disturbance", self.disturbance, DisturbanceParameters)
+        for name in ("held", "touch"):
+            kinds = getattr(self, name)
+            check_kind(f"gestures: {name}", kinds, dict)
+            if not kinds:
+                raise OptionError(f"gestures: {name}: must be one kind or more; got none")
+            for kind, densities in kinds.items():
+                check_kind(f"gestures: {name} {kind!r}", densities, Kind)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,7 +185,8 @@ class Gestures:
     """Recognises gestures, one after the other.
 
     A gesture is told as soon as it is sure, and once more when it has ended. Call `settle` after a
-    grasp or a move: what the pads bear then is the rest that hands are told from.
+    grasp or a move: what the pads bear then is the rest that hands are told from. What lasts longer
+    than `DisturbanceParameters.longest_s` is told as ended then; its true end is no gesture.
 
     Parameters
     ----------
@@ -225,7 +241,7 @@ class Gestures:
         seen = self.disturbance
         if not seen.update(state) or not (seen.active or seen.ended):
             return None
-        if not seen.ended and seen.time_s < self._next_s:
+        if not seen.ended and (seen.returning or seen.time_s < self._next_s):
             return None
         self._next_s = seen.time_s + self.parameters.look_s
         gesture = self._judge()

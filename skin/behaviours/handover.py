@@ -4,12 +4,18 @@ While it gives, what may be is weighed by Bayes' rule over the support: the shar
 somebody bears. A *hand that takes* bears most of it, and goes on to. A *light* touch (a brush, a
 hand that only tries, an arm that moves) bears little. A *bump* may bear anything, but not for long.
 A *fault* (a magnet, a unit that lies) is on one pad alone. How long the support has lasted is
-counted from where it was last better explained by a light touch.
+counted from where it was last better explained by a light touch, or was far below its peak: a bump
+is near its peak for less than half of its duration, a hand that takes stays there.
+
+Support is what lacks of the weight, not what has changed: somebody who leans on the object, or
+pulls it down, makes it heavier, and when they let go nothing is borne. The weight is what is told
+to `Handover.give`, or else the least that has hung on the pads at rest since then.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -18,12 +24,19 @@ from skin.behaviours.decision import Decisions
 from skin.behaviours.densities import beta_log, log_normal_longer_log, normal_log
 from skin.behaviours.disturbance import Disturbance
 from skin.behaviours.disturbance_parameters import DisturbanceParameters
-from skin.errors import check_number
+from skin.behaviours.numbers import check_direction, check_tuple
+from skin.errors import OptionError, check_kind, check_number, shown
 from skin.state import State
 from topology import Topology
 
 __all__ = ["Handover", "HandoverParameters", "Phase"]
 
+
+NEAR = 0.75
+"""Share of its peak from which on a support is near it [assumed]."""
+
+BUMP_NEAR = 1.0 - 2.0 * math.asin(NEAR) / math.pi
+"""Share of its duration for which half a sine is near its peak [derived]."""
 
 STILL = 4.5
 """Sigmas of a force by which it moves [derived: noise alone is as far in three components once in
@@ -58,14 +71,17 @@ class HandoverParameters:
     light : (float, float)
         Mean and sigma of the support under a light touch [assumed].
     bump_s : (float, float)
-        Median duration of a bump, and sigma of its logarithm [assumed: 20 to 100 ms].
+        Median duration of a bump, and sigma of its logarithm [assumed: 25 to 270 ms].
+    ease_s : float
+        In which a peak of the support is forgotten, so that a hand that eases is a hand [assumed].
     widest : float
         Support under a bump or a fault is even from minus this to this [assumed].
     agree : (float, float)
         Beta distribution of the first of two pads' share in the change, under a hand [assumed: a
         hand holds on up to half a pad off the middle].
     priors : (float, float, float, float)
-        Of hand, light touch, bump and fault in what is felt during a handover [assumed].
+        Of hand, light touch, bump and fault in what is felt during a handover; they sum to 1
+        [assumed].
     least_confidence : float
         Probability at which it is taken [assumed: a wrong release is two
         hundred times as bad as to wait for more].
@@ -82,10 +98,11 @@ class HandoverParameters:
 
     take: tuple[float, float, float] = (0.8, 1.2, 0.25)
     light: tuple[float, float] = (0.1, 0.15)
-    bump_s: tuple[float, float] = (0.06, 0.45)
+    bump_s: tuple[float, float] = (0.08, 0.6)
+    ease_s: float = 0.3
     widest: float = 5.0
     agree: tuple[float, float] = (6.0, 6.0)
-    priors: tuple[float, float, float, float] = (0.2, 0.4, 0.4, 0.002)
+    priors: tuple[float, float, float, float] = (0.2, 0.4, 0.398, 0.002)
     least_confidence: float = 0.995
     smooth_s: float = 0.015
     least_n: float = 0.35
@@ -97,11 +114,26 @@ class HandoverParameters:
         check_number("handover: least_confidence", self.least_confidence, 0.5, 1.0)
         for name in ("widest", "smooth_s", "least_n", "still_s"):
             check_number(f"handover: {name}", getattr(self, name), 1e-6, 1e3)
-        check_number("handover: up", math.dist(self.up, (0.0, 0.0, 0.0)), 1e-6, 1e3)
+        check_number("handover: ease_s", self.ease_s, 1e-3, 10.0)
+        share, sigma, positive = (-100.0, 100.0), (1e-3, 100.0), (1e-3, 1e3)
+        check_tuple("handover: take", self.take, share, share, sigma)
+        if self.take[1] < self.take[0]:
+            raise OptionError(f"handover: take: must rise; got {shown(self.take)}")
+        check_tuple("handover: light", self.light, share, sigma)
+        check_tuple("handover: bump_s", self.bump_s, positive, sigma)
+        check_tuple("handover: agree", self.agree, positive, positive)
+        check_tuple("handover: priors", self.priors, *[(0.0, 1.0)] * 4)
+        if abs(sum(self.priors) - 1.0) > 1e-6:
+            raise OptionError(f"handover: priors: must sum to 1; got {sum(self.priors):.6g}")
+        check_direction("handover: up", self.up)
+        check_kind("handover: disturbance", self.disturbance, DisturbanceParameters)
 
 
 class Handover:
     """Gives what is held, or takes what is offered.
+
+    What bears the weight for as long as a hand is a hand to it: half a sine of more than 0.25 s
+    upward, or something that swings by its weight at less than 2 Hz.
 
     Parameters
     ----------
@@ -116,7 +148,8 @@ class Handover:
     probabilities : dict of str to float
         Of hand, light, bump and fault, as of the last cycle in which somebody did something.
     support : float
-        Share of the weight that somebody bears; NaN where the weight is not known.
+        Share of the weight that somebody bears; negative where they weigh on it, NaN where the
+        weight is not known.
     disturbance : Disturbance
     decisions : Decisions
 
@@ -150,13 +183,31 @@ class Handover:
         self._gain = self._period_s / (self.parameters.smooth_s + self._period_s)
         self._pads = len(self.disturbance.pads.names)
         self._rest: list[float] = []
+        self._recent: deque[float] = deque(
+            maxlen=round(self.parameters.ease_s / self._period_s) + 1
+        )
         self._clear()
 
-    def give(self) -> None:
-        """What is held is to be given from now on; hold it still for a moment."""
+    def give(self, weight_n: float | None = None) -> None:
+        """What is held is to be given from now on; hold it still for a moment.
+
+        Parameters
+        ----------
+        weight_n : float, optional
+            Of what is held, newton, where it is known. Otherwise it is what hangs now: who leans on
+            it with twice its weight in this moment, and lets go later, is taken for a hand.
+
+        Raises
+        ------
+        OptionError
+            The weight is none.
+        """
+        if weight_n is not None:
+            check_number("handover: weight_n", weight_n, self.parameters.least_n, 1e3)
         self._enter(Phase.GIVING, "asked to")
         self.disturbance.settle()
         self._clear()
+        self._known_n = math.inf if weight_n is None else float(weight_n)
 
     def take(self) -> None:
         """Something is to be put between the open pads."""
@@ -171,10 +222,13 @@ class Handover:
     def update(self, state: State) -> Phase:
         """Look at a cycle; where the handover is."""
         seen = self.disturbance
-        heard = seen.update(state)
-        if not heard or not seen.settled:
+        if not seen.update(state):
+            self._before_n = math.nan  # other units may tell of another weight
+            return self.phase
+        if not seen.settled:
             return self.phase
         if self.phase == Phase.GIVING:
+            self._weigh()
             self._give()
         elif self.phase in (Phase.AWAITING, Phase.OFFERED):
             self._take()
@@ -182,13 +236,25 @@ class Handover:
 
     @property
     def weight_n(self) -> float:
-        """What hangs on the pads at rest."""
-        return -_dot(self.disturbance.rest_n, self._up)
+        """What hangs on the pads at rest, without what leans on it."""
+        return -_dot(self.disturbance.rest_n, self._up) - self._excess_n
+
+    def _weigh(self) -> None:
+        """How much more hangs at rest than the weight: somebody who leans on it for long."""
+        rest_n = -_dot(self.disturbance.rest_n, self._up)
+        if self._known_n is not None:
+            self._excess_n, self._known_n = max(rest_n - self._known_n, 0.0), None
+        elif not math.isnan(self._before_n):
+            self._excess_n = max(self._excess_n + rest_n - self._before_n, 0.0)
+        self._before_n = rest_n
 
     def _clear(self) -> None:
+        self._known_n: float | None = None
+        self._excess_n, self._before_n = 0.0, math.nan
         self.support, self._age_s, self._still_s = math.nan, 0.0, 0.0
         self._still_n = [math.inf] * 3
         self._rest, self._lift = [], [0.0] * self._pads
+        self._recent.clear()
 
     def _enter(self, phase: Phase, why: str) -> None:
         self.phase = phase
@@ -206,19 +272,21 @@ class Handover:
             before + self._gain * (now - rest - before)
             for before, now, rest in zip(self._lift, pads, self._rest, strict=True)
         ]
-        self.support = sum(self._lift) / weight_n
+        own_n = self._excess_n / self._pads
+        lift = [value - own_n for value in self._lift]
+        self.support = sum(lift) / weight_n
         if not seen.active:
-            self._age_s = 0.0
+            self._recent.clear()
             return
         hand = _even_log(self.support, *p.take)
         light = normal_log(max(self.support, p.light[0]), *p.light)
-        self._age_s = self._age_s + self._period_s if hand > light else 0.0
+        self._age(hand > light, seen.sigma_n / weight_n)
         even = -math.log(2.0 * p.widest)
-        agree = self._agree()
+        agree = self._agree(lift)
         logs = {
             "hand": hand + agree,
             "light": light + agree,
-            "bump": even + agree + log_normal_longer_log(max(self._age_s, 1e-3), *p.bump_s),
+            "bump": even + agree + self._bump_longer_log(),
             "fault": even,
         }
         odds = [q * math.exp(v) for q, v in zip(p.priors, logs.values(), strict=True)]
@@ -230,6 +298,22 @@ class Handover:
                 f"borne for {self._age_s:.3f} s"
             )
             self._enter(Phase.TAKEN, why)
+
+    def _age(self, is_hand: bool, sigma: float) -> None:
+        """For how long the support has been that of a hand, and near its peak."""
+        if not is_hand:
+            self._recent.clear()
+        self._recent.append(self.support)
+        least, cycles = NEAR * max(self._recent) - sigma, 0
+        for support in reversed(self._recent):
+            if support < least:
+                break
+            cycles += 1
+        self._age_s = cycles * self._period_s if is_hand else 0.0
+
+    def _bump_longer_log(self) -> float:
+        """Logarithm of the share of bumps that are near their peak for longer than so far."""
+        return log_normal_longer_log(max(self._age_s / BUMP_NEAR, 1e-3), *self.parameters.bump_s)
 
     def _pad_lifts(self) -> list[float]:
         """What each pad is lifted with, newton; its rest is that of the sum, by the same rules."""
@@ -246,12 +330,12 @@ class Handover:
         self._rest = [r + moved for r in self._rest]
         return now
 
-    def _agree(self) -> float:
+    def _agree(self, lift: list[float]) -> float:
         """Logarithm of how well two pads agree that somebody lifts."""
-        total = sum(self._lift)
+        total = sum(lift)
         if self._pads != 2 or total <= 0.0:
             return 0.0
-        return beta_log(self._lift[0] / total, *self.parameters.agree)
+        return beta_log(lift[0] / total, *self.parameters.agree)
 
     def _take(self) -> None:
         """Close on what touches; what hangs still is received."""

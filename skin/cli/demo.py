@@ -6,6 +6,7 @@ import json as json_text
 import os
 import sys
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,6 +14,7 @@ import numpy as np
 import tyro
 
 from skin.cli import options
+from skin.cli.demo_picture import check_picture
 from skin.cli.table import facts
 
 __all__ = ["SUBCOMMANDS", "demo", "errors_against_truth"]
@@ -62,6 +64,8 @@ def demo(
 
     A sphere presses, slides and lifts all over the units. The picture shows the forces, the wrench
     and the centre of pressure beside the true ones; it needs matplotlib, all else does not.
+
+    Other demos, each with its own --help: skin demo grasp, gesture, pva, tea, grip.
     """
     import skin
     from skin.contact.record import SlipState
@@ -70,8 +74,9 @@ def demo(
     from skin.view.terminal import LiveTable
     from topology import load
 
+    _check_word(file)
     options.check_seconds(seconds, at_most=3600.0)
-    options.check_folder("--picture", picture)
+    check_picture(picture)
     options.check_seconds(view_seconds, option="--view-seconds")
     loaded = load(file)
     cycles = max(1, round(seconds * loaded.cycle_rate_hz))
@@ -115,6 +120,16 @@ def demo(
     if view and not json:
         _offer_view(file, seed, view_seconds)
     return 0
+
+
+def _check_word(file: str) -> None:
+    """Refuse what is neither a file, nor like a topology that is built in, nor another demo."""
+    from skin.errors import OptionError
+    from topology import builtin
+
+    is_word = not Path(file).suffix and not Path(file).exists()
+    if is_word and not get_close_matches(file, builtin, n=1):
+        raise OptionError.unknown("skin demo", file, [*builtin, *SUBCOMMANDS])
 
 
 def _offer_view(file: str, seed: int, seconds: float | None) -> None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from skin.cli import options
+from skin.cli.demo_picture import check_picture
 from skin.cli.table import columns
 
 if TYPE_CHECKING:
@@ -41,7 +42,7 @@ def demo_gesture(
     from skin.tasks.gesture_trial import asked_story, run_gestures
     from skin.view.gesture_picture import save_gestures
 
-    options.check_folder("--picture", picture)
+    check_picture(picture)
     check_number("--seed", seed, 0, MOST_SEED, whole=True)
     trial = run_gestures(seed, asked_story, pace=not fast)
     report: dict[str, object] = {"seed": seed, **_figures(trial)}

@@ -11,6 +11,7 @@ import numpy as np
 import tyro
 
 from skin.cli import options
+from skin.cli.demo_picture import check_picture
 from skin.cli.table import facts
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ def demo_grasp(
     from skin.tasks.grasp_trial import run_trial
     from skin.view.grasp_picture import save_grasp
 
-    options.check_folder("--picture", picture)
+    check_picture(picture)
     check_number("--seed", seed, 0, MOST_SEED, whole=True)
     trial = run_trial(seed, pace=not fast)
     report = {"seed": seed, **figures_of(trial)}

@@ -11,6 +11,7 @@ import numpy as np
 import tyro
 
 from skin.cli import options
+from skin.cli.demo_picture import check_picture
 from skin.cli.table import facts
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ def demo_grip(
     from skin.tasks.disturbance_score import figures_of
     from skin.view.grip_picture import save_grip
 
-    options.check_folder("--picture", picture)
+    check_picture(picture)
     check_number("--seed", seed, 0, MOST_SEED, whole=True)
     run = run_disturbance(seed, pace=not fast)
     thing = run.case.thing

@@ -8,6 +8,7 @@ from typing import Annotated
 import tyro
 
 from skin.cli import options
+from skin.cli.demo_picture import check_picture
 from skin.cli.demo_story import figures_of, reel_of, show
 
 __all__ = ["demo_tea"]
@@ -42,7 +43,7 @@ def demo_tea(
     from skin.errors import MOST_SEED, check_number
     from skin.tasks.tea import GOAL_C, run_tea
 
-    options.check_folder("--picture", picture)
+    check_picture(picture)
     check_number("--seed", seed, 0, MOST_SEED, whole=True)
     setting, story = run_tea(seed, pace=not fast)
     report = {

@@ -34,10 +34,11 @@ class Change(NamedTuple):
 
 
 class Does(NamedTuple):
-    """An action: a function of the station, and the names of its numbers."""
+    """An action: a function of the station, the names of its numbers, and of those it needs."""
 
     run: Callable[[Station, float, dict[str, float]], None]
     numbers: tuple[str, ...] = ()
+    needed: tuple[str, ...] = ()
 
 
 @dataclass
@@ -100,8 +101,10 @@ def play(
 ) -> Story:  # fmt: skip
     """Play a task file on a station to its end."""
     task = load_task(
-        file, fields=station.known_fields(), actions={name: do.numbers for name, do in does.items()}
-    )
+        file, fields=_examples(station),
+        actions={name: do.numbers for name, do in does.items()},
+        needed={name: do.needed for name, do in does.items()},
+    )  # fmt: skip
     runner = Runner(task, station.feels(), _bound(station, does))
     story, rows = Story(), []
     shaken: list[float] = []
@@ -127,6 +130,15 @@ def play(
     if shaken:
         story.shaken_hz = float(np.median(shaken))
     return story
+
+
+def _examples(station: Station) -> dict[str, object]:
+    """All fields, as they are now."""
+    found: dict[str, object] = {}
+    for field_name in station.known_fields():
+        first, _, name = field_name.partition(".")
+        found[field_name] = getattr(station.feels()[first], name)
+    return found
 
 
 def _bound(station: Station, does: Mapping[str, Does]) -> dict[str, Action]:

@@ -6,12 +6,17 @@ functions, and both are given by name.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from skin.tasks.task import Alarm, Condition, Step, Task
+from skin.errors import OptionError
+from skin.tasks.task import Alarm, Condition, Step, Task, kind_of
 
 __all__ = ["Action", "Passed", "Runner"]
+
+KEPT = 1000
+"""Steps that a time line keeps; older ones are forgotten [numeric]."""
 
 Action = Callable[[float, dict[str, float]], None]
 """Called every cycle with the seconds since the step began, and the step's numbers."""
@@ -56,6 +61,13 @@ class Runner:
     why : str
         Of a failure, what began it.
     timeline : list of Passed
+        The last thousand.
+
+    Raises
+    ------
+    OptionError
+        A step does what is no action, asks for what is no field, or compares it with what is of
+        another kind.
     """
 
     def __init__(
@@ -72,10 +84,37 @@ class Runner:
         self._since: dict[int, float] = {}
         self._failed = False
         self.outcome, self.why = "", ""
-        self.timeline: list[Passed] = []
+        self._passed: deque[Passed] = deque(maxlen=KEPT)
         self.step = task.steps[0].name
         self._began_s: float | None = None
         self._now_s = 0.0
+        self._check()
+
+    @property
+    def timeline(self) -> list[Passed]:
+        """See the class."""
+        return list(self._passed)
+
+    def _check(self) -> None:
+        """Whether all that is done and felt is there."""
+        for step in self.task.steps:
+            if step.do not in self._actions:
+                raise OptionError.unknown(f"step {step.name!r} do", step.do, self._actions)
+            self._check_conditions(f"step {step.name!r} until", self._until[step.name])
+        for alarm, when in self._alarms:
+            self._check_conditions(f"alarm {alarm.why!r} when", when)
+
+    def _check_conditions(self, where: str, conditions: list[Condition]) -> None:
+        for condition in conditions:
+            first, _, name = condition.field.partition(".")
+            if first != "step" and first not in self._feels:
+                raise OptionError.unknown(where, first, [*self._feels, "step"])
+            feel = self._feels.get(first)
+            if not (condition.field == "step.seconds" if first == "step" else hasattr(feel, name)):
+                raise OptionError(f"{where}: must be a field that there is; got {condition}")
+            kind = kind_of(self._value(condition.field))
+            if kind is not None and kind != kind_of(condition.value):
+                raise OptionError(f"{where}: must be a comparison with {kind}; got {condition}")
 
     def update(self, time_s: float) -> None:
         """Go on to this time: do the present step, and see whether it is over."""
@@ -88,7 +127,9 @@ class Runner:
         seconds = time_s - self._began_s
         self._actions[step.do](seconds, step.values)
         for number, (alarm, when) in enumerate(self._alarms):
-            if self._applies(alarm) and self._lasts(number, when, alarm.lasting_s, time_s):
+            if not self._applies(alarm):
+                self._since.pop(number, None)
+            elif self._lasts(number, when, alarm.lasting_s, time_s):
                 told = " and ".join(map(self._told, when))
                 self._fail(alarm.to, f"alarm, {alarm.why}: {told}", time_s)
                 return
@@ -137,8 +178,8 @@ class Runner:
 
     def _go(self, to: str | None, why: str, time_s: float, ends: str | None) -> None:
         assert self._began_s is not None
-        self.timeline.append(Passed(self.step, self._began_s, time_s, why))
-        self._since.clear()
+        self._passed.append(Passed(self.step, self._began_s, time_s, why))
+        self._since.pop(-1, None)  # alarms go on across steps
         self._began_s = None
         if ends is not None or to is None:
             self.outcome = "failed" if self._failed or ends == "failed" else "done"
@@ -150,6 +191,6 @@ class Runner:
         return 0.0 if self._began_s is None else self._now_s - self._began_s
 
 
-def _parsed(texts: list[str]) -> list[Condition]:
+def _parsed(texts: Sequence[str]) -> list[Condition]:
     conditions = [Condition.of(text) for text in texts]
     return [condition for condition in conditions if condition is not None]

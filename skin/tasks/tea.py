@@ -61,8 +61,8 @@ def _put_down(station: Station, seconds: float, values: dict[str, float]) -> Non
 
 DOES = MOVES | {
     "weigh": Does(_weigh),
-    "pour": Does(_pour, ("share",)),
-    "deliver": Does(_deliver, ("lift_m", "aside_m")),
+    "pour": Does(_pour, ("share",), ("share",)),
+    "deliver": Does(_deliver, ("lift_m", "aside_m"), ("lift_m", "aside_m")),
     "offer": Does(_offer),
     "let_go": Does(_let_go),
     "put_down": Does(_put_down),

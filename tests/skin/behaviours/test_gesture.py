@@ -1,12 +1,13 @@
 """Gestures on a block in a gripper, whose forces are made by hand, and of people simulated."""
 
 import math
+import re
 
 import numpy as np
 import pytest
 
 from bus.status import Status
-from skin.behaviours.gesture import GestureParameters, Gestures
+from skin.behaviours.gesture import GestureParameters, Gestures, Kind
 from skin.errors import OptionError
 from skin.tasks.gesture_trial import asked_story, run_gestures
 from skin.tasks.touch_trial import TOUCH_KINDS, run_touches
@@ -71,14 +72,66 @@ def test_away_from_the_person_is_a_push():
     assert (away.kind, here.kind) == ("push", "pull")
 
 
+@pytest.mark.parametrize("rise_s", [0.02, 0.15, 0.5])
+def test_a_pull_of_fifteen_seconds_is_told_once_and_its_end_is_no_gesture(rise_s):
+    gestures, held = rested()
+    told = play(gestures, held, ramp(1.2, rise_s, 15.0), 16.0, (0.0, 1.0, 0.0))
+    (last,) = ended(told)
+    assert (last.kind, last.duration_s) == ("pull", pytest.approx(10.0, abs=0.1))
+    assert max(time_s for time_s, _ in told) < 10.1
+    assert gestures.disturbance.rest_n[1] == pytest.approx(0.0, abs=0.1)
+    (again,) = ended(play(gestures, held, PULL, 1.2, (0.0, -1.0, 0.0)))
+    assert again.kind == "pull"
+    assert math.degrees(abs(again.angle_rad)) == pytest.approx(180.0, abs=6.0)
+
+
+def test_another_gesture_during_a_long_pull_is_told():
+    gestures, held = rested()
+    tap = half_sine(2.0, 0.05)
+    way = np.array([0.0, 1.0, 0.0])
+    told = []
+    for cycle in range(round(16.0 / 0.004)):
+        t = 0.004 * cycle
+        force = ramp(1.2, 0.15, 15.0)(t) * way + [0.0, 0.0, -tap(t - 12.0)]
+        if (gesture := gestures.update(held.cycle(force=force))) is not None and gesture.ended:
+            told.append(gesture)
+    assert [gesture.kind for gesture in told] == ["pull", "tap"]
+
+
 def test_a_drift_is_no_gesture():
     gestures, held = rested()
     assert play(gestures, held, lambda t: 0.05 * t, 6.0) == []
 
 
-def test_a_wrong_parameter_is_named():
-    with pytest.raises(OptionError, match="gestures: least_confidence"):
-        GestureParameters(least_confidence=1.5)
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"least_confidence": 1.5}, "gestures: least_confidence: must be a number from 0.5 to 1"),
+        ({"held": {}}, "gestures: held: must be one kind or more; got none"),
+        ({"touch": {"tap": 1.0}}, "gestures: touch 'tap': must be a Kind; got 1.0"),
+        ({"up": 1.0}, "gestures: up: must be 3 numbers; got 1.0"),
+        ({"up": (0.0, 0.0, 0.0)}, "gestures: up: must be a direction; got (0.0, 0.0, 0.0)"),
+        ({"towards": (0.0, math.nan, 0.0)}, "gestures: towards[1]: must be a number from -1000"),
+        ({"disturbance": {}}, "gestures: disturbance: must be a DisturbanceParameters; got {}"),
+    ],
+)
+def test_a_wrong_parameter_is_named(wrong, message):
+    with pytest.raises(OptionError, match=re.escape(message)):
+        GestureParameters(**wrong)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"duration_s": (0.0, 0.5)}, "kind: duration_s[0]: must be a number from 1e-06"),
+        ({"size_n": (1.0, 0.0)}, "kind: size_n[1]: must be a number from 0.001"),
+        ({"moved": (1.0, -1.0)}, "kind: moved[1]: must be a number from 0.001"),
+        ({"prior": 0.0}, "kind: prior: must be a number from 1e-09"),
+    ],
+)
+def test_densities_that_are_none_are_refused(wrong, message):
+    with pytest.raises(OptionError, match=re.escape(message)):
+        Kind(**{"duration_s": (0.1, 0.5), "size_n": (1.0, 0.5)} | wrong)
 
 
 def test_units_that_fall_silent_are_no_gesture_and_a_pull_goes_on():

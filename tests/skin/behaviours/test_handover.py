@@ -1,5 +1,7 @@
 """Handovers of a block whose forces are made by hand, and of a person on the simulator."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -26,11 +28,11 @@ def taken_s(told):
 
 @pytest.mark.parametrize("rise_s", [0.1, 0.3, 0.6])
 @pytest.mark.parametrize("share", [0.8, 1.0, 1.3])
-def test_a_hand_that_bears_the_weight_is_recognised_within_two_tenths(rise_s, share):
+def test_a_hand_that_bears_the_weight_is_recognised_within_three_tenths(rise_s, share):
     handover, held = giving()
     told = play(handover, held, ramp(share * held.weight_n, rise_s, 5.0), 1.5)
     half_s = rise_s * 0.5 / share
-    assert half_s < taken_s(told) < half_s + 0.2
+    assert half_s < taken_s(told) < half_s + 0.3
     assert handover.decisions.last.what == "taken"
     assert "borne for" in handover.decisions.last.why
 
@@ -41,16 +43,57 @@ def test_a_hand_that_bears_the_weight_is_recognised_within_two_tenths(rise_s, sh
         (half_sine(4.0, 0.05), (0.0, 0.0, 1.0)),
         (half_sine(1.5, 0.07), (0.0, 0.0, 1.0)),
         (half_sine(4.0, 0.08), (0.3, 0.5, 0.8)),
+        (half_sine(1.8, 0.25), (0.0, 0.0, 1.0)),
+        (half_sine(3.0, 0.2), (0.0, 0.0, 1.0)),
+        (lambda t: 1.5 * np.sin(4.0 * np.pi * t), (0.0, 0.0, 1.0)),
         (half_sine(0.5, 0.3), (0.2, 0.9, 0.4)),
         (ramp(0.5, 0.2, 0.9), (0.0, 0.0, 1.0)),
         (ramp(2.0, 0.2, 0.9), (0.0, 1.0, 0.0)),
         (ramp(-2.0, 0.2, 0.9), (0.0, 0.0, 1.0)),
     ],
-    ids=["bump", "soft bump", "oblique bump", "brush", "partial", "sideways", "down"],
+    ids=[
+        "bump",
+        "soft bump",
+        "oblique bump",
+        "slow bump",
+        "strong slow bump",
+        "swing",
+        "brush",
+        "partial",
+        "sideways",
+        "down",
+    ],
 )
 def test_what_is_not_a_take_releases_nothing(course, way):
     handover, held = giving()
     assert taken_s(play(handover, held, course, 1.2, way)) is None
+
+
+@pytest.mark.parametrize("size", [1.5, 3.0, 4.5])
+def test_who_pulls_it_down_for_long_and_lets_go_bears_nothing(size):
+    handover, held = giving()
+    told = play(handover, held, lambda t: -size if t < 11.0 else 0.0, 13.0)
+    assert taken_s(told) is None
+    assert handover.weight_n == pytest.approx(1.5, abs=0.1)
+    assert abs(handover.support) < 0.15
+    assert taken_s(play(handover, held, ramp(1.5, 0.3, 5.0), 1.0)) < 0.5
+
+
+def test_who_leans_on_it_from_the_start_bears_nothing_where_the_weight_is_known():
+    held = Held()
+    handover = Handover(held.topology)
+    handover.give(1.5)
+    told = play(handover, held, lambda t: -3.0 if t < 3.0 else 0.0, 4.5)
+    assert taken_s(told) is None
+    assert taken_s(play(handover, held, ramp(1.5, 0.3, 5.0), 1.0)) < 0.5
+    with pytest.raises(OptionError, match="handover: weight_n: must be a number from"):
+        handover.give(float("nan"))
+
+
+def test_a_hand_that_pulls_too_much_is_recognised_when_it_eases():
+    handover, held = giving()
+    told = play(handover, held, lambda t: 3.75 if t < 0.8 else 1.5, 2.0)
+    assert 0.8 < taken_s(told) < 1.2
 
 
 def test_without_a_weight_nothing_is_given():
@@ -110,9 +153,27 @@ def test_what_is_offered_is_received_when_it_hangs_still():
     assert handover.phase is Phase.IDLE
 
 
-def test_a_wrong_parameter_is_named():
-    with pytest.raises(OptionError, match="handover: least_n"):
-        HandoverParameters(least_n=-1.0)
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"least_n": -1.0}, "handover: least_n: must be a number from 1e-06 to 1000; got -1.0"),
+        ({"priors": (-1.0, 0.4, 0.4, 0.002)}, "handover: priors[0]: must be a number from 0 to 1"),
+        ({"priors": (np.nan,) * 4}, "handover: priors[0]: must be a number from 0 to 1; got nan"),
+        ({"priors": (0.5, 0.5, 0.5, 0.5)}, "handover: priors: must sum to 1; got 2"),
+        ({"priors": (0.5, 0.5)}, "handover: priors: must be 4 numbers; got (0.5, 0.5)"),
+        ({"take": (1.2, 0.8, 0.25)}, "handover: take: must rise; got (1.2, 0.8, 0.25)"),
+        ({"take": (0.8, 1.2, -0.25)}, "handover: take[2]: must be a number from 0.001 to 100"),
+        ({"light": (0.1, 0.0)}, "handover: light[1]: must be a number from 0.001 to 100; got 0.0"),
+        ({"bump_s": (-1.0, 0.5)}, "handover: bump_s[0]: must be a number from 0.001 to 1000"),
+        ({"agree": (0.0, 6.0)}, "handover: agree[0]: must be a number from 0.001 to 1000; got 0.0"),
+        ({"up": (0.0, 1.0)}, "handover: up: must be 3 numbers; got (0.0, 1.0)"),
+        ({"up": (0.0, 0.0, 0.0)}, "handover: up: must be a direction; got (0.0, 0.0, 0.0)"),
+        ({"disturbance": None}, "handover: disturbance: must be a DisturbanceParameters; got None"),
+    ],
+)
+def test_a_wrong_parameter_is_named(wrong, message):
+    with pytest.raises(OptionError, match=re.escape(message)):
+        HandoverParameters(**wrong)
 
 
 @pytest.mark.parametrize("seed", [1, 4])

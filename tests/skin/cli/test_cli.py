@@ -58,6 +58,8 @@ def test_every_command_has_help(name, capsys):
     ("arguments", "message"),
     [
         (["demo", "plam"], "nearest: 'palm'"),
+        (["demo", "pvaa"], "nearest: 'pva'"),
+        (["demo", "--picture", "x.docx"], "--picture: must be a file that ends with .png"),
         (["demo", "--seconds", "-1"], "--seconds: must be above 0"),
         (["run", "palm", "--seconds", "0"], "--seconds: must be above 0"),
         (["decode", "none.log", "--topology", "palm", "--output", "x.xls"], "must end in .csv"),
@@ -438,3 +440,10 @@ def test_an_unknown_topology_is_refused_alike(name, capsys, tmp_path):
         "plam: must be a file or a ready-made topology (fingertip, gripper, hand, palm, strip); "
         "got no such file; nearest: 'palm'\n"
     )
+
+
+def test_the_help_of_demo_names_all_demos(capsys):
+    with pytest.raises(SystemExit):
+        main(["demo", "--help"])
+    told = capsys.readouterr().out
+    assert all(word in told for word in ("grasp", "gesture", "pva", "tea", "grip"))

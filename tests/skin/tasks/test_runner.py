@@ -1,8 +1,12 @@
 """The runner against stories told by hand."""
 
 import math
+import re
 from types import SimpleNamespace
 
+import pytest
+
+from skin.errors import OptionError
 from skin.tasks.runner import Runner
 from skin.tasks.task import Alarm, Step, Task
 
@@ -103,3 +107,46 @@ def test_a_step_may_end_the_task():
     assert told.runner.outcome == "failed"
     told.go(1.0)
     assert len(told.runner.timeline) == 1
+
+
+def test_an_alarm_that_must_last_goes_on_across_steps():
+    alarm = Alarm(when=["it.good == false"], to="c", why="not good", lasting_s=1.0)
+    steps = [
+        step("a", ("step.seconds >= 0.4",)), step("b", ("step.seconds >= 0.4",), next="a", times=9),
+        step("c", ("step.seconds >= 0.1",), do="stop"),
+    ]  # fmt: skip
+    told = Told(steps, [alarm])
+    told.go(0.3)
+    told.go(1.6, good=False)
+    assert "alarm, not good" in told.runner.why
+    quiet = Told(steps, [Alarm(when=["it.good == false"], to="c", why="not good", lasting_s=1.0,
+                               not_in=["b"])])  # fmt: skip
+    quiet.go(4.0, good=False)
+    assert "alarm" not in quiet.runner.why
+
+
+def test_a_time_line_keeps_the_last_thousand_steps():
+    told = Told([step("a", ("step.seconds >= 0",), next="a")])
+    told.go(120.0)
+    assert len(told.runner.timeline) == 1000
+    assert told.runner.timeline[-1].ended_s > 125.0
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (step("a", do="dance"), "step 'a' do: must be one of 'do', 'stop'; got 'dance'"),
+        (step("a", ("that.value > 1",)), "step 'a' until: must be one of 'it', 'step'"),
+        (step("a", ("it.velue > 1",)), "step 'a' until: must be a field that there is; got it.vel"),
+        (step("a", ("step.second > 1",)), "step 'a' until: must be a field that there is"),
+        (step("a", ("it.good >= 1",)), "step 'a' until: must be a comparison with true or false"),
+    ],
+)
+def test_what_is_not_there_is_refused_before_anything_is_done(wrong, message):
+    with pytest.raises(OptionError, match=re.escape(message)):
+        Told([wrong])
+
+
+def test_a_field_that_is_none_is_not_known():
+    told = Told([step("a")])
+    assert told.go(0.5, value=None) == "a"

@@ -3,6 +3,7 @@
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import skin.tasks
@@ -59,10 +60,10 @@ def test_a_good_file_is_what_it_says(tmp_path):
         ("warmth.inside_c >=", "warmth.insde_c >=", 8, "steps[0] 'heat' until[0]",
          "must be the name of a field; got 'warmth.insde_c'; nearest: 'warmth.inside_c'"),
         (">= 75", ">= __import__('os')", 8, "steps[0] 'heat' until[0]",
-         "must be a field, a comparison and a number, true, false or a 'word'; got "
+         "must be a field, a comparison and a finite number, true, false or a 'word'; got "
          "\"warmth.inside_c >= __import__('os')\""),
         ("== 'heating'", ">= 'heating'", 8, "steps[0] 'heat' until[1]",
-         "must be a field, a comparison and a number, true, false or a 'word'; got "
+         "must be a field, a comparison and a finite number, true, false or a 'word'; got "
          "\"warmth.phase >= 'heating'\""),
         ('on_failure = "stop"', 'on_failure = "stopp"', 9, "steps[0] 'heat' on_failure",
          "must be the name of a step; got 'stopp'; nearest: 'stop'"),
@@ -79,6 +80,92 @@ def test_a_mistake_is_told_with_its_line(tmp_path, old, new, line, where, messag
         loaded(tmp_path, GOOD.replace(old, new, 1))
     first = f"{tmp_path / 'task.toml'}:{line}: {where}: {message}"
     assert any(told.startswith(first) for told in str(error.value).splitlines()), error.value
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "told"),
+    [
+        ('on_failure = "stop"', 'on_failure = "stop"\ntimeout_s = "5 s"', 10,
+         "steps[0] 'heat' timeout_s: must be a finite number greater than 0 and at most 86400; "
+         "got '5 s'"),
+        ('on_failure = "stop"', 'on_failure = "stop"\ntimeout_s = nan', 10,
+         "steps[0] 'heat' timeout_s: must be a finite number greater than 0 and at most 86400; "
+         "got nan"),
+        ('on_failure = "stop"', 'timeout_s = -1', 9,
+         "steps[0] 'heat' timeout_s: must be a finite number greater than 0 and at most 86400; "
+         "got -1"),
+        ('on_failure = "stop"', 'on_failur = "stop"', 9,
+         "steps[0] 'heat' on_failur: must be a known key; got 'on_failur'; nearest: 'on_failure'"),
+        ('until = ["step.seconds >= 1"]\n', '', 11,
+         "steps[1] 'stop': must have the key until, a list of texts with one at least, 16 at most; "
+         "got none"),
+        ('until = ["step.seconds >= 1"]', 'until = "step.seconds >= 1"', 14,
+         "steps[1] 'stop' until: must be a list of texts with one at least, 16 at most; got "
+         "'step.seconds >= 1'"),
+        ("with = { power_w = 100.0 }", 'with = "much"', 7,
+         "steps[0] 'heat' with: must be a table; got 'much'"),
+        ("100.0", '"much"', 7,
+         "steps[0] 'heat' with power_w: must be a finite number; got 'much'"),
+    ],
+)  # fmt: skip
+def test_a_value_of_another_kind_is_told_with_its_line_and_nothing_else(
+    tmp_path, old, new, line, told
+):
+    with pytest.raises(SceneError) as error:
+        loaded(tmp_path, GOOD.replace(old, new, 1))
+    assert str(error.value).splitlines() == [f"{tmp_path / 'task.toml'}:{line}: {told}"]
+
+
+def test_a_table_in_place_of_steps_is_told(tmp_path):
+    with pytest.raises(SceneError, match="steps: must be a list of tables with one at least"):
+        loaded(tmp_path, 'format = 1\nname = "x"\n[steps]\nname = "a"\n')
+
+
+def test_mistakes_of_kind_and_of_name_are_told_together(tmp_path):
+    text = GOOD.replace("100.0", '"much"').replace('do = "hold"', 'do = "hald"')
+    with pytest.raises(SceneError) as error:
+        loaded(tmp_path, text)
+    first, second = str(error.value).splitlines()
+    assert ":7: " in first
+    assert ":13: " in second
+
+
+LOOP = GOOD.replace('ends = "failed"', 'next = "heat"')
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "told"),
+    [
+        (GOOD.replace('on_failure = "stop"', 'next = "heat"'), 4,
+         "steps[0] 'heat': must have the key 'times', how often at most"),
+        (LOOP, 11, "steps[1] 'stop': must have the key 'times', how often at most"),
+        (GOOD.replace('ends = "failed"', 'on_failure = "heat"'), 9,
+         "steps[0] 'heat' on_failure: must be a step from which no failure leads back here"),
+        (GOOD.replace('on_failure = "stop"', 'ends = "done"').replace('to = "stop"',
+                                                                      'to = "heat"'), 12,
+         "steps[1] 'stop' name: must be a step that another step or an alarm leads to"),
+        (GOOD.replace("with = { power_w = 100.0 }\n", ""), 4,
+         "steps[0] 'heat': must have the key 'with.power_w', a number that 'heat' needs"),
+        (GOOD.replace(">= 75", ">= 1e999"), 8, "steps[0] 'heat' until[0]: must be a field"),
+        (GOOD.replace("hand.held == false", "hand.held >= 1"), 18,
+         "alarms[0] when[0]: must be a comparison of hand.held with true or false"),
+        (GOOD.replace("inside_c >= 75", "inside_c == 'hot'"), 8,
+         "steps[0] 'heat' until[0]: must be a comparison of warmth.inside_c with a number"),
+    ],
+)  # fmt: skip
+def test_what_could_never_hold_or_never_end_is_refused(tmp_path, text, line, told):
+    file = tmp_path / "task.toml"
+    file.write_text(text, encoding="utf-8")
+    fields = {"warmth.inside_c": math.nan, "warmth.phase": "steady", "hand.held": False}
+    with pytest.raises(SceneError) as error:
+        load_task(file, fields=fields, actions=ACTIONS, needed={"heat": ("power_w",)})
+    rows = str(error.value).splitlines()
+    assert any(row.startswith(f"{file}:{line}: {told}") for row in rows), error.value
+
+
+def test_a_loop_that_says_how_often_is_good(tmp_path):
+    task = loaded(tmp_path, LOOP.replace('next = "heat"', 'next = "heat"\ntimes = 3'))
+    assert task.steps[1].times == 3
 
 
 def test_all_mistakes_are_told_at_once(tmp_path):
@@ -106,6 +193,12 @@ def test_a_file_that_is_not_there_is_told():
         ("a.b == 'high'", "high", True),
         ("a.b != 'high'", "low", True),
         ("a.b >= 1", "high", False),
+        ("a.b >= 1", True, False),
+        ("a.b == true", 1.0, False),
+        ("a.b == true", np.bool_(True), True),
+        ("a.b != 5", np.float32("nan"), False),
+        ("a.b >= 5", np.float32(6.0), True),
+        ("a.b != 5", None, False),
     ],
 )
 def test_conditions_compare_and_what_is_not_known_does_not_hold(text, got, holds):
@@ -115,7 +208,9 @@ def test_conditions_compare_and_what_is_not_known_does_not_hold(text, got, holds
     assert Condition.of(str(condition)) == condition
 
 
-@pytest.mark.parametrize("text", ["", "a.b", "a.b = 1", "1 < a.b", "a.b < 1 or 2", "a() > 1"])
+@pytest.mark.parametrize(
+    "text", ["", "a.b", "a.b = 1", "1 < a.b", "a.b < 1 or 2", "a() > 1", "a > 1e999"]
+)
 def test_what_is_no_condition_is_none(text):
     assert Condition.of(text) is None
 
