@@ -14,7 +14,7 @@ import numpy as np
 
 from skin.behaviours.checks import check_patches
 from skin.behaviours.decision import Decisions
-from skin.behaviours.directions import unit_vector
+from skin.behaviours.numbers import unit_vector
 from skin.behaviours.pads import PadLoads, Pads
 from skin.errors import OptionError, check_kind, check_numbers, shown
 from skin.state import State

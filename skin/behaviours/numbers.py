@@ -1,12 +1,14 @@
-"""Checks of parameters that are several numbers."""
+"""Parameters that are several numbers, directions among them: checked."""
 
 from __future__ import annotations
 
 import math
+from numbers import Real
+from typing import Any
 
 from skin.errors import OptionError, check_number, shown
 
-__all__ = ["check_direction", "check_tuple"]
+__all__ = ["check_direction", "check_pair", "check_tuple", "unit_vector"]
 
 
 def check_tuple(where: str, values: object, *bounds: tuple[float, float]) -> None:
@@ -37,7 +39,42 @@ def check_direction(where: str, values: object, *, or_none: bool = False) -> Non
     OptionError
         It is none.
     """
-    check_tuple(where, values, *[(-1e3, 1e3)] * 3)
-    length = math.hypot(*values)  # pyright: ignore[reportGeneralTypeIssues]
-    if not length > 1e-6 and not (or_none and length == 0.0):
-        raise OptionError(f"{where}: must be a direction; got {shown(values)}")
+    if not (or_none and isinstance(values, tuple | list) and list(values) == [0.0, 0.0, 0.0]):
+        unit_vector(where, values)
+
+
+def unit_vector(where: str, value: Any) -> tuple[float, float, float]:
+    """A direction of three numbers, of length 1.
+
+    Raises
+    ------
+    OptionError
+        It has not three finite numbers, or no length.
+
+    Examples
+    --------
+    >>> unit_vector("down", (0, 0, -2))
+    (0.0, 0.0, -1.0)
+    """
+    is_three = isinstance(value, tuple | list) and len(value) == 3
+    if is_three and all(isinstance(one, Real) and not isinstance(one, bool) for one in value):
+        x, y, z = map(float, value)
+        length = math.hypot(x, y, z)
+        if math.isfinite(length) and length > 1e-9:
+            return x / length, y / length, z / length
+    raise OptionError(
+        f"{where}: must be three numbers (x, y, z), not all of them 0; got {shown(value)}"
+    )
+
+
+def check_pair(where: str, value: Any) -> tuple[Any, Any]:
+    """A lower and an upper end.
+
+    Raises
+    ------
+    OptionError
+        They are not two.
+    """
+    if not isinstance(value, tuple | list) or len(value) != 2:
+        raise OptionError(f"{where}: must be (low, high); got {shown(value)}")
+    return value[0], value[1]

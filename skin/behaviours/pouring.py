@@ -16,9 +16,9 @@ from enum import IntEnum
 import numpy as np
 
 from skin.behaviours.decision import Decisions
-from skin.behaviours.directions import unit_vector
 from skin.behaviours.heard_units import HeardUnits
 from skin.behaviours.kalman import JUDGED_S, Kalman, Noise
+from skin.behaviours.numbers import unit_vector
 from skin.behaviours.pads import PadLoads, Pads
 from skin.behaviours.warmth import Warmth
 from skin.errors import check_kind, check_number, check_numbers

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skin.behaviours.decision import Decisions
-from skin.behaviours.directions import check_pair, unit_vector
+from skin.behaviours.numbers import check_pair, unit_vector
 from skin.behaviours.pads import PadLoads, Pads
 from skin.behaviours.sine_fit import FIT_SIZE, fit_sine
 from skin.errors import check_kind, check_number, check_numbers

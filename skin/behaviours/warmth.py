@@ -17,9 +17,9 @@ from enum import IntEnum
 import numpy as np
 
 from skin.behaviours.decision import Decisions
-from skin.behaviours.directions import check_pair
 from skin.behaviours.gel import SMOOTH_S, Gel, GelMean
 from skin.behaviours.kalman import JUDGED_S, Kalman, Noise
+from skin.behaviours.numbers import check_pair
 from skin.errors import check_kind, check_number, check_numbers
 from skin.state import State
 from topology import Topology

@@ -166,8 +166,14 @@ def test_what_is_offered_is_received_when_it_hangs_still():
         ({"light": (0.1, 0.0)}, "handover: light[1]: must be a number from 0.001 to 100; got 0.0"),
         ({"bump_s": (-1.0, 0.5)}, "handover: bump_s[0]: must be a number from 0.001 to 1000"),
         ({"agree": (0.0, 6.0)}, "handover: agree[0]: must be a number from 0.001 to 1000; got 0.0"),
-        ({"up": (0.0, 1.0)}, "handover: up: must be 3 numbers; got (0.0, 1.0)"),
-        ({"up": (0.0, 0.0, 0.0)}, "handover: up: must be a direction; got (0.0, 0.0, 0.0)"),
+        (
+            {"up": (0.0, 1.0)},
+            "handover: up: must be three numbers (x, y, z)",
+        ),
+        (
+            {"up": (0.0, 0.0, 0.0)},
+            "handover: up: must be three numbers (x, y, z)",
+        ),
         ({"disturbance": None}, "handover: disturbance: must be a DisturbanceParameters; got None"),
     ],
 )
