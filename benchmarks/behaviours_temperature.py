@@ -74,7 +74,7 @@ def run(quick: bool) -> dict[str, Any]:
         "frequency_error_hz_worst": _or_none(lambda v: np.nanmax(np.abs(v)), hertz),
         "frequency_within_20mhz": rate(int((np.abs(hertz) <= 0.02).sum()), len(hertz)),
         "temperature_rmse_c": _rms([one["rmse_c"] for one in told]),
-        "within_2_sigma": float(np.mean([one["within_2_sigma"] for one in told])),
+        "within_2_sigma": _or_none(np.nanmean, [one["within_2_sigma"] for one in told]),
         **microseconds(Warmth(load("gripper"))),
     }
 
@@ -97,7 +97,7 @@ def table(figures: dict[str, Any]) -> str:
         f"  1 Hz within 0.02 Hz: {_share(told['frequency_within_20mhz'])}, worst "
         f"{_number(told['frequency_error_hz_worst'])} Hz off",
         f"  temperature within: {_number(told['temperature_rmse_c'])} °C rms off, "
-        f"{told['within_2_sigma']:.0%} within 2 sigma; {told['us_median']:.1f} µs a cycle",
+        f"{_number(told['within_2_sigma'])} within 2 sigma; {told['us_median']:.1f} µs a cycle",
     ])  # fmt: skip
 
 
@@ -171,7 +171,8 @@ def _or_none(of: Any, values: np.ndarray) -> float | None:
 
 
 def _rms(values: list[float]) -> float | None:
-    return float(np.sqrt(np.mean(np.square(values)))) if values else None
+    """Of runs that came so far."""
+    return _or_none(lambda v: np.sqrt(np.nanmean(v)), np.square(values))
 
 
 def _number(value: float | None) -> str:

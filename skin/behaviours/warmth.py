@@ -346,7 +346,7 @@ class Warmth:
         rising = max(self.rate_c_per_s - 2.0 * self.rate_sigma_c_per_s, 0.0)
         coming_c = self.inside_c + rising * ask.ahead_s
         over = coming_c + unsure >= ask.limit_c - (sigma if self.over_limit else 0.0)
-        if over != self.over_limit and (over or is_measured):
+        if over != self.over_limit and (self._found if over else is_measured):
             self.over_limit = over
             self._say("limit" if over else "below limit",
                       f"{self.inside_c:.1f} ± {sigma:.1f} °C, {coming_c:.1f} °C in "
