@@ -1,12 +1,8 @@
 """What friction has to bear on the pads of a gripper: tangential load and torsion, now and soon.
 
 A moment about the normal loads the faces that are far from its axis more than the others, and these
-slip first. Whether the others follow is a matter of friction in motion. So a pad holds where either
-of two things holds: its most loaded face, which bears the tangential load and, on top of it, the
-torsion over an arm, by friction at rest; or all faces together, which bear the root of the squares
-of both (the limit surface), by friction in motion. The demand is the lesser of the two, as a force
-that friction at rest must bear [derived; springs with Coulomb friction on 2 x 4 and 4 x 4 units,
-friction in motion 0.7 to 1, are within 10 % of it].
+slip first; where friction is less in motion than at rest, the others follow at once. So a pad's
+demand is what its most loaded face asks for: the tangential load, and the torsion over an arm.
 
 Noise must not shake the grip, and a pull must not wait for a mean. So three means of different
 length follow the loads, and the demand is the largest of the slow one, the fast one, and what a
@@ -60,13 +56,6 @@ class Means(NamedTuple):
     fast: np.ndarray
 
 
-class Contact(NamedTuple):
-    """Of pads and what they hold: the arm of the torsion, friction in motion over that at rest."""
-
-    arm_m: np.ndarray
-    kinetic_share: np.ndarray
-
-
 class Weights(NamedTuple):
     """Gains of the three means, the share of the rise that is added, and what noise is left of one
     sigma in the slow mean, in the fast one and in the forecast."""
@@ -97,14 +86,10 @@ class Demand:
         Newton by pad, a mean over 0.1 s.
     fast_n : float
         The same over 0.01 s.
-    first_n : float
-        The same of the most loaded faces alone: where these begin to slip.
-    borne_n : float
-        The same of all faces together, where all of them slip.
-    soon_borne_n : float
-        `borne_n`, as far as `soon_n` looks.
+    raw_n : float
+        Tangential load alone, in this cycle.
     pull_n : float
-        Tangential load alone, in this cycle, along its mean over 0.1 s.
+        The same along its mean over 0.1 s.
     sure_n : float
         `fast_n` less two of its sigmas: what is borne at least.
     soon_n : float
@@ -113,8 +98,11 @@ class Demand:
         One-sigma of what is followed: of `fast_n` while the load moves, else of `now_n`.
     is_moving : bool
         Whether the load rises or falls: the fast mean is off the slow one by more than noise.
+    borne_n : float
+        Newton by pad, a mean over 0.1 s: what all faces together bear where all of them slip, the
+        root of the squares of tangential load and torsion over arm.
     sigma_n : float
-        One-sigma of the tangential load, in one cycle.
+        One-sigma of `raw_n`.
     """
 
     def __init__(self, pads: int, period_s: float, horizon_s: float) -> None:
@@ -131,37 +119,28 @@ class Demand:
         )
         self._weights = weights
         self._means = Means(*(np.zeros((SIGNALS, pads)) for _ in Means._fields))
-        self._contact = Contact(np.zeros(1), np.zeros(1))
+        self._arm_m = np.zeros(1)
         self._loads: PadLoads | None = None
-        self._told = np.zeros(9)
+        self._told = np.zeros(8)
         self._is_first = np.ones(1, bool)
-        self.now_n = self.fast_n = self.sure_n = self.soon_n = self.pull_n = 0.0
-        self.first_n = self.borne_n = self.soon_borne_n = 0.0
+        self.now_n = self.fast_n = self.raw_n = self.sure_n = self.soon_n = self.pull_n = 0.0
+        self.borne_n = 0.0
         self.is_moving = False
         self.noise_n = 0.0
         self.sigma_n = UNKNOWN_SIGMA_N
 
-    def update(self, loads: PadLoads, arm_m: float, kinetic_share: float) -> None:
-        """Go on by a cycle; a pad that is not heard is left out.
-
-        Parameters
-        ----------
-        loads : PadLoads
-        arm_m : float
-            Mean distance of the load from its centre.
-        kinetic_share : float
-            Friction in motion over that at rest.
-        """
-        self._contact.arm_m[0], self._contact.kinetic_share[0] = arm_m, kinetic_share
+    def update(self, loads: PadLoads, arm_m: float) -> None:
+        """Go on by a cycle; a pad that is not heard is left out."""
+        self._arm_m[0] = arm_m
         if loads is not self._loads:  # those of `Pads` are the same tuple in every cycle
             self._loads = loads
             self._follow = Bound(
-                follow, loads, self._contact, self._weights, self._means, self._is_first, self._told
+                follow, loads, self._arm_m, self._weights, self._means, self._is_first, self._told
             )
         self._follow()
         (
-            self.now_n, self.fast_n, self.sure_n, self.soon_n, self.sigma_n, self.pull_n,
-            self.first_n, self.borne_n, self.soon_borne_n,
+            self.raw_n, self.now_n, self.fast_n, self.sure_n, self.soon_n, self.sigma_n,
+            self.pull_n, self.borne_n,
         ) = self._told.tolist()  # fmt: skip
         self.noise_n = self._weights.fast_noise * self.sigma_n
         least_n = MOVING * self.noise_n + MOVING_SHARE * self.now_n
@@ -185,33 +164,31 @@ def _left_forecast(fast: float, middle: float, forecast: float) -> float:
 
 
 @jitable
-def _faces(size, torsion, noise):
-    """What the most loaded face asks for, and what all of them ask for together."""
-    turn = FARTHEST * max(abs(torsion) - DOUBT * noise, 0.0)
-    return size + turn, np.sqrt(size * size + turn * turn)
+def _beyond(torsion, noise):
+    """What a torsion, as a force, adds at the most loaded face."""
+    return FARTHEST * max(abs(torsion) - DOUBT * noise, 0.0)
 
 
 def follow_python(
     loads: PadLoads,
-    contact: Contact,
+    arm_m: np.ndarray,
     weights: Weights,
     means: Means,
     is_first: np.ndarray,
     told: np.ndarray,
 ) -> None:
-    """Follow the loads; `told` becomes the attributes of `Demand`: slow, fast, sure, soon, sigma,
-    pull, first, borne, soon borne."""
-    pads, share = loads.load_n.size, contact.kinetic_share[0]
-    slow, fast, soon, pull, variance, heard = 0.0, 0.0, 0.0, 0.0, 0.0, 0
-    first, borne, fast_borne, soon_borne = 0.0, 0.0, 0.0, 0.0
+    """Follow the loads; `told` becomes the attributes of `Demand`: raw, slow, fast, sure, soon,
+    sigma, pull, borne."""
+    pads = loads.load_n.size
+    raw, slow, fast, soon, pull, borne, variance, heard = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0
     for pad in range(pads):
         if np.isnan(loads.load_n[pad]):
             continue
         sigma = loads.force_sigma_n[pad]
         sigma = UNKNOWN_SIGMA_N if np.isnan(sigma) else sigma
-        size_slow, size_fast, size_soon, along = 0.0, 0.0, 0.0, 0.0
+        size, size_slow, size_fast, size_soon, along = 0.0, 0.0, 0.0, 0.0, 0.0
         for row in range(4):
-            x = loads.shear_n[row, pad] if row < 3 else loads.torsion_nm[pad] / contact.arm_m[0]
+            x = loads.shear_n[row, pad] if row < 3 else loads.torsion_nm[pad] / arm_m[0]
             if is_first[0]:
                 means.slow[row, pad] = means.middle[row, pad] = means.fast[row, pad] = x
             means.slow[row, pad] += weights.slow * (x - means.slow[row, pad])
@@ -220,34 +197,29 @@ def follow_python(
             quick = means.fast[row, pad]
             forecast = quick + weights.forecast * (quick - means.middle[row, pad])
             if row < 3:
+                size += x * x
                 size_slow += means.slow[row, pad] ** 2
                 size_fast += quick * quick
                 size_soon += forecast * forecast
                 along += x * means.slow[row, pad]
-        size_slow = np.sqrt(size_slow)
-        most, all_of = _faces(size_slow, means.slow[3, pad], weights.slow_noise * sigma)
-        first += most
-        borne += all_of
-        slow += min(most, all_of / share)
-        most, all_of = _faces(np.sqrt(size_fast), means.fast[3, pad], weights.fast_noise * sigma)
-        fast_borne += all_of
-        fast += min(most, all_of / share)
-        most, all_of = _faces(np.sqrt(size_soon), forecast, weights.soon_noise * sigma)
-        soon_borne += all_of
-        soon += min(most, all_of / share)
-        pull += along / size_slow if size_slow > 0.0 else 0.0
+        torsion = means.slow[3, pad]
+        borne += np.sqrt(size_slow + torsion**2)
+        raw += np.sqrt(size)
+        slow += np.sqrt(size_slow) + _beyond(torsion, weights.slow_noise * sigma)
+        fast += np.sqrt(size_fast) + _beyond(means.fast[3, pad], weights.fast_noise * sigma)
+        soon += np.sqrt(size_soon) + _beyond(forecast, weights.soon_noise * sigma)
+        pull += along / np.sqrt(size_slow) if size_slow > 0.0 else 0.0
         variance += sigma * sigma
         heard += 1
     if heard == 0:
         return
     is_first[0] = False
     sigma = np.sqrt(variance) / heard
-    slow, fast, borne, fast_borne = slow / heard, fast / heard, borne / heard, fast_borne / heard
-    doubt = DOUBT * weights.soon_noise * sigma
-    told[0], told[1], told[2] = slow, fast, fast - 2.0 * weights.fast_noise * sigma
-    told[3] = max(slow, fast, min(soon / heard - doubt, FURTHEST * fast))
-    told[4], told[5], told[6], told[7] = sigma, pull / heard, first / heard, borne
-    told[8] = max(borne, fast_borne, min(soon_borne / heard - doubt, FURTHEST * fast_borne))
+    told[0], told[1], told[2] = raw / heard, slow / heard, fast / heard
+    told[3] = told[2] - 2.0 * weights.fast_noise * sigma
+    forecast = min(soon / heard - DOUBT * weights.soon_noise * sigma, FURTHEST * told[2])
+    told[4] = max(told[1], told[2], forecast)
+    told[5], told[6], told[7] = sigma, pull / heard, borne / heard
 
 
 follow = compiled(follow_python, fastmath={"contract"})

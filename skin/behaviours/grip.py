@@ -167,22 +167,22 @@ class GripControl:
         return 1.0 - self.shear_n / held_n if held_n > 0.0 else math.nan
 
     @property
+    def safety(self) -> float:
+        """Grip above the least that holds, now.
+
+        While a load moves, a slide may begin unseen. What slides drags by friction in motion times
+        grip: with a grip of (1 + safety) times that over friction at rest, the grip rises until
+        nothing slides any more if (1 + safety) times the ratio of the two is above 1.
+        """
+        own = self.parameters
+        if self._rested_s > RESTED_S:
+            return own.safety
+        return max(own.safety, CATCHES * self.friction / self.kinetic - 1.0)
+
+    @property
     def least_n(self) -> float:
         """The least grip that would hold what the pads bear now, by what is believed."""
         return self.demand.soon_n / self._sure_friction
-
-    @property
-    def safe_n(self) -> float:
-        """The grip that holds now, and while a load moves, catches what slides unseen.
-
-        What slides drags by friction in motion times grip: a grip above what all faces together ask
-        of that goes on to rise until nothing slides any more.
-        """
-        own = self.parameters
-        safe_n = (1.0 + own.safety) * self.least_n
-        if self._rested_s > RESTED_S:
-            return safe_n
-        return max(safe_n, CATCHES * self.demand.soon_borne_n / self._sure_kinetic)
 
     def release(self) -> None:
         """Let go, gently, from the next cycle on."""
@@ -211,7 +211,7 @@ class GripControl:
         if felt:
             self.load_n = sum(felt) / len(felt)
             self._read_contacts(state)
-            self.demand.update(loads, self._arm_m, self.kinetic / self.friction)
+            self.demand.update(loads, self._arm_m)
             self.shear_n = self.demand.fast_n
         if self.phase is Phase.CLOSING:
             self._grasp(elapsed_s, felt)
@@ -262,7 +262,7 @@ class GripControl:
         """The grip that is wanted: up at once, down slowly."""
         own = self.parameters
         self._rested_s = 0.0 if self.demand.is_moving else self._rested_s + elapsed_s
-        needed_n = self.safe_n + self.demand.noise_n / self._sure_friction
+        needed_n = (1.0 + self.safety) * self.least_n + self.demand.noise_n / self._sure_friction
         if self._slipped_s > BOOST_S:
             self._floor_n = 0.0
         if not self.is_tested and self.demand.now_n < own.lifted_n:
@@ -278,10 +278,6 @@ class GripControl:
     @property
     def _sure_friction(self) -> float:
         return max(self.friction - DOUBT * self.friction_sigma, 1e-3)
-
-    @property
-    def _sure_kinetic(self) -> float:
-        return self._sure_friction * self.kinetic / self.friction
 
     def _ask(self) -> None:
         """Go on with the probe, where something hangs."""
@@ -356,7 +352,7 @@ class GripControl:
             self.friction = max(seen, LEAST_FALL * self.friction)
             self.kinetic = min(self.kinetic, self.friction)
         why = "faces begin to slip" if self._is_alarmed else "friction is used up"
-        self._floor_n = (1.0 + own.safety) * demand.soon_borne_n / self.kinetic
+        self._floor_n = (1.0 + own.safety) * demand.soon_n / self.kinetic
         if self._floor_n > (1.0 + TOLD) * self.wanted_n:
             self._decide("grips harder", f"{why} at a ratio of {ratio:.2f}: {self._floor_n:.2f} N")
 
@@ -374,7 +370,7 @@ class GripControl:
         self._heard_s = 0.0
         needed_n, why = 0.0, "the other pads bear more"
         if some_heard:
-            needed_n = self.safe_n
+            needed_n = (1.0 + self.safety) * self.least_n
         safe_n = (1.0 + own.unheard_rise) * self._sure_n
         if self._unheard_s > own.unheard_s and needed_n < safe_n:
             needed_n, why = safe_n, f"a pad is silent for {self._unheard_s:.2f} s, to be safe"

@@ -110,7 +110,7 @@ class Probe:
         """Forget what it was at."""
         self.factor = 1.0
         self._count, self._mean_n = 0, 0.0
-        self._pull_n, self._first_n, self._borne_n = 0.0, 0.0, 0.0
+        self._pull_n, self._borne_n = 0.0, 0.0
         self._lack, self._rise = 0.0, 0.0
         self._loads: list[float] = []
         self._shears: list[float] = []
@@ -156,8 +156,7 @@ class Probe:
         if abs(demand.pull_n - self._mean_n) > STEADY * demand.sigma_n:
             self._count = 0
         if self._count >= self._wait + self._mean:
-            self._pull_n = self._mean_n
-            self._first_n, self._borne_n = demand.first_n, demand.borne_n
+            self._pull_n, self._borne_n = self._mean_n, demand.borne_n
             self.factor = math.exp(-LOOSENS_PER_S * self._period_s)
 
     def _onset(self, sigma_n: float) -> _Onset:
@@ -168,36 +167,23 @@ class Probe:
 
     def _answer(self, outcome: Outcome, sigma_n: float, onset: _Onset) -> Answer:
         borne_n, relative = self._borne_n, sigma_n / self._pull_n
-        kinetic = borne_n * onset.kinetic_per_load
-        asked_n, asked_sigma_n = self._asked(onset) if outcome is Outcome.SLID else (borne_n, 0.0)
-        friction = asked_n * onset.per_load
+        friction, kinetic = borne_n * onset.per_load, borne_n * onset.kinetic_per_load
         kinetic = kinetic if outcome is Outcome.SLID else friction
         noise = math.hypot(
             relative * math.sqrt(2.0 / self._mean), LOOSENS_PER_S * self._period_s,
-            onset.sigma_per_load / onset.per_load, asked_sigma_n / asked_n,
+            onset.sigma_per_load / onset.per_load,
         )  # fmt: skip
         self.restart()
         return Answer(outcome, friction, friction * noise, kinetic, borne_n)
 
-    def _asked(self, onset: _Onset) -> tuple[float, float]:
-        """What friction at rest bore as the slide began, and its one-sigma: the most loaded face
-        gave, or before it all together, as `skin.behaviours.demand` says."""
-        share, sigma = (
-            value / onset.per_load for value in (onset.kinetic_per_load, onset.sigma_kinetic)
-        )
-        ends = max(share - sigma, LEAST_SHARE), min(share + sigma, 1.0)
-        most_n, least_n = (min(self._first_n, self._borne_n / end) for end in ends)
-        return 0.5 * (most_n + least_n), 0.5 * (most_n - least_n)
-
 
 class _Onset(NamedTuple):
-    """Where a slide began: mean and one-sigma of one over the load there, in 1/N; the same of what
-    friction in motion bore over pull and load; the probability that it held all the time."""
+    """Where a slide began: mean and one-sigma of one over the load there, in 1/N; what friction in
+    motion bore over pull and load; the probability that it held all the time."""
 
     per_load: float
     sigma_per_load: float
     kinetic_per_load: float
-    sigma_kinetic: float
     held: float
 
 
@@ -221,20 +207,15 @@ def _onset(
     errors = np.concatenate([[0.0], np.cumsum(shears**2)]) - count * pulls**2
     most, ratio = pulls[:-1] / smooth, products / squares
     errors[:-1] += energy - ratio * products
-    spread = sigma_n / np.sqrt(squares)
-    chance = np.concatenate([_within(ratio, spread, most), [later]])
+    chance = np.concatenate([_within(ratio, sigma_n / np.sqrt(squares), most), [later]])
     weights = chance * np.exp(-0.5 * (errors - errors.min()) / sigma_n**2)
     weights /= weights.sum()
     at = 1.0 / np.concatenate([smooth, loads[-1:]])
     mean = float(weights @ at)
     sigma = math.sqrt(max(float(weights @ (at - mean) ** 2), 0.0))
     slid = max(1.0 - float(weights[-1]), 1e-9)
-    kinetics = np.clip(ratio, LEAST_SHARE * most, most)
-    kinetic = float(weights[:-1] @ kinetics) / slid
-    own = np.minimum(spread, (1.0 - LEAST_SHARE) / math.sqrt(12.0) * most) ** 2
-    off = math.sqrt(float(weights[:-1] @ ((kinetics - kinetic) ** 2 + own)) / slid)
-    kinetic, off = kinetic / pull_n, off / pull_n
-    return _Onset(mean, sigma, min(kinetic, mean), off, float(weights[-1]))
+    kinetic = float(weights[:-1] @ np.clip(ratio, LEAST_SHARE * most, most)) / (pull_n * slid)
+    return _Onset(mean, sigma, min(kinetic, mean), float(weights[-1]))
 
 
 def _within(ratio: np.ndarray, sigma: np.ndarray, most: np.ndarray) -> np.ndarray:

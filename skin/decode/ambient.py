@@ -8,11 +8,10 @@ the robot. All units of a body (patches of one frame) see one field, each in its
 filter holds it, a random walk that every untouched unit votes on. Unit by unit the votes have the
 noise of the field; those that have long disagreed with the others count little, single ones at most
 5 sigma. A unit near a loaded one has no vote, since the neighbour's film adds to its field, unless
-the decoder takes that off (`crosstalk`). Nor has one whose load, averaged over 0.05 s, is above 1.5
-sigma: what is held lightly pulls all units alike, as a field would. The filter follows within
-period · sqrt(noise² / (voters · 400 µT²/s · period)), the time constant of its steady state: 0.04 s
-with 64 voters, 0.17 s with 4. With fewer than 4 it holds its field, and its sigma widens as for a
-robot that turns at 1 rad/s, up to the 50 µT of knowing nothing.
+the decoder takes that off (`crosstalk`). The filter follows within period · sqrt(noise² / (voters ·
+400 µT²/s · period)), the time constant of its steady state: 0.04 s with 64 voters, 0.17 s with 4.
+With fewer than 4 it holds its field, and its sigma widens as for a robot that turns at 1 rad/s, up
+to the 50 µT of knowing nothing.
 
 **Zeros.** The frequency and the lateral field of a unit at rest drift. They are followed, with 30 s
 and 40 s and no faster than 1 Hz and 6 µT a minute, while the unit has been *calm* for 5 s: its

@@ -32,10 +32,6 @@ STEADY_C = 0.3
 LOADED_SIGMAS = 3.0
 """A unit whose load is above this many sigma of a single reading is loaded [assumed: as the contact
 gate]."""
-VOTING_SIGMAS = 1.5
-"""A unit whose averaged load is above this many sigma of a single reading does not vote: a light,
-even grip loads all units by less than a contact's gate, and the shear that it puts on all of them
-would pass for an ambient field [assumed: three times what a calm unit may have]."""
 CALM_SIGMAS = 0.5
 """A unit whose averaged load is within this share of the sigma of a single reading may be unloaded
 though Bz does not tell [assumed]."""
@@ -189,8 +185,7 @@ def _mark(model, memory, marks):
     for i in range(marks.size):
         undisturbed = marks[i] & disturbed == 0
         memory.alone_s[i] = memory.alone_s[i] if undisturbed else 0.0
-        light = abs(memory.fast_hz[i]) < VOTING_SIGMAS * model.units.sigma_hz[i]
-        marks[i] |= VOTES if undisturbed & light & (memory.age_s[i] > 0.0) else 0
+        marks[i] |= VOTES if undisturbed & (memory.age_s[i] > 0.0) else 0
 
 
 @jitable(inline=True)
@@ -288,8 +283,7 @@ def _follow(model, data):
         # what Bz tells of no press may be drift, up to what counts as a contact
         sigmas = LOADED_SIGMAS if known else CALM_SIGMAS
         calm = (
-            marks[i] & NEAR == 0
-            and memory.age_s[i] > 0.0
+            marks[i] & (VOTES | NEAR) == VOTES
             and abs(memory.slow_hz[i]) < sigmas * units.sigma_hz[i]
             and abs(memory.gel_c[i] - memory.film_c[i]) < STEADY_C
             and not (known and abs(memory.long_ut[2, i]) > units.witness_ut[i])

@@ -62,13 +62,12 @@ class NaiveAmbient:
         near = (self.near & loaded).any(axis=1)
         disturbed = loaded if self.near_votes else near
         state.alone_s[disturbed] = 0.0
-        light = np.abs(state.fast_hz) < 1.5 * self.sigma_hz
-        votes = ~disturbed & light & (state.age_s > 0.0)
+        votes = ~disturbed & (state.age_s > 0.0)
         for g in range(self.body.max() + 1):
             self.filter(state, reading, g, votes, dt_s)
         state.followed = np.zeros(self.skin.n, bool)
         for i in range(self.skin.n):
-            self.follow(state, i, not near[i] and state.age_s[i] > 0.0, dt_s)
+            self.follow(state, i, votes[i] and not near[i], dt_s)
         self.compose(state)
         return state
 

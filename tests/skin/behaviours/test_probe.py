@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 
@@ -15,20 +13,18 @@ PERIOD_S = 0.004
 class Felt:
     """As much of a `Demand` as a probe looks at."""
 
-    def __init__(self, pull_n, borne_n, sigma_n, twist=0.0):
-        self.pull_n, self.sigma_n = pull_n, sigma_n
-        self.first_n = borne_n * (1.0 + twist)
-        self.borne_n = borne_n * math.hypot(1.0, twist)
+    def __init__(self, pull_n, borne_n, sigma_n):
+        self.pull_n, self.borne_n, self.sigma_n = pull_n, borne_n, sigma_n
 
 
-def asked(shear_of, *, sigma_n=0.02, least_n=0.4, seed=0, start_n=4.0, twist=0.0):
+def asked(shear_of, *, sigma_n=0.02, least_n=0.4, seed=0, start_n=4.0):
     """The first answer, where the tangential load is a function of grip and of what slid before."""
     random, probe, slides = np.random.default_rng(seed), Probe(PERIOD_S), False
     for cycle in range(1000):
         load_n = start_n * probe.factor
         shear_n, slides = shear_of(load_n, slides, cycle)
         felt_n = shear_n + random.normal(0.0, sigma_n)
-        answer = probe.update(load_n, Felt(felt_n, shear_n, sigma_n, twist), least_n)
+        answer = probe.update(load_n, Felt(felt_n, shear_n, sigma_n), least_n)
         if answer is not None:
             return probe, answer
     raise AssertionError
@@ -48,22 +44,6 @@ def test_both_coefficients_of_friction_are_found(friction, kinetic):
     assert all(answer.outcome is Outcome.SLID for answer in answers)
     assert np.mean([a.friction for a in answers]) == pytest.approx(friction, rel=0.08)
     assert np.mean([a.kinetic for a in answers]) == pytest.approx(kinetic, rel=0.12)
-
-
-@pytest.mark.parametrize("kinetic_share", [1.0, 0.8, 0.6])
-def test_torsion_takes_its_share_of_friction(kinetic_share):
-    """Either the most loaded face gives, and all slide at once, or all come to slide, bit by bit:
-    then friction at rest is not seen, and what is told is between that in motion and it."""
-    twist, friction = 0.4, 0.6
-    all_n = math.hypot(1.0, twist)
-    asked_n = min(1.0 + twist, all_n / kinetic_share)
-    fallen = kinetic_share * asked_n / all_n
-    slide = coulomb(friction / asked_n, friction * fallen / asked_n)
-    found = [asked(slide, seed=seed, twist=twist)[1] for seed in range(20)]
-    told = np.mean([a.friction for a in found])
-    assert np.mean([a.kinetic for a in found]) == pytest.approx(kinetic_share * friction, rel=0.08)
-    least = kinetic_share if fallen == pytest.approx(1.0) else 1.0
-    assert 0.95 * least * friction < told < 1.1 * friction
 
 
 def test_sigma_of_friction_covers_its_error():

@@ -167,23 +167,6 @@ def test_loaded_units_and_those_near_have_no_vote():
     assert not ambient.followed[near].any()
 
 
-def test_shear_of_a_light_even_grip_is_no_ambient_field():
-    """All units are loaded by less than a contact's gate, and pulled the same way."""
-    skin = topology.load("palm").exact()
-    ambient, world = settled(skin)
-    world.drop_hz[:] = 2.5 * skin.parameters["frequency_noise_hz"]
-    world.run(ambient, 0.2)
-    before = ambient.field_ut.copy()
-    world.stray_ut[0] = 60.0
-    world.run(ambient, 4.0)
-    assert ambient.voters.tolist() == [0]
-    assert np.array_equal(ambient.field_ut, before)
-    world.drop_hz[:] = skin.parameters["frequency_noise_hz"]
-    world.run(ambient, 1.0)
-    assert ambient.voters.tolist() == [64]
-    assert 45.0 < np.abs(ambient.field_ut).max() < 75.0
-
-
 def test_units_near_a_press_vote_where_cross_talk_is_taken_off():
     skin = topology.load("palm").exact()
     ambient, world = settled(skin, crosstalk=True)
