@@ -11,7 +11,9 @@ noise of the field; those that have long disagreed with the others count little,
 the decoder takes that off (`crosstalk`). The filter follows within period · sqrt(noise² / (voters ·
 400 µT²/s · period)), the time constant of its steady state: 0.04 s with 64 voters, 0.17 s with 4.
 With fewer than 4 it holds its field, and its sigma widens as for a robot that turns at 1 rad/s, up
-to the 50 µT of knowing nothing.
+to the 50 µT of knowing nothing. **Limit:** what loads all units of a body by less than 3 sigma of a
+reading and pulls them alike, as a light grip may, passes for a field, and its shear is lost; where
+that matters and the robot does not turn, open the skin with `ambient=False`.
 
 **Zeros.** The frequency and the lateral field of a unit at rest drift. They are followed, with 30 s
 and 40 s and no faster than 1 Hz and 6 µT a minute, while the unit has been *calm* for 5 s: its
