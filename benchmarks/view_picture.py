@@ -33,7 +33,6 @@ def run(quick: bool) -> dict:
     now_ns = [0]
     snapshot.time = SimpleNamespace(monotonic_ns=lambda: now_ns[0])
     opened = product.open(palm.exact(), transports=ends, pace=False, deadline_s=0.002)
-    opened.nodes = nodes  # so that time is that of the units
     with opened, show(opened, port=0) as view:
         browser = Browser(view.address, SIZE)
         try:

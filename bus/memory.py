@@ -58,6 +58,8 @@ class MemoryTransport(Transport):
         answer a SYNC at once and in one thread.
     """
 
+    keeps_stamps = True
+
     def __init__(self, channel: str, index: int = 0, capacity: int = 8192) -> None:
         super().__init__(index)
         with _channels_lock:

@@ -67,9 +67,13 @@ class Transport(ABC):
         The last CHANGES_KEPT changes of `state`, oldest first. The caller may take them out.
     clock : ClockModel or None
         From the interface's own clock to the kernel's, for interfaces that may have one.
+    keeps_stamps : bool
+        Whether frames arrive with the stamps that their senders gave them: simulated time passes
+        through such a bus.
     """
 
     clock: ClockModel | None = None
+    keeps_stamps: bool = False
 
     def __init__(self, index: int = 0) -> None:
         self.index = index

@@ -87,6 +87,9 @@ class Skin(Moving):
         self._period_ns = round(1e9 / topology.cycle_rate_hz)
         self._lull, self._has_lull = Lull(self._period_ns), wait == "event"
         self._sends_sync = sync == "host" and topology.buses[0].sync_id is not None
+        self._tells_time = all(bus.sync_id is not None for bus in topology.buses) and all(
+            end.keeps_stamps for end in transports
+        )
         self._sync_frames = sync_frames(topology)
         self._wire_ns = sync_ns(topology) if nodes is None else 0 * sync_ns(topology)
         self._started_ns, self._epoch_ns = time.monotonic_ns(), time.time_ns()
@@ -310,8 +313,9 @@ class Skin(Moving):
 
     def _stamp_ns(self) -> int:
         """Now, of a clock that nobody sets. Simulated units that need not wait live in a time of
-        their own, a period a cycle."""
-        if self.simulated and not self._pace:
+        their own, a period a cycle, and so does a bus within this process, whose frames bear the
+        stamps of the SYNCs that they answer."""
+        if (self.simulated or self._tells_time) and not self._pace:
             return self._epoch_ns + self._number * self._period_ns
         return self._epoch_ns + time.monotonic_ns() - self._started_ns
 

@@ -1,7 +1,8 @@
 """Injector: the faults of a script, done to frames, and counted.
 
 What was done is counted by kind, so that a test can hold it against what the receiver has counted.
-Which frames are hit depends on the seed and on the frames alone, not on how they fall into batches.
+Which frames are hit depends on the seed and on the frames alone, not on how they fall into batches,
+nor, where the script goes by a scene's time, on how fast the machine is.
 A frame that a fault has put in is never hit by another, so that what comes out is bounded by what
 went in.
 """
@@ -33,8 +34,9 @@ class Injector:
         The skin.
     index : int
         Bus of the topology whose frames these are.
-    clock : callable
-        Gives the time, in ns, of frames that have no stamp.
+    clock : callable, optional
+        Gives the time, in ns, by which the script goes, asked for once for each call. If not given,
+        the script goes by the stamps of the frames.
 
     Attributes
     ----------
@@ -50,7 +52,7 @@ class Injector:
         topology: Topology | None = None,
         *,
         index: int = 0,
-        clock: Callable[[], int] = time.time_ns,
+        clock: Callable[[], int] | None = None,
     ) -> None:
         check_script(script, topology)
         self.injected: dict[str, int] = {}
@@ -81,10 +83,11 @@ class Injector:
         frames["origin"] &= ECHO
         unstamped = frames["stamp_ns"] == 0
         if unstamped.any():
-            frames["stamp_ns"][unstamped] = self._clock()
+            frames["stamp_ns"][unstamped] = time.time_ns()
+        now_ns = None if self._clock is None else self._clock()
         for stage in self._stages:
             before = stage.injected
-            frames = stage(frames)
+            frames = stage(frames, now_ns)
             self.injected[stage.kind] += stage.injected - before
         frames["origin"] &= ECHO
         return frames

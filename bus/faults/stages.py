@@ -57,12 +57,14 @@ class _Stage:
         self._most = 1 if once else fault.count
         self._from_s = fault.from_s if fault.at_s is None else fault.at_s
 
-    def __call__(self, frames: np.ndarray) -> np.ndarray:
+    def __call__(self, frames: np.ndarray, now_ns: int | None = None) -> np.ndarray:
+        """Do what the fault is to frames: at `now_ns`, all of them, or at their stamps if None."""
         if not frames.size:
             return frames
+        times_ns = frames["stamp_ns"] if now_ns is None else np.full(frames.size, now_ns)
         if not self._has_begun:
-            self._has_begun, self._origin_ns = True, int(frames["stamp_ns"][0])
-        return self.apply(frames, self._select(frames))
+            self._has_begun, self._origin_ns = True, int(times_ns[0])
+        return self.apply(frames, self._select(frames, times_ns))
 
     def apply(self, frames: np.ndarray, hits: np.ndarray) -> np.ndarray:
         """Do to `frames`, at the rows `hits`, what the fault is."""
@@ -104,11 +106,11 @@ class _Stage:
                     ids.append(can_id)
         return np.array(ids, np.uint32) if ids or topology is not None else None
 
-    def _select(self, frames: np.ndarray) -> np.ndarray:
+    def _select(self, frames: np.ndarray, times_ns: np.ndarray) -> np.ndarray:
         """Rows that the fault hits."""
         fault = self.fault
         found = self.matches(frames)
-        time_s = (frames["stamp_ns"].astype(np.float64) - self._origin_ns) * 1e-9
+        time_s = 1e-9 * (times_ns.astype(np.float64) - self._origin_ns)
         found &= time_s >= self._from_s
         if fault.to_s is not None:
             found &= time_s < fault.to_s

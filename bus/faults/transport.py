@@ -37,8 +37,9 @@ class FaultyTransport(Transport):
         bus of its `index`.
     direction : "receive" or "send"
         Which frames are hit: a host's end receives, the end of simulated units sends.
-    clock : callable
-        Gives the time, in ns, of frames that have no stamp.
+    clock : callable, optional
+        Gives the time, in ns, by which the script goes: that of a scene, where units are
+        simulated. If not given, the script goes by the stamps of the frames.
 
     Attributes
     ----------
@@ -59,7 +60,7 @@ class FaultyTransport(Transport):
         topology: Topology | None = None,
         *,
         direction: Literal["receive", "send"] = "receive",
-        clock: Callable[[], int] = time.time_ns,
+        clock: Callable[[], int] | None = None,
     ) -> None:
         super().__init__(inner.index)
         if direction not in ("receive", "send"):
@@ -67,7 +68,7 @@ class FaultyTransport(Transport):
         if not isinstance(script, FaultScript):
             script = load_script(script, topology)
         self.inner = inner
-        self.clock = inner.clock
+        self.clock, self.keeps_stamps = inner.clock, inner.keeps_stamps
         self._inject = Injector(script, seed, topology, index=inner.index, clock=clock)
         self._receives = direction == "receive"
         self._heard = FrameBatch(1024)

@@ -76,6 +76,7 @@ class LoggedTransport(Transport):
         super().__init__(inner.index)
         self.inner, self._recording = inner, recording
         self.changes, self.clock = inner.changes, inner.clock
+        self.keeps_stamps = inner.keeps_stamps
 
     @property
     def counters(self) -> TransportCounters:

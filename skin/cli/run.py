@@ -7,6 +7,7 @@ import sys
 import time
 from contextlib import ExitStack
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -197,7 +198,8 @@ def simulated(
         return ends, None, nodes.exact
     if faults := own_faults(played):
         for i, end in enumerate(ends):
-            ends[i] = FaultyTransport(end, faults, topology=topology)
+            clock = partial(nodes.time_ns, i)
+            ends[i] = FaultyTransport(end, faults, topology=topology, clock=clock)
     return ends, played.seconds, nodes.exact
 
 

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterable
 from contextlib import ExitStack
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -191,7 +192,9 @@ def _serve(
     if recording is not None:
         transports = [LoggedTransport(end, recording) for end in transports]
     faulty = [] if script is None else [
-        FaultyTransport(end, script, topology=topology, direction="send") for end in transports
+        FaultyTransport(
+            end, script, topology=topology, direction="send", clock=partial(nodes.time_ns, i)
+        ) for i, end in enumerate(transports)
     ]  # fmt: skip
     names = ", ".join(f"{bus.interface} {bus.channel}".rstrip() for bus in topology.buses)
     print(f"{topology.n} units on {names}; Ctrl-C ends it", file=sys.stderr, flush=True)

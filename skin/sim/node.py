@@ -128,6 +128,10 @@ class Nodes:
         """Remembered cycles and their truths, oldest first."""
         return tuple(self._sampled.history)
 
+    def time_ns(self, bus: int = 0) -> int:
+        """Of the scene, at the latest cycle of a bus: by it the faults of a scene go."""
+        return round(1e9 * self._sent[bus] / self.topology.cycle_rate_hz)
+
     # -- frames ------------------------------------------------------------------------------------
 
     def respond(self, records: np.ndarray, out: FrameBatch, bus: int = 0) -> int:

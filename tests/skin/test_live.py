@@ -18,6 +18,7 @@ from bus.memory import MemoryTransport
 from bus.status import Status
 from skin.errors import SkinError
 from skin.pacing import SYNC_BITS
+from skin.sim.attached import in_process
 from skin.sim.node import Nodes
 from skin.state import WANTS
 from tests.fixtures.live import frames_of
@@ -49,6 +50,16 @@ def test_every_ready_made_skin_runs_simulated(name):
         assert opened.counters.lost == 0
         assert opened.counters.data == 20 * len(opened.topology.frames)
         assert opened.trouble(state) == {}
+
+
+def test_a_bus_within_the_process_that_need_not_wait_has_a_time_of_its_own():
+    """So that neither faults nor forces hang on how fast this machine is."""
+    loaded = topology.load("strip")
+    nodes = Nodes(loaded)
+    with skin.open(loaded, transports=in_process(nodes), pace=False) as opened:
+        stamps_ns = [state.stamp_ns for state in take(opened, 50)]
+    period_ns = round(1e9 / loaded.cycle_rate_hz)
+    assert np.diff(stamps_ns).tolist() == [period_ns] * 49
 
 
 def test_state_follows_the_truth():

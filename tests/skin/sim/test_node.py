@@ -43,6 +43,17 @@ def sync(counter: int, **fields: int) -> np.ndarray:
     return record
 
 
+def test_the_clock_of_the_faults_of_a_scene_is_that_of_its_cycles() -> None:
+    nodes, (near, far) = Nodes(STRIP), MemoryTransport.pair()
+    nodes.attach([far])
+    told = []
+    for number in (3, 4, 9, 255, 256, 300):
+        near.send(sync(number, stamp_ns=1 + 10**9 * (number % 2)))
+        told.append(nodes.time_ns())
+    period_ns = 1e9 / STRIP.cycle_rate_hz
+    assert told == [round(period_ns * cycle) for cycle in (3, 4, 9, 255, 256, 300)]
+
+
 def free_running(topology: Topology) -> Topology:
     """The same skin without SYNC."""
     buses = tuple(msgspec.structs.replace(bus, sync_id=None) for bus in topology.buses)
