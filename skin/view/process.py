@@ -47,11 +47,11 @@ class Viewer:
         self._scene: Scene | None = None
         self._newest: Any = np.zeros(1, end.ring.dtype)[0]
         self._owes_words, self._words_due_s = False, 0.0
-        self._is_over = False
         self._connect()
 
     def _connect(self) -> None:
-        """Let whoever comes next look from where the last one did."""
+        """Let whoever comes next look from where the last one did. What the threads of the server
+        hear is written by `run` alone: it is the one that knows whether there is still a server."""
         server = self._server
 
         @server.on_client_connect
@@ -60,12 +60,9 @@ class Viewer:
 
         @server.on_client_disconnect
         def left(client: Any) -> None:
-            if self._is_over:
-                return
-            camera, first = client.camera, server.initial_camera
-            first.position, first.look_at, first.up = (
-                camera.position, camera.look_at, camera.up_direction,
-            )  # fmt: skip
+            camera = client.camera
+            pose = camera.position, camera.look_at, camera.up_direction
+            self._panel.wishes.put(("left", pose))
 
     def run(self) -> None:
         """Go on until the loop ends."""
@@ -81,7 +78,6 @@ class Viewer:
             if command is not None:
                 self._obey(command)
             elif ended:
-                self._is_over = True
                 self._server.stop()
                 return
 
@@ -120,7 +116,11 @@ class Viewer:
         """Do what browsers asked for; True where that changed the picture."""
         panel, is_changed = self._panel, False
         while not panel.wishes.empty():
-            wish, client = panel.wishes.get()
+            wish, of = panel.wishes.get()
+            if wish == "left":
+                first = self._server.initial_camera
+                first.position, first.look_at, first.up = of
+                continue
             is_changed = True
             if wish == "pause":
                 panel.pause()
@@ -131,9 +131,10 @@ class Viewer:
             elif wish == "tare":
                 self._end.ring.call()
                 panel.told("asked for: touch nothing for two seconds")
-            elif wish in (MOMENT, STRETCH) and client is not None and self._scene is not None:
-                page = self._page(0.0 if wish == MOMENT else EXPORTED_S)
-                client.send_file_download(f"{self._title}.html", page.encode())
+            elif wish in (MOMENT, STRETCH) and of is not None and self._scene is not None:
+                page = self._page(0.0 if wish == MOMENT else EXPORTED_S).encode()
+                if of.client_id in self._server.get_clients():  # it may have gone meanwhile
+                    of.send_file_download(f"{self._title}.html", page)
         return is_changed
 
     def _moment(self) -> Moment:

@@ -5,11 +5,15 @@ from __future__ import annotations
 import re
 import socket
 import sys
+from types import SimpleNamespace
+from unittest.mock import MagicMock
 
+import numpy as np
 import pytest
 
 from skin.errors import LibraryError, OptionError, SkinError
-from skin.view import show
+from skin.view import process, show
+from skin.view.panel import MOMENT
 from skin.view.server import LOOPBACK, address_of, check_installed, free_port, is_loopback
 from tests.fixtures.shown import Shown
 
@@ -66,3 +70,28 @@ def test_without_viser_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "viser", None)
     with pytest.raises(LibraryError, match=re.escape("pip install 'f3t-skin[view]'")):
         check_installed()
+
+
+def test_a_browser_that_leaves_as_the_view_ends_touches_no_server(monkeypatch):
+    """Threads of the server may hear of it after the server has stopped."""
+    heard = {}
+    server = MagicMock()
+    server.on_client_disconnect = lambda callback: heard.setdefault("left", callback)
+    monkeypatch.setattr(process, "open_server", lambda *_, **__: server)
+    asked = {"area": [1e-4], "title": "strip", "host": "127.0.0.1", "port": 1, "kept": 10,
+             "names": ["a"], "rate_hz": 250.0, "can_tare": False}  # fmt: skip
+    ring = SimpleNamespace(dtype=np.dtype("i8"))
+    viewer = process.Viewer(SimpleNamespace(request=asked, ring=ring))
+    first = server.initial_camera = SimpleNamespace()
+    camera = SimpleNamespace(position=(1, 2, 3), look_at=(0, 0, 0), up_direction=(0, 0, 1))
+    heard["left"](SimpleNamespace(camera=camera))
+    assert not vars(first)
+    assert not viewer._grant()
+    assert vars(first) == {"position": (1, 2, 3), "look_at": (0, 0, 0), "up": (0, 0, 1)}
+    # a page was asked for by somebody who has gone meanwhile
+    gone = MagicMock(client_id=7)
+    server.get_clients.return_value = {}
+    viewer._scene, viewer._page = object(), lambda seconds: "page"
+    viewer._panel.wishes.put((MOMENT, gone))
+    viewer._grant()
+    gone.send_file_download.assert_not_called()
