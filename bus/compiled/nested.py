@@ -40,7 +40,8 @@ def _build() -> Any:
     from numba.core.typed_passes import NativeLowering
 
     base_library: Any = JITCodeLibrary
-    for name in ("_optimize_final_module", "_finalize_final_module", "_finalize_dynamic_globals"):
+    for name in ("_optimize_final_module", "_finalize_final_module", "_finalize_dynamic_globals",
+                 "_get_compiled_object"):  # fmt: skip
         getattr(base_library, name)
 
     class NestedLibrary(base_library):
@@ -55,6 +56,16 @@ def _build() -> Any:
         def _finalize_final_module(self):
             self._finalize_dynamic_globals()
             self._finalized = True
+
+    class KernelLibrary(base_library):
+        """Code of a kernel, to be kept on disk whatever happened while it was compiled."""
+
+        def _get_compiled_object(self):
+            # LLVM hands machine code to a callback, and what is raised there, as by Ctrl-C or by a
+            # timer, is lost with the code.
+            if self._compiled_object is None:
+                self._compiled_object = self._codegen._tm.emit_object(self._final_module)
+            return super()._get_compiled_object()
 
     @register_pass(mutates_CFG=True, analysis_only=False)
     class NestedLowering(NativeLowering):
@@ -88,6 +99,9 @@ def _build() -> Any:
         _name = "kernel_lowering"
 
         def run_pass(self, state):
+            codegen = state.targetctx.codegen()
+            state.library = KernelLibrary(codegen, state.func_id.func_qualname)
+            state.library.enable_object_caching()
             super().run_pass(state)
             for variable in state.library._final_module.global_variables:
                 environment = lookup_environment(variable.name)

@@ -156,6 +156,42 @@ def test_variants_that_several_processes_have_compiled_first_are_not_mixed_up(
         assert run(*factors) == ["True"] * len(factors)
 
 
+INTERRUPTED = """
+import sys
+from numba.core.registry import cpu_target
+from bus.compiled.cache import watch
+from bus.compiled.jit import compiled
+
+def interrupt(*_):
+    raise KeyboardInterrupt
+
+def kernel_python(x):
+    return 3.0 * x
+
+engine = cpu_target.target_context.codegen()._engine._ee
+if sys.argv[1] == "interrupted":
+    engine._object_cache_notify = interrupt
+kernel = compiled(kernel_python)
+told = []
+with watch(told.append):
+    print(kernel(2.0), *told)
+"""
+
+
+def test_a_kernel_is_kept_although_its_compilation_was_interrupted(tmp_path, monkeypatch):
+    """LLVM's callback swallows what a signal raises in it, and numba has no machine code then."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    tmp_path.joinpath("interrupted.py").write_text(INTERRUPTED)
+    said = []
+    for how in ("interrupted", "not"):
+        command = [sys.executable, "-B", "interrupted.py", how]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+        said.append(done.stdout.split())
+        assert ("KeyboardInterrupt" in done.stderr) == (how == "interrupted")
+    assert said == [["6.0", "kernel_python"], ["6.0"]]
+
+
 def test_files_that_nobody_reads_go(tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
