@@ -1,11 +1,21 @@
-"""MdfReader: MDF 4 files with bus logging, through asammdf (the extra `mdf`)."""
+"""MdfReader: MDF 4 files with bus logging, through asammdf (the extra `mdf`).
+
+A file that is damaged may crash asammdf's C code, and with it the process. So it reads in a process
+of its own, ``python -m bus.logs.mdf FILE PIECE``, which hands the frames over piece by piece.
+"""
 
 from __future__ import annotations
 
+import os
+import pickle
+import subprocess
+import sys
 from collections.abc import Generator, Iterator
 from datetime import UTC, datetime, timedelta
-from importlib import import_module
-from typing import Any
+from importlib.util import find_spec
+from pathlib import Path
+from signal import Signals
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -47,48 +57,38 @@ class MdfReader(LogReader):
             beginning = file.read(len(_BEGINNINGS[0]))
         if beginning not in _BEGINNINGS:
             raise LogError(f"{self.path}: byte 0: must be 'MDF     '; got {beginning!r}")
-        try:
-            asammdf = import_module("asammdf")
-        except ImportError as error:
+        if find_spec("asammdf") is None:
             raise LogError(
                 f"{self.path}: must have asammdf; not installed: pip install 'f3t-skin[mdf]'"
-            ) from error
-        try:
-            with asammdf.MDF(self.path) as file:
-                for records in self._pieces(file):
-                    taken = 0
-                    while taken < records.size:
-                        taken += batch.extend(records[taken:])
-                        if not batch.room:
-                            yield
-        except LogError:
-            raise
-        except Exception as error:  # anything may come of reading a file that is damaged
-            raise LogError(f"{self.path}: must be a whole MDF 4 file; got: {error!r}") from error
+            )
+        for pair in self._pairs():
+            records, taken = self._assign(*pair), 0
+            while taken < records.size:
+                taken += batch.extend(records[taken:])
+                if not batch.room:
+                    yield
 
-    def _pieces(self, file: Any) -> Iterator[np.ndarray]:
-        """Yield the frames of all groups, merged by time, piece by piece."""
-        groups = []
-        for index, group in enumerate(file.groups):
-            names = {channel.name for channel in group.channels}
-            kind = next((kind for kind in _KINDS if kind in names), None)
-            if kind is not None and group.channel_group.cycles_nr:
-                groups.append(_Group(file, index, kind))
-        if not groups:
-            return
-        # A stamp that steps back must not change the order within a group.
-        stamps = [np.maximum.accumulate(group.stamps) for group in groups]
-        source = np.repeat(np.arange(len(groups)), [stamp.size for stamp in stamps])
-        source = source[np.argsort(np.concatenate(stamps), kind="stable")]
-        begin = file.header.start_time.astimezone(UTC) - _EPOCH
-        for first in range(0, source.size, _PIECE):
-            piece = source[first : first + _PIECE]
-            records, channels = np.zeros(piece.size, FRAME_DTYPE), np.zeros(piece.size, np.int64)
-            for g in np.unique(piece):
-                mine = piece == g
-                records[mine], channels[mine] = groups[g].read(int(mine.sum()))
-            records["stamp_ns"] += 1000 * (begin // timedelta(microseconds=1))
-            yield self._assign(records, channels)
+    def _pairs(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Frames and their bus channels, piece by piece, from the process that reads."""
+        reading = subprocess.Popen(
+            [sys.executable, "-P", "-m", __name__, str(self.path), str(_PIECE)],
+            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        )  # fmt: skip
+        assert reading.stdout is not None
+        with reading:
+            try:
+                while (told := _told(reading.stdout)) is not None:
+                    if not isinstance(told, str):
+                        yield told
+                    elif told:
+                        raise LogError(f"{self.path}: must be a whole MDF 4 file; got: {told}")
+                    else:
+                        return
+                why = _ended(reading.wait())
+                raise LogError(f"{self.path}: must be a whole MDF 4 file; got: {why}")
+            finally:
+                reading.kill()
 
     def _assign(self, records: np.ndarray, channels: np.ndarray) -> np.ndarray:
         """Give each frame its bus; return those of buses that count."""
@@ -102,6 +102,45 @@ class MdfReader(LogReader):
         bus = buses[inverse]
         records["bus"] = np.maximum(bus, 0)
         return records[bus != LEFT_OUT]
+
+
+def _told(pipe: BinaryIO) -> Any:
+    """What the process that reads says next; None where it has ended in the midst of it."""
+    try:
+        return pickle.load(pipe)
+    except (EOFError, pickle.UnpicklingError):
+        return None
+
+
+def _ended(status: int) -> str:
+    """How the process that reads has ended, in words."""
+    how = f"signal {Signals(-status).name}" if status < 0 else f"status {status}"
+    return f"the end of the process that reads it, {how}"
+
+
+def _pieces(file: Any, size: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield the frames of all groups and their channels, merged by time, piece by piece."""
+    groups = []
+    for index, group in enumerate(file.groups):
+        names = {channel.name for channel in group.channels}
+        kind = next((kind for kind in _KINDS if kind in names), None)
+        if kind is not None and group.channel_group.cycles_nr:
+            groups.append(_Group(file, index, kind))
+    if not groups:
+        return
+    # A stamp that steps back must not change the order within a group.
+    stamps = [np.maximum.accumulate(group.stamps) for group in groups]
+    source = np.repeat(np.arange(len(groups)), [stamp.size for stamp in stamps])
+    source = source[np.argsort(np.concatenate(stamps), kind="stable")]
+    begin = file.header.start_time.astimezone(UTC) - _EPOCH
+    for first in range(0, source.size, size):
+        piece = source[first : first + size]
+        records, channels = np.zeros(piece.size, FRAME_DTYPE), np.zeros(piece.size, np.int64)
+        for g in np.unique(piece):
+            mine = piece == g
+            records[mine], channels[mine] = groups[g].read(int(mine.sum()))
+        records["stamp_ns"] += 1000 * (begin // timedelta(microseconds=1))
+        yield records, channels
 
 
 class _Group:
@@ -159,3 +198,26 @@ class _Group:
         records["id"], records["length"] = can_id, length
         records["origin"] = np.where(column("Dir") > 0, ECHO, 0)
         return records, column("BusChannel")
+
+
+def main() -> None:
+    """Hand the frames of a file over: pairs of arrays, then an empty text, or what went wrong."""
+    path, size = Path(sys.argv[1]), int(sys.argv[2])
+    with os.fdopen(os.dup(1), "wb") as out:
+        os.dup2(2, 1)  # whatever a library prints is no part of what is handed over
+        try:
+            import asammdf
+
+            with asammdf.MDF(path) as file:
+                for pair in _pieces(file, size):
+                    pickle.dump(pair, out, pickle.HIGHEST_PROTOCOL)
+            told = ""
+        except BrokenPipeError:  # nobody reads on
+            os._exit(0)
+        except Exception as error:  # anything may come of reading a file that is damaged
+            told = repr(error)
+        pickle.dump(told, out)
+
+
+if __name__ == "__main__":
+    main()

@@ -304,6 +304,29 @@ def test_a_damaged_mf4_is_refused(tmp_path):
         read_all(path)
 
 
+@pytest.mark.parametrize(
+    ("does", "told"),
+    [
+        ("os.kill(os.getpid(), signal.SIGSEGV)", "signal SIGSEGV"),
+        ("os._exit(3)", "status 3"),
+    ],
+)
+def test_a_crash_of_the_library_is_an_error_of_the_file(does, told, tmp_path, monkeypatch):
+    """A stand-in ends its process in the midst of a file, as asammdf's C code does."""
+    (tmp_path / "asammdf.py").write_text(
+        f"import os, signal\n\ndef MDF(path):\n    print('noise', flush=True)\n    {does}\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "asammdf", raising=False)
+    path = tmp_path / "some.mf4"
+    path.write_bytes(b"MDF     4.10")
+    with pytest.raises(LogError) as raised:
+        read_all(path)
+    assert str(raised.value) == (
+        f"{path}: must be a whole MDF 4 file; got: the end of the process that reads it, {told}"
+    )
+
+
 def test_mf4_without_asammdf_names_the_extra(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "asammdf", None)
     path = tmp_path / "some.mf4"
