@@ -4,16 +4,17 @@ import os
 from pathlib import Path
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 # One fixed place: a kernel compiles once for all test processes, the commands that tests start and
 # the kernel of the vcan tests included, whatever folder they run in. Set before numba is imported.
 os.environ["NUMBA_CACHE_DIR"] = str(Path(__file__).parent.parent / "build" / "numba")
 
-# No deadline: a law is not about time. In CI the same examples each time, so that a red run is
-# about the change at hand; on a desk new ones.
+# Neither a deadline nor a check of speed: a law is not about time. In CI the same examples each
+# time, so that a red run is about the change at hand; on a desk new ones.
 settings.register_profile(
-    "f3t", deadline=None, max_examples=50, derandomize="CI" in os.environ, print_blob=True
+    "f3t", deadline=None, max_examples=50, derandomize="CI" in os.environ, print_blob=True,
+    suppress_health_check=[HealthCheck.too_slow],
 )
 settings.load_profile("f3t")
 

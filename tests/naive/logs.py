@@ -42,10 +42,9 @@ def _row(line):
     if match is None:
         return None
     can_id, flags, data, length = int(match["id"], 16), 0, b"", None
-    if len(match["id"]) == 3:
-        limit = 0x7FF
-    else:
-        limit = 0x3FFFFFFF
+    if can_id > (0x7FF if len(match["id"]) == 3 else 0x3FFFFFFF):
+        return None
+    if len(match["id"]) != 3:
         can_id |= CAN_EFF if can_id <= 0x1FFFFFFF else 0
     if match["flags"]:
         flags = int(match["flags"], 16) & 3 | FD_FDF
@@ -57,7 +56,7 @@ def _row(line):
         length = int(match["remote"] or b"0")
     length = len(data) if length is None else length
     seconds = int(match["seconds"])
-    if can_id & 0x3FFFFFFF > limit or seconds > LATEST_S or (match["code"] and length != 8):
+    if seconds > LATEST_S or (match["code"] and length != 8):
         return None
     stamp_ns = 10**9 * seconds + int(match["fraction"].ljust(9, b"0"))
     origin = ECHO if match["way"] in (b"T", b"t") else 0

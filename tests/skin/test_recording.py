@@ -20,6 +20,7 @@ from bus.logs import Recording, buses_of
 from bus.logs.channels import names_of
 from skin.cli import main
 from tests.fixtures.live import frames_of
+from tests.fixtures.patience import LONG_S
 
 
 @pytest.mark.parametrize("suffix", [".log", ".log.gz", ".blf"])
@@ -147,7 +148,7 @@ def test_sigterm_ends_a_run_with_a_whole_log_and_a_released_bus(tmp_path):
             time.sleep(0.05)
             assert run.poll() is None
         run.terminate()
-        assert run.wait(20.0) == 128 + signal.SIGTERM
+        assert run.wait(LONG_S) == 128 + signal.SIGTERM
     decoded = skin.decode_log("strip", log)
     assert list(decoded)
     assert decoded.damage is None

@@ -15,6 +15,7 @@ import pytest
 
 from skin.errors import SkinError
 from skin.worker import RingBuffer, Worker, described
+from tests.fixtures.patience import LONG_S
 from tests.fixtures.process import is_gone
 
 DTYPE = np.dtype([("value", np.int64), ("other", np.float32, (3, 2))])
@@ -95,12 +96,12 @@ def test_what_is_told_is_not_waited_for(worker: Worker) -> None:
 
 def test_what_is_told_to_a_worker_that_hangs_is_left_out_in_time(worker: Worker) -> None:
     worker.ask("total")
-    assert worker.tell("sleep", seconds=60.0)
+    assert worker.tell("sleep", seconds=LONG_S)
     began, told = time.monotonic(), 0
     while worker.tell("sleep", seconds=0.0, text="x" * 4000):
         told += 1
         assert told < 1000
-    assert time.monotonic() - began < 30.0
+    assert time.monotonic() - began < LONG_S
     worker._process.kill()
 
 
@@ -130,7 +131,7 @@ def test_a_worker_that_dies_is_told(worker: Worker) -> None:
 def test_a_worker_that_does_not_answer_is_told_and_ended(worker: Worker) -> None:
     worker.ask("total")
     with pytest.raises(SkinError, match="must answer 'sleep'; got timed out"):
-        worker.ask("sleep", timeout_s=0.1, seconds=60.0)
+        worker.ask("sleep", timeout_s=0.1, seconds=LONG_S)
     worker.close(5.0)
     assert not worker.alive
 
@@ -144,7 +145,7 @@ def test_a_worker_ends_with_the_loop_however_that_ends() -> None:
         "worker = Worker(MODULE, RingBuffer(DTYPE, 7), {'start': 0})\n"
         "worker.ask('total')\n"
         "print(worker._process.pid, flush=True)\n"
-        "time.sleep(60)\n"
+        "time.sleep(3600)\n"
     )
     loop = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
     assert loop.stdout is not None
@@ -152,7 +153,7 @@ def test_a_worker_ends_with_the_loop_however_that_ends() -> None:
         pid = int(loop.stdout.readline())
     os.kill(loop.pid, signal.SIGKILL)
     loop.wait()
-    until = time.monotonic() + 20.0
+    until = time.monotonic() + LONG_S
     while not is_gone(pid):
         assert time.monotonic() < until
         time.sleep(0.05)

@@ -15,6 +15,7 @@ from skin.bulk.cluster import run_on
 from skin.bulk.decode_part import decode_part
 from skin.bulk.job import parts_of
 from skin.errors import LibraryError
+from tests.fixtures.patience import LONG_S
 
 
 @pytest.fixture
@@ -34,7 +35,8 @@ def client():
 
 def kill(pid, job):
     """Kill a worker as soon as a log was begun."""
-    for _ in range(600):
+    until = time.monotonic() + LONG_S
+    while time.monotonic() < until:
         if (job.folder / "_logs").is_dir():
             os.kill(pid, signal.SIGKILL)
             return

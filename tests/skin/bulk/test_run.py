@@ -17,6 +17,7 @@ from skin.bulk.progress import Told
 from skin.bulk.run import run
 from skin.cli import main
 from skin.errors import OptionError
+from tests.fixtures.patience import LONG_S
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +41,8 @@ def children() -> set[int]:
 
 def kill_a_child(known, job):
     """Kill a process that is not known, as soon as it has begun a log."""
-    for _ in range(600):
+    until = time.monotonic() + LONG_S
+    while time.monotonic() < until:
         begun = (job.folder / "_logs").is_dir()
         for child in children() - known if begun else ():
             command = Path(f"/proc/{child}/cmdline").read_bytes()
@@ -114,6 +116,7 @@ def test_wrong_use_is_refused(arguments, message, capsys, tmp_path, monkeypatch)
 
 JOB = """
 import sys
+import time
 from pathlib import Path
 import topology
 from skin.bulk.job import Job
@@ -121,7 +124,9 @@ from skin.bulk.run import run
 
 if __name__ == "__main__":
     folder, *logs = map(Path, sys.argv[1:])
-    run(Job(topology.load("palm"), folder, partition_cycles=100), logs, jobs=2)
+    # it does not end by itself, however fast the machine is
+    stay = lambda told: time.sleep(3600.0)
+    run(Job(topology.load("palm"), folder, partition_cycles=100), logs, jobs=2, tell=stay)
 """
 
 
@@ -133,13 +138,15 @@ def test_processes_end_with_the_one_that_started_them(number, logs, tmp_path):
         [sys.executable, script, folder, *logs], start_new_session=True,
         stderr=subprocess.DEVNULL, env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
     )  # fmt: skip
-    for _ in range(600):
-        if list(folder.rglob("part-*")):
-            break
+    until = time.monotonic() + LONG_S
+    while not list(folder.rglob("part-*")):
+        assert job.poll() is None
+        assert time.monotonic() < until
         time.sleep(0.05)
     os.kill(job.pid, number)
-    assert job.wait(60) != 0
-    for _ in range(600):
+    assert job.wait(LONG_S) != 0
+    until = time.monotonic() + LONG_S
+    while time.monotonic() < until:
         try:
             os.killpg(job.pid, 0)
         except ProcessLookupError:

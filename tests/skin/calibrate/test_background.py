@@ -27,6 +27,7 @@ from skin.physics.halbach import HalbachField
 from skin.physics.stencil import Stencil
 from skin.sim.unit import UnitSimulator
 from skin.worker import ONE_THREAD, RingBuffer
+from tests.fixtures.patience import LONG_S
 from tests.fixtures.process import is_gone
 from topology.packed import unpacked
 
@@ -367,7 +368,7 @@ def test_the_process_ends_with_a_loop_that_was_killed():
         learner = int(loop.stdout.readline())
     loop.kill()
     loop.wait()
-    until = time.monotonic() + 60.0
+    until = time.monotonic() + LONG_S
     while not is_gone(learner):
         assert time.monotonic() < until
         time.sleep(0.05)

@@ -187,8 +187,9 @@ def test_faults_of_a_scene_strike_in_one_terminal_too(tmp_path, capsys):
     arguments = ["run", "palm", "--simulate", "--scene", str(scene), "--seconds", "0.5", "--json"]
     assert main(arguments) == 0
     report = last_json(capsys)  # of however few cycles a busy machine has time for
-    assert report["cycles"] > report["complete_cycles"] == 0
-    assert "palm/r0c0" in report["silent_units"]
+    assert report["cycles"] > 0
+    assert report["silent_units"][0] == "palm/r0c0"
+    assert 0 < report["units_heard"] < 64
 
 
 @pytest.mark.parametrize(

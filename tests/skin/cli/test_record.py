@@ -15,6 +15,7 @@ import pytest
 
 import skin
 from skin.cli import main
+from tests.fixtures.patience import LONG_S
 
 pytest.importorskip("mcap", reason="mcap is not installed")
 
@@ -90,13 +91,13 @@ def test_a_run_that_is_interrupted_ends_its_recording_properly(tmp_path, number,
         start_new_session=True,
     )  # fmt: skip
     try:
-        until = time.monotonic() + 120.0
+        until = time.monotonic() + LONG_S
         while not path.exists() or path.stat().st_size < 100_000:
             assert running.poll() is None
             assert time.monotonic() < until
             time.sleep(0.02)
         os.killpg(running.pid, number)
-        out, err = running.communicate(timeout=60.0)
+        out, err = running.communicate(timeout=LONG_S)
     finally:
         running.kill()
     assert running.returncode == status

@@ -9,6 +9,7 @@ import pytest
 
 from skin.decode import sharing
 from skin.decode.decoder import Decoder
+from tests.fixtures.patience import LONG_S
 from tests.skin.decode.test_plan import FIELDS, scene
 
 UNITS = 700
@@ -67,7 +68,7 @@ def test_what_is_worth_it_is_done_in_other_threads(monkeypatch):
 
 
 def test_calls_are_made_at_the_same_time():
-    here = threading.Barrier(2, timeout=10.0)
+    here = threading.Barrier(2, timeout=LONG_S)
     sharing.together([here.wait, here.wait])
 
 

@@ -20,6 +20,7 @@ from skin.publish import ros
 from skin.publish.dds import LOCALHOST
 from skin.publish.snapshot import patch_poses
 from skin.state import Status
+from tests.fixtures.patience import LONG_S
 from tests.house.sources import ROOT
 
 pytest.importorskip("cyclonedds", reason="cyclonedds is not installed")
@@ -95,7 +96,7 @@ class Listener:
         self._process.stdin.close()
         self._process.stdout.close()
         self._process.terminate()
-        self._process.wait(20)
+        self._process.wait(LONG_S)
 
 
 def six(wrench):

@@ -15,6 +15,7 @@ import pytest
 import skin
 from skin.record.container import RecordedFile
 from skin.record.topics import STATE
+from tests.fixtures.patience import LONG_S
 
 pytest.importorskip("mcap", reason="mcap is not installed")
 
@@ -51,7 +52,7 @@ def killed(file, moment_s, whom):
         os.kill(pid, signal.SIGKILL)
     if whom == "worker":
         count = len(lines(told))
-        until = time.monotonic() + 30.0
+        until = time.monotonic() + LONG_S
         while len(lines(told)) < count + 300 and loop.poll() is None:
             assert time.monotonic() < until, "the loop stands still"
             time.sleep(0.05)
@@ -69,7 +70,7 @@ def lines(file):
 
 def _gone(pid):
     """Wait until a process that is no child of ours has ended."""
-    until = time.monotonic() + 30.0
+    until = time.monotonic() + LONG_S
     while Path(f"/proc/{pid}/stat").exists():
         state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
         if state == "Z":

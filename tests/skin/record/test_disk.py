@@ -11,6 +11,7 @@ import time
 import pytest
 
 import skin
+from tests.fixtures.patience import LONG_S
 
 pytest.importorskip("mcap", reason="mcap is not installed")
 
@@ -32,7 +33,7 @@ def test_a_full_disk_ends_the_recording_with_a_message_and_the_loop_goes_on(full
     file, live = full / "run.mcap", []
     with skin.open("strip", simulate=True, pace=False, record=file) as strip:
         recorder = strip.pipeline.recorder
-        until = time.monotonic() + 60.0
+        until = time.monotonic() + LONG_S
         for state in strip:
             live.append(state.copy())
             if recorder.failure is not None or time.monotonic() > until:

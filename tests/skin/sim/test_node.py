@@ -28,6 +28,7 @@ from skin.sim.settings import BoardSettings
 from skin.sim.truth import Truth
 from skin.sim.unit import UnitSimulator
 from tests.fixtures.datagram import datagram_pair
+from tests.fixtures.patience import LONG_S
 from topology import CHANNELS, Topology, load
 
 SYNC = 0x080
@@ -385,7 +386,7 @@ def test_attached_units_without_sync_send_at_their_own_pace() -> None:
     nodes.attach([far])
     try:
         while len(data_frames(batch.frames)) < 50:
-            assert near.receive(batch, timeout_s=5.0) > 0
+            assert near.receive(batch, timeout_s=LONG_S) > 0
     finally:
         nodes.close()
     frames = data_frames(batch.frames)
@@ -410,7 +411,7 @@ def test_serving_answers_every_sync_of_every_bus() -> None:
                 expected = int(np.sum(HAND.frames.bus == bus))
                 batch = FrameBatch(256)
                 while len(data_frames(batch.frames)) < expected:
-                    assert near.receive(batch, timeout_s=5.0) > 0
+                    assert near.receive(batch, timeout_s=LONG_S) > 0
                 assert {field(r["data"], 0, 8) for r in data_frames(batch.frames)} == {cycle}
     finally:
         stop.set()
@@ -452,7 +453,7 @@ def test_four_buses_that_can_be_polled_are_served_by_one_thread(tmp_path: Path) 
             for near, _ in pairs:
                 batch.clear()
                 while len(data_frames(batch.frames)) < 2:
-                    assert near.receive(batch, timeout_s=5.0) > 0
+                    assert near.receive(batch, timeout_s=LONG_S) > 0
                 assert {int(n) for n in data_frames(batch.frames)["data"][:, 0]} == {cycle & 0xFF}
         assert still_serving() == ["units on several buses"]
     finally:

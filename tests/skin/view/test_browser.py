@@ -13,6 +13,7 @@ from skin.view import show
 from skin.view.colour import INVALID_COLOUR, colours
 from skin.view.drawing import SLIP_COLOURS
 from tests.fixtures.browser import PROGRAM, Browser
+from tests.fixtures.patience import LONG_S
 from tests.fixtures.shown import Shown
 
 pytest.importorskip("viser", reason="viser is not installed")
@@ -66,7 +67,7 @@ def count(picture, colour, within=24):
     return int(np.count_nonzero(away <= within))
 
 
-def settled(browser, is_so, timeout_s=30.0):
+def settled(browser, is_so, timeout_s=LONG_S):
     """The picture, once it is as it should be."""
     until = time.monotonic() + timeout_s
     while not is_so(picture := browser.picture()):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import re
 import socket
@@ -20,6 +21,7 @@ import skin
 from skin.cli import main
 from skin.errors import SkinError
 from skin.view import show
+from tests.fixtures.patience import LONG_S
 from tests.fixtures.shown import Shown
 
 pytest.importorskip("viser", reason="viser is not installed")
@@ -119,7 +121,7 @@ def test_a_view_that_dies_does_not_stop_the_skin():
     shown = Shown()
     with show(shown, port=0) as view:
         view._worker._process.kill()
-        within(10.0, lambda: not view.alive)
+        within(LONG_S, lambda: not view.alive)
         for _ in range(300):
             shown.show()
         with pytest.raises(SkinError, match="must answer 'export'"):
@@ -231,11 +233,11 @@ def test_what_no_browser_would_send_is_told_in_a_line_and_others_are_served(capf
             with handshake(view.address) as client:
                 client.send(sent)
                 with contextlib.suppress(ConnectionClosed):
-                    while client.recv(timeout=10.0):  # or it is too late
+                    while client.recv(timeout=LONG_S):  # or it is too late
                         pass
         port = int(view.address.rpartition(":")[2])
         for raw in (b"\x00\xff\r\n\r\n", b"GET / HTTP/1.1\r\nUpgrade: websocket\r\n\r\n"):
-            with socket.create_connection(("127.0.0.1", port), timeout=10.0) as client:
+            with socket.create_connection(("127.0.0.1", port), timeout=LONG_S) as client:
                 client.sendall(raw)
                 client.recv(100)
         with urlopen(view.address) as reply:
@@ -259,12 +261,16 @@ def camera():
     })  # fmt: skip
 
 
-def pictures(client, shown, count):
-    """Windows with colours that a client gets, while it waits for so many cycles."""
+def pictures(client, shown, count, wanted=None):
+    """Windows with colours that a client gets, while it waits for so many cycles, or until it has
+    as many as are wanted."""
     from zstandard import ZstdDecompressor
 
-    found = 0
-    for k in range(count):
+    found, until = 0, time.monotonic() + LONG_S
+    for k in range(count) if wanted is None else itertools.count():
+        if wanted is not None and found >= wanted:
+            break
+        assert time.monotonic() < until
         time.sleep(0.04)
         force = np.zeros((3, shown.topology.n))
         force[2] = 0.1 + 0.02 * (k % 7)
@@ -282,13 +288,15 @@ def test_pictures_are_made_for_whoever_looks_and_for_nobody_else(capfd):
     with show(shown, port=0) as view:
         shown.show()
         with handshake(view.address) as client:
-            pictures(client, shown, 5)  # what is there anyway
+            pictures(client, shown, 0, wanted=1)  # what is there anyway
+            pictures(client, shown, 5)
             assert pictures(client, shown, 20) == 0  # it has no camera yet
             client.send(camera())
-            assert pictures(client, shown, 40) >= 20
+            assert pictures(client, shown, 0, wanted=20) >= 20
         with handshake(view.address) as other:
+            pictures(other, shown, 0, wanted=1)
             pictures(other, shown, 5)
             assert pictures(other, shown, 20) == 0
             other.send(camera())
-            assert pictures(other, shown, 40) >= 20
+            assert pictures(other, shown, 0, wanted=20) >= 20
     assert capfd.readouterr().err == ""  # ended with a client that looks on
