@@ -18,14 +18,16 @@ if importlib.util.find_spec("ensurepip") is None:
 endef
 export CHECK_PYTHON
 
-.PHONY: help install demo check test test-long mutate bench lint clean
+.PHONY: help install demo check test test-long test-versions lock mutate bench lint clean
 
 help:
 	@echo "make install    a virtual environment in .venv, with everything the tests need (PYTHON=python3)"
 	@echo "make demo       a simulated skin, no hardware needed"
 	@echo "make check      ruff, types, doctests, imports, rules for code; the figures of the house"
 	@echo "make test       all tests but the long ones"
-	@echo "make test-long  the long ones"
+	@echo "make test-long  the long ones, others on a busy machine, and make test-versions"
+	@echo "make test-versions  with the oldest versions of all packages, and with the newest"
+	@echo "make lock       renew constraints.txt, the versions that make install takes"
 	@echo "make mutate     break the code in small ways: do the tests see it? (hours; it resumes)"
 	@echo "make bench      the benchmarks: error beside time"
 	@echo "make lint       ruff, check and format"
@@ -33,11 +35,13 @@ help:
 
 install: .venv/installed
 
-.venv/installed: pyproject.toml
+.venv/installed: pyproject.toml constraints.txt
 	@command -v $(PYTHON) >/dev/null || { echo "f3t-skin needs Python 3.11 or newer; there is no $(PYTHON). Choose one: make PYTHON=python3.12" >&2; exit 1; }
 	@$(PYTHON) -c "$$CHECK_PYTHON"
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --disable-pip-version-check -e '.[test]'
+	$(BIN)/python -m pip install --disable-pip-version-check -c constraints.txt -e '.[test]' \
+	|| { echo "The versions of constraints.txt do not fit this Python: the newest ones are installed."; \
+	$(BIN)/python -m pip install --disable-pip-version-check -e '.[test]'; }
 	@touch $@
 
 demo: install
@@ -48,15 +52,22 @@ check: install
 
 test: install
 	@.ci/debian-packages
-	@$(BIN)/python -m pytest -m "not long" --ignore=tests/vcan -n auto; \
-	tests=$$?; $(BIN)/python -m pytest -m "not long" tests/vcan; \
-	vcan=$$?; exit $$((tests ? tests : vcan))
+	@$(BIN)/python -m tests.house.run
 
 test-long: install
 	@.ci/debian-packages
 	@$(BIN)/python -m pip install -q --disable-pip-version-check --only-binary atheris -e '.[fuzz]' \
 	|| echo "No atheris for this Python: the tests that fuzz skip."
-	$(BIN)/python -m pytest -m long
+	$(BIN)/python -m tests.house.under_load; busy=$$?; \
+	$(MAKE) test-versions; versions=$$?; \
+	$(BIN)/python -m pytest -m long; tests=$$?; exit $$((tests ? tests : busy ? busy : versions))
+
+# The oldest versions that pyproject.toml declares, and the newest that there are.
+test-versions: install
+	$(BIN)/python -m tests.house.versions test
+
+lock: install
+	$(BIN)/python -m tests.house.versions lock
 
 mutate: install
 	$(BIN)/python -m tests.house.mutate

@@ -1,0 +1,67 @@
+"""All tests but the long ones: ``python -m tests.house.run [PYTEST ARGUMENTS]``, for `make test`.
+
+Kernels that many tests share are compiled first, once, or each worker would compile them. The tests
+on a vcan wait most of their time for the one processor of their guest: they run beside the others,
+and their report comes last, so that pytest's closing line ends the output. The exit status is that
+of the others, or of these where the others have passed.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+__all__ = ["run"]
+
+ROOT = Path(__file__).parents[2]
+SKINS = ("palm", "strip", "hand", "fingertip")
+"""That most tests open."""
+WARM = """
+import itertools, sys
+import tests.conftest
+import skin
+from skin.contact.slip import SlipSettings
+for name in {skins!r}:
+    for chosen in ({{}}, {{"sweeps": 2, "slip": SlipSettings()}}, {{"estimator": "sine"}}):
+        with skin.open(name, simulate=True, pace=False, dtype=sys.argv[1], **chosen) as opened:
+            for _ in itertools.islice(opened, 3):
+                pass
+"""
+
+
+def warm() -> None:
+    """Compile what most tests run; both kinds of numbers at the same time, as no kernel is of
+    both."""
+    code = WARM.format(skins=SKINS)
+    started = [
+        subprocess.Popen([sys.executable, "-c", code, dtype], cwd=ROOT, stderr=subprocess.DEVNULL)
+        for dtype in ("float32", "float64")
+    ]
+    for process in started:
+        process.wait()  # what it could not compile, a test will say
+
+
+def run(arguments: list[str]) -> int:
+    """Run the tests; the exit status."""
+    print("Compiling kernels that many tests share, once ...", flush=True)
+    warm()
+    pytest = [sys.executable, "-m", "pytest", "-m", "not long", *arguments]
+    with tempfile.TemporaryFile() as said:
+        beside = subprocess.Popen(
+            [*pytest, "tests/vcan"], cwd=ROOT, stdout=said, stderr=subprocess.STDOUT
+        )
+        try:
+            tests = subprocess.call([*pytest, "--ignore=tests/vcan", "-n", "auto"], cwd=ROOT)
+            vcan = beside.wait()
+        finally:
+            beside.kill()
+        said.seek(0)
+        sys.stdout.buffer.write(said.read())
+        sys.stdout.buffer.flush()
+    return tests or vcan
+
+
+if __name__ == "__main__":
+    sys.exit(run(sys.argv[1:]))
