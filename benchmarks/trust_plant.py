@@ -17,7 +17,7 @@ import numpy as np
 from benchmarks.trust_film import DRAWN, Film, field_of
 from topology import CHANNELS, Topology
 
-__all__ = ["Plant", "turning"]
+__all__ = ["Plant", "Touch", "Units", "turning"]
 
 COVER_MM = 1.0
 """From the face of a unit to its film."""
@@ -30,6 +30,9 @@ SPREAD = {
     "shear_soft_n_per_mm": 0.05, "film_drift_per_k": 0.2, "hall_gain_per_k": 0.3,
 }  # fmt: skip
 """Relative spread of the units' constants, evenly, about the nominal ones [assumed]."""
+ALIKE = ("normal_break_hz", "shear_break_mm", "shear_stiff_n_per_mm", "film_reference_c",
+         "hall_reference_c", "gel_noise_relative", "frequency_noise_hz", "field_noise_ut")  # fmt: skip
+"""Constants that all units share."""
 STRENGTH, OFFSET_UT = 0.05, 150.0
 """The same of the films' remanence, and the largest offset of a Hall axis."""
 GEL, FREQUENCY, BX, BY, BZ, WARM = (
@@ -45,38 +48,68 @@ class Touch:
     moved_mm: np.ndarray
 
     @classmethod
+    def joined(cls, *parts: Touch) -> Touch:
+        """One after the other."""
+        return cls(np.concatenate([each.depth_mm for each in parts]),
+                   np.concatenate([each.moved_mm for each in parts]))  # fmt: skip
+
+    @classmethod
     def none(cls, cycles: int, n: int) -> Touch:
         """Nothing touches anything."""
         return cls(np.zeros((cycles, n)), np.zeros((cycles, 2, n)))
 
 
+@dataclass(frozen=True, eq=False)
+class Units:
+    """Units as they were made.
+
+    Attributes
+    ----------
+    true : dict of str to ndarray, shape (n,)
+        Constants by the names of `topology.model.UnitModel`.
+    strength : ndarray, shape (n,)
+        Of the films, over the remanence of `Film`.
+    offset_ut : ndarray, shape (3, n)
+        Of the chips.
+    """
+
+    true: dict[str, np.ndarray]
+    strength: np.ndarray
+    offset_ut: np.ndarray
+
+    @classmethod
+    def drawn(cls, nominal: Topology, seed: int) -> Units:
+        """Units whose constants lie about the nominal ones."""
+        n, p, rng = nominal.n, nominal.parameters, np.random.default_rng((36, seed))
+        true = {name: p[name] * (1.0 + spread * rng.uniform(-1.0, 1.0, n))
+                for name, spread in SPREAD.items()}  # fmt: skip
+        strength = 1.0 + STRENGTH * rng.uniform(-1.0, 1.0, n)
+        offset = OFFSET_UT * rng.uniform(-1.0, 1.0, (3, n))
+        return cls({**{name: p[name] for name in ALIKE}, **true}, strength, offset)
+
+    def dealt(self, which: np.ndarray) -> Units:
+        """Those of the indices `which`."""
+        true = {name: values[which] for name, values in self.true.items()}
+        return Units(true, self.strength[which], self.offset_ut[:, which])
+
+
 class Plant:
-    """Units of a topology as they were made.
+    """Units in the places of a topology.
 
     Parameters
     ----------
     nominal : Topology
+    units : Units
     film : Film
-    seed : int
-        Of the units' constants.
     alone : bool
         Whether no unit feels its neighbours' films, as on a bench.
     """
 
     def __init__(
-        self, nominal: Topology, film: Film = DRAWN, *, seed: int, alone: bool = False
+        self, nominal: Topology, units: Units, film: Film = DRAWN, *, alone: bool = False
     ) -> None:
         self.topology, self.film, self.n = nominal, film, nominal.n
-        rng = np.random.default_rng((36, seed))
-        p = nominal.parameters
-        self.true = {name: p[name] * (1.0 + spread * rng.uniform(-1.0, 1.0, self.n))
-                     for name, spread in SPREAD.items()}  # fmt: skip
-        for name in ("normal_break_hz", "shear_break_mm", "shear_stiff_n_per_mm",
-                     "film_reference_c", "hall_reference_c", "gel_noise_relative",
-                     "frequency_noise_hz", "field_noise_ut"):  # fmt: skip
-            self.true[name] = p[name]
-        self.strength = 1.0 + STRENGTH * rng.uniform(-1.0, 1.0, self.n)
-        self.offset_ut = OFFSET_UT * rng.uniform(-1.0, 1.0, (3, self.n))
+        self.true, self.strength, self.offset_ut = units.true, units.strength, units.offset_ut
         self._lowest, self._highest = _rails(nominal)
         self._pairs(alone)
 

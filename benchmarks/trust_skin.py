@@ -13,7 +13,7 @@ import numpy as np
 
 import topology
 from benchmarks.trust_film import DRAWN, Film
-from benchmarks.trust_plant import BX, FREQUENCY, BZ, Plant, Touch
+from benchmarks.trust_plant import BX, BZ, FREQUENCY, Plant, Touch, Units
 from bus.cycle import ClosedBy, RawCycle
 from skin.calibrate.unit import calibrate
 from skin.options import Options
@@ -22,12 +22,14 @@ from skin.pipeline import Pipeline
 from skin.state import State
 from topology import Topology
 
-__all__ = ["SHAPES", "Player", "Skin", "skin_of"]
+__all__ = ["BAG", "QUICK_BAG", "SHAPES", "Player", "Skin", "skin_of"]
 
 REST_S = 1.6
 """Untouched at first: the second of the tare, and time to take it."""
 FORCE_SIGMA_N = 0.005
 READINGS = 16
+BAG, QUICK_BAG = 32, 8
+"""Units of a kind that are calibrated; a larger skin has some of them several times."""
 BENCH_MM = 2.0, 3.0
 
 HEAD = """format = 1
@@ -87,14 +89,49 @@ class Skin:
         return Player(self.known, **options).play(counts)
 
 
+def square(count: int) -> Topology:
+    """So many nominal units."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "bag.toml"
+        grid = f'kind = "grid"\nrows = 1\ncolumns = {count}\npitch_m = 0.03\n'
+        file.write_text(HEAD.format(name="bag") + grid, encoding="utf-8")
+        return topology.load(file, allow_overload=True)
+
+
 @cache
-def skin_of(name: str, seed: int, film: Film = DRAWN) -> Skin:
-    """A skin whose units were calibrated one by one on a bench of the plant."""
+def bag_of(count: int, seed: int, film: Film = DRAWN) -> tuple[Units, Topology]:
+    """Units, and what a bench of the plant has found of each alone."""
+    nominal = square(count)
+    units = Units.drawn(nominal, seed)
+    plant = Plant(nominal, units, film, alone=True)
+    return units, calibrate(nominal, _recorded(plant, seed)).topology
+
+
+@cache
+def skin_of(name: str, seed: int = 0, film: Film = DRAWN, bag: int = BAG) -> Skin:
+    """A skin of calibrated units that have come to their places by chance.
+
+    Parameters
+    ----------
+    name : str
+        Of a built-in topology, or of `OWN`.
+    seed : int
+        Of the units and of their places.
+    film : Film
+        Of all units.
+    bag : int
+        Units that there are: a larger skin has some of them several times.
+    """
     nominal = shape_of(name)
-    plant = Plant(nominal, film, seed=seed)
-    found = calibrate(nominal, _recorded(Plant(nominal, film, seed=seed, alone=True), seed)).topology
-    known = dataclasses.replace(found, calibrated=np.ones(nominal.n, bool))
-    return Skin(plant, known)
+    units, found = bag_of(bag, seed, film)
+    rng = np.random.default_rng((38, seed))
+    deals = [rng.permutation(bag) for _ in range(-(-nominal.n // bag))]
+    which = np.concatenate(deals)[: nominal.n]
+    known = dataclasses.replace(
+        nominal, calibrated=np.ones(nominal.n, bool),
+        parameters={name: values[..., which] for name, values in found.parameters.items()},
+    )  # fmt: skip
+    return Skin(Plant(nominal, units.dealt(which), film), known)
 
 
 def _recorded(plant: Plant, seed: int) -> Recordings:
