@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks.slip_intervals import per_minute, rate
-from benchmarks.trust_plant import Touch
+from benchmarks.trust_plant import EARTH_UT, Touch, direction
 from benchmarks.trust_film import FILMS
-from benchmarks.trust_skin import BAG, QUICK_BAG, SHAPES, Player, Skin, skin_of
+from benchmarks.trust_skin import BAG, QUICK_BAG, REST_S, SHAPES, Player, Skin, skin_of
 from skin.state import Status
 
 __all__ = ["fast_press"]
@@ -23,7 +23,7 @@ SURE_S = 0.02
 """After the touch, when a contact must be there."""
 SURE_N = 0.5
 MINUTES_A_DAY = 1440.0
-ROUNDS = 2
+ROUNDS, QUIET_S = 2, 2.0
 QUICK = ("palm", "dome")
 SUMS = ("flags", "flagged", "lost", "presses", "seconds")
 
@@ -51,7 +51,9 @@ def fast_press(quick: bool, seed: int) -> dict[str, Any]:
         of_depth = [row for name, row in rows.items() if name.endswith(f" {depth:g} mm")]
         total = {key: sum(row[key] for row in of_depth) for key in SUMS}
         longest = max(row["longest_flagged_ms"] for row in of_depth)
-        out[f"{depth:g} mm"] = {**_rates(total), **total, "longest_flagged_ms": longest}
+        quiet = float(np.mean([row["flagged_untouched"] for row in of_depth]))
+        out[f"{depth:g} mm"] = {**_rates(total), **total, "longest_flagged_ms": longest,
+                                "flagged_untouched": quiet}  # fmt: skip
     return out
 
 
@@ -59,11 +61,13 @@ def _row(skin: Skin, depth_mm: float, rounds: int, seed: int) -> dict[str, Any]:
     rng = np.random.default_rng((seed, round(10 * depth_mm)))
     player = Player(skin.known, want={"wrench", "contacts"})
     flags = flagged = lost = longest = cycles = count = 0
-    for _ in player.play(skin.plant.counts(skin.resting(), rng)):
-        pass
+    earth = EARTH_UT * direction(rng)[np.newaxis]
+    still = skin.plant.counts(skin.resting(REST_S + QUIET_S), rng, world_ut=earth)
+    wrong, _ = _played(player, still)
+    quiet = float(wrong[round(REST_S * skin.rate_hz) :].any(axis=0).mean())
     for turn in range(rounds):
         touch, presses = _round(skin, depth_mm, turn, rng)
-        wrong, label = _played(player, skin.plant.counts(touch, rng))
+        wrong, label = _played(player, skin.plant.counts(touch, rng, world_ut=earth))
         normal = skin.plant.normal_n(touch.depth_mm)
         fresh = wrong & ~np.vstack([np.zeros((1, skin.n), bool), wrong[:-1]])
         flags += int(fresh.sum())
@@ -76,7 +80,7 @@ def _row(skin: Skin, depth_mm: float, rounds: int, seed: int) -> dict[str, Any]:
         count, cycles = count + len(presses), cycles + len(wrong)
     row = {"flags": flags, "flagged": flagged, "lost": lost, "presses": count,
            "seconds": cycles / skin.rate_hz}  # fmt: skip
-    return {**_rates(row), **row, "longest_flagged_ms": 1e3 * longest / skin.rate_hz}
+    return {**_rates(row), **row, "flagged_untouched": quiet, "longest_flagged_ms": 1e3 * longest / skin.rate_hz}
 
 
 def _rates(row: dict[str, Any]) -> dict[str, Any]:

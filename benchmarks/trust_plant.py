@@ -17,12 +17,14 @@ import numpy as np
 from benchmarks.trust_film import DRAWN, Film, field_of
 from topology import CHANNELS, Topology
 
-__all__ = ["Plant", "Touch", "Units", "turning"]
+__all__ = ["EARTH_UT", "Plant", "Touch", "Units", "direction", "turning"]
 
 COVER_MM = 1.0
 """From the face of a unit to its film."""
 REST_REACH_MM, MOVED_REACH_MM = 50.0, 32.0
 """How far films are felt: at rest, and how far it is felt that they move."""
+EARTH_UT = 50.0
+"""Ambient field."""
 CHIP = np.array([-1.0, -1.0, 1.0])
 SPREAD = {
     "gel_current_20c_ua": 0.05, "gel_current_ratio": 0.05, "frequency_rest_hz": 0.02,
@@ -110,7 +112,7 @@ class Plant:
     ) -> None:
         self.topology, self.film, self.n = nominal, film, nominal.n
         self.true, self.strength, self.offset_ut = units.true, units.strength, units.offset_ut
-        self._lowest, self._highest = _rails(nominal)
+        self.rails = _rails(nominal)
         self._pairs(alone)
 
     def _pairs(self, alone: bool) -> None:
@@ -253,7 +255,7 @@ class Plant:
         """Nearest counts, held at what fits the wire."""
         scale = np.where(self.topology.wired, self.topology.scale, 1.0)
         counts = np.rint((values - self.topology.offset) / scale)
-        return np.clip(counts, self._lowest, self._highest).astype(np.int16)
+        return np.clip(counts, *self.rails).astype(np.int16)
 
 
 def _rails(topology: Topology) -> tuple[np.ndarray, np.ndarray]:
@@ -269,12 +271,17 @@ def _rails(topology: Topology) -> tuple[np.ndarray, np.ndarray]:
     return lowest, highest
 
 
-def turning(
-    cycles: int, rate_hz: float, rad_s: float, axis: np.ndarray, field_ut: np.ndarray
-) -> np.ndarray:
-    """A field that stands in the world, as a hand that turns about `axis` sees it, shape (t, 3)."""
+def turning(angle_rad: np.ndarray, axis: np.ndarray, field_ut: np.ndarray) -> np.ndarray:
+    """A field that stands in the world, as a hand that has turned by angles (t,) about `axis` sees
+    it, shape (t, 3)."""
     axis = axis / np.linalg.norm(axis)
-    angle = -rad_s * np.arange(cycles)[:, np.newaxis] / rate_hz
     along = (axis @ field_ut) * axis
     across = field_ut - along
-    return along + np.cos(angle) * across + np.sin(angle) * np.cross(axis, across)
+    back = -angle_rad[:, np.newaxis]
+    return along + np.cos(back) * across + np.sin(back) * np.cross(axis, across)
+
+
+def direction(rng: np.random.Generator) -> np.ndarray:
+    """Any direction in space, as likely as any other."""
+    way = rng.standard_normal(3)
+    return way / np.linalg.norm(way)
