@@ -28,7 +28,6 @@ from benchmarks.trust_grip import light_grip, turn
 from benchmarks.trust_liars import liars_still
 
 SEED = 20261124
-FLAGS = "flags a day", "presses flagged", "contacts lost"
 
 
 def run(quick: bool) -> dict[str, Any]:
@@ -69,8 +68,8 @@ def _span(row: dict[str, Any], low: str = "lower", high: str = "upper") -> str:
 
 
 def _fast(figures: dict[str, Any]) -> list[str]:
-    head = f"{'healthy units, pressed alone':<34}{FLAGS[0]:>28}{FLAGS[1]:>22}{FLAGS[2]:>22}{'longest':>12}{'untouched':>11}"
-    lines = [head]
+    lines = [f"{'healthy units, pressed alone':<34}{'flags a day':>28}{'presses flagged':>22}"
+             f"{'contacts lost':>22}{'longest':>12}{'untouched':>11}"]  # fmt: skip
     rows = {name: row for name, row in figures.items() if name != "each"}
     for name, row in {**rows, **figures["each"]}.items():
         day, flagged, lost = row["flags_per_day"], row["flagged_share"], row["lost_share"]
@@ -90,7 +89,7 @@ def _grips(figures: dict[str, Any]) -> list[str]:
             f"{name + ' a pad':<34}{units['median']:>8.2f} {_span(units):<13}"
             f"{_span(units, 'least', 'largest'):>20}{wrench['median']:>12.2f} {_span(wrench)}"
         )
-    named = {f"from {figures_first(figures)} to 3 N, {name}": row
+    named = {f"from {_lightest(figures)} to 3 N, {name}": row
              for name, row in figures["grown"].items()}  # fmt: skip
     for name, row in {**named, **{f"{n} each": r for n, r in figures["light"].items()}}.items():
         lines.append(f"{name:<34}{row['median']:>8.2f} {_span(row):<13}"
@@ -98,7 +97,7 @@ def _grips(figures: dict[str, Any]) -> list[str]:
     return lines
 
 
-def figures_first(figures: dict[str, Any]) -> str:
+def _lightest(figures: dict[str, Any]) -> str:
     """The lightest grip."""
     return next(iter(figures["grips"])).split(" ")[0]
 
@@ -129,9 +128,13 @@ def _cover(name: str, figures: dict[str, Any]) -> list[str]:
     for group, row in groups.items():
         if row is None:
             continue
-        chi = (f"{row['chi_square']:>12.3g} {_span(row, 'chi_lower', 'chi_upper')}"
-               if "chi_square" in row else "")  # fmt: skip
-        lines.append(f"{group:<34}{row['share']:>11.3f} ± {row['interval']:.3f}{chi:<30}{row['runs']:>6}")
+        chi = ""
+        if "chi_square" in row:
+            low, high = row["chi_span"]
+            chi = f"{row['chi_square']:>12.3g} ({low:.3g}-{high:.3g})"
+        lines.append(
+            f"{group:<34}{row['share']:>11.3f} ± {row['interval']:.3f}{chi:<30}{row['runs']:>6}"
+        )
     for key in ("silent", "sure", "without"):
         if key in figures:
             lines.append(f"{SAID[key]:<34}{figures[key]['rate']:>11.3f} {_span(figures[key])}")
@@ -145,12 +148,14 @@ SAID = {"silent": "says 0 ± 0 while something presses", "sure": "sigma of the c
 
 
 def _liars(figures: dict[str, Any]) -> list[str]:
-    lines = [f"{'liars under a still hold':<34}{'found within 5 s':>20}{'what passes: median, worst':>60}"]
+    lines = [f"{'liars under a still hold':<34}{'found within 5 s':>20}"
+             f"{'what passes: median, worst':>60}"]  # fmt: skip
     for name, row in figures.items():
         found = row["found"]
         lines.append(
             f"{name:<34}{found['rate']:>8.2f} {_span(found):<13}"
-            f"{row['median_force_n']:>10.2f}, {row['force_n']:.2f} N ({row['force_sigmas']:.1f} sigma)"
+            f"{row['median_force_n']:>10.2f}, {row['force_n']:.2f} N "
+            f"({row['force_sigmas']:.1f} sigma)"
             f"{row['median_warm_k']:>10.2f}, {row['warm_k']:.2f} K ({row['warm_sigmas']:.1f} sigma)"
         )
     return lines

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from typing import Any
 
 import numpy as np
+from scipy.stats import t
 
 from benchmarks.slip_intervals import rate
 from benchmarks.trust_bodies import Body, dragged, pressed, ramp
 from benchmarks.trust_film import FILMS
-from benchmarks.trust_grip import START_S, turned_field
-from benchmarks.trust_plant import Touch, direction
-from benchmarks.trust_skin import BAG, QUICK_BAG, REST_S, SHAPES, Player, Skin, skin_of
+from benchmarks.trust_plant import EARTH_UT, Touch, direction, turning
+from benchmarks.trust_skin import BAG, QUICK_BAG, SHAPES, Player, Skin, skin_of
 
 __all__ = ["Sample", "centre_coverage", "samples", "wrench_coverage"]
 
@@ -21,12 +22,20 @@ LOADS_N = (0.1, 20.0)
 MOST_N = 4.0
 """A unit: a body that would press it harder comes with less."""
 BODIES = ("sphere", "punch", "cylinder", "edge")
-SIZES_MM = {"sphere": (8.0, 60.0), "punch": (4.0, 30.0), "cylinder": (6.0, 40.0), "edge": (0.2, 1.5)}
+SIZES_MM = {
+    "sphere": (8.0, 60.0),
+    "punch": (4.0, 30.0),
+    "cylinder": (6.0, 40.0),
+    "edge": (0.2, 1.5),
+}
 COMES_S = (0.01, 0.6)
 FRICTION, DRAG_MM = 0.5, (0.0, 1.5)
-AFTER_S = 0.5
+BEFORE_S, AFTER_S, LEAVES_S = 1.0, 0.5, 0.3
+"""Untouched before, held, and left."""
+TOUCHES, TURN_RAD_S = 8, 1.0
 WAYS = ("no field", "turned before", "turns")
-"""What the ambient field does: there is none; the hand has turned since the tare; it turns."""
+"""What the ambient field does: there is none; the hand turns before each touch; and while it lasts,
+too."""
 QUICK = ("palm", "fingertip")
 BANDS_N = (0.0, 1.0, 4.0, 20.1)
 FLAT, LINES = ("palm", "pad"), ("strip",)
@@ -39,6 +48,7 @@ ROUNDING = 1e-9
 class Sample:
     """The end of one run."""
 
+    session: int
     shape: str
     body: str
     way: str
@@ -50,25 +60,53 @@ class Sample:
     centre_sigma: np.ndarray
     true_centre: np.ndarray
     true_units_centre: np.ndarray
-    units: int
 
 
 def samples(quick: bool, seed: int) -> list[Sample]:
-    """Of each shape, films as drawn and others."""
-    names, runs = (QUICK, 12) if quick else (SHAPES, 66)
-    films = list(FILMS.values())
-    found = []
-    for name in names:
-        for run in range(runs):
-            film = FILMS["drawn"] if quick else films[run % len(films)]
-            skin = skin_of(name, film=film, bag=QUICK_BAG if quick else BAG)
-            found.append(_sample(name, skin, run, np.random.default_rng((5, seed, len(found)))))
+    """Of each shape, films as drawn and others, and ambient fields."""
+    names, films = (QUICK, ("drawn",)) if quick else (SHAPES, tuple(FILMS))
+    found: list[Sample] = []
+    for session, (name, film, way) in enumerate(itertools.product(names, films, WAYS)):
+        skin = skin_of(name, film=FILMS[film], bag=QUICK_BAG if quick else BAG)
+        rng = np.random.default_rng((5, seed, session))
+        found += _session(session, name, way, skin, rng)
     return found
 
 
-def _sample(name: str, skin: Skin, run: int, rng: np.random.Generator) -> Sample:
-    plant, rate = skin.plant, skin.rate_hz
-    kind, way = BODIES[run % len(BODIES)], WAYS[run // len(BODIES) % len(WAYS)]
+def _session(
+    session: int, name: str, way: str, skin: Skin, rng: np.random.Generator
+) -> list[Sample]:
+    """A skin is opened and touched `TOUCHES` times, by bodies in turn, with rests between."""
+    player, found = Player(skin.known, want={"wrench", "centroid", "contacts"}), []
+    earth = np.zeros(3) if way == "no field" else EARTH_UT * direction(rng)
+    still = skin.plant.counts(skin.resting(), rng, world_ut=earth[np.newaxis])
+    for _ in player.play(still):
+        pass
+    for run in range(TOUCHES):
+        kind = BODIES[run % len(BODIES)]
+        touch, centre = _touch(skin, kind, rng)
+        cycles = len(touch.depth_mm)
+        stop_s = cycles / skin.rate_hz - LEAVES_S if way == "turns" else BEFORE_S
+        angle = TURN_RAD_S * np.minimum(np.arange(cycles) / skin.rate_hz, stop_s)
+        world = turning(angle, direction(rng), earth)
+        earth = world[-1]
+        forces = skin.plant.forces(touch)
+        at = cycles - round(LEAVES_S * skin.rate_hz)
+        for i, state in enumerate(player.play(skin.plant.counts(touch, rng, world_ut=world))):
+            if i == at:
+                here = forces[i : i + 1]
+                spread = np.sqrt(np.maximum(np.diag(state.centroid_covariance), 0.0))
+                found.append(Sample(
+                    session, name, kind, way, float(here[0, 2].sum()), state.wrench.copy(),
+                    state.wrench_sigma.copy(), skin.plant.wrench(here)[0], state.centroid.copy(),
+                    spread, centre, skin.plant.centre(here)[0],
+                ))  # fmt: skip
+    return found
+
+
+def _touch(skin: Skin, kind: str, rng: np.random.Generator) -> tuple[Touch, np.ndarray]:
+    """A body comes, is dragged, stays and leaves; and its centre of pressure."""
+    plant, rate_hz = skin.plant, skin.rate_hz
     body = Body(kind, float(np.exp(rng.uniform(*np.log(SIZES_MM[kind])))))
     load = float(np.exp(rng.uniform(*np.log(LOADS_N))))
     where = int(rng.integers(skin.n)), rng.uniform(-6.0, 6.0, 2), float(rng.uniform(0.0, np.pi))
@@ -78,26 +116,14 @@ def _sample(name: str, skin: Skin, run: int, rng: np.random.Generator) -> Sample
         found = pressed(plant, body, *where, load)
     moved = dragged(plant, found.depth_mm, rng.uniform(*DRAG_MM) * direction(rng), FRICTION)
     comes = float(np.exp(rng.uniform(*np.log(COMES_S))))
-    seconds = START_S + 2.0 * comes + AFTER_S
-    cycles = round(seconds * rate)
-    down, aside = ramp(cycles, rate, START_S, comes), ramp(cycles, rate, START_S + comes, comes)
-    touch = Touch(down[:, np.newaxis] * found.depth_mm, aside[:, np.newaxis, np.newaxis] * moved)
-    world = None
-    if way != "no field":
-        span = REST_S, seconds if way == "turns" else START_S
-        world = turned_field(cycles, rate, 1.0, span, rng)
-    for state in Player(skin.known, want={"wrench", "centroid", "contacts"}).play(
-        plant.counts(touch, rng, world_ut=world)
-    ):
-        last = state
-    forces = plant.forces(Touch(touch.depth_mm[-1:], touch.moved_mm[-1:]))
-    true = plant.wrench(forces)[0]
-    spread = np.sqrt(np.maximum(np.diag(last.centroid_covariance), 0.0))
-    return Sample(
-        name, kind, way, found.load_n, last.wrench.copy(), last.wrench_sigma.copy(), true,
-        last.centroid.copy(), spread, found.centre, plant.centre(forces)[0],
-        int(np.count_nonzero(found.depth_mm > 0.0)),
-    )  # fmt: skip
+    seconds = BEFORE_S + 2.0 * comes + AFTER_S + LEAVES_S
+    cycles = round(seconds * rate_hz)
+    down = ramp(cycles, rate_hz, BEFORE_S, comes)
+    up = ramp(cycles, rate_hz, seconds - LEAVES_S + 2.0 / rate_hz, 0.5 * LEAVES_S)
+    aside = ramp(cycles, rate_hz, BEFORE_S + comes, comes)
+    depth = (down * (1.0 - up))[:, np.newaxis] * found.depth_mm
+    away = (aside * (1.0 - up))[:, np.newaxis, np.newaxis] * moved
+    return Touch(depth, away), found.centre
 
 
 def wrench_coverage(found: list[Sample]) -> dict[str, Any]:
@@ -140,7 +166,7 @@ def _by_kinds(rows: list[tuple[Sample, np.ndarray, np.ndarray]]) -> dict[str, An
         }
     out["load"] = {
         f"{low:g} to {high:g} N": _covered([row for row in rows if low <= row[0].load_n < high])
-        for low, high in zip(BANDS_N, BANDS_N[1:], strict=False)
+        for low, high in itertools.pairwise(BANDS_N)
     }
     return out
 
@@ -148,24 +174,30 @@ def _by_kinds(rows: list[tuple[Sample, np.ndarray, np.ndarray]]) -> dict[str, An
 def _covered(rows: list[tuple[Sample, np.ndarray, np.ndarray]]) -> dict[str, Any] | None:
     """Share of components within one sigma, and mean square of the error over sigma.
 
-    The components of a run are not independent, so both intervals are of the means of runs: normal
-    for the share; for the square, whose means have a long tail, of the bootstrap. Where all sigma
-    are 0, there is no square, and an error is outside.
+    Components of a touch, and touches of a session, are not independent, so both intervals are of
+    the means of sessions: Student's for the share; for the square, whose means have a long tail, of
+    the bootstrap. Where all sigma are 0, there is no square, and an error is outside.
     """
     if not rows:
         return None
-    held, square = [], []
-    for _, error, sigma in rows:
-        held.append(np.mean(np.abs(error) <= sigma + ROUNDING))
+    held: dict[int, list[float]] = {}
+    squares: dict[int, list[float]] = {}
+    for sample, error, sigma in rows:
+        inside = float(np.mean(np.abs(error) <= sigma + ROUNDING))
+        held.setdefault(sample.session, []).append(inside)
         known = sigma > ROUNDING
         if known.any():
-            square.append(np.mean((error[known] / sigma[known]) ** 2))
-    n, share = len(rows), float(np.mean(held))
-    half = float(1.96 * np.std(held, ddof=1) / np.sqrt(n)) if n > 1 else float("nan")
-    out = {"share": share, "interval": half, "runs": n}
+            ratio = float(np.mean((error[known] / sigma[known]) ** 2))
+            squares.setdefault(sample.session, []).append(ratio)
+    n, share = len(rows), float(np.mean([each for some in held.values() for each in some]))
+    means, square = ([float(np.mean(some)) for some in each.values()] for each in (held, squares))
+    count = len(means)
+    reach = t.ppf(0.975, count - 1) / np.sqrt(count) if count > 1 else np.nan
+    half = float(reach * np.std(means, ddof=1)) if count > 1 else float("nan")
+    out: dict[str, Any] = {"share": share, "at_most": share, "interval": half, "runs": n}
     if square:
         draws = np.random.default_rng(0).choice(square, (RESAMPLED, len(square)))
         low, high = np.percentile(draws.mean(axis=1), (2.5, 97.5))
-        out |= {"chi_square": float(np.mean(square)), "chi_lower": float(low),
-                "chi_upper": float(high), "chi_median": float(np.median(square))}  # fmt: skip
+        out |= {"chi_square": float(np.mean(square)), "chi_span": [float(low), float(high)],
+                "chi_median": float(np.median(square))}  # fmt: skip
     return out

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.slip_intervals import per_minute, rate
-from benchmarks.trust_plant import EARTH_UT, Touch, direction
 from benchmarks.trust_film import FILMS
+from benchmarks.trust_plant import EARTH_UT, Touch, direction
 from benchmarks.trust_skin import BAG, QUICK_BAG, REST_S, SHAPES, Player, Skin, skin_of
 from skin.state import Status
 
@@ -23,7 +23,7 @@ SURE_S = 0.02
 """After the touch, when a contact must be there."""
 SURE_N = 0.5
 MINUTES_A_DAY = 1440.0
-ROUNDS, QUIET_S = 2, 2.0
+ROUNDS, QUIET_S = 1, 2.0
 QUICK = ("palm", "dome")
 SUMS = ("flags", "flagged", "lost", "presses", "seconds")
 
@@ -80,12 +80,18 @@ def _row(skin: Skin, depth_mm: float, rounds: int, seed: int) -> dict[str, Any]:
         count, cycles = count + len(presses), cycles + len(wrong)
     row = {"flags": flags, "flagged": flagged, "lost": lost, "presses": count,
            "seconds": cycles / skin.rate_hz}  # fmt: skip
-    return {**_rates(row), **row, "flagged_untouched": quiet, "longest_flagged_ms": 1e3 * longest / skin.rate_hz}
+    return {
+        **_rates(row),
+        **row,
+        "flagged_untouched": quiet,
+        "longest_flagged_ms": 1e3 * longest / skin.rate_hz,
+    }
 
 
 def _rates(row: dict[str, Any]) -> dict[str, Any]:
     flags = per_minute(row["flags"], row["seconds"])
-    day = {key: MINUTES_A_DAY * value for key, value in flags.items() if key != "minutes"}
+    day = {key: MINUTES_A_DAY * flags[key] for key in ("rate", "lower", "upper")}
+    day["span"] = [day["lower"], day["upper"]]
     return {"flags_per_day": day, "flagged_share": rate(row["flagged"], row["presses"]),
             "lost_share": rate(row["lost"], row["presses"])}  # fmt: skip
 

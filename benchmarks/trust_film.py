@@ -1,9 +1,9 @@
 """The field of a film as a sum of dipoles, tabled in cylinder coordinates.
 
 Nothing here comes from the simulator or the decoder. A film is a disc of sectors, each magnetised
-along its axis as a Halbach array, ``(-sin kr, cos kr)`` with ``k = 2 pi / wavelength``, whose strong
-side looks along +z. The sum over grains of a disc of many sectors has no angle in it but for the
-harmonic of the sectors' number: the tables hold its mean over one sector.
+along its axis as a Halbach array, ``(-sin kr, cos kr)`` with ``k = 2 pi / wavelength``, whose
+strong side looks along +z. The sum over grains of a disc of many sectors has no angle in it but for
+the harmonic of the sectors' number: the tables hold its mean over one sector.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ class Film:
 DRAWN = Film()
 STRONG = Film(radius_mm=6.2, wavelength_mm=10.4, sectors=24)
 WEAK = Film(radius_mm=5.7, wavelength_mm=11.0, gap_mm=4.4)
-"""Films that no theory of the decoder knows: their stray field at a neighbour 12 mm away is 1.27 and
-0.76 times that of the film as drawn, their own being the same [derived: this sum]."""
+"""Films that no theory of the decoder knows: their stray field at a neighbour 12 mm away is 1.27
+and 0.76 times that of the film as drawn, their own being the same [derived: this sum]."""
 FILMS = {"drawn": DRAWN, "strong": STRONG, "weak": WEAK}
 
 
@@ -62,9 +62,7 @@ def grains(film: Film) -> tuple[np.ndarray, np.ndarray]:
     width = 2.0 * np.pi / film.sectors
     axis = width * (np.floor(phi / width) + 0.5)
     phase = 2.0 * np.pi / film.wavelength_mm * r * np.cos(phi - axis)
-    volume_mm3 = (
-        r * film.radius_mm / RINGS * 2.0 * np.pi / SLICES * film.thickness_mm / LAYERS
-    )
+    volume_mm3 = r * film.radius_mm / RINGS * 2.0 * np.pi / SLICES * film.thickness_mm / LAYERS
     moment = film.remanence_t / (4e-7 * np.pi) * 1e-9 * volume_mm3
     way = np.stack([-np.sin(phase) * np.cos(axis), -np.sin(phase) * np.sin(axis), np.cos(phase)])
     return np.stack([r * np.cos(phi), r * np.sin(phi), z]), moment * way

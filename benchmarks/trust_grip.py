@@ -56,7 +56,7 @@ def middle(values: list[float]) -> dict[str, Any]:
 
 def light_grip(quick: bool, seed: int) -> dict[str, Any]:
     """Felt over true shear, of a gripper's two pads and of a palm under very light loads."""
-    runs, loads = (3, LOADS_N[::3]) if quick else (14, LOADS_N)
+    runs, loads = (3, LOADS_N[::3]) if quick else (12, LOADS_N)
     bag = QUICK_BAG if quick else BAG
     gripper, palm = skin_of("gripper", bag=bag), skin_of("palm", bag=bag)
     out: dict[str, Any] = {"grips": {}, "grown": {}, "light": {}}
@@ -73,7 +73,7 @@ def light_grip(quick: bool, seed: int) -> dict[str, Any]:
                 out["grown"][name] = middle([each[2] for each in found])
     for load in LIGHT_MN[::2] if quick else LIGHT_MN:
         for shear in SIDEWAYS_MN[::2] if quick else SIDEWAYS_MN:
-            found = [_light(palm, load, shear, (seed, run)) for run in range(max(runs // 2, 1))]
+            found = [_light(palm, load, shear, (seed, run)) for run in range(max(runs // 3, 1))]
             out["light"][f"{load:g} mN, {shear:g} mN"] = middle(found)
     every = [row["units"]["median"] for row in out["grips"].values()]
     ends = [row["units"][end] for row in out["grips"].values() for end in ("least", "largest")]
@@ -112,10 +112,15 @@ def _grip(
         world = turned_field(cycles, rate, TURN_RAD_S, span, rng)
     true = plant.forces(touch)
     last = round(LAST_S * rate)
-    spans = {"hold": (round(begin * rate) - last, round(begin * rate)), "end": (cycles - last, cycles)}
+    spans = {
+        "hold": (round(begin * rate) - last, round(begin * rate)),
+        "end": (cycles - last, cycles),
+    }
     felt = dict.fromkeys(spans, 0.0)
     wrench = 0.0
-    states = Player(skin.known, want={"wrench", "contacts"}).play(plant.counts(touch, rng, world_ut=world))
+    states = Player(skin.known, want={"wrench", "contacts"}).play(
+        plant.counts(touch, rng, world_ut=world)
+    )
     for i, state in enumerate(states):
         for name, (start, stop) in spans.items():
             if start <= i < stop:
@@ -153,7 +158,9 @@ def _light(skin: Skin, load_mn: float, shear_mn: float, seed: tuple[int, ...]) -
     touch = Touch(share[0][:, np.newaxis] * depth,
                   share[1][:, np.newaxis, np.newaxis] * (length * way))  # fmt: skip
     last, felt = round(LAST_S * rate), 0.0
-    for i, state in enumerate(Player(skin.known, want={"wrench", "contacts"}).play(plant.counts(touch, rng))):
+    for i, state in enumerate(
+        Player(skin.known, want={"wrench", "contacts"}).play(plant.counts(touch, rng))
+    ):
         if i >= cycles - last:
             felt += _along(state.units.force, way) / last
     return felt / _along(plant.forces(Touch(touch.depth_mm[-1:], touch.moved_mm[-1:]))[0], way)
@@ -164,7 +171,7 @@ def _light(skin: Skin, load_mn: float, shear_mn: float, seed: tuple[int, ...]) -
 
 def turn(quick: bool, seed: int) -> dict[str, Any]:
     """Shear of an untouched palm while the hand turns; the wrench of a full one that turned."""
-    runs = 3 if quick else 24
+    runs = 3 if quick else 16
     palm = skin_of("palm", bag=QUICK_BAG if quick else BAG)
     pad = skin_of("pad", bag=QUICK_BAG if quick else BAG)
     return {
@@ -180,7 +187,9 @@ def _untouched(skin: Skin, runs: int, seed: int) -> dict[str, Any]:
     for run in range(runs):
         rng = np.random.default_rng((3, seed, run))
         rest, cycles = round(REST_S * skin.rate_hz), round(TURN_S * skin.rate_hz)
-        world = turned_field(rest + cycles, skin.rate_hz, TURN_RAD_S, (REST_S, REST_S + TURN_S), rng)
+        world = turned_field(
+            rest + cycles, skin.rate_hz, TURN_RAD_S, (REST_S, REST_S + TURN_S), rng
+        )
         counts = skin.plant.counts(Touch.none(rest + cycles, skin.n), rng, world_ut=world)
         shear, total, touched = np.zeros((cycles, 2, skin.n)), np.zeros((cycles, 2)), 0
         for i, state in enumerate(Player(skin.known, want={"wrench", "contacts"}).play(counts)):

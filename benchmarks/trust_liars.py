@@ -27,7 +27,7 @@ SEEN_CYCLES = 25
 def liars_still(quick: bool, seed: int) -> dict[str, Any]:
     """One unit of a palm that is pressed and sheared all over, and held still, by kind of lie."""
     skin = skin_of("palm", bag=QUICK_BAG if quick else BAG)
-    runs = 2 if quick else 16
+    runs = 2 if quick else 10
     return {kind: _row([_run(skin, kind, (seed, run)) for run in range(runs)]) for kind in KINDS}
 
 
@@ -40,8 +40,9 @@ def _run(skin: Skin, kind: str, seed: tuple[int, int]) -> dict[str, Any]:
     share = ramp(cycles, rate_hz, REST_S, COMES_S)
     spread = 1.0 + 0.1 * rng.uniform(-1.0, 1.0, skin.n)
     way = rng.uniform(*WAYS_MM) * np.array([np.cos(angle), np.sin(angle)])
-    touch = Touch(share[:, np.newaxis] * (rng.uniform(*DEPTHS_MM) * spread),
-                  share[:, np.newaxis, np.newaxis] * way[:, np.newaxis] * np.ones(skin.n))  # fmt: skip
+    depth = rng.uniform(*DEPTHS_MM) * spread
+    moved = way[:, np.newaxis] * np.ones(skin.n)
+    touch = Touch(share[:, np.newaxis] * depth, share[:, np.newaxis, np.newaxis] * moved)
     exact = plant.values(touch)
     counts = plant.quantised(plant.noisy(lying(plant, exact, kind, unit, start), rng))
     if kind == "gel at its rail":
@@ -56,7 +57,10 @@ def _run(skin: Skin, kind: str, seed: tuple[int, int]) -> dict[str, Any]:
             off = off + (state.units.force[:, unit] - true) / last
             warm += (float(state.units.temperature[unit]) - 25.0) / last
             contact += int(state.label[unit]) >= 0
-            sigma = state.units.force_sigma[:, unit].copy(), float(state.units.temperature_sigma[unit])
+            sigma = (
+                state.units.force_sigma[:, unit].copy(),
+                float(state.units.temperature_sigma[unit]),
+            )
     after = np.flatnonzero(flagged[start:])
     kept = bool(flagged[-last:].sum() >= SEEN_CYCLES)
     return {

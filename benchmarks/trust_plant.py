@@ -33,7 +33,8 @@ SPREAD = {
 }  # fmt: skip
 """Relative spread of the units' constants, evenly, about the nominal ones [assumed]."""
 ALIKE = ("normal_break_hz", "shear_break_mm", "shear_stiff_n_per_mm", "film_reference_c",
-         "hall_reference_c", "gel_noise_relative", "frequency_noise_hz", "field_noise_ut")  # fmt: skip
+         "hall_reference_c", "gel_noise_relative", "frequency_noise_hz",
+         "field_noise_ut")  # fmt: skip
 """Constants that all units share."""
 STRENGTH, OFFSET_UT = 0.05, 150.0
 """The same of the films' remanence, and the largest offset of a Hall axis."""
@@ -132,7 +133,7 @@ class Plant:
         np.add.at(self._rest.T, at, self._resting.T)
 
     def _seen(self, pair: np.ndarray, moved: np.ndarray) -> np.ndarray:
-        """Field of the films of pairs, moved by (3, p) in their frames, in the axes of the chips."""
+        """Field of the films of pairs, moved by (3, p) in their frames, in the chips' axes."""
         seen = field_of(self.film, self._between[:, pair] - moved)
         return self.strength[self._by[pair]] * np.einsum("abp,bp->ap", self._turn[:, :, pair], seen)
 
@@ -157,14 +158,24 @@ class Plant:
         """Normal force at a depth, (…, n): two straight lines."""
         t = self.true
         fall = t["frequency_slope_hz_per_mm"] * depth_mm
-        knee, soft, stiff = t["normal_break_hz"], t["normal_soft_n_per_hz"], t["normal_stiff_n_per_hz"]
+        knee, soft, stiff = (
+            t["normal_break_hz"],
+            t["normal_soft_n_per_hz"],
+            t["normal_stiff_n_per_hz"],
+        )
         return np.where(fall <= knee, soft * fall, soft * knee + stiff * (fall - knee))
 
     def depth_at(self, normal_n: np.ndarray) -> np.ndarray:
         """Depth under a normal force."""
         t = self.true
-        knee, soft, stiff = t["normal_break_hz"], t["normal_soft_n_per_hz"], t["normal_stiff_n_per_hz"]
-        fall = np.where(normal_n <= soft * knee, normal_n / soft, knee + (normal_n - soft * knee) / stiff)
+        knee, soft, stiff = (
+            t["normal_break_hz"],
+            t["normal_soft_n_per_hz"],
+            t["normal_stiff_n_per_hz"],
+        )
+        fall = np.where(
+            normal_n <= soft * knee, normal_n / soft, knee + (normal_n - soft * knee) / stiff
+        )
         return fall / t["frequency_slope_hz_per_mm"]
 
     def shear_n(self, length_mm: np.ndarray) -> np.ndarray:
@@ -178,12 +189,16 @@ class Plant:
         t = self.true
         soft, knee = t["shear_soft_n_per_mm"], t["shear_break_mm"]
         steep = soft + t["shear_stiff_n_per_mm"]
-        return np.where(shear_n <= soft * knee, shear_n / soft, knee + (shear_n - soft * knee) / steep)
+        return np.where(
+            shear_n <= soft * knee, shear_n / soft, knee + (shear_n - soft * knee) / steep
+        )
 
     def forces(self, touch: Touch) -> np.ndarray:
         """What bodies exert on the units, N, shape (t, 3, n), frames of the units."""
         length = np.hypot(touch.moved_mm[:, 0], touch.moved_mm[:, 1])
-        per_mm = np.divide(self.shear_n(length), length, out=np.zeros_like(length), where=length > 0)
+        per_mm = np.divide(
+            self.shear_n(length), length, out=np.zeros_like(length), where=length > 0
+        )
         normal = self.normal_n(touch.depth_mm)[:, np.newaxis]
         return np.concatenate([per_mm[:, np.newaxis] * touch.moved_mm, normal], axis=1)
 
@@ -199,7 +214,8 @@ class Plant:
         return load @ self.topology.position.T / load.sum(axis=1)[:, np.newaxis]
 
     def values(
-        self, touch: Touch, *, warm_c: float | np.ndarray = 25.0, world_ut: np.ndarray | None = None,
+        self, touch: Touch, *, warm_c: float | np.ndarray = 25.0,
+        world_ut: np.ndarray | None = None,
         chip_c: float | np.ndarray | None = None, films: bool = True,
     ) -> np.ndarray:  # fmt: skip
         """Physical values of the channels without noise, shape (t, c, n).
@@ -226,7 +242,11 @@ class Plant:
             t["frequency_rest_hz"] - t["frequency_slope_hz_per_mm"] * touch.depth_mm
         )
         weaker = 1.0 + t["film_drift_per_k"] * (warm - t["film_reference_c"])
-        field = self.film_field(touch) * weaker[:, np.newaxis] if films else np.zeros((cycles, 3, self.n))
+        field = (
+            self.film_field(touch) * weaker[:, np.newaxis]
+            if films
+            else np.zeros((cycles, 3, self.n))
+        )
         if world_ut is not None:
             here = np.einsum("abn,ta->tbn", self.topology.rotation, world_ut)
             field = field + CHIP[:, np.newaxis] * here
@@ -248,7 +268,9 @@ class Plant:
             t, shape = self.true, (len(values), self.n)
             values[:, GEL] *= 1.0 + t["gel_noise_relative"] * rng.standard_normal(shape)
             values[:, FREQUENCY] += t["frequency_noise_hz"] * rng.standard_normal(shape)
-            values[:, BX : BZ + 1] += t["field_noise_ut"] * rng.standard_normal((shape[0], 3, self.n))
+            values[:, BX : BZ + 1] += t["field_noise_ut"] * rng.standard_normal(
+                (shape[0], 3, self.n)
+            )
         return values
 
     def quantised(self, values: np.ndarray) -> np.ndarray:

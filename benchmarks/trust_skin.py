@@ -84,10 +84,6 @@ class Skin:
         """Nothing touches it."""
         return Touch.none(round(seconds * self.rate_hz), self.n)
 
-    def played(self, counts: np.ndarray, **options: Any) -> Iterator[State]:
-        """The states of an open skin, which begins with these cycles."""
-        return Player(self.known, **options).play(counts)
-
 
 def square(count: int) -> Topology:
     """So many nominal units."""
@@ -177,7 +173,9 @@ def _scan(
         counts = plant.quantised(plant.noisy(exact.copy(), rng))
         total += plant.topology.scale * counts + plant.topology.offset
     mean = total / readings
-    force = np.stack([plant.shear_n(length[:, np.newaxis] * wide), plant.normal_n(touch.depth_mm)], axis=1)
+    force = np.stack(
+        [plant.shear_n(length[:, np.newaxis] * wide), plant.normal_n(touch.depth_mm)], axis=1
+    )
     force += FORCE_SIGMA_N / np.sqrt(readings) * rng.standard_normal(force.shape)
     return Scan(
         touch.depth_mm, length[:, np.newaxis] * wide, direction[:, np.newaxis] * wide, film, film,
