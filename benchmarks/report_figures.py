@@ -129,6 +129,26 @@ SLIP_ROWS = tuple(
     for figure in _rows(path, name, words)
 )
 
+LIARS = {"Bx + 1 mT": "force_n", "Bx at rest": "force_n", "unit at rest": "force_n",
+         "gel + 5 %": "warm_k", "gel at its rail": "warm_k"}  # fmt: skip
+"""Units that lie while they are held still, and where it shows."""
+
+LIAR_ROWS = tuple(
+    figure
+    for kind, shows in LIARS.items()
+    for figure in (
+        Figure(
+            "trust", f"liars_still/{kind}/found/rate",
+            f"units that lie under a still hold ({kind}), flagged after 5 s", "", "", False,
+            f"liars_still/{kind}/found/trials",
+        ),
+        Figure(
+            "trust", f"liars_still/{kind}/{shows}", "worst mean error of those that are not flagged",
+            "N" if shows == "force_n" else "K",
+        ),
+    )
+)  # fmt: skip
+
 FIGURES = (
     # what a decoder takes, beside what else takes time
     Figure("decode", "bare_ratio", "time of a decoder ({temperature, force}, sine, with flags, without the check of the field and sigma) over the same arithmetic bare in C, 4096 units with a calibration each, one thread both", "", "<= 1.5", True),
@@ -285,4 +305,29 @@ FIGURES = (
     Figure("channels", "exact_healthy_flagged", "readings of healthy calibrated units that were flagged invalid", "", "= 0", extreme=True),
     Figure("faults", "wrong_unflagged", "wrong readings shown as valid, over all kinds of faults of frames", "", "= 0", extreme=True),
     Figure("crosstalk", "pitches/12/live/field-angle_um/1", "error of the displacement at 12 mm after one sweep from a cold start", "µm rms"),
+    # a plant that shares no code with simulator and decoder: dipoles, an elastic foundation, laws and noise of its own
+    Figure("trust", "fast_press/1 mm/flags_per_day/rate", "times a day that a healthy, calibrated unit is called MAGNETIC_ANOMALY, while units are pressed, tapped and dragged one after the other to 1 mm within 5 to 500 ms; 7 shapes, films as drawn and two other kinds, of a plant that shares no code with simulator or decoder", "", "<= 1", True, spread="fast_press/1 mm/flags_per_day/span"),
+    Figure("trust", "fast_press/1 mm/flagged_share/rate", "share of these presses with such a flag", "", "", False, "fast_press/1 mm/flagged_share/trials"),
+    Figure("trust", "fast_press/1 mm/lost_share/rate", "share of them whose contact is lost for a cycle or longer, later than 20 ms after the touch and above 0.5 N", "", "", True, "fast_press/1 mm/lost_share/trials"),
+    Figure("trust", "fast_press/1 mm/longest_flagged_ms", "the longest flag of a healthy unit", "ms"),
+    Figure("trust", "fast_press/1 mm/flagged_untouched", "share of healthy units that are flagged in two seconds in which nothing touches them"),
+    Figure("trust", "fast_press/2 mm/flags_per_day/rate", "flags a day of units pressed to 2 mm", "", "", spread="fast_press/2 mm/flags_per_day/span"),
+    Figure("trust", "fast_press/2 mm/lost_share/rate", "share of presses to 2 mm whose contact is lost", "", "", False, "fast_press/2 mm/lost_share/trials"),
+    Figure("trust", "light_grip/worst_median/lower", "felt over true shear of two pads of 16 units under 0.4 to 3 N a pad, with the Earth's field and without: least of the medians over grips", "", ">= 0.9", True, spread="light_grip/worst"),
+    Figure("trust", "light_grip/worst_median/upper", "the largest", "", "<= 1.1"),
+    Figure("trust", "light_grip/grown/field/median", "the same once a grip of 0.4 N has grown to 3 N", "", ">= 0.9"),
+    Figure("trust", "turn/untouched/unit_rms_mn/mean", "shear of an untouched unit while the hand turns at 1 rad/s in 50 µT, single readings", "mN rms", "", False, "", "turn/untouched/unit_rms_mn/interval"),
+    Figure("trust", "turn/untouched/sum_rms_mn/mean", "the same of all 64 together", "mN rms", "", True, "", "turn/untouched/sum_rms_mn/interval"),
+    Figure("trust", "turn/held_palm/chi_square/mean", "square of the error of the shear of a full palm over its sigma, after the hand has turned by 180° (1 if sigma is right)", "", "", True, "", "turn/held_palm/chi_square/interval"),
+    Figure("trust", "wrench_coverage/all/share", "share of the components of the wrench within one sigma (0.683 if it is right), one sample a run, over shapes, bodies, loads of 0.1 to 20 N, turns", "", ">= 0.66", True, "", "wrench_coverage/all/interval"),
+    Figure("trust", "wrench_coverage/all/at_most", "the same from above", "", "<= 0.72", False, "", "wrench_coverage/all/interval"),
+    Figure("trust", "wrench_coverage/all/chi_square", "square of its error over sigma", "", "", spread="wrench_coverage/all/chi_span"),
+    Figure("trust", "wrench_coverage/silent/rate", "share of runs whose wrench says 0 ± 0 while something presses", "", "<= 0", True, "wrench_coverage/silent/trials"),
+    Figure("trust", "centre_coverage/all/share", "share of the components of the centre within one sigma, loads of units taken in their middles", "", ">= 0.66", True, "", "centre_coverage/all/interval"),
+    Figure("trust", "centre_coverage/all/at_most", "the same from above", "", "<= 0.72", False, "", "centre_coverage/all/interval"),
+    Figure("trust", "centre_coverage/load/0 to 1 N/share", "the same below 1 N", "", "", False, "", "centre_coverage/load/0 to 1 N/interval"),
+    Figure("trust", "centre_coverage/face/all/share", "the same beside the centre of the pressure on the faces, wherever in a face it is", "", "", False, "", "centre_coverage/face/all/interval"),
+    *LIAR_ROWS,
+    *(Figure("trust", f"films/all/{way}/mean", f"share of tangential errors of units within one sigma, pads of films as drawn and of two other kinds, {words}", "", target, False, "", f"films/all/{way}/interval")
+      for way, words, target in (("untared", "never tared", "<= 0.80"), ("tared", "tared", "<= 0.72"), ("learned", "tared and learned from touch", "<= 0.72"), ("learned untared", "learned from touch of a skin that was not tared", "<= 0.72"))),
 )  # fmt: skip

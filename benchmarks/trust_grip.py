@@ -1,0 +1,240 @@
+"""Light grips and turning hands: the shear that is felt, and the shear that is not there."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from benchmarks.trust_bodies import ramp
+from benchmarks.trust_plant import EARTH_UT, Touch, direction, turning
+from benchmarks.trust_skin import BAG, QUICK_BAG, REST_S, Player, Skin, skin_of
+
+__all__ = ["START_S", "light_grip", "turn", "turned_field"]
+
+LOADS_N = (0.4, 0.5, 0.7, 1.0, 1.5, 3.0)
+"""Of a pad of 16 units."""
+START_S = REST_S + 1.5
+"""When something touches at first, after the hand may have turned."""
+SHARE = (0.3, 0.6)
+GRIP_S, LIFT_S = (0.2, 3.0), (0.3, 1.5)
+"""How long the pads need to close, and the object to be lifted: log-uniform."""
+REGRIP_S, HOLD_S, GROWN_S, LAST_S = 0.4, 1.5, 2.0, 0.4
+"""Gripped harder within; held before and after that; means are over the last."""
+TILT = 0.3
+"""By which the load of a unit differs from the mean, evenly."""
+LIGHT_MN = (10.0, 30.0, 60.0)
+SIDEWAYS_MN = (5.0, 20.0, 50.0, 100.0)
+TURN_RAD_S, TURN_S, HELD_MM = 1.0, 12.0, 0.5
+
+
+def turned_field(
+    cycles: int, rate_hz: float, rad_s: float, span_s: tuple[float, float], rng: np.random.Generator
+) -> np.ndarray:
+    """The Earth's field, any way it may point, in a hand that turns about any axis from one time to
+    another and stands before and after; shape (t, 3)."""
+    start, stop = span_s
+    angle = rad_s * np.clip(np.arange(cycles) / rate_hz - start, 0.0, stop - start)
+    return turning(angle, direction(rng), EARTH_UT * direction(rng))
+
+
+def middle(values: list[float]) -> dict[str, Any]:
+    """Median with the 95 % interval of order statistics, which asks for no distribution; least and
+    largest."""
+    from scipy.stats import binom
+
+    ordered = np.sort(np.asarray(values, float))
+    n = ordered.size
+    low = int(binom.ppf(0.025, n, 0.5))
+    return {"median": float(np.median(ordered)), "lower": float(ordered[max(low - 1, 0)]),
+            "upper": float(ordered[min(n - low, n - 1)]), "least": float(ordered[0]),
+            "largest": float(ordered[-1]), "runs": n}  # fmt: skip
+
+
+# -- grips -----------------------------------------------------------------------------------------
+
+
+def light_grip(quick: bool, seed: int) -> dict[str, Any]:
+    """Felt over true shear, of a gripper's two pads and of a palm under very light loads."""
+    runs, loads = (3, LOADS_N[::3]) if quick else (12, LOADS_N)
+    bag = QUICK_BAG if quick else BAG
+    gripper, palm = skin_of("gripper", bag=bag), skin_of("palm", bag=bag)
+    out: dict[str, Any] = {"grips": {}, "grown": {}, "light": {}}
+    for field in (True, False):
+        name = "field" if field else "no field"
+        for load in loads:
+            found = [_grip(gripper, load, (seed, run, round(10 * load)), field)
+                     for run in range(runs)]  # fmt: skip
+            out["grips"][f"{load:g} N, {name}"] = {
+                "units": middle([each[0] for each in found]),
+                "wrench": middle([each[1] for each in found]),
+            }
+            if load == loads[0]:
+                out["grown"][name] = middle([each[2] for each in found])
+    for load in LIGHT_MN[::2] if quick else LIGHT_MN:
+        for shear in SIDEWAYS_MN[::2] if quick else SIDEWAYS_MN:
+            found = [_light(palm, load, shear, (seed, run)) for run in range(max(runs // 3, 1))]
+            out["light"][f"{load:g} mN, {shear:g} mN"] = middle(found)
+    every = [row["units"]["median"] for row in out["grips"].values()]
+    ends = [row["units"][end] for row in out["grips"].values() for end in ("least", "largest")]
+    out["worst_median"] = {"lower": min(every), "upper": max(every)}
+    out["worst"] = {"lower": min(ends), "upper": max(ends)}
+    return out
+
+
+def _grip(
+    skin: Skin, load_n: float, seed: tuple[int, ...], field: bool
+) -> tuple[float, float, float]:
+    """Felt over true shear at the end of the hold, by units and by wrench, and by units after the
+    grip has grown to the largest load."""
+    rng = np.random.default_rng((1, *seed))
+    plant, rate, n = skin.plant, skin.rate_hz, skin.n
+    way = direction(rng)
+    in_plane = np.einsum("abn,a->bn", plant.topology.rotation[:, :2], way)
+    in_plane /= np.linalg.norm(in_plane, axis=0)
+    way = np.einsum("abn,bn->a", plant.topology.rotation[:, :2], in_plane) / n  # pads are parallel
+    grip_s, lift_s = (float(np.exp(rng.uniform(*np.log(span)))) for span in (GRIP_S, LIFT_S))
+    each = load_n / 16.0 * _uneven(rng, plant.topology.patch)
+    most = LOADS_N[-1] / load_n
+    seconds = START_S + grip_s + lift_s + HOLD_S + GROWN_S
+    cycles = round(seconds * rate)
+    closed = ramp(cycles, rate, START_S, grip_s)
+    begin = START_S + grip_s + lift_s + HOLD_S
+    grown = 1.0 + (most - 1.0) * ramp(cycles, rate, begin, REGRIP_S)
+    depth = plant.depth_at(each * (closed * grown)[:, np.newaxis])
+    lifted = ramp(cycles, rate, START_S + grip_s, lift_s)
+    length = plant.length_at(rng.uniform(*SHARE) * each * lifted[:, np.newaxis])
+    touch = Touch(depth, length[:, np.newaxis] * in_plane)
+    world = None
+    if field:
+        # the hand turns since the tare, until the object is lifted
+        span = REST_S, START_S + grip_s + lift_s
+        world = turned_field(cycles, rate, TURN_RAD_S, span, rng)
+    true = plant.forces(touch)
+    last = round(LAST_S * rate)
+    spans = {
+        "hold": (round(begin * rate) - last, round(begin * rate)),
+        "end": (cycles - last, cycles),
+    }
+    felt = dict.fromkeys(spans, 0.0)
+    wrench = 0.0
+    states = Player(skin.known, want={"wrench", "contacts"}).play(
+        plant.counts(touch, rng, world_ut=world)
+    )
+    for i, state in enumerate(states):
+        for name, (start, stop) in spans.items():
+            if start <= i < stop:
+                felt[name] += _along(state.units.force, in_plane) / last
+                if name == "hold":
+                    wrench += float(state.wrench[:3] @ way) / last
+    expected = {name: _along(true[stop - 1], in_plane) for name, (_, stop) in spans.items()}
+    along = float(plant.wrench(true[spans["hold"][1] - 1][np.newaxis])[0, :3] @ way)
+    return felt["hold"] / expected["hold"], wrench / along, felt["end"] / expected["end"]
+
+
+def _uneven(rng: np.random.Generator, patch: np.ndarray) -> np.ndarray:
+    """Shares of a load, mean 1 on each pad."""
+    share = 1.0 + TILT * rng.uniform(-1.0, 1.0, patch.size)
+    for pad in np.unique(patch):
+        share[patch == pad] /= share[patch == pad].mean()
+    return share
+
+
+def _along(force: np.ndarray, way: np.ndarray) -> float:
+    """Sum over units of the tangential force along a direction in each unit's plane."""
+    return float(np.nansum(force[:2] * way))
+
+
+def _light(skin: Skin, load_mn: float, shear_mn: float, seed: tuple[int, ...]) -> float:
+    """The same of a palm, every unit under the same load and shear, however much that is."""
+    rng = np.random.default_rng((2, *seed, round(load_mn), round(shear_mn)))
+    plant, rate = skin.plant, skin.rate_hz
+    cycles = round((REST_S + 2.0 * REGRIP_S + HOLD_S) * rate)
+    angle = rng.uniform(-np.pi, np.pi)
+    way = np.array([np.cos(angle), np.sin(angle)])[:, np.newaxis] * np.ones(skin.n)
+    depth = plant.depth_at(1e-3 * load_mn * np.ones(skin.n))
+    length = plant.length_at(1e-3 * shear_mn * np.ones(skin.n))
+    share = ramp(cycles, rate, REST_S, REGRIP_S), ramp(cycles, rate, REST_S + REGRIP_S, REGRIP_S)
+    touch = Touch(share[0][:, np.newaxis] * depth,
+                  share[1][:, np.newaxis, np.newaxis] * (length * way))  # fmt: skip
+    last, felt = round(LAST_S * rate), 0.0
+    for i, state in enumerate(
+        Player(skin.known, want={"wrench", "contacts"}).play(plant.counts(touch, rng))
+    ):
+        if i >= cycles - last:
+            felt += _along(state.units.force, way) / last
+    return felt / _along(plant.forces(Touch(touch.depth_mm[-1:], touch.moved_mm[-1:]))[0], way)
+
+
+# -- turns -----------------------------------------------------------------------------------------
+
+
+def turn(quick: bool, seed: int) -> dict[str, Any]:
+    """Shear of an untouched palm while the hand turns; the wrench of a full one that turned."""
+    runs = 3 if quick else 16
+    palm = skin_of("palm", bag=QUICK_BAG if quick else BAG)
+    pad = skin_of("pad", bag=QUICK_BAG if quick else BAG)
+    return {
+        "untouched": _untouched(palm, runs // 2 + 1, seed),
+        "held_palm": _turned(palm, runs, seed),
+        "held_pad": _turned(pad, runs, seed),
+    }
+
+
+def _untouched(skin: Skin, runs: int, seed: int) -> dict[str, Any]:
+    """Errors, mN, of single readings; means over runs with what they differ by."""
+    rows = []
+    for run in range(runs):
+        rng = np.random.default_rng((3, seed, run))
+        rest, cycles = round(REST_S * skin.rate_hz), round(TURN_S * skin.rate_hz)
+        world = turned_field(
+            rest + cycles, skin.rate_hz, TURN_RAD_S, (REST_S, REST_S + TURN_S), rng
+        )
+        counts = skin.plant.counts(Touch.none(rest + cycles, skin.n), rng, world_ut=world)
+        shear, total, touched = np.zeros((cycles, 2, skin.n)), np.zeros((cycles, 2)), 0
+        for i, state in enumerate(Player(skin.known, want={"wrench", "contacts"}).play(counts)):
+            if i >= rest:
+                shear[i - rest] = 1e3 * state.units.force[:2]
+                total[i - rest] = shear[i - rest].sum(axis=1)
+                touched += bool(state.contacts)
+        sides, sums = np.hypot(shear[:, 0], shear[:, 1]), np.hypot(*total.T)
+        rows.append({
+            "unit_rms_mn": np.sqrt(np.mean(sides**2)), "unit_p95_mn": np.percentile(sides, 95.0),
+            "sum_rms_mn": np.sqrt(np.mean(sums**2)), "sum_p95_mn": np.percentile(sums, 95.0),
+            "contacts": touched / cycles,
+        })  # fmt: skip
+    return {key: _mean([row[key] for row in rows]) for key in rows[0]}
+
+
+def _mean(values: list[float]) -> dict[str, float]:
+    """Mean over runs and half of its 95 % interval."""
+    from scipy.stats import t
+
+    n = len(values)
+    half = t.ppf(0.975, n - 1) * np.std(values, ddof=1) / np.sqrt(n) if n > 1 else np.nan
+    return {"mean": float(np.mean(values)), "interval": float(half), "runs": n}
+
+
+def _turned(skin: Skin, runs: int, seed: int) -> dict[str, Any]:
+    """Errors of the force of a skin that is wholly touched while the hand turns by 180°, N."""
+    ratios, errors, sigmas = [], [], []
+    for run in range(runs):
+        rng = np.random.default_rng((4, seed, run))
+        rate = skin.rate_hz
+        turn_s = np.pi / TURN_RAD_S
+        cycles = round((REST_S + REGRIP_S + turn_s + LAST_S) * rate)
+        span = REST_S + REGRIP_S, REST_S + REGRIP_S + turn_s
+        world = turned_field(cycles, rate, TURN_RAD_S, span, rng)
+        depth = HELD_MM * ramp(cycles, rate, REST_S, REGRIP_S)[:, np.newaxis] * np.ones(skin.n)
+        touch = Touch(depth, np.zeros((cycles, 2, skin.n)))
+        counts = skin.plant.counts(touch, rng, world_ut=world)
+        for state in Player(skin.known, want={"wrench", "contacts"}).play(counts):
+            last = state
+        true = skin.plant.wrench(skin.plant.forces(Touch(depth[-1:], touch.moved_mm[-1:])))[0]
+        error = last.wrench[:2] - true[:2]
+        errors.append(float(np.hypot(*error)))
+        sigmas.append(float(np.hypot(*last.wrench_sigma[:2])))
+        ratios.append(float(np.mean((error / last.wrench_sigma[:2]) ** 2)))
+    chi = _mean(ratios)
+    return {"chi_square": chi, "error_n": _mean(errors), "sigma_n": _mean(sigmas),
+            "worst_sigmas": float(np.sqrt(2.0 * max(ratios)))}  # fmt: skip
