@@ -160,8 +160,10 @@ class Plan:
     @property
     def reads_field(self) -> bool:
         """Whether anything that is decoded needs the field of the chips."""
-        return self.sweeps > 0 or self.ambient or not {*TANGENTIAL, "field"}.isdisjoint(
-            self.quantities
+        return (
+            self.sweeps > 0
+            or self.ambient
+            or not {*TANGENTIAL, "field"}.isdisjoint(self.quantities)
         )
 
     @property

@@ -372,9 +372,7 @@ def neighbours_moving_ut2(topology: Topology) -> tuple[np.ndarray, np.ndarray]:
     random through the range of the scans, µT², shape (n,) each."""
     nobody = np.zeros(0, np.int64)
     separated = _frames_separated(_with_films(topology))
-    return moving_ut2(
-        separated, nobody, nobody, DEPTH_MAX_MM, DISPLACEMENT_MAX_MM, PRESSED
-    )
+    return moving_ut2(separated, nobody, nobody, DEPTH_MAX_MM, DISPLACEMENT_MAX_MM, PRESSED)
 
 
 def _gram(depth_max_mm: float, displacement_max_mm: float, degree: int) -> np.ndarray:

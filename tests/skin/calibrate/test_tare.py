@@ -139,7 +139,9 @@ def test_tared_skin_reads_nothing(tmp_path):
     tared = topology.load(tmp_path / "pair.toml")
     still = simulated(true, 400, seed=9)
     for loaded, least, most in ((skin, 0.02, 1.0), (tared, 0.0, 0.005)):
-        mean = Decoder(loaded, estimator="sine", dtype="float64")(still).force.mean(axis=0)
+        mean = Decoder(loaded, estimator="sine", dtype="float64", sweeps=0, ambient=False)(
+            still
+        ).force.mean(axis=0)
         assert least < np.abs(mean[0]).max() < most
         assert least < np.abs(mean[2]).max() < most
 
@@ -606,7 +608,9 @@ def test_film_beside_its_chip_is_in_the_offsets_only_if_not_known():
     for skin, found in ((nominal, blind), (known, seeing)):
         offsets = {f"hall_offset_{axis}_ut": found.offset_ut[i] for i, axis in enumerate("xy")}
         tared = with_parameters(skin, frequency_rest_hz=found.frequency_hz, **offsets)
-        decoder = Decoder(tared, estimator="sine", dtype="float64", consistency=False)
+        decoder = Decoder(
+            tared, estimator="sine", dtype="float64", consistency=False, sweeps=0, ambient=False
+        )
         mean = decoder(counts).displacement_mm.mean(axis=0)
         assert np.abs(mean).max() < 0.006
 
@@ -628,7 +632,9 @@ def test_field_of_the_tare_is_not_subtracted_again(tmp_path):
     )
     ambient, p = Ambient(tared, dtype="float64"), tared.parameters
     rest = np.stack([p["hall_offset_x_ut"], p["hall_offset_y_ut"], 0.0 * p["hall_offset_x_ut"]])
-    reading = Decoder(tared, estimator="sine", dtype="float64")(simulated(skin, 1)[0])
+    reading = Decoder(tared, estimator="sine", dtype="float64", sweeps=0, ambient=False)(
+        simulated(skin, 1)[0]
+    )
     units = UnitSimulator(skin, field=field, seed=5)
 
     def run(cycles):
