@@ -242,7 +242,8 @@ def tare(
         Flags of the bus; a reading with any of `INVALID` is not used.
     rest_ut : ndarray, shape (3, n), optional
         What the decoder takes off for neighbours at rest (`Decoder.rest_ut`), which is left out of
-        the offsets; that of magnet theory if not given, as the decoder has it without a stencil.
+        the offsets; that of magnet theory if not given, as the decoder has it without a stencil; units
+        may then be farther from it before they count as sheared.
     leave_out : collection of str
         Names of units that keep what they have. Units that are switched off, and sensors of
         another kind, do so anyhow.
@@ -260,8 +261,6 @@ def tare(
     _check("counts", counts, np.int16, (len(CHANNELS), topology.n))
     flags = np.zeros(counts.shape[::2], np.uint16) if status is None else status
     _check("status", flags, np.uint16, (topology.n,), len(counts))
-    if rest_ut is None:
-        rest_ut = neighbours_at_rest(topology)
     readings = Readings(topology, counts, flags, rest_ut)
     faults = [
         f"{topology.unit_names[i]}: {fault}"
@@ -269,7 +268,9 @@ def tare(
     ]  # fmt: skip
     if faults:
         raise ScanError("\n".join(faults))
-    return Tare(topology, taken, *readings.zeros(taken), rest_ut)
+    there_ut = np.zeros((3, topology.n)) if rest_ut is None else rest_ut
+    found = Tare(topology, taken, *readings.zeros(taken), there_ut)
+    return found.leaving_out(neighbours_at_rest(topology)) if rest_ut is None else found
 
 
 def _check(

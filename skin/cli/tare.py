@@ -50,6 +50,7 @@ def tare(
     from skin.calibrate.tare import tare as take
     from skin.compiling import announcer
     from skin.errors import ScanError
+    from skin.physics.stencil import neighbours_at_rest
     from topology import load
 
     options.check_seconds(seconds)
@@ -61,7 +62,9 @@ def tare(
     simulated = _simulated(loaded) if simulate else None
     counts, status = _listen(loaded, seconds, sync, simulated)
     try:
-        found = take(loaded, counts, status, leave_out=leave_out)
+        found = take(
+            loaded, counts, status, rest_ut=neighbours_at_rest(loaded), leave_out=leave_out
+        )
     except ScanError as error:
         return refused(str(error), loaded, json)
     changes = found.changes()

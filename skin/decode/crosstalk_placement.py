@@ -67,25 +67,25 @@ def films_ut2(topology: Topology, stencil: Stencil) -> tuple[np.ndarray, np.ndar
     """Variance of the field by films that are not made as the stencil has it, of x or y and of z,
     µT², shape (n,) each: the mean over the range of all neighbours.
 
-    All films of a skin are made alike, so that what they add is off by one and the same share,
-    `stray_sigma_relative`, as they move and at rest. A tare takes the lateral part at rest off,
-    never that along z. Of films that were measured only the field at rest is off.
+    All films of a skin are made alike, so that what they add as they move is off by one and the
+    same share, `stray_sigma_relative`; of films that were measured it is not. At rest it is off by
+    `Stencil.rest_sigma_ut`, of which a tare takes the lateral part off, never that along z.
     """
+    rest = stencil.rest_sigma_ut**2
+    rest = np.stack([np.where(topology.tared, 0.0, 0.5 * (rest[0] + rest[1])), rest[2]])
     if not stencil.drawn:
-        variance = stencil.rest_sigma_ut**2
-        return np.where(topology.tared, 0.0, 0.5 * (variance[0] + variance[1])), variance[2]
+        return rest[0], rest[1]
     at, by = stencil.unit, stencil.neighbour
     strength = stencil.strength[by]
     mean = (stencil.coefficients @ stencil.mean)[stencil.kind] * strength[:, np.newaxis]
     square = np.sum((stencil.coefficients @ stencil.gram) * stencil.coefficients, axis=2)
     own = square[stencil.kind] * strength[:, np.newaxis] ** 2 - mean**2
-    total = stencil.rest_ut.T.copy()
-    total[topology.tared, :2] = 0.0
+    total = np.zeros((topology.n, 3))
     np.add.at(total, at, mean)
     variance = total**2
     np.add.at(variance, at, own)
     variance *= topology.parameters["stray_sigma_relative"][:, np.newaxis] ** 2
-    return 0.5 * (variance[:, 0] + variance[:, 1]), variance[:, 2]
+    return rest[0] + 0.5 * (variance[:, 0] + variance[:, 1]), rest[1] + variance[:, 2]
 
 
 def _slopes(stencil: Stencil) -> tuple[np.ndarray, np.ndarray]:

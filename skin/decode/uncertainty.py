@@ -79,11 +79,11 @@ def neighbours_of(
     still = np.hypot(still, 2.0 * np.abs(octave_ut).max(axis=0))
     if swept_ut2 is not None:
         return Neighbours(still, none, none, swept_ut2)
-    from skin.physics.stencil import neighbours_moving_ut2
+    from skin.physics.stencil import neighbours_moving_ut2, rest_sigma_ut
 
     lateral_ut2, axial_ut2 = neighbours_moving_ut2(topology)
     p = topology.parameters
-    off = p["stray_sigma_relative"] ** 2 * rest_ut**2
+    off = rest_sigma_ut(topology) ** 2
     tilted = p["placement_sigma_rad"] ** 2 * rest_ut[2] ** 2
     return Neighbours(still, lateral_ut2, 0.5 * (off[0] + off[1]) + tilted, axial_ut2 + off[2])
 

@@ -20,9 +20,13 @@ from typing import IO, Any
 import numpy as np
 
 from skin.errors import ScanError, SkinError, TooDenseError
+from skin.physics.film_table import load_film_table
+from skin.physics.halbach import CHIP_AXES
 from skin.physics.least_squares import Fit
+from skin.physics.multipoles import films_as_made, multipole_field
 from skin.physics.stray import (
     DEGREES,
+    HORIZON_M,
     SEPARATION_M,
     Pairs,
     blocked,
@@ -35,11 +39,13 @@ from skin.physics.stray import (
     scan_poses,
     scan_stray,
 )
-from topology import Topology
+from topology import Topology, UnitModel
 from topology.files import check_path, read_arrays, whole_file
 from topology.neighbours import compressed_rows
 
-__all__ = ["Stencil", "check_stencil", "neighbours_at_rest", "neighbours_moving_ut2"]
+__all__ = [
+    "Stencil", "check_stencil", "neighbours_at_rest", "neighbours_moving_ut2", "rest_sigma_ut",
+]  # fmt: skip
 
 DEPTH_MAX_MM, DISPLACEMENT_MAX_MM = 2.0, 2.5
 """Range of the scans [paper: what a unit is calibrated for]."""
@@ -47,6 +53,8 @@ PRESSED = (2.0 / 3.0, 1.0 / 2.0)
 """Chance that a neighbour of a pressed unit is pressed, and that two given ones are [derived: any
 share p of a skin may be pressed, each as likely, and a pressed unit is one of many in proportion to
 p: the means of p and of p² by the density 2 p]."""
+AS_MADE = UnitModel().stray_sigma_relative
+PAIRS_AT_ONCE = 65536
 SAME_SKIN_M = 2e-4
 """Units that are this much nearer or farther than in a saved stencil are other units [assumed:
 how well units are placed]."""
@@ -285,12 +293,11 @@ class Stencil:
         distance = _distance(topology, i, j)
         separated = _frames_separated(_with_films(topology))
         beyond = left_out(separated, i, j, depth_max_mm, displacement_max_mm)
-        rest_ut = field_at_rest(separated)
         return cls(
             start.astype(np.int32), j, np.arange(len(fits), dtype=np.int32), distance,
-            values, np.sqrt(known + missed), np.ones(topology.n), rest_ut, degree,
+            values, np.sqrt(known + missed), np.ones(topology.n), field_at_rest(separated), degree,
             float(distance.max()), depth_max_mm, displacement_max_mm, beyond,
-            topology.parameters["stray_sigma_relative"] * np.abs(rest_ut),
+            rest_sigma_ut(topology),
         )  # fmt: skip
 
     @classmethod
@@ -345,13 +352,12 @@ class Stencil:
         residual = stray - np.einsum("kap,pt->kta", values, terms)
         sigma = np.sqrt(np.einsum("t,kta->ka", share, residual**2))
         beyond = left_out(separated, unit, neighbour, DEPTH_MAX_MM, DISPLACEMENT_MAX_MM)
-        rest_ut = field_at_rest(separated)
         return cls(
             start, neighbour, pairs.kind, _distance(topology, unit, neighbour),
             pairs.turned(values, degree), pairs.spread(sigma),
-            topology.parameters["field_amplitude_ut"].copy(), rest_ut, degree,
+            topology.parameters["field_amplitude_ut"].copy(), field_at_rest(separated), degree,
             reach_m, DEPTH_MAX_MM, DISPLACEMENT_MAX_MM, beyond,
-            topology.parameters["stray_sigma_relative"] * np.abs(rest_ut), drawn=True,
+            rest_sigma_ut(topology), drawn=True,
         )  # fmt: skip
 
 
@@ -365,6 +371,32 @@ def check_stencil(topology: Topology, stencil: Any) -> None:
 def neighbours_at_rest(topology: Topology) -> np.ndarray:
     """`Stencil.rest_ut` by magnet theory, without the rest of a stencil; shape (3, n)."""
     return field_at_rest(_frames_separated(_with_films(topology)))
+
+
+def rest_sigma_ut(topology: Topology) -> np.ndarray:
+    """`Stencil.rest_sigma_ut` of magnet theory, shape (3, n).
+
+    The covariance of the multipoles of films as they are made, which a skin's films share, is that
+    for a `stray_sigma_relative` of `AS_MADE`. It does not say the same of all that films add: what
+    a wide array adds along z at rest is off by twice that share.
+    """
+    topology = _frames_separated(_with_films(topology))
+    p, rotation, film = topology.parameters, topology.rotation, load_film_table().film
+    shape, covariance = films_as_made()
+    i, j = near(topology, HORIZON_M)
+    ats, bys = np.concatenate([i, j]), np.concatenate([j, i])
+    per_pole = np.zeros((topology.n, 3, shape.size))
+    for first in range(0, ats.size, PAIRS_AT_ONCE):
+        at, by = ats[first : first + PAIRS_AT_ONCE], bys[first : first + PAIRS_AT_ONCE]
+        between = 1e3 * (topology.position[:, at] - topology.position[:, by])
+        between += (film.middle_mm + film.chip_mm) * rotation[:, 2, at]
+        between -= film.middle_mm * rotation[:, 2, by]
+        points = np.einsum("abm,am->bm", rotation[:, :, by], between)
+        turn = np.einsum("a,bam,bcm->acm", CHIP_AXES, rotation[:, :, at], rotation[:, :, by])
+        turn *= p["field_amplitude_ut"][by]
+        np.add.at(per_pole, at, np.einsum("acm,kcm->mak", turn, multipole_field(points)))
+    variance = np.einsum("nak,kl,nal->an", per_pole, covariance, per_pole)
+    return p["stray_sigma_relative"] / AS_MADE * np.sqrt(np.maximum(variance, 0.0))
 
 
 def neighbours_moving_ut2(topology: Topology) -> tuple[np.ndarray, np.ndarray]:
