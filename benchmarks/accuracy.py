@@ -155,7 +155,9 @@ def table(figures: dict[str, Any]) -> str:
 
 def _single(skin: Made, cells: Cells, estimator: str, rounds: int) -> tuple[dict[str, Any], Found]:
     """Units alone over their range."""
-    decoder = Decoder(skin.known, {"force", "displacement", "sigma"}, estimator)
+    decoder = Decoder(
+        skin.known, {"force", "displacement", "sigma"}, estimator, sweeps=0, ambient=False
+    )
     found = explore(skin, cells, decoder, rounds)
     warm = {"film_c": 25.0 + WARMER_K}
     cases = {

@@ -62,7 +62,13 @@ def crosstalk(skin: Made, count: int, estimator: str, sweeps: int) -> dict[str, 
         skin.known, dtype="float64", tolerance_ut=LIVE_UT if sweeps < 2 else ACCURATE_UT
     )
     decoder = Decoder(
-        skin.known, {"force", "displacement"}, estimator, "float64", rest_ut=talk.stencil.rest_ut
+        skin.known,
+        {"force", "displacement"},
+        estimator,
+        "float64",
+        stencil=talk.stencil,
+        sweeps=0,
+        ambient=False,
     )
     background = np.zeros((4, skin.true.n))
     off, force = np.empty(depth.shape), np.empty(depth.shape)
@@ -115,7 +121,7 @@ def _scattered(
     units = skin.simulator(skin.field(reach_m=EVERYWHERE_M), noise=noise, seed=3)
     values = units.quantities(depth, displacement, np.full(depth.shape, ROOM_C))
     counts = units.quantise(units.disturb(values))
-    decoder = Decoder(skin.known, {"displacement", "sigma"}, estimator, sweeps=2)
+    decoder = Decoder(skin.known, {"displacement", "sigma"}, estimator, sweeps=2, ambient=False)
     off, sigma = np.empty_like(displacement), np.empty_like(displacement)
     for i in range(count):
         decoder.reset()

@@ -144,6 +144,13 @@ class Made:
 
 
 @cache
+def apart(skin: Topology) -> Topology:
+    """The same units, too far from each other to feel each other: for counts of units alone."""
+    place = np.zeros((3, skin.n))
+    place[0] = np.arange(skin.n)
+    return dataclasses.replace(skin, position=place)
+
+
 def square(side: int, pitch_m: float, rate_hz: float = 100.0) -> Topology:
     """A flat grid of nominal units."""
     with tempfile.TemporaryDirectory() as folder:

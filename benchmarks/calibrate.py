@@ -150,7 +150,9 @@ def _scored(lab: Lab, known: Topology, seconds: float) -> dict[str, Any]:
     path = unseen(seconds, seed=17)
     force = lab.force(path)
     clean, noisy = (
-        Decoder(known, None, dtype="float64")(lab.counts(path, noise=noise).counts)
+        Decoder(known, None, dtype="float64", sweeps=0, ambient=False)(
+            lab.counts(path, noise=noise).counts
+        )
         for noise in (False, True)
     )
     error = (clean.force - force) ** 2

@@ -128,7 +128,7 @@ def _run(
     )  # fmt: skip
     material.rest()
     scene = ScriptedScene(units.topology, bench, non_ideal=NonIdeal.everything(), material=material)
-    decoder = Decoder(known, {"force"}, creep=False)
+    decoder = Decoder(known, {"force"}, creep=False, sweeps=0, ambient=False)
     loaded, elastic = np.empty((2, times.size, 3, known.n))
     for i, time_s in enumerate(times):
         truth = scene.at(float(time_s))

@@ -124,7 +124,7 @@ class Scenes:
     def _swept(self, crosstalk: CrossTalk, estimator: str) -> list[float]:
         decoder = Decoder(
             self.skin, {"displacement"}, estimator, "float64",
-            rest_ut=crosstalk.stencil.rest_ut,
+            stencil=crosstalk.stencil, sweeps=0, ambient=False,
         )  # fmt: skip
         off = np.empty((SWEEPS + 1, *self.moved[:, 2].shape))
         background = np.empty((4, self.skin.n))

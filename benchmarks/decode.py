@@ -179,8 +179,8 @@ def _full(quick: bool) -> dict:
     skin = _lattice()
     counts = _moved(skin)
     want = NINE | {"sigma"}
-    swept = Decoder(skin, want, "field-angle", sweeps=1)
-    alone = Decoder(skin, want, "field-angle", rest_ut=swept.crosstalk.stencil.rest_ut)
+    swept = Decoder(skin, want, "field-angle", sweeps=1, ambient=False)
+    alone = Decoder(skin, want, "field-angle", sweeps=0, ambient=False)
     runs = {"swept": cycles_of(swept, counts), "alone": cycles_of(alone, counts)}
     seconds = times(runs, target_s=0.15 if quick else 0.6)
     units = skin.n * len(counts)

@@ -159,12 +159,22 @@ def sides_of(n: int) -> dict[str, Side]:
         "paper": Side(lambda: paper(raw), np.asarray, own, raw),
     }
     for dtype, estimator, kind in COMPARED:
-        decoder = Decoder(skins[kind], NINE, estimator, dtype=dtype, workers=1)
+        decoder = Decoder(
+            skins[kind], NINE, estimator, dtype=dtype, workers=1, sweeps=0, ambient=False
+        )
         sides[f"{dtype} {estimator} {kind}"] = _bound(decoder, counts[kind])
     for name, workers in (("live", 1), ("shared", None)):
-        decoder = Decoder(skins["alike"], LIVE, "sine", consistency=False, workers=workers)
+        decoder = Decoder(
+            skins["alike"],
+            LIVE,
+            "sine",
+            consistency=False,
+            workers=workers,
+            sweeps=0,
+            ambient=False,
+        )
         sides[name] = _bound(decoder, counts["alike"])
-    return sides | {"default": _bound(Decoder(own, LIVE), raw)}
+    return sides | {"default": _bound(Decoder(own, LIVE, sweeps=0, ambient=False), raw)}
 
 
 def calibrated_sides(n: int) -> dict[str, Side]:
@@ -179,7 +189,7 @@ def calibrated_sides(n: int) -> dict[str, Side]:
         for name, options in (("", {"consistency": False}), (", consistency", {}),
                               (", every 8th temperature", {"consistency": False,
                                                            "temperature_every": 8})):  # fmt: skip
-            decoder = Decoder(skin, LIVE, estimator, workers=1, **options)
+            decoder = Decoder(skin, LIVE, estimator, workers=1, sweeps=0, ambient=False, **options)
             sides[estimator + name] = _bound(decoder, counts)
     return sides
 
@@ -189,7 +199,7 @@ def recording_side(cycles: int) -> Side:
     otherwise, into new arrays; the copy makes a new array, too."""
     skin = array_of(FEW, alike=False)
     counts = np.tile(counts_of(skin), (cycles, 1, 1))
-    decoder = Decoder(skin, LIVE)
+    decoder = Decoder(skin, LIVE, sweeps=0, ambient=False)
     return Side(lambda: decoder(counts), _rows, skin, counts, decoder)
 
 

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.accuracy_array import scenes
-from benchmarks.accuracy_skin import square, with_parameters
+from benchmarks.accuracy_skin import apart, square, with_parameters
 from benchmarks.films_truth import PITCH_M, PLACE_MM, TILT_DEG, Array, array_of
 from skin import Decoder
 from skin.calibrate.learn import StrayEstimate
@@ -121,8 +121,8 @@ def _scored(
     sweeps = 0 if alone else 2
     want = {"force", "displacement", "sigma"}
     decoder = Decoder(
-        known, want, "field-angle", sweeps=sweeps, stencil=stencil,
-        rest_ut=np.zeros((3, known.n)) if alone else None,
+        apart(known) if alone else known, want, "field-angle", sweeps=sweeps, stencil=stencil,
+        ambient=False,
     )  # fmt: skip
     out = {}
     for name, seed in (("systematic_um", None), ("noisy", 3)):

@@ -103,7 +103,7 @@ def _poses(
     counts = units.quantise(units.disturb(units.quantities(depth, place, warm)))
     # each reading by itself: the film is as warm as its gel
     still = with_parameters(known, film_lag_s=np.zeros(true.n))
-    reading = Decoder(still, None, estimator)(counts)
+    reading = Decoder(still, None, estimator, sweeps=0, ambient=False)(counts)
     solid = Hyperelastic(true) if "force" in laws else Elastic(true)
     shear = solid.tangential(reach, depth)[:, np.newaxis] * along
     exact = (place, depth[:, np.newaxis], shear, solid.normal(depth)[:, np.newaxis])
@@ -137,7 +137,9 @@ def _lag(true: Topology, known: Topology, stretch: float, estimator: str) -> dic
     place[:, 0] = 1.0
     units = skin.simulator()
     counts = units.quantise(units.quantities(depth, place, gel, film, np.full(gel.shape, 25.0)))
-    reading = Decoder(skin.known, {"force", "displacement"}, estimator)(counts)
+    reading = Decoder(skin.known, {"force", "displacement"}, estimator, sweeps=0, ambient=False)(
+        counts
+    )
     force, moved = (values[:, 0] - values[0, 0] for values in
                     (reading.force, reading.displacement_mm))  # fmt: skip
     return {

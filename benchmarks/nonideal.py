@@ -105,7 +105,7 @@ def _errors(non_ideal: NonIdeal, estimator: str, rate_hz: float) -> dict:
     palm = dataclasses.replace(palm, buses=(slow,))
     script = load_scene("fig4a", palm)
     scene = ScriptedScene(palm, script, non_ideal=non_ideal)
-    decoder = Decoder(palm, estimator=estimator)
+    decoder = Decoder(palm, estimator=estimator, sweeps=0, ambient=False)
     times = np.arange(round(script.seconds * rate_hz)) / rate_hz
     read, true = np.empty((2, times.size, 3, palm.n))
     warm, valid = np.empty((times.size, palm.n)), np.empty((times.size, palm.n), bool)

@@ -44,7 +44,7 @@ def run(quick: bool) -> dict[str, Any]:
     want = {"temperature", "force", "displacement"}
     decoders = [
         Decoder(skin.known, want, estimator, dtype, skip=skip, sweeps=sweeps,
-                stencil=stencil if sweeps else None, rest_ut=stencil.rest_ut)
+                stencil=stencil, ambient=False)
         for estimator, dtype, sweeps, skip in CHOICES
     ]  # fmt: skip
     errors = [_error_um(decoder, counts, displacement, depth) for decoder in decoders]

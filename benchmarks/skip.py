@@ -80,8 +80,12 @@ def _size(skin: Topology, quick: bool) -> dict:
     target_s = 0.1 if quick else 0.5
     shares = {f"{100 * share:g}": _share(skin, share, target_s) for share in SHARES}
     counts = counts_of(skin, 0.25)
-    runs = {name: cycles_of(Decoder(skin, {name}), counts) for name in SINGLE}
-    seconds = times({**runs, "all": cycles_of(Decoder(skin), counts)}, target_s)
+    runs = {
+        name: cycles_of(Decoder(skin, {name}, sweeps=0, ambient=False), counts) for name in SINGLE
+    }
+    seconds = times(
+        {**runs, "all": cycles_of(Decoder(skin, sweeps=0, ambient=False), counts)}, target_s
+    )
     wants = {name: seconds[name][0] / seconds["all"][0] for name in SINGLE}
     return {"shares": shares, "wants": wants}
 
@@ -102,12 +106,18 @@ def counts_of(skin: Topology, share: float) -> np.ndarray:
 
 def _share(skin: Topology, share: float, target_s: float) -> dict:
     counts = counts_of(skin, share)
-    plain, full = Decoder(skin, sweeps=1), Decoder(skin, sweeps=1)
+    plain, full = Decoder(skin, sweeps=1, ambient=False), Decoder(skin, sweeps=1, ambient=False)
     assert full.loop is not None
     full.loop.crosstalk = CrossTalk(skin, idle_mm=0.0)
-    skip, bare = Decoder(skin, sweeps=1, skip=True), Decoder(skin, skip=True)
+    skip, bare = (
+        Decoder(skin, sweeps=1, skip=True, ambient=False),
+        Decoder(skin, skip=True, sweeps=0, ambient=False),
+    )
     held = {"temperature_every": skip.plan.temperature_every}
-    same = (Decoder(skin, sweeps=1, **held), skip), (Decoder(skin, **held), bare)
+    same = (
+        (Decoder(skin, sweeps=1, ambient=False, **held), skip),
+        (Decoder(skin, sweeps=0, ambient=False, **held), bare),
+    )
     idle, off = [], []
     for raw in counts:
         for every, some in same:

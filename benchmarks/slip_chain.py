@@ -72,7 +72,7 @@ class Chain:
             self.true, seed=trial.plan.seed, field=HalbachField(self.true, fabrication=self.films)
         )
         counts = _counts(units, trial.displacement_mm)
-        decoder = Decoder(self.known, sweeps=1, stencil=self.stencil)
+        decoder = Decoder(self.known, sweeps=1, stencil=self.stencil, ambient=False)
         return _seen(decoder, counts)
 
 
@@ -148,7 +148,9 @@ def _with_creep(known: Topology, true: Topology, films: Fabrication) -> Topology
     bench = UnitSimulator(
         true, seed=SEED + 3, field=HalbachField(true, fabrication=films, reach_m=0.0)
     )  # fmt: skip
-    told = Decoder(known, {"force"}, creep=False)(_counts(bench, moved)).force
+    told = Decoder(known, {"force"}, creep=False, sweeps=0, ambient=False)(
+        _counts(bench, moved)
+    ).force
     reference = force + REFERENCE_N * rng.standard_normal(force.shape)
     time_s = dt_s * np.arange(len(force))
     # a lab samples fast after each step, and slowly later

@@ -188,7 +188,9 @@ def over_seeds(rows: list[dict]) -> dict:
 def decode(skin: Topology, counts: np.ndarray, estimator: str, dtype: str) -> Reading:
     """The first cycle after a start; the field is not held against its model, so that no reading is
     left out for it."""
-    return Decoder(skin, estimator=estimator, dtype=dtype, consistency=False)(counts)
+    return Decoder(
+        skin, estimator=estimator, dtype=dtype, consistency=False, sweeps=0, ambient=False
+    )(counts)
 
 
 def count_nonfinite(reading: Reading) -> int:

@@ -58,7 +58,7 @@ def dense(quick: bool) -> dict:
     for name, dtype, lattices in (
         ("float32", "float32", True), ("float64", "float64", True), ("pairs", "float64", False),
     ):  # fmt: skip
-        decoder = Decoder(skin, {"force"}, dtype=dtype, sweeps=2, consistency=False)
+        decoder = Decoder(skin, {"force"}, dtype=dtype, sweeps=2, consistency=False, ambient=False)
         crosstalk = CrossTalk(skin, dtype=dtype, tolerance_ut=0.0, lattices=lattices)
         assert decoder.loop is not None
         decoder.crosstalk = decoder.loop.crosstalk = crosstalk
@@ -83,7 +83,9 @@ def lags(quick: bool) -> dict:
     exact = walk(skin, lap[-1], np.arange(skin.n), "sine", film_c=_film_c(skin, lap, cycles))
     row: dict = {"nonfinite": 0, "seen": f"{cycles} cycles"}
     for dtype in DTYPES:
-        decoder = Decoder(skin, {"force"}, "sine", dtype, consistency=False)
+        decoder = Decoder(
+            skin, {"force"}, "sine", dtype, consistency=False, sweeps=0, ambient=False
+        )
         for _ in range(cycles // LAP):
             force = decoder(lap).force
         row[f"error_n_{dtype}"] = float(np.abs(force[-1] - exact).max())
@@ -198,7 +200,9 @@ def far(quick: bool) -> dict:
     counts = counts_of(palm)
     row: dict = {"nonfinite": 0, "seen": f"{palm.n} units, {FAR_M:g} m from the origin"}
     for dtype in DTYPES:
-        reading = Decoder(palm, {"force", "sigma"}, dtype=dtype, consistency=False)(counts)
+        reading = Decoder(
+            palm, {"force", "sigma"}, dtype=dtype, consistency=False, sweeps=0, ambient=False
+        )(counts)
         stream = ContactStream(
             position, palm.rotation, palm.area, palm.neighbour_start, palm.neighbour_index,
             want=("wrench",), dtype=dtype,
@@ -237,7 +241,9 @@ def sizes(quick: bool) -> dict:
     row: dict = {"nonfinite": 0}
     differ = 0
     for dtype in DTYPES:
-        whole = Decoder(skin, {"force"}, dtype=dtype, consistency=False)(counts).force.copy()
+        whole = Decoder(skin, {"force"}, dtype=dtype, consistency=False, sweeps=0, ambient=False)(
+            counts
+        ).force.copy()
         some = np.unique(np.linspace(0, most - 1, min(most, 2000)).astype(int))
         exact = walk(skin, counts[:, some], some, "field-angle")
         row[f"error_n_{dtype}"] = float(np.abs(whole[:, some] - exact).max())
@@ -245,9 +251,9 @@ def sizes(quick: bool) -> dict:
         for n in SIZES:
             if n < most:
                 part = _first(skin, n)
-                told = Decoder(part, {"force"}, dtype=dtype, consistency=False)(
-                    np.ascontiguousarray(counts[:, :n])
-                )
+                told = Decoder(
+                    part, {"force"}, dtype=dtype, consistency=False, sweeps=0, ambient=False
+                )(np.ascontiguousarray(counts[:, :n]))
                 differ += int((told.force != whole[:, :n]).sum())
     return row | {"seen": f"1 to {most} units", "differ_by_size": differ}
 

@@ -125,7 +125,9 @@ def _estimators_that_read(skin: Topology, counts: np.ndarray) -> np.ndarray:
     """How many estimators hold a reading to be valid and no bound, shape (n,)."""
     read = np.zeros(skin.n, int)
     for estimator in ESTIMATORS:
-        read += is_held(Decoder(skin, {"force"}, estimator, consistency=False)(counts))
+        read += is_held(
+            Decoder(skin, {"force"}, estimator, consistency=False, sweeps=0, ambient=False)(counts)
+        )
     return read
 
 
@@ -201,7 +203,7 @@ def _is_accepted(skin: Topology) -> bool:
     if any(fault.broken.any() for fault in parameter_faults(skin.parameters)):
         return False
     try:
-        Decoder(skin, {"force"})
+        Decoder(skin, {"force"}, sweeps=0, ambient=False)
     except CalibrationError:
         return False
     return True

@@ -45,7 +45,7 @@ def cases(skin: Topology, dtype: str) -> dict[str, Callable[[], None]]:
     rails = np.where(rng.random(calm.shape) < 0.5, np.int16(-32768), calm)
     still = np.broadcast_to(calm[:1], calm.shape)
     runs = {
-        name: cycles_of(Decoder(skin, dtype=dtype), counts)
+        name: cycles_of(Decoder(skin, dtype=dtype, sweeps=0, ambient=False), counts)
         for name, counts in (("calm", calm), ("any counts", whole), ("no field", nothing),
                              ("beyond the crest", crest), ("rails", rails))
     }  # fmt: skip
@@ -54,7 +54,7 @@ def cases(skin: Topology, dtype: str) -> dict[str, Callable[[], None]]:
 
 def aged(skin: Topology, dtype: str, counts: np.ndarray) -> Decoder:
     """A decoder whose lags behind the gel have shrunk to denormal numbers."""
-    decoder = Decoder(skin, dtype=dtype)
+    decoder = Decoder(skin, dtype=dtype, sweeps=0, ambient=False)
     decoder(counts[1])
     decoder(counts[0])
     longest_s = float(skin.parameters["film_lag_s"].max())

@@ -39,10 +39,11 @@ class Options:
     dtype : "float32" or "float64"
         Of the readings and of the arithmetic that makes them.
     sweeps : 0, 1 or 2
-        Of the cross-talk of neighbours: not subtracted; as of the last cycle; accurate.
+        Of the cross-talk of neighbours: not subtracted, but part of sigma; as of the last cycle;
+        accurate.
     stencil : Stencil or None
         Of the neighbours' fields, as learned from the skin (`skin.calibrate.learn`); from magnet
-        theory if None. With `sweeps` only.
+        theory if None. Without `sweeps` only the field at rest is taken from it.
     ambient : bool
         Estimate the ambient field and the zeros of untouched units, and subtract them.
     tare : bool
@@ -98,8 +99,6 @@ class Options:
             raise OptionError(f"slip: must be SlipSettings or None; got {shown(self.slip)}")
         if self.stencil is not None and not hasattr(self.stencil, "coefficients"):
             raise OptionError(f"stencil: must be a Stencil or None; got {shown(self.stencil)}")
-        if self.stencil is not None and not self.sweeps:
-            raise OptionError("stencil: must be given with sweeps; got sweeps 0")
         check_number("false_contacts_per_day", self.false_contacts_per_day, 1e-9, 1e9)
 
     @property

@@ -21,7 +21,6 @@ from bus.assemble import Assembler
 from bus.cycle import FrameCounters, RawCycle
 from skin.clock import Clock
 from skin.decode.decoder import Decoder
-from skin.decode.plan import TANGENTIAL
 from skin.errors import CountsError, check_kind, check_number
 from skin.options import Options
 from skin.state import ARRAY_WANTS, UNIT_WANTS, UNWANTED, State
@@ -193,11 +192,10 @@ class Pipeline:
             silent = ~topology.enabled | topology.counts_only
             if (topology.wired[CHANNELS.index("gel")] | silent).all():
                 needed.add("temperature")
-        lateral = not needed.isdisjoint(TANGENTIAL)
         return Decoder(
             topology, needed, options.estimator, options.dtype, skip=options.skip,
-            sweeps=options.sweeps if lateral else 0, ambient=options.ambient and lateral,
-            creep=options.creep, stencil=options.stencil if lateral else None,
+            sweeps=options.sweeps, ambient=options.ambient, creep=options.creep,
+            stencil=options.stencil,
         )  # fmt: skip
 
     def _make_contacts(self) -> ContactStream | None:

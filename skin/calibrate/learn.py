@@ -235,13 +235,13 @@ class StrayEstimate:
         return _Normal(weighted @ matrix, weighted @ off, columns, miss)
 
     def tared(self, found: Tare) -> Stencil:
-        """Take the readings of a tare, in which resting neighbours are included.
+        """Take the readings of a tare.
 
         Parameters
         ----------
         found : Tare
-            Of this skin, taken without `rest_ut`; its units were calibrated on a bench, or their
-            sigma says how little is known of them.
+            Of this skin; its units were calibrated on a bench, or their sigma says how little is
+            known of them.
 
         Returns
         -------
@@ -251,7 +251,7 @@ class StrayEstimate:
         p = self.topology.parameters
         known = np.stack([p["hall_offset_x_ut"], p["hall_offset_y_ut"]])
         up_ut = axial_at_rest_ut(self.topology)
-        field = np.vstack([found.offset_ut - known, found.axial_ut - up_ut])
+        field = np.vstack([found.offset_ut - known, found.axial_ut - up_ut]) + found.rest_ut
         lateral = np.hypot(p["field_sigma_ut"], found.offset_sigma_ut)
         relative = np.hypot(p["field_amplitude_sigma_relative"], AXIAL_SHARE)
         axial = np.hypot(lateral.max(axis=0), relative * up_ut)
@@ -294,12 +294,11 @@ class StrayEstimate:
         rest += np.einsum("abn,b->an", self._model.to_chip, self.mean[AMBIENT])
         if self._tared_ut is not None:
             rest[:2] = self._tared_ut + self._model.units(self.mean)[-AXES:-1]
-        # the lateral one is in the offsets of a tare
-        rest_ut2 = self.rest_sigma_ut()[2] ** 2 / AXES
         return dataclasses.replace(
             theory, kind=np.arange(at.size, dtype=np.int32), coefficients=values, sigma_ut=missed,
             strength=np.where(theory.strength > 0.0, 1.0, 0.0), rest_ut=rest,
-            left_out_rms_ut=np.sqrt(theory.left_out_rms_ut**2 + self.sigma_ut() ** 2 + rest_ut2),
+            left_out_rms_ut=np.hypot(theory.left_out_rms_ut, self.sigma_ut()),
+            rest_sigma_ut=self.rest_sigma_ut(), drawn=False,
         )  # fmt: skip
 
     def sigma_ut(self) -> np.ndarray:

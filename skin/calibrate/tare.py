@@ -7,6 +7,9 @@ and the ambient field of the moment. From then on
 nothing is subtracted twice; what it had followed before belongs to the calibration before, and is
 not restored on this one.
 
+What resting neighbours add is left out: decoders take it off themselves, by magnet theory or by
+the stencil that they are given.
+
 Bz at rest is no offset: its size tells the displacement (R from the angle of the field), and the
 bench has measured it. It is told beside the others, and left as it is.
 """
@@ -28,12 +31,13 @@ from skin.calibrate.untouched import Readings
 from skin.calibrate.write import OfUnits, write_calibration
 from skin.errors import CountsError, OptionError, ScanError, SkinError
 from skin.physics.least_squares import Fit
+from skin.physics.stencil import neighbours_at_rest
 from topology import CHANNELS, Topology
 
 __all__ = ["Tare", "calibration_files", "chosen", "tare"]
 
-INCLUDED, LEFT_OUT = "included", "left out"
-TARED = re.compile(f"(; )?tared in place, resting neighbours ({INCLUDED}|{LEFT_OUT})$")
+HOW = "tared in place, resting neighbours left out"
+TARED = re.compile(r"(; )?tared in place, resting neighbours [a-z ]+$")
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +58,9 @@ class Tare:
         Bz at rest, less its offset; told, not tared. NaN where the wire does not carry it.
     cycles : ndarray, shape (n,), int
         Good readings of each unit.
-    neighbours : str
-        What became of the field that resting neighbours add: "included" or "left out".
+    rest_ut : ndarray, shape (3, n)
+        Field that resting neighbours add, axes of the chips: not in `offset_ut` and `axial_ut`, as
+        the decoder takes it off.
     """
 
     topology: Topology
@@ -66,7 +71,7 @@ class Tare:
     offset_sigma_ut: np.ndarray
     axial_ut: np.ndarray
     cycles: np.ndarray
-    neighbours: str
+    rest_ut: np.ndarray
 
     def changes(self) -> dict[str, dict[str, float]]:
         """What changes, by unit: each value, its sigma, and what it was before."""
@@ -86,15 +91,18 @@ class Tare:
         return told
 
     def leaving_out(self, rest_ut: np.ndarray) -> Tare:
-        """The same tare without what a decoder is to take off for neighbours at rest itself.
+        """The same tare for a decoder that takes something else off for neighbours at rest.
 
         Parameters
         ----------
         rest_ut : ndarray, shape (3, n)
-            `Stencil.rest_ut`, which this tare has included.
+            `Stencil.rest_ut`, in place of what this tare has left out.
         """
-        left = self.offset_ut - rest_ut[:2]
-        return dataclasses.replace(self, offset_ut=left, neighbours=LEFT_OUT)
+        more = self.rest_ut - rest_ut
+        return dataclasses.replace(
+            self, offset_ut=self.offset_ut + more[:2], axial_ut=self.axial_ut + more[2],
+            rest_ut=rest_ut,
+        )  # fmt: skip
 
     def applied(self) -> Topology:
         """The skin with these zeros, without any file."""
@@ -144,10 +152,9 @@ class Tare:
                 tared.add(unit)
             path.parent.mkdir(parents=True, exist_ok=True)
             bench = TARED.sub("", before.get("bench", ""))
-            how = f"tared in place, resting neighbours {self.neighbours}"
             write_calibration(
                 path, patch, units, date=date or datetime.date.today().isoformat(),
-                bench=f"{bench}; {how}" if bench else how, tangential_max_mm=0.0,
+                bench=f"{bench}; {HOW}" if bench else HOW, tangential_max_mm=0.0,
                 before="" if source is None else source.read_text(encoding="utf-8"),
                 of_units=OfUnits(tared, before.get("measured", {})),
             )  # fmt: skip
@@ -234,8 +241,9 @@ def tare(
     status : ndarray, shape (t, n), uint16, optional
         Flags of the bus; a reading with any of `INVALID` is not used.
     rest_ut : ndarray, shape (3, n), optional
-        What the decoder itself takes off for neighbours at rest (`Stencil.rest_ut`), where it takes
-        off cross-talk. It is left out of the offsets then; otherwise they include it.
+        What the decoder takes off for neighbours at rest (`Decoder.rest_ut`), which is left out of
+        the offsets; that of magnet theory if not given, as the decoder has it without a stencil; units
+        may then be farther from it before they count as sheared.
     leave_out : collection of str
         Names of units that keep what they have. Units that are switched off, and sensors of
         another kind, do so anyhow.
@@ -260,8 +268,9 @@ def tare(
     ]  # fmt: skip
     if faults:
         raise ScanError("\n".join(faults))
-    neighbours = INCLUDED if rest_ut is None else LEFT_OUT
-    return Tare(topology, taken, *readings.zeros(taken), neighbours)
+    there_ut = np.zeros((3, topology.n)) if rest_ut is None else rest_ut
+    found = Tare(topology, taken, *readings.zeros(taken), there_ut)
+    return found.leaving_out(neighbours_at_rest(topology)) if rest_ut is None else found
 
 
 def _check(

@@ -59,7 +59,7 @@ class TouchTest:
     ) -> None:  # fmt: skip
         self.topology, self.estimate = topology, estimate
         self.pressed = np.zeros(topology.n, int)
-        self._decoder = _decoder(topology, stencil.rest_ut)
+        self._decoder = _decoder(topology, stencil)
         self._to_counts = inverse_map(topology)
         p = topology.parameters
         step = np.abs(topology.scale) / np.sqrt(12.0)
@@ -159,6 +159,9 @@ def warmup(topology: Topology) -> None:
     decoder(counts, None, np.zeros((1, 4, topology.n), np.float32))
 
 
-def _decoder(topology: Topology, rest_ut: np.ndarray) -> Decoder:
+def _decoder(topology: Topology, stencil: Stencil) -> Decoder:
     """Does not hold the field against the unit's own film: what neighbours add is looked for."""
-    return Decoder(topology, {"displacement", "field"}, rest_ut=rest_ut, consistency=False)
+    return Decoder(
+        topology, {"displacement", "field"}, consistency=False, sweeps=0, ambient=False,
+        stencil=stencil,
+    )  # fmt: skip

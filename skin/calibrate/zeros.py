@@ -29,11 +29,12 @@ import numpy as np
 from bus.boards import Boards
 from bus.configure import node_numbers
 from bus.status import INVALID
-from skin.calibrate.tare import INCLUDED, LEFT_OUT, Tare
+from skin.calibrate.tare import Tare
 from skin.calibrate.untouched import LEAST_CYCLES, Look, Readings
 from skin.errors import CalibrationError
 from skin.physics.rest import inverse_map
-from skin.physics.stray import field_at_rest, near
+from skin.physics.stencil import neighbours_at_rest
+from skin.physics.stray import near
 from topology import CHANNELS, Topology
 from topology.files import check_path, missing, read_arrays, whole_file
 from topology.gel import gel_temperature
@@ -105,7 +106,7 @@ class Zeros:
         self.idle = 0
         self._last: tuple[np.ndarray, np.ndarray] | None = None  # views, written each cycle
         rest_ut = decoder.rest_ut
-        self._expected_ut = field_at_rest(topology) if rest_ut is None else rest_ut
+        self._rest_ut = neighbours_at_rest(topology) if rest_ut is None else rest_ut
         self._steps = self._windows() if self._pending.any() else None
 
     @property
@@ -163,8 +164,8 @@ class Zeros:
                 self._take_up(self._saved, counts, status)
                 continue
             readings = Readings(
-                self._decoder.topology, counts, status, self._decoder.rest_ut,
-                expected_ut=self._expected_ut,
+                self._decoder.topology, counts, status, self._rest_ut,
+                expected_ut=self._rest_ut,
             )  # fmt: skip
             looks = {}
             for k, i in enumerate(np.flatnonzero(self._pending).tolist()):
@@ -205,7 +206,7 @@ class Zeros:
             is_first = not topology.tared.any()
             zeros = zeros._replace(offset_ut=zeros.offset_ut - (0.0 if is_first else followed_ut))
             self._decoder.ambient.forget(taken, field=is_first)
-        self._apply(Tare(topology, taken, *zeros, self._neighbours()))
+        self._apply(Tare(topology, taken, *zeros, self._rest_ut))
         self.taken += [names[i] for i in np.flatnonzero(taken)]
         self.refused = refused  # with those that were taken, for whoever looks between cycles
 
@@ -213,9 +214,6 @@ class Zeros:
         """Let the decoder have new zeros."""
         self._decoder.retare(found.applied())
         self._pending &= ~found.taken
-
-    def _neighbours(self) -> str:
-        return INCLUDED if self._decoder.rest_ut is None else LEFT_OUT
 
     # -- from run to run --------------------------------------------------------------------------
 
@@ -336,7 +334,7 @@ class Zeros:
         sigma = np.broadcast_to(saved["field_sigma_ut"], (2, topology.n))
         self._apply(Tare(
             topology, taken, saved["frequency_hz"], saved["frequency_sigma_hz"], saved["offset_ut"],
-            sigma, nothing, none, self._neighbours(),
+            sigma, nothing, none, self._rest_ut,
         ))  # fmt: skip
         ambient = self._decoder.ambient
         if ambient is not None:
@@ -348,9 +346,8 @@ class Zeros:
     def _calibration(self) -> np.ndarray:
         """A hash of all that files say of each unit, and of what is taken off for its neighbours at
         rest; shape (n,), str."""
-        rest_ut = self._decoder.rest_ut
         rows = [np.atleast_2d(self._filed.parameters[name]) for name in self._filed.parameters]
-        rows += [] if rest_ut is None else [rest_ut]
+        rows.append(self._rest_ut)
         table = np.ascontiguousarray(np.vstack(rows).T)
         return np.array([hashlib.sha256(row.tobytes()).hexdigest() for row in table])
 

@@ -33,13 +33,6 @@ def tare(
     leave_out: Annotated[
         tuple[str, ...], options.quiet("units that keep the zeros they have", metavar="[UNIT …]")
     ] = (),
-    crosstalk: Annotated[
-        bool,
-        options.quiet(
-            "leave the field of resting neighbours in the offsets, for a decoder that does not "
-            "take off cross-talk (sweeps=0)"
-        ),
-    ] = True,
     simulate: Annotated[
         bool, options.quiet("tare simulated units, which nothing touches, in this process")
     ] = False,
@@ -57,6 +50,7 @@ def tare(
     from skin.calibrate.tare import tare as take
     from skin.compiling import announcer
     from skin.errors import ScanError
+    from skin.physics.stencil import neighbours_at_rest
     from topology import load
 
     options.check_seconds(seconds)
@@ -65,15 +59,12 @@ def tare(
     for unit in leave_out:
         loaded.unit_index(unit)
     calibration_files(loaded, chosen(loaded, leave_out), output)  # refused before, not after
-    rest_ut = None
-    if crosstalk:
-        from skin.physics.stencil import Stencil
-
-        rest_ut = Stencil.of(loaded).rest_ut
     simulated = _simulated(loaded) if simulate else None
     counts, status = _listen(loaded, seconds, sync, simulated)
     try:
-        found = take(loaded, counts, status, rest_ut=rest_ut, leave_out=leave_out)
+        found = take(
+            loaded, counts, status, rest_ut=neighbours_at_rest(loaded), leave_out=leave_out
+        )
     except ScanError as error:
         return refused(str(error), loaded, json)
     changes = found.changes()

@@ -54,8 +54,7 @@ from skin.decode.crosstalk_placement import films_ut2, placement_ut2
 from skin.decode.crosstalk_scattered import Scattered
 from skin.decode.crosstalk_terms import Part
 from skin.decode.density import sparse_enough
-from skin.errors import SkinError
-from skin.physics.stencil import Stencil
+from skin.physics.stencil import Stencil, check_stencil
 from topology import Topology
 
 __all__ = ["ACCURATE_UT", "LIVE_UT", "CrossTalk"]
@@ -115,9 +114,11 @@ class CrossTalk:
     residue_ut : ndarray, shape (n,)
         One-sigma, per axis, of what a prediction from true displacements misses: fits, terms that
         were saved, neighbours beyond the reach.
+    axial_ut2 : ndarray, shape (n,)
+        Variance along z by films of another make, where the stencil is that of the drawing.
     residue_ut2 : ndarray, shape (n,)
-        Its square, plus what errors of placement and films of another make add where the stencil
-        is that of the drawing, plus what neighbours may add that are not known now: not usable,
+        Variance of x or y: the square of `residue_ut`, plus what errors of placement and films of
+        another make add where the stencil is that of the drawing, plus what neighbours may add that are not known now: not usable,
         NaN, or so far beyond the stencil's range that they are taken to stand at its end.
     idle_ut : float
         What neighbours that count as at rest may add to any axis of the worst unit.
@@ -157,12 +158,8 @@ class CrossTalk:
         idle_mm: float = 0.027,
         lattices: bool = True,
     ) -> None:
-        if stencil is not None and getattr(stencil, "n", None) != topology.n:
-            got = stencil.n if isinstance(stencil, Stencil) else type(stencil).__name__
-            raise SkinError(
-                f"stencil: must be of {topology.n} units, as {topology.name}; got {got}"
-            )
-        drawn = stencil is None
+        if stencil is not None:
+            check_stencil(topology, stencil)
         self.stencil, self.contraction = stencil, _ = sparse_enough(topology, stencil, degree)
         real = np.dtype(dtype)
         on_lattices = [
@@ -182,9 +179,10 @@ class CrossTalk:
         self._film_model = self._films_of(topology, idle_mm)
         always = self._residues()
         self.residue_ut = np.sqrt(always)
-        self._films_ut2 = films_ut2(topology, stencil) if drawn else None
-        if self._films_ut2 is not None:
-            always = always + placement_ut2(topology, stencil) + self._films_ut2
+        self._films_ut2, self.axial_ut2 = films_ut2(topology, stencil)
+        always = always + self._films_ut2
+        if stencil.drawn:
+            always += placement_ut2(topology, stencil)
         self._pair_model = self._pairs_of(always)
         self.residue_ut2 = self._pair_model.always_ut2.copy()
         stale, self._todo = np.zeros((2, topology.n), np.uint8)
@@ -255,9 +253,7 @@ class CrossTalk:
 
     def retare(self, topology: Topology) -> None:
         """Count what films at rest may be off by only in units that are not tared now."""
-        if self._films_ut2 is None:
-            return
-        now = films_ut2(topology, self.stencil)
+        now, _ = films_ut2(topology, self.stencil)
         for variance in (self._pair_model.always_ut2, self.residue_ut2):
             np.add(variance, (now - self._films_ut2).astype(variance.dtype), out=variance)
         self._films_ut2 = now

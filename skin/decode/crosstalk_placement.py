@@ -63,22 +63,29 @@ def placement_ut2(topology: Topology, stencil: Stencil) -> np.ndarray:
     return 0.5 * variance + tilt2 * stencil.rest_ut[2] ** 2
 
 
-def films_ut2(topology: Topology, stencil: Stencil) -> np.ndarray:
-    """Variance of an axis of the field by films that are not made as the stencil has it, µT²,
-    shape (n,): the mean over the axes, and over the range of all neighbours.
+def films_ut2(topology: Topology, stencil: Stencil) -> tuple[np.ndarray, np.ndarray]:
+    """Variance of the field by films that are not made as the stencil has it, of x or y and of z,
+    µT², shape (n,) each: the mean over the range of all neighbours.
 
-    All films of a skin are made alike, so that what they add is off by one and the same share,
-    `stray_sigma_relative`, as they move and, in units that were not tared in their places, at rest.
+    All films of a skin are made alike, so that what they add as they move is off by one and the
+    same share, `stray_sigma_relative`; of films that were measured it is not. At rest it is off by
+    `Stencil.rest_sigma_ut`, of which a tare takes the lateral part off, never that along z.
     """
+    rest = stencil.rest_sigma_ut**2
+    rest = np.stack([np.where(topology.tared, 0.0, 0.5 * (rest[0] + rest[1])), rest[2]])
+    if not stencil.drawn:
+        return rest[0], rest[1]
     at, by = stencil.unit, stencil.neighbour
     strength = stencil.strength[by]
     mean = (stencil.coefficients @ stencil.mean)[stencil.kind] * strength[:, np.newaxis]
-    square = np.sum((stencil.coefficients @ stencil.gram) * stencil.coefficients, axis=(1, 2))
-    own = square[stencil.kind] * strength**2 - np.sum(mean**2, axis=1)
-    total = np.where(topology.tared, 0.0, stencil.rest_ut).T
+    square = np.sum((stencil.coefficients @ stencil.gram) * stencil.coefficients, axis=2)
+    own = square[stencil.kind] * strength[:, np.newaxis] ** 2 - mean**2
+    total = np.zeros((topology.n, 3))
     np.add.at(total, at, mean)
-    variance = np.sum(total**2, axis=1) + np.bincount(at, own, minlength=topology.n)
-    return topology.parameters["stray_sigma_relative"] ** 2 * variance / 3.0
+    variance = total**2
+    np.add.at(variance, at, own)
+    variance *= topology.parameters["stray_sigma_relative"][:, np.newaxis] ** 2
+    return rest[0] + 0.5 * (variance[:, 0] + variance[:, 1]), rest[1] + variance[:, 2]
 
 
 def _slopes(stencil: Stencil) -> tuple[np.ndarray, np.ndarray]:

@@ -17,7 +17,7 @@ from skin.decode.mode import Mode
 from skin.decode.passes import Passes, arrays_of, check_call, plain
 from skin.decode.plan import DecodeOptions, Plan
 from skin.decode.results import Results, results_of
-from skin.errors import CountsError, OptionError, check_kind, check_number
+from skin.errors import CountsError, check_kind, check_number
 from skin.state import Reading
 from topology import Topology
 
@@ -44,10 +44,8 @@ class Decoder:
     want, estimator, dtype, consistency, temperature_every, skip, sweeps, ambient, creep
         As of `skin.decode.plan.DecodeOptions`.
     stencil : Stencil, optional
-        Of the neighbours' fields; from magnet theory if not given. With `sweeps` only.
-    rest_ut : ndarray, shape (3, n), optional
-        Field that the neighbours add to each unit at rest, µT, axes of the chips; that of the
-        stencil if not given. Units that were tared in their places have it in their offsets: zeros.
+        Of the neighbours' fields; from magnet theory if not given. Without `sweeps` only the field
+        at rest is taken from it.
     workers : int, optional
         Threads among which the units of an array are shared where that is worth it, see
         `skin.decode.sharing.ENOUGH`: as many as there are processors if not given. They change no
@@ -58,7 +56,9 @@ class Decoder:
     plan : Plan
         What follows from these.
     rest_ut : ndarray, shape (3, n), or None
-        As given, or of the stencil: it is not in the offsets of the units.
+        Field that resting neighbours add to each unit, µT, axes of the chips: it is taken off, with
+        `sweeps` or without, and the offsets do not hold it, see `skin.calibrate.tare`. None where
+        nothing is decoded that needs it.
     crosstalk, ambient : CrossTalk, Ambient, or None
     loop : Loop or None
         What takes these off; None where neither is there.
@@ -93,16 +93,13 @@ class Decoder:
         consistency: bool | None = None,
         temperature_every: int | None = None,
         skip: bool = False,
-        sweeps: int = 0,
-        ambient: bool = False,
+        sweeps: int = 1,
+        ambient: bool = True,
         creep: bool = True,
         stencil: Stencil | None = None,
-        rest_ut: np.ndarray | None = None,
         workers: int | None = None,
     ) -> None:
         check_kind("topology", topology, Topology)
-        if stencil is not None and not sweeps:
-            raise OptionError("stencil: must be given with sweeps; got sweeps 0")
         options = DecodeOptions(
             want, estimator, dtype, consistency, temperature_every, skip, sweeps, ambient, creep
         )
@@ -111,34 +108,45 @@ class Decoder:
         self.dtype = np.dtype(plan.dtype)
         if workers is not None:
             check_number("workers", workers, 1, sharing.MOST_WORKERS, whole=True)
+        from skin.decode.model import refuse_impossible
+
+        refuse_impossible(topology)
         self.crosstalk, self.ambient = estimators(topology, plan, stencil)
-        felt_ut = rest_ut
         if self.crosstalk is not None:
-            felt_ut = self.crosstalk.stencil.rest_ut
-            rest_ut = felt_ut if rest_ut is None else rest_ut
+            stencil = self.crosstalk.stencil
         self._alone = threading.Lock()
-        self.rest_ut, self._felt_ut = rest_ut, felt_ut
+        self.rest_ut = self._rest_of(stencil)
         self._make_kernel()
         self._make_buffers(workers or sharing.processors())
         self.reset()
+
+    def _rest_of(self, stencil: Stencil | None) -> np.ndarray | None:
+        """`rest_ut`."""
+        if not self.plan.reads_field:
+            return None
+        from skin.physics.stencil import check_stencil, neighbours_at_rest
+
+        if stencil is None:
+            return neighbours_at_rest(self.topology)
+        check_stencil(self.topology, stencil)
+        return stencil.rest_ut
 
     def _make_kernel(self) -> None:
         """The kernel and its model."""
         from skin.decode import kernel
         from skin.decode.model import model_of
         from skin.decode.parts import Parts
-        from skin.decode.uncertainty import neighbours_ut
+        from skin.decode.uncertainty import neighbours_of
 
         self._names = results_of(self.plan, self.topology)
         parts = Parts.of(self.plan, self._names, self.topology.n)
         self._kernel = kernel.decode(parts)
         self._data_of: type[DecodeData] = kernel.DecodeData
-        stray_ut = neighbours_ut(
-            self.topology, self._felt_ut if self.plan.sweeps else None, self.rest_ut is not None
-        )
         self._model_of = functools.partial(
             model_of, plan=self.plan, results=self._names, rest_ut=self.rest_ut,
-            felt_ut=self._felt_ut, stray_ut=stray_ut,
+            neighbours=neighbours_of(
+                self.topology, self.rest_ut, self.crosstalk and self.crosstalk.axial_ut2
+            ),
         )  # fmt: skip
         self._model = self._model_of(self.topology)
 

@@ -189,7 +189,10 @@ def angle_law(parts: Parts) -> Callable:
             deeper = p * (((d3 * p2 + d2) * p2 + d1) * p2 + d0) * depth_sigma
             further = slope * (psi - p)
             variance += film_variance(solid, radius, depth, unit, j)
-            turned2 = variance / (solid * solid + z * z + variance)
+            inverse2 = real(1.0) / (solid * solid + z * z + variance)
+            # what is not known of Bz turns a field that lies flat
+            axial = unit["axial_variance"][j] * (solid * solid * inverse2)
+            turned2 = (variance + axial) * inverse2
             sigma = np.sqrt(slope * slope * turned2 + deeper * deeper + further * further)
         return radius, sigma, found, big * quotient, variance
 

@@ -17,12 +17,12 @@ from skin.decode.functions import OCTAVES_MAX
 from skin.decode.limits import STEP_SIGMA, frequency_sigma_hz, limits_of, tidy_drop
 from skin.decode.passes import check
 from skin.decode.plan import Plan
-from skin.decode.uncertainty import uncertainty
+from skin.decode.uncertainty import Neighbours, uncertainty
 from skin.errors import CalibrationError
 from topology import THETA_KNOTS, Topology
 from topology.gel import gel_octaves, gel_share
 
-__all__ = ["DecodeModel", "field_angle_ends", "model_of"]
+__all__ = ["DecodeModel", "field_angle_ends", "model_of", "refuse_impossible"]
 
 Values = Mapping[str, "np.ndarray | Values"]
 
@@ -63,8 +63,7 @@ def model_of(
     plan: Plan,
     results: Collection[str],
     rest_ut: np.ndarray | None,
-    felt_ut: np.ndarray | None,
-    stray_ut: np.ndarray,
+    neighbours: Neighbours,
 ) -> DecodeModel:
     """What a decoder of a topology must know.
 
@@ -75,19 +74,17 @@ def model_of(
     results : collection of str
         Of `skin.decode.records.TILE_ROWS`, in the order in which they go out.
     rest_ut : ndarray, shape (3, n), or None
-        Field that resting neighbours add, axes of the chips, and that the offsets do not hold.
-        Without it the model of the field is held to less.
-    felt_ut : ndarray, shape (3, n), or None
-        The same, whether the offsets hold it or not: it is read with the chip's gain as it is.
-    stray_ut : ndarray, shape (n,)
-        Of `skin.decode.uncertainty.neighbours_ut`.
+        Field that resting neighbours add, axes of the chips, which the offsets do not hold; None
+        where nothing needs it.
+    neighbours : Neighbours
+        What they may add beside.
 
     Raises
     ------
     CalibrationError
         A parameter is not one that a working unit can have.
     """
-    _refuse_impossible(topology)
+    refuse_impossible(topology)
     if rest_ut is not None:
         check(topology, "rest_ut", rest_ut, np.float64, (3, topology.n))
         if not np.isfinite(rest_ut).all():
@@ -96,10 +93,10 @@ def model_of(
     found = {
         **_temperature(topology, plan.temperature_every),
         **_normal(topology),
-        **_field(topology, rest_ut, felt_ut),
+        **_field(topology, np.zeros((3, topology.n)) if rest_ut is None else rest_ut),
         **_tangential(topology, angle),
     }
-    found |= uncertainty(topology, found, stray_ut)
+    found |= uncertainty(topology, found, neighbours)
     return DecodeModel(
         _blocks(found, k.coefficients(plan.dtype)),
         _blocks(limits_of(topology, vertical=angle or plan.consistency), k.LIMITS),
@@ -225,20 +222,16 @@ def _normal(topology: Topology) -> dict[str, np.ndarray]:
     }
 
 
-def _field(
-    topology: Topology, rest_ut: np.ndarray | None, felt_ut: np.ndarray | None
-) -> dict[str, np.ndarray]:
-    """Coefficients of the field at the chip, and of the film's strength."""
+def _field(topology: Topology, rest: np.ndarray) -> dict[str, np.ndarray]:
+    """Coefficients of the field at the chip, less that of resting neighbours, which is read with
+    the chip's gain as it is; and of the film's strength."""
     p, scale = topology.parameters, topology.scale
-    nowhere = np.zeros((3, topology.n))
-    rest = nowhere if rest_ut is None else rest_ut
-    felt = nowhere if felt_ut is None else felt_ut
     still = [
         topology.offset[k.BX + i] - p[f"hall_offset_{axis}_ut"] - rest[i]
         for i, axis in enumerate("xyz")
     ]
     drift = [
-        p[f"hall_drift_{axis}_ut_per_k"] + p["hall_gain_per_k"] * felt[i]
+        p[f"hall_drift_{axis}_ut_per_k"] + p["hall_gain_per_k"] * rest[i]
         for i, axis in enumerate("xyz")
     ]
     c = {}
@@ -330,7 +323,7 @@ def _table_end(*key: float) -> tuple[float, float]:
     return float(angle[last]), float(displacement[last].min())
 
 
-def _refuse_impossible(topology: Topology) -> None:
+def refuse_impossible(topology: Topology) -> None:
     """Raise for the first parameter that would make a reading meaningless."""
     p = topology.parameters
 

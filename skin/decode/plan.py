@@ -64,8 +64,8 @@ class DecodeOptions(NamedTuple):
     consistency: bool | None = None
     temperature_every: int | None = None
     skip: bool = False
-    sweeps: int = 0
-    ambient: bool = False
+    sweeps: int = 1
+    ambient: bool = True
     creep: bool = True
 
 
@@ -87,7 +87,8 @@ class Plan:
         Films, the neighbours' among them, and Hall chip have a drift that matters here; chips
         follow the gel, as the wire does not carry their temperature.
     estimator, consistency, dtype, temperature_every, skip, sweeps, ambient, creep
-        As of `DecodeOptions`, decided; `creep` where a force is wanted and a unit has terms.
+        As of `DecodeOptions`, decided; `sweeps` and `ambient` where anything of the field is
+        wanted, `creep` where a force is and a unit has terms.
     """
 
     quantities: tuple[str, ...]
@@ -124,6 +125,8 @@ class Plan:
             raise OptionError(f"sweeps: must be 0, 1 or 2; got {shown(options.sweeps)}")
         for name in ("skip", "ambient", "creep"):
             check_flag(name, getattr(options, name))
+        if names.isdisjoint((*TANGENTIAL, "field")):
+            options = options._replace(sweeps=0, ambient=False)
         looped = options.sweeps > 0 or options.ambient
         tangential = looped or not names.isdisjoint(TANGENTIAL)
         field = options.ambient or "field" in names
@@ -152,6 +155,15 @@ class Plan:
             sweeps=options.sweeps,
             ambient=options.ambient,
             creep=bool(options.creep and relaxes and not names.isdisjoint(FORCES)),
+        )
+
+    @property
+    def reads_field(self) -> bool:
+        """Whether anything that is decoded needs the field of the chips."""
+        return (
+            self.sweeps > 0
+            or self.ambient
+            or not {*TANGENTIAL, "field"}.isdisjoint(self.quantities)
         )
 
     @property

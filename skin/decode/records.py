@@ -80,7 +80,7 @@ COEFFICIENT_ROWS = {
     "y_bx": 1, "y_by": 1, "y_offset": 1, "y_drift": 1,
     "z_bz": 1, "z_offset": 1, "z_drift": 1,
     "map_xx": 1, "map_xy": 1, "map_yx": 1, "map_yy": 1,
-    "field_variance": 1,
+    "field_variance": 1, "axial_variance": 1,
     # log2(M0 / µT) in powers of H; relative, at a known depth; rad/mm
     "amplitude_octaves": 3, "amplitude_variance": 1, "wavenumber": 1, "wavenumber_inverse": 1,
     # R(psi, H) in mm, row 4 i + j of psi^(2 i + 1) H^j; rad, beyond which it is a lower bound; mm²,

@@ -12,6 +12,8 @@ what lies beyond.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.special import ndtri
 
@@ -20,7 +22,7 @@ from skin.decode.limits import STEP_SIGMA
 from skin.physics.stray import HORIZON_M, field_at_rest
 from topology import Topology
 
-__all__ = ["neighbours_ut", "uncertainty"]
+__all__ = ["Neighbours", "neighbours_of", "uncertainty"]
 
 ANOMALY_SIGMAS = 5.0
 """Sigmas of a unit's constants by which its field may miss its model [assumed]."""
@@ -33,13 +35,29 @@ ANOMALY_SHARE = 0.02
 """Share of the field by which the model of a unit may miss it, beside the sigma of its constants
 [derived: calibrated films with errors of fabrication are off by 0.4 %, at most 4 % far out, of
 which their sigma holds four fifths]."""
-STRAY_UT, STRAY_KNOWN_UT = 1000.0, 300.0
-"""µT that neighbours may add to the field: all of it, or what is left where their fields at rest
-are known [assumed; the field of touching units at rest is 1.07 mT]."""
+STRAY_KNOWN_UT = 300.0
+"""µT that neighbours may add to the field where their fields at rest are taken off [assumed; the
+field of touching units at rest is 1.07 mT]."""
 
 
-def neighbours_ut(topology: Topology, felt_ut: np.ndarray | None, rest_known: bool) -> np.ndarray:
-    """What neighbours may add to the field that nothing takes off, µT, shape (n,).
+class Neighbours(NamedTuple):
+    """What neighbours may add to the field that nothing takes off, shape (n,) each."""
+
+    still_ut: np.ndarray
+    """At rest, at most, µT."""
+    lateral_ut2: np.ndarray
+    """Variance of x or y, µT², that nothing takes off; what sweeps leave comes with the
+    background."""
+    untared_ut2: np.ndarray
+    """What comes to it in units that were not tared in their places."""
+    axial_ut2: np.ndarray
+    """Variance along z."""
+
+
+def neighbours_of(
+    topology: Topology, rest_ut: np.ndarray | None, swept_ut2: np.ndarray | None
+) -> Neighbours:
+    """What neighbours may add to the field that nothing takes off.
 
     Beyond the distance to which resting films are summed, an array that goes on adds about as much
     as the last octave of distance does [derived: the field of a sheet of dipoles].
@@ -47,20 +65,31 @@ def neighbours_ut(topology: Topology, felt_ut: np.ndarray | None, rest_known: bo
     Parameters
     ----------
     topology : Topology
-    felt_ut : ndarray, shape (3, n), or None
-        Field of resting neighbours, as it is summed.
-    rest_known : bool
-        Whether that is taken off, or in the offsets.
+    rest_ut : ndarray, shape (3, n), or None
+        Field of resting neighbours, as it is summed; None where nothing needs it.
+    swept_ut2 : ndarray, shape (n,), or None
+        Variance along z that sweeps leave; None without them: then all that films may add as they
+        move is unknown, and of films at rest the share by which they are made otherwise, and what
+        tilts make lateral of their field along z.
     """
-    known = np.full(topology.n, STRAY_KNOWN_UT if rest_known else STRAY_UT)
-    if felt_ut is None:
-        return known
-    octave_ut = felt_ut - field_at_rest(topology, 0.5 * HORIZON_M)
-    return np.hypot(known, 2.0 * np.abs(octave_ut).max(axis=0))
+    still, none = np.full(topology.n, STRAY_KNOWN_UT), np.zeros(topology.n)
+    if rest_ut is None:
+        return Neighbours(still, none, none, none)
+    octave_ut = rest_ut - field_at_rest(topology, 0.5 * HORIZON_M)
+    still = np.hypot(still, 2.0 * np.abs(octave_ut).max(axis=0))
+    if swept_ut2 is not None:
+        return Neighbours(still, none, none, swept_ut2)
+    from skin.physics.stencil import neighbours_moving_ut2, rest_sigma_ut
+
+    lateral_ut2, axial_ut2 = neighbours_moving_ut2(topology)
+    p = topology.parameters
+    off = rest_sigma_ut(topology) ** 2
+    tilted = p["placement_sigma_rad"] ** 2 * rest_ut[2] ** 2
+    return Neighbours(still, lateral_ut2, 0.5 * (off[0] + off[1]) + tilted, axial_ut2 + off[2])
 
 
 def uncertainty(
-    topology: Topology, c: dict[str, np.ndarray], stray_ut: np.ndarray
+    topology: Topology, c: dict[str, np.ndarray], neighbours: Neighbours
 ) -> dict[str, np.ndarray]:
     """Variances of what is tangential, and what the field may miss its model by.
 
@@ -69,8 +98,7 @@ def uncertainty(
     topology : Topology
     c : dict of str to ndarray, shape (n,)
         Coefficients of the kernel.
-    stray_ut : ndarray, shape (n,)
-        As of `neighbours_ut`.
+    neighbours : Neighbours
     """
     p, scale = topology.parameters, topology.scale
     gel_c2 = c["gel_variance"] + c["gel_rate"][0] ** 2 * c["gel_noise"]
@@ -83,6 +111,7 @@ def uncertainty(
     stretch2 = 0.5 * sum(p[f"field_{entry}"] ** 2 for entry in ("xx", "xy", "yx", "yy"))
     noise = stretch2 * (p["field_noise_ut"] ** 2 + step2)
     constant = stretch2 * drift2 * chip_c2 + p["field_sigma_ut"] ** 2
+    constant += neighbours.lateral_ut2 + np.where(topology.tared, 0.0, neighbours.untared_ut2)
     amplitude = (
         p["field_amplitude_sigma_relative"] ** 2
         + p["film_drift_per_k"] ** 2 * gel_c2
@@ -99,13 +128,14 @@ def uncertainty(
     shape[0] += 1.0
     step = 1.0 - np.exp(-1.0 / MISS_READINGS)
     share2 = ANOMALY_SHARE**2 + sigmas2 * (amplitude + rest2)
-    constant2 = stray_ut**2 + sigmas2 * constant
+    constant2 = neighbours.still_ut**2 + sigmas2 * (constant + neighbours.axial_ut2)
     left = noise_sigmas2 * step / (2.0 - step)  # of the variance of noise, in the mean
     return {
         "shear_variance": p["shear_sigma_relative"] ** 2,
         "shear_floor": p["shear_sigma_n"] ** 2,
         "film_variance": p["field_angle_sigma_mm"] ** 2 * shape,
         "field_variance": noise + constant,
+        "axial_variance": neighbours.axial_ut2,
         "amplitude_variance": amplitude,
         "anomaly_share": share2 + noise_sigmas2 * depth2,
         "anomaly_field": constant2 + noise_sigmas2 * noise,

@@ -20,33 +20,47 @@ from typing import IO, Any
 import numpy as np
 
 from skin.errors import ScanError, SkinError, TooDenseError
+from skin.physics.film_table import load_film_table
+from skin.physics.halbach import CHIP_AXES
 from skin.physics.least_squares import Fit
+from skin.physics.multipoles import films_as_made, multipole_field
 from skin.physics.stray import (
     DEGREES,
+    HORIZON_M,
     SEPARATION_M,
     Pairs,
     blocked,
     field_at_rest,
     left_out,
     monomials,
+    moving_ut2,
     near,
     powers,
     scan_poses,
     scan_stray,
 )
-from topology import Topology
+from topology import Topology, UnitModel
 from topology.files import check_path, read_arrays, whole_file
 from topology.neighbours import compressed_rows
 
-__all__ = ["Stencil"]
+__all__ = [
+    "Stencil", "check_stencil", "neighbours_at_rest", "neighbours_moving_ut2", "rest_sigma_ut",
+]  # fmt: skip
 
 DEPTH_MAX_MM, DISPLACEMENT_MAX_MM = 2.0, 2.5
 """Range of the scans [paper: what a unit is calibrated for]."""
+PRESSED = (2.0 / 3.0, 1.0 / 2.0)
+"""Chance that a neighbour of a pressed unit is pressed, and that two given ones are [derived: any
+share p of a skin may be pressed, each as likely, and a pressed unit is one of many in proportion to
+p: the means of p and of p² by the density 2 p]."""
+AS_MADE = UnitModel().stray_sigma_relative
+PAIRS_AT_ONCE = 65536
 SAME_SKIN_M = 2e-4
 """Units that are this much nearer or farther than in a saved stencil are other units [assumed:
 how well units are placed]."""
-FORMAT, READ = 2, (1, 2)
-"""Of the file that a stencil is saved to, and those that can be read: 1 holds more than is used."""
+FORMAT, READ = 3, (1, 2, 3)
+"""Of the file that a stencil is saved to, and those that can be read: 1 holds more than is used,
+and neither 1 nor 2 holds `rest_sigma_ut` and `drawn`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +99,12 @@ class Stencil:
         What farther neighbours add to one axis of each unit if they move at random through the
         range of the scan: root of the mean square, over the axes too. A skin pressed all over is
         about that.
+    rest_sigma_ut : ndarray, shape (3, n)
+        One-sigma of `rest_ut`, without what errors of placement add. The lateral part counts in
+        units that were not tared in their places, the part along z in all: no tare takes it off.
+    drawn : bool
+        Whether all of it is that of the drawing, so that it is off as `stray_sigma_relative`,
+        `placement_sigma_mm` and `placement_sigma_rad` say.
     """
 
     start: np.ndarray
@@ -100,6 +120,12 @@ class Stencil:
     depth_max_mm: float
     displacement_max_mm: float
     left_out_rms_ut: np.ndarray
+    rest_sigma_ut: np.ndarray = None  # type: ignore[assignment]  # zeros
+    drawn: bool = False
+
+    def __post_init__(self) -> None:
+        if self.rest_sigma_ut is None:
+            object.__setattr__(self, "rest_sigma_ut", np.zeros(np.shape(self.rest_ut)))
 
     @property
     def n(self) -> int:
@@ -177,7 +203,10 @@ class Stencil:
             saved = read_arrays(path)
             if (version := int(saved["format"])) not in READ:
                 raise SkinError(f"{path}: format: must be one of {READ}; got {version}")
-            values: dict[str, Any] = {f.name: saved[f.name][()] for f in dataclasses.fields(cls)}
+            added = ("rest_sigma_ut", "drawn") if version < FORMAT else ()
+            values: dict[str, Any] = {
+                f.name: saved[f.name][()] for f in dataclasses.fields(cls) if f.name not in added
+            }
             found = cls(**values)
             found._check()
         except (OSError, LookupError, AttributeError, ValueError, TypeError) as error:
@@ -205,6 +234,7 @@ class Stencil:
             "start": (n + 1,), "neighbour": (m,), "kind": (m,), "apart_m": (m,),
             "coefficients": (k, 3, terms), "sigma_ut": (k, 3), "strength": (n,),
             "rest_ut": (3, n), "left_out_rms_ut": (n,),
+            "rest_sigma_ut": (3, n),
         }  # fmt: skip
         for name, shape in shapes.items():
             array = getattr(self, name)
@@ -267,6 +297,7 @@ class Stencil:
             start.astype(np.int32), j, np.arange(len(fits), dtype=np.int32), distance,
             values, np.sqrt(known + missed), np.ones(topology.n), field_at_rest(separated), degree,
             float(distance.max()), depth_max_mm, displacement_max_mm, beyond,
+            rest_sigma_ut(topology),
         )  # fmt: skip
 
     @classmethod
@@ -326,7 +357,54 @@ class Stencil:
             pairs.turned(values, degree), pairs.spread(sigma),
             topology.parameters["field_amplitude_ut"].copy(), field_at_rest(separated), degree,
             reach_m, DEPTH_MAX_MM, DISPLACEMENT_MAX_MM, beyond,
+            rest_sigma_ut(topology), drawn=True,
         )  # fmt: skip
+
+
+def check_stencil(topology: Topology, stencil: Any) -> None:
+    """Raise SkinError for what is no stencil of as many units."""
+    if getattr(stencil, "n", None) != topology.n:
+        got = stencil.n if isinstance(stencil, Stencil) else type(stencil).__name__
+        raise SkinError(f"stencil: must be of {topology.n} units, as {topology.name}; got {got}")
+
+
+def neighbours_at_rest(topology: Topology) -> np.ndarray:
+    """`Stencil.rest_ut` by magnet theory, without the rest of a stencil; shape (3, n)."""
+    return field_at_rest(_frames_separated(_with_films(topology)))
+
+
+def rest_sigma_ut(topology: Topology) -> np.ndarray:
+    """`Stencil.rest_sigma_ut` of magnet theory, shape (3, n).
+
+    The covariance of the multipoles of films as they are made, which a skin's films share, is that
+    for a `stray_sigma_relative` of `AS_MADE`. It does not say the same of all that films add: what
+    a wide array adds along z at rest is off by twice that share.
+    """
+    topology = _frames_separated(_with_films(topology))
+    p, rotation, film = topology.parameters, topology.rotation, load_film_table().film
+    shape, covariance = films_as_made()
+    i, j = near(topology, HORIZON_M)
+    ats, bys = np.concatenate([i, j]), np.concatenate([j, i])
+    per_pole = np.zeros((topology.n, 3, shape.size))
+    for first in range(0, ats.size, PAIRS_AT_ONCE):
+        at, by = ats[first : first + PAIRS_AT_ONCE], bys[first : first + PAIRS_AT_ONCE]
+        between = 1e3 * (topology.position[:, at] - topology.position[:, by])
+        between += (film.middle_mm + film.chip_mm) * rotation[:, 2, at]
+        between -= film.middle_mm * rotation[:, 2, by]
+        points = np.einsum("abm,am->bm", rotation[:, :, by], between)
+        turn = np.einsum("a,bam,bcm->acm", CHIP_AXES, rotation[:, :, at], rotation[:, :, by])
+        turn *= p["field_amplitude_ut"][by]
+        np.add.at(per_pole, at, np.einsum("acm,kcm->mak", turn, multipole_field(points)))
+    variance = np.einsum("nak,kl,nal->an", per_pole, covariance, per_pole)
+    return p["stray_sigma_relative"] / AS_MADE * np.sqrt(np.maximum(variance, 0.0))
+
+
+def neighbours_moving_ut2(topology: Topology) -> tuple[np.ndarray, np.ndarray]:
+    """Mean square of what all neighbours add, of x or y and of z, if `PRESSED` of them move at
+    random through the range of the scans, µT², shape (n,) each."""
+    nobody = np.zeros(0, np.int64)
+    separated = _frames_separated(_with_films(topology))
+    return moving_ut2(separated, nobody, nobody, DEPTH_MAX_MM, DISPLACEMENT_MAX_MM, PRESSED)
 
 
 def _gram(depth_max_mm: float, displacement_max_mm: float, degree: int) -> np.ndarray:

@@ -21,7 +21,7 @@ from topology.neighbours import neighbour_pairs
 
 __all__ = [
     "DEGREES", "HORIZON_M", "SEPARATION_M", "Pairs", "blocked", "field_at_rest", "fit_stray",
-    "left_out", "monomials", "near", "powers", "scan_poses", "scan_stray",
+    "left_out", "monomials", "moving_ut2", "near", "powers", "scan_poses", "scan_stray",
 ]  # fmt: skip
 
 SAME_MM = 1e-3
@@ -216,14 +216,33 @@ def left_out(
     depth_max_mm: float,
     displacement_max_mm: float,
 ) -> np.ndarray:
-    """`Stencil.left_out_rms_ut`.
+    """`Stencil.left_out_rms_ut`: see `moving_ut2`."""
+    lateral2, axial2 = moving_ut2(topology, unit, neighbour, depth_max_mm, displacement_max_mm)
+    return np.sqrt((2.0 * lateral2 + axial2) / 3.0)
+
+
+def moving_ut2(
+    topology: Topology,
+    unit: np.ndarray,
+    neighbour: np.ndarray,
+    depth_max_mm: float,
+    displacement_max_mm: float,
+    pressed: tuple[float, float] = (1.0, 1.0),
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean square of what all films but some add at each chip as they move at random through a
+    range, of x or y and of z, µT², shape (n,) each.
+
+    Pairs are taken to stand side by side, as on a flat skin. Films are pressed alike, so that what
+    they add in the mean adds up with its sign; their spreads are independent.
 
     Parameters
     ----------
     topology : Topology
     unit, neighbour : ndarray, shape (m,)
-        Pairs that are in.
+        Pairs that are in a stencil: not counted.
     depth_max_mm, displacement_max_mm : float
+    pressed : tuple of float
+        Chance that one film is pressed, and that two given ones are; all are if not given.
     """
     n, strength = topology.n, topology.parameters["field_amplitude_ut"]
     i, j = near(topology, HORIZON_M)
@@ -231,7 +250,7 @@ def left_out(
     missing = ~np.isin(at * n + by, np.asarray(unit, np.int64) * n + neighbour)
     at, by = at[missing], by[missing]
     if not at.size:
-        return np.zeros(n)
+        return np.zeros(n), np.zeros(n)
     between = topology.position[:, at] - topology.position[:, by]
     d = np.linalg.norm(between, axis=0)
     x, y, _ = np.einsum("abp,ap->bp", topology.rotation[:, :, at], between)
@@ -244,7 +263,7 @@ def left_out(
     seen = np.stack([1e3 * distance, np.full(24, film.chip_mm), np.full(24, reference)])
     stray = scan_stray(topology, seen, moved)
     middle = np.einsum("t,kta->ka", share, stray)
-    spread = np.einsum("t,kta->k", share, (stray - middle[:, np.newaxis]) ** 2)
+    spread = np.einsum("t,kta->ak", share, (stray - middle[:, np.newaxis]) ** 2)
 
     def told(values: np.ndarray, power: int) -> np.ndarray:
         """At the distance of each pair; what falls with a power is told times that power."""
@@ -255,9 +274,13 @@ def left_out(
 
     # along the line between the two, and along z
     along, _, up = (strength[by] * told(row, 4) for row in middle.T)
-    square = sum(added(pull) ** 2 for pull in (x * along, y * along, up))
-    square += added(strength[by] ** 2 * told(spread, 8))
-    return np.sqrt(square / 3.0)
+    one, two = pressed
+    each = strength[by] ** 2
+    lateral2 = two * (added(x * along) ** 2 + added(y * along) ** 2)
+    lateral2 += added(one * each * told(spread[0] + spread[1], 8) + (one - two) * along**2)
+    axial2 = two * added(up) ** 2
+    axial2 += added(one * each * told(spread[2], 8) + (one - two) * up**2)
+    return 0.5 * lateral2, axial2
 
 
 @dataclass(frozen=True, eq=False)

@@ -108,7 +108,7 @@ OPTIONS = {
     ),
     "Decoder": (
         lambda **options: skin.Decoder(STRIP, **options),
-        "want estimator dtype consistency temperature_every skip sweeps ambient rest_ut workers",
+        "want estimator dtype consistency temperature_every skip sweeps ambient workers",
     ),
     "Pipeline": (lambda **options: skin.Pipeline(STRIP, **options), "deadline_s"),
     "ContactStream": (
@@ -142,9 +142,12 @@ OPTIONS |= {
     "Decoder of": (lambda **options: skin.Decoder(**{"topology": STRIP, **options}), "topology"),
     "Decoder with sweeps": (
         lambda **options: skin.Decoder(STRIP, want={"force"}, sweeps=1, **options),
-        "stencil rest_ut",
+        "stencil",
     ),
-    "Decoder without sweeps": (lambda **options: skin.Decoder(STRIP, **options), "stencil"),
+    "Decoder without sweeps": (
+        lambda **options: skin.Decoder(STRIP, sweeps=0, **options),
+        "stencil",
+    ),
     "Pipeline of": (
         lambda **options: skin.Pipeline(**{"topology": STRIP, **options}),
         "topology options",

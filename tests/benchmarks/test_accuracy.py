@@ -70,7 +70,9 @@ def test_scenes_press_six_units_in_ten_and_shear_only_these():
 def test_a_unit_that_was_on_the_bench_says_how_much_it_errs_to_the_ends_of_its_range(fabricated):
     skin = made(2, fabricated=fabricated, seed=5)
     cells = Cells(np.array([0.25, 1.5, 2.0]), np.array([0.5, 2.25, 3.0]))
-    decoder = Decoder(skin.known, {"force", "displacement", "sigma"}, "field-angle")
+    decoder = Decoder(
+        skin.known, {"force", "displacement", "sigma"}, "field-angle", sweeps=0, ambient=False
+    )
     found = explore(skin, cells, decoder, rounds=60)
     # 2400 samples a cell: three sigma of their number are 3 %; four films differ from side to side
     most = 0.75 if fabricated else 0.72

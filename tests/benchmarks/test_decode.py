@@ -54,7 +54,15 @@ def test_bare_arithmetic_gives_what_the_decoder_gives():
     varied = {name: value * rng.uniform(0.98, 1.02, skin.n) for name, value in turned.items()}
     skin = dataclasses.replace(skin, parameters=skin.parameters | varied)
     counts = counts_of(skin, most=0.8)
-    reading = Decoder(skin, {"temperature", "force"}, "sine", "float64", consistency=False)(counts)
+    reading = Decoder(
+        skin,
+        {"temperature", "force"},
+        "sine",
+        "float64",
+        consistency=False,
+        sweeps=0,
+        ambient=False,
+    )(counts)
     got = Bare(skin)(counts)
     np.testing.assert_allclose(got[0], reading.temperature, atol=1e-4)
     np.testing.assert_allclose(got[1:], reading.force, atol=2e-5)

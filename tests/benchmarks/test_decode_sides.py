@@ -41,7 +41,7 @@ WHOLE = {
 def test_a_copy_has_the_bytes_and_the_threads_of_its_decoder(monkeypatch, three_processors, name):
     alike, options, threads = WHOLE[name]
     side = decode_sides.sides_of(N)[name]
-    expect_work(side, Decoder(array_of(N, alike=alike), LIVE, **options))
+    expect_work(side, Decoder(array_of(N, alike=alike), LIVE, sweeps=0, ambient=False, **options))
     calls = decode_sides.with_copies({name: side})
     assert threads_of(calls[name], three_processors) == threads
     expect_copy(monkeypatch, calls[f"copy for {name}"], side, three_processors, threads)
@@ -50,7 +50,7 @@ def test_a_copy_has_the_bytes_and_the_threads_of_its_decoder(monkeypatch, three_
 def test_a_recording_is_copied_into_new_arrays_by_as_many_threads(monkeypatch, three_processors):
     side = decode_sides.recording_side(12)
     assert side.counts.shape == (12, 6, 64)
-    expect_work(side, Decoder(array_of(64, alike=False), LIVE))
+    expect_work(side, Decoder(array_of(64, alike=False), LIVE, sweeps=0, ambient=False))
     calls = decode_sides.with_copies({"decode": side})
     threads = threads_of(calls["decode"], three_processors)
     assert threads == side.threads == 1  # 64 units are one block
@@ -99,7 +99,7 @@ def test_bare_arithmetic_decodes_all_that_the_decoders_decode(three_processors):
 @pytest.mark.parametrize("alike", [False, True])
 def test_calibration_that_is_not_counted_is_not_read(alike):
     """Numbers that the kernel's Python never touches may be anything."""
-    decoder = Decoder(array_of(N, alike=alike), LIVE)
+    decoder = Decoder(array_of(N, alike=alike), LIVE, sweeps=0, ambient=False)
     counts = counts_of(decoder.topology)
     side = decode_sides._bound(decoder, counts)
     before = side.told()

@@ -163,7 +163,7 @@ def test_foreign_units_are_flagged_and_never_decoded(mixed):
     # A unit at rest: 4500 Hz, some 4 mT along the axis, little across.
     counts[:, 0], counts[:, FREQUENCY], counts[:, BX], counts[:, BZ] = 180, 9000, 5, 66
     for dtype in ("float32", "float64"):
-        reading = Decoder(mixed, dtype=dtype)(counts)
+        reading = Decoder(mixed, dtype=dtype, sweeps=0, ambient=False)(counts)
         assert (reading.status[:, 2:] == Status.NOT_F3T).all()
         assert reading.valid.tolist() == 2 * [[True, True, False, False]]
         values = [reading.temperature, reading.force, reading.tangential, reading.theta,

@@ -72,7 +72,7 @@ def flood(name, total, seed):
     """Feed `total` frames; return the peak of memory after a tenth of them, and at the end."""
     rng = np.random.default_rng(seed)
     skin = topology.load(name)
-    assembler, decoder = Assembler(skin), Decoder(skin)
+    assembler, decoder = Assembler(skin), Decoder(skin, sweeps=0, ambient=False)
     whole = frames_of(skin, 256, rng)
     fed, early = 0, 0.0
     while fed < total:

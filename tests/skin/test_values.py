@@ -48,7 +48,9 @@ def recorded():
 
 def decoded(counts, status, plan):
     """Readings of some cycles, and of a batch of the first."""
-    decoder = skin.Decoder(topology.load("fingertip").exact(), **plan)
+    decoder = skin.Decoder(
+        topology.load("fingertip").exact(), **{"sweeps": 0, "ambient": False} | plan
+    )
     found = {}
     for i in range(len(counts)):
         reading = decoder(counts[i], status[i])
@@ -56,7 +58,9 @@ def decoded(counts, status, plan):
             for name in ARRAYS:
                 found.setdefault(name, []).append(np.array(getattr(reading, name)))
     found = {name: np.array(values) for name, values in found.items()}
-    decoder = skin.Decoder(topology.load("fingertip").exact(), **plan)
+    decoder = skin.Decoder(
+        topology.load("fingertip").exact(), **{"sweeps": 0, "ambient": False} | plan
+    )
     batch = decoder(counts[:BATCH], status[:BATCH])
     return found | {f"batch {name}": getattr(batch, name) for name in ARRAYS}
 

@@ -90,7 +90,11 @@ def test_a_contact_scene_arrives_as_it_was_made(name, channels, tmp_path):
 def test_a_contact_on_the_palm_is_felt_and_its_truth_is_written(tmp_path):
     skin = topology.load("palm").on(interface="socketcan", channel="vcan0")
     path, felt, batch = tmp_path / "truth.npz", [], FrameBatch(64)
-    assembler, decoder, stop = Assembler(skin), Decoder(skin), threading.Event()
+    assembler, decoder, stop = (
+        Assembler(skin),
+        Decoder(skin, sweeps=0, ambient=False),
+        threading.Event(),
+    )
     with ExitStack() as opened:
         recorder = opened.enter_context(
             Recorder(scene_on(skin, tmp_path, NonIdeal.only("noise")), path)

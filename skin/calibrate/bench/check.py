@@ -70,7 +70,9 @@ def score(topology: Topology, series: Series, unit: int) -> Score:
     unit : int
     """
     one = alone(topology, unit)
-    decoder = Decoder(one, {"force", "temperature", "sigma"}, dtype="float64")
+    decoder = Decoder(
+        one, {"force", "temperature", "sigma"}, dtype="float64", sweeps=0, ambient=False
+    )
     reading = decoder(np.ascontiguousarray(series.counts.counts[:, :, unit : unit + 1]))
     force, sigma = reading.force[:, :, 0], reading.force_sigma[:, :, 0]
     used = series.counts.heard[:, unit] & np.isin(series.kind, [KINDS.index(k) for k in SCORED])

@@ -152,7 +152,7 @@ def _reference_faults(topology: Topology, series: Series, unit: int) -> Iterator
     """The reference against what the unit's own model makes of the counts: within some per cent the
     same, if axes and units of measure are as stated."""
     decoder = Decoder(alone(topology, unit), {"force", "displacement", "temperature"},
-                      dtype="float64")  # fmt: skip
+                      dtype="float64", sweeps=0, ambient=False)  # fmt: skip
     reading = decoder(np.ascontiguousarray(series.counts.counts[:, :, unit : unit + 1]))
     good = (series.segment >= 0) & (reading.status[:, 0] & INVALID == 0)
     moving = good & np.isin(series.kind, [KINDS.index(k) for k in ("normal", "shear", "circles")])

@@ -250,7 +250,13 @@ def _decoded(topology: Topology, series: Series, unit: int) -> np.ndarray:
     """Displacement by the unit's own model, where the reference has none; shape (3, t)."""
     from skin.decode.decoder import Decoder
 
-    decoder = Decoder(alone(tared(topology, series), unit), {"displacement"}, dtype="float64")
+    decoder = Decoder(
+        alone(tared(topology, series), unit),
+        {"displacement"},
+        dtype="float64",
+        sweeps=0,
+        ambient=False,
+    )
     counts = np.ascontiguousarray(series.counts.counts[:, :, unit : unit + 1])
     return np.array(decoder(counts).displacement_mm[:, :, 0], float).T
 

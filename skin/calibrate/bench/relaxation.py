@@ -142,7 +142,7 @@ def _fresh(held: Blocks) -> Blocks:
 def _elastic(known: Topology, series: Series, unit: int) -> np.ndarray:
     """Elastic force of all cycles, as decoded, shape (3, t); that of the one before where there is
     none."""
-    decoder = Decoder(known, {"force"}, dtype="float64", creep=False)
+    decoder = Decoder(known, {"force"}, dtype="float64", creep=False, sweeps=0, ambient=False)
     reading = decoder(np.ascontiguousarray(series.counts.counts[:, :, unit : unit + 1]))
     good = series.counts.heard[:, unit] & (reading.status[:, 0] & INVALID == 0)
     good &= np.isfinite(reading.force[:, :, 0]).all(axis=1)

@@ -201,7 +201,7 @@ def test_a_live_skin_learns_beside_its_cycles(tmp_path):
 
 def test_large_skins_are_refused():
     with pytest.raises(SkinError, match="must have 256 units or fewer for its stray"):
-        Learning(Decoder(square(17, 0.012), {"force"}))
+        Learning(Decoder(square(17, 0.012), {"force"}, sweeps=0, ambient=False))
 
 
 @pytest.mark.usefixtures("here")
@@ -394,4 +394,4 @@ def test_what_was_learned_outlasts_the_tare_of_a_unit_that_was_held(array):
 
 def test_without_an_ambient_field_nothing_is_learned(array):
     with pytest.raises(SkinError, match="learn: must be with ambient=True"):
-        Learning(Decoder(array.known, {"force"}, sweeps=1))
+        Learning(Decoder(array.known, {"force"}, sweeps=1, ambient=False))

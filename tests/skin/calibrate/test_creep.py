@@ -202,8 +202,8 @@ def test_terms_go_through_a_calibration_file(tmp_path):
             at = [fit.names.index(f"{key}[{k}]") for k in range(3)]
             np.testing.assert_array_equal(loaded.parameters[key][:, 0], fit.values[at])
     assert not loaded.calibrated[0]  # its elastic laws are not known
-    assert Decoder(loaded).plan.creep
-    assert not Decoder(skin).plan.creep
+    assert Decoder(loaded, sweeps=0, ambient=False).plan.creep
+    assert not Decoder(skin, sweeps=0, ambient=False).plan.creep
 
 
 def loop_width(elastic, decoded, load):
@@ -242,7 +242,12 @@ def test_the_loops_of_cyclic_loads_are_taken_off():
     last = slice(-round(4.0 * rate_hz), None)
     widths = []
     for creep in (False, True):
-        force = np.array([r.force[2, 0] for r in map_cycles(Decoder(skin, creep=creep), raw)])
+        force = np.array(
+            [
+                r.force[2, 0]
+                for r in map_cycles(Decoder(skin, creep=creep, sweeps=0, ambient=False), raw)
+            ]
+        )
         widths.append(loop_width(elastic[last], force[last], load[last]))
     plain, compensated = widths
     assert plain > 0.05

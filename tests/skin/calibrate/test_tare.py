@@ -13,8 +13,9 @@ from msgspec import structs
 
 import topology
 from bus.status import Status
+from skin.calibrate import tare as tares
 from skin.calibrate.read import read_calibration
-from skin.calibrate.tare import calibration_files, chosen, tare
+from skin.calibrate.tare import calibration_files, chosen
 from skin.cli import main
 from skin.decode.ambient import Ambient
 from skin.decode.decoder import Decoder
@@ -82,6 +83,19 @@ field_sigma_ut = 30.0
 """
 
 
+def tare(skin, counts, status=None, *, rest_ut=None, **options):
+    """Of units that are simulated alone, where nothing is said of neighbours."""
+    found = tares.tare(skin, counts, status, rest_ut=rest_ut, **options)
+    return found.leaving_out(np.zeros((3, skin.n))) if rest_ut is None else found
+
+
+def apart(skin):
+    """The same units, too far from each other to feel each other."""
+    place = np.zeros((3, skin.n))
+    place[0] = np.arange(skin.n)
+    return dataclasses.replace(skin, position=place)
+
+
 def simulated(skin, cycles=CYCLES, *, field=None, temperature=24.0, seed=1, noise=True):
     """Counts of untouched units whose true parameters are those of `skin`."""
     units = UnitSimulator(skin, field=field, seed=seed, noise=noise)
@@ -139,7 +153,9 @@ def test_tared_skin_reads_nothing(tmp_path):
     tared = topology.load(tmp_path / "pair.toml")
     still = simulated(true, 400, seed=9)
     for loaded, least, most in ((skin, 0.02, 1.0), (tared, 0.0, 0.005)):
-        mean = Decoder(loaded, estimator="sine", dtype="float64")(still).force.mean(axis=0)
+        mean = Decoder(apart(loaded), estimator="sine", dtype="float64", sweeps=0, ambient=False)(
+            still
+        ).force.mean(axis=0)
         assert least < np.abs(mean[0]).max() < most
         assert least < np.abs(mean[2]).max() < most
 
@@ -151,7 +167,7 @@ def test_every_other_value_is_kept(tmp_path):
     text = (tmp_path / "left.toml").read_text()
     table, before = tomllib.loads(text), tomllib.loads(BEFORE)
     assert table["date"] == "2026-02-02"
-    assert table["bench"] == "bench 3; tared in place, resting neighbours included"
+    assert table["bench"] == "bench 3; tared in place, resting neighbours left out"
     assert list(table["units"]) == ["r0c0", "r0c2", "r0c1"]
     first = table["units"]["r0c0"]
     assert {k: first[k] for k in before["units"]["r0c0"] if k not in TARED} == {
@@ -231,7 +247,7 @@ def test_sigmas_of_a_tare_stand_in_the_file(tmp_path):
     found.write(tmp_path / "a" / "b", date="2026-02-02")
     table, fits = read_calibration(tmp_path / "a" / "b" / "right.toml")
     assert table["date"] == "2026-02-02"
-    assert table["bench"] == "tared in place, resting neighbours included"
+    assert table["bench"] == "tared in place, resting neighbours left out"
     assert sorted(fits) == ["r0c0", "r0c1"]
     known = {name: (fit.values[0], fit.sigma[0]) for fit in fits["r0c1"] for name in fit.names}
     sigma_hz, (sigma_x, sigma_y) = found.frequency_sigma_hz[4], found.offset_sigma_ut[:, 4]
@@ -552,16 +568,16 @@ def test_unit_that_was_tared_before_is_held_to_it():
         tare(skin, counts)
 
 
-def test_neighbours_are_in_the_offsets_or_left_out():
-    """Of a decoder that takes them off itself they must not be in the offsets as well."""
+def test_neighbours_are_left_out_of_the_offsets():
+    """The decoder takes them off itself, so they must not be in the offsets as well."""
     skin = calibrated(topology.load("palm"), seed=4)
     counts = simulated(skin, field=HalbachField(skin, reach_m=0.1))
     stencil = Stencil.of(skin, degree=1)
     own = np.stack([skin.parameters[f"hall_offset_{axis}_ut"] for axis in "xy"])
-    left_out = tare(skin, counts, rest_ut=stencil.rest_ut)
+    left_out = tares.tare(skin, counts)
     assert np.abs(left_out.offset_ut - own).max() < 45.0  # the map of each unit is in between
-    assert left_out.neighbours == "left out"
-    included = tare(skin, counts)
+    np.testing.assert_allclose(left_out.rest_ut, stencil.rest_ut)
+    included = left_out.leaving_out(np.zeros((3, skin.n)))
     assert np.allclose(included.offset_ut - left_out.offset_ut, stencil.rest_ut[:2])
     assert np.abs(included.offset_ut - own).max() > 150.0
     assert included.axial_ut - left_out.axial_ut == pytest.approx(stencil.rest_ut[2])
@@ -584,7 +600,6 @@ def test_field_of_resting_neighbours_that_is_known_is_left_out():
     skin = row_of(2)
     counts, rest_ut = simulated(skin), np.array([[30.0, -50.0], [70.0, 20.0], [-200.0, 90.0]])
     included, left_out = tare(skin, counts), tare(skin, counts, rest_ut=rest_ut)
-    assert (included.neighbours, left_out.neighbours) == ("included", "left out")
     assert included.offset_ut - left_out.offset_ut == pytest.approx(rest_ut[:2])
     assert included.axial_ut - left_out.axial_ut == pytest.approx(rest_ut[2])
     assert included.axial_ut == pytest.approx(2.0 * counts[:, BZ].mean(axis=0))
@@ -606,7 +621,14 @@ def test_film_beside_its_chip_is_in_the_offsets_only_if_not_known():
     for skin, found in ((nominal, blind), (known, seeing)):
         offsets = {f"hall_offset_{axis}_ut": found.offset_ut[i] for i, axis in enumerate("xy")}
         tared = with_parameters(skin, frequency_rest_hz=found.frequency_hz, **offsets)
-        decoder = Decoder(tared, estimator="sine", dtype="float64", consistency=False)
+        decoder = Decoder(
+            apart(tared),
+            estimator="sine",
+            dtype="float64",
+            consistency=False,
+            sweeps=0,
+            ambient=False,
+        )
         mean = decoder(counts).displacement_mm.mean(axis=0)
         assert np.abs(mean).max() < 0.006
 
@@ -628,7 +650,9 @@ def test_field_of_the_tare_is_not_subtracted_again(tmp_path):
     )
     ambient, p = Ambient(tared, dtype="float64"), tared.parameters
     rest = np.stack([p["hall_offset_x_ut"], p["hall_offset_y_ut"], 0.0 * p["hall_offset_x_ut"]])
-    reading = Decoder(tared, estimator="sine", dtype="float64")(simulated(skin, 1)[0])
+    reading = Decoder(apart(tared), estimator="sine", dtype="float64", sweeps=0, ambient=False)(
+        simulated(skin, 1)[0]
+    )
     units = UnitSimulator(skin, field=field, seed=5)
 
     def run(cycles):

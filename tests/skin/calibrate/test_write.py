@@ -245,7 +245,7 @@ def test_a_skin_that_was_on_the_bench_decodes_better(tmp_path):
     error = {}
     nominal = with_parameters(row_of(UNITS), field_amplitude_sigma_relative=0.03)
     for name, known in (("nominal", nominal), ("calibrated", calibrated)):
-        reading = Decoder(known, dtype="float64")(truth.counts)
+        reading = Decoder(known, dtype="float64", sweeps=0, ambient=False)(truth.counts)
         assert reading.valid.all()
         off = reading.displacement_mm - wanted
         error[name] = np.sqrt(np.mean(off[:, :2] ** 2)), np.sqrt(np.mean(off[:, 2] ** 2))

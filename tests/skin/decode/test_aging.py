@@ -38,7 +38,9 @@ def test_films_are_as_warm_after_a_gap_as_after_a_steady_stream(every, chip):
         wired[5] = False
         skin = skin.__class__(**{**vars(skin), "wired": wired})
     times = np.arange(401)
-    steady, seldom = (Decoder(skin, estimator="sine", dtype="float64") for _ in range(2))
+    steady, seldom = (
+        Decoder(skin, estimator="sine", dtype="float64", sweeps=0, ambient=False) for _ in range(2)
+    )
     temperature = np.where(times < every, 25.0, 60.0)
     expected = warmed(steady, skin, times, temperature)
     got = warmed(seldom, skin, times[::every], temperature[::every])
@@ -56,14 +58,24 @@ def test_jitter_ages_nothing_until_it_is_half_a_period():
     times = np.arange(400)
     jitter = times + rng.normal(0.0, 0.1, 400)
     temperature = 25.0 + 0.05 * times
-    expected = warmed(Decoder(skin, estimator="sine", dtype="float64"), skin, times, temperature)
-    got = warmed(Decoder(skin, estimator="sine", dtype="float64"), skin, jitter, temperature)
+    expected = warmed(
+        Decoder(skin, estimator="sine", dtype="float64", sweeps=0, ambient=False),
+        skin,
+        times,
+        temperature,
+    )
+    got = warmed(
+        Decoder(skin, estimator="sine", dtype="float64", sweeps=0, ambient=False),
+        skin,
+        jitter,
+        temperature,
+    )
     assert np.abs(got - expected).max() < 1e-3 * np.abs(expected - expected[0]).max()
 
 
 def test_units_without_a_lag_do_not_age():
     skin = skin_of(film_lag_s=0.0)
-    decoder = Decoder(skin, estimator="sine")
+    decoder = Decoder(skin, estimator="sine", sweeps=0, ambient=False)
     got = warmed(decoder, skin, [0.0, 0.2, 0.4, 100.0, 100.1], [25.0, 60.0, 60.0, 25.0, 25.0])
     assert np.isfinite(got).all()
     assert got[1] == pytest.approx(got[2], abs=1e-6)

@@ -31,7 +31,7 @@ def whole_ut(skin):
 
 
 PARTS = {
-    # parameters; what they add to the square of 2 %, µT² or as a share, to the 1 mT of neighbours
+    # parameters; what they add to the square of 2 %, µT² or as a share, to the 0.3 mT of neighbours
     "share": ({}, 0.0, 0.0),
     "field": ({"field_sigma_ut": 400.0}, 25.0 * 400.0**2, 0.0),
     "noise": ({"field_noise_ut": 400.0}, PASSED**2 * 400.0**2, 0.0),
@@ -42,10 +42,9 @@ PARTS = {
 
 
 @pytest.mark.parametrize("estimator", ["sine", "field-angle"])
-@pytest.mark.parametrize("known", [False, True])
 @pytest.mark.parametrize("part", PARTS)
-def test_a_field_is_an_anomaly_beyond_its_tolerance(part, known, estimator):
-    """2 %, sigmas, and 1 mT of neighbours; 0.3 mT of them where their rest is known.
+def test_a_field_is_an_anomaly_beyond_its_tolerance(part, estimator):
+    """2 %, sigmas, and 0.3 mT of neighbours whose rest is known.
 
     Five sigmas of what is constant, of noise those that it passes every fourth day.
     """
@@ -53,10 +52,17 @@ def test_a_field_is_an_anomaly_beyond_its_tolerance(part, known, estimator):
     skin = with_parameters(row_of(UNITS), **(EXACT | parameters))
     growth = skin.parameters["field_growth_per_mm"]
     assert growth == pytest.approx(0.72 * np.ones(UNITS))
-    stray_ut = 300.0 if known else 1000.0
+    stray_ut = 300.0
     most = np.sqrt(0.02**2 + share + (stray_ut**2 + field_ut2) / whole_ut(skin) ** 2)
-    rest = np.zeros((3, UNITS)) if known else None
-    decoder = Decoder(skin, None, estimator, dtype="float64", rest_ut=rest, consistency=True)
+    decoder = Decoder(
+        skin,
+        None,
+        estimator,
+        dtype="float64",
+        consistency=True,
+        sweeps=0,
+        ambient=False,
+    )
     for way in (1.0, -1.0):
         for times, odd in ((0.97, False), (1.03, True)):
             gain = 1.0 + way * times * most
@@ -92,8 +98,15 @@ def test_a_field_that_may_have_reached_the_crest_is_saturated(part):
 def test_a_small_miss_that_stays_is_an_anomaly_by_its_mean(estimator, gain):
     """6 % of 6.9 mT are less than one reading's noise may be, and more than that of their mean."""
     skin = with_parameters(row_of(UNITS), frequency_noise_hz=0.0, gel_noise_relative=0.0)
-    rest = np.zeros((3, UNITS))
-    decoder = Decoder(skin, None, estimator, dtype="float64", rest_ut=rest, consistency=True)
+    decoder = Decoder(
+        skin,
+        None,
+        estimator,
+        dtype="float64",
+        consistency=True,
+        sweeps=0,
+        ambient=False,
+    )
     right, wrong = (
         counts_at(skin, DEPTH, REACH, np.linspace(-3, 3, UNITS), gain=each) for each in (1.0, gain)
     )
@@ -110,7 +123,14 @@ def test_a_small_miss_that_stays_is_an_anomaly_by_its_mean(estimator, gain):
 
 def test_units_that_are_left_out_or_decoded_again_do_not_count_for_the_mean():
     skin = with_parameters(row_of(UNITS), frequency_noise_hz=0.0, gel_noise_relative=0.0)
-    decoder = Decoder(skin, None, "field-angle", dtype="float64", rest_ut=np.zeros((3, UNITS)))
+    decoder = Decoder(
+        skin,
+        None,
+        "field-angle",
+        dtype="float64",
+        sweeps=0,
+        ambient=False,
+    )
     wrong = counts_at(skin, DEPTH, REACH, np.linspace(-3, 3, UNITS), gain=1.06)
     late = np.zeros(UNITS, np.uint16)
     late[0] = Status.LATE
@@ -134,7 +154,14 @@ def test_noise_makes_no_more_anomalies_than_it_may(dtype):
         patch.setattr(model, 1e-3 * a_day)
         patch.setattr("skin.decode.uncertainty.ANOMALY_SHARE", 0.0)
         patch.setattr("skin.decode.uncertainty.STRAY_KNOWN_UT", 0.0)
-        decoder = Decoder(skin, None, "field-angle", dtype=dtype, rest_ut=np.zeros((3, 400)))
+        decoder = Decoder(
+            skin,
+            None,
+            "field-angle",
+            dtype=dtype,
+            sweeps=0,
+            ambient=False,
+        )
     rng = np.random.default_rng(4)
     exact = counts_at(skin, DEPTH, REACH, np.linspace(-3, 3, 400)).astype(float)
     found = 0

@@ -21,13 +21,13 @@ def test_many_units_are_read_where_their_counts_lie(monkeypatch):
     raw, rng = sensible_counts(skin, 6, 1), np.random.default_rng(0)
     status = rng.choice([0, int(Status.LATE), int(Status.NEVER)], (6, 7)).astype(np.uint16)
     background = rng.normal(0.0, 30.0, (6, 4, 7)).astype(np.float32)
-    copying = Decoder(skin)
+    copying = Decoder(skin, sweeps=0, ambient=False)
     expected = []
     for t in range(6):
         reading = copying(raw[t], status[t] if t % 3 else None, background[t] if t % 2 else None)
         expected.append([getattr(reading, name).copy() for name in NAMES])
     monkeypatch.setattr(passes, "COPIED", 6)
-    reading_there = Decoder(skin)
+    reading_there = Decoder(skin, sweeps=0, ambient=False)
     for t in range(6):
         found = reading_there(
             raw[t], status[t] if t % 3 else None, background[t] if t % 2 else None
@@ -42,7 +42,7 @@ def test_sixteen_units_side_by_side_are_idle_together(background):
     """Where none of them is pressed by 2.9 sigma; a unit that is not heard of is not pressed."""
     skin = row_of(150, rate_hz=100.0)
     sigma_mm = np.hypot(6.0, 0.25 * 12.0**-0.5) / 900.0
-    decoder = Decoder(skin, {"force"}, skip=True)
+    decoder = Decoder(skin, {"force"}, skip=True, sweeps=0, ambient=False)
     cases = (
         ({}, []), ({5: 3.0}, [0]), ({16: 2.8, 127: 3.1, 128: 3.1}, [7, 8]),
         ({149: 9.0, 31: 2.8}, [9]), ({40: 99.0}, []), ({47: 3.0}, [2]),
@@ -63,22 +63,22 @@ def test_a_fifth_row_of_the_background_is_a_variance():
     raw = sensible_counts(skin, 3, 1, most=0.8)
     background = np.zeros((3, 5, 4), np.float32)
     background[:, 4] = 300.0**2
-    whole = Decoder(skin)(raw, None, background)
-    bare = Decoder(skin)(raw, None, background[:, :4])
-    one = Decoder(skin)
+    whole = Decoder(skin, sweeps=0, ambient=False)(raw, None, background)
+    bare = Decoder(skin, sweeps=0, ambient=False)(raw, None, background[:, :4])
+    one = Decoder(skin, sweeps=0, ambient=False)
     for t in range(3):
         wide = one(raw[t], None, background[t]).displacement_sigma_mm.copy()
         np.testing.assert_array_equal(wide, whole.displacement_sigma_mm[t])
     assert (whole.displacement_sigma_mm[:, 0] > bare.displacement_sigma_mm[:, 0]).all()
-    np.testing.assert_array_equal(Decoder(skin)(raw).force, bare.force)
+    np.testing.assert_array_equal(Decoder(skin, sweeps=0, ambient=False)(raw).force, bare.force)
 
 
 def test_cycles_are_counted_on_through_batches():
     """Temperatures that are held for four cycles are new in the same ones."""
     skin = row_of(3)
     raw = sensible_counts(skin, 14, 2)
-    each = Decoder(skin)(raw).temperature
-    held, found = Decoder(skin, temperature_every=4), []
+    each = Decoder(skin, sweeps=0, ambient=False)(raw).temperature
+    held, found = Decoder(skin, temperature_every=4, sweeps=0, ambient=False), []
     for first, last in ((0, 1), (1, 8), (8, 10), (10, 11), (11, 14)):
         given = raw[first] if last == first + 1 else raw[first:last]
         found.append(held(given).temperature.reshape(-1, 3).copy())
@@ -97,11 +97,11 @@ def test_cycles_are_counted_on_through_batches():
 )
 def test_arrays_beside_a_batch_have_its_shape(given, message):
     with pytest.raises(CountsError, match=message):
-        Decoder(row_of(4))(np.zeros((2, 6, 4), np.int16), **given)
+        Decoder(row_of(4), sweeps=0, ambient=False)(np.zeros((2, 6, 4), np.int16), **given)
 
 
 def test_bound_arrays_must_lie_together():
-    decoder = Decoder(row_of(4))
+    decoder = Decoder(row_of(4), sweeps=0, ambient=False)
     counts, status = np.zeros((6, 4), np.int16), np.zeros(4, np.uint16)
     frozen = counts.copy()
     frozen.flags.writeable = False
@@ -120,9 +120,9 @@ def test_someone_must_work(workers):
     with pytest.raises(
         OptionError, match=f"workers: must be an integer from 1 to 1024; got {workers}"
     ):
-        Decoder(row_of(4), workers=workers)
-    assert Decoder(row_of(4), workers=1).want >= {"force", "sigma"}
-    assert "sigma" not in Decoder(row_of(4), {"force"}).want
+        Decoder(row_of(4), workers=workers, sweeps=0, ambient=False)
+    assert Decoder(row_of(4), workers=1, sweeps=0, ambient=False).want >= {"force", "sigma"}
+    assert "sigma" not in Decoder(row_of(4), {"force"}, sweeps=0, ambient=False).want
 
 
 @pytest.mark.parametrize(

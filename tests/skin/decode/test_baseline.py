@@ -286,7 +286,7 @@ def heated(skin, depth_mm=0.0, displacement_mm=0.0):
 
 def moved(skin, counts, estimator):
     """How far the mean force of a minute goes from that of the cold minute, newton, shape (3,)."""
-    force = Decoder(skin, estimator=estimator)(counts).force
+    force = Decoder(skin, estimator=estimator, sweeps=0, ambient=False)(counts).force
     minutes = force.reshape(-1, 120, 3, skin.n).mean(axis=1)
     return np.abs(minutes - minutes[0]).max(axis=(0, 2))
 
@@ -328,7 +328,7 @@ def test_reading_of_a_held_press_stays_within_its_sigma_for_an_hour():
     skin = apart(UNITS)
     units = UnitSimulator(skin, seed=11)
     want = {"temperature", "force", "displacement", "field", "sigma"}
-    decoder, ambient = Decoder(skin, want), Ambient(skin)
+    decoder, ambient = Decoder(skin, want, sweeps=0, ambient=False), Ambient(skin)
     decoded(decoder, ambient, units, np.zeros(UNITS), np.zeros((2, UNITS)), 1200)
     depth_mm = np.array([0.001, 0.002, 0.003, 0.004, 0.006, 0.01, 0.015, 0.02, 0.03, 0.05, 0.1, 0.2,
                          0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.2, 1.4, 1.6, 1.7, 1.8, 1.9])  # fmt: skip

@@ -22,7 +22,9 @@ def off_centre(skin, seed=2, most_mm=0.15):
 
 
 def everything(skin, estimator):
-    return Decoder(skin, estimator=estimator, dtype="float64", consistency=False)
+    return Decoder(
+        skin, estimator=estimator, dtype="float64", consistency=False, sweeps=0, ambient=False
+    )
 
 
 @pytest.mark.usefixtures("interpreted")
@@ -70,6 +72,6 @@ def test_the_sigma_holds_its_share_of_errors_of_off_centre_films():
 
 def test_films_in_the_middle_cost_nothing():
     plain = row_of(UNITS)
-    assert not Decoder(plain).plan.film_centre
-    assert Decoder(off_centre(plain)).plan.film_centre
+    assert not Decoder(plain, sweeps=0, ambient=False).plan.film_centre
+    assert Decoder(off_centre(plain), sweeps=0, ambient=False).plan.film_centre
     assert not Decoder(off_centre(plain), {"temperature"}).plan.film_centre

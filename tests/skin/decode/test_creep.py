@@ -87,8 +87,8 @@ def test_forces_are_those_of_the_integral(dtype):
     depth, reach = history(rng, 120)
     gaps = rng.choice([0.5, 1.0, 1.25, 3.0, 40.0], 120)
     raw = counts_at(SKIN, depth, reach, DIRECTION)
-    plain = run(Decoder(SKIN, dtype=dtype, creep=False), raw).astype(float)
-    got = run(Decoder(SKIN, dtype=dtype), raw, gaps)
+    plain = run(Decoder(SKIN, dtype=dtype, creep=False, sweeps=0, ambient=False), raw).astype(float)
+    got = run(Decoder(SKIN, dtype=dtype, sweeps=0, ambient=False), raw, gaps)
     time_s = np.cumsum(gaps) / RATE_HZ
     tangential = integral(time_s, plain[:, :2], 0.7 * WEIGHTS, TIMES_S)
     normal = integral(time_s, plain[:, 2:], WEIGHTS, TIMES_S)
@@ -113,26 +113,30 @@ def test_loads_on_the_simulators_elastomer_are_decoded_as_they_are():
                     np.arctan2(needed[:, 1], needed[:, 0]))  # fmt: skip
     step = 2e-3  # N: counts are rounded
     borne = needed[:, 2] > 0.0
-    off = run(Decoder(SKIN, sweeps=0), raw) - load
+    off = run(Decoder(SKIN, sweeps=0, ambient=False), raw) - load
     assert np.abs(np.where(borne[:, np.newaxis], off, 0.0))[20:].max() < 2.0 * step
-    elastic = run(Decoder(SKIN, creep=False), raw) - load
+    elastic = run(Decoder(SKIN, creep=False, sweeps=0, ambient=False), raw) - load
     assert np.abs(elastic[..., RELAXING]).max() > 50.0 * step
 
 
 def test_without_terms_or_when_not_wanted_nothing_is_there():
     bare = row_of(UNITS, rate_hz=RATE_HZ)
     raw = counts_at(bare, 1.0, 1.0, DIRECTION)
-    off = Decoder(SKIN, creep=False)
-    for decoder in (Decoder(bare), off, Decoder(SKIN, {"temperature", "displacement"})):
+    off = Decoder(SKIN, creep=False, sweeps=0, ambient=False)
+    for decoder in (
+        Decoder(bare, sweeps=0, ambient=False),
+        off,
+        Decoder(SKIN, {"temperature", "displacement"}, sweeps=0, ambient=False),
+    ):
         assert decoder.creep is None
         assert not decoder.plan.creep
-    np.testing.assert_array_equal(off(raw).force, Decoder(bare)(raw).force)
+    np.testing.assert_array_equal(off(raw).force, Decoder(bare, sweeps=0, ambient=False)(raw).force)
     with pytest.raises(OptionError, match="creep: must be True or False; got 1"):
-        Decoder(SKIN, creep=1)
+        Decoder(SKIN, creep=1, sweeps=0, ambient=False)
 
 
 @pytest.mark.parametrize("want", [{"force"}, {"tangential"}, {"theta", "sigma"}, None])
-@pytest.mark.parametrize("loop", [{}, {"sweeps": 2, "ambient": True}])
+@pytest.mark.parametrize("loop", [{"sweeps": 0, "ambient": False}, {"sweeps": 2, "ambient": True}])
 def test_batches_are_single_cycles_whatever_is_wanted(want, loop):
     rng = np.random.default_rng(5)
     raw = counts_at(SKIN, *history(rng, 20), DIRECTION)
@@ -149,7 +153,7 @@ def test_batches_are_single_cycles_whatever_is_wanted(want, loop):
 
 def test_size_and_direction_are_those_of_the_force():
     rng = np.random.default_rng(6)
-    decoder = Decoder(SKIN, dtype="float64")
+    decoder = Decoder(SKIN, dtype="float64", sweeps=0, ambient=False)
     for counts in counts_at(SKIN, *history(rng, 40), DIRECTION + rng.uniform(-1, 1, (40, 1))):
         reading = decoder(counts)
     x, y, _ = reading.force
@@ -160,7 +164,7 @@ def test_size_and_direction_are_those_of_the_force():
 
 def test_a_cycle_that_is_decoded_once_more_does_not_move_on():
     raw = counts_at(SKIN, np.array([[0.0], [1.5]]), 1.0, DIRECTION)
-    plain, again = Decoder(SKIN), Decoder(SKIN)
+    plain, again = Decoder(SKIN, sweeps=0, ambient=False), Decoder(SKIN, sweeps=0, ambient=False)
     run(plain, raw)
     run(again, raw)
     for _ in range(3):
@@ -173,7 +177,7 @@ def test_a_cycle_that_is_decoded_once_more_does_not_move_on():
 
 def test_reset_forgets():
     raw = counts_at(SKIN, np.array([[0.0], [1.5], [1.5]]), 1.0, DIRECTION)
-    decoder = Decoder(SKIN)
+    decoder = Decoder(SKIN, sweeps=0, ambient=False)
     first = run(decoder, raw)
     decoder.elapse(7.3 / RATE_HZ)
     decoder.reset()
@@ -183,8 +187,8 @@ def test_reset_forgets():
 def test_a_run_that_starts_under_load_shows_what_it_cannot_know():
     """Anything from the elastic force to that of a fresh load is equally likely."""
     raw = counts_at(SKIN, 1.5, 1.0, DIRECTION)
-    plain = Decoder(SKIN, creep=False, dtype="float64")(raw)
-    reading = Decoder(SKIN, dtype="float64")(raw)
+    plain = Decoder(SKIN, creep=False, dtype="float64", sweeps=0, ambient=False)(raw)
+    reading = Decoder(SKIN, dtype="float64", sweeps=0, ambient=False)(raw)
     fresh = WEIGHTS.sum()
     normal, elastic = reading.force[2, RELAXING], plain.force[2, RELAXING]
     np.testing.assert_allclose(normal, (1.0 + 0.5 * fresh) * elastic)
@@ -192,7 +196,7 @@ def test_a_run_that_starts_under_load_shows_what_it_cannot_know():
     spread = np.sqrt(np.sum(WEIGHTS**2) / 12.0) * elastic
     noise = plain.force_sigma[2, RELAXING]
     assert (reading.force_sigma[2, RELAXING] >= np.hypot(spread, noise)).all()
-    decoder = Decoder(SKIN, dtype="float64")
+    decoder = Decoder(SKIN, dtype="float64", sweeps=0, ambient=False)
     for _ in range(3):
         decoder(raw)
         decoder.elapse(5.0 * TIMES_S.max())
@@ -206,12 +210,15 @@ def test_sigma_holds_what_a_gap_hides():
     weights, gap_s = np.array([0.3, 0.0, 0.0]), 0.25
     skin = creeping(weights, weights)
     raw = counts_at(skin, np.array([[0.0], [1.5]]), 0.0, DIRECTION)
-    decoder = Decoder(skin, dtype="float64")
+    decoder = Decoder(skin, dtype="float64", sweeps=0, ambient=False)
     decoder(raw[0])
     decoder.elapse(gap_s)
     reading = decoder(raw[1])
-    elastic = Decoder(skin, creep=False, dtype="float64")(raw[1])
-    went = elastic.force[2, 0] - Decoder(skin, creep=False, dtype="float64")(raw[0]).force[2, 0]
+    elastic = Decoder(skin, creep=False, dtype="float64", sweeps=0, ambient=False)(raw[1])
+    went = (
+        elastic.force[2, 0]
+        - Decoder(skin, creep=False, dtype="float64", sweeps=0, ambient=False)(raw[0]).force[2, 0]
+    )
 
     def left(since_s):
         return 0.3 * went * np.exp(-since_s / TIMES_S[0])
@@ -229,16 +236,19 @@ def test_sigma_holds_noise_and_what_the_terms_leave():
     skin, rng = creeping(left=0.05), np.random.default_rng(2)
     depth = np.append(0.0, np.ones(400))[:, np.newaxis]
     noisy = counts_at(skin, depth, depth, DIRECTION, noise=rng)
-    exact = Decoder(creeping(), dtype="float64")
+    exact = Decoder(creeping(), dtype="float64", sweeps=0, ambient=False)
     forces = run(exact, noisy)[100:, :, RELAXING]
     told = exact.reading.force_sigma[:, RELAXING]
     noise = detrend(forces, axis=0).std(axis=(0, 2))  # of what still relaxes
     np.testing.assert_allclose(noise, np.sqrt((told**2).mean(axis=1)), rtol=0.1)
-    some, none = Decoder(skin, dtype="float64"), Decoder(creeping(), dtype="float64")
+    some, none = (
+        Decoder(skin, dtype="float64", sweeps=0, ambient=False),
+        Decoder(creeping(), dtype="float64", sweeps=0, ambient=False),
+    )
     rested = counts_at(skin, depth[:1], depth[:1], DIRECTION)[0]  # nothing relaxes but the step
     for counts in (rested, noisy[1]):
         a, b = some(counts), none(counts)
-    elastic = Decoder(skin, creep=False, dtype="float64")(noisy[1]).force
+    elastic = Decoder(skin, creep=False, dtype="float64", sweeps=0, ambient=False)(noisy[1]).force
     more = np.sqrt(a.force_sigma**2 - b.force_sigma**2)[:, RELAXING]
     np.testing.assert_allclose(more, 0.05 * np.abs(elastic[:, RELAXING]), rtol=1e-2, atol=1e-9)
 
@@ -247,7 +257,9 @@ def test_tangential_sigmas_are_those_of_the_turned_ellipse():
     """By the covariance matrix itself, where the force has turned since."""
     rng = np.random.default_rng(4)
     skin = creeping(left=0.1)
-    decoder, plain = (Decoder(skin, dtype="float64", creep=on) for on in (True, False))
+    decoder, plain = (
+        Decoder(skin, dtype="float64", creep=on, sweeps=0, ambient=False) for on in (True, False)
+    )
     for counts in counts_at(skin, 1.0, 1.5, np.array([[0.0], [0.0], [1.2]]) + DIRECTION):
         reading, bare = decoder(counts), plain(counts)
     for i in rng.integers(0, UNITS - 3, 6):
@@ -269,7 +281,10 @@ def test_tangential_sigmas_are_those_of_the_turned_ellipse():
 def test_units_that_are_skipped_are_untouched_and_those_never_heard_begin_later():
     rows = np.array([[0.0], [1.5], [1.5], [0.0], [1.5]])
     raw = counts_at(SKIN, rows, 0.6 * rows, DIRECTION)
-    whole, skipping = Decoder(SKIN), Decoder(SKIN, skip=True, temperature_every=1)
+    whole, skipping = (
+        Decoder(SKIN, sweeps=0, ambient=False),
+        Decoder(SKIN, skip=True, temperature_every=1, sweeps=0, ambient=False),
+    )
     shown = run(skipping, raw)
     assert np.isnan(shown[[0, 3], :2]).all()
     idle = skipping(raw[0])
@@ -277,18 +292,22 @@ def test_units_that_are_skipped_are_untouched_and_those_never_heard_begin_later(
         assert np.isnan(getattr(idle, name)).all(), name
     assert np.isfinite(idle.force_sigma[2]).all()
     np.testing.assert_allclose(shown[[1, 2, 4], 2], run(whole, raw)[[1, 2, 4], 2], rtol=1e-6)
-    np.testing.assert_allclose(shown[[1, 2, 4]], run(Decoder(SKIN), raw)[[1, 2, 4]], atol=2e-2)
-    late = Decoder(SKIN)
+    np.testing.assert_allclose(
+        shown[[1, 2, 4]], run(Decoder(SKIN, sweeps=0, ambient=False), raw)[[1, 2, 4]], atol=2e-2
+    )
+    late = Decoder(SKIN, sweeps=0, ambient=False)
     never = np.full(UNITS, Status.NEVER, np.uint16)
     assert np.isnan(late(raw[0], never).force).all()
     late(raw[1], never)
-    np.testing.assert_array_equal(late(raw[1]).force, Decoder(SKIN)(raw[1]).force)
+    np.testing.assert_array_equal(
+        late(raw[1]).force, Decoder(SKIN, sweeps=0, ambient=False)(raw[1]).force
+    )
 
 
 def test_the_kernel_is_its_python(monkeypatch):
     raw = counts_at(SKIN, *history(np.random.default_rng(1), 12), DIRECTION)
-    compiled = Decoder(SKIN, dtype="float64")(raw)
+    compiled = Decoder(SKIN, dtype="float64", sweeps=0, ambient=False)(raw)
     monkeypatch.setattr(room, "relax", room.relax_python)
-    plain = Decoder(SKIN, dtype="float64")(raw)
+    plain = Decoder(SKIN, dtype="float64", sweeps=0, ambient=False)(raw)
     for name in ("force", "force_sigma", "tangential_sigma", "theta", "theta_sigma"):
         np.testing.assert_allclose(getattr(compiled, name), getattr(plain, name), rtol=1e-9)

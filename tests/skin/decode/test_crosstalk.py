@@ -460,7 +460,9 @@ def test_a_hot_array_is_decoded_as_well_as_a_cold_one(film_c):
     skin = topology.load("palm").exact()
     assert skin.parameters["hall_gain_per_k"].all()
     units = UnitSimulator(skin, seed=1, field=HalbachField(skin, reach_m=1.0))
-    decoder = Decoder(skin, {"displacement", "temperature"}, dtype="float64", sweeps=2)
+    decoder = Decoder(
+        skin, {"displacement", "temperature"}, dtype="float64", sweeps=2, ambient=False
+    )
     rng, off = np.random.default_rng(3), []
     for _ in range(8):
         pressed = rng.random(skin.n) < 0.6

@@ -103,7 +103,7 @@ def test_displacement_beyond_its_calibration_is_extrapolated():
 
 def test_growth_that_leaves_the_exponential_is_refused():
     with pytest.raises(CalibrationError, match="row/r0c0: field_growth_per_mm: must be a growth "):
-        Decoder(with_parameters(row_of(1), field_growth_per_mm=20.0))
+        Decoder(with_parameters(row_of(1), field_growth_per_mm=20.0), sweeps=0, ambient=False)
 
 
 def test_flags_of_the_bus_come_first():
@@ -222,7 +222,7 @@ def test_an_overheated_gel_is_not_the_magnet_that_lost_its_field():
 
 
 def test_a_cycle_allocates_nothing_new_and_a_batch_does():
-    decoder = Decoder(row_of(5))
+    decoder = Decoder(row_of(5), sweeps=0, ambient=False)
     raw = counts_of(5)
     one, two = decoder(raw), decoder(raw)
     assert one is two
@@ -235,16 +235,18 @@ def test_a_cycle_allocates_nothing_new_and_a_batch_does():
 def test_any_memory_layout_will_do():
     skin = calibrated(row_of(20))
     raw = sensible_counts(skin, 3, 1)
-    expected = Decoder(skin)(raw).force
+    expected = Decoder(skin, sweeps=0, ambient=False)(raw).force
     frozen = raw.copy()
     frozen.flags.writeable = False
     spread = np.zeros((3, 6, 40), np.int16)[..., ::2]
     spread[:] = raw
     for other in (frozen, spread, np.asfortranarray(raw)):
-        np.testing.assert_array_equal(Decoder(skin)(other).force, expected)
+        np.testing.assert_array_equal(Decoder(skin, sweeps=0, ambient=False)(other).force, expected)
     status = np.zeros((20, 3), np.uint16).T
-    np.testing.assert_array_equal(Decoder(skin)(raw, status).force, expected)
-    one = Decoder(skin)
+    np.testing.assert_array_equal(
+        Decoder(skin, sweeps=0, ambient=False)(raw, status).force, expected
+    )
+    one = Decoder(skin, sweeps=0, ambient=False)
     for t in range(3):
         np.testing.assert_array_equal(one(frozen[t]).force, expected[t])
 
@@ -253,8 +255,12 @@ def test_arrays_that_are_filled_again_are_read_again():
     """A live bus writes each cycle into the same arrays; others may come in between."""
     skin = calibrated(row_of(20))
     raw = sensible_counts(skin, 6, 1)
-    expected = Decoder(skin)(raw).force
-    decoder, counts, status = Decoder(skin), np.zeros((6, 20), np.int16), np.zeros(20, np.uint16)
+    expected = Decoder(skin, sweeps=0, ambient=False)(raw).force
+    decoder, counts, status = (
+        Decoder(skin, sweeps=0, ambient=False),
+        np.zeros((6, 20), np.int16),
+        np.zeros(20, np.uint16),
+    )
     for t in range(6):
         counts[:] = raw[t]
         given = (raw[t], None) if t == 2 else (counts, None if t > 3 else status)
@@ -265,7 +271,9 @@ def test_arrays_that_are_filled_again_are_read_again():
 
 
 def test_no_cycles_make_an_empty_batch():
-    assert Decoder(row_of(3))(np.zeros((0, 6, 3), np.int16)).force.shape == (0, 3, 3)
+    assert Decoder(row_of(3), sweeps=0, ambient=False)(
+        np.zeros((0, 6, 3), np.int16)
+    ).force.shape == (0, 3, 3)
 
 
 # -- refusals ------------------------------------------------------------------------------------
@@ -286,7 +294,7 @@ EXPECTED = "row: raw: must be an array of int16, shape (6, 3) or shape (t, 6, 3)
 )
 def test_counts_of_another_shape_are_refused(raw, got):
     with pytest.raises(CountsError) as error:
-        Decoder(row_of(3))(raw)
+        Decoder(row_of(3), sweeps=0, ambient=False)(raw)
     assert str(error.value) == EXPECTED + got
 
 
@@ -294,7 +302,7 @@ def test_counts_of_another_shape_are_refused(raw, got):
 def test_status_of_another_shape_is_refused(status):
     message = r"row: status: must be an array of uint16, shape \(3,\); got "
     with pytest.raises(CountsError, match=message):
-        Decoder(row_of(3))(counts_of(3), status)
+        Decoder(row_of(3), sweeps=0, ambient=False)(counts_of(3), status)
 
 
 @pytest.mark.parametrize(
@@ -351,7 +359,7 @@ def test_a_wire_without_a_wanted_channel_is_refused():
 )
 def test_a_calibration_that_cannot_be_is_refused(parameters, message):
     with pytest.raises(CalibrationError) as error:
-        Decoder(with_parameters(row_of(2), **parameters))
+        Decoder(with_parameters(row_of(2), **parameters), sweeps=0, ambient=False)
     assert str(error.value) == message
 
 
@@ -359,7 +367,7 @@ def test_a_correction_is_not_a_rotation():
     table = np.zeros((16, 2))
     table[3, 1] = 1.5
     with pytest.raises(CalibrationError, match="row/r0c1: theta_correction_rad: must be within 1 "):
-        Decoder(with_parameters(row_of(2), theta_correction_rad=table))
+        Decoder(with_parameters(row_of(2), theta_correction_rad=table), sweeps=0, ambient=False)
 
 
 def test_every_refusal_is_a_skin_error():

@@ -72,7 +72,7 @@ def test_check_says_which_key_of_a_dense_skin_to_change(text, line, where, tmp_p
     assert message.startswith(f"{file}:{line}: {where}")
     assert re.search(r"\([pq]/\w+, [pq]/\w+, [pq]/\w+, … \d+ units\); got ", message)
     with pytest.raises(TooDenseError) as refused:
-        skin.Decoder(topology.load(file), sweeps=1)
+        skin.Decoder(topology.load(file), sweeps=1, ambient=False)
     assert str(refused.value) == message
 
 

@@ -28,7 +28,7 @@ dtypes = st.sampled_from(["float32", "float64"])
 
 
 def angled(skin, **options):
-    return Decoder(skin, None, "field-angle", **options)
+    return Decoder(skin, None, "field-angle", **{"sweeps": 0, "ambient": False} | options)
 
 
 def counts_at(skin, depth, reach, direction, temperature=25.0, gain=1.0, noise=None):
@@ -248,7 +248,7 @@ def test_a_field_too_strong_or_too_weak_is_an_anomaly(estimator, gain, odd):
     rng = np.random.default_rng(3)
     reach = np.where(np.arange(60) < 20, 0.0, rng.uniform(0.0, 2.4, 60))
     raw = counts_at(skin, rng.uniform(0.8, 1.9, 60), reach, rng.uniform(-3, 3, 60), gain=gain)
-    reading = Decoder(skin, None, estimator)(raw)
+    reading = Decoder(skin, None, estimator, sweeps=0, ambient=False)(raw)
     found = reading.status & Status.MAGNETIC_ANOMALY != 0
     assert found.all() if odd else not found.any()
     np.testing.assert_array_equal(reading.valid, ~found)
@@ -263,7 +263,7 @@ def test_noise_and_a_hot_magnet_are_no_anomaly(estimator):
             skin, rng.uniform(0.0, 1.95, 500), rng.uniform(0.0, 2.45, 500),
             rng.uniform(-3, 3, 500), np.full(500, warm), 1.0 - 0.0011 * (warm - 25.0), rng,
         )  # fmt: skip
-        reading = Decoder(skin, None, estimator)(raw)
+        reading = Decoder(skin, None, estimator, sweeps=0, ambient=False)(raw)
         assert not (reading.status & Status.MAGNETIC_ANOMALY).any()
 
 
@@ -271,18 +271,23 @@ def test_noise_and_a_hot_magnet_are_no_anomaly(estimator):
 
 
 def test_the_estimator_is_that_of_the_wire_and_of_the_tables():
-    assert Decoder(row_of(2)).estimator == "field-angle"
+    assert Decoder(row_of(2), sweeps=0, ambient=False).estimator == "field-angle"
     untold = with_parameters(row_of(2), field_angle_mm=np.zeros((16, 2)))
-    assert Decoder(untold).estimator == "sine"
-    assert not Decoder(untold).plan.consistency
+    assert Decoder(untold, sweeps=0, ambient=False).estimator == "sine"
+    assert not Decoder(untold, sweeps=0, ambient=False).plan.consistency
     with pytest.raises(CalibrationError, match=r"row/r0c0: field_angle_mm: must be .*; got none"):
-        Decoder(untold, estimator="field-angle")
+        Decoder(untold, estimator="field-angle", sweeps=0, ambient=False)
     with pytest.raises(OptionError, match="row/r0c0: must have 'field_angle_mm' for consistency"):
-        Decoder(untold, consistency=True)
+        Decoder(untold, consistency=True, sweeps=0, ambient=False)
 
 
 def test_a_table_that_ends_early_is_refused():
     table = row_of(2).parameters["field_angle_mm"].copy()
     table[4, 1] -= 2.0
     with pytest.raises(CalibrationError, match="row/r0c1: field_angle_mm: must be a polynomial "):
-        Decoder(with_parameters(row_of(2), field_angle_mm=table), estimator="field-angle")
+        Decoder(
+            with_parameters(row_of(2), field_angle_mm=table),
+            estimator="field-angle",
+            sweeps=0,
+            ambient=False,
+        )

@@ -81,7 +81,7 @@ def test_decoding_undoes_the_simulated_unit_within_quantisation(seed, dtype, lay
     counts = simulated.quantise(
         simulated.quantities(depth, lateral, temperature, hall_temperature=chip)
     )
-    got = Decoder(skin, estimator="sine", dtype=dtype)(counts)
+    got = Decoder(skin, estimator="sine", dtype=dtype, sweeps=0, ambient=False)(counts)
 
     rounding = 1.0 if dtype == "float64" else 1.001
     digits = 1e-9 if dtype == "float64" else 5e-5
@@ -129,7 +129,7 @@ def test_every_cycle_is_that_of_the_naive_decoder(layout, estimator):
     lost = np.random.default_rng(6).random((12, 37)) < 0.1
     status = np.where(lost, Status.LATE, 0).astype(np.uint16)
     expected = naive_decode(skin, raw, status, estimator, consistency=True)
-    got = Decoder(skin, estimator=estimator, dtype="float64")(raw, status)
+    got = Decoder(skin, estimator=estimator, dtype="float64", sweeps=0, ambient=False)(raw, status)
     for name in ("status", "valid"):
         np.testing.assert_array_equal(getattr(got, name), expected[name], err_msg=name)
     for name in ("temperature", "force", "tangential", "displacement_mm"):
@@ -145,7 +145,7 @@ def test_flags_are_those_of_the_naive_decoder_over_all_integers(estimator):
         raw = any_counts(skin, 60, 8)
         raw[:, 5] = np.clip(raw[:, 5], -128, 127)
         expected = naive_decode(skin, raw, estimator=estimator, consistency=True)
-        got = Decoder(skin, estimator=estimator, dtype="float64")(raw)
+        got = Decoder(skin, estimator=estimator, dtype="float64", sweeps=0, ambient=False)(raw)
         # The exponentials are bounded where the count is impossible, and there only.
         sure = got.status & Status.OUT_OF_RANGE == 0
         possible = expected["status"] & Status.OUT_OF_RANGE == 0
@@ -165,9 +165,9 @@ def test_compiled_kernel_is_the_python_one(dtype, turn_rad, monkeypatch):
     raw = np.concatenate([sensible_counts(skin, 2, 10), any_counts(skin, 1, 11)])
     status = np.zeros((3, 21), np.uint16)
     status[1, :4] = [Status.NEVER, Status.LATE, Status.DISABLED, Status.FAULT]
-    fast = Decoder(skin, dtype=dtype)(raw, status)
+    fast = Decoder(skin, dtype=dtype, sweeps=0, ambient=False)(raw, status)
     monkeypatch.setattr(kernel, "decode", kernel.decode_python)
-    slow = Decoder(skin, dtype=dtype)(raw, status)
+    slow = Decoder(skin, dtype=dtype, sweeps=0, ambient=False)(raw, status)
     np.testing.assert_array_equal(fast.status, slow.status)
     np.testing.assert_array_equal(fast.valid, slow.valid)
     sensible = slice(0, 2)
@@ -182,7 +182,10 @@ def test_compiled_kernel_is_the_python_one(dtype, turn_rad, monkeypatch):
 def test_float32_agrees_with_float64(seed):
     skin = calibrated(row_of(33), seed % 5, turn_rad=0.2)
     raw = sensible_counts(skin, 2, seed, most=0.88)
-    single, double = Decoder(skin, dtype="float32")(raw), Decoder(skin, dtype="float64")(raw)
+    single, double = (
+        Decoder(skin, dtype="float32", sweeps=0, ambient=False)(raw),
+        Decoder(skin, dtype="float64", sweeps=0, ambient=False)(raw),
+    )
     assert np.abs(single.temperature - double.temperature).max() < 1e-4
     # Any calibration may come: the stiff part of its shear law makes more newtons of a millimetre.
     assert np.abs(single.force - double.force).max() < 4e-5
@@ -229,8 +232,10 @@ def test_order_and_number_of_units_do_not_change_a_bit(seed, dtype, size):
     whole = calibrated(row_of(150), seed=1, turn_rad=0.2)
     raw = sensible_counts(whole, 3, seed % 3)
     order = np.random.default_rng(seed).permutation(150)[:size]
-    every = Decoder(whole, dtype=dtype)(raw)
-    some = Decoder(subset(whole, order), dtype=dtype)(np.ascontiguousarray(raw[..., order]))
+    every = Decoder(whole, dtype=dtype, sweeps=0, ambient=False)(raw)
+    some = Decoder(subset(whole, order), dtype=dtype, sweeps=0, ambient=False)(
+        np.ascontiguousarray(raw[..., order])
+    )
     for name, a, b in zip(FIELDS, values_of(every), values_of(some), strict=True):
         assert np.ascontiguousarray(a[..., order]).tobytes() == b.tobytes(), name
 
@@ -255,7 +260,7 @@ def test_units_do_not_see_each_other(seed, dtype):
     other = raw.copy()
     lone = seed % 35
     other[:, :, lone] = any_counts(skin, 2, seed)[:, :, lone]
-    decoder = Decoder(skin, dtype=dtype)
+    decoder = Decoder(skin, dtype=dtype, sweeps=0, ambient=False)
     before = decoder(raw)
     decoder.reset()
     after = decoder(other)
@@ -269,8 +274,8 @@ def test_a_batch_is_its_cycles_one_by_one(seed, dtype):
     skin = calibrated(row_of(19), seed=4, turn_rad=0.2)
     raw = sensible_counts(skin, 5, seed)
     status = np.random.default_rng(seed).choice([0, 1, 2, 64], (5, 19)).astype(np.uint16)
-    batch = Decoder(skin, dtype=dtype)(raw, status)
-    single = Decoder(skin, dtype=dtype)
+    batch = Decoder(skin, dtype=dtype, sweeps=0, ambient=False)(raw, status)
+    single = Decoder(skin, dtype=dtype, sweeps=0, ambient=False)
     for t in range(5):
         reading = single(raw[t], status[t])
         for name, a, b in zip(FIELDS, values_of(batch), values_of(reading), strict=True):
@@ -280,9 +285,11 @@ def test_a_batch_is_its_cycles_one_by_one(seed, dtype):
 def test_units_that_are_alike_decode_as_units_that_differ():
     """A shared block of coefficients is only a saving."""
     raw = sensible_counts(row_of(50), 2, 1)
-    alike = Decoder(row_of(50))(raw)
+    alike = Decoder(row_of(50), sweeps=0, ambient=False)(raw)
     last = row_of(50).parameters["frequency_rest_hz"] + np.eye(50)[49]
-    differing = Decoder(with_parameters(row_of(50), frequency_rest_hz=last))(raw)
+    differing = Decoder(
+        with_parameters(row_of(50), frequency_rest_hz=last), sweeps=0, ambient=False
+    )(raw)
     for a, b in zip(values_of(alike), values_of(differing), strict=True):
         np.testing.assert_array_equal(a[..., :49], b[..., :49])
 
@@ -340,7 +347,7 @@ def test_no_field_is_no_shear(dtype):
 @given(seeds, dtypes, st.sampled_from(["f3t-fd16", "f3t-classic"]))
 def test_no_integer_makes_a_nan(seed, dtype, layout):
     skin = calibrated(row_of(48, layout), seed % 5, turn_rad=0.5)
-    got = Decoder(skin, dtype=dtype)(any_counts(skin, 20, seed))
+    got = Decoder(skin, dtype=dtype, sweeps=0, ambient=False)(any_counts(skin, 20, seed))
     for name in FIELDS[:5]:
         assert np.isfinite(getattr(got, name)).all(), name
     assert np.all(np.abs(got.theta) <= np.pi + 1e-6)
@@ -377,7 +384,10 @@ def test_direction_is_corrected_by_its_table():
 def test_what_is_wanted_does_not_change_it(wanted, dtype):
     skin = calibrated(row_of(18), seed=5, turn_rad=0.1)
     raw = sensible_counts(skin, 2, 6, most=0.8)
-    everything, some = Decoder(skin, dtype=dtype)(raw), Decoder(skin, wanted, dtype=dtype)(raw)
+    everything, some = (
+        Decoder(skin, dtype=dtype, sweeps=0, ambient=False)(raw),
+        Decoder(skin, wanted, dtype=dtype, sweeps=0, ambient=False)(raw),
+    )
     names = dict(zip(UNIT_WANTS, FIELDS[:5], strict=False)) | {"field": "field_ut"}
     for want, name in names.items():
         if want in wanted:

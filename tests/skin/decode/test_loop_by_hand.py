@@ -56,8 +56,13 @@ def test_sweeps_are_decodings_with_the_prediction_as_background(sweeps, estimato
     temperatures move on once."""
     skin, rng = square(), np.random.default_rng(4)
     stencil = made_up(skin, 2, seed=1)
-    looped = Decoder(skin, WANT, estimator, dtype="float64", sweeps=sweeps, stencil=stencil)
-    plain = Decoder(skin, WANT, estimator, dtype="float64", rest_ut=stencil.rest_ut)
+    looped = Decoder(
+        skin, WANT, estimator, dtype="float64", sweeps=sweeps, stencil=stencil, ambient=False
+    )
+    alone = dataclasses.replace(skin, position=row_of(9).position)  # what moves is told
+    plain = Decoder(
+        alone, WANT, estimator, dtype="float64", stencil=stencil, sweeps=0, ambient=False
+    )
     crosstalk = CrossTalk(
         skin, stencil, dtype="float64", tolerance_ut=LIVE_UT if sweeps == 1 else ACCURATE_UT
     )
@@ -88,31 +93,36 @@ def film_above(decoder):
 
 
 def first(skin, stencil, sweeps, estimator):
-    fresh = Decoder(skin, WANT, estimator, dtype="float64", sweeps=sweeps, stencil=stencil)
+    fresh = Decoder(
+        skin, WANT, estimator, dtype="float64", sweeps=sweeps, stencil=stencil, ambient=False
+    )
     return fresh(*(each[0] for each in scene(skin)))
 
 
-def test_what_is_known_of_resting_neighbours_may_lie_in_the_offsets():
-    """Then it is not taken off again, but the chip's gain is on it all the same."""
+@pytest.mark.parametrize("sweeps", [0, 1])
+def test_resting_neighbours_are_taken_off_with_sweeps_and_without(sweeps):
+    """The chip's gain is on their field as on its own."""
     skin = square()
-    stencil, (raw, _) = made_up(skin, 1), scene(skin)
-    tared = Decoder(
-        skin, WANT, dtype="float64", sweeps=1, stencil=stencil, rest_ut=np.zeros((3, 9))
+    one, (raw, _) = made_up(skin, 1), scene(skin)
+    none = dataclasses.replace(one, rest_ut=np.zeros((3, 9)))
+    bare, known = (
+        Decoder(skin, WANT, dtype="float64", sweeps=sweeps, ambient=False, stencil=stencil)
+        for stencil in (none, one)
     )
-    known = Decoder(skin, WANT, dtype="float64", sweeps=1, stencil=stencil)
-    p, rest = skin.parameters, stencil.rest_ut.copy()
-    off = tared(raw[0]).field_ut - known(raw[0]).field_ut
-    chip = skin.scale[5] * raw[0, 5] + skin.offset[5] - p["hall_reference_c"]
-    gain = 1.0 + p["hall_gain_per_k"] * chip
+    p, rest = skin.parameters, one.rest_ut
+    off = bare(raw[0]).field_ut - known(raw[0]).field_ut
     lateral = p["field_xx"] * rest[0] + p["field_xy"] * rest[1]
-    np.testing.assert_allclose(off[0], lateral / gain, rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(off[2], rest[2] / gain, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(off[0], lateral, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(off[2], rest[2], rtol=1e-6, atol=1e-6)
 
 
 def test_ambient_field_comes_off_the_next_cycle():
     skin, rng = apart(6), np.random.default_rng(1)
-    looped = Decoder(skin, WANT, dtype="float64", ambient=True)
-    plain, ambient = Decoder(skin, WANT, dtype="float64"), Ambient(skin, "float64")
+    looped = Decoder(skin, WANT, dtype="float64", ambient=True, sweeps=0)
+    plain, ambient = (
+        Decoder(skin, WANT, dtype="float64", sweeps=0, ambient=False),
+        Ambient(skin, "float64"),
+    )
     raw, status = np.tile(counts_at(skin, np.zeros(6), 0.0, 0.0), (6, 1, 1)), scene(skin, 6)[1]
     raw[:, 2:4] += rng.integers(10, 80, (6, 2, 6)).astype(np.int16)
     for t in range(6):
@@ -157,7 +167,11 @@ def test_the_loop_needs_what_is_not_wanted(want, loop):
     """It is decoded, and not shown; what is wanted is the same."""
     skin = square()
     stencil, (raw, status) = made_up(skin, 1), scene(skin)
-    options = {"dtype": "float64"} | loop | ({"stencil": stencil} if "sweeps" in loop else {})
+    options = (
+        {"dtype": "float64", "sweeps": 0, "ambient": False}
+        | loop
+        | ({"stencil": stencil} if "sweeps" in loop else {})
+    )
     every, some = Decoder(skin, WANT - {"sigma"} | want, **options), Decoder(skin, want, **options)
     for t in range(4):
         whole, part = every(raw[t], status[t]), some(raw[t], status[t])
@@ -176,7 +190,7 @@ def test_all_units_without_load_are_looked_at_where_the_ambient_field_is_estimat
     for rate_hz, every in ((100.0, 5), (10.0, 4)):
         skin = row_of(140, rate_hz=rate_hz)
         still = counts_at(skin, np.zeros(140), 0.0, 0.0)
-        decoder = Decoder(skin, {"displacement"}, skip=True, ambient=True)
+        decoder = Decoder(skin, {"displacement"}, skip=True, ambient=True, sweeps=0)
         background = []
         for t in range(9):
             idle = decoder(still).status & Status.IDLE != 0

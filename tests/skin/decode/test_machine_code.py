@@ -23,7 +23,9 @@ def assembly():
     features = binding.get_host_cpu_features()
     if not (features.get("avx2") and features.get("fma")):
         pytest.skip("this processor has no AVX2 with fused multiply and add")
-    decoder = Decoder(row_of(3), {"force"}, "field-angle", consistency=False)
+    decoder = Decoder(
+        row_of(3), {"force"}, "field-angle", consistency=False, sweeps=0, ambient=False
+    )
     decoder(np.zeros((6, 3), np.int16))
     plain = decoder._kernel.py_func
     fresh = njit(plain, nogil=True, error_model="numpy", fastmath={"contract"})

@@ -83,7 +83,7 @@ def one_unit(skin, counts, i, film, chip):
 
 def decoded(skin, raw, dtype):
     """Decode the same, in the oracle's names, float64 arrays of shape (t, n)."""
-    reading = Decoder(skin, estimator="sine", dtype=dtype)(raw)
+    reading = Decoder(skin, estimator="sine", dtype=dtype, sweeps=0, ambient=False)(raw)
     rows = (reading.temperature, *reading.force.swapaxes(0, 1), reading.tangential, reading.theta)
     rows = (*rows, *reading.displacement_mm.swapaxes(0, 1))
     return {name: row.astype(float) for name, row in zip(QUANTITIES, rows, strict=True)}

@@ -111,8 +111,15 @@ def test_a_few_cycles_skip_as_many_do(n, seed):
 
 def idle_beside_full(skin, raw, status, estimator):
     """How often a unit was idle, in cycles that are compared with the full pass."""
-    skipping = Decoder(skin, None, estimator, skip=True)
-    full = Decoder(skin, None, estimator, temperature_every=skipping.plan.temperature_every)
+    skipping = Decoder(skin, None, estimator, skip=True, sweeps=0, ambient=False)
+    full = Decoder(
+        skin,
+        None,
+        estimator,
+        temperature_every=skipping.plan.temperature_every,
+        sweeps=0,
+        ambient=False,
+    )
     idle = 0
     for counts, flags in zip(raw, status, strict=True):
         some, every = skipping(counts, flags), full(counts, flags)
@@ -137,8 +144,8 @@ def idle_beside_full(skin, raw, status, estimator):
 
 def test_a_batch_skips_as_its_cycles_do():
     skin, raw, status = scene(150, 7)
-    batch = Decoder(skin, skip=True)(raw, status)
-    single = Decoder(skin, skip=True)
+    batch = Decoder(skin, skip=True, sweeps=0, ambient=False)(raw, status)
+    single = Decoder(skin, skip=True, sweeps=0, ambient=False)
     for t in range(len(raw)):
         one = single(raw[t], status[t])
         for name in (*FIELDS, "status"):
@@ -147,7 +154,7 @@ def test_a_batch_skips_as_its_cycles_do():
 
 def test_a_batch_in_between_is_not_mistaken_for_the_last_cycle():
     skin, raw, status = scene(150, 8)
-    decoder = Decoder(skin, skip=True, temperature_every=1000)
+    decoder = Decoder(skin, skip=True, temperature_every=1000, sweeps=0, ambient=False)
     first = decoder(raw[5], status[5]).force.copy()
     decoder(raw[8:10], status[8:10])
     np.testing.assert_array_equal(decoder(raw[9], status[9]).status, decoder.__call__(
@@ -158,13 +165,13 @@ def test_a_batch_in_between_is_not_mistaken_for_the_last_cycle():
 def test_idle_is_not_untouched_and_not_invalid():
     skin = row_of(16, rate_hz=100.0)
     raw = counts_at(skin, np.zeros(16), 0.0, 0.0)
-    reading = Decoder(skin, skip=True)(raw)
+    reading = Decoder(skin, skip=True, sweeps=0, ambient=False)(raw)
     assert reading.status.tolist() == [Status.IDLE] * 16
     assert reading.valid.all()
     assert np.isnan(reading.force[:2]).all()
     assert np.isfinite(reading.force[2]).all()
     pressed = counts_at(skin, np.where(np.arange(16) == 3, 0.1, 0.0), 0.0, 0.0)
-    assert not Decoder(skin, skip=True)(pressed).status.any()
+    assert not Decoder(skin, skip=True, sweeps=0, ambient=False)(pressed).status.any()
 
 
 # -- temperatures held -----------------------------------------------------------------------------
@@ -174,8 +181,8 @@ def test_idle_is_not_untouched_and_not_invalid():
 def test_held_temperatures_are_those_of_the_cycles_when_they_were_due(dtype):
     skin = calibrated(row_of(40, rate_hz=50.0), seed=1)
     raw = sensible_counts(skin, 13, 2)
-    held = Decoder(skin, dtype=dtype, temperature_every=4)(raw).temperature
-    each = Decoder(skin, dtype=dtype)(raw).temperature
+    held = Decoder(skin, dtype=dtype, temperature_every=4, sweeps=0, ambient=False)(raw).temperature
+    each = Decoder(skin, dtype=dtype, sweeps=0, ambient=False)(raw).temperature
     for t in range(13):
         np.testing.assert_array_equal(held[t], each[t - t % 4])
 
@@ -189,7 +196,9 @@ def test_a_held_temperature_is_late_by_no_more_than_it_changed():
     )
     for name, limit in (("sine", 5e-4), ("field-angle", 2e-5)):
         held, each = (
-            Decoder(skin, None, name, temperature_every=every, dtype="float64")(raw)
+            Decoder(
+                skin, None, name, temperature_every=every, dtype="float64", sweeps=0, ambient=False
+            )(raw)
             for every in (5, 1)
         )
         assert np.abs(held.temperature - each.temperature).max() <= 0.05 + 0.02
@@ -199,7 +208,7 @@ def test_a_held_temperature_is_late_by_no_more_than_it_changed():
 def test_a_unit_that_is_heard_late_has_a_temperature_at_once():
     skin = row_of(20, rate_hz=100.0)
     raw = counts_at(skin, np.full(20, 1.0), 0.5, 0.2)
-    decoder = Decoder(skin, temperature_every=50)
+    decoder = Decoder(skin, temperature_every=50, sweeps=0, ambient=False)
     status = np.zeros(20, np.uint16)
     status[7] = Status.NEVER
     assert np.isnan(decoder(raw, status).temperature[7])
@@ -218,7 +227,9 @@ def test_decoding_a_cycle_again_changes_nothing_that_follows(every, layout):
     skin = calibrated(row_of(30, layout, 10.0), seed=4)
     raw = sensible_counts(skin, 9, 5)
     status = np.random.default_rng(6).choice([0, 0, 0, 2, 1], (9, 30)).astype(np.uint16)
-    once, twice = (Decoder(skin, temperature_every=every) for _ in range(2))
+    once, twice = (
+        Decoder(skin, temperature_every=every, sweeps=0, ambient=False) for _ in range(2)
+    )
     other = np.full((4, 30), 100.0, np.float32)
     for counts, flags in zip(raw, status, strict=True):
         first = once(counts, flags)
@@ -249,13 +260,15 @@ def test_a_background_is_taken_off_the_counts(dtype, estimator, request):
     background = np.tile(steps * skin.scale[1:5], (3, 1, 1))
     background[:, 1:] /= (1.0 + skin.parameters["hall_gain_per_k"] * warmer)[:, np.newaxis]
     background = background.astype(dtype)
-    plain = Decoder(skin, None, estimator, dtype=dtype)(raw)
-    taken = Decoder(skin, None, estimator, dtype=dtype)(moved, None, background)
+    plain = Decoder(skin, None, estimator, dtype=dtype, sweeps=0, ambient=False)(raw)
+    taken = Decoder(skin, None, estimator, dtype=dtype, sweeps=0, ambient=False)(
+        moved, None, background
+    )
     limit = 2e-5 if dtype == "float32" else 1e-9
     for name in ("force", "displacement_mm", "tangential"):
         assert np.abs(getattr(plain, name) - getattr(taken, name)).max() <= limit, name
     assert np.abs(plain.field_ut - taken.field_ut).max() <= (1e-2 if dtype == "float32" else 1e-8)
-    live = Decoder(skin, None, estimator, dtype=dtype)
+    live = Decoder(skin, None, estimator, dtype=dtype, sweeps=0, ambient=False)
     for t in range(3):
         one = live(moved[t], None, background[t])
         np.testing.assert_array_equal(one.force, taken.force[t])
@@ -265,14 +278,14 @@ def test_another_shape_of_background_is_refused():
     raw = np.zeros((6, 3), np.int16)
     for background in (np.zeros((3, 3), np.float32), np.zeros((4, 3)), [0]):
         with pytest.raises(CountsError, match="row: background: must be an array of float32"):
-            Decoder(row_of(3))(raw, None, background)
+            Decoder(row_of(3), sweeps=0, ambient=False)(raw, None, background)
 
 
 def test_the_field_is_that_of_the_film_in_the_units_frame():
     skin = calibrated(row_of(40), seed=6)
     p = skin.parameters
     raw = sensible_counts(skin, 1, 7)[0]
-    got = Decoder(skin, dtype="float64")(raw).field_ut
+    got = Decoder(skin, dtype="float64", sweeps=0, ambient=False)(raw).field_ut
     value = skin.scale * raw + skin.offset
     above = value[5] - p["hall_reference_c"]
     x, y, z = (
@@ -283,4 +296,4 @@ def test_the_field_is_that_of_the_film_in_the_units_frame():
     expected = [p["field_xx"] * x + p["field_xy"] * y, p["field_yx"] * x + p["field_yy"] * y, z]
     np.testing.assert_allclose(got, expected, rtol=0, atol=1e-8)
     blind = dataclasses.replace(skin, wired=skin.wired & (np.arange(6) != 4)[:, np.newaxis])
-    assert np.isnan(Decoder(blind)(raw).field_ut[2]).all()
+    assert np.isnan(Decoder(blind, sweeps=0, ambient=False)(raw).field_ut[2]).all()

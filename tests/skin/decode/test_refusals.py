@@ -62,7 +62,8 @@ BOUNDS = {
 @pytest.mark.parametrize("bound", BOUNDS)
 def test_a_calibration_is_refused_from_its_bound_on(bound):
     given, name = BOUNDS[bound]
-    options = {"want": {"force"}, "estimator": "sine", "consistency": False}
+    options = {"want": {"force"}, "estimator": "sine", "consistency": False, "sweeps": 0,
+               "ambient": False}  # fmt: skip
     Decoder(with_parameters(row_of(2), **given(0.98)), **options)
     with pytest.raises(CalibrationError, match=rf"row/r0c[01]: {name}: must be "):
         Decoder(with_parameters(row_of(2), **given(1.02)), **options)
@@ -70,13 +71,17 @@ def test_a_calibration_is_refused_from_its_bound_on(bound):
 
 def test_a_range_of_temperatures_has_two_ends():
     with pytest.raises(CalibrationError, match="temperature_max_c: must be above temperature_min"):
-        Decoder(with_parameters(row_of(2), temperature_max_c=15.0))
+        Decoder(with_parameters(row_of(2), temperature_max_c=15.0), sweeps=0, ambient=False)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_no_entry_of_a_table_may_be_infinite(value):
     with pytest.raises(CalibrationError, match="row/r0c1: theta_correction_rad: must be finite"):
-        Decoder(with_parameters(row_of(2), theta_correction_rad=knots(4, value)))
+        Decoder(
+            with_parameters(row_of(2), theta_correction_rad=knots(4, value)),
+            sweeps=0,
+            ambient=False,
+        )
 
 
 # -- tables of angles ------------------------------------------------------------------------------
@@ -124,9 +129,19 @@ def test_units_have_each_their_own_table():
         match=r"row/r0c1: field_angle_mm: must be a polynomial that grows with the angle to "
         r"field_angle_max_mm = 7; got one that ends at 6.28",
     ):
-        Decoder(short, estimator="field-angle")
-    Decoder(with_parameters(short, field_angle_max_mm=[1.0, 6.2]), estimator="field-angle")
-    Decoder(dataclasses.replace(short, enabled=np.array([True, False])), estimator="field-angle")
+        Decoder(short, estimator="field-angle", sweeps=0, ambient=False)
+    Decoder(
+        with_parameters(short, field_angle_max_mm=[1.0, 6.2]),
+        estimator="field-angle",
+        sweeps=0,
+        ambient=False,
+    )
+    Decoder(
+        dataclasses.replace(short, enabled=np.array([True, False])),
+        estimator="field-angle",
+        sweeps=0,
+        ambient=False,
+    )
 
 
 # -- units that are not looked at ------------------------------------------------------------------
@@ -150,10 +165,11 @@ def odd_one(how, channel):
 
 @pytest.mark.parametrize("channel", range(5))
 def test_channels_of_units_that_are_off_or_foreign_are_not_needed(channel):
-    options = {"want": None, "estimator": "field-angle", "consistency": True}
+    options = {"want": None, "estimator": "field-angle", "consistency": True, "sweeps": 0,
+               "ambient": False}  # fmt: skip
     for how in ("off", "foreign"):
         assert Decoder(odd_one(how, channel), **options).estimator == "field-angle"
-        assert Decoder(odd_one(how, channel)).plan.consistency
+        assert Decoder(odd_one(how, channel), sweeps=0, ambient=False).plan.consistency
     with pytest.raises(OptionError, match="row/r0c2: must have "):
         Decoder(odd_one("working", channel), **options)
 
@@ -163,10 +179,10 @@ def test_tables_of_units_that_are_off_are_not_needed():
     table[:, 2] = 0.0
     for how in ("off", "foreign"):
         untold = with_parameters(odd_one(how, 5), field_angle_mm=table)
-        assert Decoder(untold, consistency=True).estimator == "field-angle"
+        assert Decoder(untold, consistency=True, sweeps=0, ambient=False).estimator == "field-angle"
     untold = with_parameters(row_of(3), field_angle_mm=table)
     with pytest.raises(OptionError, match="row/r0c2: must have 'field_angle_mm' for consistency"):
-        Decoder(untold, consistency=True)
+        Decoder(untold, consistency=True, sweeps=0, ambient=False)
 
 
 def test_the_loop_follows_zeros_where_all_that_work_tell_their_temperature():
@@ -209,7 +225,8 @@ def test_compensations_are_those_of_drifts_that_matter():
     """No drift, no compensation; one in a single unit is enough."""
     still = {name: 0.0 for name in row_of(3).parameters if "_per_k" in name}
     plain = with_parameters(row_of(3), **still)
-    sine = {"estimator": "sine", "consistency": False}
+    sine = {"estimator": "sine", "consistency": False, "sweeps": 0,
+               "ambient": False}  # fmt: skip
 
     def plan(want, options, **drifts):
         return Plan.of(with_parameters(plain, **drifts), DecodeOptions(want, **options))

@@ -30,7 +30,7 @@ def told(reading):
 def decoded(workers, units=UNITS, **options):
     """Cycles one by one, a batch, the last cycle once more, and cycles again."""
     skin, raw, status = scene(units, 7)
-    decoder = Decoder(skin, workers=workers, **options)
+    decoder = Decoder(skin, workers=workers, **{"sweeps": 0, "ambient": False} | options)
     seen = [told(decoder(counts, flags)) for counts, flags in zip(raw[:7], status, strict=False)]
     seen.append(told(decoder(raw, status)))
     seen.append(told(decoder(raw[-1], status[-1], advance=False)))
@@ -57,7 +57,7 @@ def test_batches_are_shared_where_cycles_are_not(monkeypatch):
 
 def test_what_is_worth_it_is_done_in_other_threads(monkeypatch):
     skin, raw, _ = scene(UNITS, 1)
-    decoder = Decoder(skin, workers=3)
+    decoder = Decoder(skin, workers=3, sweeps=0, ambient=False)
     decoder(raw[0])
     asked = []
     monkeypatch.setattr(sharing, "together", lambda calls: asked.append(len(calls)))

@@ -34,7 +34,7 @@ def coverage(estimator, depth, reach):
     direction = rng.uniform(-np.pi, np.pi, (CYCLES, UNITS))
     temperature = 25.0
     raw = counts_at(skin, np.full(direction.shape, depth), reach, direction, temperature, noise=rng)
-    got = Decoder(skin, None, estimator, dtype="float64")(raw)
+    got = Decoder(skin, None, estimator, dtype="float64", sweeps=0, ambient=False)(raw)
     shear = 0.5 * reach + 2.375 * max(reach - 2.0, 0.0)
     normal = 1.5 * depth + 3.0 * max(depth - 0.6, 0.0)
     truth = (
@@ -89,7 +89,7 @@ def test_sigma_is_what_the_noise_of_each_channel_does_to_the_naive_decoder(estim
     skin = calibrated(row_of(200), seed=3)
     p = skin.parameters
     raw = sensible_counts(skin, 1, 8, most=0.8)
-    got = Decoder(skin, None, estimator, dtype="float64")(raw)
+    got = Decoder(skin, None, estimator, dtype="float64", sweeps=0, ambient=False)(raw)
     steps = {
         0: p["gel_noise_relative"] * (skin.scale[0] * raw[0, 0] + skin.offset[0]),
         1: p["frequency_noise_hz"], 2: p["field_noise_ut"], 3: p["field_noise_ut"],
@@ -136,7 +136,12 @@ def test_calibration_sigmas_add_to_their_own_outputs():
     """And to those that follow from them, as the square root of a sum of squares."""
     skin = row_of(40)
     raw = counts_at(skin, 1.5, np.linspace(0.3, 1.8, 40), np.linspace(-3, 3, 40))
-    plain = rows_of(Decoder(skin, None, "field-angle", dtype="float64")(raw[np.newaxis]), True)
+    plain = rows_of(
+        Decoder(skin, None, "field-angle", dtype="float64", sweeps=0, ambient=False)(
+            raw[np.newaxis]
+        ),
+        True,
+    )
     expected = {
         "temperature_sigma_c": {"temperature": 0.3},
         "frequency_sigma_hz": {"h": 9.0 / 900.0, "fz": 9.0 / 200.0},
@@ -147,7 +152,12 @@ def test_calibration_sigmas_add_to_their_own_outputs():
     size = {"temperature_sigma_c": 0.3, "frequency_sigma_hz": 9.0, "field_angle_sigma_mm": 0.01}
     for name, added in expected.items():
         other = with_parameters(skin, **{name: size.get(name, 0.02)})
-        found = rows_of(Decoder(other, None, "field-angle", dtype="float64")(raw[np.newaxis]), True)
+        found = rows_of(
+            Decoder(other, None, "field-angle", dtype="float64", sweeps=0, ambient=False)(
+                raw[np.newaxis]
+            ),
+            True,
+        )
         for row in NAMES:
             more = np.sqrt(np.maximum(found[row] ** 2 - plain[row] ** 2, 0.0))
             if row in added:
@@ -159,13 +169,15 @@ def test_calibration_sigmas_add_to_their_own_outputs():
 def test_field_sigma_widens_the_field_and_the_residue_of_a_background_does_the_same():
     skin = row_of(30)
     raw = counts_at(skin, 1.0, np.linspace(0.0, 2.2, 30), 0.7)
-    wider = Decoder(with_parameters(skin, field_sigma_ut=200.0), None, "field-angle")(raw)
+    wider = Decoder(
+        with_parameters(skin, field_sigma_ut=200.0), None, "field-angle", sweeps=0, ambient=False
+    )(raw)
     background = np.zeros((5, 30), np.float32)
     background[4] = 200.0**2
-    told = Decoder(skin, None, "field-angle")(raw, None, background)
+    told = Decoder(skin, None, "field-angle", sweeps=0, ambient=False)(raw, None, background)
     for name in ("displacement_sigma_mm", "force_sigma", "theta_sigma", "tangential_sigma"):
         np.testing.assert_allclose(getattr(told, name), getattr(wider, name), rtol=1e-4)
-    plain = Decoder(skin, None, "field-angle")(raw)
+    plain = Decoder(skin, None, "field-angle", sweeps=0, ambient=False)(raw)
     assert np.all(told.displacement_sigma_mm[:2] > 1.5 * plain.displacement_sigma_mm[:2])
 
 
@@ -174,7 +186,9 @@ def test_sigma_grows_beyond_the_calibrated_depth(estimator):
     """A fifth of what lies beyond it by more than a sigma."""
     skin, sigma = row_of(60), 6.02 / 900.0
     depth = np.linspace(1.9, 3.2, 60)
-    got = Decoder(skin, None, estimator, dtype="float64")(counts_at(skin, depth, 0.5, 0.3))
+    got = Decoder(skin, None, estimator, dtype="float64", sweeps=0, ambient=False)(
+        counts_at(skin, depth, 0.5, 0.3)
+    )
     beyond = 0.2 * np.maximum(depth - 2.0 - sigma, 0.0)
     np.testing.assert_allclose(got.displacement_sigma_mm[2], sigma + beyond, rtol=0.02, atol=1e-4)
     np.testing.assert_allclose(got.force_sigma[2], 4.5 * got.displacement_sigma_mm[2], rtol=1e-3)
@@ -183,7 +197,7 @@ def test_sigma_grows_beyond_the_calibrated_depth(estimator):
 def test_a_direction_of_which_nothing_is_known_is_uniform():
     raw = counts_at(row_of(2), 0.2, np.zeros(2), 0.0)
     raw[2:4] = 0
-    got = Decoder(row_of(2), None, "field-angle")(raw)
+    got = Decoder(row_of(2), None, "field-angle", sweeps=0, ambient=False)(raw)
     np.testing.assert_allclose(got.theta_sigma, np.pi / np.sqrt(3.0), rtol=1e-6)
 
 
@@ -191,8 +205,8 @@ def test_sigma_does_not_change_what_it_is_of():
     skin = calibrated(row_of(50), seed=2)
     raw = sensible_counts(skin, 2, 3)
     for estimator in ("sine", "field-angle"):
-        with_it = Decoder(skin, None, estimator)(raw)
-        without = Decoder(skin, {"force", "displacement"}, estimator)(raw)
+        with_it = Decoder(skin, None, estimator, sweeps=0, ambient=False)(raw)
+        without = Decoder(skin, {"force", "displacement"}, estimator, sweeps=0, ambient=False)(raw)
         np.testing.assert_array_equal(with_it.status, without.status)
         np.testing.assert_allclose(with_it.force, without.force, rtol=1e-6, atol=1e-6)
         assert without.force_sigma is None

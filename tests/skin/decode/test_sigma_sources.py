@@ -59,7 +59,9 @@ def spread(skin, raw, channel, sigma, estimator):
 
 
 def sigma_of(skin, raw, estimator):
-    found = Decoder(skin, None, estimator, dtype="float64")(raw[np.newaxis])
+    found = Decoder(skin, None, estimator, dtype="float64", sweeps=0, ambient=False)(
+        raw[np.newaxis]
+    )
     return {name: value[0] for name, value in rows_of(found, sigma=True).items()}
 
 
@@ -166,7 +168,11 @@ def test_amplitude_of_the_calibration():
     """One percent of M0 is tan(k R) / k percent of a millimetre."""
     skin, raw = pose(silent(field_amplitude_sigma_relative=0.01))
     found, k = sigma_of(skin, raw, "sine"), skin.parameters["field_wavenumber_rad_per_mm"]
-    radius = np.hypot(*Decoder(skin, None, "sine", dtype="float64")(raw).displacement_mm[:2])
+    radius = np.hypot(
+        *Decoder(skin, None, "sine", dtype="float64", sweeps=0, ambient=False)(raw).displacement_mm[
+            :2
+        ]
+    )
     np.testing.assert_allclose(np.hypot(found["x"], found["y"]), 0.01 * np.tan(k * radius) / k,
                                rtol=0.01)  # fmt: skip
 
@@ -225,7 +231,7 @@ def test_displacement_beyond_its_range(estimator):
     """A fifth of it, along the direction."""
     skin = silent(field_noise_ut=1.0, tangential_max_mm=1.5, field_angle_max_mm=1.5)
     skin, raw = pose(skin, reach=2.0 if estimator == "sine" else 1.55)
-    got = Decoder(skin, None, estimator, dtype="float64")(raw)
+    got = Decoder(skin, None, estimator, dtype="float64", sweeps=0, ambient=False)(raw)
     found = np.hypot(*got.displacement_sigma_mm[:2])
     beyond = np.hypot(*got.displacement_mm[:2]) - 1.5
     assert beyond.min() > 0.04
@@ -234,7 +240,7 @@ def test_displacement_beyond_its_range(estimator):
 
 def test_shares_of_the_forces_add_to_the_rest():
     skin, raw = pose(silent(normal_sigma_relative=0.03, shear_sigma_relative=0.05))
-    got = Decoder(skin, None, "field-angle", dtype="float64")(raw)
+    got = Decoder(skin, None, "field-angle", dtype="float64", sweeps=0, ambient=False)(raw)
     np.testing.assert_allclose(got.force_sigma[2], 0.03 * got.force[2], rtol=1e-3)
     np.testing.assert_allclose(got.tangential_sigma, 0.05 * got.tangential, rtol=1e-3)
     for axis in range(2):
@@ -244,7 +250,7 @@ def test_shares_of_the_forces_add_to_the_rest():
 @pytest.mark.parametrize("depth", [0.0, 0.02, 0.3, 1.5])
 def test_absolute_parts_of_the_forces_add_to_the_rest_but_are_no_more_than_the_force(depth):
     skin, raw = pose(silent(normal_sigma_n=0.1, shear_sigma_n=0.2), depth=depth, reach=0.7)
-    got = Decoder(skin, None, "field-angle", dtype="float64")(raw)
+    got = Decoder(skin, None, "field-angle", dtype="float64", sweeps=0, ambient=False)(raw)
     normal = np.minimum(np.abs(got.force[2]), 0.1)
     np.testing.assert_allclose(got.force_sigma[2], normal, rtol=1e-3, atol=1e-6)
     np.testing.assert_allclose(got.tangential_sigma, np.minimum(got.tangential, 0.2), rtol=2e-3)
@@ -265,7 +271,7 @@ def test_errors_of_a_film_are_such_of_its_field(estimator):
     p = skin.parameters
     table = np.repeat(shape[:, np.newaxis], skin.n, axis=1)
     skin = with_parameters(skin, field_angle_variance_relative=table)
-    got = Decoder(skin, None, estimator, dtype="float64")(raw)
+    got = Decoder(skin, None, estimator, dtype="float64", sweeps=0, ambient=False)(raw)
     reach, depth = np.hypot(*got.displacement_mm[:2]), got.displacement_mm[2]
     terms = [reach ** (3 * i) * depth ** (2 * j) for i in range(3) for j in range(2)]
     across = 0.03 * np.sqrt(1.0 + shape @ np.stack(terms))
@@ -282,5 +288,5 @@ def test_a_film_with_less_errors_than_none_has_none():
     table = np.repeat(np.array([[-2.0], *5 * [[0.0]]]), skin.n, axis=1)
     skin = with_parameters(skin, field_angle_variance_relative=table)
     for estimator in ESTIMATORS:
-        got = Decoder(skin, None, estimator, dtype="float64")(raw)
+        got = Decoder(skin, None, estimator, dtype="float64", sweeps=0, ambient=False)(raw)
         assert got.displacement_sigma_mm[:2].max() < 1e-3

@@ -39,8 +39,8 @@ def rested_beside_full(seed, n, twice, cycles=24):
     skin, raw, status = scene(n, seed, cycles)
     for unit in rng.integers(0, n, 3):
         status[:, unit] = np.where(rng.random(len(raw)) < 0.5, Status.NEVER, 0)
-    skipping = Decoder(skin, skip=True)
-    full = Decoder(skin, temperature_every=skipping.plan.temperature_every)
+    skipping = Decoder(skin, skip=True, sweeps=0, ambient=False)
+    full = Decoder(skin, temperature_every=skipping.plan.temperature_every, sweeps=0, ambient=False)
     told = rng.normal(0.0, [[10.0], [200.0], [200.0], [200.0]], (4, n)).astype(np.float32)
     rested = 0
     for counts, flags in zip(raw, status, strict=True):
@@ -67,7 +67,10 @@ def rested_beside_full(seed, n, twice, cycles=24):
 def test_rows_of_another_use_are_not_kept(between):
     """What lies in the arrays of a cycle is trusted only after a cycle like this one."""
     skin, raw, _ = scene(128, 3)
-    skipping, full = Decoder(skin, skip=True), Decoder(skin, temperature_every=5)
+    skipping, full = (
+        Decoder(skin, skip=True, sweeps=0, ambient=False),
+        Decoder(skin, temperature_every=5, sweeps=0, ambient=False),
+    )
     for counts in raw[:4]:
         skipping(counts), full(counts)
     for decoder in (skipping, full):
@@ -89,7 +92,7 @@ def test_only_temperatures_are_never_idle():
     skin = row_of(64, rate_hz=100.0)
     raw = counts_at(skin, np.zeros(64), 0.0, 0.0)
     for want, idle in (({"temperature"}, False), ({"force"}, True)):
-        status = Decoder(skin, want, skip=True)(raw).status
+        status = Decoder(skin, want, skip=True, sweeps=0, ambient=False)(raw).status
         assert (status & Status.IDLE != 0).tolist() == [idle] * 64
 
 

@@ -47,7 +47,7 @@ def others():
 def within(known, others, rows):
     """Share of the errors of a force that are within one sigma, over units that are valid."""
     _, counts, force = others
-    reading = Decoder(known, {"force", "sigma"})(counts)
+    reading = Decoder(known, {"force", "sigma"}, sweeps=0, ambient=False)(counts)
     assert reading.valid.mean() > 0.9
     held = np.abs(reading.force - force) <= reading.force_sigma
     return held[:, rows][np.broadcast_to(reading.valid[:, None], held[:, rows].shape)].mean()
@@ -72,19 +72,22 @@ def test_sigma_of_tared_units_is_less_and_holds_too(others):
     tared = with_parameters(PALM, **zeros, frequency_sigma_hz=0.5, field_sigma_ut=10.0)
     assert 0.6 < within(tared, others, TANGENTIAL) < 0.85
     assert 0.6 < within(tared, others, NORMAL) < 0.95
-    sigma = [Decoder(known)(others[1]).force_sigma[:, 2].mean() for known in (tared, PALM)]
+    sigma = [
+        Decoder(known, sweeps=0, ambient=False)(others[1]).force_sigma[:, 2].mean()
+        for known in (tared, PALM)
+    ]
     assert sigma[0] < 0.8 * sigma[1]
 
 
 def test_a_unit_without_calibration_is_flagged_and_valid(others):
-    reading = Decoder(PALM)(others[1])
+    reading = Decoder(PALM, sweeps=0, ambient=False)(others[1])
     assert (reading.status & Status.UNCALIBRATED != 0).all()
     assert not Status.UNCALIBRATED & INVALID
     assert reading.valid.mean() > 0.9
-    exact = Decoder(PALM.exact())(others[1])
+    exact = Decoder(PALM.exact(), sweeps=0, ambient=False)(others[1])
     assert not (exact.status & Status.UNCALIBRATED).any()
     for skip in (False, True):
-        decoder = Decoder(PALM, skip=skip, sweeps=1)
+        decoder = Decoder(PALM, skip=skip, sweeps=1, ambient=False)
         for raw in others[1][:5]:
             assert (decoder(raw).status & Status.UNCALIBRATED != 0).all()
 

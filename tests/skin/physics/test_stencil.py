@@ -230,8 +230,8 @@ def test_a_file_that_is_no_stencil_of_the_skin_is_refused(tmp_path):
     np.savez(path, format=1)
     with pytest.raises(SkinError, match=r"tip\.npz: must be a stencil that was saved; got"):
         Stencil.load(path, skin)
-    np.savez(path, format=3)
-    with pytest.raises(SkinError, match=r"tip\.npz: format: must be one of \(1, 2\); got 3"):
+    np.savez(path, format=4)
+    with pytest.raises(SkinError, match=r"tip\.npz: format: must be one of \(1, 2, 3\); got 4"):
         Stencil.load(path, skin)
 
 

@@ -184,7 +184,7 @@ def test_a_field_beyond_the_chip_is_flagged_by_the_host() -> None:
     pressed.depth_mm[7], pressed.displacement_mm[0, 7] = 2.0, 2.0
     counts = unit.counts(pressed)
     assert counts[BX, 7] == unit.highest[BX, 7]
-    status = Decoder(PALM)(counts).status
+    status = Decoder(PALM, sweeps=0, ambient=False)(counts).status
     assert Status(int(status[7])) & Status.SATURATED
     assert not np.any(np.delete(status, 7) & Status.SATURATED)
 

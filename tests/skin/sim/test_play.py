@@ -383,7 +383,7 @@ def test_fig4a_follows_the_time_line_of_the_paper() -> None:
 
 def test_fig4a_is_decoded_within_the_noise_where_nothing_else_is_wrong() -> None:
     scene = scene_of("fig4a", NonIdeal.only("noise"))
-    decoder = Decoder(skin())
+    decoder = Decoder(skin(), sweeps=0, ambient=False)
     errors = []
     for time_s in np.arange(0.0, 200.0, 1.0):
         truth = scene.at(float(time_s))

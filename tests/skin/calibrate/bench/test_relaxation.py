@@ -32,7 +32,7 @@ def scored(lab, skin):
     """Root mean square error on a way that was not recorded, N, and its share within one sigma."""
     path = unseen(40.0, seed=17)
     counts = lab.counts(path, noise=False).counts
-    reading = Decoder(skin, dtype="float64")(counts)
+    reading = Decoder(skin, dtype="float64", sweeps=0, ambient=False)(counts)
     error = np.abs(reading.force - lab.force(path))
     return float(np.sqrt(np.mean(error**2))), float(np.mean(error <= reading.force_sigma))
 
@@ -71,7 +71,7 @@ def test_a_unit_that_does_not_relax_gets_no_term_and_the_same_laws():
     lab, recorded = series()
     result = fit_unit(lab.nominal, recorded, 0)
     skin = known(lab, result)
-    assert not Decoder(skin).plan.creep
+    assert not Decoder(skin, sweeps=0, ambient=False).plan.creep
     why = "terms predict no better than none, by cross-validation"
     assert result.kept["normal_creep"] == result.kept["shear_creep"] == why
     without = fit_unit(lab.nominal, cut(recorded, 0.0), 0)
