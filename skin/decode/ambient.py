@@ -51,7 +51,9 @@ import numpy as np
 
 from bus.compiled.bound import Bound
 from skin.decode import ambient_kernels as kernels
-from skin.decode.ambient_model import PRIOR_UT2, AmbientData, data_of, frames_of, model_of
+from skin.decode.ambient_model import (
+    PRIOR_UT2, AmbientData, body_of, data_of, frames_of, lag_hz, model_of,
+)  # fmt: skip
 from skin.errors import CalibrationError, OptionError
 from skin.state import Reading
 from topology import Topology
@@ -117,6 +119,8 @@ class Ambient:
         a press, then µT in the axes of the chips. One array, written by `update`.
     begun : int
         How often the field has begun anew.
+    body : ndarray, shape (n,), int
+        Index of each unit's body: unit i sees ``field_ut[:, body[i]]``.
     residue_ut2 : ndarray, shape (n,)
         Variance of an axis of the field by what is not known of the ambient field; likewise.
 
@@ -146,9 +150,8 @@ class Ambient:
             raise OptionError(f"guard_m: must be 0 or above, and finite; got {guard_m}")
         self.topology = topology
         self.begun = 0
-        of_patch = frames_of(topology)
-        self.bodies = tuple(dict.fromkeys(of_patch))
-        self._body = np.array([self.bodies.index(name) for name in of_patch])[topology.patch]
+        self.bodies = tuple(dict.fromkeys(frames_of(topology)))
+        self.body = body_of(topology, self.bodies)
         self.taken = np.empty((5, topology.n), dtype)
         self.background, self.residue_ut2 = self.taken[:4], self.taken[4]
         self.period_s = every / topology.cycle_rate_hz
@@ -171,7 +174,7 @@ class Ambient:
     @property
     def field_at_chips_ut(self) -> np.ndarray:
         """The ambient field as each chip reads it, shape (3, n), µT in the axes of the chips."""
-        field = self._data.bodies.field_ut[self._body].T
+        field = self._data.bodies.field_ut[self.body].T
         return np.einsum("abn,bn->an", self._model.units.counts_skin, field)
 
     @property
@@ -243,7 +246,8 @@ class Ambient:
         for array in (*memory, *bodies, self._data.zero, self._data.marks, self.background):
             array[:] = 0
         memory.rest_ut[:] = memory.rest_film_c[:] = np.nan
-        bodies.covariance_ut2[:] = PRIOR_UT2 * np.eye(3)
+        memory.bound_hz[:] = self._model.units.bound_hz
+        bodies.covariance_ut2[:] = bodies.kept_ut2[:] = PRIOR_UT2 * np.eye(3)
         self.residue_ut2[:] = PRIOR_UT2
 
     def forget(self, units: np.ndarray, *, field: bool) -> None:
@@ -258,6 +262,7 @@ class Ambient:
         for array in memory:
             array[..., units] = 0.0
         memory.rest_ut[units] = memory.rest_film_c[units] = np.nan
+        memory.bound_hz[units] = lag_hz(self._model.slow_s)
         self._data.zero[:, units] = 0.0
         self._data.marks[units] = 0
         if field:
@@ -275,8 +280,8 @@ class Ambient:
         bodies = self._data.bodies
         for array in bodies:
             array[:] = 0.0
-        bodies.field_ut[:] = field_ut.T
-        bodies.covariance_ut2[:] = PRIOR_UT2 * np.eye(3)
+        bodies.field_ut[:] = bodies.kept_ut[:] = field_ut.T
+        bodies.covariance_ut2[:] = bodies.kept_ut2[:] = PRIOR_UT2 * np.eye(3)
         self.begun += 1
         kernels.compose(self._model, self._data)
 
@@ -386,8 +391,8 @@ class Ambient:
         memory, bodies = self._data.memory, self._data.bodies
         self._data.zero[:] = found["zero"]
         bodies.held_s[:], bodies.voters[:] = found["common"][:, :2].T
-        bodies.field_ut[:] = found["common"][:, 2:5]
-        bodies.covariance_ut2[:] = found["common"][:, 5:].reshape(-1, 3, 3)
+        bodies.field_ut[:] = bodies.kept_ut[:] = found["common"][:, 2:5]
+        bodies.covariance_ut2[:] = bodies.kept_ut2[:] = found["common"][:, 5:].reshape(-1, 3, 3)
         memory.rest_ut[:], memory.rest_film_c[:], memory.rest_s[:] = found["rest"]
         kernels.compose(self._model, self._data)
 
