@@ -122,7 +122,9 @@ class Ambient:
     body : ndarray, shape (n,), int
         Index of each unit's body: unit i sees ``field_ut[:, body[i]]``.
     residue_ut2 : ndarray, shape (n,)
-        Variance of an axis of the field by what is not known of the ambient field; likewise.
+        Variance of a lateral axis of the field by what is not known of the ambient field, and of
+        the field's angle by the ambient field along the unit, of which a skin that has not turned
+        knows nothing; likewise.
 
     Raises
     ------

@@ -202,7 +202,8 @@ def _pool(model, data):
     sum((l_i - b_i) / v_i) > `TOUCHED_SIGMAS` · sqrt(sum(1 / v_i)): the uniformly most powerful test
     of one load on all of them, the bound being taken as common to all, as a drift may be. The sum
     goes over each unit alone; over the units of a run that are near a loaded one; over the others
-    of the run; and over all that are left of a body.
+    of the run; and over all that are left of a body. Together with others a unit counts as one that
+    is just touched at most, so that a single one whose zero is wrong silences no run.
     """
     units, memory, marks, bodies = model.units, data.memory, data.marks, data.bodies
     dt_s = data.elapsed_s[0]
@@ -217,10 +218,11 @@ def _pool(model, data):
         for i in range(first, last):
             above = memory.fast_hz[i] - memory.bound_hz[i]
             variance = units.sigma_hz[i] ** 2 * max(steady, dt_s / max(memory.age_s[i], dt_s))
-            alone = (above > 0.0) & (above * above > limit * variance)
+            most = TOUCHED_SIGMAS * np.sqrt(variance)
             votes = marks[i] & VOTES != 0
-            marks[i] = TOUCHED | marks[i] ^ VOTES if votes & alone else marks[i]
-            w = 1.0 / variance if votes & (not alone) else 0.0
+            marks[i] = TOUCHED | marks[i] ^ VOTES if votes & (above > most) else marks[i]
+            above = min(above, most)
+            w = 1.0 / variance if votes else 0.0
             near = w if marks[i] & NEAR else 0.0
             load += (w - near) * above
             weight += w - near
@@ -410,8 +412,16 @@ def _follow(model, data):
 
 @jitable(inline=True)
 def _compose(model, data):
-    """What is to be taken off the next cycle's counts."""
-    turn, unmap = model.units.counts_skin, model.units.inverse_map
+    """What is to be taken off the next cycle's counts, and how well that is known.
+
+    The residue of a unit with the axis n is the variance of a lateral axis, (tr P - nᵀ P n) / 2.
+    The film's Bz at rest is learnt with the field that there is: what is followed of the ambient
+    field along n is its change since, and all of it is unknown, with variance `PRIOR_UT2`. It
+    moves psi = atan2(S, Bz) by S dBz / (S² + Bz²), as a lateral field with `PRIOR_UT2` · S² / (S² +
+    Bz²) does, in which the field of the last cycle stands for that of the next [derived].
+    """
+    turn, unmap, skin_chip = model.units.counts_skin, model.units.inverse_map, model.units.skin_chip
+    field, axial = data.field_ut, model.units.axial_information
     zero, background, bodies = data.zero, data.background, data.bodies
     for run in range(model.runs.body.size):
         g = model.runs.body[run]
@@ -431,8 +441,17 @@ def _compose(model, data):
         for i in units:
             z = turn[2, 0, i] * bx + turn[2, 1, i] * by + turn[2, 2, i] * bz
             background[3, i] = z
+        xx, yy, zz = covariance[0, 0], covariance[1, 1], covariance[2, 2]
+        xy, xz, yz = covariance[0, 1], covariance[0, 2], covariance[1, 2]
         for i in units:
-            data.residue_ut2[i] = spread / 3.0
+            nx, ny, nz = skin_chip[0, 2, i], skin_chip[1, 2, i], skin_chip[2, 2, i]
+            along = nx * (xx * nx + 2.0 * (xy * ny + xz * nz)) + ny * (yy * ny + 2.0 * yz * nz)
+            data.residue_ut2[i] = 0.5 * (spread - along - zz * nz * nz)
+        for i in units:
+            across = field[0, i] * field[0, i] + field[1, i] * field[1, i]
+            share = across / max(across + field[2, i] * field[2, i], 1.0)
+            is_seen = (share - share == 0.0) & (axial[i] > 0.0)
+            data.residue_ut2[i] += PRIOR_UT2 * share if is_seen else 0.0
 
 
 def update_python(model, data):

@@ -75,7 +75,7 @@ class NaiveAmbient:
         state.followed = np.zeros(self.skin.n, bool)
         for i in range(self.skin.n):
             self.follow(state, i, usable[i] and not near[i], dt_s)
-        self.compose(state)
+        self.compose(state, reading)
         return state
 
     def average(self, state, reading, i, dt_s):
@@ -103,7 +103,8 @@ class NaiveAmbient:
             state.long_ut[:, i] += new * free * (field - state.long_ut[:, i])
 
     def touched(self, state, votes, near, dt_s):
-        """Units that may be touched, each alone, those of a patch together, those of a body."""
+        """Units that may be touched, each alone, those that follow each other in a patch,
+        those of a body."""
         samples = np.maximum(state.age_s / dt_s if dt_s else 1.0, 1.0)
         share = dt_s / (0.05 * self.slow_s + dt_s)
         least = share / (2.0 - share)  # of a first-order low-pass for ever
@@ -113,18 +114,24 @@ class NaiveAmbient:
         def beyond(units):
             """Sigma of a load that is the same on all of them."""
             weight = 1.0 / sigma[units]
-            return (weight @ load[units]) > 4.0 * np.sqrt(weight @ weight)
+            return (weight @ np.minimum(load[units], 4.0)) > 4.0 * np.sqrt(weight @ weight)
 
-        touched = load > 4.0
-        for patch in range(self.skin.patch.max() + 1):
+        touched, clear = load > 4.0, np.zeros(load.size, bool)
+        runs = np.cumsum(np.diff(self.skin.patch, prepend=self.skin.patch[0]) != 0)
+        for run in range(runs[-1] + 1):
             for group in (near, ~near):
-                left = np.flatnonzero(votes & ~touched & group & (self.skin.patch == patch))
+                left = np.flatnonzero(votes & group & (runs == run))
                 if not left.size or not beyond(left):
+                    clear[left] = True
                     continue
                 # what is light beside a press is a part of it; what is light elsewhere, of another
-                touched[left if group is near else self.skin.patch == patch] = True
+                if group is near:
+                    touched[left] = True
+                    continue
+                touched[runs == run] = True
+                clear[runs == run] = False
         for g in range(self.body.max() + 1):
-            left = votes & ~touched & (self.body == g)
+            left = clear & (self.body == g)
             if left.any() and beyond(left):
                 touched[left] = True
         return touched
@@ -205,14 +212,22 @@ class NaiveAmbient:
             rate = state.long_ut[2, i] / (40.0 * slow)
             state.rest_ut[i] += dt_s * np.clip(rate, -0.005, 0.005)
 
-    def compose(self, state):
+    def compose(self, state, reading=None):
         state.background = np.zeros((4, self.skin.n))
         state.residue_ut2 = np.zeros(self.skin.n)
         for i, g in enumerate(self.body):
             field = self.turn[i].T @ state.field_ut[g]
             lateral = self.unmap[i] @ (field[:2] + state.zero[1:, i])
             state.background[:, i] = state.zero[0, i], *lateral, field[2]
-            state.residue_ut2[i] = np.trace(state.covariance_ut2[g]) / 3.0
+            local = self.turn[i].T @ state.covariance_ut2[g] @ self.turn[i]
+            state.residue_ut2[i] = (local[0, 0] + local[1, 1]) / 2.0
+            if reading is None or not self.upright[i]:
+                continue
+            field = reading.field_ut[:, i]
+            if np.isfinite(field).all():
+                # how much of a change of Bz moves the angle, a lateral one moving it by all
+                square = max(field @ field, 1.0)
+                state.residue_ut2[i] += PRIOR_UT2 * (1.0 - field[2] ** 2 / square)
 
 
 def state_of(ambient):
