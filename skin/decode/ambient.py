@@ -11,9 +11,19 @@ noise of the field; those that have long disagreed with the others count little,
 the decoder takes that off (`crosstalk`). The filter follows within period · sqrt(noise² / (voters ·
 400 µT²/s · period)), the time constant of its steady state: 0.04 s with 64 voters, 0.17 s with 4.
 With fewer than 4 it holds its field, and its sigma widens as for a robot that turns at 1 rad/s, up
-to the 50 µT of knowing nothing. **Limit:** what loads all units of a body by less than 3 sigma of a
-reading and pulls them alike, as a light grip may, passes for a field, and its shear is lost; where
-that matters and the robot does not turn, open the skin with `ambient=False`.
+to the 50 µT of knowing nothing; where attitudes are reported (`turn`), the field turns with them.
+
+**Light grips** load all units by less than a contact and pull them alike, as a field would. Nobody
+votes who may be touched: the loads of a unit, of a patch and of a body, averaged over 0.05 s, must
+together be within 4 sigma of their average and within what the zeros may be off, which is what
+`zero` lags behind 1 Hz a minute (0.5 Hz), or the bound of the calibration, and grows by 1 Hz a
+minute where the zero cannot be followed. Where too few are left, the field is that of 0.05 to 0.1 s
+before, which the shear had not moved yet. So 16 units vote no more from 2.8 mN each on, 64 from 1.8
+mN. **Limit:** what presses by less, or grows by less than 1 Hz (1.7 mN) a minute, passes for a
+zero, and its shear for a field.
+
+**Along a unit** the field at the tare is not known: Bz at rest holds it. It moves the field's angle
+by S dBz / (S² + Bz²), and is in `residue_ut2` with 50 µT.
 
 **Zeros.** The frequency and the lateral field of a unit at rest drift. They are followed, with 30 s
 and 40 s and no faster than 1 Hz and 6 µT a minute, while the unit has been *calm* for 5 s: its
@@ -54,6 +64,7 @@ from skin.decode import ambient_kernels as kernels
 from skin.decode.ambient_model import (
     PRIOR_UT2, AmbientData, body_of, data_of, frames_of, lag_hz, model_of,
 )  # fmt: skip
+from skin.decode.ambient_turn import Turned
 from skin.errors import CalibrationError, OptionError
 from skin.state import Reading
 from topology import Topology
@@ -251,6 +262,7 @@ class Ambient:
         memory.bound_hz[:] = self._model.units.bound_hz
         bodies.covariance_ut2[:] = bodies.kept_ut2[:] = PRIOR_UT2 * np.eye(3)
         self.residue_ut2[:] = PRIOR_UT2
+        self._turned = [Turned() for _ in self.bodies]
 
     def forget(self, units: np.ndarray, *, field: bool) -> None:
         """Begin anew with units that have new zeros, and with the ambient field too if asked to.
@@ -285,7 +297,34 @@ class Ambient:
         bodies.field_ut[:] = bodies.kept_ut[:] = field_ut.T
         bodies.covariance_ut2[:] = bodies.kept_ut2[:] = PRIOR_UT2 * np.eye(3)
         self.begun += 1
+        self._turned = [Turned() for _ in self.bodies]
         kernels.compose(self._model, self._data)
+
+    def turn(self, attitude: np.ndarray, body: int | None = None) -> None:
+        """Report the attitude of a body, or of all of them as one, to be counted as evidence.
+
+        While too few units vote, the field is then turned with the body, and its sigma widens by
+        what the turn leaves open in place of that of a robot that turns unseen. From the first call
+        on a body turns as is reported and not otherwise.
+
+        Parameters
+        ----------
+        attitude : ndarray, shape (3, 3)
+            A rotation: columns are the axes of the skin frame, the body being where the topology
+            has it and turning with it, in any frame at rest, such as an IMU's.
+        body : int, optional
+            Index in `bodies`.
+
+        Raises
+        ------
+        OptionError
+            No rotation.
+        """
+        attitude = np.asarray(attitude, float)
+        if attitude.shape != (3, 3) or not np.allclose(attitude @ attitude.T, np.eye(3), atol=1e-3):
+            raise OptionError(f"attitude: must be a rotation, shape (3, 3); got {attitude}")
+        for g in range(len(self.bodies)) if body is None else (body,):
+            self._turned[g](self._data.bodies, g, attitude)
 
     def bound(self, reading: Reading) -> Follow:
         """`update` with a reading whose arrays stay the same, as a decoder's: they are looked at

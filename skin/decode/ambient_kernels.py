@@ -11,7 +11,7 @@ from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import compiled, jitable
 from bus.status import Status
 from skin.decode.ambient_model import (
-    BLOCK, DAMPED, FAST_OF_SLOW, FOLLOW_S, LOADED_SIGMAS, PRIOR_UT2, RATE_HZ,
+    BLOCK, DAMPED, FAST_OF_SLOW, FOLLOW_S, LOADED_SIGMAS, PRIOR_UT2, RATE_HZ, WALK_UT2,
 )  # fmt: skip
 
 __all__ = ["compose", "update", "update_python"]
@@ -50,8 +50,6 @@ CLIP_SIGMAS = 5.0
 """Residuals count up to this many sigma in the common field [assumed]."""
 LEAST_UNITS = 4
 """Fewest units that make a common field [assumed]."""
-WALK_UT2 = 400.0
-"""How fast the ambient field is taken to wander, µT²/s [assumed]."""
 TURN_UT2 = 833.0
 """Squared rate of a component while the robot turns at 1 rad/s in the Earth's field, (µT/s)²
 [derived: 50² / 3]."""
@@ -346,7 +344,8 @@ def _filter(bodies, g, dt_s, delay_s):
     voters = bodies.voters[g]
     if voters < LEAST_UNITS <= voters + bodies.pressed[g] and bodies.held_s[g] == 0.0:
         _go_back(bodies, g, delay_s)
-    wander = dt_s * (WALK_UT2 + 2.0 * TURN_UT2 * bodies.held_s[g]) / PRIOR_UT2
+    turns = 2.0 * TURN_UT2 * (1.0 - bodies.attitude_known[g])
+    wander = dt_s * (WALK_UT2 + turns * bodies.held_s[g]) / PRIOR_UT2
     wander = min(wander, 1.0)
     for a in range(3):
         for b in range(3):

@@ -43,6 +43,10 @@ PRIOR_UT2 = 2500.0
 Earth's, 50 µT]."""
 
 
+WALK_UT2 = 400.0
+"""How fast the ambient field is taken to wander, µT²/s [assumed]."""
+
+
 class Units(NamedTuple):
     """What is known of n units; shape (n,) where nothing else is said, float64."""
 
@@ -112,6 +116,7 @@ class Bodies(NamedTuple):
     kept_s: np.ndarray  # (g,), since field and covariance were kept
     kept_ut: np.ndarray  # (2, g, 3), older and newer
     kept_ut2: np.ndarray  # (2, g, 3, 3)
+    attitude_known: np.ndarray  # (g,), 1 where turns are reported, 0 where it may turn unseen
 
 
 class Tile(NamedTuple):
@@ -191,7 +196,7 @@ def data_of(n: int, bodies: int, dtype: str) -> AmbientData:
             np.empty(bodies), np.empty(bodies), np.empty((bodies, 3)), np.empty((bodies, 3, 3)),
             np.empty((bodies, 3, 3)), np.empty((bodies, 3)), np.empty(bodies), np.empty(bodies),
             np.empty(bodies), np.empty(bodies), np.empty((2, bodies, 3)),
-            np.empty((2, bodies, 3, 3)),
+            np.empty((2, bodies, 3, 3)), np.empty(bodies),
         ),
         tile=Tile(*(np.empty(BLOCK) for _ in Tile._fields)),
         background=np.empty((4, n), dtype),
