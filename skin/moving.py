@@ -73,6 +73,27 @@ class Moving:
         """
         self.pipeline.move_joints(q)
 
+    def turn(self, attitude: np.ndarray) -> None:
+        """Report how the skin stands in the world, as an IMU or the robot's kinematics have it.
+
+        Where too few units are untouched to see the ambient field, it turns with the skin by these
+        attitudes; before, turns of the untouched skin let it know the field of its tare. After
+        `move` or `move_joints`, so that patches on links turn with these. From the first call on
+        the skin turns as is reported and not otherwise: to be called as often as it turns, about
+        60 µs for each frame that carries patches. Recordings do not hold it.
+
+        Parameters
+        ----------
+        attitude : ndarray, shape (3, 3)
+            A rotation: columns are the axes of the skin frame in any frame at rest.
+
+        Raises
+        ------
+        OptionError
+            No rotation.
+        """
+        self.pipeline.turn(attitude)
+
     @property
     def joints(self) -> Joints:
         """The robot's joints: their coordinates, and poses of links; see `skin.robot.joints`."""

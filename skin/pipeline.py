@@ -358,6 +358,16 @@ class Pipeline:
         joints.move(q)
         self.poses = joints.unit_poses
 
+    def turn(self, attitude: np.ndarray) -> None:
+        """Report how the skin stands in the world; see `skin.live.Skin.turn`."""
+        ambient = self.decoder.ambient
+        if ambient is None:
+            return
+        attitude, rest, now = np.asarray(attitude, float), self.topology.rotation, self.poses[1]
+        for g in range(len(ambient.bodies)):
+            unit = int(np.argmax(ambient.body == g))
+            ambient.turn(attitude @ now[..., unit] @ rest[..., unit].T, g)
+
     def state(self, cycle: RawCycle) -> State:
         """The state of a cycle whose counts and flags lie in `counts` and `status` already."""
         clock = self.clock

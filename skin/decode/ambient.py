@@ -11,9 +11,19 @@ noise of the field; those that have long disagreed with the others count little,
 the decoder takes that off (`crosstalk`). The filter follows within period · sqrt(noise² / (voters ·
 400 µT²/s · period)), the time constant of its steady state: 0.04 s with 64 voters, 0.17 s with 4.
 With fewer than 4 it holds its field, and its sigma widens as for a robot that turns at 1 rad/s, up
-to the 50 µT of knowing nothing. **Limit:** what loads all units of a body by less than 3 sigma of a
-reading and pulls them alike, as a light grip may, passes for a field, and its shear is lost; where
-that matters and the robot does not turn, open the skin with `ambient=False`.
+to the 50 µT of knowing nothing; where attitudes are reported (`turn`), the field turns with them.
+
+**Light grips** load all units by less than a contact and pull them alike, as a field would. Nobody
+votes who may be touched: the loads of a unit, of a patch and of a body, averaged over 0.05 s, must
+together be within 4 sigma of their average and within what the zeros may be off, which is what
+`zero` lags behind 1 Hz a minute (0.5 Hz), or the bound of the calibration, and grows by 1 Hz a
+minute where the zero cannot be followed. Where too few are left, the field is that of 0.05 to 0.1 s
+before, which the shear had not moved yet. So 16 units vote no more from 2.8 mN each on, 64 from 1.8
+mN. **Limit:** what presses by less, or grows by less than 1 Hz (1.7 mN) a minute, passes for a
+zero, and its shear for a field.
+
+**Along a unit** the field at the tare is not known: Bz at rest holds it. It moves the field's angle
+by S dBz / (S² + Bz²), and is in `residue_ut2` with 50 µT.
 
 **Zeros.** The frequency and the lateral field of a unit at rest drift. They are followed, with 30 s
 and 40 s and no faster than 1 Hz and 6 µT a minute, while the unit has been *calm* for 5 s: its
@@ -51,7 +61,10 @@ import numpy as np
 
 from bus.compiled.bound import Bound
 from skin.decode import ambient_kernels as kernels
-from skin.decode.ambient_model import PRIOR_UT2, AmbientData, data_of, frames_of, model_of
+from skin.decode.ambient_model import (
+    PRIOR_UT2, AmbientData, body_of, data_of, frames_of, lag_hz, model_of,
+)  # fmt: skip
+from skin.decode.ambient_turn import Turned
 from skin.errors import CalibrationError, OptionError
 from skin.state import Reading
 from topology import Topology
@@ -117,8 +130,12 @@ class Ambient:
         a press, then µT in the axes of the chips. One array, written by `update`.
     begun : int
         How often the field has begun anew.
+    body : ndarray, shape (n,), int
+        Index of each unit's body: unit i sees ``field_ut[:, body[i]]``.
     residue_ut2 : ndarray, shape (n,)
-        Variance of an axis of the field by what is not known of the ambient field; likewise.
+        Variance of a lateral axis of the field by what is not known of the ambient field, and of
+        the field's angle by the ambient field along the unit, of which a skin that has not turned
+        knows nothing; likewise.
 
     Raises
     ------
@@ -146,9 +163,8 @@ class Ambient:
             raise OptionError(f"guard_m: must be 0 or above, and finite; got {guard_m}")
         self.topology = topology
         self.begun = 0
-        of_patch = frames_of(topology)
-        self.bodies = tuple(dict.fromkeys(of_patch))
-        self._body = np.array([self.bodies.index(name) for name in of_patch])[topology.patch]
+        self.bodies = tuple(dict.fromkeys(frames_of(topology)))
+        self.body = body_of(topology, self.bodies)
         self.taken = np.empty((5, topology.n), dtype)
         self.background, self.residue_ut2 = self.taken[:4], self.taken[4]
         self.period_s = every / topology.cycle_rate_hz
@@ -171,7 +187,7 @@ class Ambient:
     @property
     def field_at_chips_ut(self) -> np.ndarray:
         """The ambient field as each chip reads it, shape (3, n), µT in the axes of the chips."""
-        field = self._data.bodies.field_ut[self._body].T
+        field = self._data.bodies.field_ut[self.body].T
         return np.einsum("abn,bn->an", self._model.units.counts_skin, field)
 
     @property
@@ -243,8 +259,10 @@ class Ambient:
         for array in (*memory, *bodies, self._data.zero, self._data.marks, self.background):
             array[:] = 0
         memory.rest_ut[:] = memory.rest_film_c[:] = np.nan
-        bodies.covariance_ut2[:] = PRIOR_UT2 * np.eye(3)
+        memory.bound_hz[:] = self._model.units.bound_hz
+        bodies.covariance_ut2[:] = bodies.kept_ut2[:] = PRIOR_UT2 * np.eye(3)
         self.residue_ut2[:] = PRIOR_UT2
+        self._turned = [Turned() for _ in self.bodies]
 
     def forget(self, units: np.ndarray, *, field: bool) -> None:
         """Begin anew with units that have new zeros, and with the ambient field too if asked to.
@@ -258,6 +276,7 @@ class Ambient:
         for array in memory:
             array[..., units] = 0.0
         memory.rest_ut[units] = memory.rest_film_c[units] = np.nan
+        memory.bound_hz[units] = lag_hz(self._model.slow_s)
         self._data.zero[:, units] = 0.0
         self._data.marks[units] = 0
         if field:
@@ -275,10 +294,37 @@ class Ambient:
         bodies = self._data.bodies
         for array in bodies:
             array[:] = 0.0
-        bodies.field_ut[:] = field_ut.T
-        bodies.covariance_ut2[:] = PRIOR_UT2 * np.eye(3)
+        bodies.field_ut[:] = bodies.kept_ut[:] = field_ut.T
+        bodies.covariance_ut2[:] = bodies.kept_ut2[:] = PRIOR_UT2 * np.eye(3)
         self.begun += 1
+        self._turned = [Turned() for _ in self.bodies]
         kernels.compose(self._model, self._data)
+
+    def turn(self, attitude: np.ndarray, body: int | None = None) -> None:
+        """Report the attitude of a body, or of all of them as one, to be counted as evidence.
+
+        While too few units vote, the field is then turned with the body, and its sigma widens by
+        what the turn leaves open in place of that of a robot that turns unseen. From the first call
+        on a body turns as is reported and not otherwise.
+
+        Parameters
+        ----------
+        attitude : ndarray, shape (3, 3)
+            A rotation: columns are the axes of the skin frame, the body being where the topology
+            has it and turning with it, in any frame at rest, such as an IMU's.
+        body : int, optional
+            Index in `bodies`.
+
+        Raises
+        ------
+        OptionError
+            No rotation.
+        """
+        attitude = np.asarray(attitude, float)
+        if attitude.shape != (3, 3) or not np.allclose(attitude @ attitude.T, np.eye(3), atol=1e-3):
+            raise OptionError(f"attitude: must be a rotation, shape (3, 3); got {attitude}")
+        for g in range(len(self.bodies)) if body is None else (body,):
+            self._turned[g](self._data.bodies, g, attitude)
 
     def bound(self, reading: Reading) -> Follow:
         """`update` with a reading whose arrays stay the same, as a decoder's: they are looked at
@@ -386,8 +432,8 @@ class Ambient:
         memory, bodies = self._data.memory, self._data.bodies
         self._data.zero[:] = found["zero"]
         bodies.held_s[:], bodies.voters[:] = found["common"][:, :2].T
-        bodies.field_ut[:] = found["common"][:, 2:5]
-        bodies.covariance_ut2[:] = found["common"][:, 5:].reshape(-1, 3, 3)
+        bodies.field_ut[:] = bodies.kept_ut[:] = found["common"][:, 2:5]
+        bodies.covariance_ut2[:] = bodies.kept_ut2[:] = found["common"][:, 5:].reshape(-1, 3, 3)
         memory.rest_ut[:], memory.rest_film_c[:], memory.rest_s[:] = found["rest"]
         kernels.compose(self._model, self._data)
 

@@ -10,7 +10,9 @@ import numpy as np
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import compiled, jitable
 from bus.status import Status
-from skin.decode.ambient_model import BLOCK, PRIOR_UT2
+from skin.decode.ambient_model import (
+    BLOCK, DAMPED, FAST_OF_SLOW, FOLLOW_S, LOADED_SIGMAS, PRIOR_UT2, RATE_HZ, WALK_UT2,
+)  # fmt: skip
 
 __all__ = ["compose", "update", "update_python"]
 
@@ -18,20 +20,18 @@ REFUSED = 0xFFFF & ~int(
     Status.EXTRAPOLATED | Status.IDLE | Status.UNCALIBRATED | Status.UNTARED
 )  # fmt: skip
 """Any other flag, and a unit is not used."""
-NEAR, LOADED, VOTES, FOLLOWED = 1, 2, 4, 8
+NEAR, LOADED, VOTES, FOLLOWED, TOUCHED = 1, 2, 4, 8, 16
 """Marks of a unit in this cycle: near a loaded one, loaded, one that tells of the ambient field,
-one whose zero is followed."""
+one whose zero is followed, one that has no vote for it may be touched."""
 
-FAST_OF_SLOW = 0.05
-"""Time constant of the low-pass in which a touch is seen, over the slow one [assumed]."""
 LONG_OF_SLOW = 10.0
 """The long one over the slow one [derived: about what a film lags behind the gel]."""
 STEADY_C = 0.3
 """Largest difference of the slow and the long low-pass of the temperature, K: 2 K a minute
 [assumed]."""
-LOADED_SIGMAS = 3.0
-"""A unit whose load is above this many sigma of a single reading is loaded [assumed: as the contact
-gate]."""
+TOUCHED_SIGMAS = 4.0
+"""Averaged load of units, alone or together, above this many sigma of the average may be a touch
+[derived: by chance once in 31 000 independent averages, which are 10 a second]."""
 CALM_SIGMAS = 0.5
 """A unit whose averaged load is within this share of the sigma of a single reading may be unloaded
 though Bz does not tell [assumed]."""
@@ -40,15 +40,9 @@ DWELL_OF_SLOW = 5.0
 LEARN_OF_SLOW = 2.0
 """How long a unit must have been calm before its Bz is taken for that at rest, over the slow time;
 it is averaged until the zero is followed [assumed]."""
-FOLLOW_S = 30.0
-"""Time constant of a frequency's zero, s, and `DAMPED` times the slow low-pass at least
-[assumed]."""
-DAMPED = 4.0
-"""A zero follows its average this many times as slowly, so that it does not swing; the field's,
-the long one [derived: critical damping of two low-passes in a loop]."""
-RATE_HZ, RATE_UT, RATE_REST_UT = 1.0 / 60.0, 0.1, 0.005
-"""Fastest change of a zero, Hz/s and µT/s, and of Bz at rest, which is looked at and not
-subtracted, µT/s [assumed: what drifts is slower, a press is faster]."""
+RATE_UT, RATE_REST_UT = 0.1, 0.005
+"""Fastest change of a lateral zero, µT/s, and of Bz at rest, which is looked at and not
+subtracted [assumed: what drifts is slower, a press is faster]."""
 SPAN_HZ, SPAN_UT = 60.0, 200.0
 """Farthest that a zero goes from calibration, Hz and µT: beyond, the unit wants a tare
 [assumed]."""
@@ -56,8 +50,6 @@ CLIP_SIGMAS = 5.0
 """Residuals count up to this many sigma in the common field [assumed]."""
 LEAST_UNITS = 4
 """Fewest units that make a common field [assumed]."""
-WALK_UT2 = 400.0
-"""How fast the ambient field is taken to wander, µT²/s [assumed]."""
 TURN_UT2 = 833.0
 """Squared rate of a component while the robot turns at 1 rad/s in the Earth's field, (µT/s)²
 [derived: 50² / 3]."""
@@ -134,6 +126,7 @@ def _average(model, data):
     other: a loop over many arrays at once would be no vector instructions.
     """
     memory, tile, dt_s, slow_s = data.memory, data.tile, data.elapsed_s[0], model.slow_s
+    marks = data.marks
     fast = dt_s / (FAST_OF_SLOW * slow_s + dt_s)
     slow = dt_s / (slow_s + dt_s)
     long = dt_s / (LONG_OF_SLOW * slow_s + dt_s)
@@ -152,10 +145,12 @@ def _average(model, data):
             alone = memory.alone_s[first + j] + dt_s * tile.long_field[j]
             memory.alone_s[first + j] = alone * tile.usable[j]
             tile.long_field[j] *= max(long, min(dt_s / max(alone, dt_s), 1.0))
+            # what pulls a unit that may be touched is no lie of its own
+            tile.long_pull[j] = tile.long_field[j] if marks[first + j] & TOUCHED == 0 else 0.0
         _low_pass(memory.fast_hz, tile.drop_hz, tile.fast, first, size)
         _low_pass(memory.slow_hz, tile.drop_hz, tile.slow, first, size)
-        _low_pass(memory.long_ut[0], tile.x_ut, tile.long_field, first, size)
-        _low_pass(memory.long_ut[1], tile.y_ut, tile.long_field, first, size)
+        _low_pass(memory.long_ut[0], tile.x_ut, tile.long_pull, first, size)
+        _low_pass(memory.long_ut[1], tile.y_ut, tile.long_pull, first, size)
         _low_pass(memory.long_ut[2], tile.z_ut, tile.long_field, first, size)
         _low_pass(memory.gel_c, tile.gel_c, tile.slow, first, size)
         _low_pass(memory.film_c, tile.gel_c, tile.long, first, size)
@@ -189,6 +184,64 @@ def _mark(model, memory, marks):
 
 
 @jitable(inline=True)
+def _refuse(marks, units, which):
+    """Take the vote of the units of which `which` is marked."""
+    for i in units:
+        refused = (marks[i] & VOTES != 0) & (marks[i] & which == which)
+        marks[i] = TOUCHED | marks[i] ^ VOTES if refused else marks[i]
+
+
+@jitable(inline=True)
+def _pool(model, data):
+    """Take the vote of units that may be touched, each alone, then together.
+
+    A load l_i is averaged over the fast low-pass, with the variance v_i = sigma² · max(dt / age,
+    share / (2 - share)), and its zero is known within a bound b_i. Units are touched where
+    sum((l_i - b_i) / v_i) > `TOUCHED_SIGMAS` · sqrt(sum(1 / v_i)): the uniformly most powerful test
+    of one load on all of them, the bound being taken as common to all, as a drift may be. The sum
+    goes over each unit alone; over the units of a run that are near a loaded one; over the others
+    of the run; and over all that are left of a body. Together with others a unit counts as one that
+    is just touched at most, so that a single one whose zero is wrong silences no run.
+    """
+    units, memory, marks, bodies = model.units, data.memory, data.marks, data.bodies
+    dt_s = data.elapsed_s[0]
+    share = dt_s / (FAST_OF_SLOW * model.slow_s + dt_s)
+    steady = share / (2.0 - share)
+    limit = TOUCHED_SIGMAS * TOUCHED_SIGMAS
+    bodies.load[:] = 0.0
+    bodies.weight[:] = 0.0
+    for run in range(model.runs.body.size):
+        first, last = model.runs.first[run] & NOT_NEGATIVE, model.runs.last[run] & NOT_NEGATIVE
+        load = weight = near_load = near_weight = 0.0
+        for i in range(first, last):
+            above = memory.fast_hz[i] - memory.bound_hz[i]
+            variance = units.sigma_hz[i] ** 2 * max(steady, dt_s / max(memory.age_s[i], dt_s))
+            most = TOUCHED_SIGMAS * np.sqrt(variance)
+            votes = marks[i] & VOTES != 0
+            marks[i] = TOUCHED | marks[i] ^ VOTES if votes & (above > most) else marks[i]
+            above = min(above, most)
+            w = 1.0 / variance if votes else 0.0
+            near = w if marks[i] & NEAR else 0.0
+            load += (w - near) * above
+            weight += w - near
+            near_load += near * above
+            near_weight += near
+        if near_load > 0.0 and near_load * near_load > limit * near_weight:
+            _refuse(marks, range(first, last), NEAR)
+            near_load = near_weight = 0.0
+        if load > 0.0 and load * load > limit * weight:
+            _refuse(marks, range(first, last), 0)
+            load = weight = near_load = near_weight = 0.0
+        bodies.load[model.runs.body[run]] += load + near_load
+        bodies.weight[model.runs.body[run]] += weight + near_weight
+    for run in range(model.runs.body.size):
+        load, weight = bodies.load[model.runs.body[run]], bodies.weight[model.runs.body[run]]
+        if load > 0.0 and load * load > limit * weight:
+            first, last = model.runs.first[run] & NOT_NEGATIVE, model.runs.last[run] & NOT_NEGATIVE
+            _refuse(marks, range(first, last), 0)
+
+
+@jitable(inline=True)
 def _vote(model, data, run):
     """Add up what the units of a run tell of the field of its body.
 
@@ -196,7 +249,7 @@ def _vote(model, data, run):
     (Geman-McClure weights): a unit that lies persistently does not count.
     """
     units, memory, field = model.units, data.memory, data.field_ut
-    count = both = 0.0
+    count = pressed = both = 0.0
     xx = xy = xz = yy = yz = zz = 0.0
     tx = ty = tz = 0.0
     for i in range(model.runs.first[run] & NOT_NEGATIVE, model.runs.last[run] & NOT_NEGATIVE):
@@ -217,6 +270,7 @@ def _vote(model, data, run):
         still = abs(memory.slow_hz[i]) < CALM_SIGMAS * units.sigma_hz[i]
         axial = trust * units.axial_information[i] if known & still else 0.0
         count += 1.0 if votes else 0.0
+        pressed += 1.0 if (data.marks[i] & VOTES == 0) & (memory.age_s[i] > 0.0) else 0.0
         both += lateral
         # lateral · (1 - n nᵀ) + axial · n nᵀ, n the unit's axis
         turn = units.skin_chip
@@ -235,6 +289,7 @@ def _vote(model, data, run):
     body = model.runs.body[run]
     information, told = data.bodies.information[body], data.bodies.told[body]
     data.bodies.voters[body] += count
+    data.bodies.pressed[body] += pressed
     information[0, 0] += both + xx
     information[0, 1] += xy
     information[0, 2] += xz
@@ -247,16 +302,56 @@ def _vote(model, data, run):
 
 
 @jitable
-def _filter(bodies, g, dt_s):
+def _go_back(bodies, g, delay_s):
+    """Take the field and covariance of before a touch, which no light shear had moved yet.
+
+    They are as old as t = age + `delay_s`, and the robot may have turned: the covariance widens by
+    `WALK_UT2` · t + `TURN_UT2` · t², and goes on as one that has been held as long.
+    """
+    old_s = bodies.kept_s[g] + delay_s
+    bodies.kept_s[g] = 0.0
+    bodies.held_s[g] = old_s
+    wander = min(old_s * (WALK_UT2 + TURN_UT2 * old_s) / PRIOR_UT2, 1.0)
+    for a in range(3):
+        bodies.field_ut[g, a] = bodies.kept_ut[1, g, a] = bodies.kept_ut[0, g, a]
+        for b in range(3):
+            prior = PRIOR_UT2 if a == b else 0.0
+            kept = bodies.kept_ut2[0, g, a, b]
+            kept += wander * (prior - kept)
+            bodies.covariance_ut2[g, a, b] = kept
+            bodies.kept_ut2[0, g, a, b] = bodies.kept_ut2[1, g, a, b] = kept
+
+
+@jitable
+def _keep(bodies, g, dt_s, delay_s):
+    """Keep field and covariance for `_go_back`: of between one and two delays ago, and newer."""
+    bodies.kept_s[g] += dt_s
+    if bodies.kept_s[g] < delay_s:
+        return
+    bodies.kept_s[g] = 0.0
+    for a in range(3):
+        bodies.kept_ut[0, g, a] = bodies.kept_ut[1, g, a]
+        bodies.kept_ut[1, g, a] = bodies.field_ut[g, a]
+        for b in range(3):
+            bodies.kept_ut2[0, g, a, b] = bodies.kept_ut2[1, g, a, b]
+            bodies.kept_ut2[1, g, a, b] = bodies.covariance_ut2[g, a, b]
+
+
+@jitable
+def _filter(bodies, g, dt_s, delay_s):
     """One step of the Kalman filter of a body's ambient field, a random walk."""
     covariance, information = bodies.covariance_ut2[g], bodies.information[g]
-    wander = dt_s * (WALK_UT2 + 2.0 * TURN_UT2 * bodies.held_s[g]) / PRIOR_UT2
+    voters = bodies.voters[g]
+    if voters < LEAST_UNITS <= voters + bodies.pressed[g] and bodies.held_s[g] == 0.0:
+        _go_back(bodies, g, delay_s)
+    turns = 2.0 * TURN_UT2 * (1.0 - bodies.attitude_known[g])
+    wander = dt_s * (WALK_UT2 + turns * bodies.held_s[g]) / PRIOR_UT2
     wander = min(wander, 1.0)
     for a in range(3):
         for b in range(3):
             covariance[a, b] -= wander * covariance[a, b]
         covariance[a, a] += wander * PRIOR_UT2
-    if bodies.voters[g] < LEAST_UNITS:
+    if voters < LEAST_UNITS:
         bodies.held_s[g] += dt_s
         return
     bodies.held_s[g] = 0.0
@@ -268,6 +363,7 @@ def _filter(bodies, g, dt_s):
     for a in range(3):
         for b in range(3):
             bodies.field_ut[g, a] += covariance[a, b] * bodies.told[g, b]
+    _keep(bodies, g, dt_s, delay_s)
 
 
 @jitable(inline=True)
@@ -276,6 +372,7 @@ def _follow(model, data):
     units, memory, marks, zero = model.units, data.memory, data.marks, data.zero
     dt_s, slow_s = data.elapsed_s[0], model.slow_s
     share_hz = dt_s / max(FOLLOW_S, DAMPED * slow_s)
+    known_hz = RATE_HZ * max(FOLLOW_S, DAMPED * slow_s)
     share_ut = dt_s / (DAMPED * LONG_OF_SLOW * slow_s)
     for i in range(marks.size):
         axial = units.axial_information[i] > 0.0
@@ -283,7 +380,8 @@ def _follow(model, data):
         # what Bz tells of no press may be drift, up to what counts as a contact
         sigmas = LOADED_SIGMAS if known else CALM_SIGMAS
         calm = (
-            marks[i] & (VOTES | NEAR) == VOTES
+            marks[i] & (LOADED | NEAR) == 0
+            and memory.age_s[i] > 0.0
             and abs(memory.slow_hz[i]) < sigmas * units.sigma_hz[i]
             and abs(memory.gel_c[i] - memory.film_c[i]) < STEADY_C
             and not (known and abs(memory.long_ut[2, i]) > units.witness_ut[i])
@@ -296,12 +394,15 @@ def _follow(model, data):
             memory.rest_film_c[i] = memory.film_c[i]
             memory.rest_s[i] = watched
             memory.long_ut[2, i] = 0.0
+        bound = memory.bound_hz[i]
         if learning or memory.calm_s[i] < DWELL_OF_SLOW * slow_s:
+            memory.bound_hz[i] = min(bound + RATE_HZ * dt_s, LOADED_SIGMAS * units.sigma_hz[i])
             continue
         marks[i] |= FOLLOWED
+        memory.bound_hz[i] = bound + _clamped(share_hz * (known_hz - bound), RATE_HZ * dt_s)
         step = _clamped(share_hz * memory.slow_hz[i], RATE_HZ * dt_s)
         zero[0, i] = _clamped(zero[0, i] + step, SPAN_HZ)
-        for axis in range(2):
+        for axis in range(0 if marks[i] & TOUCHED else 2):
             step = _clamped(share_ut * memory.long_ut[axis, i], RATE_UT * dt_s)
             zero[1 + axis, i] = _clamped(zero[1 + axis, i] + step, SPAN_UT)
         if axial and abs(memory.slow_hz[i]) < CALM_SIGMAS * units.sigma_hz[i]:
@@ -310,8 +411,16 @@ def _follow(model, data):
 
 @jitable(inline=True)
 def _compose(model, data):
-    """What is to be taken off the next cycle's counts."""
-    turn, unmap = model.units.counts_skin, model.units.inverse_map
+    """What is to be taken off the next cycle's counts, and how well that is known.
+
+    The residue of a unit with the axis n is the variance of a lateral axis, (tr P - nᵀ P n) / 2.
+    The film's Bz at rest is learnt with the field that there is: what is followed of the ambient
+    field along n is its change since, and all of it is unknown, with variance `PRIOR_UT2`. It
+    moves psi = atan2(S, Bz) by S dBz / (S² + Bz²), as a lateral field with `PRIOR_UT2` · S² / (S² +
+    Bz²) does, in which the field of the last cycle stands for that of the next [derived].
+    """
+    turn, unmap, skin_chip = model.units.counts_skin, model.units.inverse_map, model.units.skin_chip
+    field, axial = data.field_ut, model.units.axial_information
     zero, background, bodies = data.zero, data.background, data.bodies
     for run in range(model.runs.body.size):
         g = model.runs.body[run]
@@ -331,8 +440,17 @@ def _compose(model, data):
         for i in units:
             z = turn[2, 0, i] * bx + turn[2, 1, i] * by + turn[2, 2, i] * bz
             background[3, i] = z
+        xx, yy, zz = covariance[0, 0], covariance[1, 1], covariance[2, 2]
+        xy, xz, yz = covariance[0, 1], covariance[0, 2], covariance[1, 2]
         for i in units:
-            data.residue_ut2[i] = spread / 3.0
+            nx, ny, nz = skin_chip[0, 2, i], skin_chip[1, 2, i], skin_chip[2, 2, i]
+            along = nx * (xx * nx + 2.0 * (xy * ny + xz * nz)) + ny * (yy * ny + 2.0 * yz * nz)
+            data.residue_ut2[i] = 0.5 * (spread - along - zz * nz * nz)
+        for i in units:
+            across = field[0, i] * field[0, i] + field[1, i] * field[1, i]
+            share = across / max(across + field[2, i] * field[2, i], 1.0)
+            is_seen = (share - share == 0.0) & (axial[i] > 0.0)
+            data.residue_ut2[i] += PRIOR_UT2 * share if is_seen else 0.0
 
 
 def update_python(model, data):
@@ -346,13 +464,15 @@ def update_python(model, data):
     assume_noalias()
     _average(model, data)
     _mark(model, data.memory, data.marks)
+    _pool(model, data)
     data.bodies.voters[:] = 0.0
+    data.bodies.pressed[:] = 0.0
     data.bodies.information[:] = 0.0
     data.bodies.told[:] = 0.0
     for run in range(model.runs.body.size):
         _vote(model, data, run)
     for g in range(data.bodies.voters.size):
-        _filter(data.bodies, g, data.elapsed_s[0])
+        _filter(data.bodies, g, data.elapsed_s[0], FAST_OF_SLOW * model.slow_s)
     _follow(model, data)
     _compose(model, data)
 

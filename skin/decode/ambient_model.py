@@ -12,19 +12,39 @@ from skin.physics.rest import film_at_rest_ut, inverse_map
 from topology import CHANNELS, Topology
 from topology.neighbours import compressed_rows, neighbour_pairs
 
-__all__ = ["AmbientData", "AmbientModel", "Bodies", "Memory", "Runs", "Tile", "Units", "data_of",
-           "frames_of", "model_of"]  # fmt: skip
+__all__ = ["AmbientData", "AmbientModel", "Bodies", "Memory", "Runs", "Tile", "Units", "body_of",
+           "data_of", "frames_of", "lag_hz", "model_of"]  # fmt: skip
 
 BLOCK = 128
 """Units that are looked at together."""
 SLOW_S = 1.0
 SLOW_CYCLES = 100
 """The slow low-passes: this long, and over this many cycles at least [assumed]."""
+FAST_OF_SLOW = 0.05
+"""Time constant of the low-pass in which a touch is seen, over the slow one [assumed]."""
+LOADED_SIGMAS = 3.0
+"""A unit whose load is above this many sigma of a single reading is loaded [assumed: as the contact
+gate]."""
+FOLLOW_S = 30.0
+"""Time constant of a frequency's zero, s, and `DAMPED` times the slow low-pass at least
+[assumed]."""
+DAMPED = 4.0
+"""A zero follows its average this many times as slowly, so that it does not swing; the field's,
+the long one [derived: critical damping of two low-passes in a loop]."""
+RATE_HZ = 1.0 / 60.0
+"""Fastest change of a frequency's zero, Hz/s [assumed: what drifts is slower, a press is
+faster]."""
+BOUND_SIGMAS = 3.0
+"""A zero of the calibration is known within this many of its sigma [assumed]."""
 WITNESS_SIGMAS = 0.5
 """Bz tells a press that lowers the frequency by this many sigma of a reading [assumed]."""
 PRIOR_UT2 = 2500.0
 """Variance of a component of the ambient field of which nothing is known, µT² [derived: the
 Earth's, 50 µT]."""
+
+
+WALK_UT2 = 400.0
+"""How fast the ambient field is taken to wander, µT²/s [assumed]."""
 
 
 class Units(NamedTuple):
@@ -41,11 +61,12 @@ class Units(NamedTuple):
     witness_ut: np.ndarray  # a rise of Bz that tells a press
     film_drift_per_k: np.ndarray
     own_ut: np.ndarray  # (2, n), lateral field at rest of a film beside its chip's axis
+    bound_hz: np.ndarray  # how far the zero of a frequency may be off at first
 
 
 class Runs(NamedTuple):
-    """Units that follow each other and belong to one body: they move together, and see one ambient
-    field; shape (r,), int32."""
+    """Units of one patch that follow each other; those of one body move together, and see one
+    ambient field; shape (r,), int32."""
 
     first: np.ndarray
     last: np.ndarray  # the unit after
@@ -77,6 +98,7 @@ class Memory(NamedTuple):
     rest_ut: np.ndarray  # Bz at rest, and the film's temperature then; NaN: not known
     rest_film_c: np.ndarray
     rest_s: np.ndarray  # how long it was averaged
+    bound_hz: np.ndarray  # how far the zero of the frequency may be off, as a fall of it
 
 
 class Bodies(NamedTuple):
@@ -88,6 +110,13 @@ class Bodies(NamedTuple):
     covariance_ut2: np.ndarray  # (g, 3, 3)
     information: np.ndarray  # (g, 3, 3), of the votes of a cycle, 1/µT²
     told: np.ndarray  # (g, 3), their residuals times their information
+    pressed: np.ndarray  # (g,), usable units without a vote, for they may be touched
+    load: np.ndarray  # (g,), averaged loads of the voters over their variance, 1/Hz
+    weight: np.ndarray  # (g,), 1 / their variance, 1/Hz²
+    kept_s: np.ndarray  # (g,), since field and covariance were kept
+    kept_ut: np.ndarray  # (2, g, 3), older and newer
+    kept_ut2: np.ndarray  # (2, g, 3, 3)
+    attitude_known: np.ndarray  # (g,), 1 where turns are reported, 0 where it may turn unseen
 
 
 class Tile(NamedTuple):
@@ -104,6 +133,7 @@ class Tile(NamedTuple):
     slow: np.ndarray
     long: np.ndarray
     long_field: np.ndarray
+    long_pull: np.ndarray
 
 
 class AmbientData(NamedTuple):
@@ -141,12 +171,12 @@ def model_of(
     """
     n = topology.n
     near = neighbour_pairs(topology.position, np.full(n, guard_m), np.zeros(n, int))
-    body = np.array([bodies.index(frame) for frame in frames_of(topology)])[topology.patch]
-    edges = np.flatnonzero(np.diff(body, prepend=-1, append=-1))
+    body = body_of(topology, bodies)
+    edges = np.flatnonzero(np.diff(topology.patch, prepend=-1, append=-1))
     runs = Runs(*np.stack([edges[:-1], edges[1:], body[edges[:-1]]]).astype(np.int32))
     slow_s = max(SLOW_S, SLOW_CYCLES / topology.cycle_rate_hz)
     return AmbientModel(
-        _units(topology), *compressed_rows(n, *near), runs, near_votes, slow_s
+        _units(topology, slow_s), *compressed_rows(n, *near), runs, near_votes, slow_s
     )  # fmt: skip
 
 
@@ -164,7 +194,9 @@ def data_of(n: int, bodies: int, dtype: str) -> AmbientData:
         marks=np.empty(n, np.uint8),
         bodies=Bodies(
             np.empty(bodies), np.empty(bodies), np.empty((bodies, 3)), np.empty((bodies, 3, 3)),
-            np.empty((bodies, 3, 3)), np.empty((bodies, 3)),
+            np.empty((bodies, 3, 3)), np.empty((bodies, 3)), np.empty(bodies), np.empty(bodies),
+            np.empty(bodies), np.empty(bodies), np.empty((2, bodies, 3)),
+            np.empty((2, bodies, 3, 3)), np.empty(bodies),
         ),
         tile=Tile(*(np.empty(BLOCK) for _ in Tile._fields)),
         background=np.empty((4, n), dtype),
@@ -177,7 +209,17 @@ def frames_of(topology: Topology) -> tuple[str, ...]:
     return tuple(topology.patch_frames) or ("skin",) * len(topology.patch_names)
 
 
-def _units(topology: Topology) -> Units:
+def lag_hz(slow_s: float) -> float:
+    """How far a zero lags behind the fastest drift that it follows, Hz: rate times time constant."""
+    return RATE_HZ * max(FOLLOW_S, DAMPED * slow_s)
+
+
+def body_of(topology: Topology, bodies: Sequence[str]) -> np.ndarray:
+    """Index in `bodies` of what each unit is on, shape (n,), int."""
+    return np.array([bodies.index(frame) for frame in frames_of(topology)])[topology.patch]
+
+
+def _units(topology: Topology, slow_s: float) -> Units:
     p = topology.parameters
     step = np.abs(topology.scale) / np.sqrt(12.0)
     frequency, bx, by, bz = (CHANNELS.index(name) for name in ("frequency", "bx", "by", "bz"))
@@ -202,4 +244,7 @@ def _units(topology: Topology) -> Units:
         witness_ut=WITNESS_SIGMAS * per_hz * sigma_hz,
         film_drift_per_k=p["film_drift_per_k"],
         own_ut=np.ascontiguousarray(own[:2]),
+        bound_hz=np.clip(
+            BOUND_SIGMAS * p["frequency_sigma_hz"], lag_hz(slow_s), LOADED_SIGMAS * sigma_hz
+        ),
     )

@@ -8,11 +8,15 @@ from types import SimpleNamespace
 import numpy as np
 
 from bus.status import Status
+from skin.decode import ambient_kernels as kernels
 from skin.physics.rest import film_at_rest_ut
 
 PRIOR_UT2 = 2500.0
 MEMORY = ("fast_hz", "slow_hz", "long_ut", "gel_c", "film_c", "age_s", "alone_s", "calm_s",
-          "rest_ut", "rest_film_c", "rest_s")  # fmt: skip
+          "rest_ut", "rest_film_c", "rest_s", "bound_hz")  # fmt: skip
+
+
+BODIES = ("held_s", "voters", "field_ut", "covariance_ut2", "kept_s", "kept_ut", "kept_ut2")
 
 
 class NaiveAmbient:
@@ -61,14 +65,17 @@ class NaiveAmbient:
         loaded = (np.abs(state.fast_hz) > 3.0 * self.sigma_hz) & (state.age_s > 0.0)
         near = (self.near & loaded).any(axis=1)
         disturbed = loaded if self.near_votes else near
+        usable = state.age_s > 0.0
+        votes = ~disturbed & usable
+        votes &= ~self.touched(state, votes, near, dt_s)
         state.alone_s[disturbed] = 0.0
-        votes = ~disturbed & (state.age_s > 0.0)
+        state.touched = ~disturbed & usable & ~votes
         for g in range(self.body.max() + 1):
             self.filter(state, reading, g, votes, dt_s)
         state.followed = np.zeros(self.skin.n, bool)
         for i in range(self.skin.n):
-            self.follow(state, i, votes[i] and not near[i], dt_s)
-        self.compose(state)
+            self.follow(state, i, usable[i] and not near[i], dt_s)
+        self.compose(state, reading)
         return state
 
     def average(self, state, reading, i, dt_s):
@@ -92,7 +99,42 @@ class NaiveAmbient:
         if np.isfinite(field).all():
             state.alone_s[i] += dt_s
             new = share(10.0 * slow, state.alone_s[i])
-            state.long_ut[:, i] += new * (field - state.long_ut[:, i])
+            free = np.array([not state.touched[i], not state.touched[i], True])
+            state.long_ut[:, i] += new * free * (field - state.long_ut[:, i])
+
+    def touched(self, state, votes, near, dt_s):
+        """Units that may be touched, each alone, those that follow each other in a patch,
+        those of a body."""
+        samples = np.maximum(state.age_s / dt_s if dt_s else 1.0, 1.0)
+        share = dt_s / (0.05 * self.slow_s + dt_s)
+        least = share / (2.0 - share)  # of a first-order low-pass for ever
+        sigma = self.sigma_hz * np.sqrt(np.maximum(least, 1.0 / samples))
+        load = (state.fast_hz - state.bound_hz) / sigma
+
+        def beyond(units):
+            """Sigma of a load that is the same on all of them."""
+            weight = 1.0 / sigma[units]
+            return (weight @ np.minimum(load[units], 4.0)) > 4.0 * np.sqrt(weight @ weight)
+
+        touched, clear = load > 4.0, np.zeros(load.size, bool)
+        runs = np.cumsum(np.diff(self.skin.patch, prepend=self.skin.patch[0]) != 0)
+        for run in range(runs[-1] + 1):
+            for group in (near, ~near):
+                left = np.flatnonzero(votes & group & (runs == run))
+                if not left.size or not beyond(left):
+                    clear[left] = True
+                    continue
+                # what is light beside a press is a part of it; what is light elsewhere, of another
+                if group is near:
+                    touched[left] = True
+                    continue
+                touched[runs == run] = True
+                clear[runs == run] = False
+        for g in range(self.body.max() + 1):
+            left = clear & (self.body == g)
+            if left.any() and beyond(left):
+                touched[left] = True
+        return touched
 
     def filter(self, state, reading, g, votes, dt_s):
         information, told, voters = np.zeros((3, 3)), np.zeros(3), 0
@@ -113,6 +155,15 @@ class NaiveAmbient:
             information += turn @ np.diag(weight) @ turn.T
             told += turn @ (weight * np.clip(seen, -5.0 * sigma, 5.0 * sigma))
         state.voters[g] = voters
+        lost = np.sum((self.body == g) & (state.age_s > 0.0) & ~votes)
+        delay = 0.05 * self.slow_s
+        if voters < 4 and voters + lost >= 4 and state.held_s[g] == 0.0:
+            old = state.kept_s[g] + delay
+            mix = min((400.0 * old + 833.0 * old**2) / PRIOR_UT2, 1.0)
+            before = (1.0 - mix) * state.kept_ut2[0, g] + mix * PRIOR_UT2 * np.eye(3)
+            state.held_s[g], state.kept_s[g] = old, 0.0
+            state.field_ut[g] = state.kept_ut[1, g] = state.kept_ut[0, g]
+            state.covariance_ut2[g] = state.kept_ut2[:, g] = before
         walk = min(dt_s * (400.0 + 2.0 * 833.0 * state.held_s[g]) / PRIOR_UT2, 1.0)
         covariance = (1.0 - walk) * state.covariance_ut2[g] + walk * PRIOR_UT2 * np.eye(3)
         if voters < 4:
@@ -122,6 +173,12 @@ class NaiveAmbient:
             covariance = np.linalg.inv(np.linalg.inv(covariance) + information)
             state.field_ut[g] += covariance @ told
         state.covariance_ut2[g] = covariance
+        if voters >= 4:
+            state.kept_s[g] += dt_s
+            if state.kept_s[g] >= delay:
+                state.kept_s[g] = 0.0
+                state.kept_ut[0, g], state.kept_ut2[0, g] = state.kept_ut[1, g], state.kept_ut2[1, g]
+                state.kept_ut[1, g], state.kept_ut2[1, g] = state.field_ut[g], covariance
 
     def follow(self, state, i, undisturbed, dt_s):
         slow, load = self.slow_s, abs(state.slow_hz[i])
@@ -136,33 +193,48 @@ class NaiveAmbient:
             state.rest_ut[i] = state.long_ut[2, i] + (state.rest_ut[i] if known else 0.0)
             state.rest_film_c[i], state.rest_s[i] = state.film_c[i], watched
             state.long_ut[2, i] = 0.0
+        bound, lag_s = state.bound_hz[i], max(30.0, 4.0 * slow)
         if learning or state.calm_s[i] < 5.0 * slow:
+            state.bound_hz[i] = min(bound + dt_s / 60.0, 3.0 * self.sigma_hz[i])
             return
+        toward = (lag_s / 60.0 - bound) / lag_s
+        state.bound_hz[i] = bound + dt_s * np.clip(toward, -1.0 / 60.0, 1.0 / 60.0)
         state.followed[i] = True
         off = [state.slow_hz[i] / max(30.0, 4.0 * slow), *state.long_ut[:2, i] / (40.0 * slow)]
         for row, (rate, most, span) in enumerate(
             zip(off, (1.0 / 60.0, 0.1, 0.1), (60.0, 200.0, 200.0), strict=True)
         ):
+            if row and state.touched[i]:
+                continue
             gone = state.zero[row, i] + dt_s * np.clip(rate, -most, most)
             state.zero[row, i] = np.clip(gone, -span, span)
         if self.upright[i] and load < 0.5 * self.sigma_hz[i]:
             rate = state.long_ut[2, i] / (40.0 * slow)
             state.rest_ut[i] += dt_s * np.clip(rate, -0.005, 0.005)
 
-    def compose(self, state):
+    def compose(self, state, reading=None):
         state.background = np.zeros((4, self.skin.n))
         state.residue_ut2 = np.zeros(self.skin.n)
         for i, g in enumerate(self.body):
             field = self.turn[i].T @ state.field_ut[g]
             lateral = self.unmap[i] @ (field[:2] + state.zero[1:, i])
             state.background[:, i] = state.zero[0, i], *lateral, field[2]
-            state.residue_ut2[i] = np.trace(state.covariance_ut2[g]) / 3.0
+            local = self.turn[i].T @ state.covariance_ut2[g] @ self.turn[i]
+            state.residue_ut2[i] = (local[0, 0] + local[1, 1]) / 2.0
+            if reading is None or not self.upright[i]:
+                continue
+            field = reading.field_ut[:, i]
+            if np.isfinite(field).all():
+                # how much of a change of Bz moves the angle, a lateral one moving it by all
+                square = max(field @ field, 1.0)
+                state.residue_ut2[i] += PRIOR_UT2 * (1.0 - field[2] ** 2 / square)
 
 
 def state_of(ambient):
     """A copy of what an `Ambient` remembers."""
     data = ambient._data
     bodies = {name: getattr(data.bodies, name)
-              for name in ("held_s", "voters", "field_ut", "covariance_ut2")}  # fmt: skip
+              for name in BODIES}
     memory = {name: getattr(data.memory, name) for name in MEMORY}
-    return copy.deepcopy(SimpleNamespace(zero=data.zero, **bodies, **memory))
+    touched = data.marks & kernels.TOUCHED != 0
+    return copy.deepcopy(SimpleNamespace(zero=data.zero, touched=touched, **bodies, **memory))

@@ -10,6 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bus.status import Status
+from skin.decode import ambient_kernels as kernels
 from skin.decode.ambient import Ambient
 from tests.fixtures.decode import calibrated, row_of, with_parameters
 from tests.naive.ambient import PRIOR_UT2, NaiveAmbient, state_of
@@ -54,8 +55,13 @@ def any_state(ambient, naive, rng):
     memory.film_c[:] = memory.gel_c + rng.uniform(-0.3, 0.3, n)
     for times in (memory.age_s, memory.alone_s, memory.calm_s, memory.rest_s):
         times[:] = 0.25 * naive.slow_s * rng.integers(0, 48, n)
+    memory.bound_hz[:] = rng.choice([0.5, 3.0, 3.0 * naive.sigma_hz.min()], n)
+    if rng.random() < 0.5:
+        memory.bound_hz[:] = 0.5
+        memory.fast_hz[:] *= np.where(pressed, 1.0, rng.choice([0.02, 0.1, 0.3]))
     memory.rest_ut[:] = np.where(rng.random(n) < 0.3, np.nan, rng.uniform(3e3, 5e3, n))
     memory.rest_film_c[:] = memory.film_c + rng.choice([np.nan, 0.0, -9.0, 9.0], n)
+    ambient._data.marks[:] = rng.choice([0, kernels.VOTES, kernels.TOUCHED], n)
     zero = ambient._data.zero
     zero[:] = np.array([[60.0], [200.0], [200.0]]) * rng.choice([-1.0, -0.5, 0.3, 1.0], (3, n))
     bodies.held_s[:] = rng.choice([0.0, 0.2, 3.0, 40.0], 2)
@@ -63,6 +69,9 @@ def any_state(ambient, naive, rng):
     for covariance in bodies.covariance_ut2:
         root = rng.standard_normal((3, 3))
         covariance[:] = 20.0 * root @ root.T + 9.0 * np.eye(3)
+    bodies.kept_s[:] = rng.choice([0.0, 0.045, 0.2], 2)
+    bodies.kept_ut[:] = 40.0 * rng.standard_normal((2, 2, 3))
+    bodies.kept_ut2[:] = rng.uniform(0.5, 2.0, (2, 2, 1, 1)) * bodies.covariance_ut2
 
 
 def any_reading(naive, state, rng):
@@ -90,7 +99,7 @@ def test_a_cycle_from_any_state_is_that_of_the_naive_one(near_votes, rate_hz):
     ambient = Ambient(skin, dtype="float64", crosstalk=near_votes)
     naive = NaiveAmbient(skin, BODY, near_votes=near_votes)
     followed = learnt = 0
-    for _ in range(50):
+    for _ in range(80):
         any_state(ambient, naive, rng)
         before = state_of(ambient)
         reading = any_reading(naive, before, rng)

@@ -62,6 +62,10 @@ def test_nothing_is_known_at_first_and_after_a_reset():
         for name, value in vars(state).items():
             if name == "covariance_ut2":
                 np.testing.assert_array_equal(value, [PRIOR_UT2 * np.eye(3)] * 2)
+            elif name == "kept_ut2":
+                np.testing.assert_array_equal(value, [[PRIOR_UT2 * np.eye(3)] * 2] * 2)
+            elif name == "bound_hz":
+                np.testing.assert_allclose(value, 0.5)  # 1 Hz a minute, in 30 s
             elif name in ("rest_ut", "rest_film_c"):
                 assert np.isnan(value).all()
             else:
