@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 
 __all__ = ["INVALID", "WANTS", "Reading", "State", "Status", "trouble"]
 
-UNIT_WANTS = ("temperature", "force", "tangential", "theta", "displacement", "sigma", "field")
+UNIT_WANTS = ("temperature", "force", "tangential", "theta", "displacement", "sigma", "field",
+              "test_ratio")
 ARRAY_WANTS = ("wrench", "centroid", "contacts", "slip", "shocks")
 WANTS = UNIT_WANTS + ARRAY_WANTS
 """Everything that `want` may select. What is not wanted is not computed and reads None; what a
@@ -60,6 +61,11 @@ class Reading:
     field_ut : ndarray, shape (3, n), or None
         Microtesla, unit frame: the field without the chip's offset, its drift and its gain, mapped,
         and without what is not the unit's own; the third row is NaN where the wire lacks Bz.
+    test_ratio : ndarray, shape (n,), or None
+        How far the field is from that of the film at the decoded depth and displacement, in units
+        of what it may be off: the larger of this reading's and of the mean of 50; 1 is the limit.
+        A reading beyond it is doubted, and its sigma grows; a second one in a row, or a mean beyond
+        it, is a MAGNETIC_ANOMALY. NaN where the field is not held against its model.
     """
 
     temperature: np.ndarray
@@ -75,6 +81,7 @@ class Reading:
     theta_sigma: np.ndarray = UNWANTED
     displacement_sigma_mm: np.ndarray = UNWANTED
     field_ut: np.ndarray = UNWANTED
+    test_ratio: np.ndarray = UNWANTED
 
     def __repr__(self) -> str:
         """Units, what is in touch and what is wrong, in a line."""

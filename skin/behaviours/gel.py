@@ -2,7 +2,8 @@
 
 Every gel follows what touches it with the same lag, wherever it started. The mean over a set of
 units does so, too, as long as the set stays; where it changes, the mean jumps, and by how much is
-told, so that a filter can step over it.
+told, so that a filter can step over it. A gel at the upper rail of its wire is at least so hot: a
+bound, and no value for a mean.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 
 from bus.compiled.jit import compiled
 from skin.behaviours.checks import check_patches, check_state
+from skin.decode.limits import gel_rail_c
 from skin.state import State
 from topology import Topology
 
@@ -64,6 +66,8 @@ class GelMean(NamedTuple):
         Units that are touched, heard or not.
     changed : bool
         Whether the set is another.
+    bound_c : float
+        The hottest gel that is touched and at its rail is at least so hot; NaN where there is none.
     """
 
     mean_c: float
@@ -72,6 +76,7 @@ class GelMean(NamedTuple):
     count: int
     touched: int
     changed: bool
+    bound_c: float
 
 
 class Gel:
@@ -102,7 +107,8 @@ class Gel:
         self._gain = min(1.0, 1.0 / (SMOOTH_S * topology.cycle_rate_hz))
         self._no_sigma = np.full((3, topology.n), np.nan, np.float32)
         self._no_spread = np.full(topology.n, np.nan, np.float32)
-        self._out = np.zeros(6)
+        self._rail_c = np.minimum(gel_rail_c(topology), MOST_C)
+        self._out = np.zeros(7)
         self._last: tuple[np.ndarray, ...] = ()
 
     def read(self, state: State) -> GelMean:
@@ -124,11 +130,11 @@ class Gel:
             self._set_aside(units.valid)
         self._cycle += 1
         _gel_mean(
-            last, (self._of_pads, self._aside), self._touched, self._members, self._smooth,
+            last, (self._of_pads, self._aside, self._rail_c), self._touched, self._members, self._smooth,
             self._gain, self._out,
         )  # fmt: skip
-        mean, jump, told, count, touched, changed = self._out.tolist()
-        return GelMean(mean, jump, told, int(count), int(touched), changed > 0.0)
+        mean, jump, told, count, touched, changed, bound = self._out.tolist()
+        return GelMean(mean, jump, told, int(count), int(touched), changed > 0.0, bound)
 
     def reset(self) -> None:
         """Forget which units were in the mean."""
@@ -146,16 +152,18 @@ class Gel:
 
 
 def gel_mean_python(readings, marks, touched, members, smooth, gain, out):
-    """See `Gel.read`; `marks` are who is of the pads, and who is set aside; `out` is `GelMean`."""
+    """See `Gel.read`; `marks` are who is of the pads, who is set aside, and the rails of
+    the gels; `out` is `GelMean`."""
     force, force_sigma, temperature, spread, valid = readings
-    of_pads, aside = marks
+    of_pads, aside, rail_c = marks
+    bound = np.nan
     count, before, among, changed = 0, 0, 0, False
     total, old, new, squares, variances = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(touched.size):
         if not of_pads[i]:
             continue
         here = temperature[i]
-        heard = valid[i] and LEAST_C < here < MOST_C  # not where it is NaN
+        heard = valid[i] and LEAST_C < here < rail_c[i]  # not where it is NaN
         if valid[i] and not np.isnan(force[2, i]):
             sigma = force_sigma[2, i]
             sigma = max(sigma, LEAST_SIGMA_N) if np.isfinite(sigma) else LEAST_SIGMA_N
@@ -163,6 +171,8 @@ def gel_mean_python(readings, marks, touched, members, smooth, gain, out):
         if heard:
             smooth[i] = here if np.isnan(smooth[i]) else smooth[i] + gain * (here - smooth[i])
         among += 1 if touched[i] else 0
+        if touched[i] and valid[i] and rail_c[i] <= here < MOST_C and not bound >= here:
+            bound = here
         if members[i]:
             before += 1
             old += smooth[i]
@@ -176,6 +186,7 @@ def gel_mean_python(readings, marks, touched, members, smooth, gain, out):
             variances += own * own
         changed = changed or now != members[i]
     out[0], out[1], out[2], out[3], out[4], out[5] = np.nan, 0.0, np.nan, count, among, 0.0
+    out[6] = bound
     if count == 0:
         return
     out[0] = total / count
@@ -185,7 +196,7 @@ def gel_mean_python(readings, marks, touched, members, smooth, gain, out):
         for i in range(touched.size):
             members[i] = (
                 of_pads[i] and touched[i] and valid[i] and not aside[i]
-                and LEAST_C < temperature[i] < MOST_C
+                and LEAST_C < temperature[i] < rail_c[i]
             )  # fmt: skip
         out[1] = new / count - old / before if before else 0.0
         out[5] = 1.0

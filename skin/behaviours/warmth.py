@@ -151,7 +151,8 @@ class Warmth:
     in_band, over_limit, hot, known : bool
         Within the band; at the limit, or so within `ahead_s`; too hot to be touched; sigma is below
         1 °C. What is not known is over the limit, or hot, where one sigma more is; and it stays so
-        while nothing is heard, and after it has been let go, until something else is known.
+        while nothing is heard, and after it has been let go, until something else is known. A gel
+        at the rail of its wire is at least so hot, and while there is one, nothing ends.
     jumps : int
         How often the rate has been found to have changed.
     decisions : Decisions
@@ -214,7 +215,7 @@ class Warmth:
         self._last_ns: int | None = None
         self.jumps = 0
         self._free_s, self._is_free = 0.0, False
-        self._unheard_s, self._heard = 0.0, False
+        self._unheard_s, self._heard, self._bound_c = 0.0, False, math.nan
         self._spread_c = 0.0
         self._gel.reset()
 
@@ -224,8 +225,9 @@ class Warmth:
             self._first_ns = state.stamp_ns
         self._time_s = 1e-9 * (state.stamp_ns - self._first_ns)
         gel = self._gel.read(state)
-        self.gel_c = gel.mean_c
+        self.gel_c, self._bound_c = gel.mean_c, gel.bound_c
         if self._last_ns is None:
+            self._heed_rail()
             if gel.count:
                 self._begin(gel)
                 self._last_ns = state.stamp_ns
@@ -240,6 +242,7 @@ class Warmth:
         self._follow(gel, steps)
         self._turn()
         self._watch()
+        self._heed_rail()
 
     def _begin(self, gel: GelMean) -> None:
         own, between = FIRST_SIGMA_C**2, WALL_SIGMA_C**2
@@ -333,7 +336,8 @@ class Warmth:
         """Band, limit and a surface too hot, each with a sigma of hysteresis. A sigma is added to
         what is not known."""
         ask, sigma = self.settings, self.sigma_c
-        is_measured = self._found and self._heard  # else nothing ends
+        is_railed = not math.isnan(self._bound_c)
+        is_measured = self._found and self._heard and not is_railed  # else nothing ends
         unsure = 0.0 if self.known else sigma
         low, high = ask.band_c
         slack = -sigma if self.in_band else 0.0
@@ -356,6 +360,15 @@ class Warmth:
             self.hot = hot
             why = f"surface {self.surface_c:.1f} ± {sigma:.1f} °C, limit {ask.hot_c:g} °C"
             self._say("hot" if hot else "not hot", why)
+
+    def _heed_rail(self) -> None:
+        """A gel at its rail is at least so hot, whatever the others say."""
+        for name, what, limit_c in (
+            ("over_limit", "limit", self.settings.limit_c), ("hot", "hot", self.settings.hot_c),
+        ):  # fmt: skip
+            if self._bound_c >= limit_c and not getattr(self, name):
+                setattr(self, name, True)
+                self._say(what, f"a gel at its rail, {self._bound_c:.1f} °C; limit {limit_c:g} °C")
 
     def _say(self, what: str, why: str) -> None:
         self.decisions.add(self._time_s, what, why)

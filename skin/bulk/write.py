@@ -159,7 +159,10 @@ class ArrayPartitions:
         names = tuple(f"{name}." for name in block.topology.unit_names)
         cycles = {one.name: one.values for one in cycle_columns(block)
                   if not one.name.startswith(names)}  # fmt: skip
-        for name in ("force", "force_sigma", "temperature", "temperature_sigma", "status", "valid"):
+        for name in (
+            "force", "force_sigma", "temperature", "temperature_sigma", "test_ratio", "status",
+            "valid",
+        ):  # fmt: skip
             if (values := getattr(block.units, name)) is not None:
                 cycles[name] = values
         self._blocks.append({"cycles": cycles})

@@ -206,7 +206,9 @@ class Decoder:
     def reset(self) -> None:
         """Forget all temperatures, displacements and drifts: the next cycle is the first."""
         self._state["last_temperature"] = np.nan
-        self._state["film_lag"] = self._state["chip_lag"] = self._state[records.MISSED] = 0.0
+        self._state["film_lag"] = self._state["chip_lag"] = 0.0
+        for name in records.WATCHED:
+            self._state[name] = 0.0
         for name in records.HELD if self.plan.temperature_every > 1 else ():
             self._state[name] = np.nan
         self._control["phase"] = 0

@@ -12,6 +12,7 @@ import numpy as np
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
 from skin.decode.functions import OCTAVES_MAX, asin, atan, exp2, sinc
+from skin.decode.normal import bent
 from skin.decode.parts import Parts
 from skin.decode.records import BX, BY, BZ, INVALID, MAGNETIC_ANOMALY, SATURATED, SILENT
 from skin.decode.span import lanes_of
@@ -81,24 +82,36 @@ def amplitude_variance(depth, sigma, unit, j):
 
 @jitable(inline=True)
 def anomaly(solid, z, radius, amplitude, inverse, missed, unit, j):
-    """Flag of a field that is not the film's: S against M0 sin(k R), R from the angle; and the
-    share by which it misses that, averaged from `missed` on.
+    """S against M0 sin(k R), R from the angle: the miss and what of it a reading may not have, both
+    squared and relative; the squared test ratio of this reading; and the mean of the misses over
+    their allowance, from `missed` on.
 
     At R = 0 this is Bz against the M0 that makes this R of this angle, so it is a check of the
-    strength everywhere. Either M0 or its inverse is 1. A reading that is an anomaly by itself does
-    not count for the average, in which noise counts less.
+    strength everywhere. Either M0 or its inverse is 1.
+
+    Each miss is divided by its own allowance before it is averaged. What is allowed has a part in
+    µT, which counts for little in the strong field of a pressed film, so that a mean of relative
+    misses that is learnt at rest says nothing of a press. Of a mean of test ratios this holds
+    [derived: the mean of numbers between -1 and 1 is one]: as long as each miss is within what the
+    constants allow at its own depth, so is their mean, however the depth has changed. A reading
+    that is beyond by itself does not count for the average, in which noise counts less.
     """
     real = type(solid)
+    one = real(1.0)
     u = unit["wavenumber"][j] * radius
     model, square = amplitude * (u * sinc(u)), solid * solid + z * z
-    each = real(1.0) / (model * square)  # one division for both quotients
+    each = one / (model * square)  # one division for both quotients
     ratio = solid * inverse * square * each
-    miss = ratio - real(1.0)
+    miss = ratio - one
     weak = ratio * ratio * model * each
-    usual = miss * miss <= unit["anomaly_share"][j] + unit["anomaly_field"][j] * weak
-    mean = missed + unit["miss_step"][j] * (miss - missed) if usual else missed
-    kept = mean * mean <= unit["miss_share"][j] + unit["miss_field"][j] * weak
-    return (0 if usual & kept else MAGNETIC_ANOMALY), mean
+    single2 = unit["anomaly_share"][j] + unit["anomaly_field"][j] * weak
+    mean2 = unit["miss_share"][j] + unit["miss_field"][j] * weak
+    scale = one / (single2 * mean2)
+    miss2 = miss * miss
+    test2 = miss2 * mean2 * scale
+    ratio = miss * np.sqrt(single2 * scale)
+    mean = missed + unit["miss_step"][j] * (ratio - missed) if test2 <= one else missed
+    return max(miss2 - single2, real(0.0)), test2, mean
 
 
 @jitable(inline=True)
@@ -239,16 +252,52 @@ def inversion(parts: Parts) -> Callable:
     return invert
 
 
+@jitable(inline=True)
+def doubt(beyond2, tile, unit, j):
+    """Widen the sigmas of a unit whose relative miss is `beyond2` more, squared, than allowed.
+
+    Field and depth disagree, and either may be what is wrong [derived]: the field by this share
+    of its size, on an axis that is not known, which makes an error of R of that times R / S (R
+    grows with the angle no faster than R / sin psi); or the depth, by this share over the
+    growth of M0 per mm.
+    """
+    real = type(beyond2)
+    solid = max(tile["strength"][j], real(FIELD_MIN))
+    z = tile["read"][2, j]
+    field2 = beyond2 * (solid * solid + z * z)
+    aside, limit = tile["radius"][j] / solid, unit["displacement_max"][j]
+    along = tile["along"][j]
+    tile["along"][j] = np.sqrt(along * along + min(field2 * (aside * aside), limit * limit))
+    tile["variance"][j] += field2
+    depth, sigma = tile["displacement"][2, j], tile["displacement_sigma"][2, j]
+    growth = unit["amplitude_octaves"]
+    slope = real(0.6931471805599453) * (real(2.0) * growth[2, j] * depth + growth[1, j])
+    deeper2 = beyond2 / max(slope * slope, real(1e-6))
+    tile["displacement_sigma"][2, j] = np.sqrt(sigma * sigma + deeper2)
+    deeper, soft = np.sqrt(deeper2), unit["normal_soft"][j]
+    knee, stiffer = unit["normal_break"][j], unit["normal_stiffer"][j]
+    half = bent(depth + deeper, soft, knee, stiffer)
+    half = (half - bent(depth - deeper, soft, knee, stiffer)) * real(0.5)
+    force = tile["force_sigma"][2, j]
+    tile["force_sigma"][2, j] = np.sqrt(force * force + half * half)
+
+
 def anomaly_stage(parts: Parts) -> Callable:
-    """The stage that flags fields that are not the film's."""
-    with_angle, by_angle = parts.angle, angle_law(parts)
+    """The stage that holds fields against the film's: test ratios, doubt, and flags.
+
+    One reading that is beyond is doubted, the second in a row is a MAGNETIC_ANOMALY, as is a mean
+    that is beyond.
+    """
+    with_angle, with_ratio, by_angle = parts.angle, parts.test_ratio, angle_law(parts)
+    with_sigma = parts.sigma
 
     @jitable(inline=True)
     def check(unit, span, tile, flag, state, advance):
         assume_noalias()
         _, start, size = lanes_of(span)
         real = tile["force"].dtype.type
-        one = real(1.0)
+        one, nothing = real(1.0), real(0.0)
+        worst = nothing
         for lane in range(size):
             j = start + lane
             depth, z = tile["displacement"][2, j], tile["read"][2, j]
@@ -257,12 +306,29 @@ def anomaly_stage(parts: Parts) -> Callable:
             if with_angle:
                 amplitude = tile["gain"][j] * tile["amplitude"][j]
                 radius = tile["radius"][j]
-                odd, mean = anomaly(solid, z, radius, amplitude, one, missed, unit, j)
+                beyond2, test2, mean = anomaly(solid, z, radius, amplitude, one, missed, unit, j)
             else:
                 other, _, _, _, _ = by_angle(solid, z, one, depth, one, unit, j)  # R alone
-                odd, mean = anomaly(solid, z, other, one, tile["inverse"][j], missed, unit, j)
+                beyond2, test2, mean = anomaly(
+                    solid, z, other, one, tile["inverse"][j], missed, unit, j
+                )
             flags = flag[j]
-            state["missed"][j] = mean if advance & (flags & INVALID == 0) else missed
-            flag[j] = flags if flags & SILENT else flags | odd
+            counts = flags & INVALID == 0
+            odd = nothing if test2 <= one else one
+            before = state["odd"][j] if advance else state["odd_before"][j]
+            lies = (odd * before != nothing) | (not mean * mean <= one)
+            state["missed"][j] = mean if advance & counts else missed
+            state["odd_before"][j] = before if counts else state["odd_before"][j]
+            state["odd"][j] = odd if counts else state["odd"][j]
+            found = MAGNETIC_ANOMALY if lies else 0
+            flag[j] = flags if flags & SILENT else flags | found
+            tile["beyond"][j] = beyond2
+            worst = max(worst, beyond2)
+            if with_ratio:
+                ratio = np.sqrt(max(test2, mean * mean))
+                tile["test_ratio"][j] = real(np.nan) if flags & SILENT else ratio
+        if with_sigma and worst > nothing:
+            for lane in range(size):
+                doubt(tile["beyond"][start + lane], tile, unit, start + lane)
 
     return check

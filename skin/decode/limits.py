@@ -7,9 +7,9 @@ import numpy as np
 from bus.status import Status
 from skin.decode import records as k
 from topology import CHANNELS, Topology
-from topology.gel import gel_share
+from topology.gel import gel_share, gel_temperature
 
-__all__ = ["frequency_sigma_hz", "limits_of", "tidy_drop"]
+__all__ = ["frequency_sigma_hz", "gel_rail_c", "limits_of", "tidy_drop"]
 
 STRETCH_MAX = 0.2
 """A frequency this share above rest is no working unit: it would be pulled to 6/5 of its height
@@ -95,6 +95,16 @@ def tidy_drop(topology: Topology) -> tuple[np.ndarray, np.ndarray]:
     force = p["normal_max_n"]
     most = np.where(force <= soft * knee, force / soft, knee + (force - soft * knee) / stiff)
     return -PULL_SIGMAS * frequency_sigma_hz(topology), most
+
+
+def gel_rail_c(topology: Topology) -> np.ndarray:
+    """Temperature from which on a gel may be as hot as it likes and reads the same, shape (n,), °C:
+    that of the upper rail of the wire, less half a count; infinite where there is no gel."""
+    count = _rails(topology, vertical=False)["gel"][1] + 0.5
+    p, wired = topology.parameters, topology.wired[k.GEL]
+    current = topology.scale[k.GEL] * count + topology.offset[k.GEL]
+    share = np.where(wired & (current > 0.0), current / p["gel_current_20c_ua"], 1.0)
+    return np.where(wired & (current > 0.0), gel_temperature(p, share), np.inf)
 
 
 def _counts(topology: Topology, channel: int, low: np.ndarray, high: np.ndarray) -> Range:

@@ -21,7 +21,7 @@ class Parts(NamedTuple):
 
     Attributes
     ----------
-    temperature, force, tangential, theta, displacement, field
+    temperature, force, tangential, theta, displacement, field, test_ratio
         Quantities that are wanted.
     angle
         R from the angle of the field (`field-angle`); else from its strength (`sine`).
@@ -40,6 +40,7 @@ class Parts(NamedTuple):
     theta: bool = False
     displacement: bool = False
     field: bool = False
+    test_ratio: bool = False
     sigma: bool = False
     angle: bool = False
     consistency: bool = False
@@ -59,7 +60,7 @@ class Parts(NamedTuple):
         chosen = {name: getattr(plan, name) for name in cls._fields if hasattr(plan, name)}
         chosen |= {name: True for name in results if name in cls._fields}
         chosen |= {
-            "angle": plan.estimator == "field-angle" and not set(results).isdisjoint(TANGENTIAL),
+            "angle": plan.estimator == "field-angle" and not set(results).isdisjoint((*TANGENTIAL, "test_ratio")),
             "hold": plan.temperature_every > 1,
             "look": plan.skip and plan.ambient,
             "prefetch": units >= FAR,
@@ -69,4 +70,5 @@ class Parts(NamedTuple):
     @property
     def shear(self) -> bool:
         """Whether the tangential displacement is decoded."""
-        return self.force or self.tangential or self.theta or self.displacement
+        tangential = self.force or self.tangential or self.theta or self.displacement
+        return tangential or self.test_ratio

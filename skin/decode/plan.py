@@ -30,6 +30,7 @@ NEEDS = {
     **dict.fromkeys(TANGENTIAL, ("frequency", "bx", "by")),
     "sigma": (),
     "field": ("bx", "by"),
+    "test_ratio": (),
 }
 
 
@@ -130,6 +131,7 @@ class Plan:
         looped = options.sweeps > 0 or options.ambient
         tangential = looped or not names.isdisjoint(TANGENTIAL)
         field = options.ambient or "field" in names
+        tangential = tangential or (consistent and "test_ratio" in names)
         consistent = consistent and tangential
 
         magnet = tangential and (estimator == "sine" or consistent)

@@ -102,8 +102,9 @@ COEFFICIENT_ROWS = {
 # Kept as lag behind the gel, not as a temperature: a float32 lag goes on shrinking where a float32
 # temperature would stop as soon as its step is below half a unit in the last place.
 LAGS = ("last_temperature", "film_lag", "chip_lag")
-MISSED = "missed"
-"""Mean share by which the field misses its model."""
+WATCHED = ("missed", "odd", "odd_before")
+"""Mean of the field's misses over what they may be; whether a reading by itself was beyond, 1 or 0:
+the last one, and the one before."""
 HELD = ("temperature", "film_above", "chip_above", "temperature_sigma")
 """Of `TILE_ROWS`, where temperatures are held."""
 
@@ -129,11 +130,13 @@ TILE_ROWS = {
     "force": 3, "tangential": 1, "theta": 1, "displacement": 3,
     "temperature_sigma": 1, "force_sigma": 3, "tangential_sigma": 1, "theta_sigma": 1,
     "displacement_sigma": 3,
-    "field": 3,
+    "field": 3, "test_ratio": 1,
     # on the way alone: µT with the chip's gain, both gains, S with the chip's gain; M0 or 1 / M0 in
-    # µT; direction, R, its sigma; 1 / S, gains / M0, variance of the field
+    # µT; direction, R, its sigma; 1 / S, gains / M0, variance of the field; relative, squared: how far a
+    # miss of the field is beyond what it may be
     "read": 3, "gain": 1, "strength": 1, "amplitude": 1,
     "direction": 2, "radius": 1, "along": 1, "each": 1, "inverse": 1, "variance": 1,
+    "beyond": 1,
 }  # fmt: skip
 """Results of a block, and of how many rows each is; the third of force and displacement is normal.
 """
@@ -152,7 +155,7 @@ def coefficients(real: npt.DTypeLike) -> np.dtype:
 
 def state(real: npt.DTypeLike, held: bool) -> np.dtype:
     """The record of what one cycle leaves to the next; `held` with temperatures that are held."""
-    return _record(dict.fromkeys((*LAGS, MISSED, *HELD) if held else (*LAGS, MISSED), 1), real)
+    return _record(dict.fromkeys((*LAGS, *WATCHED, *HELD) if held else (*LAGS, *WATCHED), 1), real)
 
 
 def tile(real: npt.DTypeLike) -> np.dtype:
@@ -168,7 +171,7 @@ def tile_rows(name: str) -> range:
 
 
 TANGENTIAL = (
-    "tangential", "theta", "tangential_sigma", "theta_sigma", "field",
+    "tangential", "theta", "tangential_sigma", "theta_sigma", "field", "test_ratio",
     "force", "displacement", "force_sigma", "displacement_sigma",
 )  # fmt: skip
 TANGENTIAL_ROWS = tuple(

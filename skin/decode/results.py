@@ -59,6 +59,8 @@ class Results:
                 rows = self.values[at, row] if size == 1 else self.values[at, row : row + size]
                 found[FIELDS.get(name, name)] = rows
             row += size
+        if "test_ratio" in shown and "test_ratio" not in self.names:
+            found["test_ratio"] = np.full_like(self.flags[at], np.nan, self.values.dtype)
         return Reading(**found, status=self.flags[at], valid=self.valid[at])
 
 
@@ -79,5 +81,5 @@ def results_of(plan: Plan, topology: Topology) -> tuple[str, ...]:
         needed |= {"field", "temperature"} if warm else {"field"}
     plain = tuple(name for name in QUANTITIES if name in needed)
     sigmas = tuple(f"{name}_sigma" for name in plain) if plan.sigma else ()
-    last = [("field", "field" in needed), ("film_above", plan.sweeps and plan.film_compensation)]
+    last = [("field", "field" in needed), ("test_ratio", plan.consistency and "test_ratio" in needed), ("film_above", plan.sweeps and plan.film_compensation)]
     return (*plain, *sigmas, *(name for name, wanted in last if wanted))

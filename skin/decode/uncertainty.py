@@ -27,7 +27,8 @@ __all__ = ["Neighbours", "neighbours_of", "uncertainty"]
 ANOMALY_SIGMAS = 5.0
 """Sigmas of a unit's constants by which its field may miss its model [assumed]."""
 ANOMALIES_PER_DAY = 0.25
-"""That noise alone may make, on the whole skin, of single readings and of their mean [assumed]."""
+"""That noise alone may make, on the whole skin, of two readings in a row and of the mean of many
+[assumed]."""
 MISS_READINGS = 50.0
 """Readings over which the share is averaged by which the field misses its model [assumed: as many
 as a channel may stand still]."""
@@ -118,7 +119,9 @@ def uncertainty(
         + p["hall_gain_per_k"] ** 2 * chip_c2
     )
     sigmas2 = ANOMALY_SIGMAS**2
-    noise_sigmas2 = _noise_sigmas(topology) ** 2
+    a_reading = ANOMALIES_PER_DAY / (topology.n * topology.cycle_rate_hz * 86400.0)
+    # of a mean, and of each of two readings in a row, whose noise is independent
+    mean_sigmas2, single_sigmas2 = (_sigmas(share) ** 2 for share in (a_reading, a_reading**0.5))
     growth2 = p["field_growth_per_mm"] ** 2
     rest2 = growth2 * (
         (p["frequency_sigma_hz"] * c["depth_per_hz"]) ** 2 + p["depth_sigma_mm"] ** 2
@@ -129,7 +132,7 @@ def uncertainty(
     step = 1.0 - np.exp(-1.0 / MISS_READINGS)
     share2 = ANOMALY_SHARE**2 + sigmas2 * (amplitude + rest2)
     constant2 = neighbours.still_ut**2 + sigmas2 * (constant + neighbours.axial_ut2)
-    left = noise_sigmas2 * step / (2.0 - step)  # of the variance of noise, in the mean
+    left = mean_sigmas2 * step / (2.0 - step)  # of the variance of noise, in the mean
     return {
         "shear_variance": p["shear_sigma_relative"] ** 2,
         "shear_floor": p["shear_sigma_n"] ** 2,
@@ -137,15 +140,14 @@ def uncertainty(
         "field_variance": noise + constant,
         "axial_variance": neighbours.axial_ut2,
         "amplitude_variance": amplitude,
-        "anomaly_share": share2 + noise_sigmas2 * depth2,
-        "anomaly_field": constant2 + noise_sigmas2 * noise,
+        "anomaly_share": share2 + single_sigmas2 * depth2,
+        "anomaly_field": constant2 + single_sigmas2 * noise,
         "miss_share": share2 + left * depth2,
         "miss_field": constant2 + left * noise,
         "miss_step": np.full(topology.n, step),
     }
 
 
-def _noise_sigmas(topology: Topology) -> float:
-    """Sigmas that noise alone passes so seldom that it makes no more anomalies than it may."""
-    readings = topology.n * topology.cycle_rate_hz * 86400.0
-    return float(-ndtri(min(0.5 * ANOMALIES_PER_DAY / readings, 0.1)))
+def _sigmas(share: float) -> float:
+    """Sigmas beyond which, up or down, this share of readings is by noise alone."""
+    return float(-ndtri(min(0.5 * share, 0.1)))

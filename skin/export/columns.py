@@ -53,6 +53,7 @@ READINGS = (
     ("force_sigma", ("fx_sigma", "fy_sigma", "fz_sigma"), "N"),
     ("temperature", ("temperature",), "degC"),
     ("temperature_sigma", ("temperature_sigma",), "degC"),
+    ("test_ratio", ("test_ratio",), ""),
     ("status", ("status",), ""),
     ("valid", ("valid",), ""),
 )

@@ -18,7 +18,7 @@ def naive_decode(skin, raw, status=None, estimator="sine", consistency=False, ba
     period_s = 1.0 / skin.cycle_rate_hz
     rails = _rails(skin, uses_bz)
     film = chip = None
-    missed = np.zeros(skin.n)
+    missed, was_odd = np.zeros(skin.n), np.zeros(skin.n, bool)
     cycles = []
     for t in range(raw.shape[0]):
         known = np.zeros(skin.n, int) if status is None else status[t].astype(int)
@@ -94,16 +94,18 @@ def naive_decode(skin, raw, status=None, estimator="sine", consistency=False, ba
             # the field in the counts, with the gain still in it
             noise, drift = _field_variances(skin)
             relative = (ratio_z / (whole * gain)) ** 2
-            passed = norm.isf(0.125 / (skin.n * skin.cycle_rate_hz * 86400.0)) ** 2
+            share = 0.25 / (skin.n * skin.cycle_rate_hz * 86400.0)
+            passed, passed_twice = norm.isf(0.5 * share) ** 2, norm.isf(0.5 * share**0.5) ** 2
             moved = _amplitude_variance(skin) - _residue(skin)
             constant = 0.02**2 + 25.0 * _residue(skin) + (1000.0**2 + 25.0 * drift) * relative
             step = 1.0 - np.exp(-1.0 / 50.0)
-            usual = (ratio_z - 1.0) ** 2 <= constant + passed * (moved + noise * relative)
-            mean = np.where(usual, missed + step * (ratio_z - 1.0 - missed), missed)
-            left = passed * step / (2.0 - step)
-            kept = mean**2 <= constant + left * (moved + noise * relative)
+            random = moved + noise * relative
+            odd = (ratio_z - 1.0) ** 2 > constant + passed_twice * random
+            of_mean = np.sqrt(constant + passed * step / (2.0 - step) * random)
+            mean = np.where(odd, missed, missed + step * ((ratio_z - 1.0) / of_mean - missed))
+            flags |= Status.MAGNETIC_ANOMALY * ((odd & was_odd) | (np.abs(mean) > 1.0))
             missed = np.where(known & INVALID == 0, mean, missed)
-            flags |= Status.MAGNETIC_ANOMALY * ~(usual & kept)
+            was_odd = np.where(known & INVALID == 0, odd, was_odd)
         known = np.where(silent, known, known | flags)
 
         row = {

@@ -326,3 +326,34 @@ def test_states_without_temperature_are_refused(held):
     state.units.temperature = None
     with pytest.raises(OptionError, match="want: must have 'temperature'"):
         Warmth(held.topology).update(state)
+
+
+@pytest.mark.parametrize("railed", [slice(None), slice(0, None, 2)])
+def test_a_gel_at_its_rail_ends_no_alarm_and_is_no_fall_of_the_temperature(held, railed):
+    """A wall of 115 °C: gels warm to the end of the wire, 32767 counts of 7 nA, and stay there."""
+    rail_c = 20.0 + 60.0 * math.log(32767 * 0.007 / 10.0) / math.log(12.0)
+    held.inside_c = held.wall_c = 115.0
+    warmth = Warmth(held.topology, settings=WarmthSettings(limit_c=90.0))
+    seen = []
+    for _ in range(round(20.0 / held.period_s)):
+        state = held.step()
+        told = state.units.temperature
+        told[railed] = np.minimum(told[railed], np.float32(rail_c))
+        warmth.update(state)
+        seen.append((warmth.over_limit, warmth.hot, warmth.inside_c, warmth.phase))
+    first = next(i for i, (over, *_) in enumerate(seen) if over)
+    assert first < 5.0 / held.period_s
+    assert all(over and hot for over, hot, *_ in seen[first:])
+    assert min(inside for *_, inside, _ in seen[first:]) > 90.0
+    assert all(phase != "cooling" for *_, phase in seen)
+
+
+def test_a_gel_that_is_at_its_rail_from_the_first_cycle_on_is_an_alarm(held):
+    held.gel_c[:] = 115.0
+    warmth = Warmth(held.topology)
+    state = held.step()
+    state.units.temperature[:] = 95.7
+    warmth.update(state)
+    assert warmth.over_limit
+    assert warmth.hot
+    assert all("at its rail" in decision.why for decision in warmth.decisions)

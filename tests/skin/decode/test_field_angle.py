@@ -189,7 +189,7 @@ def test_r_grows_to_its_end_and_stays_there(dtype):
     angle = np.linspace(0.0, np.pi, 2001)
     raw = np.repeat(counts_at(skin, [1.0], [0.0], [0.0])[np.newaxis], angle.size, axis=0)
     raw[:, 2, 0], raw[:, 4, 0] = np.rint(6000 * np.sin(angle)), np.rint(6000 * np.cos(angle))
-    got = angled(skin, dtype=dtype)(raw)
+    got = angled(skin, dtype=dtype, consistency=False)(raw)
     reach = got.displacement_mm[:-1, 0, 0]  # at the very end there is no direction
     angle = angle[:-1]
     assert np.all(np.diff(reach) >= -1e-3)
@@ -230,7 +230,9 @@ def test_no_lateral_field_is_no_shear(dtype):
 def test_no_field_at_all_is_an_anomaly(dtype):
     raw = counts_at(row_of(2), 1.0, np.zeros(2), 0.0)
     raw[2:5] = 0
-    got = angled(row_of(2), dtype=dtype)(raw)
+    decoder = angled(row_of(2), dtype=dtype)
+    decoder(raw)
+    got = decoder(raw)
     expected = Status.MAGNETIC_ANOMALY | Status.EXTRAPOLATED
     assert got.status.tolist() == [expected] * 2
     assert not got.valid.any()
@@ -241,14 +243,16 @@ def test_no_field_at_all_is_an_anomaly(dtype):
 
 
 @pytest.mark.parametrize("estimator", ["sine", "field-angle"])
-@pytest.mark.parametrize(("gain", "odd"), [(1.0, False), (0.93, False), (1.6, True), (0.5, True)])
+@pytest.mark.parametrize(("gain", "odd"), [(1.0, False), (0.95, False), (1.6, True), (0.5, True)])
 def test_a_field_too_strong_or_too_weak_is_an_anomaly(estimator, gain, odd):
     """Everywhere, at R = 0 as well: steel near a unit does not pass as a displacement."""
     skin = row_of(60)
     rng = np.random.default_rng(3)
     reach = np.where(np.arange(60) < 20, 0.0, rng.uniform(0.0, 2.4, 60))
     raw = counts_at(skin, rng.uniform(0.8, 1.9, 60), reach, rng.uniform(-3, 3, 60), gain=gain)
-    reading = Decoder(skin, None, estimator, sweeps=0, ambient=False)(raw)
+    decoder = Decoder(skin, None, estimator, sweeps=0, ambient=False)
+    decoder(raw)
+    reading = decoder(raw)
     found = reading.status & Status.MAGNETIC_ANOMALY != 0
     assert found.all() if odd else not found.any()
     np.testing.assert_array_equal(reading.valid, ~found)
