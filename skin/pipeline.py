@@ -30,6 +30,7 @@ from topology import CHANNELS, Topology
 if TYPE_CHECKING:
     from skin.calibrate.background import Learning
     from skin.calibrate.zeros import Zeros
+    from skin.contact.common import Common
     from skin.contact.contact import Contact
     from skin.contact.stream import ContactStream
     from skin.robot.joints import Joints
@@ -120,6 +121,7 @@ class Pipeline:
             self._describe = self.contacts.bind(
                 reading.force, reading.force_sigma, reading.displacement_mm,
                 reading.displacement_sigma_mm, reading.temperature, reading.valid,
+                self._shared(),
             )  # fmt: skip
             self._show(self.contacts)
         if options.tare and self._lacks_zeros():
@@ -214,7 +216,23 @@ class Pipeline:
             want=want, dtype=self.options.dtype, slip=self.options.slip,
             rate_hz=topology.cycle_rate_hz,
             false_contacts_per_day=self.options.false_contacts_per_day,
-            unit_names=topology.unit_names,
+            unit_names=topology.unit_names, feels=topology.enabled & ~topology.counts_only,
+            most_n=topology.parameters["normal_max_n"],
+        )  # fmt: skip
+
+    def _shared(self) -> Common | None:
+        """What the units are wrong by together: the ambient field, where it is estimated."""
+        from skin.contact.common import common_field
+        from skin.decode.ambient_model import frames_of
+
+        decoder, topology, ambient = self.decoder, self.topology, self.decoder.ambient
+        if ambient is None or decoder.loop is None:
+            return None
+        bodies = [ambient.bodies.index(frame) for frame in frames_of(topology)]
+        whole = decoder.loop._whole
+        return common_field(
+            topology, np.array(bodies)[topology.patch], ambient._data.bodies.covariance_ut2, whole.field_ut,
+            whole.displacement_mm, by_strength=decoder.estimator == "sine",
         )  # fmt: skip
 
     def _show(self, stream: ContactStream) -> None:

@@ -143,6 +143,12 @@ class Contact:
         return self._data.units.members[self.record["begin"] : self.record["end"]]
 
     @property
+    def whole(self) -> bool:
+        """Whether all that bears it is heard; where not, `Flag.UNSEEN`, its wrench is that of a
+        part, and its sigmas have what the rest may bear."""
+        return not self.flags & Flag.UNSEEN
+
+    @property
     def slip_began(self) -> np.ndarray:
         """Units that began the slip that it is in, shape (m,), int32; empty if it does not slip."""
         began = self._kept(self._data.slip.history[BEGAN])

@@ -102,14 +102,18 @@ def _no_centre(record):
 
 @jitable
 def _centre_covariance(s, about, covariance):
-    """First order, of the noise of the loads: Σ σ² (p - c) (p - c)' / load²."""
+    """First order, of the noise of the loads and of what is not seen: Σ σ² (p - c) (p - c)' /
+    load²."""
     load, variance = s["load"], s["load_variance"]
     position, square = s["variance_position"], s["variance_position_square"]
     row = 0
     for a in range(3):
         for b in range(a, 3):
             spread = square[row] + about[a] * position[b] + about[b] * position[a]
-            spread = (spread + about[a] * about[b] * variance) / (load * load)
+            spread += about[a] * about[b] * variance
+            hidden = s["unseen_square"][row] + about[a] * about[b] * s["unseen"]
+            hidden += about[a] * s["unseen_position"][b] + about[b] * s["unseen_position"][a]
+            spread = (spread + hidden) / (load * load)
             if a == b:
                 spread = max(spread, 0.0)
             covariance[a, b] = spread
@@ -131,7 +135,7 @@ def centre(s, record, origin, scratch):
     record["shear"] = np.sqrt(across)
     if s["units"] < 2.0:
         record["flags"] |= TORSION_BLIND
-    if load < WEAK_SIGMAS * record["load_sigma"]:
+    if load * load < WEAK_SIGMAS**2 * s["load_variance"]:
         _no_centre(record)
         return
     for a in range(3):
