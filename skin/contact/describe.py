@@ -13,7 +13,7 @@ from skin.contact.common import add_common, spread_common
 from skin.contact.path import walk
 from skin.contact.record import BORN, UNSEEN
 from skin.contact.shape import ROUND, arm, orient
-from skin.contact.sums import add_silence, add_total, add_units, clear
+from skin.contact.sums import add_light, add_silence, add_total, add_units, clear
 from skin.contact.unseen import add_unseen
 from skin.contact.wrench import centre, total_wrench
 
@@ -143,6 +143,12 @@ def describe_python(count, silent, model, data):
     add_silence(count, units, model.graph, poses, sums)
     add_total(count + 1, sums)
     spread_common(count, data)
+    units.queue[:] = -1
+    for k in range(count):
+        record = data.contacts[data.slots.present[k]]
+        add_light(k, count + 1, units.members[record["begin"] : record["end"]], model, data)
+    if untracked_end > end:
+        add_light(count, count + 1, units.members[end:untracked_end], model, data)
     if silent > 0:
         add_unseen(count, model, data)
     for k in range(count):

@@ -94,6 +94,11 @@ _NOT_ADDED = [
     ("unseen", np.float64),  # N², of what silent units may bear
     ("unseen_position", np.float64, (3,)),
     ("unseen_square", np.float64, (6,)),
+    ("light", np.float64),  # N, loads below the gate, of neighbours that are heard
+    ("light_position", np.float64, (3,)),
+    ("light_variance", np.float64),
+    ("light_variance_position", np.float64, (3,)),
+    ("light_variance_square", np.float64, (6,)),
     ("hidden", np.float64),  # 1 where such a unit makes the contact not whole
 ]
 SUMS = np.dtype(_ADDED + _NOT_ADDED)
