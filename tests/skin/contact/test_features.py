@@ -126,7 +126,7 @@ def test_centre_covariance_covers():
         force = np.zeros((3, n))
         force[2] = true + 0.05 * rng.standard_normal(n)
         contacts, _ = contact_features(
-            np.zeros(n, int), force, 0.05, position, naive.facing_down(n), AREA
+            np.zeros(n, int), force, 0.05, position, naive.facing_down(n), 1e-12
         )
         error = (contacts["centroid"][0] - centre)[:2]
         spread = contacts["centroid_covariance"][0][:2, :2]
