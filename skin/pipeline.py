@@ -20,6 +20,7 @@ import numpy as np
 from bus.assemble import Assembler
 from bus.cycle import FrameCounters, RawCycle
 from skin.clock import Clock
+from skin.contact.record import UNSEEN
 from skin.decode.decoder import Decoder
 from skin.decode.plan import TANGENTIAL
 from skin.errors import CountsError, check_kind, check_number
@@ -116,6 +117,7 @@ class Pipeline:
         self._describe: Callable[[int], list[Contact]] | None = None
         self._total = (UNWANTED, UNWANTED, UNWANTED, UNWANTED)
         self._label = self._slip = UNWANTED
+        self._flags: np.ndarray | None = None
         if self.contacts is not None:
             reading = self.decoder.reading
             self._describe = self.contacts.bind(
@@ -248,6 +250,7 @@ class Pipeline:
         if "slip" in want:
             self._slip = stream.unit_slip
         self._label = stream.tracker.label
+        self._flags = stream.records["flags"][-1:]
 
     @property
     def shown(self) -> dict[str, np.ndarray]:
@@ -407,6 +410,7 @@ class Pipeline:
             clock.overruns,
             cycle.sampled_ns,
             self.topology,
+            UNWANTED if self._flags is None else not self._flags[0] & UNSEEN,
         )
         for look in self._watching:
             look(state)
