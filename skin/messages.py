@@ -120,7 +120,8 @@ float32 margin                 # share of the friction cone that is left
 float32 slip_probability       # that some of the load slips; NaN where too little is known
 float32 grip_force             # N, normal force that would hold with the safety asked for
 float32 grip_force_sigma
-uint16 units                   # how many units it has""",
+uint16 units                   # how many units it has
+bool whole                     # no unit in or beside it is silent""",
     "f3t_msgs/msg/SkinState": """\
 std_msgs/Header header    # stamp of the SYNC
 uint64 cycle

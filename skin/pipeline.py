@@ -20,6 +20,7 @@ import numpy as np
 from bus.assemble import Assembler
 from bus.cycle import FrameCounters, RawCycle
 from skin.clock import Clock
+from skin.contact.record import UNSEEN
 from skin.decode.decoder import Decoder
 from skin.errors import CountsError, check_kind, check_number
 from skin.options import Options
@@ -29,6 +30,7 @@ from topology import CHANNELS, Topology
 if TYPE_CHECKING:
     from skin.calibrate.background import Learning
     from skin.calibrate.zeros import Zeros
+    from skin.contact.common import Common
     from skin.contact.contact import Contact
     from skin.contact.stream import ContactStream
     from skin.robot.joints import Joints
@@ -114,11 +116,13 @@ class Pipeline:
         self._describe: Callable[[int], list[Contact]] | None = None
         self._total = (UNWANTED, UNWANTED, UNWANTED, UNWANTED)
         self._label = self._slip = UNWANTED
+        self._flags: np.ndarray | None = None
         if self.contacts is not None:
             reading = self.decoder.reading
             self._describe = self.contacts.bind(
                 reading.force, reading.force_sigma, reading.displacement_mm,
                 reading.displacement_sigma_mm, reading.temperature, reading.valid,
+                self._shared(),
             )  # fmt: skip
             self._show(self.contacts)
         if options.tare and self._lacks_zeros():
@@ -212,7 +216,23 @@ class Pipeline:
             want=want, dtype=self.options.dtype, slip=self.options.slip,
             rate_hz=topology.cycle_rate_hz,
             false_contacts_per_day=self.options.false_contacts_per_day,
-            unit_names=topology.unit_names,
+            unit_names=topology.unit_names, feels=topology.enabled & ~topology.counts_only,
+            most_n=topology.parameters["normal_max_n"],
+        )  # fmt: skip
+
+    def _shared(self) -> Common | None:
+        """What the units are wrong by together: the ambient field, where it is estimated."""
+        from skin.contact.common import common_field
+        from skin.decode.ambient_model import frames_of
+
+        decoder, topology, ambient = self.decoder, self.topology, self.decoder.ambient
+        if ambient is None or decoder.loop is None:
+            return None
+        bodies = [ambient.bodies.index(frame) for frame in frames_of(topology)]
+        whole = decoder.loop._whole
+        return common_field(
+            topology, np.array(bodies)[topology.patch], ambient._data.bodies.covariance_ut2, whole.field_ut,
+            whole.displacement_mm, by_strength=decoder.estimator == "sine",
         )  # fmt: skip
 
     def _show(self, stream: ContactStream) -> None:
@@ -228,6 +248,7 @@ class Pipeline:
         if "slip" in want:
             self._slip = stream.unit_slip
         self._label = stream.tracker.label
+        self._flags = stream.records["flags"][-1:]
 
     @property
     def shown(self) -> dict[str, np.ndarray]:
@@ -397,6 +418,7 @@ class Pipeline:
             clock.overruns,
             cycle.sampled_ns,
             self.topology,
+            UNWANTED if self._flags is None else not self._flags[0] & UNSEEN,
         )
         for look in self._watching:
             look(state)

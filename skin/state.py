@@ -121,12 +121,18 @@ class State:
         Force in newton and moment in newton metre about the origin of the skin frame, summed over
         the valid units in contact: what the world exerts on the skin; 0 where nothing touches.
     wrench_sigma : ndarray, shape (6,), float64, or None
-        One-sigma of each component of `wrench`.
+        One-sigma of each component of `wrench`: of the noise and the calibration of its units, of
+        the ambient field that they share, and of what units that are not valid may bear (as much as
+        when they were last valid, or as their neighbours do; never 0 while any is silent). Where
+        nothing touches and all is heard it is 0: loads below the gate of a contact, three sigmas of
+        a unit, are taken for none, and are not in it.
     centroid : ndarray, shape (3,), float64, or None
         Centre of pressure of the normal loads of the units in contact, metre, skin frame; NaN where
-        nothing touches, or so lightly that the load is below 5 of its sigma.
+        nothing touches, or so lightly that the load is below 5 of its noise. What units beside a
+        contact read counts, below the gate, too.
     centroid_covariance : ndarray, shape (3, 3), float64, or None
-        Square metres.
+        Square metres: of the noise of the loads, of what is not seen, and of where in the faces of
+        the units the load acts.
     contacts : list of Contact, or None
         What touches the skin, each with its identity, oldest first; see
         `skin.contact.contact.Contact`.
@@ -143,6 +149,11 @@ class State:
         SYNC, of its frame's arrival; of units that are missing, of their last value; -1 for never.
     topology : Topology
         Of the skin; for names and places.
+    whole : bool or None
+        Whether all that touches is heard: False where a unit that is not valid (but not DISABLED)
+        lies in or beside a contact, touched something when it was last valid, or has no valid
+        neighbour that would show a touch. The wrench is then that of a part, and what the rest may
+        bear is in the sigmas. Comes with any feature of the array.
     """
 
     cycle: int
@@ -161,6 +172,7 @@ class State:
     overruns: int = 0
     sampled_ns: np.ndarray = UNWANTED
     topology: Topology = UNWANTED
+    whole: bool = UNWANTED
 
     def __repr__(self) -> str:
         """Units, what touches, and what is wrong, in a line."""

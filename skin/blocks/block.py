@@ -55,6 +55,8 @@ class Block:
     slip : ndarray, shape (t, n), int32
         `skin.contact.record.UnitSlip` of each unit.
     sampled_ns : ndarray, shape (t, n), int64
+    whole : ndarray, shape (t,), bool
+        As of a `State`.
     """
 
     topology: Topology
@@ -75,6 +77,7 @@ class Block:
     label: np.ndarray = UNWANTED
     slip: np.ndarray = UNWANTED
     sampled_ns: np.ndarray = UNWANTED
+    whole: np.ndarray = UNWANTED
 
     def __len__(self) -> int:
         return self.cycle.size

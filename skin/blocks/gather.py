@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from skin.blocks.block import CLOSED_BY, Block
-from skin.contact.record import CONTACT
+from skin.contact.record import CONTACT, Flag
 from skin.state import UNWANTED, Reading
 
 if TYPE_CHECKING:
@@ -22,6 +22,7 @@ MOST_CYCLES, LEAST_CYCLES = 4096, 16
 CONTACTS = 16
 """Contacts that a skin tells apart, at most, in one cycle."""
 READING = "reading."
+FLAGS = "flags of the total"
 
 
 class Gather:
@@ -103,6 +104,8 @@ class Gather:
         shown: dict[str, Any] = {name: read.get(name, UNWANTED) for name in Reading.__slots__}
         units = Reading(**shown)
         listed = {}
+        if (flags := rows.pop(FLAGS, None)) is not None:
+            listed["whole"] = flags[:, 0] & int(Flag.UNSEEN) == 0
         if self._lists:
             listed["contacts"] = self.contacts[: self.contact_count].copy()
             listed["contact_start"] = self.contact_start[: t + 1]
@@ -128,6 +131,8 @@ def _sources(pipeline: Pipeline) -> dict[str, np.ndarray]:
     reading = pipeline.decoder.reading
     found = {f"{READING}{name}": getattr(reading, name) for name in Reading.__slots__}
     found |= pipeline.shown
+    if pipeline.contacts is not None and pipeline.contacts.model.wants.total:
+        found[FLAGS] = pipeline.contacts.records["flags"][-1:]
     found |= {
         "totals": pipeline.assembler.totals,
         "sampled_ns": pipeline.assembler.sampled_ns,

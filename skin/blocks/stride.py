@@ -12,7 +12,7 @@ from bus.frame import FrameViews
 from skin.blocks.gather import CONTACTS, Gather
 from skin.blocks.stride_kernel import DONE, STAGES, TIME, Copies, Ends, Stage, stride
 from skin.contact.model import CLOCK
-from skin.contact.record import CONTACT, UNTOUCHED
+from skin.contact.record import CONTACT
 
 if TYPE_CHECKING:
     from skin.pipeline import Pipeline
@@ -145,10 +145,9 @@ class Stride:
         contacts = self._pipeline.contacts
         if contacts is None:
             numbers = np.zeros(1, np.int32)
-            return Ends(np.zeros(1, CLOCK), np.zeros(4, np.int64), numbers, numbers)
+            return Ends(np.zeros(1, CLOCK), np.zeros(2, np.int64), numbers, numbers)
         data, records, size = contacts.data, contacts.records, CONTACT.itemsize
-        first = records.ctypes.data
-        places = [first, first + (records.size - 1) * size, UNTOUCHED.ctypes.data, size]
+        places = [records.ctypes.data, size]
         return Ends(data.clock, np.array(places), data.slots.present, contacts.unit_slip)
 
     def _copies(self, gather: Gather) -> Copies:

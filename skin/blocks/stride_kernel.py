@@ -59,8 +59,7 @@ class Ends(NamedTuple):
     """Arrays of the contacts."""
 
     clock: np.ndarray  # (1,), CLOCK
-    places: np.ndarray  # (4,), int64: addresses of the records, of the total among them, and of
-    # what the total is where nothing touches; bytes of a record
+    places: np.ndarray  # (2,), int64: address of the records, bytes of one
     present: np.ndarray  # int32, records of the contacts, oldest first
     unit_slip: np.ndarray  # (n,), int32
 
@@ -188,7 +187,6 @@ def describe(stage, ends, time):
         return
     ends.clock[0]["now_ns"] = time["now_ns"]
     if call(stage, STEP) != SAME and ends.clock[0]["present"] == 0:
-        copy_bytes(ends.places[1], ends.places[2], ends.places[3])
         ends.unit_slip[:] = 0
 
 
@@ -201,7 +199,7 @@ def keep(ends, copies, time):
     copies.cycle[t], copies.stamp_ns[t] = time["number"], time["stamp_ns"]
     copies.overruns[t] = time["overruns"]
     if time["contacts_most"] > 0:
-        size = ends.places[3]
+        size = ends.places[1]
         for k in range(ends.clock[0]["present"]):
             into = copies.contacts[0] + time["contacts"] * size
             copy_bytes(into, ends.places[0] + ends.present[k] * size, size)

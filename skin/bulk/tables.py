@@ -9,7 +9,7 @@ import numpy as np
 
 from skin.arrow import Arrow
 from skin.blocks.block import CLOSED_BY, Block
-from skin.contact.record import Event, SlipState
+from skin.contact.record import Event, Flag, SlipState
 from skin.export.columns import AXES, LOAD_UNITS, LOADS, READINGS
 from skin.state import INVALID, Status
 from topology import Topology
@@ -48,6 +48,8 @@ def cycle_columns(block: Block) -> Iterator[Column]:
                 for k, (axis, unit) in enumerate(zip(axes, units, strict=True)):
                     yield Column(f"{name}.{axis}{ending}", unit, values[:, k])
     yield Column("coverage", "", block.coverage)
+    if block.whole is not None:
+        yield Column("whole", "", block.whole)
 
 
 def _spread(names: list[str], unit: str, values: np.ndarray) -> Iterator[Column]:
@@ -67,6 +69,7 @@ def contact_columns(block: Block) -> Iterator[Column]:
     for event in (Event.BORN, Event.RESUMED, Event.MERGED, Event.SPLIT):
         yield Column(str(event.name).lower(), "", found["event"] & int(event) != 0)
     yield Column("units", "", found["end"] - found["begin"])
+    yield Column("whole", "", found["flags"] & int(Flag.UNSEEN) == 0)
     yield Column("load", "N", found["load"])
     for name, axes, units in (
         ("wrench", LOADS, LOAD_UNITS),

@@ -90,13 +90,19 @@ class Contact:
     load_sigma = _Number(float, "One-sigma of `load`.")
     wrench = _Vector("Force and moment about the origin, what the world exerts; shape (6,).")
     wrench_covariance = _Vector("Shape (6, 6).")
-    wrench_sigma = _Vector("One-sigma of `wrench`, shape (6,).")
-    centroid = _Vector("Centre of pressure of the normal loads; NaN where WEAK; shape (3,).")
-    centroid_covariance = _Vector(
-        "Shape (3, 3), from the noise of its units. What bears less than the gate beside them is "
-        "not in it, and matters to a contact below 1 N."
+    wrench_sigma = _Vector(
+        "One-sigma of `wrench`, shape (6,): the ambient field counts as one error of all units, and "
+        "what silent units may bear is in it."
     )
-    moment = _Vector("Moment about the centroid, shape (3,).")
+    centroid = _Vector(
+        "Centre of pressure of the normal loads, with those below the gate that lie beside it; NaN "
+        "where WEAK; shape (3,)."
+    )
+    centroid_covariance = _Vector(
+        "Shape (3, 3): of the noise of its units and of those beside them, of what silent ones may "
+        "bear, and of where in the faces of the units the load acts."
+    )
+    moment = _Vector("Moment about the centre of its units' loads, shape (3,).")
     moment_covariance = _Vector("Shape (3, 3).")
     area = _Number(float, "Sensing area of its units.")
     mean_pressure = _Number(float, "Load over area.")
@@ -141,6 +147,12 @@ class Contact:
     def units(self) -> np.ndarray:
         """Its units, shape (m,), int32."""
         return self._data.units.members[self.record["begin"] : self.record["end"]]
+
+    @property
+    def whole(self) -> bool:
+        """Whether all that bears it is heard; where not, `Flag.UNSEEN`, its wrench is that of a
+        part, and its sigmas have what the rest may bear."""
+        return not self.flags & Flag.UNSEEN
 
     @property
     def slip_began(self) -> np.ndarray:

@@ -9,10 +9,12 @@ from __future__ import annotations
 import numpy as np
 
 from bus.compiled.jit import compiled, jitable
+from skin.contact.common import add_common, spread_common
 from skin.contact.path import walk
-from skin.contact.record import BORN
+from skin.contact.record import BORN, UNSEEN
 from skin.contact.shape import ROUND, arm, orient
-from skin.contact.sums import add_silence, add_total, add_units, clear
+from skin.contact.sums import add_light, add_silence, add_total, add_units, clear
+from skin.contact.unseen import add_unseen
 from skin.contact.wrench import centre, total_wrench
 
 __all__ = ["describe", "describe_python"]
@@ -66,9 +68,9 @@ def _temperatures(s, record, m):
 def _conclude(s, record, origin, scratch):
     """Everything that follows from the sums of one contact; `origin` is the array's middle."""
     load, area = s["load"], s["area"]
-    record["flags"] = 0
+    record["flags"] = UNSEEN if s["hidden"] > 0.0 else 0
     record["load"] = load
-    record["load_sigma"] = np.sqrt(s["load_variance"])
+    record["load_sigma"] = np.sqrt(s["load_variance"] + s["unseen"])
     record["area"] = area
     record["mean_pressure"] = load / area
     record["peak_pressure"] = s["peak"]
@@ -103,31 +105,52 @@ def _forget(record):
     record["grip_force_sigma"] = np.nan
 
 
+@jitable
+def _add(k, members, model, data):
+    """Add units to the sums of row k."""
+    add_units(members, data.reading, model.geometry.pose, data.sums.rows[k])
+    if data.common.law.size > 0:
+        add_common(k, members, data, model.geometry.pose)
+
+
 @jitable(fastmath=REORDERED)
-def describe_python(count, model, data):
+def describe_python(count, silent, model, data):
     """Describe the contacts that `find_contacts` has found, and their total.
 
     Parameters
     ----------
     count : int
         Contacts; with 0 only the total is described.
+    silent : int
+        Units that are not heard, and should be.
     model : ContactModel
     data : ContactData
         `contacts` and `paths` are written.
     """
-    (poses, origin), units, reading, sums = model.geometry, data.units, data.reading, data.sums
-    load = reading.force[2]
+    (poses, origin), units, sums = model.geometry, data.units, data.sums
+    load = data.reading.force[2]
     end = 0
     for k in range(count + 1):
         clear(k, sums)
+    data.common.gain[: count + 2] = 0.0
     for k in range(count):
         record = data.contacts[data.slots.present[k]]
         end = max(end, record["end"])
-        add_units(units.members[record["begin"] : record["end"]], reading, poses, sums.rows[k])
+        _add(k, units.members[record["begin"] : record["end"]], model, data)
     untracked_end = data.counters[0]["touching_units"]
     if untracked_end > end:
-        add_units(units.members[end:untracked_end], reading, poses, sums.rows[count])
+        _add(count, units.members[end:untracked_end], model, data)
     add_silence(count, units, model.graph, poses, sums)
+    add_total(count + 1, sums)
+    spread_common(count, data)
+    units.queue[:] = -1
+    for k in range(count):
+        record = data.contacts[data.slots.present[k]]
+        add_light(k, count + 1, units.members[record["begin"] : record["end"]], model, data)
+    if untracked_end > end:
+        add_light(count, count + 1, units.members[end:untracked_end], model, data)
+    if silent > 0:
+        add_unseen(count, model, data)
     for k in range(count):
         slot = data.slots.present[k]
         record = data.contacts[slot]
@@ -136,7 +159,6 @@ def describe_python(count, model, data):
         _conclude(sums.rows[k], record, origin, data.scratch)
         arm(record, units.members, load, model.geometry)
         walk(record, data.paths[slot])
-    add_total(count + 1, sums)
     _conclude(sums.rows[count + 1], data.contacts[data.contacts.size - 1], origin, data.scratch)
 
 

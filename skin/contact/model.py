@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skin.contact.record import CONTACT
+from skin.contact.common import Common, no_common
+from skin.contact.record import CONTACT, UNTOUCHED
 from skin.contact.slip.data import SlipData
 from skin.contact.slip.parameters import SlipModel, SlipSettings
 from skin.errors import SkinError
@@ -31,7 +32,9 @@ POSE = np.dtype(
         ("position", np.float64, (3,)),  # m, about the middle of the array
         ("rotation", np.float64, (3, 3)),  # columns: axes of the unit in the skin frame
         ("area", np.float64),  # m²
-        ("unused", np.float64, (3,)),  # to whole cache lines
+        ("feels", np.float64),  # 0 for a unit that is never to be heard
+        ("most", np.float64),  # N that it can bear
+        ("unused", np.float64),  # to whole cache lines
     ]
 )
 """Where a unit sits."""
@@ -57,6 +60,7 @@ CLOCK = np.dtype(
         ("last_ns", np.int64),  # of the cycle before
         ("begun", np.bool_),  # whether there was one
         ("present", np.int64),  # contacts that it had
+        ("silent", np.int64),  # units that it should have heard, and did not
     ]
 )
 
@@ -87,6 +91,15 @@ _NOT_ADDED = [
     ("peak_unit", np.float64),
     ("hot", np.float64),  # degree Celsius
     ("hot_unit", np.float64),
+    ("unseen", np.float64),  # N², of what silent units may bear
+    ("unseen_position", np.float64, (3,)),
+    ("unseen_square", np.float64, (6,)),
+    ("light", np.float64),  # N, loads below the gate, of neighbours that are heard
+    ("light_position", np.float64, (3,)),
+    ("light_variance", np.float64),
+    ("light_variance_position", np.float64, (3,)),
+    ("light_variance_square", np.float64, (6,)),
+    ("hidden", np.float64),  # 1 where such a unit makes the contact not whole
 ]
 SUMS = np.dtype(_ADDED + _NOT_ADDED)
 """Sums over the units of a contact, float64."""
@@ -163,6 +176,7 @@ class UnitData(NamedTuple):
     queue: np.ndarray  # scratch
     slip: np.ndarray  # `UnitSlip`, written by the slip detector
     loaded: np.ndarray  # units above the gate, in order
+    pressed: np.ndarray  # in contact when last heard
 
 
 class Evidence(NamedTuple):
@@ -199,6 +213,7 @@ class Scratch(NamedTuple):
     first: np.ndarray  # (3, 3), as the two below
     second: np.ndarray
     vectors: np.ndarray
+    six: np.ndarray  # (6,)
 
 
 class ContactData(NamedTuple):
@@ -216,6 +231,9 @@ class ContactData(NamedTuple):
     sums: Sums
     scratch: Scratch
     evidence: Evidence
+    borne: np.ndarray  # (n,), float64: N that each unit bore at most when last heard; NaN: never
+    untouched: np.ndarray  # (1,), CONTACT: the total where nothing touches
+    common: Common
     slip: SlipData
 
 
@@ -225,7 +243,7 @@ def posed_units(position: np.ndarray, rotation: np.ndarray, area: np.ndarray | f
     if area.shape not in ((), (n,)) or not np.all(area > 0.0):
         raise SkinError(f"area: must be positive, one or {n} of them; got shape {area.shape}")
     geometry = Geometry(np.zeros(n, POSE), np.zeros(3))
-    geometry.pose["area"] = area
+    geometry.pose["area"], geometry.pose["feels"], geometry.pose["most"] = area, 1.0, np.inf
     _check_shapes(n, position, rotation)
     set_poses(geometry, position, rotation)
     return geometry
@@ -296,7 +314,10 @@ def contact_data(reading: Readings, capacity: int, *, judges: bool = False) -> C
         np.zeros(slots + 1, CONTACT),
         np.zeros((slots, WAYPOINTS, 3)),
         Sums(sums, sums.view(np.float64).reshape(sums.size, -1)),
-        Scratch(np.zeros((6, 6)), *np.zeros((3, 3, 3))),
+        Scratch(np.zeros((6, 6)), *np.zeros((3, 3, 3)), np.zeros(6)),
         Evidence(*np.zeros((3, n)), cycle=np.full(n, -2)),
+        np.full(n, np.nan),
+        UNTOUCHED.copy(),
+        no_common(reading.force.dtype),
         SlipData.zeros(n if judges else 0),
     )

@@ -66,6 +66,9 @@ class Flag(IntFlag):
     NOISY = 1 << 5
     """The noise of a unit, seen while the contact held, is greater than its sigma says: sigmas are
     too small, for calibration or surroundings have changed. `Contact.noisy_units` are which."""
+    UNSEEN = 1 << 6
+    """Not whole: a unit that is not heard lies in or beside it, or touched something when it was
+    last heard, or has no neighbour that would show a touch. What it may bear is in the sigmas."""
 
 
 class UnitSlip(IntEnum):
@@ -94,7 +97,7 @@ class SlipState(IntEnum):
 OUT, OPEN, BRIDGE, SILENT = map(int, UnitKind)
 FREE, PRESENT, ABSORBED, LOST = map(int, TrackState)
 BORN, RESUMED, MERGED, SPLIT = map(int, Event)
-WEAK, NORMAL_ASSUMED, TORSION_BLIND, FEW_UNITS, NO_FRICTION, NOISY = map(int, Flag)
+WEAK, NORMAL_ASSUMED, TORSION_BLIND, FEW_UNITS, NO_FRICTION, NOISY, UNSEEN = map(int, Flag)
 
 
 CONTACT = np.dtype(

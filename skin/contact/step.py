@@ -6,6 +6,7 @@ from bus.compiled.jit import compiled
 from skin.contact.describe import describe_python
 from skin.contact.slip.judge import judge
 from skin.contact.track import find_contacts
+from skin.contact.unseen import nothing_touches, remember
 
 __all__ = ["EARLY", "SAME", "step", "step_python"]
 
@@ -35,8 +36,12 @@ def step_python(model, data):
         dt_s = 1e-9 * (now_ns - clock["last_ns"])
     clock["begun"], clock["last_ns"] = True, now_ns
     count = find_contacts(model, data)
+    silent = remember(model, data)
+    if count == 0 and (silent > 0 or clock["silent"] > 0 or clock["present"] > 0):
+        nothing_touches(silent, model, data)
+    clock["silent"] = silent
     if count > 0 and wants.total:
-        describe_python(count if wants.each else 0, model, data)
+        describe_python(count if wants.each else 0, silent, model, data)
         if wants.slip:
             judge(count, dt_s, now_ns, model, data)
     same = count == clock["present"]

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from bus.compiled.bound import Bound
+from skin.contact.common import Common
 from skin.contact.contact import Contact
 from skin.contact.gate import FALSE_CONTACTS_PER_DAY, KEEP_SIGMA, start_sigmas
 from skin.contact.graph import checked_graph
@@ -84,6 +85,11 @@ class ContactStream:
         Contacts that noise may start on the whole array.
     unit_names : sequence of str, optional
         For `Contact.unit_names`.
+    feels : ndarray, shape (n,), bool, optional
+        Units that are to be heard, all if not given; of others nothing is missing while they are
+        silent.
+    most_n : ndarray, shape (n,), or float
+        Newton, load that a unit can bear, at which what a silent one may bear ends.
 
     Attributes
     ----------
@@ -131,6 +137,8 @@ class ContactStream:
         false_alarms_per_hour: float = 1.0,
         false_contacts_per_day: float = FALSE_CONTACTS_PER_DAY,
         unit_names: Sequence[str] | None = None,
+        feels: np.ndarray | None = None,
+        most_n: np.ndarray | float = np.inf,
     ) -> None:
         wants = wanted(want, CONTACT_WANTS)
         check_numbers(
@@ -170,6 +178,9 @@ class ContactStream:
             (slip or SlipSettings()).model(),
         )
         self.data = contact_data(no_readings(n, self._dtype), capacity, judges=slips)
+        pose = self.model.geometry.pose
+        pose["feels"] = 1.0 if feels is None else feels
+        pose["most"] = most_n
         self.tracker = Tracker(self.data)
         self.paths, self.records = self.data.paths, self.data.contacts
         self.shocks = (
@@ -290,6 +301,7 @@ class ContactStream:
         displacement_sigma_mm: np.ndarray | None = None,
         temperature: np.ndarray | None = None,
         valid: np.ndarray | None = None,
+        common: Common | None = None,
     ) -> Callable[[int], list[Contact]]:
         """A function that takes the next cycle from arrays that stay the same.
 
@@ -298,6 +310,8 @@ class ContactStream:
         force, force_sigma, displacement_mm, displacement_sigma_mm, temperature, valid : ndarray
             As of `update`, of the stream's `dtype`, contiguous; written anew in place before each
             call, and kept.
+        common : Common, optional
+            Errors that units share; its `gain` is not read.
 
         Returns
         -------
@@ -315,7 +329,7 @@ class ContactStream:
         self._check_displacement(displacement_mm, displacement_sigma_mm)
         own = no_readings(self.tracker.label.size, self._dtype)
         own.given[0] = displacement_mm is not None, temperature is not None
-        call = self._bound(own)
+        call = self._bound(own, common)
         for name, field, array in zip(PUBLIC_NAMES, own._fields, given, strict=False):
             if array is None:
                 continue
@@ -342,8 +356,12 @@ class ContactStream:
         """The kernel on this stream's own arrays."""
         return self._bound(self.data.reading)
 
-    def _bound(self, reading: Readings) -> Bound:
-        return Bound(step, self.model, self.data._replace(reading=reading))
+    def _bound(self, reading: Readings, common: Common | None = None) -> Bound:
+        data = self.data._replace(reading=reading)
+        if common is not None:
+            shape = data.sums.rows.size, len(common.covariance_ut2), 6, 3
+            data = data._replace(common=common._replace(gain=np.zeros(shape)))
+        return Bound(step, self.model, data)
 
     def _check_displacement(self, displacement: object, sigma: object) -> None:
         if self.model.wants.slip and (displacement is None or sigma is None):
@@ -376,7 +394,6 @@ class ContactStream:
         views = self._views
         self._found = [views[slot] for slot in self.data.slots.present[:count].tolist()]
         if count == 0:
-            self.records[-1:] = UNTOUCHED
             self.unit_slip[:] = 0
 
 

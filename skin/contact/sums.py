@@ -10,9 +10,9 @@ import numpy as np
 
 from bus.compiled.jit import jitable
 from skin.contact.model import ADDED
-from skin.contact.record import BRIDGE, SILENT
+from skin.contact.record import BRIDGE, OUT, SILENT
 
-__all__ = ["add_silence", "add_total", "add_units", "clear"]
+__all__ = ["add_light", "add_silence", "add_total", "add_units", "clear"]
 
 ZERO3 = (0.0,) * 3
 ZERO6 = (0.0,) * 6
@@ -199,6 +199,40 @@ def add_total(count, sums):
         if s["hot_unit"] >= 0.0 and (total["hot_unit"] < 0.0 or s["hot"] > total["hot"]):
             total["hot"] = s["hot"]
             total["hot_unit"] = s["hot_unit"]
+
+
+@jitable
+def _add_light(i, reading, pose, s):
+    load, variance = np.float64(reading.force[2, i]), np.float64(reading.force_sigma[2, i]) ** 2
+    p = pose["position"]
+    s["light"] += load
+    s["light_variance"] += variance
+    row = 0
+    for a in range(3):
+        s["light_position"][a] += load * p[a]
+        s["light_variance_position"][a] += variance * p[a]
+        for b in range(a, 3):
+            s["light_variance_square"][row] += variance * p[a] * p[b]
+            row += 1
+
+
+@jitable
+def add_light(k, total, members, model, data):
+    """Add what the neighbours of units bear below the gate, to row k and to that of the total, each
+    once: what they read, which is right but for noise, as none of them is chosen by its load.
+
+    `queue` holds the row that each unit was counted in last, -1 for none.
+    """
+    graph, units, rows, poses = model.graph, data.units, data.sums.rows, model.geometry.pose
+    for i in members:
+        for at in range(graph.start[i], graph.start[i + 1]):
+            j = graph.neighbour[at]
+            if units.kind[j] != OUT or units.label[j] >= 0 or units.queue[j] == k:
+                continue
+            _add_light(j, data.reading, poses[j], rows[k])
+            if units.queue[j] < 0:
+                _add_light(j, data.reading, poses[j], rows[total])
+            units.queue[j] = k
 
 
 @jitable

@@ -101,25 +101,70 @@ def _no_centre(record):
 
 
 @jitable
-def _centre_covariance(s, about, covariance):
-    """First order, of the noise of the loads: Σ σ² (p - c) (p - c)' / load²."""
-    load, variance = s["load"], s["load_variance"]
-    position, square = s["variance_position"], s["variance_position_square"]
+def _square(variance, position, square, about, row, a, b):
+    """Entry of Σ σ² (p - c) (p - c)', with about = -c."""
+    spread = square[row] + about[a] * position[b] + about[b] * position[a]
+    return spread + about[a] * about[b] * variance
+
+
+@jitable
+def _face(square, extent2):
+    """Variance, along an axis, of where the load acts in the faces of the units, m².
+
+    The face of a unit, s wide, says nothing of where in it the load is. Let the pressure be even
+    over a width w, anywhere. Below s the centre of the units' loads is off by the centre's place in
+    the face, even over ±(s - w) / 2; where the load lies on two units, of shares f and 1 - f, by
+    (s - w) (1 - 2 f) / 2, with (1 - 2 f)² = 1 - 4 V / s² by the variance V of the loads' places. With
+    w even in 0 to s, as seen: one unit alone has w with the density 2 (s - w) / s², hence
+    s² / 24, two have 2 w / s², hence (1 - 2 f)² s² / 24. Beyond s only the outer units are filled in
+    part, f of each even in 0 to 1: the first moment is off by s² / 2 (f (1 - f) - f' (1 - f')), of
+    variance s⁴ / 360, over the width w, w² = 12 V [derived].
+    """
+    part = max(1.0 - 4.0 * extent2 / square, 0.0) * square / 24.0
+    return part + square * square / (360.0 * max(square, 12.0 * extent2))
+
+
+@jitable
+def _centre_covariance(s, about, load, record):
+    """First order: of the noise of the loads and of what is not seen, Σ σ² (p - c) (p - c)' / load²,
+    and of where in the faces they act."""
+    covariance, axes, extent = record["centroid_covariance"], record["axes"], record["extent"]
+    face = s["area"] / s["units"]
+    first, second = _face(face, extent[0] ** 2), _face(face, extent[1] ** 2)
+    noise, light, unseen = s["load_variance"], s["light_variance"], s["unseen"]
     row = 0
     for a in range(3):
         for b in range(a, 3):
-            spread = square[row] + about[a] * position[b] + about[b] * position[a]
-            spread = (spread + about[a] * about[b] * variance) / (load * load)
+            position, square = s["variance_position"], s["variance_position_square"]
+            spread = _square(noise, position, square, about, row, a, b)
+            position, square = s["light_variance_position"], s["light_variance_square"]
+            spread += _square(light, position, square, about, row, a, b)
+            position, square = s["unseen_position"], s["unseen_square"]
+            spread += _square(unseen, position, square, about, row, a, b)
+            spread /= load * load
             if a == b:
                 spread = max(spread, 0.0)
+            spread += first * axes[a, 0] * axes[b, 0] + second * axes[a, 1] * axes[b, 1]
             covariance[a, b] = spread
             covariance[b, a] = spread
             row += 1
 
 
 @jitable
+def _counting_light(s, record, origin, about):
+    """Centre of pressure, with the loads below the gate that lie beside: c + Σ l (p - c) / load,
+    whose load is that of all of them, or that of the contact where noise makes it less."""
+    load = max(s["load"], s["load"] + s["light"])
+    for a in range(3):
+        about[a] -= (s["light_position"][a] + s["light"] * about[a]) / load
+        record["centroid"][a] = origin[a] - about[a]
+    _centre_covariance(s, about, load, record)
+
+
+@jitable
 def centre(s, record, origin, scratch):
-    """Centre of pressure, moment about it, shear and torsion; after `total_wrench` and `orient`."""
+    """Centre of pressure, moment about that of the units, shear and torsion; after `total_wrench`
+    and `orient`."""
     about, load, force = scratch.vectors[2], s["load"], s["wrench"][:3]
     moment, normal = record["moment"], record["normal"]
     along = 0.0
@@ -131,12 +176,11 @@ def centre(s, record, origin, scratch):
     record["shear"] = np.sqrt(across)
     if s["units"] < 2.0:
         record["flags"] |= TORSION_BLIND
-    if load < WEAK_SIGMAS * record["load_sigma"]:
+    if load * load < WEAK_SIGMAS**2 * s["load_variance"]:
         _no_centre(record)
         return
     for a in range(3):
         about[a] = -s["load_position"][a] / load
-        record["centroid"][a] = origin[a] - about[a]
     cross(about, force, moment)
     for a in range(3):
         moment[a] += s["wrench"][a + 3]
@@ -147,9 +191,9 @@ def centre(s, record, origin, scratch):
         torsion += moment[a] * normal[a]
         for b in range(3):
             variance += normal[a] * covariance[a, b] * normal[b]
-    _centre_covariance(s, about, record["centroid_covariance"])
     record["torsion"] = torsion
     record["torsion_sigma"] = np.sqrt(max(variance, 0.0))
+    _counting_light(s, record, origin, about)
 
 
 @overload

@@ -67,6 +67,7 @@ def _part(name: str, index: int) -> Callable[[Contact], Any]:
 CONTACT_FIELDS: tuple[Field, ...] = (
     Field("id", "", "int64", lambda contact: contact.id),
     Field("units", "", "int32", lambda contact: contact.units.size),
+    Field("whole", "", "bool", lambda contact: contact.whole),
     Field("load", "N", "float64", lambda contact: contact.load),
     *(Field(name, unit, "float64", _part("wrench", i))
       for i, (name, unit) in enumerate(zip(LOADS, LOAD_UNITS, strict=True))),
@@ -95,6 +96,8 @@ def blocks_of(topology: Topology, state: State) -> Iterator[Block]:
                 names = tuple(f"{name}.{axis}{ending}" for axis in size)
                 yield Block(names, units, np.dtype(np.float64), _attribute(part))
     yield Block(("coverage",), ("",), np.dtype(np.float64), lambda one: np.array([one.coverage]))
+    if state.whole is not None:
+        yield Block(("whole",), ("",), np.dtype(bool), lambda one: np.array([one.whole]))
 
 
 def _units(names: tuple[str, ...], state: State) -> Iterator[Block]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from bus.state import BusState
 from bus.status import INVALID, Status
+from skin.contact.record import Flag
 from skin.publish.snapshot import BUS_STATES, COUNTERS, MOST_CONTACTS, contacts_of
 
 __all__ = ["Slots", "diagnostics", "layout", "silence", "state", "transforms", "wrench"]
@@ -64,7 +65,7 @@ def _contact(one: np.void) -> Message:
         "wrench_sigma": one["wrench_sigma"], "centroid": vector(one["centroid"]),
         "normal": vector(one["normal"]), "slip": int(one["slip"]),
         **{name: float(one[name]) for name in OF_SLIP},
-        "units": int(one["end"] - one["begin"]),
+        "units": int(one["end"] - one["begin"]), "whole": not one["flags"] & Flag.UNSEEN,
     }  # fmt: skip
 
 

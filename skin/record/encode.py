@@ -10,7 +10,7 @@ import numpy as np
 
 from bus.frame import FRAME_DTYPE
 from bus.status import INVALID
-from skin.contact.record import CONTACT
+from skin.contact.record import CONTACT, Flag
 from skin.record.cdr import FRAME, HEAD, Cdr, seconds
 
 __all__ = ["FRAMES_AT", "FRAMES_HEAD", "StateEncoder", "WrenchEncoder", "frames_message"]
@@ -79,15 +79,15 @@ CONTACT_MESSAGE = np.dtype(
     {
         "names": ["id", "wrench", "wrench_sigma", "centroid", "normal", "slip", "stick_ratio",
                   "friction", "friction_sigma", "margin", "slip_probability", "grip_force",
-                  "grip_force_sigma", "units"],
+                  "grip_force_sigma", "units", "whole"],
         "formats": ["<i8", ("<f8", 6), ("<f8", 6), ("<f8", 3), ("<f8", 3), "u1", *["<f4"] * 7,
-                    "<u2"],
-        "offsets": [0, 8, 56, 104, 128, 152, *range(156, 184, 4), 184],
+                    "<u2", "?"],
+        "offsets": [0, 8, 56, 104, 128, 152, *range(156, 184, 4), 184, 186],
         "itemsize": 192,
     }
 )  # fmt: skip
 """``f3t_msgs/msg/Contact`` in a list; the last of a list ends with its last field."""
-LAST_BYTES = 186
+LAST_BYTES = 187
 _SAME = ("id", "wrench", "wrench_sigma", "centroid", "normal", "slip", "stick_ratio", "friction",
          "friction_sigma", "margin", "slip_probability", "grip_force",
          "grip_force_sigma")  # fmt: skip
@@ -138,6 +138,7 @@ class StateEncoder:
         for name in _SAME:
             listed[name] = contacts[name]
         listed["units"] = contacts["end"] - contacts["begin"]
+        listed["whole"] = contacts["flags"] & Flag.UNSEEN == 0
         tail = CONTACT_MESSAGE.itemsize - LAST_BYTES
         return b"".join((self._raw, self._padding, listed.tobytes()[:-tail]))
 

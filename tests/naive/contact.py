@@ -77,10 +77,27 @@ def wrench(units, force, sigma, position, rotation, about):
     return total, covariance
 
 
-def centre(units, load, sigma, position):
-    """Centre of pressure and its first-order covariance."""
+def face_variance(units, load, position, area, axes):
+    """Of where in the faces the load acts, shape (3, 3), along two axes, shape (3, 2)."""
+    share = load[units] / load[units].sum()
+    away = position[:, units] - (position[:, units] @ share)[:, np.newaxis]
+    extent2 = share @ (away.T @ axes) ** 2
+    s2 = np.mean(area)
+    each = s2 / 24.0 * np.clip(1.0 - 4.0 * extent2 / s2, 0.0, None)
+    each += s2**2 / (360.0 * np.clip(12.0 * extent2, s2, None))
+    return axes @ np.diag(each) @ axes.T
+
+
+def centre(units, load, sigma, position, light=()):
+    """Centre of pressure and its first-order covariance; `light` are units that are no part of the
+    contact and count with what they read."""
+    units, light = list(units), list(light)
     total = sum(load[i] for i in units)
     middle = sum(load[i] * position[:, i] for i in units) / total
-    arms = [position[:, i] - middle for i in units]
-    spread = sum(sigma[i] ** 2 * np.outer(arm, arm) for i, arm in zip(units, arms, strict=True))
+    total = max(total, total + sum(load[i] for i in light))
+    middle = middle + sum(load[i] * (position[:, i] - middle) for i in light) / total
+    arms = [position[:, i] - middle for i in units + light]
+    spread = sum(
+        sigma[i] ** 2 * np.outer(arm, arm) for i, arm in zip(units + light, arms, strict=True)
+    )
     return middle, spread / total**2

@@ -44,7 +44,8 @@ def test_wrench_centre_and_covariances_are_the_slow_sums(seed):
         np.testing.assert_allclose(contact["wrench_covariance"], covariance, atol=1e-12)
         centre, spread = naive.centre(units, force[2], sigma[2], position)
         np.testing.assert_allclose(contact["centroid"], centre, atol=1e-12)
-        np.testing.assert_allclose(contact["centroid_covariance"], spread, atol=1e-15)
+        face = naive.face_variance(units, force[2], position, AREA, contact["axes"][:, :2])
+        np.testing.assert_allclose(contact["centroid_covariance"], spread + face, atol=1e-15)
         wrench, covariance = naive.wrench(units, force, sigma, position, rotation, centre)
         np.testing.assert_allclose(contact["moment"], wrench[3:], atol=1e-12)
         np.testing.assert_allclose(contact["moment_covariance"], covariance[3:, 3:], atol=1e-15)
@@ -125,7 +126,7 @@ def test_centre_covariance_covers():
         force = np.zeros((3, n))
         force[2] = true + 0.05 * rng.standard_normal(n)
         contacts, _ = contact_features(
-            np.zeros(n, int), force, 0.05, position, naive.facing_down(n), AREA
+            np.zeros(n, int), force, 0.05, position, naive.facing_down(n), 1e-12
         )
         error = (contacts["centroid"][0] - centre)[:2]
         spread = contacts["centroid_covariance"][0][:2, :2]

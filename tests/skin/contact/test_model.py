@@ -14,7 +14,7 @@ from skin.contact.model import (
     posed_units,
     set_poses,
 )
-from skin.contact.record import CONTACT
+from skin.contact.record import CONTACT, UNTOUCHED
 from skin.errors import SkinError
 
 
@@ -49,7 +49,10 @@ def test_a_new_stream_has_room_as_documented_and_knows_of_nothing(dtype):
     for name in ("force", "force_sigma", "displacement", "displacement_sigma", "temperature"):
         assert data[f"reading.{name}"].dtype == dtype
     none = {"units.label": -1, "units.owner": -1, "reading.valid": 1, "evidence.cycle": -2}
+    unknown = "untouched", "borne"
     for name, array in data.items():
+        if name in unknown:
+            continue
         if name.startswith("slip."):
             assert array.size == 0 or not array.any(), name
         else:
@@ -57,6 +60,9 @@ def test_a_new_stream_has_room_as_documented_and_knows_of_nothing(dtype):
             assert not np.any(known), name
     for name, value in none.items():
         assert (data[name] == value).all()
+    assert np.isnan(data["borne"]).all()
+    for name in CONTACT.names:
+        np.testing.assert_array_equal(data["untouched"][name], UNTOUCHED[name])
     data["sums.rows"]["load"][1] = 7.0
     assert 7.0 in data["sums.columns"][1], "the same memory"
 

@@ -1,0 +1,207 @@
+"""What units are wrong by together: the one ambient field that is not known.
+
+The tangential displacement follows the field at the chip. What is not known of the ambient field is
+one vector for all units of a body, so that its part of their forces adds up as it is, not as its
+square: with F = Σ F_i and F_i = F_i0 + J_i e, cov(F) = Σ cov(F_i0) + (Σ J_i) C (Σ J_i)'. The
+decoder has J_i C J_i' in the sigma of each unit, with a third of C's trace for each axis; that is
+taken out of it here. For J_i, the field B of a film turns by k R from the chip's axis as the film
+is displaced by R; hence, along the lateral field and across it, with c = cos(k R) and s = sin(k R)
+as B has them,
+
+    dR = R / S sinc(k R) (c dS - s dBz),  R / S times the lateral field across
+
+and sinc(k R) is (2 + c) / 3 but for 3 % up to a right angle [derived: both are 1 - (k R)² / 6 +
+O((k R)⁴)]. By the strength alone, R = asin(S / M0) / k, dR = R / S sinc(k R) dS / c.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from bus.compiled.jit import jitable
+from skin.physics.halbach import CHIP_AXES
+from topology import Topology
+
+__all__ = ["LAW", "Common", "add_common", "common_field", "no_common", "spread_common"]
+
+CREST = 0.1
+"""Least cosine at which the strength of a field says how far a film is displaced [assumed]."""
+
+LAW = np.dtype(
+    [
+        ("body", np.int64),  # whose ambient field it is
+        ("axes", np.float64, (3, 3)),  # columns: axes of its field in the frame of `covariance_ut2`
+        ("film", np.float64, (2,)),  # mm, middle of the film off the chip's axis
+        ("soft", np.float64),  # N/mm of the shear law
+        ("knee", np.float64),  # mm
+        ("stiffer", np.float64),  # N/mm added beyond
+        ("gain", np.float64),  # 1/mm, by depth
+        ("gain_offset", np.float64),
+        ("wavenumber", np.float64),  # rad/mm where R is found by the field's strength, else 0
+    ],
+    align=True,
+)
+"""How the tangential force of a unit follows its field."""
+
+
+class Common(NamedTuple):
+    """Errors that units share, of g bodies; without bodies nothing is shared."""
+
+    law: np.ndarray  # (n,), LAW
+    field_ut: np.ndarray  # (3, n), as of a `Reading`
+    displacement_mm: np.ndarray  # (3, n), likewise
+    covariance_ut2: np.ndarray  # (g, 3, 3), float64: of the ambient field of each body
+    gain: np.ndarray  # (rows, g, 6, 3), float64: wrench of a row of the sums per µT; scratch
+
+
+def no_common(dtype: np.dtype | type) -> Common:
+    """Nothing that units share."""
+    return Common(
+        np.zeros(0, LAW), np.zeros((3, 0), dtype), np.zeros((3, 0), dtype), np.zeros((0, 3, 3)),
+        np.zeros((0, 0, 6, 3)),
+    )  # fmt: skip
+
+
+def common_field(
+    topology: Topology, body: np.ndarray, covariance_ut2: np.ndarray, field_ut: np.ndarray,
+    displacement_mm: np.ndarray, *, by_strength: bool,
+) -> Common:  # fmt: skip
+    """What units share that see one ambient field.
+
+    Parameters
+    ----------
+    topology : Topology
+    body : ndarray, shape (n,), int
+        Whose field each unit sees.
+    covariance_ut2 : ndarray, shape (g, 3, 3), float64
+        Of the field of each body, in the skin frame, the body being where the topology has it;
+        read in each cycle.
+    field_ut, displacement_mm : ndarray, shape (3, n)
+        As of a `Reading`; likewise.
+    by_strength : bool
+        Whether displacements are found by the strength of the field alone.
+    """
+    p, law = topology.parameters, np.zeros(topology.n, LAW)
+    law["body"] = body
+    law["axes"] = np.moveaxis(topology.rotation * CHIP_AXES[:, np.newaxis], 2, 0)
+    law["film"] = np.stack([p["film_x_mm"], p["film_y_mm"]], axis=1)
+    law["soft"], law["knee"] = p["shear_soft_n_per_mm"], p["shear_break_mm"]
+    law["stiffer"], law["gain"] = p["shear_stiff_n_per_mm"], p["shear_gain_per_mm"]
+    law["gain_offset"] = 1.0 - p["shear_gain_per_mm"] * p["field_reference_mm"]
+    law["wavenumber"] = p["field_wavenumber_rad_per_mm"] if by_strength else 0.0
+    return Common(law, field_ut, displacement_mm, covariance_ut2, np.zeros((0, 0, 6, 3)))
+
+
+@jitable
+def _per_field(i, common, j):
+    """Tangential force of a unit per µT of its field, into `j`, shape (2, 3); False if unknown."""
+    law = common.law[i]
+    x, y = np.float64(common.displacement_mm[0, i]), np.float64(common.displacement_mm[1, i])
+    depth = np.float64(common.displacement_mm[2, i])
+    bx, by = np.float64(common.field_ut[0, i]), np.float64(common.field_ut[1, i])
+    bz = np.float64(common.field_ut[2, i])
+    strength = math.sqrt(bx * bx + by * by)
+    if not (strength > 0.0 and math.isfinite(x + y + depth)):
+        return False
+    outer_x, outer_y = x + law["film"][0], y + law["film"][1]
+    outer = math.sqrt(outer_x * outer_x + outer_y * outer_y)
+    per_ut, wx, wy = outer / strength, bx / strength, by / strength
+    if law["wavenumber"] > 0.0:
+        c = max(math.cos(law["wavenumber"] * outer), CREST)
+        along, upright = per_ut * (2.0 + c) / (3.0 * c), 0.0
+    else:
+        whole = math.sqrt(strength * strength + bz * bz)
+        c = bz / whole
+        narrow = per_ut * (2.0 + c) / 3.0
+        along, upright = narrow * c, -narrow * strength / whole
+    radius = math.sqrt(x * x + y * y)
+    stiffening = law["gain"] * depth + law["gain_offset"]
+    beyond = law["stiffer"] if radius > law["knee"] else 0.0
+    tangent = stiffening * (law["soft"] + beyond)
+    secant = stiffening * law["soft"]
+    if radius > law["knee"]:
+        secant += stiffening * law["stiffer"] * (1.0 - law["knee"] / radius)
+    ux, uy = (x / radius, y / radius) if radius > 0.0 else (wx, wy)
+    # the displacement by the field, then the force by the displacement
+    xx, xy = along * wx * wx + per_ut * wy * wy, (along - per_ut) * wx * wy
+    yy = along * wy * wy + per_ut * wx * wx
+    more = tangent - secant
+    for axis in range(2):
+        u = ux if axis == 0 else uy
+        fx, fy = more * u * ux, more * u * uy
+        fx += secant if axis == 0 else 0.0
+        fy += secant if axis == 1 else 0.0
+        j[axis, 0] = fx * xx + fy * xy
+        j[axis, 1] = fx * xy + fy * yy
+        j[axis, 2] = upright * (fx * wx + fy * wy)
+    return True
+
+
+@jitable
+def add_common(k, units, data, poses):
+    """Add to the gain of row k what the units add, and take their part out of their variances.
+
+    A force along the axis a of a unit at p has the wrench (a, p × a).
+    """
+    common, force_sigma = data.common, data.reading.force_sigma
+    triangle, j, screw = data.sums.rows[k]["wrench_covariance"], data.scratch.first, data.scratch.six
+    for at in range(units.size):
+        i = units[at]
+        if not _per_field(i, common, j):
+            continue
+        axes, g = common.law[i]["axes"], common.law[i]["body"]
+        gain, covariance = common.gain[k, g], common.covariance_ut2[g]
+        residue = (covariance[0, 0] + covariance[1, 1] + covariance[2, 2]) / 3.0
+        p, rotation = poses[i]["position"], poses[i]["rotation"]
+        for axis in range(2):
+            x, y, z = rotation[0, axis], rotation[1, axis], rotation[2, axis]
+            screw[0], screw[1], screw[2] = x, y, z
+            screw[3], screw[4], screw[5] = p[1] * z - p[2] * y, p[2] * x - p[0] * z, p[0] * y - p[1] * x
+            square = 0.0
+            for b in range(3):
+                per_ut = j[axis, 0] * axes[b, 0] + j[axis, 1] * axes[b, 1] + j[axis, 2] * axes[b, 2]
+                square += per_ut * per_ut
+                for a in range(6):
+                    gain[a, b] += per_ut * screw[a]
+            shared = min(residue * square, np.float64(force_sigma[axis, i]) ** 2)
+            row = 0
+            for a in range(6):
+                for b in range(a, 6):
+                    triangle[row] -= shared * screw[a] * screw[b]
+                    row += 1
+
+
+@jitable
+def _spread(k, data):
+    """Add what the units of row k share to the covariance of its wrench: Σ G C G'."""
+    common, triangle = data.common, data.sums.rows[k]["wrench_covariance"]
+    for g in range(common.covariance_ut2.shape[0]):
+        gain, covariance = common.gain[k, g], common.covariance_ut2[g]
+        row = 0
+        for a in range(6):
+            x = y = z = 0.0
+            for b in range(3):
+                x += gain[a, b] * covariance[b, 0]
+                y += gain[a, b] * covariance[b, 1]
+                z += gain[a, b] * covariance[b, 2]
+            for b in range(a, 6):
+                triangle[row] += x * gain[b, 0] + y * gain[b, 1] + z * gain[b, 2]
+                row += 1
+
+
+@jitable
+def spread_common(count, data):
+    """Add what units share: to the covariances of the first `count` rows, and to that of all, which
+    is the row after the next; with errors that contacts share."""
+    gain = data.common.gain
+    for g in range(data.common.covariance_ut2.shape[0]):
+        for k in range(count + 1):
+            for a in range(6):
+                for b in range(3):
+                    gain[count + 1, g, a, b] += gain[k, g, a, b]
+    for k in range(count):
+        _spread(k, data)
+    _spread(count + 1, data)

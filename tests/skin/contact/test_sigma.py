@@ -1,0 +1,211 @@
+"""Sigmas of wrenches and centres against truths of their own: films, faces and silent units made
+here, by formulas that share nothing with the decoder or the simulator."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+import tests.naive.contact as naive
+from skin.contact.common import LAW, Common
+from skin.contact.graph import neighbour_graph
+from skin.contact.record import Flag
+from skin.contact.stream import ContactStream
+
+PITCH, FACE = 0.012, 0.0105
+K_RAD_PER_MM, M0_UT = 0.55, 2500.0
+
+
+def stream_of(position, rotation, **options):
+    graph = neighbour_graph(position, 1.5 * PITCH)
+    given = {"want": {"contacts"}, "dtype": "float64", "start_sigma": 5.5} | options
+    return ContactStream(position, rotation, FACE**2, *graph, **given)
+
+
+def share_within(hits, low=0.66, high=0.72):
+    """A rate that may be between two: not outside of both by more than chance, 1 in 1000."""
+    n, count = len(hits), int(np.sum(hits))
+    return binom.ppf(5e-4, n, low) <= count <= binom.ppf(1 - 5e-4, n, high)
+
+
+# -- errors that units share -----------------------------------------------------------------------
+
+
+def field_of(displacement):
+    """Of a film that turns its field as it is displaced, µT, in the unit's axes; (2, n) to (3, n)."""
+    radius = np.maximum(np.linalg.norm(displacement, axis=0), 1e-12)
+    lateral = M0_UT * np.sin(K_RAD_PER_MM * radius) * displacement / radius
+    return np.vstack([lateral, M0_UT * np.cos(K_RAD_PER_MM * radius)[np.newaxis]])
+
+
+def shear_of(field):
+    """Displacement and tangential force by such a field: 0.5 N/mm, 2 N/mm more beyond 0.8 mm."""
+    strength = np.maximum(np.linalg.norm(field[:2], axis=0), 1e-12)
+    radius = np.arctan2(strength, field[2]) / K_RAD_PER_MM
+    force = 0.5 * radius + 2.0 * np.maximum(radius - 0.8, 0.0)
+    return radius * field[:2] / strength, force * field[:2] / strength
+
+
+@pytest.mark.parametrize("curved", [False, True])
+@pytest.mark.parametrize("bodies", [1, 2])
+@pytest.mark.parametrize("drag", [0.02, 1.4])
+def test_the_ambient_field_counts_once_for_all_units_of_a_body(curved, bodies, drag):
+    """Chi-square of wrenches whose units share an unknown field of each body, in all six rows and
+    in each: mean 6 of 6, within 4 sigma of the mean of so many."""
+    rng = np.random.default_rng(7)
+    position, rotation = naive.cylinder(5, 6) if curved else (
+        naive.grid(5, 6), naive.facing_down(30)
+    )  # fmt: skip
+    n, trials, noise = position.shape[1], 300, 0.004
+    half = rng.normal(0.0, 12.0, (bodies, 3, 3))
+    covariance = half @ half.transpose(0, 2, 1)
+    body = np.arange(n) * bodies // n
+    law = np.zeros(n, LAW)
+    law["body"], law["axes"] = body, np.moveaxis(rotation, 2, 0)
+    law["soft"], law["knee"], law["stiffer"], law["gain_offset"] = 0.5, 0.8, 2.0, 1.0
+    true = drag * np.array([[np.cos(0.7)], [np.sin(0.7)]]) * rng.uniform(0.7, 1.0, n)
+    true_force = np.vstack([shear_of(field_of(true))[1], np.full((1, n), 2.0)])
+    field, moved, force, sigma = (np.zeros((3, n)) for _ in range(4))
+    common = Common(law, field, moved, covariance, np.zeros((0, 0, 6, 3)))
+    stream = stream_of(position, rotation)
+    take = stream.bind(force, sigma, moved, np.full((3, n), 0.01), common=common)
+    told, _ = naive.wrench(range(n), true_force, sigma, position, rotation, np.zeros(3))
+    squares, each = [], []
+    step = 1e-3
+    for trial in range(trials):
+        unknown = np.stack([rng.multivariate_normal(np.zeros(3), one) for one in covariance])
+        at_units = np.einsum("abn,na->bn", rotation, unknown[body])
+        field[:] = field_of(true) + at_units
+        moved[:2], force[:2] = shear_of(field)
+        force[2] = 2.0
+        # what the decoder has in sigma: a third of the trace for each axis, by differences
+        residue = np.trace(covariance[body], axis1=1, axis2=2) / 3.0
+        slopes = [(shear_of(field + step * np.eye(3)[:, [a]])[1] - force[:2]) / step
+                  for a in range(3)]  # fmt: skip
+        own = noise**2 + residue * np.square(slopes).sum(axis=0)
+        force += noise * rng.standard_normal((3, n))
+        sigma[:2], sigma[2] = np.sqrt(own), noise
+        take(trial + 1)
+        error = stream.total.wrench - told
+        squares.append(error @ np.linalg.solve(stream.total.wrench_covariance, error))
+        each.append(np.abs(error) <= stream.total.wrench_sigma)
+        assert stream.contacts[0].wrench_sigma == pytest.approx(stream.total.wrench_sigma)
+    assert np.mean(squares) == pytest.approx(6.0, abs=4.0 * np.sqrt(12.0 / trials) + 0.6)
+    for row in np.transpose(each)[[0, 1, 5]]:
+        assert share_within(row), np.mean(row)
+
+
+# -- what is not seen ------------------------------------------------------------------------------
+
+
+def test_a_contact_without_its_strongest_unit_says_so_and_covers_the_truth():
+    """Balls on a palm; the strongest unit falls silent: two in three errors within sigma, or more,
+    for the bound is not below what it bore."""
+    rng = np.random.default_rng(3)
+    position = naive.grid(8, 8, PITCH)
+    stream = stream_of(position, naive.facing_down(64))
+    covered = []
+    for trial in range(60):
+        x, y = rng.uniform(0.01, 0.07, 2)
+        square = (position[0] - x) ** 2 + (position[1] - y) ** 2
+        load = np.maximum(1.2 - 1e3 * square / (2.0 * rng.uniform(0.05, 0.2)), 0.0) * 1.5
+        force = np.stack([0.3 * load, 0.1 * load, load])
+        valid = np.ones(64, bool)
+        for k in range(3):
+            (contact,) = stream.update(force, 0.01, valid=valid, stamp_ns=10 * trial + k + 1)
+            assert contact.whole and not contact.flags & Flag.UNSEEN
+        valid[np.argmax(load)] = False
+        growing = force * rng.uniform(0.9, 1.1)
+        stream.update(growing, 0.01, valid=valid, stamp_ns=10 * trial + 5)
+        truth = naive.wrench(range(64), growing, growing, position, naive.facing_down(64),
+                             np.zeros(3))[0]  # fmt: skip
+        for one in (stream.contacts[0] if stream.contacts else stream.total, stream.total):
+            assert not one.whole
+            assert one.flags & Flag.UNSEEN
+        covered.append(np.abs(stream.total.wrench - truth)[:3] <= 1.15 * stream.total.wrench_sigma[:3])
+        stream.update(0.0 * force, 0.01, stamp_ns=10 * trial + 8)
+        assert stream.total.whole
+    assert np.mean(covered) > 0.66
+
+
+def test_no_wrench_is_zero_within_zero_while_units_are_silent():
+    position = naive.grid(4, 4, PITCH)
+    stream = stream_of(position, naive.facing_down(16), want={"wrench"}, most_n=7.0,
+                       feels=np.arange(16) != 15)  # fmt: skip
+    valid, force = np.ones(16, bool), np.zeros((3, 16))
+    stream.update(force, 0.01, valid=valid & False, stamp_ns=1)
+    assert stream.total.wrench_sigma[:3] == pytest.approx(7.0 * np.sqrt(15.0)), "never heard of any"
+    assert not stream.total.whole
+    stream.update(force, 0.01, valid=np.arange(16) != 15, stamp_ns=2)
+    assert stream.total.whole, "one that is never to be heard is not missed"
+    assert stream.total.wrench_sigma.tolist() == [0.0] * 6
+    stream.update(force, 0.01, valid=np.arange(16) != 5, stamp_ns=3)
+    assert stream.total.whole, "its neighbours would show a touch"
+    assert stream.total.wrench_sigma[:3] == pytest.approx(0.03), "the gate"
+    force[2, 5] = 6.0
+    stream.update(force, 0.01, valid=valid, stamp_ns=4)
+    assert stream.total.load == 6.0
+    for stamp in (5, 6, 500_000_000):
+        stream.update(force, 0.01, valid=np.arange(16) != 5, stamp_ns=stamp)
+        assert stream.total.wrench.tolist() == [0.0] * 6
+        assert stream.total.wrench_sigma[:3] == pytest.approx(6.0)
+        assert not stream.total.whole
+    force[2, 5] = 0.0
+    stream.update(force, 0.01, valid=valid, stamp_ns=600_000_000)
+    assert stream.total.whole
+    assert stream.total.wrench_sigma.tolist() == [0.0] * 6
+
+
+# -- the centre ------------------------------------------------------------------------------------
+
+
+def pressed(rng, position, load):
+    """Loads of faces on an elastic foundation of 1.5 N/mm a face, and the centre of all of it: a
+    ball, a flat punch or an edge somewhere."""
+    sub = 16
+    across = (np.arange(sub) + 0.5) / sub * FACE - 0.5 * FACE
+    x = position[0][:, np.newaxis, np.newaxis] + across[:, np.newaxis]
+    y = position[1][:, np.newaxis, np.newaxis] + across
+    cx, cy = position[:2].mean(axis=1) + rng.uniform(-2.5, 2.5, 2) * PITCH
+    kind, size, turn = rng.integers(3), rng.uniform(), rng.uniform(0.0, np.pi)
+    away = (x - cx) ** 2 + (y - cy) ** 2
+    along = np.abs((x - cx) * np.cos(turn) + (y - cy) * np.sin(turn))
+    shape = (
+        -1e3 * away / (2.0 * 0.006 * 25.0**size),
+        np.where(away < (0.002 + 0.02 * size) ** 2, 0.0, -99.0),
+        np.where((along < 0.0005 + 0.005 * size) & (away < 0.015**2), 0.0, -99.0),
+    )[kind]
+    low, high = 1e-5, 10.0
+    for _ in range(30):
+        depth = np.sqrt(low * high)
+        faces = 1.5 * np.maximum(depth + shape, 0.0) / sub**2
+        low, high = (depth, high) if faces.sum() < load else (low, depth)
+    total = max(faces.sum(), 1e-9)
+    return faces.sum(axis=(1, 2)), np.array([(faces * x).sum(), (faces * y).sum()]) / total
+
+
+@pytest.mark.parametrize("span", [(0.15, 0.5), (0.5, 1.0), (1.0, 5.0)])
+def test_the_centre_of_a_light_touch_is_as_uncertain_as_it_says(span):
+    rng = np.random.default_rng(11)
+    position = naive.grid(8, 8, PITCH)
+    stream = stream_of(position, naive.facing_down(64), dtype="float64")
+    hits, stamp = [], 0
+    for _ in range(350):
+        load, centre = pressed(rng, position, np.exp(rng.uniform(*np.log(span))))
+        if load.sum() < 0.5 * span[0]:
+            continue
+        force = np.zeros((3, 64))
+        for _ in range(2):
+            stamp += 1
+            force[2] = load + 0.01 * rng.standard_normal(64)
+            contacts = stream.update(force, 0.01, stamp_ns=stamp)
+        if len(contacts) == 1 and np.isfinite(contacts[0].centroid).all():
+            error = contacts[0].centroid[:2] - centre
+            sigma = np.sqrt(np.diag(contacts[0].centroid_covariance)[:2])
+            assert (sigma > 0.0).all()
+            hits.append(np.abs(error) <= sigma)
+        stamp += 1_000_000_000
+        stream.update(0.0 * force, 0.01, stamp_ns=stamp)
+    assert len(hits) > 150
+    assert 0.62 < np.mean(hits) < 0.78, np.mean(hits)
