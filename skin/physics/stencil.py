@@ -35,7 +35,7 @@ from skin.physics.stray import (
     scan_stray,
 )
 from topology import Topology
-from topology.files import check_path, read_arrays, whole_file
+from topology.files import arrays_of, check_path, read_arrays, whole_file
 from topology.neighbours import compressed_rows
 
 __all__ = ["Stencil"]
@@ -45,6 +45,7 @@ DEPTH_MAX_MM, DISPLACEMENT_MAX_MM = 2.0, 2.5
 SAME_SKIN_M = 2e-4
 """Units that are this much nearer or farther than in a saved stencil are other units [assumed:
 how well units are placed]."""
+STENCIL_FILE = arrays_of("a stencil", "format", "neighbour", "coefficients", "strength", "rest_ut")
 FORMAT, READ = 2, (1, 2)
 """Of the file that a stencil is saved to, and those that can be read: 1 holds more than is used."""
 
@@ -148,8 +149,9 @@ class Stencil:
         return out
 
     def save(self, path: str | Path) -> None:
-        """Write all of it to a file, as numpy's .npz, whole or not at all."""
-        with whole_file(Path(path)) as file:
+        """Write all of it to a file, as numpy's .npz, whole or not at all; over no file but a
+        stencil."""
+        with whole_file(Path(path), over=STENCIL_FILE) as file:
             self.write(file)
 
     def write(self, file: IO[bytes]) -> None:
