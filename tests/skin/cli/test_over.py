@@ -72,7 +72,7 @@ def test_what_another_has_written_stays_and_is_named(name, held, tmp_path, capsy
 
 
 def test_the_calibrations_of_a_skin_go_to_no_topology(tmp_path, capsys):
-    """A folder whose topology has the name of its patch: the file that is written there has, too."""
+    """A folder whose topology has the name that the file of its patch is to have."""
     path = tmp_path / "palm.toml"
     path.write_text(TOPOLOGY)
     assert main(["tare", "palm", "-o", str(tmp_path), "--simulate", "--seconds", "0.5"]) != 0
