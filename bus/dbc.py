@@ -19,7 +19,7 @@ from bus import configure
 from bus.frame import CAN_EFF
 from bus.heartbeat import FIELDS, FIRST_ID, LAYOUT, PERIOD_S, STATES, beating_nodes
 from topology import CHANNELS, Signal, Topology, WireLayout
-from topology.files import whole_file
+from topology.files import check_over, marked, whole_file
 from topology.wire import FRAME_FIELDS, QUANTITIES
 
 __all__ = ["DbcFile", "dbc_text", "write_dbc"]
@@ -119,11 +119,17 @@ def write_dbc(topology: Topology, folder: str | os.PathLike[str] = ".") -> list[
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
+    places = []
+    for bus in topology.buses:
+        mark = f'CM_ "Bus {bus.name} of {topology.name}.'
+        own = marked("the DBC file of this bus", mark.encode("ascii"))
+        places.append((folder / f"{topology.name}-{bus.name}.dbc", own))
+        check_over(*places[-1])
     written = []
     for index, bus in enumerate(topology.buses):
         messages = _messages(topology, index)
-        path = folder / f"{topology.name}-{bus.name}.dbc"
-        with whole_file(path, "w", encoding="ascii", newline="\n") as file:
+        path, own = places[index]
+        with whole_file(path, "w", over=own, encoding="ascii", newline="\n") as file:
             file.write(_text(topology, index, messages))
         signals = sum(len(message.signals) for message in messages)
         written.append(DbcFile(path, bus.name, len(messages), signals))

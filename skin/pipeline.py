@@ -18,12 +18,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bus.assemble import Assembler
-from bus.cycle import FrameCounters, RawCycle
+from bus.cycle import ClosedBy, FrameCounters, RawCycle
 from skin.clock import Clock
 from skin.contact.record import UNSEEN
 from skin.decode.decoder import Decoder
 from skin.errors import CountsError, check_kind, check_number
 from skin.options import Options
+from skin.owned import Layout
 from skin.state import ARRAY_WANTS, UNIT_WANTS, UNWANTED, State
 from topology import CHANNELS, Topology
 
@@ -69,6 +70,8 @@ class Pipeline:
         Positions and rotations of the units, as of the last move; another tuple after each.
     lists_contacts : bool
         Whether states have contacts.
+    now : State
+        The last cycle on the pipeline's own arrays: the same object in each, valid until the next.
     counts : ndarray, shape (c, n), int16
     status : ndarray, shape (n,), uint16
         What the decoder reads: counts and flags of the last cycle, as the assembler writes them.
@@ -125,6 +128,12 @@ class Pipeline:
                 self._shared(),
             )  # fmt: skip
             self._show(self.contacts)
+        self._array = Layout(dict.fromkeys(self.shown)) if self.contacts is None else None
+        self._units = self.decoder.layout
+        self.now = State(
+            -1, 0, self.decoder.reading, 0.0, ClosedBy.END, self.counters, **self.shown,
+            sampled_ns=self.assembler.sampled_ns, topology=topology,
+        )  # fmt: skip
         if options.tare and self._lacks_zeros():
             self.take_zeros()
 
@@ -164,8 +173,8 @@ class Pipeline:
     def watch(self, look: Callable[[State], None]) -> None:
         """Let `look` see each state from now on, as soon as it is made.
 
-        The cycle waits for it: it copies what it needs, and returns. State and arrays are valid
-        until it has.
+        The cycle waits for it: it copies what it needs, and returns. It is given `now`, whose
+        arrays are valid until it has.
         """
         self._watching.append(look)
 
@@ -249,6 +258,7 @@ class Pipeline:
             self._slip = stream.unit_slip
         self._label = stream.tracker.label
         self._flags = stream.records["flags"][-1:]
+        stream.show(**self.shown)
 
     @property
     def shown(self) -> dict[str, np.ndarray]:
@@ -330,7 +340,6 @@ class Pipeline:
         Returns
         -------
         State
-            Its arrays are valid until the next cycle.
 
         Raises
         ------
@@ -391,35 +400,36 @@ class Pipeline:
 
     def state(self, cycle: RawCycle) -> State:
         """The state of a cycle whose counts and flags lie in `counts` and `status` already."""
+        now = self.step(cycle)
+        array = self._array if self.contacts is None else self.contacts.layout
+        state = now.owned(self._units, array)
+        if not self.lists_contacts:
+            state.contacts = UNWANTED
+        return state
+
+    def step(self, cycle: RawCycle) -> State:
+        """As `state`, but `now`: for who needs it until the next cycle alone."""
         clock = self.clock
         clock.tick(cycle.number, cycle.stamp_ns)
         self.decoder.elapse(1e-9 * clock.elapsed_ns)
         reading = self._decode()
         heard = reading.valid
         everywhere = np.count_nonzero(heard) == heard.size
-        contacts = UNWANTED
+        now = self.now
         if self._describe is not None:
-            contacts = self._describe(clock.now_ns)
+            found = self._describe(clock.now_ns)
+            if self.lists_contacts:
+                now.contacts = found
         if self.zeros is not None:
             self.zeros.look(self.counts, self.status)
         if self.learning is not None:
             self.learning.look(self.counts, self.status)
-        state = State(
-            cycle.number,
-            cycle.stamp_ns,
-            reading,
-            1.0 if everywhere else float(self._area_share.dot(heard)),
-            cycle.closed_by,
-            cycle.counters,
-            *self._total,
-            contacts if self.lists_contacts else UNWANTED,
-            self._label,
-            self._slip,
-            clock.overruns,
-            cycle.sampled_ns,
-            self.topology,
-            UNWANTED if self._flags is None else not self._flags[0] & UNSEEN,
-        )
+        now.cycle, now.stamp_ns, now.closed_by = cycle.number, cycle.stamp_ns, cycle.closed_by
+        now.coverage = 1.0 if everywhere else float(self._area_share.dot(heard))
+        now.counters, now.overruns = cycle.counters, clock.overruns
+        now.sampled_ns = cycle.sampled_ns
+        if self._flags is not None:
+            now.whole = not self._flags[0] & UNSEEN
         for look in self._watching:
-            look(state)
-        return state
+            look(now)
+        return now

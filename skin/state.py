@@ -9,6 +9,7 @@ import numpy as np
 
 from bus.cycle import ClosedBy, FrameCounters
 from bus.status import INVALID, Status
+from skin.owned import Layout, Lazy
 from topology import Topology
 
 if TYPE_CHECKING:
@@ -29,8 +30,8 @@ is then, and not that it may be missing."""
 
 
 @dataclass(slots=True)
-class Reading:
-    """Decoded units. Arrays are views of the decoder's buffers, valid until its next call.
+class Reading(Lazy):
+    """Decoded units. Arrays are the reading's own.
 
     With a batch of t cycles every array has a leading axis t. Units that have never been heard
     of, and sensors of another kind, are NaN; a unit that is missing shows its last value and says
@@ -100,8 +101,8 @@ class Reading:
 
 
 @dataclass(slots=True)
-class State:
-    """The skin at one cycle. Arrays and contacts are valid until the next cycle; `copy` keeps them.
+class State(Lazy):
+    """The skin at one cycle. Arrays and contacts are the state's own: whoever keeps it keeps them.
 
     Attributes
     ----------
@@ -213,8 +214,19 @@ class State:
             return UNWANTED
         return [contact for contact in self.contacts if contact.onset_s == 0.0]
 
+    def owned(self, units: Layout, array: Layout) -> State:
+        """The same state with a copy of what the arrays of these layouts are now."""
+        own, reading = State.__new__(State), Reading.__new__(Reading)
+        reading.take(units)
+        own.take(array)
+        own.cycle, own.stamp_ns, own.units = self.cycle, self.stamp_ns, reading
+        own.coverage, own.closed_by, own.counters = self.coverage, self.closed_by, self.counters
+        own.overruns, own.topology, own.whole = self.overruns, self.topology, self.whole
+        own.sampled_ns = self.sampled_ns.copy()
+        return own
+
     def copy(self) -> State:
-        """The same state with arrays, contacts and counters of its own, to be kept."""
+        """The same state with arrays, contacts and counters that no other has: to be changed."""
         contacts = self.contacts
         return _copied(
             self,

@@ -5,18 +5,24 @@ from __future__ import annotations
 import errno
 import os
 import stat
+import tomllib
 import uuid
 import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Any, BinaryIO
+from typing import IO, Any, BinaryIO, NamedTuple
 
 import numpy as np
 
 __all__ = [
+    "NO_KIND",
+    "Kind",
     "TooLargeError",
+    "arrays_of",
+    "check_over",
     "check_path",
+    "marked",
     "missing",
     "named",
     "open_regular",
@@ -26,6 +32,8 @@ __all__ = [
     "whole_path",
 ]
 
+LONGEST_TOLD = 1 << 20
+"""Bytes that are read of a file that is in the way, to say what it is [assumed]."""
 LARGEST_ARRAYS = 1 << 31
 """Bytes of all arrays of an archive, unpacked [assumed: the stencil of 100 000 units]."""
 
@@ -47,6 +55,94 @@ class TooLargeError(OSError):
         self.size = size
 
 
+class Kind(NamedTuple):
+    """Files that a writer may put its own in place of, since it has written them."""
+
+    name: str
+    """What one is, with its article: "a stencil"."""
+    is_one: Callable[[Path], bool]
+    """Whether the file that is there is one; may raise anything about a file that is none."""
+
+
+NO_KIND = Kind("", lambda path: False)
+"""Of what is never written over: recordings."""
+
+
+def marked(name: str, *marks: bytes, at_most: int = 1 << 16) -> Kind:
+    """Files whose first or last `at_most` bytes have each of these marks."""
+
+    def is_one(path: Path) -> bool:
+        with open_regular(path) as file:
+            known = file.read(at_most)
+            file.seek(max(os.fstat(file.fileno()).st_size - at_most, 0))
+            known += b"\0" + file.read(at_most)
+        return all(mark in known for mark in marks)
+
+    return Kind(name, is_one)
+
+
+def arrays_of(name: str, *arrays: str) -> Kind:
+    """Files of arrays (.npz), these among them."""
+
+    def is_one(path: Path) -> bool:
+        with open_regular(path) as file, zipfile.ZipFile(file) as archive:
+            return {f"{array}.npy" for array in arrays} <= set(archive.namelist())
+
+    return Kind(name, is_one)
+
+
+def check_over(path: Path, kind: Kind) -> None:
+    """Refuse to write a file of `kind` over what is another: a writer replaces its own alone.
+
+    An empty file is nothing to lose; a folder, device or pipe is refused by who opens it.
+
+    Raises
+    ------
+    FileExistsError
+        It names what is there.
+    """
+    if not path.is_file() or not path.stat().st_size:
+        return
+    try:
+        is_own = kind.is_one(path)
+    except Exception:  # anything may come of reading what is another
+        is_own = False
+    if not is_own:
+        wanted = f"a new file, or {kind.name}" if kind.name else "a new file"
+        raise FileExistsError(
+            errno.EEXIST, f"must be {wanted}; got {_told(path)} that is there already", str(path)
+        )
+
+
+def _told(path: Path) -> str:
+    """What a file is, as far as it shows, in a few words."""
+    try:
+        with open_regular(path) as file:
+            head = file.read(LONGEST_TOLD)
+    except OSError:
+        return "a file"
+    if head.startswith(b"PK"):
+        return "an archive or file of arrays"
+    try:
+        text = head.decode()
+    except UnicodeDecodeError as error:
+        if error.start < len(head) - 3:
+            return f"a {path.suffix or 'binary'} file"
+        text = head[: error.start].decode()
+    if "\0" in text:
+        return f"a {path.suffix or 'binary'} file"
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        table = {}
+    if "patches" in table:
+        return f"the topology file of {str(table.get('name', ''))!r}"
+    if "patch" in table and "units" in table:
+        return f"the calibration file of patch {str(table['patch'])!r}"
+    line = next((line for line in text.splitlines() if line.strip()), "")
+    return f"a file that begins with {line.strip()[:40]!r}"
+
+
 @contextmanager
 def named(path: Path) -> Iterator[None]:
     """Let errors of writing name `path`: where the disk is full they name none, and a file that is
@@ -61,10 +157,13 @@ def named(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def whole_path(path: Path) -> Iterator[Path]:
+def whole_path(path: Path, over: Kind | None = None) -> Iterator[Path]:
     """The path of a new file beside `path`, which takes its place at the end of the block, and is
     gone if an error ends it. Of several that write at once, the last one stays. An error of writing
-    names `path`. A device or pipe is refused, since a file would take its place."""
+    names `path`. A device or pipe is refused, since a file would take its place; so is a file that
+    is not of the kind `over`, as of `check_over`."""
+    if over is not None:
+        check_over(path, over)
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise OSError(errno.EINVAL, "must be a regular file, or a new one", str(path))
     beside = path.with_name(f".{path.name}.{uuid.uuid4().hex[:12]}.part")
@@ -77,10 +176,12 @@ def whole_path(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def whole_file(path: Path, mode: str = "wb", **how: Any) -> Iterator[IO[Any]]:
+def whole_file(
+    path: Path, mode: str = "wb", *, over: Kind | None = None, **how: Any
+) -> Iterator[IO[Any]]:
     """Open a file that takes the place of `path` at the end of the block, as of `whole_path`; `how`
     is for `open`."""
-    with whole_path(path) as beside, beside.open(mode, **how) as file:
+    with whole_path(path, over) as beside, beside.open(mode, **how) as file:
         yield file
 
 

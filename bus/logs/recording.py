@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from bus.logs.channels import is_numbered, names_of, numbers_of
 from bus.logs.writer import LogWriter
 from bus.transport import Transport, TransportCounters
 from topology import Topology
-from topology.files import named
+from topology.files import NO_KIND, check_over, named
 
 __all__ = ["LoggedTransport", "Recording"]
 
@@ -26,18 +27,21 @@ class Recording:
     Parameters
     ----------
     path : path
-        Ends in .log, .log.gz or .blf; a file that is there already is overwritten.
+        Ends in .log, .log.gz or .blf; a new file: no recording is written over.
     topology : Topology
 
     Raises
     ------
     LogError
         No writer for the suffix, or the file cannot be written.
+    FileExistsError
+        There is such a file already.
     """
 
     def __init__(self, path: str | os.PathLike[str], topology: Topology) -> None:
         from bus.logs import open_writer
 
+        check_over(Path(path), NO_KIND)
         numbered = is_numbered(path)
         self._buses = np.array(numbers_of(topology) if numbered else range(len(topology.buses)))
         named = {} if numbered else {"channels": names_of(topology)}

@@ -80,11 +80,11 @@ class Blocks:
         if self._stride is not None and cycles >= SHORTEST:
             row, left = self._stride.run(row, rows, gather, cycles)
             if left:
-                gather.add(pipeline.state(pipeline.assembler.cycle()))
+                gather.add(pipeline.step(pipeline.assembler.cycle()))
             return row
         row, cycle = pipeline.assembler.take(row, rows)
         if cycle is not None:
-            gather.add(pipeline.state(cycle))
+            gather.add(pipeline.step(cycle))
         return row
 
 

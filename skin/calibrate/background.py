@@ -18,6 +18,7 @@ import numpy as np
 from skin.calibrate.learn import StrayEstimate
 from skin.calibrate.learner import window_dtype
 from skin.errors import SkinError
+from skin.physics.stencil import STENCIL_FILE
 from skin.worker import RingBuffer, Worker
 from topology.files import whole_file
 from topology.packed import packed
@@ -127,7 +128,7 @@ class Learning:
         if "missing" in found:
             raise SkinError(f"{file}: must be learned from a skin in use; got no "
                             f"{found['missing']}")  # fmt: skip
-        with whole_file(Path(file)) as out:
+        with whole_file(Path(file), over=STENCIL_FILE) as out:
             out.write(base64.b64decode(found["stencil"]))
 
     def close(self) -> None:

@@ -28,11 +28,12 @@ import numpy as np
 
 from skin.calibrate.read import as_fit, named_file, read_calibration
 from skin.calibrate.untouched import Readings
-from skin.calibrate.write import OfUnits, write_calibration
+from skin.calibrate.write import OfUnits, calibration_of, write_calibration
 from skin.errors import CountsError, OptionError, ScanError, SkinError
 from skin.physics.least_squares import Fit
 from skin.physics.stencil import neighbours_at_rest
 from topology import CHANNELS, Topology
+from topology.files import check_over
 
 __all__ = ["Tare", "calibration_files", "chosen", "tare"]
 
@@ -204,7 +205,19 @@ def calibration_files(
     ------
     SkinError
         A patch names none, and none is given.
+    FileExistsError
+        A file is there that is no calibration file of these units.
     """
+    files = _calibration_files(topology, taken, out)
+    for patch, path in files.items():
+        units = {name.removeprefix(f"{patch}/") for name in topology.unit_names}
+        check_over(path, calibration_of(patch, units))
+    return files
+
+
+def _calibration_files(
+    topology: Topology, taken: np.ndarray, out: str | os.PathLike[str] | None
+) -> dict[str, Path]:
     patches = [topology.patch_names[i] for i in np.unique(topology.patch[taken])]
     if out is not None:
         path = Path(out)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import tomllib
 from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -17,9 +18,9 @@ from skin.calibrate.comments import carry_comments
 from skin.errors import CalibrationError, OptionError
 from skin.physics.least_squares import Fit
 from topology import UnitModel
-from topology.files import whole_file
+from topology.files import Kind, whole_file
 
-__all__ = ["OfUnits", "parameter_values", "write_calibration"]
+__all__ = ["OfUnits", "calibration_of", "parameter_values", "write_calibration"]
 
 KNOWN = tuple(field.name for field in msgspec.structs.fields(UnitModel))
 BARE = re.compile(r"[A-Za-z0-9_-]+")
@@ -33,6 +34,22 @@ class OfUnits(NamedTuple):
     """Units whose zeros were taken in their places."""
     measured: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
     """Unit to its table of `topology.calibration_schema.Measured`."""
+
+
+def calibration_of(patch: str, units: Collection[str] | None = None) -> Kind:
+    """Calibration files of a patch, of no other units than these."""
+
+    def is_one(path: Path) -> bool:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        named = {*table.get("units", {}), *table.get("measured", {})}
+        return (
+            table.get("format") == 1
+            and table.get("patch") == patch
+            and "units" in table
+            and (units is None or named <= {*units})
+        )
+
+    return Kind(f"a calibration file of patch {patch!r}", is_one)
 
 
 def write_calibration(
@@ -72,6 +89,8 @@ def write_calibration(
         A fit of what is no parameter of `UnitModel`.
     CalibrationError
         A value that is not finite.
+    FileExistsError
+        A file is there that is no calibration file of the patch.
     """
     lines = ["format = 1", f"patch = {_text(patch)}"]
     lines += [f"{key} = {_text(text)}" for key, text in (("date", date), ("bench", bench)) if text]
@@ -84,7 +103,7 @@ def write_calibration(
     for unit, table in told.measured.items():
         lines += ["", f"[measured.{_key(unit)}]"]
         lines += [f"{_key(name)} = {_value(value)}" for name, value in table.items()]
-    with whole_file(Path(file), "w", encoding="utf-8") as out:
+    with whole_file(Path(file), "w", over=calibration_of(patch), encoding="utf-8") as out:
         out.write(carry_comments(before, "\n".join(lines) + "\n"))
 
 

@@ -36,7 +36,7 @@ from skin.physics.rest import inverse_map
 from skin.physics.stencil import neighbours_at_rest
 from skin.physics.stray import near
 from topology import CHANNELS, Topology
-from topology.files import check_path, missing, read_arrays, whole_file
+from topology.files import arrays_of, check_path, missing, read_arrays, whole_file
 from topology.gel import gel_temperature
 
 if TYPE_CHECKING:
@@ -59,6 +59,7 @@ SAME_C = 5.0
 
 GEL, CHIP = CHANNELS.index("gel"), CHANNELS.index("hall_temperature")
 FORMAT = 1
+ZEROS = arrays_of("zeros of a run", "units", "known", "calibration", "frequency_hz", "offset_ut")
 KINDS = {"known": "b", "calibration": "U", "serial": "i", "bodies": "U"}
 """Types of the arrays of a file that are no float."""
 BOUNDS = {
@@ -250,7 +251,7 @@ class Zeros:
             name: np.where(topology.tared, values, before.get(name, values))
             for name, values in now.items()
         }  # fmt: skip
-        with whole_file(Path(file)) as out:
+        with whole_file(Path(file), over=ZEROS) as out:
             np.savez_compressed(
                 out, format=FORMAT, units=np.array(topology.unit_names), bodies=bodies,
                 field_ut=field, **kept,

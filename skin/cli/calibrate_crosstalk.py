@@ -58,10 +58,11 @@ def calibrate_crosstalk(
     from skin.calibrate.touch import TouchTest
     from skin.compiling import announcer
     from skin.errors import ScanError
+    from skin.physics.stencil import STENCIL_FILE
     from topology import load
 
     options.check_seconds(seconds)
-    options.check_folder("--stencil", stencil)
+    options.check_folder("--stencil", stencil, STENCIL_FILE)
     announcer()
     loaded = load(file).on(interface=interface, channel=channel)
     taken = chosen(loaded)

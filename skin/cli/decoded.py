@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from skin.export.parquet import StateTable
-from topology.files import whole_file
+from topology.files import Kind, arrays_of, check_over, whole_file
 
 if TYPE_CHECKING:
     from skin.state import State
@@ -19,10 +19,21 @@ if TYPE_CHECKING:
 
 __all__ = ["Events", "writer_for"]
 
+UNIT_COLUMNS = "time_s unit temperature_c fx_n fy_n fz_n status valid contact"
+WRENCH_COLUMNS = "time_s fx_n fy_n fz_n mx_nm my_nm mz_nm x_m y_m z_m coverage contacts"
+EVENT_COLUMNS = "time_s contact event"
 CONTACT_COLUMNS = (
     "time_s contact units load_n x_m y_m z_m nx ny nz fx_n fy_n fz_n slip stick_ratio margin "
     "friction friction_sigma slip_probability grip_force_n grip_force_sigma_n"
 )
+
+
+TABLES = {
+    "": UNIT_COLUMNS, ".wrench": WRENCH_COLUMNS, ".contacts": CONTACT_COLUMNS,
+    ".events": EVENT_COLUMNS,
+}  # fmt: skip
+"""The tables of a log: what stands between the name and ".csv", and the columns."""
+ARRAYS = arrays_of("arrays of a decoded log", "time_s", "unit", "wrench", "event_contact")
 
 
 @contextmanager
@@ -72,19 +83,13 @@ class _Tables:
         self._path, self._names, self._files = path, topology.unit_names, files
         self._start_ns: int | None = None
         self._events = Events()
+        for part in TABLES:
+            check_over(*self._place(part))
 
     def add(self, state: State) -> None:
         if self._start_ns is None:
             self._start_ns = state.stamp_ns
-            self._units = self._open(
-                "", "time_s unit temperature_c fx_n fy_n fz_n status valid contact"
-            )
-            self._wrenches = self._open(
-                ".wrench",
-                "time_s fx_n fy_n fz_n mx_nm my_nm mz_nm x_m y_m z_m coverage contacts",
-            )
-            self._contacts = self._open(".contacts", CONTACT_COLUMNS)
-            self._happened = self._open(".events", "time_s contact event")
+            self._units, self._wrenches, self._contacts, self._happened = map(self._open, TABLES)
         time_s = f"{1e-9 * (state.stamp_ns - self._start_ns):.6f}"
         units, touching = state.units, _contact_of_units(state)
         for i, name in enumerate(self._names):
@@ -112,11 +117,25 @@ class _Tables:
     def finish(self) -> None:
         """All is written already."""
 
-    def _open(self, part: str, columns: str) -> Callable[[list[Any]], object]:
-        path = self._path.with_name(f"{self._path.stem}{part}.csv")
-        file = self._files.enter_context(whole_file(path, "w", newline="", encoding="utf-8"))
+    def _place(self, part: str) -> tuple[Path, Kind]:
+        """The file of a table, and what it may be written over: the same table."""
+        head = TABLES[part].replace(" ", ",").encode() + b"\r\n"
+
+        def is_one(path: Path) -> bool:
+            with path.open("rb") as file:
+                return file.read(len(head)) == head
+
+        name = part.removeprefix(".") or "units"
+        place = self._path.with_name(f"{self._path.stem}{part}.csv")
+        return place, Kind(f"a table of {name}", is_one)
+
+    def _open(self, part: str) -> Callable[[list[Any]], object]:
+        path, own = self._place(part)
+        file = self._files.enter_context(
+            whole_file(path, "w", over=own, newline="", encoding="utf-8")
+        )
         write = csv.writer(file).writerow
-        write(columns.split())
+        write(TABLES[part].split())
         return write
 
 
@@ -128,6 +147,7 @@ class _Arrays:
         self._cycles: list[dict[str, Any]] = []
         self._contacts: list[dict[str, Any]] = []
         self._events, self._happened = Events(), []
+        check_over(path, ARRAYS)
 
     def add(self, state: State) -> None:
         units = state.units
@@ -153,7 +173,7 @@ class _Arrays:
         stamps, start = arrays.pop("stamp_ns"), self._cycles[0]["stamp_ns"]
         of_contacts = _stacked(self._contacts) if self._contacts else NO_CONTACT
         arrays |= {f"contact_{name}": values for name, values in of_contacts.items()}
-        with whole_file(self._path) as file:
+        with whole_file(self._path, over=ARRAYS) as file:
             np.savez_compressed(
                 file,
                 time_s=(stamps - start) * 1e-9,

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from topology import Topology
+    from topology.files import Kind
 
 __all__ = [
     "FILE_HELP",
@@ -138,9 +139,11 @@ def refuse_both(option: str, other: str, value: object) -> None:
         raise SkinError(f"{other}: must not be given with {option}; got {value!r}")
 
 
-def check_folder(option: str, path: Path | None) -> None:
-    """Refuse a file that cannot be written, before the work and not after."""
+def check_folder(option: str, path: Path | None, over: Kind | None = None) -> None:
+    """Refuse a file that cannot be written, or is there and not of the kind `over`, before the work
+    and not after."""
     from skin.errors import SkinError
+    from topology.files import check_over
 
     if path is None:
         return
@@ -149,6 +152,8 @@ def check_folder(option: str, path: Path | None) -> None:
         raise SkinError(f"{option}: must be in a folder that exists; got '{path}'")
     if path.is_dir() or not os.access(folder, os.W_OK):
         raise SkinError(f"{option}: must be a file that can be written; got '{path}'")
+    if over is not None:
+        check_over(path, over)
 
 
 def unreachable(file: str, topology: Topology) -> str | None:

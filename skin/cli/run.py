@@ -86,13 +86,15 @@ def run(
     """
     import skin
     from bus.logs import Recording
+    from skin.physics.stencil import STENCIL_FILE
     from skin.view.terminal import LiveTable
     from topology import load
+    from topology.files import NO_KIND
 
     options.check_seconds(seconds)
-    options.check_folder("--log", log)
+    options.check_folder("--log", log, NO_KIND)
     options.check_folder("--zeros", zeros)
-    options.check_folder("--learn", learn)
+    options.check_folder("--learn", learn, STENCIL_FILE)
     check_simulated(simulate, scene, seed, sync, interface, channel)
     filed = load(file)
     loaded = filed.on(interface=interface, channel=channel)

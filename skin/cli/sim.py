@@ -122,9 +122,11 @@ def _of_scene(played: ScriptedScene, served: Served, truth: str | None) -> dict[
 def _check_files(scene: str | None, truth: str | None, log: Path | None) -> None:
     """Refuse files that cannot be written, and a truth without a scene."""
     from skin.errors import SkinError
+    from skin.sim.scenes.record import TRUTH
+    from topology.files import NO_KIND
 
-    options.check_folder("--log", log)
-    options.check_folder("--truth", None if truth is None else Path(truth))
+    options.check_folder("--log", log, NO_KIND)
+    options.check_folder("--truth", None if truth is None else Path(truth), TRUTH)
     if scene is None and truth is not None:
         raise SkinError("--truth: must be given with --scene; got none")
 

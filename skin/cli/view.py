@@ -80,10 +80,11 @@ def view(
     """
     from skin.errors import SkinError
     from skin.view import show
+    from skin.view.kinds import PAGE
     from topology import load
 
     options.check_seconds(seconds)
-    options.check_folder("--export", export)
+    options.check_folder("--export", export, PAGE)
     check_simulated(simulate, scene, seed, sync, interface, channel)
     is_recorded = topology is not None or file.endswith(RECORDING)
     if is_recorded and simulate:

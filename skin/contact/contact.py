@@ -9,12 +9,11 @@ import numpy as np
 
 from skin.contact.model import WAYPOINTS
 from skin.contact.record import Event, Flag, SlipState
-from skin.contact.slip.data import BEGAN, NOISE_RATIO, NOISY_UNIT
 from skin.contact.wrench import wrench_in_frame
 from skin.errors import SkinError
 
 if TYPE_CHECKING:
-    from skin.contact.model import ContactData
+    from skin.contact.rows import Rows
     from skin.contact.shock import Shocks
 
 __all__ = ["Contact"]
@@ -43,7 +42,7 @@ class _Number(Generic[T]):
 
 
 class _Vector:
-    """An attribute of `Contact` that is an array of the record: a view, until the next cycle."""
+    """An attribute of `Contact` that is an array of the record: a view of it."""
 
     _name = ""
 
@@ -62,25 +61,36 @@ class _Vector:
 
 
 class Contact:
-    """One contact, as it is now: a view into the stream, valid until the next cycle.
+    """One contact, as it was in its cycle: whoever keeps it keeps that.
 
-    Metre, newton, newton metre, pascal; skin frame. `copy` keeps everything.
+    Metre, newton, newton metre, pascal; skin frame.
     """
 
-    __slots__ = ("_data", "_names", "_shocks", "_slot", "record")
+    __slots__ = ("_at", "_names", "_rows", "_shocks", "_slot", "record")
+
+    record: np.void
+    """All of its numbers, of `skin.contact.record.CONTACT`."""
 
     def __init__(
         self,
-        data: ContactData,
+        rows: Rows,
         shocks: Shocks | None,
+        at: int,
         slot: int,
         names: Sequence[str] | None = None,
     ) -> None:
-        self._data = data
+        self._rows = rows
         self._shocks = shocks
+        self._at = at
         self._slot = slot
         self._names = names
-        self.record = data.contacts[slot]
+
+    def __getattr__(self, name: str) -> Any:
+        """The record, when it is first asked for."""
+        if name != "record":
+            raise AttributeError(f"'Contact' object has no attribute {name!r}")
+        self.record = record = self._rows.records[self._at]
+        return record
 
     id = _Number(int, "Identity, the same as long as it is the same contact; never used again.")
     parent = _Number(int, "Identity of the contact that it split from, 0.")
@@ -146,7 +156,7 @@ class Contact:
     @property
     def units(self) -> np.ndarray:
         """Its units, shape (m,), int32."""
-        return self._data.units.members[self.record["begin"] : self.record["end"]]
+        return self._rows.members[self.record["begin"] : self.record["end"]]
 
     @property
     def whole(self) -> bool:
@@ -157,7 +167,7 @@ class Contact:
     @property
     def slip_began(self) -> np.ndarray:
         """Units that began the slip that it is in, shape (m,), int32; empty if it does not slip."""
-        began = self._kept(self._data.slip.history[BEGAN])
+        began = self._kept(self._rows.began)
         slips = self.slip >= SlipState.INCIPIENT
         return self.units[(began == self.record["id"]) & slips]
 
@@ -165,18 +175,17 @@ class Contact:
     def noise_ratio(self) -> np.ndarray:
         """Spread of its units' noise as seen while it held, over what sigma says, shape (m,): 1 or
         more; 1 where nothing was seen."""
-        return np.sqrt(np.maximum(self._kept(self._data.slip.kept[NOISE_RATIO]), 1.0))
+        return np.sqrt(np.maximum(self._kept(self._rows.noise_ratio), 1.0))
 
     @property
     def noisy_units(self) -> np.ndarray:
         """Units whose noise is greater than their sigma says, shape (m,), int32; see `Flag.NOISY`.
         An alarm of slip allows for it; other sigmas do not."""
-        return self.units[self._kept(self._data.slip.history[NOISY_UNIT]) > 0.0]
+        return self.units[self._kept(self._rows.noisy) > 0.0]
 
-    def _kept(self, row: np.ndarray) -> np.ndarray:
-        """What slip has kept of its units; 0 where slip is not wanted, and rows are too short."""
-        wanted = row.size >= self._data.units.kind.size
-        return row[self.units] if wanted else np.zeros(self.units.size)
+    def _kept(self, row: np.ndarray | None) -> np.ndarray:
+        """What slip has kept of its units; 0 where slip is not wanted."""
+        return np.zeros(self.units.size) if row is None else row[self.units]
 
     @property
     def unit_names(self) -> list[str]:
@@ -201,7 +210,7 @@ class Contact:
     def path(self) -> np.ndarray:
         """Where its centroid has been, oldest first, shape (p, 3); a copy."""
         count = int(self.record["waypoints"])
-        ring = self._data.paths[self._slot]
+        ring = self._rows.paths[self._at]
         if count <= WAYPOINTS:
             return ring[:count].copy()
         return np.roll(ring, -(count % WAYPOINTS), axis=0)
@@ -210,25 +219,20 @@ class Contact:
     def impact(self) -> bool:
         """Whether it was hit in this cycle; needs the want "shocks"."""
         shocks = self._wanted_shocks()
-        return bool(shocks.impact[self._slot] > shocks.impact_limit)
+        impact: Any = self._rows.impact
+        return bool(impact[self._slot] > shocks.impact_limit)
 
     @property
     def vibration(self) -> bool:
         """Whether it trembles; needs the want "shocks"."""
-        return self._wanted_shocks().vibrates(self._slot)
+        shocks, rows = self._wanted_shocks(), self._rows
+        vibration: Any = rows.vibration
+        weight: Any = rows.weight
+        return shocks.vibrates(vibration[self._slot], weight[self._slot])
 
     def copy(self) -> Contact:
-        """The same contact with data of its own, to be kept."""
-        data, slot, shocks = self._data, self._slot, self._shocks
-        one = slice(slot, slot + 1)
-        shocks = None if shocks is None else shocks.only(slot)
-        kept = data._replace(
-            contacts=data.contacts[one].copy(),
-            paths=data.paths[one].copy(),
-            units=data.units._replace(members=data.units.members.copy()),
-            slip=data.slip._replace(kept=data.slip.kept.copy(), history=data.slip.history.copy()),
-        )
-        return Contact(kept, shocks, 0, self._names)
+        """The same contact with data that no other has: to be changed, or to keep it alone."""
+        return Contact(self._rows.only(self._at, self._slot), self._shocks, 0, 0, self._names)
 
     def _wanted_shocks(self) -> Shocks:
         if self._shocks is None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from copy import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -149,16 +148,14 @@ class Shocks:
         gain = 1.0 - math.exp(-self._elapsed_s / self._time_s)
         shock(count, slots, events, force, sigma, gain, self._elapsed_s / before_s, self._data)
 
-    def vibrates(self, slot: int) -> bool:
-        """Whether the vibration of a record is none of noise, however far apart samples came."""
-        return bool(self.vibration[slot] > self._limit(self._data.weight[slot]))
+    @property
+    def told(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Impact, vibration and the weight of the vibration, of all records."""
+        return self.impact, self.vibration, self._data.weight
 
-    def only(self, slot: int) -> Shocks:
-        """A copy with one record, which is the first one there."""
-        kept = copy(self)
-        kept._data = ShockData(*(values[slot : slot + 1].copy() for values in self._data))
-        kept.impact, kept.vibration = kept._data.impact, kept._data.vibration
-        return kept
+    def vibrates(self, vibration: float, weight: float) -> bool:
+        """Whether a vibration is none of noise, however far apart samples came."""
+        return bool(vibration > self._limit(weight))
 
     def _limit(self, weight: float) -> float:
         """Of an average whose squared weights have this sum."""

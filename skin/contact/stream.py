@@ -25,6 +25,7 @@ from skin.contact.model import (
     set_poses,
 )  # fmt: skip
 from skin.contact.record import BRIDGE, OPEN, UNTOUCHED
+from skin.contact.rows import CycleLayout, Layouts, Rows
 from skin.contact.shock import Shocks
 from skin.contact.slip import SlipSettings
 from skin.contact.step import EARLY, SAME, step
@@ -46,7 +47,7 @@ PUBLIC_NAMES = (
 class ContactStream:
     """Contacts of an array, cycle by cycle: units, identities, features, slip.
 
-    Everything is allocated here once. What is not wanted is not computed, and without contact there
+    Everything is allocated here once, but for contacts, which keep a copy of their cycle. What is not wanted is not computed, and without contact there
     is next to nothing to do. `update` copies what a cycle brings; who owns buffers that stay
     the same calls `bind` once.
 
@@ -96,7 +97,10 @@ class ContactStream:
     contacts : list of Contact
         Of the last cycle, oldest first.
     total : Contact
-        All contacts together; identity, path, arm and slip are empty.
+        All contacts together, as of the last cycle and always the same object; identity, path, arm
+        and slip are empty.
+    layout : CycleLayout
+        What a copy of the last cycle is made of.
     tracker : Tracker
         `tracker.label`, `tracker.ended`, `tracker.untracked` are of interest.
     unit_slip : ndarray, shape (n,), int32
@@ -189,11 +193,13 @@ class ContactStream:
             else None
         )
         self.unit_slip = self.data.units.slip
-        self.contacts: list[Contact] = []
+        rows, self._names = Rows.of_stream(self.data, self.shocks), unit_names
         self._views = [
-            Contact(self.data, self.shocks, slot, unit_names) for slot in range(2 * capacity + 1)
+            Contact(rows, self.shocks, slot, slot, unit_names) for slot in range(2 * capacity + 1)
         ]
         self.total = self._views[-1]
+        self._rows = rows
+        self.show(label=self.tracker.label)
         self._now_ns = self.data.clock["now_ns"]
         self.bound: Bound | None = None
         self._found: list[Contact] = []
@@ -289,7 +295,8 @@ class ContactStream:
             if valid is None:
                 own.valid[:] = True
             own.given[0] = displacement_mm is not None, temperature is not None
-            return self._take(self._step, stamp_ns)
+            self._take(self._step, stamp_ns)
+            return self.contacts
         finally:
             self._alone.release()
 
@@ -316,7 +323,8 @@ class ContactStream:
         Returns
         -------
         callable
-            Takes the time stamp of a cycle in nanoseconds, returns its contacts.
+            Takes the time stamp of a cycle in nanoseconds, returns its contacts: views of the
+            stream that are the same in each cycle.
 
         Raises
         ------
@@ -376,23 +384,32 @@ class ContactStream:
         count = call()
         if count != SAME:
             self._renew(count, stamp_ns)
-        self.contacts = contacts = self._found.copy()
-        if contacts and self.shocks is not None:
-            self.shocks.update(len(contacts), *self._shock_inputs, stamp_ns)
-        return contacts
+        found = self._found
+        if found and self.shocks is not None:
+            self.shocks.update(len(found), *self._shock_inputs, stamp_ns)
+        return found
 
     def resume(self) -> None:
         """Take over contacts that `bound` has found since the last cycle."""
         self._renew(int(self.data.clock["present"][0]), 0)
-        self.contacts = self._found.copy()
+
+    @property
+    def contacts(self) -> list[Contact]:
+        return self.layout.contacts(self.layout.copy())
+
+    def show(self, **shown: np.ndarray | None) -> None:
+        """Let copies of a cycle hold these arrays of the stream, by the names that they go by."""
+        self._layouts = Layouts(shown, self._rows, self.shocks, self._names)
+        self.layout: CycleLayout = self._layouts.of([])
 
     def _renew(self, count: int, stamp_ns: int) -> None:
         """Contacts came or went, or it is too early for that."""
         if count == EARLY:
             last = self.data.clock["last_ns"][0]
             raise SkinError(f"stamp_ns: must be after the last one, {last}; got {stamp_ns}")
-        views = self._views
-        self._found = [views[slot] for slot in self.data.slots.present[:count].tolist()]
+        views, slots = self._views, self.data.slots.present[:count].tolist()
+        self._found = [views[slot] for slot in slots]
+        self.layout = self._layouts.of(slots)
         if count == 0:
             self.unit_slip[:] = 0
 

@@ -68,7 +68,7 @@ from skin.decode.ambient_turn import Turned
 from skin.errors import CalibrationError, OptionError
 from skin.state import Reading
 from topology import Topology
-from topology.files import check_path, read_arrays, whole_file
+from topology.files import arrays_of, check_path, read_arrays, whole_file
 
 __all__ = ["Ambient"]
 
@@ -77,6 +77,7 @@ STANDS_ON = (
     "hall_offset_z_ut", "field_xx", "field_xy", "field_yx", "field_yy", "film_x_mm", "film_y_mm",
 )  # fmt: skip
 """Parameters without which saved zeros mean nothing."""
+SAVED = arrays_of("a saved ambient field", "units", "stands_on", "common", "rest")
 
 
 class Follow:
@@ -380,7 +381,7 @@ class Ambient:
     def save(self, file: str | os.PathLike[str]) -> None:
         """Write field, zeros and rests, as an .npz without pickle; there whole or not at all."""
         path, memory, bodies = Path(file), self._data.memory, self._data.bodies
-        with whole_file(path) as out:
+        with whole_file(path, over=SAVED) as out:
             np.savez(
                 out, units=np.array(self.topology.unit_names), bodies=np.array(self.bodies),
                 stands_on=_stands_on(self.topology), zero=self._data.zero,

@@ -18,6 +18,7 @@ from skin.decode.passes import Passes, arrays_of, check_call, plain
 from skin.decode.plan import DecodeOptions, Plan
 from skin.decode.results import Results, results_of
 from skin.errors import CountsError, check_kind, check_number
+from skin.owned import Layout
 from skin.state import Reading
 from topology import Topology
 
@@ -66,6 +67,8 @@ class Decoder:
         What adds to forces what has not relaxed.
     aging : Aging
     mode : Mode
+    layout : Layout
+        What a copy of `reading` is made of.
 
     Raises
     ------
@@ -179,6 +182,9 @@ class Decoder:
         )  # fmt: skip
         self._remembering = [part for part in (self.loop, self.creep) if part is not None]
         self._reading = self._shown.reading(0, self.plan.quantities)
+        self.layout = Layout(
+            {name: getattr(self._reading, name) for name in Reading.__slots__}, self._shown.arrays
+        )
         self._bound: list[Passes] = []
         self._own = self._passes()
         self._decode_own = functools.partial(self._decode_cycle, self._own, False)
@@ -190,7 +196,7 @@ class Decoder:
 
     @property
     def reading(self) -> Reading:
-        """The last cycle's, as a call gives it: views of arrays that stay the same."""
+        """The last cycle's, on arrays that stay the same: valid until the next cycle."""
         return self._reading
 
     @property
@@ -313,7 +319,7 @@ class Decoder:
         Returns
         -------
         Reading
-            Views of the decoder's own arrays, valid until its next call; of a batch, new arrays.
+            Its arrays are its own.
 
         Raises
         ------
@@ -328,7 +334,10 @@ class Decoder:
         try:
             if not isinstance(raw, np.ndarray) or raw.ndim != 2:
                 return self._batch(raw, status, background, advance)
-            return self._one(raw, status, background, advance)
+            self._one(raw, status, background, advance)
+            reading = Reading.__new__(Reading)
+            reading.take(self.layout)
+            return reading
         finally:
             self._alone.release()
 

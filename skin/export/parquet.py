@@ -13,7 +13,7 @@ import numpy as np
 from skin.arrow import Arrow, arrow_for
 from skin.errors import OptionError
 from skin.export.columns import CONTACT_FIELDS, Block, blocks_of, contact_rows
-from topology.files import check_path, whole_file
+from topology.files import Kind, check_over, check_path, whole_file
 
 if TYPE_CHECKING:
     from skin.state import State
@@ -25,6 +25,15 @@ GROUP_BYTES = 32 << 20
 """Of values that wait until a row group is written [assumed]."""
 MOST_ROWS = 8192
 """Of a row group: a reader that wants one second need not unpack minutes [assumed]."""
+
+
+def _is_table(path: Path) -> bool:
+    from pyarrow import parquet
+
+    return b"skin" in (parquet.read_schema(path).metadata or {})
+
+
+TABLE = Kind("a table of states", _is_table)
 
 
 def write_parquet(states: Iterable[State], file: str | os.PathLike[str], topology: Topology) -> int:
@@ -54,7 +63,7 @@ def write_parquet(states: Iterable[State], file: str | os.PathLike[str], topolog
     LibraryError
         pyarrow is not installed.
     OSError
-        The file cannot be written.
+        The file cannot be written, or is no table of states.
     """
     check_path("file", file, OptionError)
     with ExitStack() as files:
@@ -84,6 +93,7 @@ class StateTable:
     def __init__(self, path: Path, topology: Topology, files: ExitStack) -> None:
         self._path, self._topology, self._files = path, topology, files
         self._library: Arrow = arrow_for(path, "written")
+        check_over(path, TABLE)
         self._group: _Group | None = None
         self.rows = 0
 
@@ -91,7 +101,7 @@ class StateTable:
         """Add a row."""
         if self._group is None:
             self._group = _Group(self._library, list(blocks_of(self._topology, state)), state)
-            file = self._files.enter_context(whole_file(self._path))
+            file = self._files.enter_context(whole_file(self._path, over=TABLE))
             schema = self._group.schema(self._topology.name)
             self._writer = self._files.enter_context(
                 self._library.parquet.ParquetWriter(

@@ -40,7 +40,7 @@ from skin.physics.stray import (
     scan_stray,
 )
 from topology import Topology, UnitModel
-from topology.files import check_path, read_arrays, whole_file
+from topology.files import arrays_of, check_path, read_arrays, whole_file
 from topology.neighbours import compressed_rows
 
 __all__ = [
@@ -58,6 +58,7 @@ PAIRS_AT_ONCE = 65536
 SAME_SKIN_M = 2e-4
 """Units that are this much nearer or farther than in a saved stencil are other units [assumed:
 how well units are placed]."""
+STENCIL_FILE = arrays_of("a stencil", "format", "neighbour", "coefficients", "strength", "rest_ut")
 FORMAT, READ = 3, (1, 2, 3)
 """Of the file that a stencil is saved to, and those that can be read: 1 holds more than is used,
 and neither 1 nor 2 holds `rest_sigma_ut` and `drawn`."""
@@ -174,8 +175,9 @@ class Stencil:
         return out
 
     def save(self, path: str | Path) -> None:
-        """Write all of it to a file, as numpy's .npz, whole or not at all."""
-        with whole_file(Path(path)) as file:
+        """Write all of it to a file, as numpy's .npz, whole or not at all; over no file but a
+        stencil."""
+        with whole_file(Path(path), over=STENCIL_FILE) as file:
             self.write(file)
 
     def write(self, file: IO[bytes]) -> None:

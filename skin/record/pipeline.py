@@ -98,11 +98,11 @@ class RecordedPipeline(Pipeline):
         super().move_joints(q)
         self.move(*self.poses)
 
-    def state(self, cycle: RawCycle) -> State:
-        """The state of a cycle; see `Pipeline.state`."""
-        state = super().state(cycle)
-        self._take(state)
-        return state
+    def step(self, cycle: RawCycle) -> State:
+        """The state of a cycle; see `Pipeline.step`."""
+        now = super().step(cycle)
+        self._take(now)
+        return now
 
     def close(self) -> None:
         """End the recording, and what else a run has to end."""

@@ -365,6 +365,6 @@ class Replay:
 
     def _compare(self, state: State, told: bytes) -> None:
         """Whether a state is the one of the recording."""
-        self._writer.write(state)
+        self._writer.write(self.pipeline.now)
         self.count += 1
         self.same += self._encoder(self._slot[0]) == told

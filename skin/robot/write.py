@@ -14,7 +14,7 @@ import numpy as np
 from skin.errors import SkinError
 from skin.robot.kinematics import tables
 from topology import Topology
-from topology.files import whole_file
+from topology.files import Kind, check_over, whole_file
 from topology.robot.model import RobotModel
 from topology.robot.read import read_model
 from topology.robot.xml import Element, XmlError, parse
@@ -58,6 +58,9 @@ def write_mounted(topology: Topology, out: Path) -> None:
     is_urdf = root.tag == "robot"
     _check_names(topology, robot, root)
     new = _urdf(topology, robot, root, text) if is_urdf else _mjcf(topology, robot, root, text)
+    mark = f'name="{unit_link_name(topology.unit_names[0])}"'.encode()
+    own = Kind("a copy of the model with this skin", lambda path: mark in path.read_bytes())
+    check_over(out, own)
     beside = out.with_name(f".{out.stem}.check{out.suffix}")
     try:
         with whole_file(beside) as file:

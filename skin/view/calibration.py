@@ -9,6 +9,7 @@ import numpy as np
 
 from skin.calibrate.bench.fit import UnitResult
 from skin.calibrate.bench.run import Outcome
+from skin.view.kinds import REPORT
 from skin.view.picture import Chart, charts_svg
 from topology.files import whole_file
 
@@ -59,7 +60,7 @@ def write_report(path: Path, outcome: Outcome) -> None:
         rows = "".join(f"<li>{escape(fault)}</li>" for fault in outcome.faults)
         parts.append(f"<h2 class=fault>Faults</h2><ul class=fault>{rows}</ul>")
     parts += [_unit(outcome, result) for result in outcome.results]
-    with whole_file(path, "w", encoding="utf-8") as file:
+    with whole_file(path, "w", over=REPORT, encoding="utf-8") as file:
         file.write("\n".join([*parts, "</html>\n"]))
 
 

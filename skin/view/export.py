@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from skin.view.history import Moment
+from skin.view.kinds import PAGE_MARK
 from skin.view.legend import arrows_html, legend_html
 from skin.view.scene import Scales, Scene, Shown
 from skin.view.server import open_server
@@ -61,4 +62,4 @@ def as_html(
         f"{arrows_html(scales)}</div>"
     )
     head, found, tail = page.rpartition("</body>")
-    return f"{head}{words}{found}{tail}"
+    return f"{head}{PAGE_MARK}{words}{found}{tail}"

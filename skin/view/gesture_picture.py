@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from skin.view.plots import HUES, INK, MUTED, figure
-from topology.files import whole_file
+from skin.view.plots import HUES, INK, MUTED, figure, save_png
 
 if TYPE_CHECKING:
     from skin.tasks.gesture_trial import GestureTrial
@@ -52,8 +51,7 @@ def save_gestures(path: Path, trial: GestureTrial) -> None:
         rows[0].legend(loc="upper left", frameon=False, ncols=2, fontsize=8)
         _draw_told(rows[4], trial)
         rows[4].set_xlabel("time, s")
-        with whole_file(path) as file:
-            made.savefig(file, dpi=110, format="png")
+        save_png(made, path, dpi=110)
 
 
 def _draw_plane(axes: Any, trial: GestureTrial) -> None:

@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from skin.view.plots import HUES, INK, MUTED, figure
-from topology.files import whole_file
+from skin.view.plots import HUES, INK, MUTED, figure, save_png
 
 __all__ = ["Shots", "save_grasp"]
 
@@ -76,8 +75,7 @@ def save_grasp(path: Path, shots: Shots, title: str) -> None:
         height.set_xlabel("time, s")
         for axes in (load, margin, height):
             axes.legend(loc="upper left", frameon=False, ncols=5, fontsize=8)
-        with whole_file(path) as file:
-            made.savefig(file, dpi=110, format="png")
+        save_png(made, path, dpi=110)
 
 
 def _draw_load(axes: Any, shots: Shots) -> None:

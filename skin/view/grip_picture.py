@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from skin.view.plots import HUES, INK, MUTED, figure
-from topology.files import whole_file
+from skin.view.plots import HUES, INK, MUTED, figure, save_png
 
 __all__ = ["GripCurves", "save_grip"]
 
@@ -76,8 +75,7 @@ def save_grip(path: Path, curves: GripCurves, title: str) -> None:
             grip.text(begin_s + 0.05, 1.0, name, color=MUTED, fontsize=8, va="bottom",
                       transform=grip.get_xaxis_transform())  # fmt: skip
         slid.set_xlabel("time since the object was lifted, s")
-        with whole_file(path) as file:
-            made.savefig(file, dpi=110, format="png")
+        save_png(made, path, dpi=110)
 
 
 def _draw_grip(axes: Any, curves: GripCurves) -> None:

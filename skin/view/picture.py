@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from skin.view.plots import HUES, INK, MUTED, figure, force_map, plane, torn
+from skin.view.plots import HUES, INK, MUTED, figure, force_map, plane, save_png, torn
 from topology import Topology
-from topology.files import whole_file
 
 __all__ = ["Chart", "Run", "charts_svg", "save_run"]
 
@@ -54,8 +53,7 @@ def save_run(path: Path, topology: Topology, run: Run) -> None:
         maps, lines = made.subfigures(2, 1, height_ratios=(1.1, 1.0))
         _draw_maps(maps, topology, run)
         _draw_lines(lines, _torn(run, 1.0 / topology.cycle_rate_hz))
-        with whole_file(path) as file:
-            made.savefig(file, dpi=120, format="png")
+        save_png(made, path, dpi=120)
 
 
 @dataclass

@@ -8,17 +8,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from skin.errors import CountsError, LibraryError
+from skin.view.kinds import PICTURE, SOFTWARE
 from topology import Topology
+from topology.files import whole_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["HUES", "INK", "MUTED", "contact_path", "figure", "force_map", "plane", "series", "torn"]
+__all__ = [
+    "HUES", "INK", "MUTED", "contact_path", "figure", "force_map", "plane", "save_png", "series",
+    "torn",
+]  # fmt: skip
 
 INK = "#1b1f24"
 MUTED = "#6b7280"
@@ -58,6 +64,12 @@ def figure(size: tuple[float, float]) -> Iterator[Any]:
         made: Any = Figure(figsize=size, layout="constrained")
         FigureCanvasAgg(made)
         yield made
+
+
+def save_png(made: Any, path: Path, *, dpi: int) -> None:
+    """Write a figure as a PNG file, whole or not at all, over no file but a picture from here."""
+    with whole_file(path, over=PICTURE) as file:
+        made.savefig(file, dpi=dpi, format="png", metadata={"Software": SOFTWARE})
 
 
 def plane(topology: Topology) -> np.ndarray:

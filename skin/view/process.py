@@ -15,6 +15,7 @@ from skin.view.complaints import tell_in_lines
 from skin.view.export import EXPORTED_S, as_html
 from skin.view.health import Health
 from skin.view.history import History, Moment
+from skin.view.kinds import PAGE
 from skin.view.panel import MOMENT, STRETCH, Panel
 from skin.view.scene import Scales, Scene
 from skin.view.server import address_of, open_server
@@ -178,7 +179,7 @@ class Viewer:
             return {"error": f"{file}: must be of a skin with a cycle; got none yet"}
         page = self._page(seconds)
         try:
-            with whole_file(file) as out:
+            with whole_file(file, over=PAGE) as out:
                 out.write(page.encode())
         except OSError as error:
             return {"error": f"{file}: {error.strerror}"}

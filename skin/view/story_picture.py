@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from skin.view.plots import HUES, INK, MUTED, figure
-from topology.files import whole_file
+from skin.view.plots import HUES, INK, MUTED, figure, save_png
 
 __all__ = ["Reel", "Span", "save_story"]
 
@@ -74,8 +73,7 @@ def save_story(path: Path, reel: Reel, title: str) -> None:
             axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=8)
         last.set_xlabel("time, s")
         last.set_xlim(0.0, float(reel.columns["time_s"][-1]))
-        with whole_file(path) as file:
-            made.savefig(file, dpi=110, format="png")
+        save_png(made, path, dpi=110)
 
 
 def _draw_steps(axes: Any, reel: Reel) -> None:

@@ -26,7 +26,9 @@ from skin.calibrate.unit import with_fits
 from skin.calibrate.write import OfUnits, write_calibration
 from skin.errors import ScanError, SkinError
 from skin.physics.least_squares import Fit
+from skin.physics.stencil import STENCIL_FILE
 from topology import Topology, load
+from topology.files import check_over
 
 __all__ = ["Outcome", "calibrate_bench", "check_bench"]
 
@@ -82,6 +84,8 @@ class Outcome:
         if not found:
             return {}
         taken = np.array([name in found for name in self.topology.unit_names])
+        if (stencil := self._stencil_file(out)) is not None:
+            check_over(stencil, STENCIL_FILE)
         files = calibration_files(self.topology, taken, out)
         for patch, path in files.items():
             head = f"{patch}/"
@@ -112,12 +116,17 @@ class Outcome:
         Path or None
             ``<skin>_stencil.npz``; None where nothing was learned.
         """
+        path = self._stencil_file(out)
+        if path is not None and self.learned is not None:
+            self.learned.stencil.save(path)
+        return path
+
+    def _stencil_file(self, out: str | os.PathLike[str] | None) -> Path | None:
+        """Where a stencil goes that was learned."""
         if self.learned is None:
             return None
         beside = calibration_files(self.topology, self.topology.enabled, out)
-        path = next(iter(beside.values())).parent / f"{self.topology.name}_stencil.npz"
-        self.learned.stencil.save(path)
-        return path
+        return next(iter(beside.values())).parent / f"{self.topology.name}_stencil.npz"
 
     def _measured(self, result: UnitResult) -> dict[str, Any]:
         """The table of `topology.calibration_schema.Measured` of a unit."""

@@ -46,7 +46,7 @@ import numpy as np
 from skin.errors import SkinError
 from skin.sim.scenes.play import ScriptedScene
 from skin.sim.truth import Truth
-from topology.files import named
+from topology.files import arrays_of, check_over, named
 
 __all__ = ["Recorder"]
 
@@ -55,6 +55,9 @@ FORMAT = 1
 _SMALL = {"depth_mm", "displacement_mm", "force"} | {
     f"{layer}temperature" for layer in ("", "film_", "hall_")
 }
+
+
+TRUTH = arrays_of("a truth of a scene", "format", "scene", "unit_names", "body_names")
 
 
 class Recorder:
@@ -69,12 +72,14 @@ class Recorder:
     scene : ScriptedScene
         Its `units` and `steady` are also those of the recorder.
     path : str or Path
-        Replaced if it exists; SkinError if nothing can be written there.
+        A truth that is there is replaced, another file is refused; SkinError if nothing can be
+        written there.
     """
 
     def __init__(self, scene: ScriptedScene, path: str | Path) -> None:
         self.scene, self.path = scene, Path(path)
         self.units, self.steady = scene.units, scene.steady
+        check_over(self.path, TRUTH)
         try:
             self._folder = Path(
                 tempfile.mkdtemp(prefix=f".{self.path.name}.", dir=self.path.absolute().parent)
