@@ -26,7 +26,7 @@ from benchmarks.accuracy_array import PLACEMENTS, crosstalk, placed, turning
 from benchmarks.accuracy_coverage import by_chance, coverage, lines
 from benchmarks.accuracy_noise import Cells, Found, explore
 from benchmarks.accuracy_picture import draw
-from benchmarks.accuracy_skin import Made, made
+from benchmarks.accuracy_skin import Made, apart, made
 from skin import Decoder
 
 PICTURE = Path(__file__).parent / "pictures" / "accuracy.png"
@@ -156,7 +156,7 @@ def table(figures: dict[str, Any]) -> str:
 def _single(skin: Made, cells: Cells, estimator: str, rounds: int) -> tuple[dict[str, Any], Found]:
     """Units alone over their range."""
     decoder = Decoder(
-        skin.known, {"force", "displacement", "sigma"}, estimator, sweeps=0, ambient=False
+        apart(skin.known), {"force", "displacement", "sigma"}, estimator, sweeps=0, ambient=False
     )
     found = explore(skin, cells, decoder, rounds)
     warm = {"film_c": 25.0 + WARMER_K}

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 import topology
+from benchmarks.accuracy_skin import apart
 from skin import Decoder
 from skin.physics.elastic import Elastic
 from skin.physics.halbach import HalbachField
@@ -101,7 +102,9 @@ class _Unit:
     def direction(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Decoded over true direction at several loads, and at several displacements."""
         angle = np.linspace(-np.pi, np.pi, self.points)[1:-1]
-        decode = Decoder(self.topology, want={"theta"}, dtype="float64", sweeps=0, ambient=False)
+        decode = Decoder(
+            apart(self.topology), want={"theta"}, dtype="float64", sweeps=0, ambient=False
+        )
         found = {}
         for depth, way in ((0.5, 1.0), (1.25, 1.0), (2.0, 1.0), (2.0, 0.5), (2.0, 2.0)):
             counts = self.simulator.quantise(

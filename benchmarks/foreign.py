@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.accuracy_skin import Made, differing, square, with_parameters, with_rate
+from benchmarks.accuracy_skin import Made, apart, differing, square, with_parameters, with_rate
 from benchmarks.foreign_laws import STRETCH, ForeignBench, ForeignUnit, Hyperelastic, relaxed
 from skin import Decoder
 from skin.calibrate.unit import calibrate
@@ -103,7 +103,7 @@ def _poses(
     counts = units.quantise(units.disturb(units.quantities(depth, place, warm)))
     # each reading by itself: the film is as warm as its gel
     still = with_parameters(known, film_lag_s=np.zeros(true.n))
-    reading = Decoder(still, None, estimator, sweeps=0, ambient=False)(counts)
+    reading = Decoder(apart(still), None, estimator, sweeps=0, ambient=False)(counts)
     solid = Hyperelastic(true) if "force" in laws else Elastic(true)
     shear = solid.tangential(reach, depth)[:, np.newaxis] * along
     exact = (place, depth[:, np.newaxis], shear, solid.normal(depth)[:, np.newaxis])
@@ -137,9 +137,9 @@ def _lag(true: Topology, known: Topology, stretch: float, estimator: str) -> dic
     place[:, 0] = 1.0
     units = skin.simulator()
     counts = units.quantise(units.quantities(depth, place, gel, film, np.full(gel.shape, 25.0)))
-    reading = Decoder(skin.known, {"force", "displacement"}, estimator, sweeps=0, ambient=False)(
-        counts
-    )
+    reading = Decoder(
+        apart(skin.known), {"force", "displacement"}, estimator, sweeps=0, ambient=False
+    )(counts)
     force, moved = (values[:, 0] - values[0, 0] for values in
                     (reading.force, reading.displacement_mm))  # fmt: skip
     return {

@@ -255,8 +255,8 @@ def tare(
         Flags of the bus; a reading with any of `INVALID` is not used.
     rest_ut : ndarray, shape (3, n), optional
         What the decoder takes off for neighbours at rest (`Decoder.rest_ut`), which is left out of
-        the offsets; that of magnet theory if not given, as the decoder has it without a stencil; units
-        may then be farther from it before they count as sheared.
+        the offsets; that of magnet theory if not given, as the decoder has it without a stencil;
+        units may then be farther from it before they count as sheared.
     leave_out : collection of str
         Names of units that keep what they have. Units that are switched off, and sensors of
         another kind, do so anyhow.

@@ -118,7 +118,8 @@ class CrossTalk:
         Variance along z by films of another make, where the stencil is that of the drawing.
     residue_ut2 : ndarray, shape (n,)
         Variance of x or y: the square of `residue_ut`, plus what errors of placement and films of
-        another make add where the stencil is that of the drawing, plus what neighbours may add that are not known now: not usable,
+        another make add where the stencil is that of the drawing, plus what neighbours may add that
+        are not known now: not usable,
         NaN, or so far beyond the stencil's range that they are taken to stand at its end.
     idle_ut : float
         What neighbours that count as at rest may add to any axis of the worst unit.

@@ -9,6 +9,7 @@ for all films of a skin, are what a stencil from magnet theory can be wrong in.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import astuple, dataclass, replace
 
 import numpy as np
@@ -73,6 +74,7 @@ def multipole_field(points_mm: np.ndarray) -> np.ndarray:
     return out
 
 
+@functools.cache
 def films_as_made() -> tuple[np.ndarray, np.ndarray]:
     """Multipoles of a film whose own crest M0(H = 2 mm) is 1 µT, and how they differ.
 
@@ -94,6 +96,7 @@ def films_as_made() -> tuple[np.ndarray, np.ndarray]:
         high, low = (replace(drawn, **{name: value + sign * step}) for sign in (1.0, -1.0))
         change = 0.5 * (_multipoles(high) - _multipoles(low))
         covariance += np.outer(change, change)
+    mean.flags.writeable = covariance.flags.writeable = False
     return mean, covariance
 
 

@@ -26,7 +26,6 @@ from skin.physics.least_squares import Fit
 from skin.physics.multipoles import films_as_made, multipole_field
 from skin.physics.stray import (
     DEGREES,
-    HORIZON_M,
     SEPARATION_M,
     Pairs,
     blocked,
@@ -54,6 +53,8 @@ PRESSED = (2.0 / 3.0, 1.0 / 2.0)
 share p of a skin may be pressed, each as likely, and a pressed unit is one of many in proportion to
 p: the means of p and of p² by the density 2 p]."""
 AS_MADE = UnitModel().stray_sigma_relative
+NEAR_M = 0.039
+"""To which films are more than dipoles [assumed: the reach of a stencil]."""
 PAIRS_AT_ONCE = 65536
 SAME_SKIN_M = 2e-4
 """Units that are this much nearer or farther than in a saved stencil are other units [assumed:
@@ -380,12 +381,13 @@ def rest_sigma_ut(topology: Topology) -> np.ndarray:
 
     The covariance of the multipoles of films as they are made, which a skin's films share, is that
     for a `stray_sigma_relative` of `AS_MADE`. It does not say the same of all that films add: what
-    a wide array adds along z at rest is off by twice that share.
+    a wide array adds along z at rest is off by twice that share. Of films beyond `NEAR_M`, which
+    are dipoles, it is that share.
     """
     topology = _frames_separated(_with_films(topology))
     p, rotation, film = topology.parameters, topology.rotation, load_film_table().film
     shape, covariance = films_as_made()
-    i, j = near(topology, HORIZON_M)
+    i, j = near(topology, NEAR_M)
     ats, bys = np.concatenate([i, j]), np.concatenate([j, i])
     per_pole = np.zeros((topology.n, 3, shape.size))
     for first in range(0, ats.size, PAIRS_AT_ONCE):
@@ -398,7 +400,8 @@ def rest_sigma_ut(topology: Topology) -> np.ndarray:
         turn *= p["field_amplitude_ut"][by]
         np.add.at(per_pole, at, np.einsum("acm,kcm->mak", turn, multipole_field(points)))
     variance = np.einsum("nak,kl,nal->an", per_pole, covariance, per_pole)
-    return p["stray_sigma_relative"] / AS_MADE * np.sqrt(np.maximum(variance, 0.0))
+    far = np.abs(field_at_rest(topology) - field_at_rest(topology, NEAR_M))
+    return p["stray_sigma_relative"] * (np.sqrt(np.maximum(variance, 0.0)) / AS_MADE + far)
 
 
 def neighbours_moving_ut2(topology: Topology) -> tuple[np.ndarray, np.ndarray]:

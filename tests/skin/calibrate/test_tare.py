@@ -716,18 +716,15 @@ def test_command_tares_a_simulated_skin(tmp_path, capsys):
         assert change["axial_ut"] == pytest.approx(4176.0, rel=0.03)
 
 
-def test_command_leaves_neighbours_out_for_a_decoder_that_takes_them_off(tmp_path, capsys):
-    arguments = ["tare", "fingertip", "--simulate", "--seconds", "1", "-o", str(tmp_path), "--json"]
-    largest = {}
-    for flag, told in (("--no-crosstalk", "neighbours included"), ("", "neighbours left out")):
-        assert main([*arguments, *([flag] if flag else [])]) == 0
-        report = json.loads(capsys.readouterr().out.splitlines()[-1])
-        assert report["files"] == {"tip": str(tmp_path / "tip.toml")}
-        assert told in (tmp_path / "tip.toml").read_text()
-        offsets = [[c["offset_x_ut"], c["offset_y_ut"]] for c in report["changes"].values()]
-        largest[told] = np.abs(offsets).max()
-    assert largest["neighbours left out"] < 40.0
-    assert largest["neighbours included"] > 500.0
+def test_command_leaves_neighbours_out(tmp_path, capsys):
+    """On a fingertip they add up to 1.2 mT to the side."""
+    assert main(["tare", "fingertip", "--simulate", "--seconds", "1", "-o", str(tmp_path),
+                 "--json"]) == 0  # fmt: skip
+    report = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert report["files"] == {"tip": str(tmp_path / "tip.toml")}
+    assert "neighbours left out" in (tmp_path / "tip.toml").read_text()
+    offsets = [[c["offset_x_ut"], c["offset_y_ut"]] for c in report["changes"].values()]
+    assert np.abs(offsets).max() < 40.0
 
 
 def test_command_refuses_and_writes_nothing(tmp_path, capsys):

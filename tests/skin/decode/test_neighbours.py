@@ -1,0 +1,80 @@
+"""What neighbours add, by sums of dipoles, where sweeps take it off and where they do not."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+
+import numpy as np
+
+from benchmarks.accuracy_skin import square
+from benchmarks.films_truth import PITCH_M, DipoleField, FilmShape
+from bus.status import Status
+from skin.calibrate.tare import tare
+from skin.decode.decoder import Decoder
+from skin.options import Options
+from skin.sim.unit import UnitSimulator
+
+DRAWN = FilmShape(6.0, 0.5, 10.6, 16, 0.0)
+WANT = {"force", "displacement", "sigma"}
+SIDE, SCENES = 5, 40
+
+
+def counts_of(skin, displacement, depth, noise=True):
+    """Of films as drawn, each a grid of dipoles, felt by all chips."""
+    field = DipoleField(skin, DRAWN, alone=False)
+    units = UnitSimulator(skin, seed=3, noise=noise, field=field)
+    values = units.quantities(depth, displacement, np.full(depth.shape, 25.0))
+    return units.quantise(units.disturb(values))
+
+
+def scenes(seed):
+    """Six tenths of the units pressed and sheared, each for itself, through the whole range."""
+    rng, n = np.random.default_rng(seed), SIDE**2
+    pressed = rng.random((SCENES, n)) < 0.6
+    depth = 2.0 * rng.random((SCENES, n)) * pressed
+    reach = 2.5 * np.sqrt(rng.random((SCENES, n))) * pressed
+    around = rng.uniform(-np.pi, np.pi, (SCENES, n))
+    return reach[:, np.newaxis] * np.stack([np.cos(around), np.sin(around)], axis=1), depth
+
+
+def test_both_doors_have_the_same_defaults():
+    """So that a batch and a live skin show the same numbers."""
+    ours, theirs = inspect.signature(Decoder).parameters, Options()
+    shared = ours.keys() & {field.name for field in dataclasses.fields(Options)} - {"want"}
+    assert shared >= {"sweeps", "ambient", "dtype", "estimator", "creep", "skip", "stencil"}
+    for name in shared:
+        assert ours[name].default == getattr(theirs, name), name
+
+
+def test_what_sweeps_do_not_take_off_is_in_sigma():
+    """And no pressed unit is an anomaly, nor invalid."""
+    skin = square(SIDE, PITCH_M).exact()
+    moved, depth = scenes(31)
+    decoder = Decoder(skin, WANT, sweeps=0, ambient=False)
+    reading = decoder(counts_of(skin, moved, depth))
+    off = np.abs(reading.displacement_mm[:, :2] - moved)
+    sigma = reading.displacement_sigma_mm[:, :2]
+    pressed = np.repeat(depth[:, np.newaxis] > 0.0, 2, axis=1)
+    assert 0.66 < np.mean(off <= sigma) < 0.80
+    assert 0.66 < np.mean((off <= sigma)[pressed]) < 0.80
+    assert np.mean(off > 3.0 * sigma) < 0.02
+    assert not (reading.status & Status.MAGNETIC_ANOMALY).any()
+    assert reading.valid.all()
+
+
+def test_a_skin_that_was_tared_is_decoded_without_its_neighbours_twice():
+    """Resting films on a square push the chips of its edges aside by half a millitesla."""
+    skin = square(SIDE, PITCH_M).exact()
+    n = skin.n
+    still = np.zeros((200, 2, n)), np.zeros((200, n))
+    tared = tare(skin, counts_of(skin, *still)).applied()
+    assert tared.tared.all()
+    moved, depth = np.zeros((1, 2, n)), np.zeros((1, n))
+    moved[0, 0, ::3], depth[0, ::3] = 0.8, 1.0
+    counts = counts_of(skin, moved, depth, noise=False)[0]
+    decoder = Decoder(tared, WANT, sweeps=2, ambient=False)
+    for _ in range(2):
+        reading = decoder(counts)
+    off_um = 1e3 * np.sqrt(np.mean((reading.displacement_mm[:2] - moved[0]) ** 2))
+    assert off_um < 15.0
