@@ -17,8 +17,16 @@ if TYPE_CHECKING:
 
 __all__ = ["INVALID", "WANTS", "Reading", "State", "Status", "trouble"]
 
-UNIT_WANTS = ("temperature", "force", "tangential", "theta", "displacement", "sigma", "field",
-              "test_ratio")
+UNIT_WANTS = (
+    "temperature",
+    "force",
+    "tangential",
+    "theta",
+    "displacement",
+    "sigma",
+    "field",
+    "test_ratio",
+)
 ARRAY_WANTS = ("wrench", "centroid", "contacts", "slip", "shocks")
 WANTS = UNIT_WANTS + ARRAY_WANTS
 """Everything that `want` may select. What is not wanted is not computed and reads None; what a

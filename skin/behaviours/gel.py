@@ -130,8 +130,8 @@ class Gel:
             self._set_aside(units.valid)
         self._cycle += 1
         _gel_mean(
-            last, (self._of_pads, self._aside, self._rail_c), self._touched, self._members, self._smooth,
-            self._gain, self._out,
+            last, (self._of_pads, self._aside, self._rail_c), self._touched, self._members,
+            self._smooth, self._gain, self._out,
         )  # fmt: skip
         mean, jump, told, count, touched, changed, bound = self._out.tolist()
         return GelMean(mean, jump, told, int(count), int(touched), changed > 0.0, bound)

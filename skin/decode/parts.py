@@ -60,7 +60,8 @@ class Parts(NamedTuple):
         chosen = {name: getattr(plan, name) for name in cls._fields if hasattr(plan, name)}
         chosen |= {name: True for name in results if name in cls._fields}
         chosen |= {
-            "angle": plan.estimator == "field-angle" and not set(results).isdisjoint((*TANGENTIAL, "test_ratio")),
+            "angle": plan.estimator == "field-angle"
+            and not set(results).isdisjoint((*TANGENTIAL, "test_ratio")),
             "hold": plan.temperature_every > 1,
             "look": plan.skip and plan.ambient,
             "prefetch": units >= FAR,

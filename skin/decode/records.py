@@ -132,8 +132,8 @@ TILE_ROWS = {
     "displacement_sigma": 3,
     "field": 3, "test_ratio": 1,
     # on the way alone: µT with the chip's gain, both gains, S with the chip's gain; M0 or 1 / M0 in
-    # µT; direction, R, its sigma; 1 / S, gains / M0, variance of the field; relative, squared: how far a
-    # miss of the field is beyond what it may be
+    # µT; direction, R, its sigma; 1 / S, gains / M0, variance of the field; relative, squared: how
+    # far a miss of the field is beyond what it may be
     "read": 3, "gain": 1, "strength": 1, "amplitude": 1,
     "direction": 2, "radius": 1, "along": 1, "each": 1, "inverse": 1, "variance": 1,
     "beyond": 1,

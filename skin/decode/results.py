@@ -81,5 +81,9 @@ def results_of(plan: Plan, topology: Topology) -> tuple[str, ...]:
         needed |= {"field", "temperature"} if warm else {"field"}
     plain = tuple(name for name in QUANTITIES if name in needed)
     sigmas = tuple(f"{name}_sigma" for name in plain) if plan.sigma else ()
-    last = [("field", "field" in needed), ("test_ratio", plan.consistency and "test_ratio" in needed), ("film_above", plan.sweeps and plan.film_compensation)]
+    last = [
+        ("field", "field" in needed),
+        ("test_ratio", plan.consistency and "test_ratio" in needed),
+        ("film_above", plan.sweeps and plan.film_compensation),
+    ]
     return (*plain, *sigmas, *(name for name, wanted in last if wanted))

@@ -40,10 +40,10 @@ def write_parquet(states: Iterable[State], file: str | os.PathLike[str], topolog
     """Write states to a Parquet file, whole or not at all; row groups are written as they fill.
 
     Columns: ``time`` (of the SYNC, UTC), ``cycle``; of each unit ``<unit>.fx``, ``.fy``, ``.fz``,
-    ``.temperature``, each with ``_sigma``, ``.test_ratio``, ``.status``, ``.valid`` and ``.contact``
-    (identity, 0 for none); ``wrench.fx`` … ``wrench.mz`` and ``centroid.x`` …; ``coverage``; ``contacts``, a
-    list of structs. Units of measure are in the metadata of the columns (``unit``). What is not in
-    `want` has no column.
+    ``.temperature``, each with ``_sigma``, ``.test_ratio``, ``.status``, ``.valid`` and
+    ``.contact`` (identity, 0 for none); ``wrench.fx`` … ``wrench.mz`` and ``centroid.x`` …;
+    ``coverage``; ``contacts``, a list of structs. Units of measure are in the metadata of the
+    columns (``unit``). What is not in `want` has no column.
 
     Parameters
     ----------

@@ -389,6 +389,7 @@ def test_what_is_wanted_does_not_change_it(wanted, dtype):
         Decoder(skin, wanted, dtype=dtype, sweeps=0, ambient=False)(raw),
     )
     names = dict(zip(UNIT_WANTS, FIELDS[:5], strict=False)) | {"field": "field_ut"}
+    names |= {"test_ratio": "test_ratio"}
     for want, name in names.items():
         if want in wanted:
             np.testing.assert_array_equal(getattr(some, name), getattr(everything, name))
