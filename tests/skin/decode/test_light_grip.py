@@ -98,8 +98,8 @@ class Grip:
         return np.mean([self.cycle() for _ in range(round(seconds * RATE_HZ))], axis=0)
 
     def close(self, load_n, shear_n, seconds, held_s=1.0):
-        """Close the grip within some time and hold it; felt over true shear in the last second, if it is
-        held at all."""
+        """Close the grip within some time and hold it; felt over true shear in the last second, if
+        it is held at all."""
         steps = max(round(seconds * RATE_HZ), 1)
         for step in range(steps):
             self.load_n = np.full(self.skin.n, load_n * (step + 1) / steps)
