@@ -62,7 +62,13 @@ import numpy as np
 from bus.compiled.bound import Bound
 from skin.decode import ambient_kernels as kernels
 from skin.decode.ambient_model import (
-    PRIOR_UT2, AmbientData, body_of, data_of, frames_of, lag_hz, model_of,
+    PRIOR_UT2,
+    AmbientData,
+    body_of,
+    data_of,
+    frames_of,
+    lag_hz,
+    model_of,
 )  # fmt: skip
 from skin.decode.ambient_turn import Turned
 from skin.errors import CalibrationError, OptionError

@@ -11,7 +11,14 @@ from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import compiled, jitable
 from bus.status import Status
 from skin.decode.ambient_model import (
-    BLOCK, DAMPED, FAST_OF_SLOW, FOLLOW_S, LOADED_SIGMAS, PRIOR_UT2, RATE_HZ, WALK_UT2,
+    BLOCK,
+    DAMPED,
+    FAST_OF_SLOW,
+    FOLLOW_S,
+    LOADED_SIGMAS,
+    PRIOR_UT2,
+    RATE_HZ,
+    WALK_UT2,
 )  # fmt: skip
 
 __all__ = ["compose", "update", "update_python"]
@@ -354,7 +361,13 @@ def _filter(bodies, g, dt_s, delay_s):
     if voters < LEAST_UNITS:
         bodies.held_s[g] += dt_s
         return
-    bodies.held_s[g] = 0.0
+    if bodies.held_s[g] > 0.0:  # what was held is what there is to go back to
+        bodies.held_s[g] = bodies.kept_s[g] = 0.0
+        for old in range(2):
+            for a in range(3):
+                bodies.kept_ut[old, g, a] = bodies.field_ut[g, a]
+                for b in range(3):
+                    bodies.kept_ut2[old, g, a, b] = covariance[a, b]
     _invert(covariance)
     for a in range(3):
         for b in range(3):

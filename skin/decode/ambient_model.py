@@ -210,7 +210,7 @@ def frames_of(topology: Topology) -> tuple[str, ...]:
 
 
 def lag_hz(slow_s: float) -> float:
-    """How far a zero lags behind the fastest drift that it follows, Hz: rate times time constant."""
+    """How far a zero lags behind the fastest drift that it follows, Hz: rate · time constant."""
     return RATE_HZ * max(FOLLOW_S, DAMPED * slow_s)
 
 

@@ -169,7 +169,9 @@ class NaiveAmbient:
         if voters < 4:
             state.held_s[g] += dt_s
         else:
-            state.held_s[g] = 0.0
+            if state.held_s[g] > 0.0:
+                state.held_s[g] = state.kept_s[g] = 0.0
+                state.kept_ut[:, g], state.kept_ut2[:, g] = state.field_ut[g], covariance
             covariance = np.linalg.inv(np.linalg.inv(covariance) + information)
             state.field_ut[g] += covariance @ told
         state.covariance_ut2[g] = covariance
@@ -177,7 +179,8 @@ class NaiveAmbient:
             state.kept_s[g] += dt_s
             if state.kept_s[g] >= delay:
                 state.kept_s[g] = 0.0
-                state.kept_ut[0, g], state.kept_ut2[0, g] = state.kept_ut[1, g], state.kept_ut2[1, g]
+                state.kept_ut[0, g] = state.kept_ut[1, g]
+                state.kept_ut2[0, g] = state.kept_ut2[1, g]
                 state.kept_ut[1, g], state.kept_ut2[1, g] = state.field_ut[g], covariance
 
     def follow(self, state, i, undisturbed, dt_s):
@@ -233,8 +236,7 @@ class NaiveAmbient:
 def state_of(ambient):
     """A copy of what an `Ambient` remembers."""
     data = ambient._data
-    bodies = {name: getattr(data.bodies, name)
-              for name in BODIES}
+    bodies = {name: getattr(data.bodies, name) for name in BODIES}
     memory = {name: getattr(data.memory, name) for name in MEMORY}
     touched = data.marks & kernels.TOUCHED != 0
     return copy.deepcopy(SimpleNamespace(zero=data.zero, touched=touched, **bodies, **memory))
