@@ -147,7 +147,8 @@ def add_common(k, units, data, poses):
     A force along the axis a of a unit at p has the wrench (a, p × a).
     """
     common, force_sigma = data.common, data.reading.force_sigma
-    triangle, j, screw = data.sums.rows[k]["wrench_covariance"], data.scratch.first, data.scratch.six
+    triangle, j = data.sums.rows[k]["wrench_covariance"], data.scratch.first
+    screw = data.scratch.six
     for at in range(units.size):
         i = units[at]
         if not _per_field(i, common, j):
@@ -159,7 +160,8 @@ def add_common(k, units, data, poses):
         for axis in range(2):
             x, y, z = rotation[0, axis], rotation[1, axis], rotation[2, axis]
             screw[0], screw[1], screw[2] = x, y, z
-            screw[3], screw[4], screw[5] = p[1] * z - p[2] * y, p[2] * x - p[0] * z, p[0] * y - p[1] * x
+            screw[3], screw[4] = p[1] * z - p[2] * y, p[2] * x - p[0] * z
+            screw[5] = p[0] * y - p[1] * x
             square = 0.0
             for b in range(3):
                 per_ut = j[axis, 0] * axes[b, 0] + j[axis, 1] * axes[b, 1] + j[axis, 2] * axes[b, 2]

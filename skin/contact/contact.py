@@ -109,8 +109,8 @@ class Contact:
         "where WEAK; shape (3,)."
     )
     centroid_covariance = _Vector(
-        "Shape (3, 3): of the noise of its units and of those beside them, of what silent ones may "
-        "bear, and of where in the faces of the units the load acts."
+        "Shape (3, 3): of the noise of its units and of those beside them, of what silent ones "
+        "may bear, and of where in the faces of the units the load acts."
     )
     moment = _Vector("Moment about the centre of its units' loads, shape (3,).")
     moment_covariance = _Vector("Shape (3, 3).")

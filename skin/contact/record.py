@@ -123,6 +123,7 @@ CONTACT = np.dtype(
         ("wrench_covariance", np.float64, (6, 6)),
         ("wrench_sigma", np.float64, (6,)),
         ("centroid", np.float64, (3,)),  # m, skin frame
+        ("middle", np.float64, (3,)),  # m, centre of the loads of its own units alone
         ("centroid_covariance", np.float64, (3, 3)),
         ("moment", np.float64, (3,)),  # N·m about the centre
         ("moment_covariance", np.float64, (3, 3)),

@@ -77,14 +77,10 @@ def wrench(units, force, sigma, position, rotation, about):
     return total, covariance
 
 
-def face_variance(units, load, position, area, axes):
+def face_variance(area, extent, axes):
     """Of where in the faces the load acts, shape (3, 3), along two axes, shape (3, 2)."""
-    share = load[units] / load[units].sum()
-    away = position[:, units] - (position[:, units] @ share)[:, np.newaxis]
-    extent2 = share @ (away.T @ axes) ** 2
-    s2 = np.mean(area)
-    each = s2 / 24.0 * np.clip(1.0 - 4.0 * extent2 / s2, 0.0, None)
-    each += s2**2 / (360.0 * np.clip(12.0 * extent2, s2, None))
+    each = area / 24.0 * np.clip(1.0 - 4.0 * extent**2 / area, 0.0, None)
+    each += area**2 / (360.0 * np.clip(12.0 * extent**2, area, None))
     return axes @ np.diag(each) @ axes.T
 
 

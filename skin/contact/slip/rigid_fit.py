@@ -32,7 +32,7 @@ def contact_frame(record, members, force, geometry, fit: BodyFit):
     square = 0.0
     for a in range(3):
         fit.axes[0, a], fit.axes[1, a], fit.axes[2, a] = axes[a, 0], axes[a, 1], axes[a, 2]
-        fit.centre[a] = record["centroid"][a] - geometry.origin[a]
+        fit.centre[a] = record["middle"][a] - geometry.origin[a]
         square += mean[a] ** 2
     return np.sqrt(square) > (1.0 - FLAT) * record["load"]
 
