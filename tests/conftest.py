@@ -13,7 +13,11 @@ os.environ["NUMBA_CACHE_DIR"] = str(Path(__file__).parent.parent / "build" / "nu
 # Neither a deadline nor a check of speed: a law is not about time. In CI the same examples each
 # time, so that a red run is about the change at hand; on a desk new ones.
 settings.register_profile(
-    "f3t", deadline=None, max_examples=50, derandomize="CI" in os.environ, print_blob=True,
+    "f3t",
+    deadline=None,
+    max_examples=50,
+    derandomize="CI" in os.environ,
+    print_blob=True,
     suppress_health_check=[HealthCheck.too_slow],
 )
 settings.load_profile("f3t")

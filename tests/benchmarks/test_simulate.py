@@ -32,6 +32,7 @@ def test_the_square_has_a_bus_for_each_64_units() -> None:
     assert skin.position.mean(axis=1) == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.long
 def test_non_idealities_are_compared_on_the_papers_experiment(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

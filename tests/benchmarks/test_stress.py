@@ -247,6 +247,7 @@ def test_readings_that_are_not_valid_hide_no_difference():
     assert apart == 2
 
 
+@pytest.mark.long
 def test_report_has_its_keys_and_its_picture(monkeypatch, tmp_path):
     asked = []
 

@@ -11,6 +11,7 @@ from benchmarks import view
 pytest.importorskip("viser", reason="viser is not installed")
 
 
+@pytest.mark.long
 def test_the_view_has_a_share_and_the_cycle_its_times_with_and_without(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -71,18 +71,21 @@ def requirements(text: str, extras: tuple[str, ...] = ("test",)) -> Iterator[str
 
 
 def lowest(lines: Iterator[str]) -> list[str]:
-    """The oldest versions that requirements declare, as constraints.
+    """The oldest versions that requirements declare, as constraints; of two parts, with whatever
+    mends of it there are.
 
     Examples
     --------
-    >>> lowest(iter(["numba>=0.62,<0.70", "vulture", "ros>=11; python_version < '3.14'"]))
-    ['numba==0.62', 'ros==11']
+    >>> lowest(iter(["numba>=0.62,<0.70", "vulture", "ros>=11; sys_platform == 'x'", "a>=1.2.3"]))
+    ['a==1.2.3', 'numba==0.62.*', 'ros==11.0.*']
     """
     found = {}
     for line in lines:
         name, least = _NAME.match(line), _LEAST.search(line.partition(";")[0])
         if name is not None and least is not None:
-            found[name[0].lower()] = f"{name[0]}=={least[1]}"
+            parts = least[1].split(".")
+            version = least[1] if len(parts) > 2 else f"{parts[0]}.{(*parts, '0')[1]}.*"
+            found[name[0].lower()] = f"{name[0]}=={version}"
     return [found[name] for name in sorted(found)]
 
 
@@ -100,7 +103,7 @@ def lock() -> str:
     return head + "\n".join(sorted(lines, key=str.lower)) + "\n"
 
 
-def test(kinds: tuple[str, ...] = ("oldest", "newest")) -> int:
+def try_out(kinds: list[str]) -> int:
     """Install and run the core of the tests with other versions; the first exit status that is not
     0."""
     statuses = []
@@ -131,7 +134,7 @@ def main() -> int:
         LOCK.write_text(lock())
         return 0
     if sys.argv[1:2] == ["test"]:
-        return test(tuple(sys.argv[2:]) or ("oldest", "newest"))
+        return try_out(sys.argv[2:] or ["oldest", "newest"])
     raise SystemExit(__doc__)
 
 

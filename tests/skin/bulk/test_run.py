@@ -130,7 +130,11 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize("number", [
+    pytest.param(signal.SIGTERM, marks=pytest.mark.long),
+    pytest.param(signal.SIGINT, marks=pytest.mark.long),
+    signal.SIGKILL,
+])  # fmt: skip
 def test_processes_end_with_the_one_that_started_them(number, logs, tmp_path):
     (script := tmp_path / "script.py").write_text(JOB)
     folder = tmp_path / "out"
