@@ -1,8 +1,8 @@
 """Arrays that belong to a state: one copy of a cycle's, and views of it for whoever asks.
 
-A pipeline writes each cycle into the same arrays. A state must stay true all the same, whoever keeps
-it: it has one copy, a block of bytes, and makes an array of it where one is asked for. A view costs
-its making, so that what nobody reads costs no more than its bytes.
+A pipeline writes each cycle into the same arrays. A state must stay true all the same, whoever
+keeps it: it has one copy, a block of bytes, and makes an array of it where one is asked for. A view
+costs its making, so that what nobody reads costs no more than its bytes.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["Lazy", "Layout"]
+__all__ = ["Layout", "Lazy"]
 
 SMALL = 512
-"""Bytes of an array that is copied out of its block: kept alone, it keeps nothing else [assumed]."""
+"""Bytes of an array that is copied out of its block, and keeps nothing else alive [assumed]."""
 WORD = 8
 """Bytes at whose multiples every array begins."""
 

@@ -7,7 +7,7 @@ import numpy as np
 from bus.codec import crc16
 from topology import CHANNELS, Signal, Topology, WireLayout
 
-__all__ = ["ExpectedFrame", "flip", "frames_of"]
+__all__ = ["ExpectedFrame", "count_in", "flip", "frames_of", "put_count"]
 
 
 class ExpectedFrame:
@@ -74,6 +74,19 @@ def _value(data: np.ndarray, signal: Signal, size: int) -> int:
     _, shift = _place(signal, size)
     whole = int.from_bytes(data[:size].tobytes(), signal.order)
     return (whole >> shift) & ((1 << signal.length) - 1)
+
+
+def count_in(data: np.ndarray, signal: Signal, size: int) -> int:
+    """The count of a channel."""
+    raw, low = _value(data, signal, size), signal.rails[0]
+    return low + ((raw - low) & ((1 << signal.length) - 1)) if signal.signed else raw + low
+
+
+def put_count(data: np.ndarray, signal: Signal, size: int, count: int) -> None:
+    """Write the count of a channel, at the rail if it has no room."""
+    low, high = signal.rails
+    raw = min(max(count, low), high) + signal.bias
+    flip(data, signal, size, raw ^ _value(data, signal, size))
 
 
 def flip(data: np.ndarray, signal: Signal, size: int, bits: int) -> None:

@@ -50,10 +50,14 @@ __all__ = [
     "Fault",
     "FaultScript",
     "Freeze",
+    "Gain",
     "Kill",
+    "Lag",
+    "Offset",
     "Remote",
     "Reorder",
     "Repeat",
+    "Stuck",
     "Truncate",
     "check_script",
     "load_script",
@@ -66,6 +70,7 @@ _Seconds = Annotated[float, Meta(ge=0, le=1e9)]
 _Share = Annotated[float, Meta(ge=1e-12, le=1)]
 _Count = Annotated[int, Meta(ge=1, le=10**12)]
 _Length = Annotated[int, Meta(ge=0, le=63)]
+_Channel = Literal["gel", "frequency", "bx", "by", "bz", "hall_temperature"]
 
 ERRORS: dict[str, tuple[int, bytes]] = {
     "bus-error": (0x88, b"\0\0\x04\0\0\0\0\0"),
@@ -141,6 +146,38 @@ class Freeze(Fault, frozen=True, tag="freeze"):
     """The counts stay those of the frame before, while sequence number and CRC go on."""
 
 
+class _Wrong(Fault, frozen=True, kw_only=True):
+    """A plausible wrong channel: whole frames, on time, with a CRC that fits."""
+
+    channel: Annotated[_Channel | None, Meta(description="All channels of the unit if absent")] = (
+        None
+    )
+
+
+class Gain(_Wrong, frozen=True, tag="gain"):
+    """The counts are multiplied; they end at the rails of the wire."""
+
+    gain: Annotated[float, Meta(ge=-1000, le=1000)]
+
+
+class Offset(_Wrong, frozen=True, tag="offset"):
+    """Counts are added; they end at the rails of the wire."""
+
+    counts: Annotated[int, Meta(ge=-65535, le=65535)]
+
+
+class Stuck(_Wrong, frozen=True, tag="stuck"):
+    """The counts are always these; 0 without a channel is a unit stuck at zero."""
+
+    counts: Annotated[int, Meta(ge=-32768, le=32767)] = 0
+
+
+class Lag(_Wrong, frozen=True, tag="lag"):
+    """The counts are those of so many frames before, while sequence number and CRC go on."""
+
+    frames: Annotated[int, Meta(ge=1, le=10_000)]
+
+
 class Babble(Fault, frozen=True, tag="babble"):
     """A babbling node: frames of identifier `id` follow, with any bytes."""
 
@@ -188,13 +225,17 @@ _AnyFault = (
     | Corrupt
     | Truncate
     | Freeze
+    | Gain
+    | Offset
+    | Stuck
+    | Lag
     | Babble
     | Duplicate
     | Error
     | Remote
     | ClockStep
 )
-_NEEDS_TOPOLOGY = Freeze | Duplicate
+_NEEDS_TOPOLOGY = Freeze | Duplicate | Gain | Offset | Stuck | Lag
 
 
 class FaultScript(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -6,7 +6,7 @@ from collections import deque
 
 import numpy as np
 
-from bus.faults.payload import ExpectedFrame, flip, frames_of
+from bus.faults.payload import ExpectedFrame, count_in, flip, frames_of, put_count
 from bus.faults.script import (
     ERRORS,
     Babble,
@@ -18,14 +18,18 @@ from bus.faults.script import (
     Error,
     Fault,
     Freeze,
+    Gain,
     Kill,
+    Lag,
+    Offset,
     Remote,
     Reorder,
     Repeat,
+    Stuck,
     Truncate,
 )
 from bus.frame import CAN_EFF, CAN_ERR, CAN_RTR, ECHO
-from topology import Topology
+from topology import Signal, Topology
 
 __all__ = ["STAGES"]
 
@@ -238,6 +242,73 @@ class _Freeze(_Stage):
         return frames
 
 
+class _Wrong(_Stage):
+    """Faults that write other counts into whole frames."""
+
+    fault: Gain | Offset | Stuck | Lag
+
+    def apply(self, frames: np.ndarray, hits: np.ndarray) -> np.ndarray:
+        is_hit = np.zeros(frames.size, bool)
+        is_hit[hits] = True
+        for i in np.flatnonzero(self.matches(frames)):
+            expected = self.frame_of(frames[i])
+            if expected is None or frames["length"][i] != expected.layout.size:
+                continue
+            data, size, slots = frames["data"][i], expected.layout.size, self.units_in(expected)
+            struck = [
+                signal
+                for signal in expected.channels
+                if signal.slot in slots and self.fault.channel in (None, signal.name)
+            ]
+            for signal in struck:
+                wrong = self.wrong(count_in(data, signal, size), expected, signal)
+                if is_hit[i]:
+                    put_count(data, signal, size, wrong)
+            if struck and is_hit[i]:
+                expected.seal(data)
+                self.injected += 1
+        return frames
+
+    def wrong(self, count: int, expected: ExpectedFrame, signal: Signal) -> int:
+        """What is sent in place of a count; asked for each frame, whether it is hit or not."""
+        raise NotImplementedError
+
+
+class _Gain(_Wrong):
+    fault: Gain
+
+    def wrong(self, count: int, expected: ExpectedFrame, signal: Signal) -> int:
+        return round(self.fault.gain * count)
+
+
+class _Offset(_Wrong):
+    fault: Offset
+
+    def wrong(self, count: int, expected: ExpectedFrame, signal: Signal) -> int:
+        return count + self.fault.counts
+
+
+class _Stuck(_Wrong):
+    fault: Stuck
+
+    def wrong(self, count: int, expected: ExpectedFrame, signal: Signal) -> int:
+        return self.fault.counts
+
+
+class _Lag(_Wrong):
+    fault: Lag
+
+    def __init__(self, *given) -> None:
+        super().__init__(*given)
+        self._before: dict[tuple[int, int | None, int, str], deque[int]] = {}
+
+    def wrong(self, count: int, expected: ExpectedFrame, signal: Signal) -> int:
+        key = expected.can_id, expected.page, signal.slot, signal.name
+        before = self._before.setdefault(key, deque(maxlen=self.fault.frames + 1))
+        before.append(count)
+        return before[0]
+
+
 class _PutIn(_Stage):
     """Faults that add frames: after those that they hit, with the same stamp."""
 
@@ -346,6 +417,10 @@ STAGES: dict[type[Fault], type[_Stage]] = {
     Corrupt: _Corrupt,
     Truncate: _Truncate,
     Freeze: _Freeze,
+    Gain: _Gain,
+    Offset: _Offset,
+    Stuck: _Stuck,
+    Lag: _Lag,
     Babble: _Babble,
     Duplicate: _Duplicate,
     Error: _Error,

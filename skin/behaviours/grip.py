@@ -16,7 +16,7 @@ it fall.
 from __future__ import annotations
 
 import math
-from enum import Enum
+from enum import StrEnum
 
 from skin.behaviours.decision import Decisions
 from skin.behaviours.demand import Demand
@@ -78,7 +78,7 @@ ARM_M = 0.015
 """Mean distance of the load from its centre, until a contact tells [assumed: a pad of 4 x 4]."""
 
 
-class Phase(Enum):
+class Phase(StrEnum):
     """What the control is at."""
 
     CLOSING = "closing"

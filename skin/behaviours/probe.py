@@ -11,7 +11,7 @@ ratio of the loads at that moment is friction at rest, their ratio after it, fri
 from __future__ import annotations
 
 import math
-from enum import Enum
+from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -53,7 +53,7 @@ LEAST_N = 1e-3
 """Newton, of a load that is divided by [numeric]."""
 
 
-class Outcome(Enum):
+class Outcome(StrEnum):
     """What a probe has found."""
 
     SLID = "slid"

@@ -67,7 +67,10 @@ def decode_part(job: Job, part: Part) -> dict[str, Any]:
         summary["faults"] = [*summary["faults"], _grown(part)]
     summary["faults"] = [*summary["faults"], *_strange(part, summary, job.topology.name)]
     summary |= {"wall_s": time.monotonic() - begun}
-    save_manifest(job, part, _manifest(job, part, sums, summary, complete=True))
+    try:
+        save_manifest(job, part, _manifest(job, part, sums, summary, complete=True))
+    except OSError as error:  # one log less, and not the end of the others
+        return summary | {"state": "failed", "error": _words(error)}
     return summary
 
 

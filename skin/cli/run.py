@@ -54,6 +54,14 @@ Learn = Annotated[
         "learn the stray fields of neighbours while the skin is used, and save them", metavar="FILE"
     ),
 ]
+Faults = Annotated[
+    Path | None,
+    options.quiet(
+        "do to the frames that come what this script says (docs/faults.md): a test of what uses "
+        "the skin",
+        metavar="FILE",
+    ),
+]
 Record = Annotated[
     Path | None,
     options.quiet("record frames and states as MCAP, as `skin record` does", metavar="FILE"),
@@ -77,6 +85,7 @@ def run(
     zeros: Zeros = None,
     learn: Learn = None,
     record: Record = None,
+    faults: Faults = None,
     json: options.Json = False,
 ) -> int:
     """Listen to the buses of a topology, send SYNC, and show what the skin feels.
@@ -107,6 +116,8 @@ def run(
         if simulate:
             transports, lasting, are_exact = simulated(ended, loaded, scene, seed)
             seconds, loaded = seconds or lasting, loaded.exact() if are_exact else loaded
+        if faults is not None:
+            transports = damaged(ended, loaded, faults, transports)
         recording = None if log is None else Recording(log, filed)
         opened = skin.open(
             loaded, sync=sync, wait=wait, transports=transports, log=recording, tare=tare,
@@ -180,6 +191,20 @@ def check_simulated(
         raise SkinError(f"--sync: must be 'host' with --simulate; got {sync!r}")
     options.refuse_both("--simulate", "--interface", interface)
     options.refuse_both("--simulate", "--channel", channel)
+
+
+def damaged(
+    ended: ExitStack, topology: Topology, faults: Path, ends: list[Transport] | None
+) -> list[Transport]:
+    """The buses, with what a script does to the frames that come from them."""
+    from bus.faults import FaultyTransport, load_script
+    from bus.open import open_transport
+
+    script = load_script(faults, topology)
+    if ends is None:
+        ends = [ended.enter_context(open_transport(bus, i)) for i, bus in enumerate(topology.buses)]
+    print(f"note: {faults} puts faults into what the buses carry", file=sys.stderr)
+    return [FaultyTransport(end, script, topology=topology) for end in ends]
 
 
 def simulated(

@@ -47,9 +47,9 @@ PUBLIC_NAMES = (
 class ContactStream:
     """Contacts of an array, cycle by cycle: units, identities, features, slip.
 
-    Everything is allocated here once, but for contacts, which keep a copy of their cycle. What is not wanted is not computed, and without contact there
-    is next to nothing to do. `update` copies what a cycle brings; who owns buffers that stay
-    the same calls `bind` once.
+    Everything is allocated here once, but for contacts, which keep a copy of their cycle. What is
+    not wanted is not computed, and without contact there is next to nothing to do. `update` copies
+    what a cycle brings; who owns buffers that stay the same calls `bind` once.
 
     Parameters
     ----------

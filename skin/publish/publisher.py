@@ -179,15 +179,8 @@ class Publisher:
         self._ring.publish()
 
     def _pose(self, record: np.ndarray) -> None:
-        contacts = self._skin.pipeline.contacts
-        at = self._skin.topology
-        position, rotation = at.position, at.rotation
-        if contacts is not None:
-            pose, origin = contacts.model.geometry
-            position = pose["position"].T + origin[:, np.newaxis]
-            rotation = np.moveaxis(pose["rotation"], 0, 2)
         record["has_pose"] = True
-        record["pose"] = patch_poses(at, position, rotation)
+        record["pose"] = patch_poses(self._skin.topology, *self._skin.pipeline.poses)
 
     def sent(self) -> int:
         """States that the process has published so far; waits for its answer.

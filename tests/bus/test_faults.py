@@ -18,8 +18,11 @@ from bus.errors import FaultScriptError
 from bus.faults import FaultScript, FaultyTransport, Injector, load_script
 from bus.faults import script as kinds
 from bus.frame import CAN_ERR, CAN_RTR, ECHO, FRAME_DTYPE
+from bus.logs import read_all
 from bus.state import BusState
 from skin.cli import main
+from skin.sim.attached import in_process
+from skin.sim.node import Nodes
 from tests.bus.transport_contract import CHECKS
 from tests.fixtures.bus import counts_of, data_frames, frame, join, make_topology, sync
 from tests.fixtures.datagram import datagram_pair
@@ -315,6 +318,65 @@ def test_a_frozen_unit_holds_its_counts_alone_under_a_running_sequence(layout):
         assert (counts[:, 1] == truth[min(number, 2)][1][:, 1]).all()
 
 
+def wrong_counts(sent, fault):
+    """What a fault makes of the counts of a channel, shape (t,), from the numbers alone."""
+    if isinstance(fault, kinds.Gain):
+        return np.clip(np.round(fault.gain * sent.astype(float)), -32768, 32767)
+    if isinstance(fault, kinds.Offset):
+        return np.clip(sent.astype(int) + fault.counts, -32768, 32767)
+    if isinstance(fault, kinds.Stuck):
+        return np.full(sent.shape, fault.counts)
+    return sent[np.maximum(np.arange(sent.size) - fault.frames, 0)]
+
+
+@pytest.mark.parametrize("channel", ["frequency", "bx", None])
+@pytest.mark.parametrize(
+    ("kind", "how"),
+    [
+        (kinds.Gain, {"gain": 1.5}),
+        (kinds.Gain, {"gain": -1000.0}),
+        (kinds.Offset, {"counts": -300}),
+        (kinds.Offset, {"counts": 65535}),
+        (kinds.Stuck, {"counts": 0}),
+        (kinds.Stuck, {"counts": 123}),
+        (kinds.Lag, {"frames": 3}),
+    ],
+)
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_a_wrong_channel_comes_whole_and_on_time(layout, kind, how, channel):
+    skin, order = make_topology(layout, 5), kind(units=("patch/1",), channel=channel, **how)
+    records, count = inject(order, cycles_of(skin, 8), skin)
+    cycles, counters = assemble(skin, records)
+    truth, _ = assemble(skin, cycles_of(skin, 8))
+    assert 8 <= count <= 8 * skin.layouts[0].parts
+    assert counters.crc == counters.repeated == counters.lost == counters.torn == 0
+    shown = np.stack([counts for _, counts, _, _ in cycles])
+    sent = np.stack([counts for _, counts, _, _ in truth])
+    assert all(valid.all() for _, _, valid, _ in cycles)
+    for row, name in enumerate(topology.CHANNELS):
+        carried = any(s.name == name for s in skin.layouts[0].signals)
+        expected = sent[:, row].copy()
+        if carried and channel in (None, name):
+            low, high = next(s.rails for s in skin.layouts[0].signals if s.name == name)
+            expected[:, 1] = np.clip(wrong_counts(sent[:, row, 1], order), low, high)
+        np.testing.assert_array_equal(shown[:, row], expected)
+
+
+def test_a_lag_goes_on_from_what_came_before_it():
+    skin = make_topology("f3t-fd16", 5)
+    fault = kinds.Lag(units=("patch/1",), frames=2, from_s=0.045)
+    records, _ = inject(fault, cycles_of(skin, 8), skin)
+    shown, sent = (assemble(skin, each)[0] for each in (records, cycles_of(skin, 8)))
+    for number in range(8):
+        late = number - 2 if number >= 5 else number
+        assert (shown[number][1][:, 1] == sent[late][1][:, 1]).all()
+
+
+def test_a_wrong_channel_needs_a_topology():
+    with pytest.raises(FaultScriptError, match="without need of a topology"):
+        Injector(FaultScript(faults=(kinds.Gain(gain=2.0),)))
+
+
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_a_second_sender_has_other_counts_and_a_fitting_crc(layout):
     skin = make_topology(layout, 5)
@@ -450,3 +512,21 @@ def test_a_wrong_script_stops_the_simulation_before_it_starts(tmp_path, capsys):
     script.write_text('[[faults]]\nkind = "dorp"\n')
     assert main(["sim", "palm", "--interface", "socketcan", "--faults", str(script)]) == 2
     assert "nearest: 'drop'" in capsys.readouterr().err
+
+
+def test_a_live_bus_is_given_wrong_channels_to_order(tmp_path, capsys, monkeypatch):
+    script = tmp_path / "stuck.toml"
+    name = topology.load("strip").unit_names[0]
+    script.write_text(f'[[faults]]\nkind = "stuck"\nunits = ["{name}"]\n')
+    nodes = Nodes(topology.load("strip"))
+    ends = iter(in_process(nodes))
+    monkeypatch.setattr(bus.open, "open_transport", lambda *_: next(ends))
+    command = ["run", "strip", "--seconds", "0.3", "--no-tare", "--json"]
+    assert main([*command, "--faults", str(script), "--log", str(tmp_path / "a.log")]) == 0
+    assert "puts faults into" in capsys.readouterr().err
+    frames = read_all(tmp_path / "a.log")
+    cycles = [c.counts.copy() for c in Assembler(topology.load("strip")).feed(frames)]
+    assert cycles
+    assert not any(counts[:, 0].any() for counts in cycles)
+    assert all(counts[:, 1].any() for counts in cycles)
+    nodes.close()

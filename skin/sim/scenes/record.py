@@ -119,7 +119,7 @@ class Recorder:
             "unit_names": np.array(scene.topology.unit_names),
             "body_names": np.array([body.name for body in scene.bodies], str),
         }
-        partial = self._folder / "whole.npz"
+        partial = self._folder / f"whole.{self.path.name}"
         try:
             with named(self.path), zipfile.ZipFile(partial, "w", allowZip64=True) as archive:
                 for name, value in about.items():
@@ -136,7 +136,8 @@ class Recorder:
                         np.lib.format.write_array_header_1_0(entry, header)
                         with open(self._folder / name, "rb") as rows:
                             shutil.copyfileobj(rows, entry)
-            os.replace(partial, self.path)
+            with named(self.path):
+                os.replace(partial, self.path)
         finally:
             for part, _, _ in self._parts.values():
                 part.close()

@@ -1,0 +1,193 @@
+"""Each opening, write, closing and renaming of a file fails once: what stood there stays whole."""
+
+from __future__ import annotations
+
+import io
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import topology
+from bus.assemble import Assembler
+from bus.dbc import write_dbc
+from bus.frame import FrameBatch
+from bus.logs import write
+from skin.bulk.decode_part import decode_part
+from skin.bulk.job import Job, parts_of
+from skin.calibrate.tare import tare
+from skin.cli.decoded import writer_for
+from skin.errors import SkinError
+from skin.options import Options
+from skin.physics.stencil import Stencil
+from skin.pipeline import Pipeline
+from skin.sim.node import Nodes
+from skin.sim.scenes.load import open_scene
+from skin.sim.scenes.record import Recorder
+from skin.sim.truth import Truth
+from tests.fixtures.failing_disk import FailingDisk
+
+STRIP = topology.load("strip")
+CYCLES = 300
+EVERY = 10_000
+"""More operations than any writer has."""
+
+
+def frames_of(count, nodes=None):
+    nodes, parts = Nodes(STRIP, seed=1) if nodes is None else nodes, []
+    for cycle in range(count):
+        batch, answers = FrameBatch(64), FrameBatch(64)
+        batch.append(STRIP.buses[0].sync_id, bytes([cycle & 255]), stamp_ns=1 + cycle * 4_000_000)
+        nodes.respond(batch.frames, answers)
+        parts += [batch.frames.copy(), answers.frames.copy()]
+    return np.concatenate(parts)
+
+
+@pytest.fixture(scope="module")
+def run():
+    """Frames, states, counts and a pipeline with zeros of a run."""
+    frames = frames_of(CYCLES)
+    pipeline = Pipeline(STRIP, Options())
+    states = list(pipeline.feed(frames))
+    return frames, states, resting(), pipeline
+
+
+def resting():
+    """Counts of units that nothing touches."""
+    nodes, assembler = Nodes(STRIP, Still(), seed=2), Assembler(STRIP)
+    return np.stack([c.counts.copy() for c in assembler.feed(frames_of(CYCLES, nodes))])
+
+
+class Still:
+    """Nothing happens."""
+
+    def __init__(self):
+        self.truth = Truth.at_rest(STRIP.n, 24.0)
+
+    def at(self, time_s):
+        self.truth.time_s = time_s
+        return self.truth
+
+
+def tables(suffix):
+    def save(run, path):
+        with writer_for(path.with_suffix(suffix), STRIP) as add:
+            for state in run[1]:
+                add(state)
+
+    return save
+
+
+def truth(run, path):
+    with Recorder(open_scene("press", STRIP), path) as scene:
+        for cycle in range(20):
+            scene.at(cycle / 250)
+
+
+def zeros(run, path):
+    kept = run[3].zeros
+    kept._saved = None
+    kept.save(path)
+
+
+WRITERS = {
+    "calibration.toml": lambda run, path: tare(STRIP, run[2]).write(path, date="2026-01-01"),
+    "stencil.npz": lambda run, path: Stencil.of(STRIP).save(path),
+    "zeros.npz": zeros,
+    "ambient.npz": lambda run, path: run[3].decoder.ambient.save(path),
+    "table.csv": tables(".csv"),
+    "arrays.npz": tables(".npz"),
+    "truth.npz": truth,
+    "dbc": lambda run, path: write_dbc(STRIP, path.parent),
+    "frames.log": lambda run, path: write(path, run[0]),
+    "frames.blf": lambda run, path: write(path, run[0]),
+}
+
+
+def held(folder):
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def each(operations):
+    """Which operations fail: the first ones, the last ones, and some between."""
+    if operations < 12:
+        return range(operations)
+    return sorted({0, 1, 2, operations // 2, *range(operations - 4, operations)})
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_what_stood_there_stays_whole_and_a_message_says_why(name, run, tmp_path):
+    check(name, run, tmp_path, each)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", WRITERS)
+def test_each_operation_fails_once(name, run, tmp_path):
+    check(name, run, tmp_path, range)
+
+
+def check(name, run, folder, which):
+    save = WRITERS[name]
+    path = folder / "out" / name
+    path.parent.mkdir()
+    save(run, path)
+    good = held(folder)
+    assert good
+    with pytest.MonkeyPatch.context() as patch:
+        disk = FailingDisk(folder, EVERY, patch)
+        save(run, path)
+    assert disk.count > 2
+    steps = set()
+    for at in which(disk.count):
+        with pytest.MonkeyPatch.context() as patch:
+            failing = FailingDisk(folder, at, patch)
+            error = None
+            try:
+                save(run, path)
+            except (OSError, SkinError) as raised:
+                error = raised
+        steps.add(failing.failed)
+        after = held(folder)
+        assert after.keys() == good.keys(), (failing.failed, at)
+        for file, data in after.items():
+            assert is_whole(file, data, good[file]), (failing.failed, at, file)
+        if error is None:  # zipfile opens in another way then
+            assert failing.failed == "open"
+            continue
+        told = f"{getattr(error, 'filename', '')} {error}"
+        assert any(file.name in told or file.stem in told for file in good), told
+        assert "No space left" in told
+    assert {"open", "write"} <= steps
+
+
+def is_whole(file: Path, data: bytes, good: bytes) -> bool:
+    """The same as a save makes; archives hold the time at which they were made."""
+    if file.suffix != ".npz":
+        return data == good
+    with suppress(Exception):
+        mine, theirs = np.load(file), np.load(io.BytesIO(good))
+        return {*mine} == {*theirs}
+    return False
+
+
+@pytest.mark.long
+def test_a_bulk_decoding_goes_on_after_each_failure(run, tmp_path):
+    log = tmp_path / "a.log"
+    write(log, run[0])
+    (part,) = parts_of([log])
+    job = Job(STRIP, tmp_path / "out", {}, "npz", anew=True)
+    assert decode_part(job, part)["state"] == "decoded"
+    with pytest.MonkeyPatch.context() as patch:
+        disk = FailingDisk(job.folder, EVERY, patch)
+        decode_part(job, part)
+    for at in each(disk.count):
+        with pytest.MonkeyPatch.context() as patch:
+            FailingDisk(job.folder, at, patch)
+            summary = decode_part(job, part)
+        assert summary["state"] == "failed"
+        assert "No space left" in summary["error"]
+        assert not [*job.folder.rglob("*.part")]
+        for file in job.folder.rglob("*.npz"):
+            np.load(file)
+    assert decode_part(job, part)["state"] == "decoded"
