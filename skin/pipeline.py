@@ -240,8 +240,8 @@ class Pipeline:
         bodies = [ambient.bodies.index(frame) for frame in frames_of(topology)]
         whole = decoder.loop._whole
         return common_field(
-            topology, np.array(bodies)[topology.patch], ambient._data.bodies.covariance_ut2, whole.field_ut,
-            whole.displacement_mm, by_strength=decoder.estimator == "sine",
+            topology, np.array(bodies)[topology.patch], ambient._data.bodies.covariance_ut2,
+            whole.field_ut, whole.displacement_mm, by_strength=decoder.estimator == "sine",
         )  # fmt: skip
 
     def _show(self, stream: ContactStream) -> None:

@@ -178,7 +178,7 @@ def arm(record, members, load, geometry):
     of the load.
     """
     first, last = record["begin"], record["end"]
-    centre, normal, origin = record["centroid"], record["normal"], geometry.origin
+    centre, normal, origin = record["middle"], record["normal"], geometry.origin
     moment, total = 0.0, 0.0
     for at in range(first, last):
         i = members[at]

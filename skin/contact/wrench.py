@@ -91,6 +91,7 @@ def total_wrench(s, record, origin, scratch):
 def _no_centre(record):
     record["flags"] |= WEAK
     record["centroid"][:] = np.nan
+    record["middle"][:] = np.nan
     record["moment"][:] = np.nan
     record["centroid_covariance"][:] = np.nan
     record["moment_covariance"][:] = np.nan
@@ -181,6 +182,7 @@ def centre(s, record, origin, scratch):
         return
     for a in range(3):
         about[a] = -s["load_position"][a] / load
+        record["middle"][a] = origin[a] - about[a]
     cross(about, force, moment)
     for a in range(3):
         moment[a] += s["wrench"][a + 3]

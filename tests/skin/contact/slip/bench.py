@@ -144,7 +144,7 @@ class Bench:
         frames = self.rotation[:, :, members]
         load, record["load"] = force[2], force[2].sum()
         centre = place @ load / load.sum()
-        record["centroid"] = centre
+        record["centroid"] = record["middle"] = centre
         away = (place - centre[:, np.newaxis]).T
         record["arm"] = np.linalg.norm(away, axis=1) @ load / load.sum()
         normal = frames[:, 2] @ load

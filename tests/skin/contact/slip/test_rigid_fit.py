@@ -22,7 +22,7 @@ def test_a_contact_is_flat_whose_mean_normal_is_as_long_as_the_load_but_for_a_th
         record = np.zeros(1, CONTACT)[0]
         record["begin"], record["end"], record["load"] = 1, 3, 5.0
         record["axes"] = Rotation.random(random_state=4).as_matrix()
-        record["centroid"] = 0.1, 0.2, -0.4
+        record["middle"] = 0.1, 0.2, -0.4
         fit = slip_arrays(SlipData.zeros(3)).scratch.fit
         fit.mean_normal[:] = 9.0
         force = np.array([[0.0] * 3, [0.0] * 3, [2.5, 7.0, 2.5]])
@@ -33,7 +33,7 @@ def test_a_contact_is_flat_whose_mean_normal_is_as_long_as_the_load_but_for_a_th
         middle = (position.min(axis=1) + position.max(axis=1)) / 2.0
         origin = geometry.origin
         assert np.allclose(origin, middle) or np.allclose(origin, position.mean(axis=1))
-        np.testing.assert_allclose(fit.centre[:3], record["centroid"] - origin)
+        np.testing.assert_allclose(fit.centre[:3], record["middle"] - origin)
 
 
 def solve(rows, right):
