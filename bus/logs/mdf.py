@@ -12,10 +12,11 @@ import subprocess
 import sys
 from collections.abc import Generator, Iterator
 from datetime import UTC, datetime, timedelta
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from signal import Signals
-from typing import Any, BinaryIO
+from typing import IO, Any
 
 import numpy as np
 
@@ -104,7 +105,7 @@ class MdfReader(LogReader):
         return records[bus != LEFT_OUT]
 
 
-def _told(pipe: BinaryIO) -> Any:
+def _told(pipe: IO[bytes]) -> Any:
     """What the process that reads says next; None where it has ended in the midst of it."""
     try:
         return pickle.load(pipe)
@@ -206,9 +207,7 @@ def main() -> None:
     with os.fdopen(os.dup(1), "wb") as out:
         os.dup2(2, 1)  # whatever a library prints is no part of what is handed over
         try:
-            import asammdf
-
-            with asammdf.MDF(path) as file:
+            with import_module("asammdf").MDF(path) as file:
                 for pair in _pieces(file, size):
                     pickle.dump(pair, out, pickle.HIGHEST_PROTOCOL)
             told = ""
