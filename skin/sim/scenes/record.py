@@ -37,6 +37,7 @@ import shutil
 import tempfile
 import zipfile
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import fields
 from pathlib import Path
 from typing import IO, Self
@@ -107,9 +108,15 @@ class Recorder:
         """Make the file; closing twice is fine."""
         if not self._folder.exists():
             return
-        if not self._rows:
-            shutil.rmtree(self._folder)
-            return
+        with ExitStack() as ended:  # all of it, whatever of it fails
+            ended.callback(shutil.rmtree, self._folder)
+            for part, _, _ in self._parts.values():
+                ended.callback(part.close)
+            if self._rows:
+                self._make()
+
+    def _make(self) -> None:
+        """Make the file of the parts."""
         scene = self.scene
         about = {
             "format": np.int64(FORMAT),
@@ -120,28 +127,23 @@ class Recorder:
             "body_names": np.array([body.name for body in scene.bodies], str),
         }
         partial = self._folder / f"whole.{self.path.name}"
-        try:
-            with named(self.path), zipfile.ZipFile(partial, "w", allowZip64=True) as archive:
-                for name, value in about.items():
-                    with archive.open(f"{name}.npy", "w") as entry:
-                        np.lib.format.write_array(entry, np.asarray(value), allow_pickle=False)
-                for name, (part, dtype, shape) in self._parts.items():
-                    part.close()
-                    with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
-                        header = {
-                            "descr": np.lib.format.dtype_to_descr(dtype),
-                            "fortran_order": False,
-                            "shape": (self._rows, *shape),
-                        }
-                        np.lib.format.write_array_header_1_0(entry, header)
-                        with open(self._folder / name, "rb") as rows:
-                            shutil.copyfileobj(rows, entry)
-            with named(self.path):
-                os.replace(partial, self.path)
-        finally:
-            for part, _, _ in self._parts.values():
+        with named(self.path), zipfile.ZipFile(partial, "w", allowZip64=True) as archive:
+            for name, value in about.items():
+                with archive.open(f"{name}.npy", "w") as entry:
+                    np.lib.format.write_array(entry, np.asarray(value), allow_pickle=False)
+            for name, (part, dtype, shape) in self._parts.items():
                 part.close()
-            shutil.rmtree(self._folder)
+                with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
+                    header = {
+                        "descr": np.lib.format.dtype_to_descr(dtype),
+                        "fortran_order": False,
+                        "shape": (self._rows, *shape),
+                    }
+                    np.lib.format.write_array_header_1_0(entry, header)
+                    with open(self._folder / name, "rb") as rows:
+                        shutil.copyfileobj(rows, entry)
+        with named(self.path):
+            os.replace(partial, self.path)
 
     def _write(self, name: str, value: np.ndarray) -> None:
         if name not in self._parts:
