@@ -20,6 +20,8 @@ FACE_MM = 5.0
 RINGS = ((0.0, 1), (0.5, 6), (1.0, 12))
 """Radii, over `FACE_MM`, and numbers of the points of a face: about equal areas."""
 HALVES = 50
+FACING = 0.3
+"""Cosine between the way in and the normal of a unit, below which the body does not touch it."""
 
 
 @dataclass(frozen=True)
@@ -82,8 +84,10 @@ def pressed(
     a, b = here[0] - aside_mm[0], here[1] - aside_mm[1]
     a, b = a * np.cos(turn) + b * np.sin(turn), b * np.cos(turn) - a * np.sin(turn)
     below = here[2] + body.height(a, b)
-    along = np.maximum(np.einsum("a,an->n", w, rotation[:, 2]), 0.0)
-    first = below.min()
+    along = np.einsum("a,an->n", w, rotation[:, 2])
+    facing = along > FACING
+    along = np.where(facing, along, 0.0)
+    first = below[facing].min()
 
     def deep(way_mm: float) -> np.ndarray:
         return along[:, np.newaxis] * np.maximum(first + way_mm - below, 0.0)

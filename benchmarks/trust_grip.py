@@ -14,8 +14,9 @@ __all__ = ["START_S", "light_grip", "turn", "turned_field"]
 
 LOADS_N = (0.4, 0.5, 0.7, 1.0, 1.5, 3.0)
 """Of a pad of 16 units."""
-START_S = REST_S + 1.5
-"""When something touches at first, after the hand may have turned."""
+START_S, SETTLED_S = REST_S + 2.0, 0.5
+"""When something touches at first, after the hand may have turned, and has stood still for a
+while."""
 SHARE = (0.3, 0.6)
 GRIP_S, LIFT_S = (0.2, 3.0), (0.3, 1.5)
 """How long the pads need to close, and the object to be lifted: log-uniform."""
@@ -107,8 +108,8 @@ def _grip(
     touch = Touch(depth, length[:, np.newaxis] * in_plane)
     world = None
     if field:
-        # the hand turns since the tare, until the object is lifted
-        span = REST_S, START_S + grip_s + lift_s
+        # the hand has turned since the tare; what it does once all units touch, nobody can know
+        span = REST_S, START_S - SETTLED_S
         world = turned_field(cycles, rate, TURN_RAD_S, span, rng)
     true = plant.forces(touch)
     last = round(LAST_S * rate)

@@ -169,6 +169,14 @@ def test_a_sphere_is_as_deep_as_its_cap():
     assert touched.sum() > 4
 
 
+def test_a_body_between_two_pads_presses_the_one_that_it_goes_into():
+    nominal = shape_of("gripper")
+    plant = Plant(nominal, Units.drawn(nominal, 0))
+    found = pressed(plant, Body("edge", 0.5), 3, np.zeros(2), 0.4, 1.0)
+    assert found.load_n == pytest.approx(1.0, rel=1e-6)
+    assert not found.depth_mm[nominal.patch != nominal.patch[3]].any()
+
+
 def test_the_centre_of_pressure_follows_a_body_within_a_face():
     plant = pad()
     here = plant.topology.position[:, 5]
