@@ -101,8 +101,8 @@ class Contact:
     wrench = _Vector("Force and moment about the origin, what the world exerts; shape (6,).")
     wrench_covariance = _Vector("Shape (6, 6).")
     wrench_sigma = _Vector(
-        "One-sigma of `wrench`, shape (6,): the ambient field counts as one error of all units, and "
-        "what silent units may bear is in it."
+        "One-sigma of `wrench`, shape (6,): the ambient field counts as one error of all units, "
+        "and what silent units may bear is in it."
     )
     centroid = _Vector(
         "Centre of pressure of the normal loads, with those below the gate that lie beside it; NaN "

@@ -117,8 +117,8 @@ def _face(square, extent2):
     the face, even over ±(s - w) / 2; where the load lies on two units, of shares f and 1 - f, by
     (s - w) (1 - 2 f) / 2, with (1 - 2 f)² = 1 - 4 V / s² by the variance V of the loads' places.
     With w even in 0 to s, as seen: one unit alone has w with the density 2 (s - w) / s², hence
-    s² / 24, two have 2 w / s², hence (1 - 2 f)² s² / 24. Beyond s only the outer units are filled in
-    part, f of each even in 0 to 1: the first moment is off by s² / 2 (f (1 - f) - f' (1 - f')),
+    s² / 24, two have 2 w / s², hence (1 - 2 f)² s² / 24. Beyond s only the outer units are filled
+    in part, f of each even in 0 to 1: the first moment is off by s² / 2 (f (1 - f) - f' (1 - f')),
     of variance s⁴ / 360, over the width w, w² = 12 V [derived].
     """
     part = max(1.0 - 4.0 * extent2 / square, 0.0) * square / 24.0
