@@ -232,16 +232,16 @@ class Pipeline:
     def _shared(self) -> Common | None:
         """What the units are wrong by together: the ambient field, where it is estimated."""
         from skin.contact.common import common_field
-        from skin.decode.ambient_model import frames_of
+        from skin.decode.ambient_model import PRIOR_UT2
 
-        decoder, topology, ambient = self.decoder, self.topology, self.decoder.ambient
+        decoder, ambient = self.decoder, self.decoder.ambient
         if ambient is None or decoder.loop is None:
             return None
-        bodies = [ambient.bodies.index(frame) for frame in frames_of(topology)]
-        whole = decoder.loop._whole
+        whole = decoder.loop.whole
         return common_field(
-            topology, np.array(bodies)[topology.patch], ambient._data.bodies.covariance_ut2,
-            whole.field_ut, whole.displacement_mm, by_strength=decoder.estimator == "sine",
+            self.topology, ambient.body, ambient.body_covariance_ut2, ambient.residue_ut2,
+            whole.field_ut, whole.displacement_mm, rest_ut2=PRIOR_UT2,
+            by_strength=decoder.estimator == "sine",
         )  # fmt: skip
 
     def _show(self, stream: ContactStream) -> None:

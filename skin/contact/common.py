@@ -2,9 +2,11 @@
 
 The tangential displacement follows the field at the chip. What is not known of the ambient field is
 one vector for all units of a body, so that its part of their forces adds up as it is, not as its
-square: with F = Σ F_i and F_i = F_i0 + J_i e, cov(F) = Σ cov(F_i0) + (Σ J_i) C (Σ J_i)'. The
-decoder has J_i C J_i' in the sigma of each unit, with a third of C's trace for each axis; that is
-taken out of it here. For J_i, the field B of a film turns by k R from the chip's axis as the film
+square: with F = Σ F_i and F_i = F_i0 + J_i e, cov(F) = Σ cov(F_i0) + (Σ J_i) C (Σ J_i)'. So does
+the field in which Bz at rest was learnt: it is one vector, too, with the variance of knowing
+nothing, of which a unit feels what lies along its axis. The decoder has the variance of both in the
+sigma of each unit, as that of a lateral axis of its field (`Ambient.residue_ut2`); it is taken out
+of it here. For J_i, the field B of a film turns by k R from the chip's axis as the film
 is displaced by R; hence, along the lateral field and across it, with c = cos(k R) and s = sin(k R)
 as B has them,
 
@@ -54,20 +56,23 @@ class Common(NamedTuple):
     field_ut: np.ndarray  # (3, n), as of a `Reading`
     displacement_mm: np.ndarray  # (3, n), likewise
     covariance_ut2: np.ndarray  # (g, 3, 3), float64: of the ambient field of each body
-    gain: np.ndarray  # (rows, g, 6, 3), float64: wrench of a row of the sums per µT; scratch
+    residue_ut2: np.ndarray  # (n,): variance of a lateral axis by both, as in the sigma of a unit
+    rest_ut2: np.ndarray  # (1,), float64: of an axis of the field that Bz at rest was learnt in
+    gain: np.ndarray  # (rows, 2 g, 6, 3), float64: wrench of a row of the sums per µT of the field
+    # of each body, then of that which its Bz at rest was learnt in; scratch
 
 
 def no_common(dtype: np.dtype | type) -> Common:
     """Nothing that units share."""
     return Common(
         np.zeros(0, LAW), np.zeros((3, 0), dtype), np.zeros((3, 0), dtype), np.zeros((0, 3, 3)),
-        np.zeros((0, 0, 6, 3)),
+        np.zeros(0, dtype), np.zeros(1), np.zeros((0, 0, 6, 3)),
     )  # fmt: skip
 
 
 def common_field(
-    topology: Topology, body: np.ndarray, covariance_ut2: np.ndarray, field_ut: np.ndarray,
-    displacement_mm: np.ndarray, *, by_strength: bool,
+    topology: Topology, body: np.ndarray, covariance_ut2: np.ndarray, residue_ut2: np.ndarray,
+    field_ut: np.ndarray, displacement_mm: np.ndarray, *, rest_ut2: float, by_strength: bool,
 ) -> Common:  # fmt: skip
     """What units share that see one ambient field.
 
@@ -79,8 +84,12 @@ def common_field(
     covariance_ut2 : ndarray, shape (g, 3, 3), float64
         Of the field of each body, in the skin frame, the body being where the topology has it;
         read in each cycle.
+    residue_ut2 : ndarray, shape (n,)
+        Variance of a lateral axis of the field by what is not known of the ambient field; likewise.
     field_ut, displacement_mm : ndarray, shape (3, n)
         As of a `Reading`; likewise.
+    rest_ut2 : float
+        Variance of an axis of the field in which Bz at rest was learnt, µT².
     by_strength : bool
         Whether displacements are found by the strength of the field alone.
     """
@@ -92,7 +101,10 @@ def common_field(
     law["stiffer"], law["gain"] = p["shear_stiff_n_per_mm"], p["shear_gain_per_mm"]
     law["gain_offset"] = 1.0 - p["shear_gain_per_mm"] * p["field_reference_mm"]
     law["wavenumber"] = p["field_wavenumber_rad_per_mm"] if by_strength else 0.0
-    return Common(law, field_ut, displacement_mm, covariance_ut2, np.zeros((0, 0, 6, 3)))
+    return Common(
+        law, field_ut, displacement_mm, covariance_ut2, residue_ut2,
+        np.array([0.0 if by_strength else rest_ut2]), np.zeros((0, 0, 6, 3)),
+    )  # fmt: skip
 
 
 @jitable
@@ -154,21 +166,22 @@ def add_common(k, units, data, poses):
         if not _per_field(i, common, j):
             continue
         axes, g = common.law[i]["axes"], common.law[i]["body"]
-        gain, covariance = common.gain[k, g], common.covariance_ut2[g]
-        residue = (covariance[0, 0] + covariance[1, 1] + covariance[2, 2]) / 3.0
+        gain = common.gain[k, g]
+        rest_gain = common.gain[k, g + common.covariance_ut2.shape[0]]
         p, rotation = poses[i]["position"], poses[i]["rotation"]
         for axis in range(2):
             x, y, z = rotation[0, axis], rotation[1, axis], rotation[2, axis]
             screw[0], screw[1], screw[2] = x, y, z
             screw[3], screw[4] = p[1] * z - p[2] * y, p[2] * x - p[0] * z
             screw[5] = p[0] * y - p[1] * x
-            square = 0.0
             for b in range(3):
-                per_ut = j[axis, 0] * axes[b, 0] + j[axis, 1] * axes[b, 1] + j[axis, 2] * axes[b, 2]
-                square += per_ut * per_ut
+                upright = j[axis, 2] * axes[b, 2]
+                per_ut = j[axis, 0] * axes[b, 0] + j[axis, 1] * axes[b, 1] + upright
                 for a in range(6):
                     gain[a, b] += per_ut * screw[a]
-            shared = min(residue * square, np.float64(force_sigma[axis, i]) ** 2)
+                    rest_gain[a, b] += upright * screw[a]
+            shared = np.float64(common.residue_ut2[i]) * (j[axis, 0] ** 2 + j[axis, 1] ** 2)
+            shared = min(shared, np.float64(force_sigma[axis, i]) ** 2)
             row = 0
             for a in range(6):
                 for b in range(a, 6):
@@ -180,15 +193,18 @@ def add_common(k, units, data, poses):
 def _spread(k, data):
     """Add what the units of row k share to the covariance of its wrench: Σ G C G'."""
     common, triangle = data.common, data.sums.rows[k]["wrench_covariance"]
-    for g in range(common.covariance_ut2.shape[0]):
-        gain, covariance = common.gain[k, g], common.covariance_ut2[g]
+    bodies, rest_ut2 = common.covariance_ut2.shape[0], common.rest_ut2[0]
+    for g in range(2 * bodies):
+        gain, covariance = common.gain[k, g], common.covariance_ut2[g % bodies]
         row = 0
         for a in range(6):
-            x = y = z = 0.0
-            for b in range(3):
-                x += gain[a, b] * covariance[b, 0]
-                y += gain[a, b] * covariance[b, 1]
-                z += gain[a, b] * covariance[b, 2]
+            x, y, z = rest_ut2 * gain[a, 0], rest_ut2 * gain[a, 1], rest_ut2 * gain[a, 2]
+            if g < bodies:
+                x = y = z = 0.0
+                for b in range(3):
+                    x += gain[a, b] * covariance[b, 0]
+                    y += gain[a, b] * covariance[b, 1]
+                    z += gain[a, b] * covariance[b, 2]
             for b in range(a, 6):
                 triangle[row] += x * gain[b, 0] + y * gain[b, 1] + z * gain[b, 2]
                 row += 1
@@ -199,7 +215,7 @@ def spread_common(count, data):
     """Add what units share: to the covariances of the first `count` rows, and to that of all, which
     is the row after the next; with errors that contacts share."""
     gain = data.common.gain
-    for g in range(data.common.covariance_ut2.shape[0]):
+    for g in range(gain.shape[1]):
         for k in range(count + 1):
             for a in range(6):
                 for b in range(3):

@@ -367,7 +367,7 @@ class ContactStream:
     def _bound(self, reading: Readings, common: Common | None = None) -> Bound:
         data = self.data._replace(reading=reading)
         if common is not None:
-            shape = data.sums.rows.size, len(common.covariance_ut2), 6, 3
+            shape = data.sums.rows.size, 2 * len(common.covariance_ut2), 6, 3
             data = data._replace(common=common._replace(gain=np.zeros(shape)))
         return Bound(step, self.model, data)
 

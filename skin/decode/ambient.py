@@ -203,6 +203,11 @@ class Ambient:
         return np.moveaxis(self._data.bodies.covariance_ut2, 0, -1).copy()
 
     @property
+    def body_covariance_ut2(self) -> np.ndarray:
+        """The same by bodies, (bodies, 3, 3), in one array that `update` writes."""
+        return self._data.bodies.covariance_ut2
+
+    @property
     def voters(self) -> np.ndarray:
         """Units that voted in the last cycle, shape (bodies,); under 4 the field is held."""
         return self._data.bodies.voters.astype(int)

@@ -122,7 +122,7 @@ class Loop:
     ) -> None:  # fmt: skip
         self.crosstalk, self.ambient, self.looks = crosstalk, ambient, looks
         self.sweeps = sweeps
-        self._whole, self._film_above, self._taken = whole, film_above, taken
+        self.whole, self._film_above, self._taken = whole, film_above, taken
         self._base = np.zeros_like(taken)
         self._known = np.zeros_like(taken) if ambient is None else ambient.taken
         self._predict: dict[bool, Prediction] = {}
@@ -145,7 +145,7 @@ class Loop:
             self.crosstalk.warmup()
             self._bind_prediction(self.crosstalk, False)
         if self.ambient is not None:
-            self.ambient.warmup(self._whole)
+            self.ambient.warmup(self.whole)
 
     def __call__(self, decode: Callable[[bool], Reading], told: bool, advance: bool) -> Reading:
         """Decode a cycle by ``decode(advance)``, on top of what was `told` or not."""
@@ -161,7 +161,7 @@ class Loop:
                 predict()
                 decode(False)
         if self.ambient is not None and elapsed_s is not None:
-            self._follow = follow = self._follow or self.ambient.bound(self._whole)
+            self._follow = follow = self._follow or self.ambient.bound(self.whole)
             follow(elapsed_s)
         return reading
 
@@ -176,7 +176,7 @@ class Loop:
 
     def _bind_prediction(self, crosstalk: CrossTalk, told: bool) -> Prediction:
         """The prediction of cross-talk on top of a background that is told, or not."""
-        whole, base = self._whole, self._base if told else self._known
+        whole, base = self.whole, self._base if told else self._known
         predict = self._predict[told] = crosstalk.bound(
             whole.displacement_mm, whole.valid, self._taken, base, self._film_above
         )
