@@ -45,7 +45,6 @@ def calibration_of(patch: str, units: Collection[str] | None = None) -> Kind:
         return (
             table.get("format") == 1
             and table.get("patch") == patch
-            and "units" in table
             and (units is None or named <= {*units})
         )
 

@@ -316,7 +316,7 @@ def test_files_are_plain_ascii_one_a_bus_and_replace_older_ones(tmp_path):
     topology = load("hand")
     stale = tmp_path / "out" / "hand-palm.dbc"
     stale.parent.mkdir()
-    stale.write_text("old")
+    stale.write_text('CM_ "Bus palm of hand. old";')
     written = write_dbc(topology, tmp_path / "out")
     assert [f.path.name for f in written] == ["hand-palm.dbc", "hand-fingers.dbc"]
     assert sorted(p.name for p in stale.parent.iterdir()) == ["hand-fingers.dbc", "hand-palm.dbc"]
