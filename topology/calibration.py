@@ -31,6 +31,10 @@ from topology.source import Key, Source
 
 __all__ = ["read_calibration"]
 
+NEIGHBOURS_INCLUDED = "tared in place, resting neighbours included"
+"""How `bench` ends where the offsets of Bx and By hold the field of resting neighbours, which every
+decoder subtracts: it would be subtracted twice."""
+
 
 def read_calibration(
     patch: str, units: tuple[str, ...], key: Key, source: Source, report: Report
@@ -72,6 +76,8 @@ def read_calibration(
     if report.sound(calibration, (), "patch") and table.patch != patch:
         report.add("calibration-patch", calibration, ("patch",), patch=repr(patch),
                    line=source.line(key), file=source.shown, got=repr(table.patch))  # fmt: skip
+    if report.sound(calibration, (), "bench") and table.bench.endswith(NEIGHBOURS_INCLUDED):
+        report.add("tared-with-neighbours", calibration, ("bench",))
     known = {name: index for index, name in enumerate(units)}
     parameters, kind = {}, f"a unit of patch {patch!r}"
     tared = [

@@ -82,6 +82,9 @@ MESSAGES: dict[str, str] = {
     "scale": "must be from {least:g} to {most:g}, whatever its sign; got {got:g}",
     "calibration-patch": "must be {patch}, the patch that names this file (line {line} of {file}); "
     "got {got}",
+    "tared-with-neighbours": "must be of a tare that leaves resting neighbours out, as decoders "
+    "subtract their field; got one that includes them (take this text, tared, hall_offset_x_ut and "
+    "hall_offset_y_ut out of the file and run `skin tare`)",
     # -- wire layouts
     "frame-size": "must be a length of {kind} frames ({sizes}); got {got}",
     "signal-bits": "must lie within the {bits} bits of the frame; got bits {first} to {last}",
