@@ -32,7 +32,7 @@ SPREAD = {
 
 
 def array_of(n: int, *, alike: bool, seed: int = 0) -> Topology:
-    """A skin of n units, too far from each other to feel each other: those of the palm, repeated."""
+    """A skin of n units, those of the palm repeated, too far apart to feel each other."""
     palm = topology.load("palm").exact()
     times = -(-n // palm.n)
     frames = palm.frames
