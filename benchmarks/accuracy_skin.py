@@ -143,7 +143,6 @@ class Made:
         return np.concatenate([shear, elastic.normal(depth_mm)[:, np.newaxis]], axis=1)
 
 
-@cache
 def apart(skin: Topology) -> Topology:
     """The same units, too far from each other to feel each other: for counts of units alone."""
     place = np.zeros((3, skin.n))

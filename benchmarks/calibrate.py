@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.accuracy_skin import apart
 from benchmarks.lab import ORDER, RATE_HZ, Lab, protocol, unseen
 from skin import Decoder
 from skin.calibrate.bench.fit import UnitResult, fit_unit
@@ -150,7 +151,7 @@ def _scored(lab: Lab, known: Topology, seconds: float) -> dict[str, Any]:
     path = unseen(seconds, seed=17)
     force = lab.force(path)
     clean, noisy = (
-        Decoder(known, None, dtype="float64", sweeps=0, ambient=False)(
+        Decoder(apart(known), None, dtype="float64", sweeps=0, ambient=False)(
             lab.counts(path, noise=noise).counts
         )
         for noise in (False, True)

@@ -13,6 +13,7 @@ import dataclasses
 import numpy as np
 from msgspec.structs import replace
 
+from benchmarks.accuracy_skin import apart
 from skin import Decoder
 from skin.calibrate.creep import CreepFit, fit_creep
 from skin.calibrate.write import parameter_values
@@ -128,7 +129,7 @@ def _run(
     )  # fmt: skip
     material.rest()
     scene = ScriptedScene(units.topology, bench, non_ideal=NonIdeal.everything(), material=material)
-    decoder = Decoder(known, {"force"}, creep=False, sweeps=0, ambient=False)
+    decoder = Decoder(apart(known), {"force"}, creep=False, sweeps=0, ambient=False)
     loaded, elastic = np.empty((2, times.size, 3, known.n))
     for i, time_s in enumerate(times):
         truth = scene.at(float(time_s))

@@ -20,6 +20,7 @@ import dataclasses
 import numpy as np
 from msgspec.structs import replace
 
+from benchmarks.accuracy_skin import apart
 from skin.decode.decoder import Decoder
 from skin.options import ESTIMATORS
 from skin.sim.scenes.load import load_scene
@@ -105,7 +106,8 @@ def _errors(non_ideal: NonIdeal, estimator: str, rate_hz: float) -> dict:
     palm = dataclasses.replace(palm, buses=(slow,))
     script = load_scene("fig4a", palm)
     scene = ScriptedScene(palm, script, non_ideal=non_ideal)
-    decoder = Decoder(palm, estimator=estimator, sweeps=0, ambient=False)
+    known = palm if non_ideal.crosstalk else apart(palm)
+    decoder = Decoder(known, estimator=estimator, sweeps=0, ambient=False)
     times = np.arange(round(script.seconds * rate_hz)) / rate_hz
     read, true = np.empty((2, times.size, 3, palm.n))
     warm, valid = np.empty((times.size, palm.n)), np.empty((times.size, palm.n), bool)

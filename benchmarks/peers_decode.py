@@ -13,7 +13,9 @@ import numpy as np
 from numba import njit
 
 import topology
+from benchmarks.accuracy_skin import apart
 from bus.compiled.aligned import zeros
+from skin.calibrate.bench.alone import OF_UNITS
 from topology import Topology
 
 ROWS = ("temperature", "fx", "fy", "fz", "tangential", "theta", "x", "y", "h")
@@ -30,7 +32,7 @@ SPREAD = {
 
 
 def array_of(n: int, *, alike: bool, seed: int = 0) -> Topology:
-    """A skin of n units: the ready-made palm, repeated."""
+    """A skin of n units, those of the palm repeated, too far apart to feel each other."""
     palm = topology.load("palm").exact()
     times = -(-n // palm.n)
     frames = palm.frames
@@ -44,7 +46,7 @@ def array_of(n: int, *, alike: bool, seed: int = 0) -> Topology:
     parameters = {name: repeat(values) for name, values in palm.parameters.items()}
     for name, spread in () if alike else SPREAD.items():
         parameters[name] = parameters[name] * (1.0 + spread * rng.uniform(-1.0, 1.0, n))
-    return dataclasses.replace(
+    tiled = dataclasses.replace(
         palm,
         frames=dataclasses.replace(
             frames,
@@ -54,13 +56,9 @@ def array_of(n: int, *, alike: bool, seed: int = 0) -> Topology:
         ),
         unit_names=tuple(map(str, range(n))),
         parameters=parameters,
-        enabled=repeat(palm.enabled),
-        scale=repeat(palm.scale),
-        offset=repeat(palm.offset),
-        wired=repeat(palm.wired),
-        calibrated=repeat(palm.calibrated),
-        tared=repeat(palm.tared),
+        **{name: repeat(getattr(palm, name)) for name in OF_UNITS},
     )  # fmt: skip
+    return apart(tiled)
 
 
 def counts_of(skin: Topology, most: float = 0.9, seed: int = 1) -> np.ndarray:

@@ -14,7 +14,7 @@ from functools import cache
 
 import numpy as np
 
-from benchmarks.accuracy_skin import FILM_SEED, differing, square, with_parameters
+from benchmarks.accuracy_skin import FILM_SEED, apart, differing, square, with_parameters
 from benchmarks.creep import QUICK_S, REFERENCE_N
 from benchmarks.slip_play import PITCH_M, Trial, skin_of
 from benchmarks.slip_seen import Seen
@@ -148,7 +148,7 @@ def _with_creep(known: Topology, true: Topology, films: Fabrication) -> Topology
     bench = UnitSimulator(
         true, seed=SEED + 3, field=HalbachField(true, fabrication=films, reach_m=0.0)
     )  # fmt: skip
-    told = Decoder(known, {"force"}, creep=False, sweeps=0, ambient=False)(
+    told = Decoder(apart(known), {"force"}, creep=False, sweeps=0, ambient=False)(
         _counts(bench, moved)
     ).force
     reference = force + REFERENCE_N * rng.standard_normal(force.shape)

@@ -153,13 +153,13 @@ class TouchTest:
 
 def warmup(topology: Topology) -> None:
     """Compile what a `TouchTest` of a skin needs, or load it."""
-    decoder = _decoder(topology, np.zeros((3, topology.n)))
+    decoder = _decoder(topology)
     counts = np.zeros((1, *topology.scale.shape), np.int16)
     decoder(counts)
     decoder(counts, None, np.zeros((1, 4, topology.n), np.float32))
 
 
-def _decoder(topology: Topology, stencil: Stencil) -> Decoder:
+def _decoder(topology: Topology, stencil: Stencil | None = None) -> Decoder:
     """Does not hold the field against the unit's own film: what neighbours add is looked for."""
     return Decoder(
         topology, {"displacement", "field"}, consistency=False, sweeps=0, ambient=False,

@@ -18,6 +18,7 @@ from skin.calibrate.comments import carry_comments
 from skin.errors import CalibrationError, OptionError
 from skin.physics.least_squares import Fit
 from topology import UnitModel
+from topology.calibration_schema import CalibrationFile
 from topology.files import Kind, whole_file
 
 __all__ = ["OfUnits", "calibration_of", "parameter_values", "write_calibration"]
@@ -45,6 +46,7 @@ def calibration_of(patch: str, units: Collection[str] | None = None) -> Kind:
         return (
             table.get("format") == 1
             and table.get("patch") == patch
+            and table.keys() <= {*CalibrationFile.__struct_fields__}
             and (units is None or named <= {*units})
         )
 
