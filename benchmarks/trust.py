@@ -123,8 +123,8 @@ def _turns(figures: dict[str, Any]) -> list[str]:
 def _cover(name: str, figures: dict[str, Any]) -> list[str]:
     lines = [f"{name:<34}{'within one sigma':>20}{'chi-square':>22}{'runs':>8}"]
     groups = {"all": figures["all"]}
-    for kind in ("shape", "way", "body", "load"):
-        groups |= figures[kind]
+    for kind in ("shape", "film", "way", "body", "load"):
+        groups |= {f"{kind}: {each}": row for each, row in figures[kind].items()}
     for group, row in groups.items():
         if row is None:
             continue

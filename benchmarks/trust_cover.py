@@ -50,6 +50,7 @@ class Sample:
 
     session: int
     shape: str
+    film: str
     body: str
     way: str
     load_n: float
@@ -69,14 +70,13 @@ def samples(quick: bool, seed: int) -> list[Sample]:
     for session, (name, film, way) in enumerate(itertools.product(names, films, WAYS)):
         skin = skin_of(name, film=FILMS[film], bag=QUICK_BAG if quick else BAG)
         rng = np.random.default_rng((5, seed, session))
-        found += _session(session, name, way, skin, rng)
+        found += _session((session, name, film, way), skin, rng)
     return found
 
 
-def _session(
-    session: int, name: str, way: str, skin: Skin, rng: np.random.Generator
-) -> list[Sample]:
+def _session(what: tuple[int, str, str, str], skin: Skin, rng: np.random.Generator) -> list[Sample]:
     """A skin is opened and touched `TOUCHES` times, by bodies in turn, with rests between."""
+    session, name, film, way = what
     player, found = Player(skin.known, want={"wrench", "centroid", "contacts"}), []
     earth = np.zeros(3) if way == "no field" else EARTH_UT * direction(rng)
     still = skin.plant.counts(skin.resting(), rng, world_ut=earth[np.newaxis])
@@ -97,7 +97,7 @@ def _session(
                 here = forces[i : i + 1]
                 spread = np.sqrt(np.maximum(np.diag(state.centroid_covariance), 0.0))
                 found.append(Sample(
-                    session, name, kind, way, float(here[0, 2].sum()), state.wrench.copy(),
+                    session, name, film, kind, way, float(here[0, 2].sum()), state.wrench.copy(),
                     state.wrench_sigma.copy(), skin.plant.wrench(here)[0], state.centroid.copy(),
                     spread, centre, skin.plant.centre(here)[0],
                 ))  # fmt: skip
@@ -159,7 +159,7 @@ def _centre(found: list[Sample], truth: str) -> dict[str, Any]:
 
 def _by_kinds(rows: list[tuple[Sample, np.ndarray, np.ndarray]]) -> dict[str, Any]:
     out: dict[str, Any] = {"all": _covered(rows)}
-    for kind in ("shape", "way", "body"):
+    for kind in ("shape", "film", "way", "body"):
         names = dict.fromkeys(getattr(row[0], kind) for row in rows)
         out[kind] = {
             name: _covered([row for row in rows if getattr(row[0], kind) == name]) for name in names

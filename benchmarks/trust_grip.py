@@ -79,7 +79,7 @@ def light_grip(quick: bool, seed: int) -> dict[str, Any]:
     every = [row["units"]["median"] for row in out["grips"].values()]
     ends = [row["units"][end] for row in out["grips"].values() for end in ("least", "largest")]
     out["worst_median"] = {"lower": min(every), "upper": max(every)}
-    out["worst"] = {"lower": min(ends), "upper": max(ends)}
+    out["worst"] = [min(ends), max(ends)]
     return out
 
 
