@@ -142,8 +142,8 @@ def _idl_type(message: str) -> Any:
     from cyclonedds.idl import make_idl_struct, types
 
     numbers: dict[str, Any] = {
-        "byte": types.byte, "uint8": types.uint8, "uint16": types.uint16, "int32": types.int32,
-        "uint32": types.uint32, "int64": types.int64, "uint64": types.uint64,
+        "bool": bool, "byte": types.byte, "uint8": types.uint8, "uint16": types.uint16,
+        "int32": types.int32, "uint32": types.uint32, "int64": types.int64, "uint64": types.uint64,
         "float32": types.float32, "float64": types.float64, "string": str,
     }  # fmt: skip
     found = {}
