@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import topology
+from benchmarks.accuracy_skin import apart
 from skin.calibrate.amplitude import (
     fit_amplitude,
     map_field,
@@ -178,7 +179,8 @@ def test_what_cannot_be_written_leaves_the_old_file_as_it_was(case, tmp_path):
 
 def test_a_write_that_fails_midway_leaves_nothing_behind(tmp_path, monkeypatch):
     file = tmp_path / "row.toml"
-    file.write_text("old")
+    old = 'format = 1\npatch = "patch"\n'
+    file.write_text(old)
 
     def full(*_):
         raise OSError("no space left on device")
@@ -186,7 +188,7 @@ def test_a_write_that_fails_midway_leaves_nothing_behind(tmp_path, monkeypatch):
     monkeypatch.setattr("os.replace", full)
     with pytest.raises(OSError, match="no space"):
         write_calibration(file, "patch", {})
-    assert file.read_text() == "old"
+    assert file.read_text() == old
     assert [path.name for path in tmp_path.iterdir()] == ["row.toml"]
 
 
@@ -245,7 +247,7 @@ def test_a_skin_that_was_on_the_bench_decodes_better(tmp_path):
     error = {}
     nominal = with_parameters(row_of(UNITS), field_amplitude_sigma_relative=0.03)
     for name, known in (("nominal", nominal), ("calibrated", calibrated)):
-        reading = Decoder(known, dtype="float64", sweeps=0, ambient=False)(truth.counts)
+        reading = Decoder(apart(known), dtype="float64", sweeps=0, ambient=False)(truth.counts)
         assert reading.valid.all()
         off = reading.displacement_mm - wanted
         error[name] = np.sqrt(np.mean(off[:, :2] ** 2)), np.sqrt(np.mean(off[:, 2] ** 2))
