@@ -52,6 +52,7 @@ class NumpyContacts:
         self._start, self._other = skin.neighbour_start, skin.neighbour_index
         self._one = np.repeat(np.arange(skin.n), np.diff(self._start))
         self._touching = np.zeros(skin.n, bool)
+        self._touched = np.zeros(0, int)
         self._owner = np.zeros(skin.n, int)
         self._last = 0
 
@@ -75,10 +76,10 @@ class NumpyContacts:
         found = []
         self._touching[:] = False
         owner = np.zeros_like(self._owner)
-        for part in np.unique(label):
-            inside = label == part
-            if not seeds[inside].any():
-                continue
+        parts = [label == part for part in np.unique(label)]
+        parts = [inside for inside in parts if seeds[inside].any()]
+        self._touched = np.concatenate([units[inside] for inside in parts] or [units[:0]])
+        for inside in parts:
             own = units[inside]
             known = np.bincount(self._owner[own], fz[own])
             known[0] = 0.0
@@ -112,7 +113,6 @@ class NumpyContacts:
         load = own[2].sum()
         place = skin.position[:, units]
         centre = place @ own[2] / load
-        away = (place - centre[:, np.newaxis]) * sigma[2, units] / load
         x, y, z = centre
         moved = np.eye(6)
         moved[[3, 3, 4, 4, 5, 5], [1, 2, 0, 2, 0, 1]] = z, -y, -z, x, y, -x
@@ -127,9 +127,21 @@ class NumpyContacts:
             normal = outward / np.sqrt(outward @ outward)
         along = (moved @ covariance @ moved.T)[3:, 3:]
         area, aside = skin.area[units], wrench[:3] - normal * (normal @ wrench[:3])
+        light = np.setdiff1d(self._other[np.isin(self._one, units)], self._touched)
+        total = max(load, load + force[2, light].sum())
+        centre = (
+            centre + (skin.position[:, light] - centre[:, np.newaxis]) @ force[2, light] / total
+        )
+        all_units = np.concatenate([units, light])
+        away = (skin.position[:, all_units] - centre[:, np.newaxis]) * sigma[2, all_units] / total
+        face, extent2 = area.mean(), np.maximum(square[:0:-1], 0.0)
+        spread = face / 24.0 * np.maximum(1.0 - 4.0 * extent2 / face, 0.0)
+        spread += face**2 / (360.0 * np.maximum(face, 12.0 * extent2))
+        aslant = axes[:, :0:-1]
         return Found(
-            name, units, load, wrench, covariance, centre, away @ away.T, about[3:], area.sum(),
-            (own[2] / area).max(), np.sqrt(np.maximum(square[:0:-1], 0.0)),
+            name, units, load, wrench, covariance, centre,
+            away @ away.T + aslant * spread @ aslant.T, about[3:], area.sum(),
+            (own[2] / area).max(), np.sqrt(extent2),
             float(np.sqrt(aside @ aside)),
             float(about[3:] @ normal), float(np.sqrt(normal @ along @ normal)),
             float(temperature[units] @ area / area.sum()),

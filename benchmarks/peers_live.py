@@ -29,6 +29,7 @@ __all__ = ["NumpyLive", "stencil_of"]
 DEGREE, REACH_M = 2, 0.030
 GUARD_M = 0.03
 PRIOR_UT2, WALK_UT2, TURN_UT2 = 2500.0, 400.0, 833.0
+TOUCHED_SIGMAS, LAG_HZ = 4.0, 0.5
 """Of the ambient field, as of `skin.decode.ambient_kernels`."""
 
 
@@ -151,15 +152,22 @@ class NumpyAmbient:
         self._guarded = csr_matrix(apart.astype(bool) + eye_array(n, dtype=bool))
         self._zero, self._held = np.zeros((3, n)), 0.0
         self._field, self._covariance = np.zeros(3), PRIOR_UT2 * np.eye(3)
+        self._kept, self._kept_s = [(self._field, self._covariance)] * 2, 0.0
+        known = np.maximum(3.0 * p["frequency_sigma_hz"], LAG_HZ)
+        self._bound = np.minimum(known, 3.0 * self._sigma_hz)
+        self._touched = np.zeros(n, bool)
         self.background_hz, self.background_ut = np.zeros(n), np.zeros((3, n))
 
     def update(self, depth: np.ndarray, gel: np.ndarray, field: np.ndarray) -> None:
         """Look at a decoded cycle: depth (n,), gel temperature (n,), field (3, n)."""
         self._average(depth * self._per_mm, gel, self._beyond(field))
-        votes = (np.abs(self._fast_hz) <= 3.0 * self._sigma_hz) & (self._age > 0.0)
-        self._alone[~votes] = 0.0
+        free = (np.abs(self._fast_hz) <= 3.0 * self._sigma_hz) & (self._age > 0.0)
+        self._alone[~free] = 0.0
+        near = self._guarded @ ~free
+        votes = self._pool(free, near)
+        self._touched = free & ~votes
         self._filter(votes, self._beyond(field))
-        self._follow(votes)
+        self._follow(free & ~near)
         x, y, z = (self._field @ self._turn).reshape(3, -1)
         x, y = self._unmap[:, 0] * (x + self._zero[1]) + self._unmap[:, 1] * (y + self._zero[2])
         self.background_hz, self.background_ut = self._zero[0], np.stack([x, y, z])
@@ -185,7 +193,29 @@ class NumpyAmbient:
         self._slow_hz += new * (drop - self._slow_hz)
         self._gel += new * (gel - self._gel)
         self._film += share(10.0 * slow, self._age) * (gel - self._film)
-        self._long += share(10.0 * slow, self._alone) * (off - self._long)
+        steps = np.tile(share(10.0 * slow, self._alone), (3, 1))
+        steps[:2, self._touched] = 0.0
+        self._long += steps * (off - self._long)
+
+    def _pool(self, free: np.ndarray, near: np.ndarray) -> np.ndarray:
+        """Who votes: units that no load may touch, each alone and together."""
+        share = self._dt / (0.05 * self._slow + self._dt)
+        steady = np.maximum(share / (2.0 - share), self._dt / np.maximum(self._age, self._dt))
+        variance = self._sigma_hz**2 * steady
+        most, above = TOUCHED_SIGMAS * np.sqrt(variance), self._fast_hz - self._bound
+        weight = free / variance
+        load, votes = weight * np.minimum(above, most), free & (above <= most)
+
+        def touched(units: np.ndarray) -> bool:
+            sums = load[units].sum(), weight[units].sum()
+            return bool(sums[0] > 0.0 and sums[0] ** 2 > TOUCHED_SIGMAS**2 * sums[1])
+
+        left = np.ones(free.size, bool)
+        if touched(near):
+            votes[near] = left[near] = False
+        if touched(~near) or touched(left):
+            votes[:] = False
+        return votes
 
     def _filter(self, votes: np.ndarray, seen: np.ndarray) -> None:
         """A step of the Kalman filter, units weighted by Geman and McClure."""
@@ -196,21 +226,33 @@ class NumpyAmbient:
         weight[2] *= known & self._upright & (np.abs(self._slow_hz) < 0.5 * self._sigma_hz)
         information = (self._turn * weight.ravel()) @ self._turn.T
         told = self._turn @ (weight * _within(seen, self._limit)).ravel()
+        voters, delay_s = np.count_nonzero(votes), 0.05 * self._slow
+        if voters < 4 <= np.count_nonzero(self._age > 0.0) and self._held == 0.0:
+            self._held = old_s = self._kept_s + delay_s
+            self._field, covariance = self._kept[0]
+            walk = min(old_s * (WALK_UT2 + TURN_UT2 * old_s) / PRIOR_UT2, 1.0)
+            self._covariance = (1.0 - walk) * covariance + walk * PRIOR_UT2 * np.eye(3)
+            self._kept, self._kept_s = [(self._field, self._covariance)] * 2, 0.0
         walk = min(self._dt * (WALK_UT2 + 2.0 * TURN_UT2 * self._held) / PRIOR_UT2, 1.0)
         self._covariance = (1.0 - walk) * self._covariance + walk * PRIOR_UT2 * np.eye(3)
-        if np.count_nonzero(votes) < 4:
+        if voters < 4:
             self._held += self._dt
             return
-        self._held = 0.0
+        was_held, self._held = self._held > 0.0, 0.0
+        before = self._field
         self._covariance = np.linalg.inv(np.linalg.inv(self._covariance) + information)
-        self._field = self._field + self._covariance @ told
+        if was_held:
+            self._kept, self._kept_s = [(before, self._covariance)] * 2, 0.0
+        self._field = before + self._covariance @ told
+        self._kept_s += self._dt
+        if self._kept_s >= delay_s:
+            self._kept, self._kept_s = [self._kept[1], (self._field, self._covariance)], 0.0
 
-    def _follow(self, votes: np.ndarray) -> None:
-        """Zeros of units that are provably unloaded."""
+    def _follow(self, calm: np.ndarray) -> None:
+        """Zeros of units that are provably unloaded, of those that no load is near."""
         dt, slow, load = self._dt, self._slow, np.abs(self._slow_hz)
         known = self._upright & ~np.isnan(self._rest)
-        calm = votes & ~(self._guarded @ ~votes)
-        calm &= load < np.where(known, 3.0, 0.5) * self._sigma_hz
+        calm = calm & (self._age > 0.0) & (load < np.where(known, 3.0, 0.5) * self._sigma_hz)
         calm &= np.abs(self._gel - self._film) < 0.3
         calm &= ~(known & (np.abs(self._long[2]) > self._witness))
         self._calm = np.where(calm, self._calm + dt, 0.0)
@@ -227,7 +269,11 @@ class NumpyAmbient:
             *_within(self._long[:2] / (40.0 * slow), 0.1),
         ])  # fmt: skip
         span = np.array([[60.0], [200.0], [200.0]])
+        off[1:, self._touched] = 0.0
         self._zero = np.where(gone, _within(self._zero + dt * off, span), self._zero)
+        less = _within((LAG_HZ - self._bound) / max(30.0, 4.0 * slow), 1.0 / 60.0)
+        more = np.minimum(self._bound + dt / 60.0, 3.0 * self._sigma_hz)
+        self._bound = np.where(gone, self._bound + dt * less, more)
         slowly = gone & self._upright & (load < 0.5 * self._sigma_hz)
         rate = _within(self._long[2] / (40.0 * slow), 0.005)
         self._rest = np.where(slowly, self._rest + dt * rate, self._rest)
