@@ -59,7 +59,7 @@ class Hand:
             self.pipeline.counts[:], self.pipeline.status[:] = counts, 0
             cycle = SimpleNamespace(
                 number=self.number, stamp_ns=self.number * PERIOD_NS, closed_by="complete",
-                counters=None, sampled_ns=None,
+                counters=None, sampled_ns=np.zeros(len(PALM.buses), np.int64),
             )  # fmt: skip
             state = self.pipeline.state(cycle)
             self.number += 1
