@@ -59,7 +59,7 @@ class Hand:
             self.pipeline.counts[:], self.pipeline.status[:] = counts, 0
             cycle = SimpleNamespace(
                 number=self.number, stamp_ns=self.number * PERIOD_NS, closed_by="complete",
-                counters=None, sampled_ns=None,
+                counters=None, sampled_ns=np.zeros(len(PALM.buses), np.int64),
             )  # fmt: skip
             state = self.pipeline.state(cycle)
             self.number += 1
@@ -192,7 +192,7 @@ def test_every_untouched_unit_is_tared_whatever_is_decoded(name, options):
         pipeline.counts[:] = units.quantise(units.disturb(values.copy()))[0]
         state = pipeline.state(SimpleNamespace(
             number=number, stamp_ns=number * PERIOD_NS, closed_by="complete", counters=None,
-            sampled_ns=None,
+            sampled_ns=np.zeros(len(PALM.buses), np.int64),
         ))  # fmt: skip
     assert pipeline.zeros.report()["refused"] == {}
     assert len(pipeline.zeros.taken) == skin.n - 1

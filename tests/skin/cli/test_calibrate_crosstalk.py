@@ -61,8 +61,8 @@ def test_a_live_skin_takes_what_was_learned_from_its_file(tmp_path):
     assert np.array_equal(taken.rest_ut, drawn.rest_ut + 7.0)
     with pytest.raises(SkinError, match="must be the stencil of 10 units"):
         skin.open("strip", stencil=tmp_path / "stray.npz", simulate=True)
-    with pytest.raises(SkinError, match="stencil: must be given with sweeps; got sweeps 0"):
-        skin.open(palm, sweeps=0, stencil=drawn, simulate=True)
+    with skin.open(palm, sweeps=0, stencil=drawn, simulate=True) as opened:
+        assert opened.pipeline.decoder.rest_ut is drawn.rest_ut
     with pytest.raises(SkinError, match="stencil: must be a Stencil or None; got 3"):
         skin.open(palm, stencil=3, simulate=True)
 
