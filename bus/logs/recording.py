@@ -41,8 +41,8 @@ class Recording:
     def __init__(self, path: str | os.PathLike[str], topology: Topology) -> None:
         from bus.logs import open_writer
 
-        check_over(Path(path), NO_KIND)
         numbered = is_numbered(path)
+        check_over(Path(path), NO_KIND)
         self._buses = np.array(numbers_of(topology) if numbered else range(len(topology.buses)))
         named = {} if numbered else {"channels": names_of(topology)}
         self._writer: LogWriter = open_writer(path, **named)

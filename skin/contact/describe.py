@@ -158,7 +158,7 @@ def describe_python(count, silent, model, data):
             _forget(record)
         _conclude(sums.rows[k], record, origin, data.scratch)
         arm(record, units.members, load, model.geometry)
-        walk(record, data.paths[slot])
+        walk(record, sums.rows[k]["step_variance"], data.paths[slot])
     _conclude(sums.rows[count + 1], data.contacts[data.contacts.size - 1], origin, data.scratch)
 
 

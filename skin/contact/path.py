@@ -16,8 +16,12 @@ STEP_M = 2e-4
 
 
 @jitable
-def walk(record, path):
-    """Take the centre as a waypoint if it has really moved."""
+def walk(record, step_variance, path):
+    """Take the centre as a waypoint if it has really moved.
+
+    `step_variance` is that of noise alone, m², over all axes: where in the faces of the units the
+    load acts is unknown alike before and after a step.
+    """
     centre, waypoint = record["centroid"], record["waypoint"]
     if record["event"] & BORN:
         record["waypoints"] = 0
@@ -28,11 +32,10 @@ def walk(record, path):
         for a in range(3):
             record["origin"][a] = centre[a]
     else:
-        square, variance = 0.0, 0.0
+        square = 0.0
         for a in range(3):
             square += (centre[a] - waypoint[a]) ** 2
-            variance += record["centroid_covariance"][a, a]
-        if square <= max(STEP_M**2, STEP_SIGMAS**2 * variance):
+        if square <= max(STEP_M**2, STEP_SIGMAS**2 * step_variance):
             return
         record["travel"] += np.sqrt(square)
     for a in range(3):

@@ -145,6 +145,7 @@ def _centre_covariance(s, about, load, record):
             spread /= load * load
             if a == b:
                 spread = max(spread, 0.0)
+                s["step_variance"] += spread
             spread += first * axes[a, 0] * axes[b, 0] + second * axes[a, 1] * axes[b, 1]
             covariance[a, b] = spread
             covariance[b, a] = spread

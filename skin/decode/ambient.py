@@ -385,7 +385,9 @@ class Ambient:
     def warmup(self, reading: Reading) -> None:
         """Compile the kernels, or load them, for such a reading; the state stays as it is."""
         self.bound(reading)
+        taken = self.taken.copy()
         kernels.compose(self._model, self._data)
+        self.taken[:] = taken
 
     # -- saved state -------------------------------------------------------------------------------
 

@@ -233,6 +233,7 @@ def _stencils(folder: Path, strip: topology.Topology) -> list[bytes]:
 
 
 def _states(folder: Path, strip: topology.Topology) -> list[bytes]:
+    (folder / "whole.npz").unlink(missing_ok=True)  # a file of another kind stands there
     Ambient(strip, "float32").save(folder / "whole.npz")
     return _arrays(folder)
 

@@ -10,7 +10,7 @@ import pytest
 from benchmarks import accuracy, fig4a, pareto
 from benchmarks.accuracy_array import scenes
 from benchmarks.accuracy_noise import Cells, bound, explore
-from benchmarks.accuracy_skin import made, square, with_parameters
+from benchmarks.accuracy_skin import apart, made, square, with_parameters
 from skin import Decoder
 from skin.sim.unit import UnitSimulator
 
@@ -71,7 +71,11 @@ def test_a_unit_that_was_on_the_bench_says_how_much_it_errs_to_the_ends_of_its_r
     skin = made(2, fabricated=fabricated, seed=5)
     cells = Cells(np.array([0.25, 1.5, 2.0]), np.array([0.5, 2.25, 3.0]))
     decoder = Decoder(
-        skin.known, {"force", "displacement", "sigma"}, "field-angle", sweeps=0, ambient=False
+        apart(skin.known),
+        {"force", "displacement", "sigma"},
+        "field-angle",
+        sweeps=0,
+        ambient=False,
     )
     found = explore(skin, cells, decoder, rounds=60)
     # 2400 samples a cell: three sigma of their number are 3 %; four films differ from side to side

@@ -18,7 +18,7 @@ from tests.house.sources import PACKAGES, ROOT, module_of, relative, sources, tr
 FORBIDDEN = {"topology": {"bus", "skin"}, "bus": {"skin"}, "skin": set()}
 """What a package must not import of the others."""
 
-COMMON = frozenset({"errors", "options", "state"})
+COMMON = frozenset({"errors", "options", "owned", "state"})
 """Rooms that every other may import."""
 
 ROOMS: dict[str, frozenset[str]] = {
@@ -27,8 +27,9 @@ ROOMS: dict[str, frozenset[str]] = {
     "worker": frozenset({"errors"}),
     "physics": frozenset({"errors"}),
     "notebook": frozenset(),
+    "owned": frozenset(),
     "messages": frozenset(),
-    "state": frozenset({"errors", "notebook"}),
+    "state": frozenset({"errors", "notebook", "owned"}),
     "options": frozenset({"errors", "state"}),
     "decode": COMMON | {"physics"},
     "contact": COMMON | {"physics"},
@@ -52,7 +53,7 @@ ROOMS: dict[str, frozenset[str]] = {
     | {"physics", "contact", "pipeline", "compiling", "offline", "worker", "messages"},
     "export": COMMON | {"contact", "arrow"},
     "publish": COMMON | {"live", "contact", "worker", "messages"},
-    "behaviours": COMMON | {"contact"},
+    "behaviours": COMMON | {"contact", "decode"},
     "tasks": COMMON | {"contact", "behaviours", "grasp", "physics", "sim", "live", "opening"},
     "grasp": COMMON | {"physics", "contact", "sim", "live", "opening"},
 }

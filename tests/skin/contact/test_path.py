@@ -17,11 +17,10 @@ def walked(centres, sigma_m, born=(0,)):
     """Waypoints and travel of a record whose centre goes along; sigma of each coordinate."""
     record, path = np.zeros(1, CONTACT)[0], np.zeros((WAYPOINTS, 3))
     record["travel"], record["waypoints"] = 7.0, 5  # of another contact
-    record["centroid_covariance"] = np.diag(np.square(sigma_m))
     for t, centre in enumerate(centres):
         record["event"] = BORN if t in born else 0
         record["centroid"] = centre
-        walk(record, path)
+        walk(record, np.sum(np.square(sigma_m)), path)
     return record, path
 
 

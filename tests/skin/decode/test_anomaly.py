@@ -156,7 +156,7 @@ def pressed(skin, depth_mm, cycles, seed):
 def test_a_press_is_not_judged_by_a_share_that_was_learnt_at_rest(depth_mm, cycles):
     """What is 6 % of the field at rest, and allowed, is 2 % of it when pressed, and allowed."""
     skin = row_of(64)
-    decoder = Decoder(skin, None, "field-angle", rest_ut=np.zeros((3, 64)))
+    decoder = Decoder(skin, None, "field-angle", sweeps=0, ambient=False)
     for raw in pressed(skin, depth_mm, cycles, 5):
         reading = decoder(raw)
         assert reading.valid.all()
@@ -167,7 +167,7 @@ def test_a_press_is_not_judged_by_a_share_that_was_learnt_at_rest(depth_mm, cycl
 def test_a_reading_beyond_is_shown_and_doubted_and_the_second_in_a_row_is_flagged(gain):
     """Depth or field is wrong: sigma holds what either makes of it."""
     skin = with_parameters(row_of(UNITS), **EXACT)
-    decoder = Decoder(skin, None, "field-angle", dtype="float64", rest_ut=np.zeros((3, UNITS)))
+    decoder = Decoder(skin, None, "field-angle", "float64", sweeps=0, ambient=False)
     way = np.linspace(-3, 3, UNITS)
     right, odd = (counts_at(skin, DEPTH, REACH, way, gain=each) for each in (1.0, gain))
     for _ in range(10):
@@ -199,7 +199,7 @@ def test_a_reading_beyond_is_shown_and_doubted_and_the_second_in_a_row_is_flagge
 
 def test_a_cycle_that_is_decoded_again_is_no_second_reading():
     skin = with_parameters(row_of(UNITS), **EXACT)
-    decoder = Decoder(skin, None, "field-angle", rest_ut=np.zeros((3, UNITS)))
+    decoder = Decoder(skin, None, "field-angle", sweeps=0, ambient=False)
     odd = counts_at(skin, DEPTH, REACH, 0.0, gain=1.5)
     decoder(odd)
     for _ in range(3):

@@ -40,7 +40,7 @@ def test_sweeps_take_off_what_neighbours_add(sweeps):
     decoder = Decoder(palm, None, "field-angle", sweeps=sweeps, ambient=False)
     alone = error_um(Decoder(palm, None, "field-angle", sweeps=0, ambient=False)(counts), place)
     found = [error_um(decoder(counts), place) for _ in range(4)]
-    assert alone > 80.0
+    assert alone > 30.0
     assert found[0] < 0.7 * alone
     assert found[-1] < 30.0
     if sweeps == 2:
@@ -107,7 +107,7 @@ def test_the_ambient_loop_sees_the_temperature_wanted_or_not():
     counts = np.zeros((6, 64), np.int16)
     decoder.warmup()
     assert decoder(counts).temperature is None
-    assert decoder.loop._whole.temperature is not None
+    assert decoder.loop.whole.temperature is not None
 
 
 @pytest.mark.parametrize("skip", [False, True])

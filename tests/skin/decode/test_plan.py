@@ -55,6 +55,7 @@ def test_a_plan_is_no_longer_than_the_scene():
     nominal = plan_of(row_of(3))
     assert nominal.quantities == (
         "temperature", "force", "tangential", "theta", "displacement", "field",
+        "test_ratio",
     )  # fmt: skip
     assert nominal.sigma
     assert nominal.film_compensation  # the check of the field needs M0

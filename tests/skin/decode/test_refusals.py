@@ -201,6 +201,7 @@ def test_the_loop_follows_zeros_where_all_that_work_tell_their_temperature():
 
 
 def parts_of(skin, want, **options):
+    options = {"sweeps": 0, "ambient": False} | options
     plan = Plan.of(skin, DecodeOptions(want, **options))
     return Parts.of(plan, results_of(plan, skin), 1)
 
@@ -242,7 +243,7 @@ def test_compensations_are_those_of_drifts_that_matter():
     ).film_compensation
     assert plan({"force"}, sine, hall_gain_per_k=one).chip_compensation
     assert plan({"field"}, sine, hall_gain_per_k=one).chip_compensation
-    angle = {"estimator": "field-angle", "consistency": False}
+    angle = sine | {"estimator": "field-angle"}
     assert not plan({"force"}, angle, hall_gain_per_k=one).chip_compensation
     assert plan({"force"}, angle | {"ambient": True}, hall_gain_per_k=one).chip_compensation
     assert plan({"force"}, angle | {"sweeps": 2}, hall_gain_per_k=one).chip_compensation

@@ -10,7 +10,7 @@ import pytest
 
 import skin
 import topology
-from benchmarks.accuracy_skin import differing
+from benchmarks.accuracy_skin import apart, differing
 from bus.status import INVALID, Status
 from skin.decode.decoder import Decoder
 from skin.physics.elastic import Elastic
@@ -47,7 +47,7 @@ def others():
 def within(known, others, rows):
     """Share of the errors of a force that are within one sigma, over units that are valid."""
     _, counts, force = others
-    reading = Decoder(known, {"force", "sigma"}, sweeps=0, ambient=False)(counts)
+    reading = Decoder(apart(known), {"force", "sigma"}, sweeps=0, ambient=False)(counts)
     assert reading.valid.mean() > 0.9
     held = np.abs(reading.force - force) <= reading.force_sigma
     return held[:, rows][np.broadcast_to(reading.valid[:, None], held[:, rows].shape)].mean()
@@ -73,7 +73,7 @@ def test_sigma_of_tared_units_is_less_and_holds_too(others):
     assert 0.6 < within(tared, others, TANGENTIAL) < 0.85
     assert 0.6 < within(tared, others, NORMAL) < 0.95
     sigma = [
-        Decoder(known, sweeps=0, ambient=False)(others[1]).force_sigma[:, 2].mean()
+        Decoder(apart(known), sweeps=0, ambient=False)(others[1]).force_sigma[:, 2].mean()
         for known in (tared, PALM)
     ]
     assert sigma[0] < 0.8 * sigma[1]
