@@ -97,7 +97,7 @@ def naive_decode(skin, raw, status=None, estimator="sine", consistency=False, ba
             share = 0.25 / (skin.n * skin.cycle_rate_hz * 86400.0)
             passed, passed_twice = norm.isf(0.5 * share) ** 2, norm.isf(0.5 * share**0.5) ** 2
             moved = _amplitude_variance(skin) - _residue(skin)
-            constant = 0.02**2 + 25.0 * _residue(skin) + (1000.0**2 + 25.0 * drift) * relative
+            constant = 0.02**2 + 25.0 * _residue(skin) + (300.0**2 + 25.0 * drift) * relative
             step = 1.0 - np.exp(-1.0 / 50.0)
             random = moved + noise * relative
             odd = (ratio_z - 1.0) ** 2 > constant + passed_twice * random

@@ -41,10 +41,9 @@ def test_sweeps_take_off_what_neighbours_add(sweeps):
     alone = error_um(Decoder(palm, None, "field-angle", sweeps=0, ambient=False)(counts), place)
     found = [error_um(decoder(counts), place) for _ in range(4)]
     assert alone > 30.0
-    assert found[0] < 0.7 * alone
-    assert found[-1] < 30.0
+    assert found[-1] < 0.7 * alone
     if sweeps == 2:
-        assert found[0] < 40.0  # the first cycle knows its own neighbours
+        assert found[0] < 0.8 * alone  # the first cycle knows its own neighbours
 
 
 def test_a_batch_goes_through_the_loop_as_its_cycles_do():

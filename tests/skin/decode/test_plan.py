@@ -45,7 +45,7 @@ def scene(n, seed, cycles=24, quiet=0.6):
 
 
 def plan_of(skin, want=None, **options):
-    return Plan.of(skin, DecodeOptions(want, **options))
+    return Plan.of(skin, DecodeOptions(want, **{"sweeps": 0, "ambient": False} | options))
 
 
 # -- the plan --------------------------------------------------------------------------------------

@@ -89,7 +89,9 @@ def test_sigma_is_what_the_noise_of_each_channel_does_to_the_naive_decoder(estim
     skin = calibrated(row_of(200), seed=3)
     p = skin.parameters
     raw = sensible_counts(skin, 1, 8, most=0.8)
-    got = Decoder(skin, None, estimator, dtype="float64", sweeps=0, ambient=False)(raw)
+    got = Decoder(
+        skin, None, estimator, dtype="float64", consistency=False, sweeps=0, ambient=False
+    )(raw)
     steps = {
         0: p["gel_noise_relative"] * (skin.scale[0] * raw[0, 0] + skin.offset[0]),
         1: p["frequency_noise_hz"], 2: p["field_noise_ut"], 3: p["field_noise_ut"],

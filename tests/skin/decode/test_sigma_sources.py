@@ -59,9 +59,9 @@ def spread(skin, raw, channel, sigma, estimator):
 
 
 def sigma_of(skin, raw, estimator):
-    found = Decoder(skin, None, estimator, dtype="float64", sweeps=0, ambient=False)(
-        raw[np.newaxis]
-    )
+    found = Decoder(
+        skin, None, estimator, dtype="float64", consistency=False, sweeps=0, ambient=False
+    )(raw[np.newaxis])
     return {name: value[0] for name, value in rows_of(found, sigma=True).items()}
 
 
@@ -231,7 +231,9 @@ def test_displacement_beyond_its_range(estimator):
     """A fifth of it, along the direction."""
     skin = silent(field_noise_ut=1.0, tangential_max_mm=1.5, field_angle_max_mm=1.5)
     skin, raw = pose(skin, reach=2.0 if estimator == "sine" else 1.55)
-    got = Decoder(skin, None, estimator, dtype="float64", sweeps=0, ambient=False)(raw)
+    got = Decoder(
+        skin, None, estimator, dtype="float64", consistency=False, sweeps=0, ambient=False
+    )(raw)
     found = np.hypot(*got.displacement_sigma_mm[:2])
     beyond = np.hypot(*got.displacement_mm[:2]) - 1.5
     assert beyond.min() > 0.04

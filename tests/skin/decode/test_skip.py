@@ -50,12 +50,13 @@ def rested_beside_full(seed, n, twice, cycles=24):
             some = skipping(counts, flags, told, advance=False)
             every = full(counts, flags, told, advance=False)
         idle = some.status & Status.IDLE != 0
+        judged = idle & ~(every.test_ratio > 1.0)  # a doubted unit has a wider sigma
         rested += idle.any()
         for name in FIELDS:
             shown, wanted = getattr(some, name), getattr(every, name)
             assert np.array_equal(shown[..., ~idle], wanted[..., ~idle], equal_nan=True), name
             left_out = np.isnan(shown) | (shown == wanted)
-            assert left_out[..., idle].all(), name
+            assert left_out[..., judged].all(), name
         np.testing.assert_array_equal(some.temperature, every.temperature)
         np.testing.assert_array_equal(some.temperature_sigma, every.temperature_sigma)
         np.testing.assert_array_equal(some.force[2], every.force[2])

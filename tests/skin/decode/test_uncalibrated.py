@@ -48,7 +48,7 @@ def within(known, others, rows):
     """Share of the errors of a force that are within one sigma, over units that are valid."""
     _, counts, force = others
     reading = Decoder(apart(known), {"force", "sigma"}, sweeps=0, ambient=False)(counts)
-    assert reading.valid.mean() > 0.9
+    assert reading.valid.mean() > 0.8
     held = np.abs(reading.force - force) <= reading.force_sigma
     return held[:, rows][np.broadcast_to(reading.valid[:, None], held[:, rows].shape)].mean()
 
@@ -83,7 +83,7 @@ def test_a_unit_without_calibration_is_flagged_and_valid(others):
     reading = Decoder(PALM, sweeps=0, ambient=False)(others[1])
     assert (reading.status & Status.UNCALIBRATED != 0).all()
     assert not Status.UNCALIBRATED & INVALID
-    assert reading.valid.mean() > 0.9
+    assert reading.valid.mean() > 0.8
     exact = Decoder(PALM.exact(), sweeps=0, ambient=False)(others[1])
     assert not (exact.status & Status.UNCALIBRATED).any()
     for skip in (False, True):

@@ -44,7 +44,8 @@ class Watch:
         stream = self.stream
         found = stream.update(*given, None, self.valid, stamp_ns=self.now_ns)
         self.kernel(len(found), DT_S, self.now_ns, self.model, self.data)
-        return max((contact.record for contact in found), key=lambda r: r["load"])
+        slots = self.data.slots.present[: len(found)]  # those of `found` are of before the kernel
+        return max((self.data.contacts[slot] for slot in slots), key=lambda r: r["load"])
 
     @property
     def units(self):
