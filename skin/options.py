@@ -54,8 +54,8 @@ class Options:
         see `skin.decode.creep`.
     skip : bool
         Leave out what untouched units do not need: they show NaN for all that is tangential and
-        the flag IDLE, temperatures are held for 0.05 s, and the ambient field is estimated less
-        often.
+        the flag IDLE, temperatures are held for 0.05 s, the ambient field is estimated less
+        often, and their field is not held against its model.
     slip : SlipSettings or None
         What is known of the friction, the safety that grip forces are to have, what counts as slip.
     false_contacts_per_day : float
