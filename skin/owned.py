@@ -63,7 +63,7 @@ class Layout:
         """One more part: its address, its end, and its first byte in a copy."""
         assert array.flags.c_contiguous
         start, offset = _address(array), self.size
-        self.parts.append(memoryview(array.reshape(-1).view(np.uint8)).cast("B"))
+        self.parts.append(array.reshape(-1).view(np.uint8).data.cast("B"))
         if spare := -array.nbytes % WORD:
             self.parts.append(memoryview(bytes(spare)))
         self.size += array.nbytes + spare

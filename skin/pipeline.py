@@ -13,7 +13,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -130,8 +130,9 @@ class Pipeline:
             self._show(self.contacts)
         self._array = Layout(dict.fromkeys(self.shown)) if self.contacts is None else None
         self._units = self.decoder.layout
+        shown: dict[str, Any] = dict(self.shown)
         self.now = State(
-            -1, 0, self.decoder.reading, 0.0, ClosedBy.END, self.counters, **self.shown,
+            -1, 0, self.decoder.reading, 0.0, ClosedBy.END, self.counters, **shown,
             sampled_ns=self.assembler.sampled_ns, topology=topology,
         )  # fmt: skip
         if options.tare and self._lacks_zeros():
@@ -401,7 +402,7 @@ class Pipeline:
     def state(self, cycle: RawCycle) -> State:
         """The state of a cycle whose counts and flags lie in `counts` and `status` already."""
         now = self.step(cycle)
-        array = self._array if self.contacts is None else self.contacts.layout
+        array: Any = self._array if self.contacts is None else self.contacts.layout
         state = now.owned(self._units, array)
         if not self.lists_contacts:
             state.contacts = UNWANTED

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json as json_text
 import sys
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -109,8 +109,7 @@ def run(
     loaded = filed.on(interface=interface, channel=channel)
     if not simulate:
         _note(file, loaded, tare)
-    table = LiveTable(loaded)
-    tally = Tally(loaded)
+    table, tally = LiveTable(loaded), Tally(loaded)
     end = transports = None
     with ExitStack() as ended:
         if simulate:
@@ -124,7 +123,7 @@ def run(
             zeros=zeros, learn=learn is not None, record=record,
         )  # fmt: skip
         ended.enter_context(opened)
-        try:
+        with suppress(KeyboardInterrupt):
             for state in opened:
                 table.show(state, opened.timing.work_ns)
                 tally.add(state, opened.timing.work_ns)
@@ -132,8 +131,6 @@ def run(
                     end = time.monotonic() + seconds  # from the first cycle on
                 if end is not None and time.monotonic() >= end:
                     break
-        except KeyboardInterrupt:
-            pass
         report = tally.report() | {
             "overruns": opened.timing.overruns,
             "unsent": opened.timing.unsent,

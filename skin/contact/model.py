@@ -315,7 +315,7 @@ def contact_data(reading: Readings, capacity: int, *, judges: bool = False) -> C
         np.zeros(slots + 1, CONTACT),
         np.zeros((slots, WAYPOINTS, 3)),
         Sums(sums, sums.view(np.float64).reshape(sums.size, -1)),
-        Scratch(np.zeros((6, 6)), *np.zeros((3, 3, 3)), np.zeros(6)),
+        Scratch(np.zeros((6, 6)), *np.zeros((3, 3, 3)), six=np.zeros(6)),
         Evidence(*np.zeros((3, n)), cycle=np.full(n, -2)),
         np.full(n, np.nan),
         UNTOUCHED.copy(),

@@ -152,4 +152,4 @@ class CycleLayout(Layout):
 
 def _pieces(array: np.ndarray) -> list[memoryview]:
     """The bytes of each row."""
-    return [memoryview(row.reshape(-1).view(np.uint8)) for row in np.split(array, len(array))]
+    return [row.reshape(-1).view(np.uint8).data for row in np.split(array, len(array))]

@@ -164,16 +164,10 @@ class ContactStream:
         slips = "slip" in wants
         each = slips or not wants.isdisjoint(("contacts", "shocks"))
         graph = checked_graph(n, neighbour_start, neighbour_index)
-        starts = (
-            start_sigmas(graph, rate_hz, false_contacts_per_day)
-            if start_sigma is None
-            else (float(start_sigma), np.inf, np.inf)
-        )
-        if not 0.0 < keep_sigma <= starts[0]:
-            raise SkinError(
-                "keep_sigma, start_sigma: must be 0 < keep_sigma <= start_sigma; "
-                f"got {keep_sigma} and {starts[0]}"
-            )
+        starts = (float(start_sigma or 0.0), np.inf, np.inf)
+        if start_sigma is None:
+            starts = start_sigmas(graph, rate_hz, false_contacts_per_day)
+        _check_gate(keep_sigma, starts[0])
         self.model = ContactModel(
             graph,
             Gate(*starts, float(keep_sigma), 1e9 * memory_s, 1e9 * settle_s, slips),
@@ -183,8 +177,7 @@ class ContactStream:
         )
         self.data = contact_data(no_readings(n, self._dtype), capacity, judges=slips)
         pose = self.model.geometry.pose
-        pose["feels"] = 1.0 if feels is None else feels
-        pose["most"] = most_n
+        pose["feels"], pose["most"] = 1.0 if feels is None else feels, most_n
         self.tracker = Tracker(self.data)
         self.paths, self.records = self.data.paths, self.data.contacts
         self.shocks = (
@@ -425,3 +418,12 @@ def _copy(name: str, values: object, own: np.ndarray) -> None:
         own[...] = array
     except ValueError:
         raise SkinError(f"{name}: must have shape {own.shape}; got {array.shape}") from None
+
+
+def _check_gate(keep_sigma: float, start_sigma: float) -> None:
+    """Raise SkinError unless units that start a contact stay in it."""
+    if not 0.0 < keep_sigma <= start_sigma:
+        raise SkinError(
+            "keep_sigma, start_sigma: must be 0 < keep_sigma <= start_sigma; "
+            f"got {keep_sigma} and {start_sigma}"
+        )
