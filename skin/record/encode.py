@@ -92,7 +92,10 @@ OF_STATE = ("force", "force_sigma", "temperature", "test_ratio", "status", "cont
 def _contact_record(known: Definitions) -> tuple[np.dtype, int]:
     """A contact in a list as a record, and how many bytes the last of a list has: it ends with its
     last field."""
-    names, formats, offsets, end = [], [], [], 0
+    names: list[str] = []
+    formats: list[np.dtype] = []
+    offsets: list[int] = []
+    end = 0
     for field in known[CONTACT_KIND]:
         kind, count = (field.kind, field.size) if field.is_array else _flat(known, field.kind)
         one = np.dtype((NUMBERS[kind], (count,) if count else ()))
@@ -102,8 +105,10 @@ def _contact_record(known: Definitions) -> tuple[np.dtype, int]:
         offsets.append(end)
         end += one.itemsize
     size = end + -end % formats[0].base.itemsize  # the next one begins with its first field
-    record = {"names": names, "formats": formats, "offsets": offsets, "itemsize": size}
-    return np.dtype(record), end
+    dtype = np.dtype(
+        {"names": names, "formats": formats, "offsets": offsets, "itemsize": size}
+    )  # fmt: skip
+    return dtype, end
 
 
 def _flat(known: Definitions, kind: str) -> tuple[str, int]:
@@ -180,7 +185,7 @@ class StateEncoder:
         for name in self._same:
             listed[name] = contacts[name]
         listed["units"] = contacts["end"] - contacts["begin"]
-        if "whole" in self._contact.names:
+        if "whole" in (self._contact.names or ()):
             listed["whole"] = contacts["flags"] & Flag.UNSEEN == 0
         end = -self._tail or None
         return b"".join((self._raw, self._padding, listed.tobytes()[:end]))
