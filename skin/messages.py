@@ -11,8 +11,17 @@ import functools
 import re
 from typing import NamedTuple
 
-__all__ = ["FIELDS", "Field", "fields_of", "schema"]
+__all__ = ["FIELDS", "NUMBERS", "STATE_VERSION", "Field", "definitions", "fields_of", "schema"]
 
+STATE_VERSION = 2
+"""Of ``f3t_msgs/msg/SkinState`` and what is in it; 1 had neither `version`, `test_ratio` nor
+`whole`."""
+
+NUMBERS = {
+    "bool": "?", "byte": "u1", "uint8": "u1", "uint16": "<u2", "int32": "<i4", "uint32": "<u4",
+    "int64": "<i8", "uint64": "<u8", "float32": "<f4", "float64": "<f8",
+}  # fmt: skip
+"""Numbers of the definitions, as numpy types."""
 FIELDS = {
     "builtin_interfaces/msg/Time": "int32 sec\nuint32 nanosec",
     "builtin_interfaces/msg/Duration": "int32 sec\nuint32 nanosec",
@@ -122,14 +131,18 @@ float32 grip_force             # N, normal force that would hold with the safety
 float32 grip_force_sigma
 uint16 units                   # how many units it has
 bool whole                     # no unit in or beside it is silent""",
-    "f3t_msgs/msg/SkinState": """\
+    "f3t_msgs/msg/SkinState": f"""\
+uint8 VERSION={STATE_VERSION}           # of this definition and that of Contact
 std_msgs/Header header    # stamp of the SYNC
+uint8 version             # VERSION of who wrote it
 uint64 cycle
 float32[] force           # 3 n: Fx of all units, Fy, Fz; N, unit frames; NaN where invalid
 float32[] force_sigma     # 3 n
 float32[] temperature     # n, degree Celsius; NaN where invalid
+float32[] test_ratio      # n, field against its model, 1 is the limit; NaN where not checked
 uint16[] status           # n, flags; 0 is a good reading
 int32[] contact           # n, index of the contacts, -1 for none
+bool whole                # all units that may touch are heard; false if nothing is summed
 f3t_msgs/Contact[] contacts""",
     "f3t_msgs/msg/SkinLayout": """\
 std_msgs/Header header
@@ -145,13 +158,14 @@ std_msgs/Header header
 float64[] position        # 3 n, as of the layout
 float64[] rotation        # 9 n""",
 }
-"""Fields of each message, one a line; fields of other messages are told by their package and
+"""Fields of each message, one a line; fields of other messages are given by their package and
 name."""
 
 _USED = re.compile(r"^(\w+)/(\w+)(?:\[\d*\])? ", re.MULTILINE)
 _LINE = re.compile(r"(?P<kind>[\w/]+)(?P<array>\[(?P<size>\d*)\])? (?P<name>\w+)\s*(?:#.*)?")
 """A line that is a field: constants have a value behind the name, comments no kind before it."""
 _RULE = "=" * 80
+_PART = f"\n{_RULE}\nMSG: "
 
 
 class Field(NamedTuple):
@@ -182,8 +196,13 @@ def fields_of(message: str) -> tuple[Field, ...]:
     >>> fields_of("geometry_msgs/msg/Wrench")[0]
     Field(name='force', kind='geometry_msgs/msg/Vector3', is_array=False, size=0)
     """
+    return _fields(FIELDS[message])
+
+
+def _fields(text: str) -> tuple[Field, ...]:
+    """The fields of a definition."""
     found = []
-    for parts in filter(None, map(_LINE.fullmatch, FIELDS[message].splitlines())):
+    for parts in filter(None, map(_LINE.fullmatch, text.splitlines())):
         kind = parts["kind"].replace("/", "/msg/", 1)
         found.append(Field(parts["name"], kind, parts["array"] is not None,
                            int(parts["size"] or 0)))  # fmt: skip
@@ -210,5 +229,23 @@ def schema(name: str) -> str:
             if inner not in told:
                 told.add(inner)
                 waiting.append(inner)
-                parts.append(f"{_RULE}\nMSG: {package}/{kind}\n{FIELDS[inner]}")
-    return "\n".join(parts)
+                parts.append(f"{package}/{kind}\n{FIELDS[inner]}")
+    return _PART.join(parts)
+
+
+def definitions(name: str, text: str) -> dict[str, tuple[Field, ...]]:
+    """The fields of a message, and of all in it, by the text that a file carries: as they were when
+    it was written.
+
+    Examples
+    --------
+    >>> definitions("std_msgs/msg/Header", schema("std_msgs/msg/Header"))["std_msgs/msg/Header"]
+    (Field(name='stamp', kind='builtin_interfaces/msg/Time', is_array=False, size=0), \
+Field(name='frame_id', kind='string', is_array=False, size=0))
+    """
+    own, *others = text.split(_PART)
+    found = {name: _fields(own)}
+    for other in others:
+        inner, _, lines = other.partition("\n")
+        found[inner.strip().replace("/", "/msg/", 1)] = _fields(lines)
+    return found

@@ -195,6 +195,8 @@ class State(Lazy):
         if self.wrench is not None:
             x, y, z = self.wrench[:3]
             parts.append(f"force ({x:.2f}, {y:.2f}, {z:.2f}) N")
+        if self.whole is False:
+            parts.append("not whole")
         if slips := self.slips:
             parts.append(f"{len(slips)} began to slip")
         return f"<State {self.cycle}: {', '.join(parts)}{_flagged(units.status, self.topology)}>"

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["MessagePartitions"]
 
 LIBRARY = "f3t-skin"
-OF_UNITS = ("status", "force", "force_sigma", "temperature")
+OF_UNITS = ("status", "force", "force_sigma", "temperature", "test_ratio")
 
 
 class MessagePartitions:
@@ -94,6 +94,8 @@ class MessagePartitions:
             values = getattr(block.units, name)
             if values is not None:
                 slots[name] = values[t]
+        if block.whole is not None:
+            slots["whole"] = block.whole[t]
         if block.wrench is not None:
             slots["wrench"] = block.wrench[t]
         if block.label is not None:

@@ -81,15 +81,16 @@ def decode(
 
     A .csv has a row for each cycle and unit; beside it lie FILE.wrench.csv with a row for each
     cycle, FILE.contacts.csv with one for each cycle and contact, and FILE.events.csv with what
-    happened to contacts: born, resumed, merged, split, ended, stick, incipient, gross.
+    happened to contacts: born, resumed, merged, split, ended, stick, incipient, gross. 1 is the
+    limit of a test_ratio (field against model); whole is 0 where a silent unit may touch.
 
     The arrays of an .npz are time_s (t), temperature_c (t, n), force_n (t, 3, n), status (t, n),
-    wrench and wrench_sigma (t, 6), centroid_m (t, 3), contact (t, n) and unit (n); of k contacts in
-    all cycles contact_cycle (an index of t), contact_id, contact_load_n, contact_centroid_m (k, 3),
-    contact_normal (k, 3), contact_slip, contact_margin and contact_friction; of e events
-    event_time_s, event_contact and event. Nothing in it needs pickle. The contact of a unit is the
-    identity of what touches it, the same as long as it stays, and 0 for nothing.
-    A .parquet has a row for each cycle; docs/connect.md has its columns.
+    test_ratio (t, n), wrench and wrench_sigma (t, 6), whole (t), centroid_m (t, 3), contact (t, n)
+    and unit (n); of k contacts in all cycles contact_cycle (an index of t), contact_id,
+    contact_load_n, contact_centroid_m (k, 3), contact_normal (k, 3), contact_slip, contact_margin,
+    contact_friction and contact_whole; of e events event_time_s, event_contact and event. The
+    contact of a unit is the identity of what touches it, the same as long as it stays, and 0 for
+    nothing. A .parquet has a row for each cycle; docs/connect.md has its columns.
 
     Exits with 1 if a log holds no cycle of this skin, is damaged, lacks SYNC or has time that
     runs back, or could not be decoded; all that can be decoded is.

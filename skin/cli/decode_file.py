@@ -14,7 +14,7 @@ from skin.cli.table import counted
 
 __all__ = ["decode_file"]
 
-WANT = ("temperature", "force", "wrench", "centroid", "contacts", "slip")
+WANT = ("temperature", "force", "test_ratio", "wrench", "centroid", "contacts", "slip")
 
 
 def decode_file(log: Path, *, topology: str, output: Path | None, json: bool) -> int:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from skin.export.columns import contact_of_units
 from skin.export.parquet import StateTable
 from topology.files import Kind, arrays_of, check_over, whole_file
 
@@ -19,12 +20,12 @@ if TYPE_CHECKING:
 
 __all__ = ["Events", "writer_for"]
 
-UNIT_COLUMNS = "time_s unit temperature_c fx_n fy_n fz_n status valid contact"
-WRENCH_COLUMNS = "time_s fx_n fy_n fz_n mx_nm my_nm mz_nm x_m y_m z_m coverage contacts"
+UNIT_COLUMNS = "time_s unit temperature_c fx_n fy_n fz_n status valid contact test_ratio"
+WRENCH_COLUMNS = "time_s fx_n fy_n fz_n mx_nm my_nm mz_nm x_m y_m z_m coverage contacts whole"
 EVENT_COLUMNS = "time_s contact event"
 CONTACT_COLUMNS = (
     "time_s contact units load_n x_m y_m z_m nx ny nz fx_n fy_n fz_n slip stick_ratio margin "
-    "friction friction_sigma slip_probability grip_force_n grip_force_sigma_n"
+    "friction friction_sigma slip_probability grip_force_n grip_force_sigma_n whole"
 )
 
 
@@ -33,6 +34,8 @@ TABLES = {
     ".events": EVENT_COLUMNS,
 }  # fmt: skip
 """The tables of a log: what stands between the name and ".csv", and the columns."""
+LATER = ("test_ratio", "whole")
+"""Last columns that tables of earlier versions lack; such a table may be written over."""
 ARRAYS = arrays_of("arrays of a decoded log", "time_s", "unit", "wrench", "event_contact")
 
 
@@ -91,16 +94,16 @@ class _Tables:
             self._start_ns = state.stamp_ns
             self._units, self._wrenches, self._contacts, self._happened = map(self._open, TABLES)
         time_s = f"{1e-9 * (state.stamp_ns - self._start_ns):.6f}"
-        units, touching = state.units, _contact_of_units(state)
+        units, touching = state.units, contact_of_units(state)
         for i, name in enumerate(self._names):
             self._units(
                 [time_s, name, f"{units.temperature[i]:.3f}",
                  *(f"{value:.4f}" for value in units.force[:, i]), int(units.status[i]),
-                 int(units.valid[i]), int(touching[i])]
+                 int(units.valid[i]), int(touching[i]), f"{units.test_ratio[i]:.4f}"]
             )  # fmt: skip
         self._wrenches(
             [time_s, *_texts(state.wrench), *_texts(state.centroid), f"{state.coverage:.4f}",
-             len(state.contacts)]
+             len(state.contacts), int(state.whole)]
         )  # fmt: skip
         for contact in state.contacts:
             self._contacts(
@@ -109,7 +112,7 @@ class _Tables:
                  contact.slip.name.lower(),
                  *_texts([contact.stick_ratio, contact.margin, contact.friction,
                           contact.friction_sigma, contact.slip_probability, contact.grip_force,
-                          contact.grip_force_sigma])]
+                          contact.grip_force_sigma]), int(contact.whole)]
             )  # fmt: skip
         for identity, event in self._events.of(state):
             self._happened([time_s, identity, event])
@@ -119,11 +122,13 @@ class _Tables:
 
     def _place(self, part: str) -> tuple[Path, Kind]:
         """The file of a table, and what it may be written over: the same table."""
-        head = TABLES[part].replace(" ", ",").encode() + b"\r\n"
+        columns = TABLES[part].split()
+        earlier = columns[:-1] if columns[-1] in LATER else columns
+        heads = {",".join(names).encode() + b"\r\n" for names in (columns, earlier)}
 
         def is_one(path: Path) -> bool:
             with path.open("rb") as file:
-                return file.read(len(head)) == head
+                return file.readline(max(map(len, heads))) in heads
 
         name = part.removeprefix(".") or "units"
         place = self._path.with_name(f"{self._path.stem}{part}.csv")
@@ -156,14 +161,15 @@ class _Arrays:
                 {"cycle": len(self._cycles), "id": contact.id, "load_n": contact.load,
                  "centroid_m": contact.centroid.copy(), "normal": contact.normal.copy(),
                  "slip": contact.slip.name.lower(), "margin": contact.margin,
-                 "friction": contact.friction}
+                 "friction": contact.friction, "whole": contact.whole}
             )  # fmt: skip
         self._happened += [(state.stamp_ns, *event) for event in self._events.of(state)]
         self._cycles.append(
             {"stamp_ns": state.stamp_ns, "temperature_c": units.temperature.copy(),
              "force_n": units.force.copy(), "status": units.status.copy(),
              "wrench": state.wrench.copy(), "wrench_sigma": state.wrench_sigma.copy(),
-             "centroid_m": state.centroid.copy(), "contact": _contact_of_units(state)}
+             "centroid_m": state.centroid.copy(), "contact": contact_of_units(state),
+             "test_ratio": units.test_ratio.copy(), "whole": state.whole}
         )  # fmt: skip
 
     def finish(self) -> None:
@@ -194,6 +200,7 @@ NO_CONTACT = {
     "slip": np.zeros(0, str),
     "margin": np.zeros(0),
     "friction": np.zeros(0),
+    "whole": np.zeros(0, bool),
 }
 """Arrays of contacts where there are none."""
 
@@ -201,11 +208,6 @@ NO_CONTACT = {
 def _stacked(rows: list[dict[str, Any]]) -> dict[str, np.ndarray]:
     """Rows of named values as arrays."""
     return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
-
-
-def _contact_of_units(state: State) -> np.ndarray:
-    """Identity of what touches each unit, 0 for nothing, shape (n,)."""
-    return np.array([0, *(contact.id for contact in state.contacts)])[state.label + 1]
 
 
 def _texts(values: Iterable[float]) -> list[str]:

@@ -254,4 +254,6 @@ class Contact:
             parts.append(f"margin {self.margin:.2f}")
         if (noisy := self.noisy_units).size:
             parts.append(f"noise beyond sigma at {', '.join(map(self._name, noisy[:3]))}")
+        if not self.whole:
+            parts.append("not whole")
         return f"<Contact {self.id}: {', '.join(parts)}>"

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from topology import Topology
 
 __all__ = ["AXES", "CONTACT_FIELDS", "LOADS", "LOAD_UNITS", "READINGS", "Block", "Field",
-           "blocks_of", "contact_rows"]  # fmt: skip
+           "blocks_of", "contact_of_units", "contact_rows"]  # fmt: skip
 
 
 class Block(NamedTuple):

@@ -13,17 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from skin.messages import FIELDS, fields_of
+from skin.messages import FIELDS, NUMBERS, fields_of
 
-__all__ = ["NUMBERS", "encode"]
+__all__ = ["encode"]
 
 HEAD = b"\x00\x01\x00\x00"
 """CDR, little-endian, without options."""
-NUMBERS = {
-    "bool": "?", "byte": "u1", "uint8": "u1", "uint16": "<u2", "int32": "<i4", "uint32": "<u4",
-    "int64": "<i8", "uint64": "<u8", "float32": "<f4", "float64": "<f8",
-}  # fmt: skip
-"""Numbers of the definitions, as numpy types."""
 _FORMATS = {
     "bool": "<?", "byte": "<B", "uint8": "<B", "uint16": "<H", "int32": "<i", "uint32": "<I",
     "int64": "<q", "uint64": "<Q", "float32": "<f", "float64": "<d",

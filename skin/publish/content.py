@@ -9,6 +9,7 @@ import numpy as np
 from bus.state import BusState
 from bus.status import INVALID, Status
 from skin.contact.record import Flag
+from skin.messages import STATE_VERSION
 from skin.publish.snapshot import BUS_STATES, COUNTERS, MOST_CONTACTS, contacts_of
 
 __all__ = ["Slots", "diagnostics", "layout", "silence", "state", "transforms", "wrench"]
@@ -46,15 +47,16 @@ def _wrench(values: np.ndarray) -> Message:
 
 
 def state(record: np.void, frame: str) -> Message:
-    """An f3t_msgs/SkinState: NaN for what is not valid."""
+    """An f3t_msgs/SkinState: NaN for what is not valid, but for the test ratio, which says why."""
     bad = ~record["valid"]
     force, sigma = record["force"].copy(), record["force_sigma"].copy()
     temperature = record["temperature"].copy()
     force[:, bad], sigma[:, bad], temperature[bad] = np.nan, np.nan, np.nan
     return {
-        "header": header(int(record["stamp_ns"]), frame), "cycle": int(record["cycle"]),
-        "force": force.reshape(-1), "force_sigma": sigma.reshape(-1), "temperature": temperature,
-        "status": record["status"], "contact": record["label"],
+        "header": header(int(record["stamp_ns"]), frame), "version": STATE_VERSION,
+        "cycle": int(record["cycle"]), "force": force.reshape(-1), "force_sigma": sigma.reshape(-1),
+        "temperature": temperature, "test_ratio": record["test_ratio"],
+        "status": record["status"], "contact": record["label"], "whole": bool(record["whole"]),
         "contacts": [_contact(one) for one in contacts_of(record)],
     }  # fmt: skip
 

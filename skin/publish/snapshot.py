@@ -45,10 +45,12 @@ def snapshot_dtype(topology: Topology) -> np.dtype[Any]:
             ("force", np.float32, (3, n)),
             ("force_sigma", np.float32, (3, n)),
             ("temperature", np.float32, (n,)),
+            ("test_ratio", np.float32, (n,)),
             ("status", np.uint16, (n,)),
             ("valid", np.bool_, (n,)),
             ("label", np.int32, (n,)),
             ("wrench", np.float64, (6,)),
+            ("whole", np.bool_),
             ("count", np.int32),
             ("contacts", f"V{CONTACT.itemsize}", (MOST_CONTACTS,)),
             ("has_pose", np.bool_),
@@ -71,12 +73,13 @@ def fill(record: np.ndarray, state: State) -> None:
     """
     units = state.units
     record["stamp_ns"], record["cycle"] = state.stamp_ns, state.cycle
-    for name in ("force", "force_sigma", "temperature"):
+    for name in ("force", "force_sigma", "temperature", "test_ratio"):
         values = getattr(units, name)
         record[name] = np.nan if values is None else values
     record["status"], record["valid"] = units.status, units.valid
     record["label"] = -1 if state.label is None else state.label
     record["wrench"] = np.nan if state.wrench is None else state.wrench
+    record["whole"] = bool(state.whole)
     record["has_pose"] = record["is_noted"] = False
     contacts = state.contacts or ()
     record["count"] = len(contacts)

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from bus.errors import LogError
 from skin.errors import LibraryError
-from skin.messages import schema
+from skin.messages import Field, definitions, schema
 from skin.record.topics import FIXED, TOPICS
 from topology.files import open_regular
 
@@ -181,6 +181,8 @@ class RecordedFile:
         Files in it that stand before the first message.
     damage : list of str
         What could not be read so far, and why.
+    definitions : dict of str to dict
+        Of the messages of each topic that was read so far, as of `skin.messages.definitions`.
 
     Raises
     ------
@@ -195,6 +197,7 @@ class RecordedFile:
         self.path = path
         self.damage: list[str] = []
         self.attached: dict[str, bytes] = {}
+        self.definitions: dict[str, dict[str, tuple[Field, ...]]] = {}
         for record in self._records():
             kind = type(record).__name__
             if kind == "Attachment":
@@ -207,7 +210,7 @@ class RecordedFile:
         from mcap.stream_reader import breakup_chunk
 
         self.damage = []
-        channels = dict(FIXED)
+        channels, schemas = dict(FIXED), {}
         for record in self._records():
             parts: list[Any] = [record]
             if type(record).__name__ == "Chunk":
@@ -222,8 +225,13 @@ class RecordedFile:
                     continue
             for part in parts:
                 kind = type(part).__name__
-                if kind == "Channel":
+                if kind == "Schema":
+                    schemas[part.id] = part
+                elif kind == "Channel":
                     channels[part.id] = part.topic
+                    if (one := schemas.get(part.schema_id)) is not None:
+                        text = one.data.decode(errors="replace")
+                        self.definitions[part.topic] = definitions(one.name, text)
                 elif kind == "Message":
                     topic = channels.get(part.channel_id, "")
                     if topic in topics:

@@ -6,19 +6,25 @@ fills its numbers in.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from bus.frame import FRAME_DTYPE
 from bus.status import INVALID
 from skin.contact.record import CONTACT, Flag
+from skin.messages import NUMBERS, STATE_VERSION, Field, definitions, schema
 from skin.record.cdr import FRAME, HEAD, Cdr, seconds
 
 __all__ = ["FRAMES_AT", "FRAMES_HEAD", "StateEncoder", "WrenchEncoder", "frames_message"]
 
-STAMP = ("sec", "<i4"), ("nanosec", "<u4")
+Definitions = Mapping[str, tuple[Field, ...]]
+"""The fields of messages, by name; see `skin.messages.definitions`."""
+Places = dict[str, tuple[str, tuple[int, ...], int]]
+"""Kind, shape and place of each field of a template."""
 
 
-def _at(message: Cdr, fields: dict[str, tuple[str, tuple[int, ...], int]]) -> np.dtype:
+def _at(message: Cdr, fields: Places) -> np.dtype:
     """The record that a template is: kind, shape and place of each field."""
     return np.dtype(
         {
@@ -75,22 +81,42 @@ def frames_message(values: dict[str, int], stamp_ns: int, frames: np.ndarray) ->
 
 assert FRAME_DTYPE.itemsize % 8 == 0  # or frames in a list would be padded
 
-CONTACT_MESSAGE = np.dtype(
-    {
-        "names": ["id", "wrench", "wrench_sigma", "centroid", "normal", "slip", "stick_ratio",
-                  "friction", "friction_sigma", "margin", "slip_probability", "grip_force",
-                  "grip_force_sigma", "units", "whole"],
-        "formats": ["<i8", ("<f8", 6), ("<f8", 6), ("<f8", 3), ("<f8", 3), "u1", *["<f4"] * 7,
-                    "<u2", "?"],
-        "offsets": [0, 8, 56, 104, 128, 152, *range(156, 184, 4), 184, 186],
-        "itemsize": 192,
-    }
-)  # fmt: skip
-"""``f3t_msgs/msg/Contact`` in a list; the last of a list ends with its last field."""
-LAST_BYTES = 187
-_SAME = ("id", "wrench", "wrench_sigma", "centroid", "normal", "slip", "stick_ratio", "friction",
-         "friction_sigma", "margin", "slip_probability", "grip_force",
-         "grip_force_sigma")  # fmt: skip
+STATE_KIND, CONTACT_KIND = "f3t_msgs/msg/SkinState", "f3t_msgs/msg/Contact"
+ROWS = {"force": 3, "force_sigma": 3}
+"""Rows of the arrays of a state; the others have one."""
+
+OF_STATE = ("force", "force_sigma", "temperature", "test_ratio", "status", "contact", "whole")
+"""Fields that are copied from a slot as they are."""
+
+
+def _contact_record(known: Definitions) -> tuple[np.dtype, int]:
+    """A contact in a list as a record, and how many bytes the last of a list has: it ends with its
+    last field."""
+    names: list[str] = []
+    formats: list[np.dtype] = []
+    offsets: list[int] = []
+    end = 0
+    for field in known[CONTACT_KIND]:
+        kind, count = (field.kind, field.size) if field.is_array else _flat(known, field.kind)
+        one = np.dtype((NUMBERS[kind], (count,) if count else ()))
+        end += -end % one.base.itemsize
+        names.append(field.name)
+        formats.append(one)
+        offsets.append(end)
+        end += one.itemsize
+    size = end + -end % formats[0].base.itemsize  # the next one begins with its first field
+    dtype = np.dtype(
+        {"names": names, "formats": formats, "offsets": offsets, "itemsize": size}
+    )  # fmt: skip
+    return dtype, end
+
+
+def _flat(known: Definitions, kind: str) -> tuple[str, int]:
+    """Kind and number of the numbers that a field has; 0 for one that is no message."""
+    if kind in NUMBERS:
+        return kind, 0
+    parts = [_flat(known, field.kind) for field in known[kind]]
+    return parts[0][0], sum(max(count, 1) for _, count in parts)
 
 
 class StateEncoder:
@@ -100,32 +126,53 @@ class StateEncoder:
     ----------
     n : int
         Units.
+    known : mapping, optional
+        Definitions of the message and of all in it, as of `skin.messages.definitions`: those of a
+        recording that an earlier version wrote. Those of today if not given.
+
+    Raises
+    ------
+    ValueError
+        The definitions have a field that is not known here.
     """
 
-    def __init__(self, n: int) -> None:
+    def __init__(self, n: int, known: Definitions | None = None) -> None:
+        if known is None:
+            known = definitions(STATE_KIND, schema(STATE_KIND))
         message = Cdr()
         stamp = message.header(0)
-        places = {
-            "sec": ("<i4", (), stamp),
-            "nanosec": ("<u4", (), stamp + 4),
-            "cycle": ("<u8", (), message.number("Q", 0)),
-            "force": ("<f4", (3, n), message.array(np.zeros((3, n), "<f4"))),
-            "force_sigma": ("<f4", (3, n), message.array(np.zeros((3, n), "<f4"))),
-            "temperature": ("<f4", (n,), message.array(np.zeros(n, "<f4"))),
-            "status": ("<u2", (n,), message.array(np.zeros(n, "<u2"))),
-            "contact": ("<i4", (n,), message.array(np.zeros(n, "<i4"))),
-            "count": ("<u4", (), message.number("I", 0)),
-        }
+        places: Places = {"sec": ("<i4", (), stamp), "nanosec": ("<u4", (), stamp + 4)}
+        _, *fields, listed = known[STATE_KIND]
+        for field in fields:
+            kind = NUMBERS[field.kind]
+            if field.is_array:
+                shape = (ROWS[field.name], n) if field.name in ROWS else (n,)
+                places[field.name] = kind, shape, message.array(np.zeros(shape, kind))
+            else:
+                size = np.dtype(kind).itemsize
+                places[field.name] = kind, (), message.align(size)
+                message.raw += bytes(size)
+        places["count"] = "<u4", (), message.number("I", 0)
+        self._contact, last = _contact_record(known)
+        self._tail = self._contact.itemsize - last
         self._raw, record = message.raw, _at(message, places)
         self._fields = {name: np.frombuffer(self._raw, record)[name] for name in places}
         self._padding = bytes(-(len(self._raw) - len(HEAD)) % 8)
+        if "version" in places:
+            self._fields["version"][0] = STATE_VERSION
+        self._copied = [name for name in OF_STATE if name in places]
+        self._same = [name for name in CONTACT.names or () if name in (self._contact.names or ())]
+        unknown = {*places} - {*OF_STATE, "sec", "nanosec", "version", "cycle", "count"}
+        unknown |= {*(self._contact.names or ())} - {*self._same, "units", "whole"}
+        if listed.kind != CONTACT_KIND or unknown:
+            raise ValueError(", ".join(sorted(unknown | {listed.name} - {"contacts"})))
 
     def __call__(self, slot: np.ndarray) -> bytes:
         """The message of a slot that has a state."""
         fields = self._fields
         fields["sec"][0], fields["nanosec"][0] = seconds(int(slot["stamp_ns"]))
         fields["cycle"][0] = max(0, int(slot["cycle"]))
-        for name in ("force", "force_sigma", "temperature", "status", "contact"):
+        for name in self._copied:
             fields[name][0] = slot[name]
         wrong = slot["status"] & int(INVALID) != 0
         fields["force"][0][:, wrong] = np.nan
@@ -134,13 +181,14 @@ class StateEncoder:
         fields["count"][0] = contacts.size
         if not contacts.size:
             return bytes(self._raw)
-        listed = np.zeros(contacts.size, CONTACT_MESSAGE)
-        for name in _SAME:
+        listed = np.zeros(contacts.size, self._contact)
+        for name in self._same:
             listed[name] = contacts[name]
         listed["units"] = contacts["end"] - contacts["begin"]
-        listed["whole"] = contacts["flags"] & Flag.UNSEEN == 0
-        tail = CONTACT_MESSAGE.itemsize - LAST_BYTES
-        return b"".join((self._raw, self._padding, listed.tobytes()[:-tail]))
+        if "whole" in (self._contact.names or ()):
+            listed["whole"] = contacts["flags"] & Flag.UNSEEN == 0
+        end = -self._tail or None
+        return b"".join((self._raw, self._padding, listed.tobytes()[:end]))
 
 
 class WrenchEncoder:

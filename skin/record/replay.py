@@ -256,7 +256,8 @@ class Replay:
         self._writer = SlotWriter(
             self._slot, self.pipeline.contacts, self.pipeline.assembler.totals
         )
-        self._encoder = StateEncoder(self.topology.n)
+        self._encoder: StateEncoder | None = None
+        self._unknown: str | None = None
         self._parts: list[np.ndarray] = []
         self._lost = (0, 0)
         self._unmade = 0
@@ -278,6 +279,9 @@ class Replay:
         if self._unmade:
             found.append(f"{path}: must hold the frames of every state; got {self._unmade} states "
                          "without")  # fmt: skip
+        if self._unknown is not None:
+            found.append(f"{path}: {STATE}: must have fields that this version knows; got "
+                         f"{self._unknown}: states were not compared")  # fmt: skip
         if self._compares and (other := self.count - self.same):
             found.append(f"{path}: must give the states of the run; got {other} of {self.count} "
                          "that differ")  # fmt: skip
@@ -302,7 +306,7 @@ class Replay:
                 continue
             self.work_ns = time.perf_counter_ns() - started
             if self._compares:
-                self._compare(state, told)
+                self._compare(told)
             self._pace.wait(state.stamp_ns)
             yield state
             started = time.perf_counter_ns()
@@ -363,8 +367,15 @@ class Replay:
             f"{self._recorded.path}: {topic}: must be as a recorder writes it; got others"
         )
 
-    def _compare(self, state: State, told: bytes) -> None:
-        """Whether a state is the one of the recording."""
+    def _compare(self, told: bytes) -> None:
+        """Whether a state is the one of the recording, in all fields that its version has."""
+        if self._encoder is None:
+            known = self._recorded.definitions.get(STATE)
+            try:
+                self._encoder = StateEncoder(self.topology.n, known)
+            except (LookupError, ValueError) as error:
+                self._compares, self._unknown = False, str(error)
+                return
         self._writer.write(self.pipeline.now)
         self.count += 1
         self.same += self._encoder(self._slot[0]) == told

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bus.status import INVALID
+from skin.contact.record import Flag
 from skin.record.cdr import Cdr, seconds
 from skin.record.encode import contacts_of
 
@@ -168,6 +169,7 @@ class Marker(NamedTuple):
 
 def _contact(contact: np.void) -> tuple[Marker, Marker]:
     """Arrow and name of a contact."""
+    part = " (not whole)" if contact["flags"] & Flag.UNSEEN else ""
     number, colour = int(contact["id"]) & 0x7FFF_FFFF, TOUCH[int(contact["slip"]) & 3]
     centre = np.nan_to_num(contact["centroid"])
     tip = centre + METRE_PER_NEWTON * contact["wrench"][:3]
@@ -177,7 +179,7 @@ def _contact(contact: np.void) -> tuple[Marker, Marker]:
     )  # fmt: skip
     name = Marker(
         "names", number, TEXT, (0.0, 0.0, 0.004), colour, lifetime_ns=LIFETIME_NS,
-        place=tip.tolist(), text=f"{number}: {contact['load']:.2f} N",
+        place=tip.tolist(), text=f"{number}: {contact['load']:.2f} N" + part,
     )  # fmt: skip
     return arrow, name
 

@@ -61,11 +61,13 @@ def slot_dtype(topology: Topology) -> np.dtype[Any]:
             ("lost_frames", "i8"),
             ("stamp_ns", "i8"),
             ("cycle", "i8"),
+            ("whole", "i8"),  # 1 as of `State.whole`, else 0
             ("counters", "i8", (COUNTERS,)),  # FrameCounters
             ("wrench", "f8", (6,)),
             ("force", "f4", (3, n)),
             ("force_sigma", "f4", (3, n)),
             ("temperature", "f4", (n,)),
+            ("test_ratio", "f4", (n,)),
             ("contact", "i4", (n,)),
             ("contact_slots", "i4", (CONTACTS,)),
             ("contact_count", "i4"),
@@ -109,7 +111,7 @@ class SlotWriter:
         from skin.record.staging import Contacts, Numbers  # bring the compiler along
 
         self.fields = fields = {name: slot[name] for name in slot.dtype.names or ()}
-        for name in ("force", "force_sigma", "temperature", "wrench"):
+        for name in ("force", "force_sigma", "temperature", "test_ratio", "wrench"):
             fields[name][...] = np.nan  # of what is not wanted
         fields["contact"][...] = -1
         present, records = np.zeros(0, np.int64), np.zeros((0, CONTACT.itemsize), np.uint8)
@@ -121,8 +123,8 @@ class SlotWriter:
             present, records, fields["contact_count"], fields["contact_slots"][0],
             fields["contacts"][0],
         )  # fmt: skip
-        told = np.zeros(3, np.int64)
-        self._numbers = Numbers(told, (fields["stamp_ns"], fields["cycle"]))
+        told = np.zeros(4, np.int64)
+        self._numbers = Numbers(told, (fields["stamp_ns"], fields["cycle"], fields["whole"]))
         self._told = told.data  # takes a number in half the time of the array
         self._rest: tuple[Any, ...] = ()
         self._units = self._wrench = self._label = None
@@ -137,8 +139,8 @@ class SlotWriter:
         """Write a state; what is not wanted stays NaN, or -1. Of contacts, as many as there is room
         for."""
         told, contacts = self._told, state.contacts
-        told[0], told[1] = state.stamp_ns, state.cycle
-        told[2] = min(len(contacts), CONTACTS) if contacts else 0
+        told[0], told[1], told[2] = state.stamp_ns, state.cycle, bool(state.whole)
+        told[3] = min(len(contacts), CONTACTS) if contacts else 0
         fill = self._fill
         if (
             fill is None
@@ -164,7 +166,8 @@ class SlotWriter:
             for name, given in (
                 ("counters", self._totals), ("status", units.status), ("force", units.force),
                 ("force_sigma", units.force_sigma), ("temperature", units.temperature),
-                ("wrench", state.wrench), ("contact", state.label),
+                ("test_ratio", units.test_ratio), ("wrench", state.wrench),
+                ("contact", state.label),
             )
         ]  # fmt: skip
         given, fields = zip(*pairs, strict=True)

@@ -39,9 +39,9 @@ class Numbers(NamedTuple):
     """What a state is told by."""
 
     given: np.ndarray
-    """Time stamp, number of the cycle, contacts, int64, shape (3,)."""
-    fields: tuple[np.ndarray, np.ndarray]
-    """Of the slot: where the first two go, int64, shape (1,)."""
+    """Time stamp, number of the cycle, whether it is whole, contacts, int64, shape (4,)."""
+    fields: tuple[np.ndarray, np.ndarray, np.ndarray]
+    """Of the slot: where the first three go, int64, shape (1,)."""
 
 
 class Contacts(NamedTuple):
@@ -117,7 +117,7 @@ def fill_python(numbers, given, fields, contacts):
     """Copy numbers and arrays of a state into their fields, and the contacts that are there."""
     for k in range(len(numbers.fields)):
         numbers.fields[k][0] = numbers.given[k]
-    contacts.count[0] = numbers.given[2]
+    contacts.count[0] = numbers.given[len(numbers.fields)]
     for k in range(len(given)):
         copy(given[k], fields[k], 0, given[k].size)
     for k in range(contacts.count[0]):

@@ -65,6 +65,7 @@ QUANTITIES = {
         Quantity("shear", "N", _shear, 0.5, True),
         Quantity("temperature", "°C", lambda record: record["temperature"], 4.0, False),
         Quantity("sigma of the load", "N", lambda record: record["sigma"], 0.01, True),
+        Quantity("test ratio", "", lambda record: record["test_ratio"], 1.0, True),
         Quantity("validity", "", lambda record: valid(record).astype(np.float32), 1.0, True),
         *(
             Quantity(f"raw {name}", "counts", _row(c), 10.0, False)

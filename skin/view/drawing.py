@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skin.contact.record import SlipState
+from skin.contact.record import Flag, SlipState
 from skin.view.colour import valid
 from skin.view.history import Pose
 
@@ -142,7 +142,8 @@ def contact_arrows(record: np.void, frame: Frame, full_n: float) -> tuple[np.nda
 
 
 def contact_labels(record: np.void) -> list[str]:
-    """What is told of each contact: identity, load, what it does, margin."""
+    """What is shown of each contact: identity, load, what it does, margin, whether a unit that
+    touches it is silent."""
     texts = []
     for k in range(int(record["contacts"])):
         text = f"contact {record['contact_id'][k]}   {record['contact_load'][k]:.2f} N"
@@ -152,6 +153,8 @@ def contact_labels(record: np.void) -> list[str]:
         margin = float(record["contact_margin"][k])
         if np.isfinite(margin):
             text += f"   margin {100 * margin:.0f} %"
+        if record["contact_flags"][k] & Flag.UNSEEN:
+            text += "   not whole"
         texts.append(text)
     return texts
 

@@ -25,8 +25,10 @@ RATE_S = 2.0
 """Over which rates are taken."""
 
 
-def flagged(status: np.ndarray, names: Sequence[str]) -> list[tuple[str, str]]:
-    """Units that must not be trusted, and why.
+def flagged(
+    status: np.ndarray, names: Sequence[str], test_ratio: np.ndarray | None = None
+) -> list[tuple[str, str]]:
+    """Units that must not be trusted, and why: their flags, and the test ratio where there is one.
 
     Examples
     --------
@@ -36,7 +38,10 @@ def flagged(status: np.ndarray, names: Sequence[str]) -> list[tuple[str, str]]:
     found = []
     for i in np.flatnonzero(status & int(INVALID)).tolist():
         flags = Status(int(status[i])) & INVALID
-        found.append((names[i], ", ".join(str(flag.name).lower() for flag in flags)))
+        why = [str(flag.name).lower() for flag in flags]
+        if test_ratio is not None and np.isfinite(test_ratio[i]):
+            why.append(f"test ratio {test_ratio[i]:.2f}")
+        found.append((names[i], ", ".join(why)))
     return found
 
 
@@ -94,13 +99,19 @@ class Health:
              + _rate(cycles, f" Hz of {self._nominal_hz:.0f}") + _rate(shown, " Hz shown")),
             ("left out", f"{record['overruns']} periods, {record['unsent']} SYNC not taken"),
         ]  # fmt: skip
+        ratio = np.where(np.isfinite(record["test_ratio"]), record["test_ratio"], -1.0)
+        if (worst := float(ratio.max(initial=-1.0))) >= 0.0:
+            unit = self._names[int(ratio.argmax())]
+            rows.append(("test ratio", f"{worst:.2f} at most ({unit}); 1 is the limit"))
+        if not record["whole"]:
+            rows.append(("wrench", "not whole: a silent unit may touch"))
         if work is not None:
             rows.append(("cycle time", f"{work[0]:.0f} µs p50, {work[1]:.0f} µs p99"))
         return rows
 
     def html(self, record: np.void) -> str:
         """The panel."""
-        found = flagged(record["status"], self._names)
+        found = flagged(record["status"], self._names, record["test_ratio"])
         lines = [_line(name, text) for name, text in self.rows(record)]
         lines += [_line(name, why, "#78dcf0") for name, why in found[:LISTED]]
         if len(found) > LISTED:

@@ -28,7 +28,7 @@ WORKS = 256
 COUNTERS = tuple(field.name for field in fields(FrameCounters))
 """Order of the counters of frames."""
 
-OF_CONTACT = ("id", "load", "wrench", "centroid", "normal", "slip", "margin")
+OF_CONTACT = ("id", "load", "wrench", "centroid", "normal", "slip", "margin", "flags")
 """What is told of a contact, as its record names it."""
 
 
@@ -37,21 +37,24 @@ def snapshot_dtype(n: int) -> np.dtype[Any]:
 
     Metre, newton, newton metre, degree Celsius, microsecond; unit frames for `force` and its
     `sigma` (of the normal component), skin frame for contacts. What is not wanted of the skin is
-    NaN. `moved` counts the changes of the poses. What is kept of a snapshot stands first, see
+    NaN. `whole` is False where `State.whole` is, and True where that is not wanted. `moved` counts
+    the changes of the poses. What is kept of a snapshot stands first, see
     `skin.view.history.NOT_KEPT`.
     """
     return np.dtype(
         [
             ("cycle", np.int64), ("stamp_ns", np.int64), ("cycles", np.int64),
             ("force", np.float32, (3, n)), ("sigma", np.float32, (n,)),
-            ("temperature", np.float32, (n,)), ("counts", np.int16, (len(CHANNELS), n)),
+            ("temperature", np.float32, (n,)), ("test_ratio", np.float32, (n,)),
+            ("counts", np.int16, (len(CHANNELS), n)),
             ("status", np.uint16, (n,)), ("label", np.int32, (n,)),
-            ("wrench", np.float64, (6,)), ("contacts", np.int32),
+            ("wrench", np.float64, (6,)), ("whole", np.bool_), ("contacts", np.int32),
             ("contact_id", np.int64, (CONTACTS,)), ("contact_load", np.float32, (CONTACTS,)),
             ("contact_wrench", np.float32, (CONTACTS, 6)),
             ("contact_centroid", np.float32, (CONTACTS, 3)),
             ("contact_normal", np.float32, (CONTACTS, 3)),
             ("contact_slip", np.int32, (CONTACTS,)), ("contact_margin", np.float32, (CONTACTS,)),
+            ("contact_flags", np.int64, (CONTACTS,)),
             ("counters", np.int64, (len(COUNTERS),)), ("overruns", np.int64),
             ("unsent", np.int64), ("moved", np.int64), ("works", np.int32),
             ("work_us", np.float32, (WORKS,)), ("position", np.float32, (3, n)),
@@ -70,8 +73,10 @@ def fill(record: np.ndarray, state: State) -> None:
     record["force"] = np.nan if units.force is None else units.force
     record["sigma"] = np.nan if units.force_sigma is None else units.force_sigma[2]
     record["temperature"] = np.nan if units.temperature is None else units.temperature
+    record["test_ratio"] = np.nan if units.test_ratio is None else units.test_ratio
     record["label"] = -1 if state.label is None else state.label
     record["wrench"] = np.nan if state.wrench is None else state.wrench
+    record["whole"] = state.whole is not False
     record["contacts"] = min(len(contacts), CONTACTS)
     for k, contact in enumerate(contacts[:CONTACTS]):
         for name in OF_CONTACT:
@@ -113,9 +118,9 @@ class Snapshots:
             return
         record[:] = np.zeros((), record.dtype)
         record["status"], record["cycle"] = Status.NEVER, -1
-        for name in ("force", "sigma", "temperature", "wrench"):
+        for name in ("force", "sigma", "temperature", "test_ratio", "wrench"):
             record[name] = np.nan
-        record["label"] = -1
+        record["label"], record["whole"] = -1, True
         self._pose(record)
         self._ring.publish()
 

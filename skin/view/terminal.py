@@ -6,12 +6,12 @@ import shutil
 import sys
 import time
 from collections import deque
-from itertools import islice
 from typing import TextIO
 
 import numpy as np
 
-from skin.state import INVALID, State, trouble
+from skin.state import INVALID, State
+from skin.view.health import flagged
 from topology import Topology
 
 __all__ = ["LiveTable", "unit_map"]
@@ -147,7 +147,8 @@ class LiveTable:
         lines = []
         if state.wrench is not None:
             force, moment = state.wrench[:3], state.wrench[3:] * 1e3
-            lines.append("force     " + " ".join(f"{v:+7.2f}" for v in force) + "  N")
+            part = "  not whole" if state.whole is False else ""
+            lines.append("force     " + " ".join(f"{v:+7.2f}" for v in force) + f"  N{part}")
             lines.append("moment    " + " ".join(f"{v:+7.1f}" for v in moment) + "  mN·m")
         if state.centroid is not None:
             if np.isnan(state.centroid).any():
@@ -181,13 +182,12 @@ class LiveTable:
                 line += f" {contact.slip.name.lower():<9}"
                 if not np.isnan(contact.margin):
                     line += f" margin {100 * contact.margin:.0f} %"
+            if not contact.whole:
+                line += " not whole"
             lines.append(line)
         return lines + ["contact      –"] * (not lines) + [""] * (CONTACTS - max(1, len(lines)))
 
     def _trouble(self, state: State) -> list[str]:
-        found = trouble(self._topology, state.units.status)
-        lines = [
-            f"! {unit}: {', '.join(str(flag.name).lower() for flag in flags)}"
-            for unit, flags in islice(found.items(), 3)
-        ]
+        found = flagged(state.units.status, self._topology.unit_names, state.units.test_ratio)
+        lines = [f"! {unit}: {why}" for unit, why in found[:3]]
         return lines + ([f"! and {len(found) - 3} more units"] if len(found) > 3 else [])

@@ -11,7 +11,7 @@ import pytest
 
 import skin
 from skin.cli import main
-from skin.contact.record import SlipState
+from skin.contact.record import Flag, SlipState
 from skin.view.terminal import LiveTable
 
 LOGS = Path(__file__).parents[2] / "golden" / "logs"
@@ -38,6 +38,11 @@ def test_table_names_what_touches(touched):
     (line,) = (line for line in table.lines(state) if "contact 1" in line)
     assert "margin" not in line
     assert "none" not in line
+    assert "not whole" not in line
+    record["flags"] |= int(Flag.UNSEEN)
+    (line,) = (line for line in table.lines(state) if "contact 1" in line)
+    assert line.endswith("not whole")
+    assert "not whole" in repr(state.contacts[0])
 
 
 def test_table_is_as_long_whatever_touches(touched):
@@ -74,6 +79,6 @@ def test_decoded_log_says_what_touches_each_unit(tmp_path, capsys):
     table = tmp_path / "palm.csv"
     assert main(["decode", str(log), "--topology", "palm", "--output", str(table)]) == 0
     rows = table.read_text().splitlines()
-    assert rows[0].split(",")[-1] == "contact"
-    told = [int(row.rsplit(",", 1)[1]) for row in itertools.islice(rows, 1, None)]
+    at = rows[0].split(",").index("contact")
+    told = [int(row.split(",")[at]) for row in itertools.islice(rows, 1, None)]
     assert told == contact.ravel().tolist()

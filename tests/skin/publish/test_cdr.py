@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skin.messages import FIELDS, fields_of
-from skin.publish.cdr import NUMBERS, encode
+from skin.messages import FIELDS, NUMBERS, fields_of
+from skin.publish.cdr import encode
 
 typesys = pytest.importorskip("rosbags.typesys", reason="rosbags is not installed")
 

@@ -12,6 +12,7 @@ import topology
 from bus.state import BusState
 from skin.contact.record import CONTACT
 from skin.publish import content
+from skin.publish.cdr import encode
 from skin.publish.snapshot import (
     BUS_STATES,
     COUNTERS,
@@ -21,6 +22,8 @@ from skin.publish.snapshot import (
     patch_poses,
     snapshot_dtype,
 )
+from skin.record.encode import StateEncoder
+from skin.record.slot import slot_dtype
 
 
 @pytest.fixture(scope="module")
@@ -61,14 +64,34 @@ def test_a_contact_keeps_its_slot_and_a_free_one_is_taken_again():
 
 def test_what_was_not_wanted_reads_nan(state, record):
     units = replace(state.units, temperature=None, force_sigma=None)
-    fill(record, replace(state, units=units, wrench=None, contacts=None, label=None))
+    units = replace(units, test_ratio=None)
+    fill(record, replace(state, units=units, wrench=None, contacts=None, label=None, whole=None))
     told = content.state(record[0], "skin")
     assert np.isnan(told["temperature"]).all()
     assert np.isnan(told["force_sigma"]).all()
+    assert np.isnan(told["test_ratio"]).all()
+    assert told["whole"] is False
     np.testing.assert_array_equal(told["force"], state.units.force.reshape(-1))
     assert (told["contact"] == -1).all()
     assert told["contacts"] == []
     assert np.isnan(record["wrench"]).all()
+
+
+def test_a_topic_and_a_recording_have_the_same_bytes(palm, state, record):
+    slot = np.zeros(1, slot_dtype(palm))
+    fill(record, state)
+    assert record["valid"].all()
+    for name in ("stamp_ns", "cycle", "force", "force_sigma", "temperature", "test_ratio", "status",
+                 "whole"):  # fmt: skip
+        slot[name] = record[name]
+    slot["contact"], slot["contact_count"] = state.label, len(state.contacts)
+    for at, contact in enumerate(state.contacts):
+        slot["contacts"][0, at] = np.frombuffer(contact.record.tobytes(), np.uint8)
+    of_topic = encode("f3t_msgs/msg/SkinState", content.state(record[0], "skin"))
+    assert StateEncoder(palm.n)(slot[0]) == of_topic
+    slot["contact_count"] = record["count"] = 0
+    of_topic = encode("f3t_msgs/msg/SkinState", content.state(record[0], "skin"))
+    assert StateEncoder(palm.n)(slot[0]) == of_topic
 
 
 def test_more_contacts_than_have_room_are_left_out(state, record):

@@ -15,6 +15,7 @@ import pytest
 
 import skin
 from skin.cli import main
+from skin.contact.record import Flag
 from skin.errors import LibraryError, OptionError, SkinError
 from skin.publish import ros
 from skin.publish.dds import LOCALHOST
@@ -58,7 +59,11 @@ def states(palm):
     units = found[-1].units
     valid, status = units.valid.copy(), units.status.copy()
     valid[3], status[3] = False, int(Status.STALE)
-    found[-1] = replace(found[-1], units=replace(units, valid=valid, status=status))
+    ratio = units.test_ratio.copy()
+    ratio[3] = 4.5
+    units = replace(units, valid=valid, status=status, test_ratio=ratio)
+    found[-1] = replace(found[-1], units=units, whole=False)
+    found[-1].contacts[0].record["flags"] |= int(Flag.UNSEEN)
     return found
 
 
@@ -122,16 +127,24 @@ def test_a_subscriber_hears_the_states(palm, states):
         for name in ("force", "force_sigma", "temperature"):
             expected = np.where(valid, getattr(state.units, name), np.nan).reshape(-1)
             np.testing.assert_array_equal(np.array(told[name], np.float32), expected)
+        ratio = np.array(told["test_ratio"], np.float32)
+        np.testing.assert_array_equal(ratio, state.units.test_ratio)  # also where not valid
+        assert (told["version"], told["whole"]) == (2, state.whole)
         assert told["status"] == state.units.status.tolist()
         assert told["contact"] == state.label.tolist()
         for one, expected in zip(told["contacts"], state.contacts, strict=True):
             assert (one["id"], one["slip"]) == (expected.id, int(expected.slip))
+            assert one["whole"] == expected.whole
             assert one["units"] == expected.units.size > 0
             assert six(one["wrench"]) == expected.wrench.tolist()
             assert one["wrench_sigma"] == expected.wrench_sigma.tolist()
             assert one["margin"] == pytest.approx(expected.margin, nan_ok=True)
             np.testing.assert_array_equal(list(one["centroid"].values()), expected.centroid)
-    assert np.isnan(heard["rt/skin/state"][-1]["force"][3])
+    last = heard["rt/skin/state"][-1]
+    assert np.isnan(last["force"][3])
+    assert last["test_ratio"][3] == 4.5
+    assert [one["whole"] for one in (last, last["contacts"][0])] == [False, False]
+    assert heard["rt/skin/state"][0]["whole"] is True
     by_stamp = {state.stamp_ns: state for state in states}
     for told in heard["rt/skin/wrench"]:
         stamp = told["header"]["stamp"]

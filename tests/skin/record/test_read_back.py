@@ -62,6 +62,9 @@ def test_states_have_the_values_of_the_live_ones_and_nan_where_invalid(run, deco
         np.testing.assert_array_equal(np.reshape(message.force_sigma, (3, n)), units.force_sigma)
         warm = np.where(wrong, np.nan, units.temperature)
         np.testing.assert_array_equal(message.temperature, warm)
+        np.testing.assert_array_equal(message.test_ratio, units.test_ratio)
+        assert np.isfinite(message.test_ratio).all()
+        assert (message.version, message.whole) == (2, state.whole)
         np.testing.assert_array_equal(message.status, units.status)
         np.testing.assert_array_equal(message.contact, state.label)
 
@@ -79,6 +82,7 @@ def test_contacts_have_the_values_of_the_live_ones(run, decoded):
                 three = [getattr(getattr(contact, name), axis) for axis in "xyz"]
                 np.testing.assert_array_equal(three, getattr(true, name))
             assert (contact.slip, contact.units) == (true.slip, true.units.size)
+            assert contact.whole == true.whole
             for name in ("stick_ratio", "friction", "friction_sigma", "margin",
                          "slip_probability", "grip_force", "grip_force_sigma"):  # fmt: skip
                 np.testing.assert_equal(

@@ -38,11 +38,13 @@ def test_a_state_stands_in_its_slot_as_numpy_would_copy_it(options):
             ("status", units.status, None), ("force", units.force, np.nan),
             ("force_sigma", units.force_sigma, np.nan), ("wrench", state.wrench, np.nan),
             ("temperature", units.temperature, np.nan), ("contact", state.label, -1),
+            ("test_ratio", units.test_ratio, np.nan),
         ):  # fmt: skip
             expected = np.full_like(slot[name][0], missing if given is None else 0)
             if given is not None:
                 expected[:] = given
             np.testing.assert_array_equal(slot[name][0], expected, name)
+        assert slot["whole"][0] == (state.whole is True)
         contacts = state.contacts or ()
         assert slot["contact_count"][0] == len(contacts)
         records = slot["contacts"][0].view(CONTACT)[:, 0]
@@ -61,9 +63,14 @@ def test_states_of_other_arrays_are_written_as_well():
         kept = state.copy()
         kept.units.force[:] = 7.0
         kept.wrench[:] = 3.0
+        kept.units.test_ratio[:] = 2.5
+        assert (slot["whole"] == 1).all()
+        kept.whole = False
         writer.write(kept)
         assert (slot["force"] == 7.0).all()
         assert (slot["wrench"] == 3.0).all()
+        assert (slot["test_ratio"] == 2.5).all()
+        assert (slot["whole"] == 0).all()
 
 
 @pytest.fixture

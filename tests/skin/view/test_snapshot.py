@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 
 import skin
+from skin.contact.record import Flag
 from skin.state import Status
 from skin.view import snapshot
+from skin.view.colour import QUANTITIES
+from skin.view.drawing import contact_labels
 from skin.view.health import Health, flagged, plotted
 from skin.view.history import History
 from skin.view.snapshot import COUNTERS, Snapshots, fill, snapshot_dtype
@@ -48,7 +51,10 @@ def test_a_snapshot_says_what_the_state_said():
         np.testing.assert_array_equal(one["sigma"], state.units.force_sigma[2])
         np.testing.assert_array_equal(one["temperature"], state.units.temperature)
         np.testing.assert_array_equal(one["status"], state.units.status)
+        np.testing.assert_array_equal(one["test_ratio"], state.units.test_ratio)
+        assert np.isfinite(one["test_ratio"]).all()
         np.testing.assert_array_equal(one["label"], state.label)
+        assert one["whole"]
         np.testing.assert_array_equal(one["wrench"], state.wrench)
         assert one["cycle"] == state.cycle
         assert one["stamp_ns"] == state.stamp_ns
@@ -61,14 +67,22 @@ def test_a_snapshot_says_what_the_state_said():
             np.testing.assert_allclose(one["contact_centroid"][k], contact.centroid, rtol=1e-6)
             np.testing.assert_allclose(one["contact_normal"][k], contact.normal, rtol=1e-6)
             np.testing.assert_allclose(one["contact_wrench"][k], contact.wrench, rtol=1e-6)
+        state.whole = False
+        state.contacts[0].record["flags"] |= int(Flag.UNSEEN)
+        fill(record, state)
+        assert not one["whole"]
+        assert [text.endswith("   not whole") for text in contact_labels(one)] == [True]
+        assert dict(Health(palm.topology.unit_names, 250.0).rows(one))["wrench"].startswith("not w")
 
 
 def test_what_is_not_wanted_is_nan():
     with skin.open("strip", simulate=True, pace=False, want={"temperature"}) as strip:
         record = np.zeros(1, snapshot_dtype(strip.topology.n))
         fill(record, next(iter(strip)))
-    for name in ("force", "sigma", "wrench"):
+    for name in ("force", "sigma", "wrench", "test_ratio"):
         assert np.isnan(record[name]).all()
+    assert record["whole"].all()
+    assert "test ratio" not in dict(Health(strip.topology.unit_names, 250.0).rows(record[0]))
     assert np.isfinite(record["temperature"]).all()
     assert (record["label"] == -1).all()
 
@@ -132,6 +146,21 @@ def test_poses_come_when_they_change(clock):
     x = [history[i].pose.position[0, 0] - history[0].pose.position[0, 0] for i in range(5)]
     np.testing.assert_allclose(x, [0.0, 0.0, 0.0, 0.5, 0.5], atol=1e-6)
     assert history[1].pose is history[2].pose
+
+
+def test_health_has_the_test_ratio_of_the_worst_unit_and_of_those_that_are_flagged():
+    record = np.zeros(1, snapshot_dtype(4))
+    record["test_ratio"], record["whole"] = [0.2, np.nan, 3.456, 0.9], True
+    record["status"][0, 1:3] = int(Status.NEVER), int(Status.MAGNETIC_ANOMALY)
+    health = Health("abcd", 250.0)
+    rows = dict(health.rows(record[0]))
+    assert rows["test ratio"] == "3.46 at most (c); 1 is the limit"
+    assert "wrench" not in rows
+    assert flagged(record["status"][0], "abcd", record["test_ratio"][0]) == [
+        ("b", "never"), ("c", "magnetic_anomaly, test ratio 3.46")
+    ]  # fmt: skip
+    assert "magnetic_anomaly, test ratio 3.46" in health.html(record[0])
+    assert QUANTITIES["test ratio"].values(record[0])[2] == np.float32(3.456)
 
 
 def records_of(count, step_s=0.034, n=4):

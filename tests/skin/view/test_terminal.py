@@ -79,6 +79,18 @@ def test_flagged_units_are_marked_and_named(palm):
     assert f"! {palm.unit_names[9]}: late, stale" in text
 
 
+def test_a_wrench_of_a_part_and_the_test_ratio_of_a_flagged_unit_are_shown(palm):
+    status, table = np.zeros(palm.n, np.uint16), LiveTable(palm)
+    status[5] = int(Status.MAGNETIC_ANOMALY)
+    state = state_of(palm, status)
+    assert "whole" not in "\n".join(table.lines(state))
+    state.whole = False
+    state.units.test_ratio = np.full(palm.n, 2.25)
+    text = "\n".join(table.lines(state))
+    assert "  N  not whole" in text
+    assert f"! {palm.unit_names[5]}: magnetic_anomaly, test ratio 2.25" in text
+
+
 def test_long_trouble_is_counted_not_listed(palm):
     status = np.full(palm.n, int(Status.NEVER), np.uint16)
     text = "\n".join(LiveTable(palm).lines(state_of(palm, status)))
