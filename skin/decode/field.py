@@ -297,7 +297,7 @@ def anomaly_stage(parts: Parts) -> Callable:
         _, start, size = lanes_of(span)
         real = tile["force"].dtype.type
         one, nothing = real(1.0), real(0.0)
-        worst = nothing
+        worst = 0
         for lane in range(size):
             j = start + lane
             depth, z = tile["displacement"][2, j], tile["read"][2, j]
@@ -323,11 +323,11 @@ def anomaly_stage(parts: Parts) -> Callable:
             found = MAGNETIC_ANOMALY if lies else 0
             flag[j] = flags if flags & SILENT else flags | found
             tile["beyond"][j] = beyond2
-            worst = max(worst, beyond2)
+            worst |= 0 if test2 <= one else 1
             if with_ratio:
                 ratio = np.sqrt(max(test2, mean * mean))
                 tile["test_ratio"][j] = real(np.nan) if flags & SILENT else ratio
-        if with_sigma and worst > nothing:
+        if with_sigma and worst != 0:
             for lane in range(size):
                 doubt(tile["beyond"][start + lane], tile, unit, start + lane)
 
