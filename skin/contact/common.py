@@ -123,7 +123,8 @@ def _per_field(i, common):
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     outer_x, outer_y = x + law["film"][0], y + law["film"][1]
     outer = math.sqrt(outer_x * outer_x + outer_y * outer_y)
-    per_ut, wx, wy = outer / strength, bx / strength, by / strength
+    inverse = 1.0 / strength
+    per_ut, wx, wy = outer * inverse, bx * inverse, by * inverse
     if law["wavenumber"] > 0.0:
         c = max(math.cos(law["wavenumber"] * outer), CREST)
         along, upright = per_ut * (2.0 + c) / (3.0 * c), 0.0
@@ -132,19 +133,20 @@ def _per_field(i, common):
         c = bz * inverse
         narrow = per_ut * (2.0 + c) * (1.0 / 3.0)
         along, upright = narrow * c, -narrow * strength * inverse
-    radius = math.sqrt(x * x + y * y)
     stiffening = law["gain"] * depth + law["gain_offset"]
-    tangent = secant = stiffening * law["soft"]
-    if radius > law["knee"]:
+    square, knee = x * x + y * y, law["knee"]
+    secant, fxx, fxy, fyy = stiffening * law["soft"], 0.0, 0.0, 0.0
+    if square > knee * knee:
         stiffer = stiffening * law["stiffer"]
-        tangent += stiffer
-        secant += stiffer * (1.0 - law["knee"] / radius)
-    ux, uy = (x / radius, y / radius) if radius > 0.0 else (wx, wy)
+        bent = stiffer * knee / math.sqrt(square)
+        secant += stiffer - bent  # the slope is secant + bent along the displacement
+        bent /= square
+        fxx, fxy, fyy = bent * x * x, bent * x * y, bent * y * y
+    fxx += secant
+    fyy += secant
     # the displacement by the field, then the force by the displacement
     xx, xy = along * wx * wx + per_ut * wy * wy, (along - per_ut) * wx * wy
     yy = along * wy * wy + per_ut * wx * wx
-    more = tangent - secant
-    fxx, fxy, fyy = more * ux * ux + secant, more * ux * uy, more * uy * uy + secant
     return (
         fxx * xx + fxy * xy, fxx * xy + fxy * yy, upright * (fxx * wx + fxy * wy),
         fxy * xx + fyy * xy, fxy * xy + fyy * yy, upright * (fxy * wx + fyy * wy),
