@@ -207,7 +207,11 @@ def _spread(k, data):
             x = p * c[0, 0] + q * c[1, 0] + r * c[2, 0]
             y = p * c[0, 1] + q * c[1, 1] + r * c[2, 1]
             z = p * c[0, 2] + q * c[1, 2] + r * c[2, 2]
-            p, q, r = rest_ut2 * rest_gain[a, 0], rest_ut2 * rest_gain[a, 1], rest_ut2 * rest_gain[a, 2]
+            p, q, r = (
+                rest_ut2 * rest_gain[a, 0],
+                rest_ut2 * rest_gain[a, 1],
+                rest_ut2 * rest_gain[a, 2],
+            )
             for b in range(a, 6):
                 field = x * gain[b, 0] + y * gain[b, 1] + z * gain[b, 2]
                 rest = p * rest_gain[b, 0] + q * rest_gain[b, 1] + r * rest_gain[b, 2]
