@@ -13,7 +13,7 @@ from skin.contact.common import add_common, spread_common
 from skin.contact.path import walk
 from skin.contact.record import BORN, UNSEEN
 from skin.contact.shape import ROUND, arm, orient
-from skin.contact.sums import add_light, add_silence, add_total, add_units, clear
+from skin.contact.sums import add_light, add_silence, add_total, add_units, clear, prepare_light
 from skin.contact.unseen import add_unseen
 from skin.contact.wrench import centre, total_wrench
 
@@ -134,7 +134,7 @@ def describe_python(count, silent, model, data):
     end = 0
     for k in range(count + 2):
         clear(k, sums)
-    units.queue[:] = -1
+    prepare_light(units)
     data.common.gain[: count + 2] = 0.0
     for k in range(count):
         record = data.contacts[data.slots.present[k]]

@@ -12,11 +12,13 @@ from bus.compiled.jit import jitable
 from skin.contact.model import ADDED
 from skin.contact.record import BRIDGE, OUT, SILENT
 
-__all__ = ["add_light", "add_silence", "add_total", "add_units", "clear"]
+__all__ = ["add_light", "add_silence", "add_total", "add_units", "clear", "prepare_light"]
 
 ZERO3 = (0.0,) * 3
 ZERO6 = (0.0,) * 6
 ZERO21 = (0.0,) * 21
+OPEN_TO_ALL, TAKEN = -1, -2
+"""Of a unit beside contacts: in the sums of none yet; not to be counted."""
 
 
 @jitable(inline=True)
@@ -206,6 +208,14 @@ def add_total(count, sums):
 
 
 @jitable
+def prepare_light(units):
+    """Mark the units whose loads are light: heard, and in no contact."""
+    for i in range(units.queue.size):
+        light = (units.kind[i] == OUT) & (units.label[i] < 0)
+        units.queue[i] = OPEN_TO_ALL if light else TAKEN
+
+
+@jitable
 def _not_twice(i, reading, pose, s):
     """Take out of a total what a unit beside two contacts adds once too often."""
     load, variance = np.float64(reading.force[2, i]), np.float64(reading.force_sigma[2, i]) ** 2
@@ -222,7 +232,8 @@ def add_light(k, total, members, model, data):
     """Add to row k what the neighbours of units bear below the gate, each once: what they read,
     which is right but for noise, as none of them is chosen by its load.
 
-    `queue` holds the row that each unit was counted in last, -1 for none. Row `total`, to which all
+    `queue` holds the row that each unit was counted in last, `OPEN_TO_ALL` before the first, and
+    `TAKEN` of units that are no light ones. Row `total`, to which all
     rows are added later, is given what makes it count each unit once.
     """
     graph, units, reading, poses = model.graph, data.units, data.reading, model.geometry.pose
@@ -232,7 +243,8 @@ def add_light(k, total, members, model, data):
     for i in members:
         for at in range(graph.start[i], graph.start[i + 1]):
             j = graph.neighbour[at]
-            if units.kind[j] != OUT or units.label[j] >= 0 or units.queue[j] == k:
+            counted = units.queue[j]
+            if counted == TAKEN or counted == k:  # noqa: PLR1714
                 continue
             load, variance = np.float64(reading.force[2, j]), np.float64(reading.force_sigma[2, j])
             variance *= variance
@@ -243,7 +255,7 @@ def add_light(k, total, members, model, data):
             load_position = _plus3(load_position, load, position)
             variance_position = _plus3(variance_position, variance, position)
             variance_square = _plus_square3(variance_square, variance, position)
-            if units.queue[j] >= 0:
+            if counted >= 0:
                 _not_twice(j, reading, poses[j], data.sums.rows[total])
             units.queue[j] = k
     s = data.sums.rows[k]

@@ -82,8 +82,8 @@ def amplitude_variance(depth, sigma, unit, j):
 
 @jitable(inline=True)
 def anomaly(solid, z, radius, amplitude, inverse, missed, unit, j):
-    """S against M0 sin(k R), R from the angle: the miss and what a reading may miss, both squared and
-    relative; and the mean of the misses over their allowance, from `missed` on.
+    """S against M0 sin(k R), R from the angle: the miss and what a reading may miss, both squared
+    and relative; and the mean of the misses over their allowance, from `missed` on.
 
     At R = 0 this is Bz against the M0 that makes this R of this angle, so it is a check of the
     strength everywhere. Either M0 or its inverse is 1.
@@ -293,7 +293,7 @@ def anomaly_stage(parts: Parts) -> Callable:
         _, start, size = lanes_of(span)
         real = tile["force"].dtype.type
         nothing, one, two, three = real(0.0), real(1.0), real(2.0), real(3.0)
-        worst = 0
+        doubted = np.int16(0)
         for lane in range(size):
             j = start + lane
             depth, z = tile["displacement"][2, j], tile["read"][2, j]
@@ -321,11 +321,11 @@ def anomaly_stage(parts: Parts) -> Callable:
             flag[j] = flags if flags & SILENT else flags | found
             if with_sigma:
                 tile["beyond"][j] = max(miss2 - single2, nothing)
-                worst |= 1 if now else 0
+                doubted = np.int16(doubted | (MAGNETIC_ANOMALY if now else 0))
             if with_ratio:
                 ratio = np.sqrt(max(miss2 / single2, mean * mean))
                 tile["test_ratio"][j] = real(np.nan) if flags & SILENT else ratio
-        if with_sigma and worst != 0:
+        if with_sigma and doubted != 0:
             for lane in range(size):
                 doubt(tile["beyond"][start + lane], tile, unit, start + lane)
 

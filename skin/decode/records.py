@@ -103,8 +103,8 @@ COEFFICIENT_ROWS = {
 # temperature would stop as soon as its step is below half a unit in the last place.
 LAGS = ("last_temperature", "film_lag", "chip_lag")
 WATCHED = ("missed", "odd")
-"""Mean of the field's misses over what they may be; whether a reading by itself was beyond: 1 if the
-last one was, and 2 if the one before."""
+"""Mean of the field's misses over what they may be; whether a reading by itself was beyond: 1 if
+the last one was, and 2 if the one before."""
 HELD = ("temperature", "film_above", "chip_above", "temperature_sigma")
 """Of `TILE_ROWS`, where temperatures are held."""
 
