@@ -5,8 +5,8 @@ one vector for all units of a body, so that its part of their forces adds up as 
 square: with F = Σ F_i and F_i = F_i0 + J_i e, cov(F) = Σ cov(F_i0) + (Σ J_i) C (Σ J_i)'. So does
 the field in which Bz at rest was learnt: it is one vector, too, with the variance of knowing
 nothing, of which a unit feels what lies along its axis. The decoder has the variance of both in the
-sigma of each unit, as that of a lateral axis of its field (`Ambient.residue_ut2`); it is taken out
-of it here. For J_i, the field B of a film turns by k R from the chip's axis as the film
+sigma of each unit, as that of a lateral axis of its field (`Ambient.residue_ut2`); `add_wrenches`
+takes it out of it. For J_i, the field B of a film turns by k R from the chip's axis as the film
 is displaced by R; hence, along the lateral field and across it, with c = cos(k R) and s = sin(k R)
 as B has them,
 
@@ -58,6 +58,8 @@ class Common(NamedTuple):
     covariance_ut2: np.ndarray  # (g, 3, 3), float64: of the ambient field of each body
     residue_ut2: np.ndarray  # (n,): variance of a lateral axis by both, as in the sigma of a unit
     rest_ut2: np.ndarray  # (1,), float64: of an axis of the field that Bz at rest was learnt in
+    shared_n2: np.ndarray  # (2, n), float64: variance of the tangential forces of units in contact
+    # by both; scratch
     gain: np.ndarray  # (rows, 2 g, 6, 3), float64: wrench of a row of the sums per µT of the field
     # of each body, then of that which its Bz at rest was learnt in; scratch
 
@@ -66,7 +68,7 @@ def no_common(dtype: np.dtype | type) -> Common:
     """Nothing that units share."""
     return Common(
         np.zeros(0, LAW), np.zeros((3, 0), dtype), np.zeros((3, 0), dtype), np.zeros((0, 3, 3)),
-        np.zeros(0, dtype), np.zeros(1), np.zeros((0, 0, 6, 3)),
+        np.zeros(0, dtype), np.zeros(1), np.zeros((2, 0)), np.zeros((0, 0, 6, 3)),
     )  # fmt: skip
 
 
@@ -103,13 +105,14 @@ def common_field(
     law["wavenumber"] = p["field_wavenumber_rad_per_mm"] if by_strength else 0.0
     return Common(
         law, field_ut, displacement_mm, covariance_ut2, residue_ut2,
-        np.array([0.0 if by_strength else rest_ut2]), np.zeros((0, 0, 6, 3)),
+        np.array([0.0 if by_strength else rest_ut2]), np.zeros((2, topology.n)),
+        np.zeros((0, 0, 6, 3)),
     )  # fmt: skip
 
 
 @jitable
-def _per_field(i, common, j):
-    """Tangential force of a unit per µT of its field, into `j`, shape (2, 3); False if unknown."""
+def _per_field(i, common):
+    """Tangential force of a unit per µT of its field, two rows of three; zeros if unknown."""
     law = common.law[i]
     x, y = np.float64(common.displacement_mm[0, i]), np.float64(common.displacement_mm[1, i])
     depth = np.float64(common.displacement_mm[2, i])
@@ -117,76 +120,78 @@ def _per_field(i, common, j):
     bz = np.float64(common.field_ut[2, i])
     strength = math.sqrt(bx * bx + by * by)
     if not (strength > 0.0 and math.isfinite(x + y + depth)):
-        return False
+        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     outer_x, outer_y = x + law["film"][0], y + law["film"][1]
     outer = math.sqrt(outer_x * outer_x + outer_y * outer_y)
-    per_ut, wx, wy = outer / strength, bx / strength, by / strength
+    inverse = 1.0 / strength
+    per_ut, wx, wy = outer * inverse, bx * inverse, by * inverse
     if law["wavenumber"] > 0.0:
         c = max(math.cos(law["wavenumber"] * outer), CREST)
         along, upright = per_ut * (2.0 + c) / (3.0 * c), 0.0
     else:
-        whole = math.sqrt(strength * strength + bz * bz)
-        c = bz / whole
-        narrow = per_ut * (2.0 + c) / 3.0
-        along, upright = narrow * c, -narrow * strength / whole
-    radius = math.sqrt(x * x + y * y)
+        inverse = 1.0 / math.sqrt(strength * strength + bz * bz)
+        c = bz * inverse
+        narrow = per_ut * (2.0 + c) * (1.0 / 3.0)
+        along, upright = narrow * c, -narrow * strength * inverse
     stiffening = law["gain"] * depth + law["gain_offset"]
-    beyond = law["stiffer"] if radius > law["knee"] else 0.0
-    tangent = stiffening * (law["soft"] + beyond)
-    secant = stiffening * law["soft"]
-    if radius > law["knee"]:
-        secant += stiffening * law["stiffer"] * (1.0 - law["knee"] / radius)
-    ux, uy = (x / radius, y / radius) if radius > 0.0 else (wx, wy)
+    square, knee = x * x + y * y, law["knee"]
+    secant, fxx, fxy, fyy = stiffening * law["soft"], 0.0, 0.0, 0.0
+    if square > knee * knee:
+        stiffer = stiffening * law["stiffer"]
+        bent = stiffer * knee / math.sqrt(square)
+        secant += stiffer - bent  # the slope is secant + bent along the displacement
+        bent /= square
+        fxx, fxy, fyy = bent * x * x, bent * x * y, bent * y * y
+    fxx += secant
+    fyy += secant
     # the displacement by the field, then the force by the displacement
     xx, xy = along * wx * wx + per_ut * wy * wy, (along - per_ut) * wx * wy
     yy = along * wy * wy + per_ut * wx * wx
-    more = tangent - secant
-    for axis in range(2):
-        u = ux if axis == 0 else uy
-        fx, fy = more * u * ux, more * u * uy
-        fx += secant if axis == 0 else 0.0
-        fy += secant if axis == 1 else 0.0
-        j[axis, 0] = fx * xx + fy * xy
-        j[axis, 1] = fx * xy + fy * yy
-        j[axis, 2] = upright * (fx * wx + fy * wy)
-    return True
+    return (
+        fxx * xx + fxy * xy, fxx * xy + fxy * yy, upright * (fxx * wx + fxy * wy),
+        fxy * xx + fyy * xy, fxy * xy + fyy * yy, upright * (fxy * wx + fyy * wy),
+    )  # fmt: skip
 
 
 @jitable
-def add_common(k, units, data, poses):
-    """Add to the gain of row k what the units add, and take their part out of their variances.
+def add_common(k, units, common, poses):
+    """Add to the gain of row k what the units add, and note their part of their own variances.
 
-    A force along the axis a of a unit at p has the wrench (a, p × a).
+    A force f of a unit at p has the wrench (f, p × f).
     """
-    common, force_sigma = data.common, data.reading.force_sigma
-    triangle, j = data.sums.rows[k]["wrench_covariance"], data.scratch.first
-    screw = data.scratch.six
+    bodies = common.covariance_ut2.shape[0]
     for at in range(units.size):
         i = units[at]
-        if not _per_field(i, common, j):
-            continue
+        j00, j01, j02, j10, j11, j12 = _per_field(i, common)
         axes, g = common.law[i]["axes"], common.law[i]["body"]
-        gain = common.gain[k, g]
-        rest_gain = common.gain[k, g + common.covariance_ut2.shape[0]]
-        p, rotation = poses[i]["position"], poses[i]["rotation"]
-        for axis in range(2):
-            x, y, z = rotation[0, axis], rotation[1, axis], rotation[2, axis]
-            screw[0], screw[1], screw[2] = x, y, z
-            screw[3], screw[4] = p[1] * z - p[2] * y, p[2] * x - p[0] * z
-            screw[5] = p[0] * y - p[1] * x
-            for b in range(3):
-                upright = j[axis, 2] * axes[b, 2]
-                per_ut = j[axis, 0] * axes[b, 0] + j[axis, 1] * axes[b, 1] + upright
-                for a in range(6):
-                    gain[a, b] += per_ut * screw[a]
-                    rest_gain[a, b] += upright * screw[a]
-            shared = np.float64(common.residue_ut2[i]) * (j[axis, 0] ** 2 + j[axis, 1] ** 2)
-            shared = min(shared, np.float64(force_sigma[axis, i]) ** 2)
-            row = 0
-            for a in range(6):
-                for b in range(a, 6):
-                    triangle[row] -= shared * screw[a] * screw[b]
-                    row += 1
+        gain, rest_gain = common.gain[k, g], common.gain[k, g + bodies]
+        p, r = poses[i]["position"], poses[i]["rotation"]
+        px, py, pz = p[0], p[1], p[2]
+        ax, ay, az, bx, by, bz = r[0, 0], r[1, 0], r[2, 0], r[0, 1], r[1, 1], r[2, 1]
+        ux, uy, uz = ax * j02 + bx * j12, ay * j02 + by * j12, az * j02 + bz * j12
+        for b in range(3):
+            z = axes[b, 2]
+            x, y, z = ux * z, uy * z, uz * z
+            rest_gain[0, b] += x
+            rest_gain[1, b] += y
+            rest_gain[2, b] += z
+            rest_gain[3, b] += py * z - pz * y
+            rest_gain[4, b] += pz * x - px * z
+            rest_gain[5, b] += px * y - py * x
+            first = j00 * axes[b, 0] + j01 * axes[b, 1]
+            second = j10 * axes[b, 0] + j11 * axes[b, 1]
+            x += ax * first + bx * second
+            y += ay * first + by * second
+            z += az * first + bz * second
+            gain[0, b] += x
+            gain[1, b] += y
+            gain[2, b] += z
+            gain[3, b] += py * z - pz * y
+            gain[4, b] += pz * x - px * z
+            gain[5, b] += px * y - py * x
+        residue = np.float64(common.residue_ut2[i])
+        common.shared_n2[0, i] = residue * (j00 * j00 + j01 * j01)
+        common.shared_n2[1, i] = residue * (j10 * j10 + j11 * j11)
 
 
 @jitable
@@ -194,19 +199,23 @@ def _spread(k, data):
     """Add what the units of row k share to the covariance of its wrench: Σ G C G'."""
     common, triangle = data.common, data.sums.rows[k]["wrench_covariance"]
     bodies, rest_ut2 = common.covariance_ut2.shape[0], common.rest_ut2[0]
-    for g in range(2 * bodies):
-        gain, covariance = common.gain[k, g], common.covariance_ut2[g % bodies]
+    for g in range(bodies):
+        gain, rest_gain, c = common.gain[k, g], common.gain[k, g + bodies], common.covariance_ut2[g]
         row = 0
         for a in range(6):
-            x, y, z = rest_ut2 * gain[a, 0], rest_ut2 * gain[a, 1], rest_ut2 * gain[a, 2]
-            if g < bodies:
-                x = y = z = 0.0
-                for b in range(3):
-                    x += gain[a, b] * covariance[b, 0]
-                    y += gain[a, b] * covariance[b, 1]
-                    z += gain[a, b] * covariance[b, 2]
+            p, q, r = gain[a, 0], gain[a, 1], gain[a, 2]
+            x = p * c[0, 0] + q * c[1, 0] + r * c[2, 0]
+            y = p * c[0, 1] + q * c[1, 1] + r * c[2, 1]
+            z = p * c[0, 2] + q * c[1, 2] + r * c[2, 2]
+            p, q, r = (
+                rest_ut2 * rest_gain[a, 0],
+                rest_ut2 * rest_gain[a, 1],
+                rest_ut2 * rest_gain[a, 2],
+            )
             for b in range(a, 6):
-                triangle[row] += x * gain[b, 0] + y * gain[b, 1] + z * gain[b, 2]
+                field = x * gain[b, 0] + y * gain[b, 1] + z * gain[b, 2]
+                rest = p * rest_gain[b, 0] + q * rest_gain[b, 1] + r * rest_gain[b, 2]
+                triangle[row] += field + rest
                 row += 1
 
 

@@ -13,7 +13,7 @@ from skin.contact.common import add_common, spread_common
 from skin.contact.path import walk
 from skin.contact.record import BORN, UNSEEN
 from skin.contact.shape import ROUND, arm, orient
-from skin.contact.sums import add_light, add_silence, add_total, add_units, clear
+from skin.contact.sums import add_light, add_silence, add_total, add_units, clear, prepare_light
 from skin.contact.unseen import add_unseen
 from skin.contact.wrench import centre, total_wrench
 
@@ -106,11 +106,13 @@ def _forget(record):
 
 
 @jitable
-def _add(k, members, model, data):
-    """Add units to the sums of row k."""
-    add_units(members, data.reading, model.geometry.pose, data.sums.rows[k])
-    if data.common.law.size > 0:
-        add_common(k, members, data, model.geometry.pose)
+def _add(k, total, members, model, data):
+    """Add units to the sums of row k, and the light loads of those around them."""
+    poses, common = model.geometry.pose, data.common
+    if common.law.size > 0:
+        add_common(k, members, common, poses)
+    add_units(members, data.reading, poses, common.shared_n2, data.sums.rows[k])
+    add_light(k, total, members, model, data)
 
 
 @jitable(fastmath=REORDERED)
@@ -130,25 +132,20 @@ def describe_python(count, silent, model, data):
     (poses, origin), units, sums = model.geometry, data.units, data.sums
     load = data.reading.force[2]
     end = 0
-    for k in range(count + 1):
+    for k in range(count + 2):
         clear(k, sums)
+    prepare_light(units)
     data.common.gain[: count + 2] = 0.0
     for k in range(count):
         record = data.contacts[data.slots.present[k]]
         end = max(end, record["end"])
-        _add(k, units.members[record["begin"] : record["end"]], model, data)
+        _add(k, count + 1, units.members[record["begin"] : record["end"]], model, data)
     untracked_end = data.counters[0]["touching_units"]
     if untracked_end > end:
-        _add(count, units.members[end:untracked_end], model, data)
+        _add(count, count + 1, units.members[end:untracked_end], model, data)
     add_silence(count, units, model.graph, poses, sums)
     add_total(count + 1, sums)
     spread_common(count, data)
-    units.queue[:] = -1
-    for k in range(count):
-        record = data.contacts[data.slots.present[k]]
-        add_light(k, count + 1, units.members[record["begin"] : record["end"]], model, data)
-    if untracked_end > end:
-        add_light(count, count + 1, units.members[end:untracked_end], model, data)
     if silent > 0:
         add_unseen(count, model, data)
     for k in range(count):

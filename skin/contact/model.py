@@ -85,6 +85,11 @@ _ADDED = [
     ("warm_position", np.float64, (3,)),
     ("warm_temperature_position", np.float64, (3,)),
     ("warm_position_square", np.float64, (6,)),
+    ("light", np.float64),  # N, loads below the gate, of neighbours that are heard
+    ("light_position", np.float64, (3,)),
+    ("light_variance", np.float64),
+    ("light_variance_position", np.float64, (3,)),
+    ("light_variance_square", np.float64, (6,)),
 ]
 _NOT_ADDED = [
     ("peak", np.float64),  # Pa
@@ -94,11 +99,6 @@ _NOT_ADDED = [
     ("unseen", np.float64),  # N², of what silent units may bear
     ("unseen_position", np.float64, (3,)),
     ("unseen_square", np.float64, (6,)),
-    ("light", np.float64),  # N, loads below the gate, of neighbours that are heard
-    ("light_position", np.float64, (3,)),
-    ("light_variance", np.float64),
-    ("light_variance_position", np.float64, (3,)),
-    ("light_variance_square", np.float64, (6,)),
     ("step_variance", np.float64),  # m², of a step of the centre from one cycle to the next
     ("hidden", np.float64),  # 1 where such a unit makes the contact not whole
 ]

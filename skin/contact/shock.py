@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
+from bus.compiled.bound import Bound
 from bus.compiled.jit import compiled
 from skin.errors import SkinError
 
@@ -31,7 +34,7 @@ class ShockData(NamedTuple):
     """shape (s,), sum of the squares of the weights that samples have in this mean"""
 
 
-def shock_python(count, slots, events, force, sigma, gain, ratio, data):
+def shock_python(timing, slots, events, force, sigma, data):
     """Second differences of the force on each contact, and their smoothed square.
 
     The second difference of what a hand does is next to nothing at the rate of a bus; that of
@@ -40,20 +43,18 @@ def shock_python(count, slots, events, force, sigma, gain, ratio, data):
 
     Parameters
     ----------
-    count : int
-        Contacts.
+    timing : ndarray, shape (3,), float64
+        Number of contacts; gain of the low-pass, for the time since the sample before; this time
+        over the one before it.
     slots : ndarray, shape (s,), int32
         Records of the contacts.
     events : ndarray, shape (s,), int32
         `Event` of each record: one that is new, back, merged or split begins anew.
     force, sigma : ndarray, shape (s, 3)
         Newton, force on each record's contact and its one-sigma.
-    gain : float
-        Of the low-pass, for the time since the sample before.
-    ratio : float
-        This time over the one before it.
     data : ShockData
     """
+    count, gain, ratio = int(timing[0]), timing[1], timing[2]
     variance = 1.0 + (1.0 + ratio) ** 2 + ratio**2
     for k in range(count):
         slot = slots[k]
@@ -125,6 +126,7 @@ class Shocks:
             np.zeros(records), *np.zeros((2, records, 3)), *np.zeros((3, records))
         )
         self.impact, self.vibration = self._data.impact, self._data.vibration
+        self._timing = np.zeros(3)
         self.impact_limit = float(chdtri(3.0, chance))
         self._time_s, self._elapsed_s = time_s, 1.0 / rate_hz
         self._stamp_ns: int | None = None
@@ -140,13 +142,29 @@ class Shocks:
     ) -> None:  # fmt: skip
         """Take the next cycle, as long after the one before as that after its own if no time is
         given; arrays as `shock_python` describes them."""
+        self._take(
+            functools.partial(shock, *self._inputs(slots, events, force, sigma)), count, stamp_ns
+        )
+
+    def bind(
+        self, slots: np.ndarray, events: np.ndarray, force: np.ndarray, sigma: np.ndarray
+    ) -> Callable[[int, int | None], None]:
+        """`update` on arrays that stay the same: takes the number of contacts and the time."""
+        call = Bound(shock, *self._inputs(slots, events, force, sigma))
+        return functools.partial(self._take, call)
+
+    def _inputs(self, *arrays: np.ndarray) -> tuple:
+        return self._timing, *arrays, self._data
+
+    def _take(self, call: Callable[[], None], count: int, stamp_ns: int | None) -> None:
         before_s = self._elapsed_s
         if stamp_ns is not None:
             if self._stamp_ns is not None:
                 self._elapsed_s = 1e-9 * (stamp_ns - self._stamp_ns)
             self._stamp_ns = stamp_ns
         gain = 1.0 - math.exp(-self._elapsed_s / self._time_s)
-        shock(count, slots, events, force, sigma, gain, self._elapsed_s / before_s, self._data)
+        self._timing[:] = count, gain, self._elapsed_s / before_s
+        call()
 
     @property
     def told(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -196,10 +196,6 @@ class ContactStream:
         self._now_ns = self.data.clock["now_ns"]
         self.bound: Bound | None = None
         self._found: list[Contact] = []
-        self._shock_inputs = (
-            self.data.slots.present, self.records["event"], self.records["wrench"][:, :3],
-            self.records["wrench_sigma"][:, :3],
-        )  # fmt: skip
         self.records[-1:] = UNTOUCHED
 
     @property
@@ -353,6 +349,13 @@ class ContactStream:
         raise TypeError("a ContactStream cannot be copied or pickled: its kernel knows addresses")
 
     @cached_property
+    def _follow_shocks(self) -> Callable[[int, int], None]:
+        """What follows shocks on this stream's arrays."""
+        assert self.shocks is not None
+        wrench, sigma = self.records["wrench"][:, :3], self.records["wrench_sigma"][:, :3]
+        return self.shocks.bind(self.data.slots.present, self.records["event"], wrench, sigma)
+
+    @cached_property
     def _step(self) -> Bound:
         """The kernel on this stream's own arrays."""
         return self._bound(self.data.reading)
@@ -379,7 +382,7 @@ class ContactStream:
             self._renew(count, stamp_ns)
         found = self._found
         if found and self.shocks is not None:
-            self.shocks.update(len(found), *self._shock_inputs, stamp_ns)
+            self._follow_shocks(len(found), stamp_ns)
         return found
 
     def resume(self) -> None:

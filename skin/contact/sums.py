@@ -12,11 +12,13 @@ from bus.compiled.jit import jitable
 from skin.contact.model import ADDED
 from skin.contact.record import BRIDGE, OUT, SILENT
 
-__all__ = ["add_light", "add_silence", "add_total", "add_units", "clear"]
+__all__ = ["add_light", "add_silence", "add_total", "add_units", "clear", "prepare_light"]
 
 ZERO3 = (0.0,) * 3
 ZERO6 = (0.0,) * 6
 ZERO21 = (0.0,) * 21
+OPEN_TO_ALL, TAKEN = -1, -2
+"""Of a unit beside contacts: in the sums of none yet; not to be counted."""
 
 
 @jitable(inline=True)
@@ -117,12 +119,13 @@ def _add_loads(units, reading, poses, s):
 
 
 @jitable
-def _add_wrenches(units, reading, poses, s):
-    """Add the units' wrenches about the middle of the array, and their covariances.
+def _add_wrenches(units, reading, poses, shared_n2, s):
+    """Add the units' wrenches about the middle of the array, and their covariances, by what is not
+    shared.
 
     A force along the axis a of a unit at p has the wrench (a, p × a).
     """
-    wrench, covariance = ZERO6, ZERO21
+    wrench, covariance, shares = ZERO6, ZERO21, shared_n2.size > 0
     for j in range(units.size):
         i = units[j]
         place, rotation = poses[i]["position"], poses[i]["rotation"]
@@ -132,6 +135,8 @@ def _add_wrenches(units, reading, poses, s):
             screw = x, y, z, py * z - pz * y, pz * x - px * z, px * y - py * x
             wrench = _plus6(wrench, np.float64(reading.force[axis, i]), screw)
             variance = np.float64(reading.force_sigma[axis, i]) ** 2
+            if axis < 2 and shares:
+                variance = max(variance - shared_n2[axis, i], 0.0)
             covariance = _plus_square6(covariance, variance, screw)
     _store(wrench, s["wrench"])
     _store(covariance, s["wrench_covariance"])
@@ -160,7 +165,7 @@ def _add_temperatures(units, temperature, poses, s):
 
 
 @jitable
-def add_units(units, reading, poses, s):
+def add_units(units, reading, poses, shared_n2, s):
     """Add units to the sums of a contact.
 
     Parameters
@@ -168,10 +173,12 @@ def add_units(units, reading, poses, s):
     units : ndarray, int32
     reading : Readings
     poses : ndarray, shape (n,), POSE
+    shared_n2 : ndarray, shape (2, n)
+        Variance of the tangential forces by what units share; empty without.
     s : SUMS
     """
     _add_loads(units, reading, poses, s)
-    _add_wrenches(units, reading, poses, s)
+    _add_wrenches(units, reading, poses, shared_n2, s)
     if reading.given[0]["temperature"]:
         _add_temperatures(units, reading.temperature, poses, s)
 
@@ -186,8 +193,7 @@ def clear(k, sums):
 
 @jitable
 def add_total(count, sums):
-    """Add up the first `count` rows in the row after them."""
-    clear(count, sums)
+    """Add the first `count` rows to the row after them."""
     total = sums.rows[count]
     for k in range(count):
         s = sums.rows[k]
@@ -202,37 +208,62 @@ def add_total(count, sums):
 
 
 @jitable
-def _add_light(i, reading, pose, s):
+def prepare_light(units):
+    """Mark the units whose loads are light: heard, and in no contact."""
+    for i in range(units.queue.size):
+        light = (units.kind[i] == OUT) & (units.label[i] < 0)
+        units.queue[i] = OPEN_TO_ALL if light else TAKEN
+
+
+@jitable
+def _not_twice(i, reading, pose, s):
+    """Take out of a total what a unit beside two contacts adds once too often."""
     load, variance = np.float64(reading.force[2, i]), np.float64(reading.force_sigma[2, i]) ** 2
-    p = pose["position"]
-    s["light"] += load
-    s["light_variance"] += variance
-    row = 0
-    for a in range(3):
-        s["light_position"][a] += load * p[a]
-        s["light_variance_position"][a] += variance * p[a]
-        for b in range(a, 3):
-            s["light_variance_square"][row] += variance * p[a] * p[b]
-            row += 1
+    position = pose["position"][0], pose["position"][1], pose["position"][2]
+    s["light"] -= load
+    s["light_variance"] -= variance
+    _store(_plus3(ZERO3, -load, position), s["light_position"])
+    _store(_plus3(ZERO3, -variance, position), s["light_variance_position"])
+    _store(_plus_square3(ZERO6, -variance, position), s["light_variance_square"])
 
 
 @jitable
 def add_light(k, total, members, model, data):
-    """Add what the neighbours of units bear below the gate, to row k and to that of the total, each
-    once: what they read, which is right but for noise, as none of them is chosen by its load.
+    """Add to row k what the neighbours of units bear below the gate, each once: what they read,
+    which is right but for noise, as none of them is chosen by its load.
 
-    `queue` holds the row that each unit was counted in last, -1 for none.
+    `queue` holds the row that each unit was counted in last, `OPEN_TO_ALL` before the first, and
+    `TAKEN` of units that are no light ones. Row `total`, to which all
+    rows are added later, is given what makes it count each unit once.
     """
-    graph, units, rows, poses = model.graph, data.units, data.sums.rows, model.geometry.pose
+    graph, units, reading, poses = model.graph, data.units, data.reading, model.geometry.pose
+    load_sum = variance_sum = 0.0
+    load_position = variance_position = ZERO3
+    variance_square = ZERO6
     for i in members:
         for at in range(graph.start[i], graph.start[i + 1]):
             j = graph.neighbour[at]
-            if units.kind[j] != OUT or units.label[j] >= 0 or units.queue[j] == k:
+            counted = units.queue[j]
+            if counted == TAKEN or counted == k:  # noqa: PLR1714
                 continue
-            _add_light(j, data.reading, poses[j], rows[k])
-            if units.queue[j] < 0:
-                _add_light(j, data.reading, poses[j], rows[total])
+            load, variance = np.float64(reading.force[2, j]), np.float64(reading.force_sigma[2, j])
+            variance *= variance
+            place = poses[j]["position"]
+            position = place[0], place[1], place[2]
+            load_sum += load
+            variance_sum += variance
+            load_position = _plus3(load_position, load, position)
+            variance_position = _plus3(variance_position, variance, position)
+            variance_square = _plus_square3(variance_square, variance, position)
+            if counted >= 0:
+                _not_twice(j, reading, poses[j], data.sums.rows[total])
             units.queue[j] = k
+    s = data.sums.rows[k]
+    s["light"] += load_sum
+    s["light_variance"] += variance_sum
+    _store(load_position, s["light_position"])
+    _store(variance_position, s["light_variance_position"])
+    _store(variance_square, s["light_variance_square"])
 
 
 @jitable

@@ -36,11 +36,17 @@ def remember(model, data):
     load, sigma = data.reading.force[last], data.reading.force_sigma[last]
     silent = 0
     for i in range(load.size):
-        if units.kind[i] <= OPEN:
-            data.borne[i] = max(np.float64(load[i]), keep_sigma * np.float64(sigma[i]))
-            units.pressed[i] = units.label[i] >= 0
-        else:
-            silent += geometry.pose[i]["feels"] > 0.0
+        heard = units.kind[i] <= OPEN
+        most = max(np.float64(load[i]), keep_sigma * np.float64(sigma[i]))
+        data.borne[i] = most if heard else data.borne[i]
+        silent += 0 if heard else 1
+    for i in range(load.size):
+        pressed = units.label[i] >= 0
+        units.pressed[i] = pressed if units.kind[i] <= OPEN else units.pressed[i]
+    if silent > 0:
+        silent = 0
+        for i in range(load.size):
+            silent += units.kind[i] > OPEN and geometry.pose[i]["feels"] > 0.0
     return silent
 
 

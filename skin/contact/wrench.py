@@ -102,13 +102,6 @@ def _no_centre(record):
 
 
 @jitable
-def _square(variance, position, square, about, row, a, b):
-    """Entry of Σ σ² (p - c) (p - c)', with about = -c."""
-    spread = square[row] + about[a] * position[b] + about[b] * position[a]
-    return spread + about[a] * about[b] * variance
-
-
-@jitable
 def _face(square, extent2):
     """Variance, along an axis, of where the load acts in the faces of the units, m².
 
@@ -126,23 +119,26 @@ def _face(square, extent2):
 
 
 @jitable
-def _centre_covariance(s, about, load, record):
+def _centre_covariance(s, about, load, record, scratch):
     """First order: of the noise of the loads and of what is not seen, Σ σ² (p - c) (p - c)' /
     load², and of where in the faces they act."""
     covariance, axes, extent = record["centroid_covariance"], record["axes"], record["extent"]
     face = s["area"] / s["units"]
     first, second = _face(face, extent[0] ** 2), _face(face, extent[1] ** 2)
-    noise, light, unseen = s["load_variance"], s["light_variance"], s["unseen"]
-    row = 0
+    variance = s["load_variance"] + s["light_variance"] + s["unseen"]
+    position, square = scratch.vectors[0], scratch.six
+    for a in range(3):
+        position[a] = (
+            s["variance_position"][a] + s["light_variance_position"][a] + s["unseen_position"][a]
+        )
+    for row in range(6):
+        square[row] = s["variance_position_square"][row] + s["light_variance_square"][row]
+        square[row] += s["unseen_square"][row]
+    row, inverse2 = 0, 1.0 / (load * load)
     for a in range(3):
         for b in range(a, 3):
-            position, square = s["variance_position"], s["variance_position_square"]
-            spread = _square(noise, position, square, about, row, a, b)
-            position, square = s["light_variance_position"], s["light_variance_square"]
-            spread += _square(light, position, square, about, row, a, b)
-            position, square = s["unseen_position"], s["unseen_square"]
-            spread += _square(unseen, position, square, about, row, a, b)
-            spread /= load * load
+            spread = square[row] + about[a] * position[b] + about[b] * position[a]
+            spread = (spread + about[a] * about[b] * variance) * inverse2
             if a == b:
                 spread = max(spread, 0.0)
                 s["step_variance"] += spread
@@ -153,14 +149,14 @@ def _centre_covariance(s, about, load, record):
 
 
 @jitable
-def _counting_light(s, record, origin, about):
+def _counting_light(s, record, origin, about, scratch):
     """Centre of pressure, with the loads below the gate that lie beside: c + Σ l (p - c) / load,
     whose load is that of all of them, or that of the contact where noise makes it less."""
     load = max(s["load"], s["load"] + s["light"])
     for a in range(3):
         about[a] -= (s["light_position"][a] + s["light"] * about[a]) / load
         record["centroid"][a] = origin[a] - about[a]
-    _centre_covariance(s, about, load, record)
+    _centre_covariance(s, about, load, record, scratch)
 
 
 @jitable
@@ -196,7 +192,7 @@ def centre(s, record, origin, scratch):
             variance += normal[a] * covariance[a, b] * normal[b]
     record["torsion"] = torsion
     record["torsion_sigma"] = np.sqrt(max(variance, 0.0))
-    _counting_light(s, record, origin, about)
+    _counting_light(s, record, origin, about, scratch)
 
 
 @overload

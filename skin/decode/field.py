@@ -82,9 +82,8 @@ def amplitude_variance(depth, sigma, unit, j):
 
 @jitable(inline=True)
 def anomaly(solid, z, radius, amplitude, inverse, missed, unit, j):
-    """S against M0 sin(k R), R from the angle: the miss and what of it a reading may not have, both
-    squared and relative; the squared test ratio of this reading; and the mean of the misses over
-    their allowance, from `missed` on.
+    """S against M0 sin(k R), R from the angle: the miss and what a reading may miss, both squared
+    and relative; and the mean of the misses over their allowance, from `missed` on.
 
     At R = 0 this is Bz against the M0 that makes this R of this angle, so it is a check of the
     strength everywhere. Either M0 or its inverse is 1.
@@ -106,12 +105,9 @@ def anomaly(solid, z, radius, amplitude, inverse, missed, unit, j):
     weak = ratio * ratio * model * each
     single2 = unit["anomaly_share"][j] + unit["anomaly_field"][j] * weak
     mean2 = unit["miss_share"][j] + unit["miss_field"][j] * weak
-    scale = one / (single2 * mean2)
     miss2 = miss * miss
-    test2 = miss2 * mean2 * scale
-    ratio = miss * np.sqrt(single2 * scale)
-    mean = missed + unit["miss_step"][j] * (ratio - missed) if test2 <= one else missed
-    return max(miss2 - single2, real(0.0)), test2, mean
+    mean = missed + unit["miss_step"][j] * (miss / np.sqrt(mean2) - missed)
+    return miss2, single2, mean if miss2 <= single2 else missed
 
 
 @jitable(inline=True)
@@ -296,8 +292,8 @@ def anomaly_stage(parts: Parts) -> Callable:
         assume_noalias()
         _, start, size = lanes_of(span)
         real = tile["force"].dtype.type
-        one, nothing = real(1.0), real(0.0)
-        worst = nothing
+        nothing, one, two, three = real(0.0), real(1.0), real(2.0), real(3.0)
+        doubted = np.int16(0)
         for lane in range(size):
             j = start + lane
             depth, z = tile["displacement"][2, j], tile["read"][2, j]
@@ -306,28 +302,30 @@ def anomaly_stage(parts: Parts) -> Callable:
             if with_angle:
                 amplitude = tile["gain"][j] * tile["amplitude"][j]
                 radius = tile["radius"][j]
-                beyond2, test2, mean = anomaly(solid, z, radius, amplitude, one, missed, unit, j)
+                miss2, single2, mean = anomaly(solid, z, radius, amplitude, one, missed, unit, j)
             else:
                 other, _, _, _, _ = by_angle(solid, z, one, depth, one, unit, j)  # R alone
-                beyond2, test2, mean = anomaly(
+                miss2, single2, mean = anomaly(
                     solid, z, other, one, tile["inverse"][j], missed, unit, j
                 )
-            flags = flag[j]
+            flags, odd = flag[j], state["odd"][j]
             counts = flags & INVALID == 0
-            odd = nothing if test2 <= one else one
-            before = state["odd"][j] if advance else state["odd_before"][j]
-            lies = (odd * before != nothing) | (not mean * mean <= one)
+            last = (odd == one) | (odd == three)
+            before = last if advance else odd >= two
+            now = not miss2 <= single2
+            lies = (now & before) | (not mean * mean <= one)
             state["missed"][j] = mean if advance & counts else missed
-            state["odd_before"][j] = before if counts else state["odd_before"][j]
-            state["odd"][j] = odd if counts else state["odd"][j]
+            seen = (one if now else nothing) + (two if before else nothing)
+            state["odd"][j] = seen if counts else odd
             found = MAGNETIC_ANOMALY if lies else 0
             flag[j] = flags if flags & SILENT else flags | found
-            tile["beyond"][j] = beyond2
-            worst = max(worst, beyond2)
+            if with_sigma:
+                tile["beyond"][j] = max(miss2 - single2, nothing)
+                doubted = np.int16(doubted | (MAGNETIC_ANOMALY if now else 0))
             if with_ratio:
-                ratio = np.sqrt(max(test2, mean * mean))
+                ratio = np.sqrt(max(miss2 / single2, mean * mean))
                 tile["test_ratio"][j] = real(np.nan) if flags & SILENT else ratio
-        if with_sigma and worst > nothing:
+        if with_sigma and doubted != 0:
             for lane in range(size):
                 doubt(tile["beyond"][start + lane], tile, unit, start + lane)
 

@@ -102,9 +102,9 @@ COEFFICIENT_ROWS = {
 # Kept as lag behind the gel, not as a temperature: a float32 lag goes on shrinking where a float32
 # temperature would stop as soon as its step is below half a unit in the last place.
 LAGS = ("last_temperature", "film_lag", "chip_lag")
-WATCHED = ("missed", "odd", "odd_before")
-"""Mean of the field's misses over what they may be; whether a reading by itself was beyond, 1 or 0:
-the last one, and the one before."""
+WATCHED = ("missed", "odd")
+"""Mean of the field's misses over what they may be; whether a reading by itself was beyond: 1 if
+the last one was, and 2 if the one before."""
 HELD = ("temperature", "film_above", "chip_above", "temperature_sigma")
 """Of `TILE_ROWS`, where temperatures are held."""
 
