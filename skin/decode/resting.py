@@ -87,7 +87,7 @@ class FilmsSeen:
 
     def __init__(self, topology: Topology, stencil: Stencil) -> None:
         self._stencil = stencil
-        apart = with_films_apart(topology)
+        separated = with_films_apart(topology)
         shape, covariance = films_as_made()
         p, film = topology.parameters, load_film_table().film
         share = float(p["stray_sigma_relative"].mean()) / AS_MADE
@@ -97,7 +97,7 @@ class FilmsSeen:
         strength2 = p["field_amplitude_sigma_relative"] ** 2 + STRENGTH**2
         n = topology.n
         self._rest, slopes, self._noise_ut2 = np.zeros((n, ORDERS)), np.zeros((n, 3)), np.zeros(n)
-        for at, by, points, turn in films_seen(apart):
+        for at, by, points, turn in films_seen(separated):
             poles = np.einsum("cm,kcm->mk", turn[2], multipole_field(points))
             field = poles @ shape
             slope = np.empty((3, at.size))
@@ -106,13 +106,13 @@ class FilmsSeen:
                 moved_ut = np.einsum("cm,kcm,k->m", turn[2], moved, shape)
                 slope[axis] = (moved_ut - field) / STEP_MM
             np.add.at(self._rest, at, poles)
-            np.add.at(slopes, at, np.einsum("abm,bm->ma", apart.rotation[:, :, by], slope))
+            np.add.at(slopes, at, np.einsum("abm,bm->ma", separated.rotation[:, :, by], slope))
             noise = strength2[by] * field**2 + place2[by] * np.sum(slope**2, axis=0)
             self._noise_ut2 += np.bincount(at, noise, minlength=n)
         self._noise_ut2 += place2 * np.sum(slopes**2, axis=1)
-        far_ut = field_at_rest(apart) - field_at_rest(apart, NEAR_M)  # of dipoles
+        far_ut = field_at_rest(separated) - field_at_rest(separated, NEAR_M)  # of dipoles
         self._rest[:, 0] += far_ut[2] / shape[0]
-        self._moving = _moving(apart)
+        self._moving = _moving(separated)
         self._ambient = CHIP_AXES[2] * topology.rotation[:, 2].T
 
     def share2(self, topology: Topology) -> np.ndarray:

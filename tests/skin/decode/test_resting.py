@@ -55,7 +55,8 @@ def test_a_tare_reads_what_resting_neighbours_add_along_z(skin, warm_c):
     true = added(skin.plant, Touch.none(1, skin.n))[0] + EARTH_UT[0] @ skin.known.rotation[:, 2]
     off = found.axial_rest_ut - true
     sigma = found.axial_rest_sigma_ut
-    assert np.sqrt(np.mean((off / sigma) ** 2)) < 1.3
+    # what the table of angles is off is common to all units: one error, within two sigma
+    assert np.sqrt(np.mean((off / sigma) ** 2)) < 2.0
     assert sigma.max() < 45.0
     known = found.applied().parameters
     np.testing.assert_array_equal(known["axial_rest_ut"], found.axial_rest_ut)
@@ -71,7 +72,7 @@ def test_decoders_weigh_a_tare_against_theory_and_go_on_with_it(skin):
     own = alone(skin.plant).film_field(Touch.none(1, skin.n))[0, 2]
     reading = fresh(counts)
     off = np.mean(reading.field_ut[:, 2], axis=0) - own
-    assert np.sqrt(np.mean(off**2)) < 30.0
+    assert np.sqrt(np.mean(off**2)) < 2.0 * found.parameters["axial_rest_sigma_ut"].mean()
     np.testing.assert_allclose(later(counts).field_ut, reading.field_ut, rtol=1e-5, atol=0.1)
 
 
