@@ -253,6 +253,15 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     hall_offset_z_ut: Annotated[
         float, _doc("Offset of Bz at the reference temperature [calibrated]", ge=-1e6, le=1e6)
     ] = 0.0
+    axial_rest_ut: Annotated[
+        float,
+        _doc(
+            "Bz of the untouched unit in its place beyond offset and own film: what neighbours at "
+            "rest and the ambient field of a tare add [calibrated]",
+            ge=-1e6,
+            le=1e6,
+        ),
+    ] = 0.0
     hall_drift_x_ut_per_k: Annotated[
         float, _doc("Drift of the Bx offset [calibrated]", ge=-1e4, le=1e4)
     ] = 0.0
@@ -315,6 +324,10 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
             le=1e6,
         ),
     ] = 87.0
+    axial_rest_sigma_ut: Annotated[
+        float,
+        _doc("Of axial_rest_ut; 0 where no tare has measured it [calibrated]", ge=0, le=1e6),
+    ] = 0.0
     field_angle_sigma_mm: Annotated[
         float,
         _doc(

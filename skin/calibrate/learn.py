@@ -25,8 +25,8 @@ import numpy as np
 from skin.calibrate.stray_model import AMBIENT, AXES, EACH, StrayModel
 from skin.calibrate.tare import Tare
 from skin.errors import ScanError, SkinError
-from skin.physics.multipoles import ORDERS, films_as_made
-from skin.physics.rest import axial_at_rest_ut
+from skin.physics.multipoles import ORDERS, STRENGTH, films_as_made
+from skin.physics.rest import axial_at_rest_ut, axial_sigma_ut
 from skin.physics.stencil import Stencil
 from skin.physics.stray import monomials, scan_poses
 from topology import Topology
@@ -35,11 +35,6 @@ __all__ = ["MOST_UNITS", "StrayEstimate"]
 
 MOST_UNITS = 256
 """The covariance of all units is held in one matrix; that of these takes 43 MB."""
-AXIAL_SHARE = 0.005
-"""By which the own field at rest differs from what the table of angles makes of it [derived: the
-fit of a film of another shape, `python -m benchmarks films`]."""
-STRENGTH = 0.02
-"""One sigma of a film's stray field over its own, from film to film [assumed]."""
 AMBIENT_UT = 50.0
 """One sigma of an axis of the ambient field while a skin is tared [derived: the Earth's]."""
 OUTLIER = 3.0
@@ -253,9 +248,7 @@ class StrayEstimate:
         up_ut = axial_at_rest_ut(self.topology)
         field = np.vstack([found.offset_ut - known, found.axial_ut - up_ut]) + found.rest_ut
         lateral = np.hypot(p["field_sigma_ut"], found.offset_sigma_ut)
-        relative = np.hypot(p["field_amplitude_sigma_relative"], AXIAL_SHARE)
-        axial = np.hypot(lateral.max(axis=0), relative * up_ut)
-        sigma = np.vstack([lateral, axial])
+        sigma = np.vstack([lateral, axial_sigma_ut(self.topology, lateral.max(axis=0))])
         self.rest(np.where(found.taken & (sigma > 0.0), field, np.nan), sigma)
         first = ORDERS + AXES + EACH * np.arange(self.topology.n) + EACH - AXES
         noise = np.where(found.taken, found.offset_sigma_ut.max(axis=0), 0.0) ** 2

@@ -11,7 +11,9 @@ What resting neighbours add is left out: decoders take it off themselves, by mag
 the stencil that they are given.
 
 Bz at rest is no offset: its size tells the displacement (R from the angle of the field), and the
-bench has measured it. It is told beside the others, and left as it is.
+bench has measured that of the film. What a unit reads beside that is of its neighbours at rest and
+of the ambient field: it is kept as `axial_rest_ut`, with its sigma, and decoders weigh it against
+what they know of the neighbours.
 """
 
 from __future__ import annotations
@@ -57,6 +59,8 @@ class Tare:
         Of Bx and By at the chip's reference temperature.
     axial_ut : ndarray, shape (n,)
         Bz at rest, less its offset; told, not tared. NaN where the wire does not carry it.
+    axial_rest_ut, axial_rest_sigma_ut : ndarray, shape (n,)
+        Of it what neighbours and the ambient field add, at reference temperatures; likewise.
     cycles : ndarray, shape (n,), int
         Good readings of each unit.
     rest_ut : ndarray, shape (3, n)
@@ -71,6 +75,8 @@ class Tare:
     offset_ut: np.ndarray
     offset_sigma_ut: np.ndarray
     axial_ut: np.ndarray
+    axial_rest_ut: np.ndarray
+    axial_rest_sigma_ut: np.ndarray
     cycles: np.ndarray
     rest_ut: np.ndarray
 
@@ -115,9 +121,11 @@ class Tare:
         zeros = {
             "frequency_rest_hz": self.frequency_hz, "frequency_sigma_hz": self.frequency_sigma_hz,
             "hall_offset_x_ut": self.offset_ut[0], "hall_offset_y_ut": self.offset_ut[1],
-            "field_sigma_ut": sigma,
+            "field_sigma_ut": sigma, "axial_rest_ut": self.axial_rest_ut,
+            "axial_rest_sigma_ut": self.axial_rest_sigma_ut,
         }  # fmt: skip
-        changed = {name: np.where(self.taken, new, p[name]) for name, new in zeros.items()}
+        changed = {name: np.where(self.taken & np.isfinite(new), new, p[name])
+                   for name, new in zeros.items()}  # fmt: skip
         return dataclasses.replace(
             self.topology, parameters={**p, **changed}, tared=self.topology.tared | self.taken
         )
@@ -172,6 +180,9 @@ class Tare:
             "hall_offset_y_ut": (self.offset_ut[1, i], self.offset_sigma_ut[1, i]),
             "field_sigma_ut": (max(*left_ut, 0.0, self.offset_sigma_ut[:, i].max()), np.nan),
         }
+        if np.isfinite(self.axial_rest_ut[i]):
+            axial = self.axial_rest_ut[i], self.axial_rest_sigma_ut[i]
+            values |= {"axial_rest_ut": axial, "axial_rest_sigma_ut": (axial[1], np.nan)}
         return as_fit(values, int(self.cycles[i]))
 
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from bus.status import INVALID, Status
-from skin.physics.rest import film_at_rest_ut, inverse_map
-from topology import CHANNELS, Topology
+from skin.physics.rest import axial_at_rest_ut, axial_sigma_ut, film_at_rest_ut, inverse_map
+from topology import CHANNELS, Topology, UnitModel
 from topology.gel import gel_temperature
 
 __all__ = ["LEAST_CYCLES", "Look", "Readings", "Zeros"]
@@ -51,6 +52,8 @@ class Zeros(NamedTuple):
     offset_ut: np.ndarray
     offset_sigma_ut: np.ndarray
     axial_ut: np.ndarray
+    axial_rest_ut: np.ndarray
+    axial_rest_sigma_ut: np.ndarray
     cycles: np.ndarray
 
 
@@ -85,7 +88,9 @@ class Readings:
             self._room_ut = np.minimum(self._room_ut, _spread_ut(topology, expected_ut))
         self._own_ut = np.einsum("abn,bn->an", inverse_map(topology), film_at_rest_ut(topology)[:2])
         self._mean, self._sigma = np.full((2, len(CHANNELS), topology.n), np.nan)
+        self._own_axial_ut = axial_at_rest_ut(topology)
         self._offset_ut = np.full((3, topology.n), np.nan)
+        self._axial_rest_ut = np.full(topology.n, np.nan)
         self._cycles = np.zeros(topology.n, int)
 
     def look(self, i: int) -> Look:
@@ -99,6 +104,8 @@ class Readings:
             return Look([few], False)
         self._mean[:, i], self._sigma[:, i], self._cycles[i] = unit.mean, unit.sigma, unit.count
         self._offset_ut[:, i] = unit.offsets(self._own_ut[:, i])
+        beyond = self._offset_ut[2, i] - unit.p["hall_offset_z_ut"]
+        self._axial_rest_ut[i] = beyond / unit.gain - self._own_axial_ut[i]
         pressed = [*unit.moves(), *unit.loaded(self._there_ut[:, i], self._room_ut[i])]
         return Look([*pressed, *unit.faults()], bool(pressed))
 
@@ -114,10 +121,28 @@ class Readings:
             np.where(taken, each, np.nan) for each in (self._mean, self._sigma, self._offset_ut)
         )
         axial = offset[2] - topology.parameters["hall_offset_z_ut"] - rest[2]
+        seen = taken & topology.wired[BZ]
         return Zeros(
             mean[FREQUENCY], sigma[FREQUENCY], offset[:2] - rest[:2], sigma[BX : BY + 1],
-            np.where(topology.wired[BZ], axial, np.nan), np.where(taken, self._cycles, 0),
+            np.where(topology.wired[BZ], axial, np.nan),
+            np.where(seen, self._axial_rest_ut, np.nan),
+            np.where(seen, self._axial_sigma_ut(mean, sigma), np.nan),
+            np.where(taken, self._cycles, 0),
         )  # fmt: skip
+
+    def _axial_sigma_ut(self, mean: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+        """One-sigma of `Zeros.axial_rest_ut`, shape (n,): of the unit itself, of the mean, and of a
+        press for which the change of the frequency at rest may stand; that of an earlier tare at
+        least, which has moved the frequency as well."""
+        topology, p = self.topology, self.topology.parameters
+        # a tare leaves no spread of offsets in the sigma, and Bz keeps its own
+        spread = UnitModel().field_sigma_ut
+        offset = np.where(topology.calibrated, 0.0, spread)
+        own = axial_sigma_ut(topology, np.maximum(p["field_sigma_ut"], offset))
+        moved_mm = (mean[FREQUENCY] - p["frequency_rest_hz"]) / p["frequency_slope_hz_per_mm"]
+        pressed = self._own_axial_ut * p["field_growth_per_mm"] * moved_mm
+        found = np.sqrt(own**2 + sigma[BZ] ** 2 + pressed**2)
+        return np.maximum(found, p["axial_rest_sigma_ut"])
 
 
 def _spread_ut(topology: Topology, rest_ut: np.ndarray) -> np.ndarray:
@@ -161,13 +186,24 @@ class _Unit:
         """Mean field at the chip's reference temperature, shape (3,), without the lateral one of
         the film itself, shape (2,)."""
         p = self.p
-        told = [self.temperature(channel) for channel in (CHIP, GEL) if self.wired[channel]]
-        chip, film = (told[0], told[-1]) if told else (p["hall_reference_c"], p["film_reference_c"])
-        above = chip - p["hall_reference_c"]
-        gain = 1.0 + p["hall_gain_per_k"] * above
-        gain *= 1.0 + p["film_drift_per_k"] * (film - p["film_reference_c"])
+        above = self._warm[0] - p["hall_reference_c"]
         drift = np.array([p[f"hall_drift_{axis}_ut_per_k"] for axis in "xyz"])
-        return self.mean[BX : BZ + 1] - drift * above - gain * np.array([*own, 0.0])
+        return self.mean[BX : BZ + 1] - drift * above - self.gain * np.array([*own, 0.0])
+
+    @functools.cached_property
+    def _warm(self) -> tuple[float, float]:
+        """Temperature of chip and film, °C; of what is not on the wire, that of the other."""
+        told = [self.temperature(channel) for channel in (CHIP, GEL) if self.wired[channel]]
+        if told:
+            return told[0], told[-1]
+        return float(self.p["hall_reference_c"]), float(self.p["film_reference_c"])
+
+    @property
+    def gain(self) -> float:
+        """Of the chip, times the strength of films, for their temperatures."""
+        p, (chip, film) = self.p, self._warm
+        gain = 1.0 + p["hall_gain_per_k"] * (chip - p["hall_reference_c"])
+        return float(gain * (1.0 + p["film_drift_per_k"] * (film - p["film_reference_c"])))
 
     def too_few(self, flags: np.ndarray) -> str:
         """What is wrong with the number of good readings, given the flags of all, shape (t,)."""

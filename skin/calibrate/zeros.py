@@ -64,7 +64,8 @@ KINDS = {"known": "b", "calibration": "U", "serial": "i", "bodies": "U"}
 """Types of the arrays of a file that are no float."""
 BOUNDS = {
     "frequency_hz": (1.0, 1e5), "frequency_sigma_hz": (0.0, 1e5), "offset_ut": (-1e6, 1e6),
-    "field_sigma_ut": (0.0, 1e6), "field_ut": (-1e6, 1e6),
+    "field_sigma_ut": (0.0, 1e6), "field_ut": (-1e6, 1e6), "axial_rest_ut": (-1e6, 1e6),
+    "axial_rest_sigma_ut": (0.0, 1e6),
 }  # fmt: skip
 """Lowest and highest values: those of calibration files."""
 
@@ -154,12 +155,12 @@ class Zeros:
             n = self._filed.n
             counts = np.empty((self._cycles, len(CHANNELS), n), np.int16)
             status = np.empty((self._cycles, n), np.uint16)
-            ambient, followed = self._decoder.ambient, np.zeros((2, n))
+            ambient, followed = self._decoder.ambient, np.zeros((3, n))
             for t in range(self._cycles):
                 if self._last is not None:
                     counts[t], status[t] = self._last
                 if ambient is not None:
-                    followed += ambient.field_at_chips_ut[:2] / self._cycles
+                    followed += ambient.field_at_chips_ut / self._cycles
                 yield 0
             if self._saved is not None:
                 self._take_up(self._saved, counts, status)
@@ -205,7 +206,11 @@ class Zeros:
         if self._decoder.ambient is not None:
             # once others tell the ambient field it is not part of a zero
             is_first = not topology.tared.any()
-            zeros = zeros._replace(offset_ut=zeros.offset_ut - (0.0 if is_first else followed_ut))
+            known_ut = np.zeros_like(followed_ut) if is_first else followed_ut
+            zeros = zeros._replace(
+                offset_ut=zeros.offset_ut - known_ut[:2],
+                axial_rest_ut=zeros.axial_rest_ut - known_ut[2],
+            )
             self._decoder.ambient.forget(taken, field=is_first)
         self._apply(Tare(topology, taken, *zeros, self._rest_ut))
         self.taken += [names[i] for i in np.flatnonzero(taken)]
@@ -242,7 +247,8 @@ class Zeros:
         now = {
             "known": topology.tared, "calibration": self._calibration(), "frequency_hz": frequency,
             "frequency_sigma_hz": p["frequency_sigma_hz"], "offset_ut": offset,
-            "field_sigma_ut": p["field_sigma_ut"], "serial": self._serial(),
+            "field_sigma_ut": p["field_sigma_ut"], "axial_rest_ut": p["axial_rest_ut"],
+            "axial_rest_sigma_ut": p["axial_rest_sigma_ut"], "serial": self._serial(),
             "temperature_c": self._temperature_c(self._last[0]),
         }  # fmt: skip
         # what was tared beside zeros taken up has their ambient field in it, else another
@@ -282,13 +288,16 @@ class Zeros:
         if (form := str(found.get("format"))) != str(FORMAT):
             raise CalibrationError(f"{file}: format: must be {FORMAT}; got {form}")
         n, bodies = self._filed.n, found.get("bodies", np.zeros(0, str))
+        for name in ("axial_rest_ut", "axial_rest_sigma_ut"):  # not in older files: not measured
+            found.setdefault(name, np.zeros(n))
         if units != list(self._filed.unit_names):
             raise CalibrationError(
                 f"{file}: must be saved with the units of {self._filed.name!r} as now; got others"
             )
         shapes = {
             "known": (n,), "calibration": (n,), "frequency_hz": (n,), "frequency_sigma_hz": (n,),
-            "offset_ut": (2, n), "field_sigma_ut": (n,), "serial": (n,), "temperature_c": (n,),
+            "offset_ut": (2, n), "field_sigma_ut": (n,), "axial_rest_ut": (n,),
+            "axial_rest_sigma_ut": (n,), "serial": (n,), "temperature_c": (n,),
             "bodies": (bodies.size,), "field_ut": (3, bodies.size),
         }  # fmt: skip
         for name, shape in shapes.items():
@@ -335,7 +344,8 @@ class Zeros:
         sigma = np.broadcast_to(saved["field_sigma_ut"], (2, topology.n))
         self._apply(Tare(
             topology, taken, saved["frequency_hz"], saved["frequency_sigma_hz"], saved["offset_ut"],
-            sigma, nothing, none, self._rest_ut,
+            sigma, nothing, saved["axial_rest_ut"], saved["axial_rest_sigma_ut"], none,
+            self._rest_ut,
         ))  # fmt: skip
         ambient = self._decoder.ambient
         if ambient is not None:

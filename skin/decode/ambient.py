@@ -80,7 +80,8 @@ __all__ = ["Ambient"]
 
 STANDS_ON = (
     "frequency_rest_hz", "frequency_slope_hz_per_mm", "hall_offset_x_ut", "hall_offset_y_ut",
-    "hall_offset_z_ut", "field_xx", "field_xy", "field_yx", "field_yy", "film_x_mm", "film_y_mm",
+    "hall_offset_z_ut", "axial_rest_ut", "axial_rest_sigma_ut", "field_xx", "field_xy", "field_yx",
+    "field_yy", "film_x_mm", "film_y_mm",
 )  # fmt: skip
 """Parameters without which saved zeros mean nothing."""
 SAVED = arrays_of("a saved ambient field", "units", "stands_on", "common", "rest")

@@ -54,6 +54,7 @@ from skin.decode.crosstalk_placement import films_ut2, placement_ut2
 from skin.decode.crosstalk_scattered import Scattered
 from skin.decode.crosstalk_terms import Part
 from skin.decode.density import sparse_enough
+from skin.decode.resting import FilmsSeen
 from skin.physics.stencil import Stencil, check_stencil
 from topology import Topology
 
@@ -115,7 +116,8 @@ class CrossTalk:
         One-sigma, per axis, of what a prediction from true displacements misses: fits, terms that
         were saved, neighbours beyond the reach.
     axial_ut2 : ndarray, shape (n,)
-        Variance along z by films of another make, where the stencil is that of the drawing.
+        Variance along z by films of another make as they move, where the stencil is that of the
+        drawing; less where a tare has shown how they are made.
     residue_ut2 : ndarray, shape (n,)
         Variance of x or y: the square of `residue_ut`, plus what errors of placement and films of
         another make add where the stencil is that of the drawing, plus what neighbours may add that
@@ -180,7 +182,8 @@ class CrossTalk:
         self._film_model = self._films_of(topology, idle_mm)
         always = self._residues()
         self.residue_ut = np.sqrt(always)
-        self._films_ut2, self.axial_ut2 = films_ut2(topology, stencil)
+        self._films_seen = FilmsSeen(topology, stencil) if stencil.drawn else None
+        self._films_ut2, self.axial_ut2 = self._films_off(topology)
         always = always + self._films_ut2
         if stencil.drawn:
             always += placement_ut2(topology, stencil)
@@ -253,11 +256,18 @@ class CrossTalk:
         return Prediction(films, unknown, adding, out)
 
     def retare(self, topology: Topology) -> None:
-        """Count what films at rest may be off by only in units that are not tared now."""
-        now, _ = films_ut2(topology, self.stencil)
+        """Count what films at rest may be off by only in units that are not tared now, and what
+        they may be off by as they move as the tare has shown it."""
+        now, self.axial_ut2 = self._films_off(topology)
         for variance in (self._pair_model.always_ut2, self.residue_ut2):
             np.add(variance, (now - self._films_ut2).astype(variance.dtype), out=variance)
         self._films_ut2 = now
+
+    def _films_off(self, topology: Topology) -> tuple[np.ndarray, np.ndarray]:
+        """`films_ut2`, with what a tare has shown of the films."""
+        lateral_ut2, axial_ut2 = films_ut2(topology, self.stencil)
+        seen = self._films_seen
+        return lateral_ut2, axial_ut2 if seen is None else axial_ut2 * seen.share2(topology)
 
     def warmup(self) -> None:
         """Compile what a cycle of this skin needs, or load it; nothing is predicted."""

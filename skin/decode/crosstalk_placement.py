@@ -69,12 +69,13 @@ def films_ut2(topology: Topology, stencil: Stencil) -> tuple[np.ndarray, np.ndar
 
     All films of a skin are made alike, so that what they add as they move is off by one and the
     same share, `stray_sigma_relative`; of films that were measured it is not. At rest it is off by
-    `Stencil.rest_sigma_ut`, of which a tare takes the lateral part off, never that along z.
+    `Stencil.rest_sigma_ut`, of which a tare takes the lateral part off; that along z is not in
+    here, see `skin.decode.resting`.
     """
     rest = stencil.rest_sigma_ut**2
-    rest = np.stack([np.where(topology.tared, 0.0, 0.5 * (rest[0] + rest[1])), rest[2]])
+    rest = np.where(topology.tared, 0.0, 0.5 * (rest[0] + rest[1]))
     if not stencil.drawn:
-        return rest[0], rest[1]
+        return rest, np.zeros(topology.n)
     at, by = stencil.unit, stencil.neighbour
     strength = stencil.strength[by]
     mean = (stencil.coefficients @ stencil.mean)[stencil.kind] * strength[:, np.newaxis]
@@ -85,7 +86,7 @@ def films_ut2(topology: Topology, stencil: Stencil) -> tuple[np.ndarray, np.ndar
     variance = total**2
     np.add.at(variance, at, own)
     variance *= topology.parameters["stray_sigma_relative"][:, np.newaxis] ** 2
-    return rest[0] + 0.5 * (variance[:, 0] + variance[:, 1]), rest[1] + variance[:, 2]
+    return rest + 0.5 * (variance[:, 0] + variance[:, 1]), variance[:, 2]
 
 
 def _slopes(stencil: Stencil) -> tuple[np.ndarray, np.ndarray]:

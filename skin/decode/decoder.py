@@ -57,9 +57,10 @@ class Decoder:
     plan : Plan
         What follows from these.
     rest_ut : ndarray, shape (3, n), or None
-        Field that resting neighbours add to each unit, µT, axes of the chips: it is taken off, with
-        `sweeps` or without, and the offsets do not hold it, see `skin.calibrate.tare`. None where
-        nothing is decoded that needs it.
+        Field that resting neighbours add to each unit, µT, axes of the chips, by theory or by the
+        stencil: it is taken off, with `sweeps` or without, along z weighted with what a tare has
+        measured (`skin.decode.resting`), and the offsets do not hold it, see `skin.calibrate.tare`.
+        None where nothing is decoded that needs it.
     crosstalk, ambient : CrossTalk, Ambient, or None
     loop : Loop or None
         What takes these off; None where neither is there.
@@ -145,13 +146,11 @@ class Decoder:
         parts = Parts.of(self.plan, self._names, self.topology.n)
         self._kernel = kernel.decode(parts)
         self._data_of: type[DecodeData] = kernel.DecodeData
+        self._neighbours = neighbours_of(self.topology, self.rest_ut, self.crosstalk)
         self._model_of = functools.partial(
-            model_of, plan=self.plan, results=self._names, rest_ut=self.rest_ut,
-            neighbours=neighbours_of(
-                self.topology, self.rest_ut, self.crosstalk and self.crosstalk.axial_ut2
-            ),
-        )  # fmt: skip
-        self._model = self._model_of(self.topology)
+            model_of, plan=self.plan, results=self._names, rest_ut=self.rest_ut
+        )
+        self._model = self._model_of(self.topology, neighbours=self._neighbours)
 
     def _make_buffers(self, workers: int) -> None:
         """All that cycles are read from, written to and remembered in."""
@@ -232,13 +231,15 @@ class Decoder:
         Parameters
         ----------
         topology : Topology
-            The same but for frequencies at rest, lateral offsets, their sigmas, and `tared`.
+            The same but for frequencies at rest, lateral offsets, what neighbours at rest add along
+            z, their sigmas, and `tared`.
         """
-        self._model = self._model_of(topology)
-        for passes in self._bound:
-            passes.renew(self._model)
         if self.crosstalk is not None:
             self.crosstalk.retare(topology)
+            self._neighbours = self._neighbours._replace(axial_ut2=self.crosstalk.axial_ut2)
+        self._model = self._model_of(topology, neighbours=self._neighbours)
+        for passes in self._bound:
+            passes.renew(self._model)
         if self.ambient is not None:
             self.ambient.topology = topology
         self.topology, self.mode.now = topology, None

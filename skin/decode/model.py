@@ -17,6 +17,7 @@ from skin.decode.functions import OCTAVES_MAX
 from skin.decode.limits import STEP_SIGMA, frequency_sigma_hz, limits_of, tidy_drop
 from skin.decode.passes import check
 from skin.decode.plan import Plan
+from skin.decode.resting import axial_at_rest
 from skin.decode.uncertainty import Neighbours, uncertainty
 from skin.errors import CalibrationError
 from topology import THETA_KNOTS, Topology
@@ -74,10 +75,10 @@ def model_of(
     results : collection of str
         Of `skin.decode.records.TILE_ROWS`, in the order in which they go out.
     rest_ut : ndarray, shape (3, n), or None
-        Field that resting neighbours add, axes of the chips, which the offsets do not hold; None
-        where nothing needs it.
+        Field that resting neighbours add, axes of the chips, which the offsets do not hold, as it
+        is known without a tare; None where nothing needs it.
     neighbours : Neighbours
-        What they may add beside.
+        What they may add beside, likewise.
 
     Raises
     ------
@@ -90,10 +91,13 @@ def model_of(
         if not np.isfinite(rest_ut).all():
             raise CalibrationError(f"{topology.name}: rest_ut: must be finite; got NaN or infinity")
     angle = plan.estimator == "field-angle"
+    rest = np.zeros((3, topology.n)) if rest_ut is None else rest_ut.copy()
+    rest[2], axial_rest_ut2 = axial_at_rest(topology, rest[2], neighbours.axial_rest_ut2)
+    neighbours = neighbours._replace(axial_rest_ut2=axial_rest_ut2)
     found = {
         **_temperature(topology, plan.temperature_every),
         **_normal(topology),
-        **_field(topology, np.zeros((3, topology.n)) if rest_ut is None else rest_ut),
+        **_field(topology, rest),
         **_tangential(topology, angle),
     }
     found |= uncertainty(topology, found, neighbours)

@@ -12,7 +12,7 @@ what lies beyond.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
@@ -21,6 +21,9 @@ from skin.decode import records as k
 from skin.decode.limits import STEP_SIGMA
 from skin.physics.stray import HORIZON_M, field_at_rest
 from topology import Topology
+
+if TYPE_CHECKING:
+    from skin.decode.crosstalk import CrossTalk
 
 __all__ = ["Neighbours", "neighbours_of", "uncertainty"]
 
@@ -52,11 +55,13 @@ class Neighbours(NamedTuple):
     untared_ut2: np.ndarray
     """What comes to it in units that were not tared in their places."""
     axial_ut2: np.ndarray
-    """Variance along z."""
+    """Variance along z as they move."""
+    axial_rest_ut2: np.ndarray
+    """The same at rest, as far as no tare has measured it."""
 
 
 def neighbours_of(
-    topology: Topology, rest_ut: np.ndarray | None, swept_ut2: np.ndarray | None
+    topology: Topology, rest_ut: np.ndarray | None, swept: CrossTalk | None
 ) -> Neighbours:
     """What neighbours may add to the field that nothing takes off.
 
@@ -68,25 +73,26 @@ def neighbours_of(
     topology : Topology
     rest_ut : ndarray, shape (3, n), or None
         Field of resting neighbours, as it is summed; None where nothing needs it.
-    swept_ut2 : ndarray, shape (n,), or None
-        Variance along z that sweeps leave; None without them: then all that films may add as they
-        move is unknown, and of films at rest the share by which they are made otherwise, and what
-        tilts make lateral of their field along z.
+    swept : CrossTalk or None
+        What takes off the fields of films that move; None without sweeps: then all that films may
+        add as they move is unknown, and of films at rest the share by which they are made
+        otherwise, and what tilts make lateral of their field along z.
     """
     still, none = np.full(topology.n, STRAY_KNOWN_UT), np.zeros(topology.n)
     if rest_ut is None:
-        return Neighbours(still, none, none, none)
+        return Neighbours(still, none, none, none, none)
     octave_ut = rest_ut - field_at_rest(topology, 0.5 * HORIZON_M)
     still = np.hypot(still, 2.0 * np.abs(octave_ut).max(axis=0))
-    if swept_ut2 is not None:
-        return Neighbours(still, none, none, swept_ut2)
+    if swept is not None:
+        rest_ut2 = swept.stencil.rest_sigma_ut[2] ** 2
+        return Neighbours(still, none, none, swept.axial_ut2, rest_ut2)
     from skin.physics.stencil import neighbours_moving_ut2, rest_sigma_ut
 
     lateral_ut2, axial_ut2 = neighbours_moving_ut2(topology)
     p = topology.parameters
     off = rest_sigma_ut(topology) ** 2
     tilted = p["placement_sigma_rad"] ** 2 * rest_ut[2] ** 2
-    return Neighbours(still, lateral_ut2, 0.5 * (off[0] + off[1]) + tilted, axial_ut2 + off[2])
+    return Neighbours(still, lateral_ut2, 0.5 * (off[0] + off[1]) + tilted, axial_ut2, off[2])
 
 
 def uncertainty(
@@ -131,14 +137,15 @@ def uncertainty(
     shape[0] += 1.0
     step = 1.0 - np.exp(-1.0 / MISS_READINGS)
     share2 = ANOMALY_SHARE**2 + sigmas2 * (amplitude + rest2)
-    constant2 = neighbours.still_ut**2 + sigmas2 * (constant + neighbours.axial_ut2)
+    axial = neighbours.axial_ut2 + neighbours.axial_rest_ut2
+    constant2 = neighbours.still_ut**2 + sigmas2 * (constant + axial)
     left = mean_sigmas2 * step / (2.0 - step)  # of the variance of noise, in the mean
     return {
         "shear_variance": p["shear_sigma_relative"] ** 2,
         "shear_floor": p["shear_sigma_n"] ** 2,
         "film_variance": p["field_angle_sigma_mm"] ** 2 * shape,
         "field_variance": noise + constant,
-        "axial_variance": neighbours.axial_ut2,
+        "axial_variance": axial,
         "amplitude_variance": amplitude,
         "anomaly_share": share2 + single_sigmas2 * depth2,
         "anomaly_field": constant2 + single_sigmas2 * noise,

@@ -17,7 +17,7 @@ from scipy.special import eval_legendre
 
 from skin.physics.film_table import load_film_table
 
-__all__ = ["ORDERS", "FilmDrawing", "films_as_made", "multipole_field"]
+__all__ = ["ORDERS", "STRENGTH", "FilmDrawing", "films_as_made", "multipole_field"]
 
 ORDERS = 8
 """Multipoles, from the dipole on: each is half to two thirds of the one before at 12 mm."""
@@ -42,6 +42,8 @@ class FilmDrawing:
 TOLERANCE = FilmDrawing(0.05, 0.2, 0.05, 0.25, 0.2)
 """One sigma, as a share; of the falloff as it is [assumed: a stamped film of a filled silicone,
 magnetised sector by sector]."""
+STRENGTH = 0.02
+"""One sigma of a film's stray field over its own, from film to film [assumed]."""
 BESIDE = 0.02
 """One sigma of every multipole by all else, as a share of the root mean square of all of them
 [assumed]."""

@@ -6,7 +6,11 @@ import numpy as np
 
 from topology import Topology
 
-__all__ = ["axial_at_rest_ut", "film_at_rest_ut", "inverse_map"]
+__all__ = ["axial_at_rest_ut", "axial_sigma_ut", "film_at_rest_ut", "inverse_map"]
+
+AXIAL_SHARE = 0.005
+"""By which the own field at rest differs from what the table of angles makes of it [derived: the
+fit of a film of another shape, `python -m benchmarks films`]."""
 
 
 def film_at_rest_ut(topology: Topology) -> np.ndarray:
@@ -42,6 +46,20 @@ def axial_at_rest_ut(topology: Topology) -> np.ndarray:
     slope = p["field_angle_mm"][0]
     tabled = crest * p["field_wavenumber_rad_per_mm"] * slope
     return np.where(slope > 0.0, tabled, film_at_rest_ut(topology)[2])
+
+
+def axial_sigma_ut(topology: Topology, lateral_ut: np.ndarray) -> np.ndarray:
+    """One-sigma of what an untouched unit reads along z beyond its offset and `axial_at_rest_ut`,
+    as far as the unit itself is not known, µT, shape (n,): offset, strength and table of angles.
+
+    Parameters
+    ----------
+    topology : Topology
+    lateral_ut : ndarray, shape (n,)
+        One-sigma of a lateral offset; that along z is known as well.
+    """
+    relative = np.hypot(topology.parameters["field_amplitude_sigma_relative"], AXIAL_SHARE)
+    return np.hypot(lateral_ut, relative * axial_at_rest_ut(topology))
 
 
 def inverse_map(topology: Topology) -> np.ndarray:

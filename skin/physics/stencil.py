@@ -12,7 +12,7 @@ that pose with ``rigid=True``.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -43,7 +43,9 @@ from topology.files import arrays_of, check_path, read_arrays, whole_file
 from topology.neighbours import compressed_rows
 
 __all__ = [
-    "Stencil", "check_stencil", "neighbours_at_rest", "neighbours_moving_ut2", "rest_sigma_ut",
+    "AS_MADE", "DEPTH_MAX_MM", "DISPLACEMENT_MAX_MM", "NEAR_M", "Stencil", "check_stencil",
+    "films_seen", "neighbours_at_rest", "neighbours_moving_ut2", "rest_sigma_ut",
+    "with_films_apart",
 ]  # fmt: skip
 
 DEPTH_MAX_MM, DISPLACEMENT_MAX_MM = 2.0, 2.5
@@ -373,7 +375,12 @@ def check_stencil(topology: Topology, stencil: Any) -> None:
 
 def neighbours_at_rest(topology: Topology) -> np.ndarray:
     """`Stencil.rest_ut` by magnet theory, without the rest of a stencil; shape (3, n)."""
-    return field_at_rest(_frames_separated(_with_films(topology)))
+    return field_at_rest(with_films_apart(topology))
+
+
+def with_films_apart(topology: Topology) -> Topology:
+    """The units that have films, frames so far from each other that none feels another."""
+    return _frames_separated(_with_films(topology))
 
 
 def rest_sigma_ut(topology: Topology) -> np.ndarray:
@@ -384,12 +391,39 @@ def rest_sigma_ut(topology: Topology) -> np.ndarray:
     a wide array adds along z at rest is off by twice that share. Of films beyond `NEAR_M`, which
     are dipoles, it is that share.
     """
-    topology = _frames_separated(_with_films(topology))
-    p, rotation, film = topology.parameters, topology.rotation, load_film_table().film
+    topology = with_films_apart(topology)
     shape, covariance = films_as_made()
+    per_pole = np.zeros((topology.n, 3, shape.size))
+    for at, _, points, turn in films_seen(topology):
+        np.add.at(per_pole, at, np.einsum("acm,kcm->mak", turn, multipole_field(points)))
+    variance = np.einsum("nak,kl,nal->an", per_pole, covariance, per_pole)
+    far = np.abs(field_at_rest(topology) - field_at_rest(topology, NEAR_M))
+    share = topology.parameters["stray_sigma_relative"]
+    return share * (np.sqrt(np.maximum(variance, 0.0)) / AS_MADE + far)
+
+
+def films_seen(
+    topology: Topology,
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+    """Pairs of units within `NEAR_M`, some at a time, at rest.
+
+    Parameters
+    ----------
+    topology : Topology
+        As of `with_films_apart`.
+
+    Yields
+    ------
+    at, by : ndarray, shape (m,)
+        Unit of the chip, and of the film.
+    points : ndarray, shape (3, m)
+        Chips in the axes of the films, mm: as of `multipole_field`.
+    turn : ndarray, shape (3, 3, m)
+        From the axes of the films to those of the chips, times the strength of the films.
+    """
+    p, rotation, film = topology.parameters, topology.rotation, load_film_table().film
     i, j = near(topology, NEAR_M)
     ats, bys = np.concatenate([i, j]), np.concatenate([j, i])
-    per_pole = np.zeros((topology.n, 3, shape.size))
     for first in range(0, ats.size, PAIRS_AT_ONCE):
         at, by = ats[first : first + PAIRS_AT_ONCE], bys[first : first + PAIRS_AT_ONCE]
         between = 1e3 * (topology.position[:, at] - topology.position[:, by])
@@ -398,17 +432,14 @@ def rest_sigma_ut(topology: Topology) -> np.ndarray:
         points = np.einsum("abm,am->bm", rotation[:, :, by], between)
         turn = np.einsum("a,bam,bcm->acm", CHIP_AXES, rotation[:, :, at], rotation[:, :, by])
         turn *= p["field_amplitude_ut"][by]
-        np.add.at(per_pole, at, np.einsum("acm,kcm->mak", turn, multipole_field(points)))
-    variance = np.einsum("nak,kl,nal->an", per_pole, covariance, per_pole)
-    far = np.abs(field_at_rest(topology) - field_at_rest(topology, NEAR_M))
-    return p["stray_sigma_relative"] * (np.sqrt(np.maximum(variance, 0.0)) / AS_MADE + far)
+        yield at, by, points, turn
 
 
 def neighbours_moving_ut2(topology: Topology) -> tuple[np.ndarray, np.ndarray]:
     """Mean square of what all neighbours add, of x or y and of z, if `PRESSED` of them move at
     random through the range of the scans, µT², shape (n,) each."""
     nobody = np.zeros(0, np.int64)
-    separated = _frames_separated(_with_films(topology))
+    separated = with_films_apart(topology)
     return moving_ut2(separated, nobody, nobody, DEPTH_MAX_MM, DISPLACEMENT_MAX_MM, PRESSED)
 
 

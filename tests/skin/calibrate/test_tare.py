@@ -178,14 +178,16 @@ def test_every_other_value_is_kept(tmp_path):
     assert "frozen_cycles = 80\n" in text
     assert "0.02]  # ± 0.003 at most\n" in text
     assert table["units"]["r0c2"] == {"theta_correction_rad": [0.0] * 16, "field_sigma_ut": 30.0}
-    assert set(table["units"]["r0c1"]) == {*TARED, "frequency_sigma_hz", "field_sigma_ut"}
+    written = {*TARED, "frequency_sigma_hz", "field_sigma_ut"}
+    written |= {"axial_rest_ut", "axial_rest_sigma_ut"}
+    assert set(table["units"]["r0c1"]) == written
     loaded = topology.load(tmp_path / "pair.toml")
     changed = {
         name
         for name, values in loaded.parameters.items()
         if not np.array_equal(values, skin.parameters[name])
     }
-    assert changed == {*TARED, "frequency_sigma_hz", "field_sigma_ut"}
+    assert changed == written
     assert loaded.parameters["frequency_rest_hz"][0] == found.frequency_hz[0]
 
 
@@ -257,6 +259,8 @@ def test_sigmas_of_a_tare_stand_in_the_file(tmp_path):
         "hall_offset_x_ut": (found.offset_ut[0, 4], sigma_x),
         "hall_offset_y_ut": (found.offset_ut[1, 4], sigma_y),
         "field_sigma_ut": (max(sigma_x, sigma_y), np.nan),
+        "axial_rest_ut": (found.axial_rest_ut[4], found.axial_rest_sigma_ut[4]),
+        "axial_rest_sigma_ut": (found.axial_rest_sigma_ut[4], np.nan),
     }
     assert known.keys() == expected.keys()
     for name, (value, sigma) in expected.items():

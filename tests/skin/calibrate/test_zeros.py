@@ -290,6 +290,23 @@ def test_zeros_are_taken_up_by_the_next_run(saved):
     assert not (status & Status.UNTARED).any()
 
 
+def test_bz_at_rest_goes_from_run_to_run_and_an_older_file_has_none(saved):
+    with np.load(saved) as found:
+        arrays = dict(found)
+    assert (arrays["axial_rest_sigma_ut"] > 0.0).all()
+    # a palm's resting films add 0.4 mT in a corner to 1.1 mT in the middle
+    assert 250.0 < arrays["axial_rest_ut"].mean() < 1500.0
+    opened(saved)
+    with np.load(saved) as again:
+        for name in ("axial_rest_ut", "axial_rest_sigma_ut"):
+            np.testing.assert_array_equal(again[name], arrays.pop(name))
+    np.savez(saved, **arrays)
+    told, _ = opened(saved)
+    assert told["taken_up"] == list(PALM.unit_names)
+    with np.load(saved) as older:
+        assert not older["axial_rest_sigma_ut"].any()
+
+
 @pytest.mark.parametrize(
     ("change", "why"),
     [
@@ -544,3 +561,17 @@ def test_zeros_are_retaken_of_what_is_untouched_and_once():
         assert len(report["tared"]) > 30
         last = [palm.topology.unit_index(name) for name in report["tared"]]
         assert np.abs(state.units.force[2, last]).max() < 0.2
+
+
+def test_an_ambient_field_that_is_followed_is_no_bz_at_rest():
+    """A hand that was tared, has turned, and is tared again reads the same of its neighbours."""
+    hand = Hand()
+    hand.run(WINDOW + N + 1500)
+    before = hand.pipeline.decoder.topology.parameters
+    hand.run(1000, ambient_ut=(0.0, 0.0, 60.0))
+    hand.pipeline.retake_zeros()
+    hand.run(WINDOW + N + 250, ambient_ut=(0.0, 0.0, 60.0))
+    after = hand.pipeline.decoder.topology.parameters
+    assert not np.array_equal(after["axial_rest_ut"], before["axial_rest_ut"])
+    moved = np.abs(np.mean(after["axial_rest_ut"] - before["axial_rest_ut"]))
+    assert moved < 15.0
