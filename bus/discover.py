@@ -237,7 +237,8 @@ def listen(
     *,
     sync: Literal["host", "bus"] = "host",
     clock: Callable[[], int] = time.monotonic_ns,
-) -> None:
+    counter: int = 0,
+) -> int:
     """Let a survey listen to live buses.
 
     A bus that closes meanwhile ends it early, and the survey says so.
@@ -253,6 +254,13 @@ def listen(
         Who sends SYNC: this host, at the cycle rate, or another node.
     clock : callable
         Monotonic clock, in ns.
+    counter : int
+        Of the first SYNC that this host sends.
+
+    Returns
+    -------
+    int
+        Counter of the next SYNC, for a call that goes on: units count the cycles on.
     """
     skin, batch = survey.topology, FrameBatch(4096)
     period_ns = round(1e9 / skin.cycle_rate_hz)
@@ -260,7 +268,6 @@ def listen(
     survey.sends_sync = sends
     now = due = clock()
     end = now + round(seconds * 1e9)
-    counter = 0
     try:
         while now < end:
             if sends and now >= due:
@@ -285,6 +292,7 @@ def listen(
     except BusClosedError as error:
         survey.closed = str(error)
     survey.finish()
+    return counter
 
 
 def _send_sync(

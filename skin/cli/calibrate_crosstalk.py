@@ -148,9 +148,12 @@ def _hearing(
             ]
             clock = time.monotonic_ns
 
+        counter = 0
+
         def hear(seconds: float) -> tuple[np.ndarray, np.ndarray]:
+            nonlocal counter
             heard = Heard(topology, clock)
-            listen(heard, ends, seconds, sync=sync, clock=clock)
+            counter = listen(heard, ends, seconds, sync=sync, clock=clock, counter=counter)
             if heard.closed:
                 raise BusClosedError(heard.closed)
             shapes = (0, *topology.scale.shape), (0, topology.n)

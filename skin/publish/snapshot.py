@@ -129,5 +129,6 @@ def patch_poses(topology: Topology, position: np.ndarray, rotation: np.ndarray) 
         away = np.sum((own - own.mean(axis=1, keepdims=True)) ** 2, axis=0)
         middle = units[int(np.argmin(away))]
         found[at, :3] = position[:, middle]
-        found[at, 3:] = Rotation.from_matrix(rotation[:, :, middle]).as_quat()
+        # a copy: scipy 1.13 takes no array that is read-only
+        found[at, 3:] = Rotation.from_matrix(rotation[:, :, middle].copy()).as_quat()
     return found

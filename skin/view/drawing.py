@@ -106,7 +106,8 @@ def quaternions(rotation: np.ndarray) -> np.ndarray:
     """Unit quaternions (w, x, y, z), shape (n, 4), of rotations, shape (3, 3, n)."""
     from scipy.spatial.transform import Rotation
 
-    xyzw = Rotation.from_matrix(np.moveaxis(rotation, 2, 0)).as_quat()
+    # a copy: scipy 1.13 takes no array that is read-only
+    xyzw = Rotation.from_matrix(np.moveaxis(rotation, 2, 0).copy()).as_quat()
     return np.roll(xyzw, 1, axis=1).astype(np.float32)
 
 

@@ -66,6 +66,7 @@ def test_scenes_press_six_units_in_ten_and_shear_only_these():
     assert np.median(reach[pressed]) == pytest.approx(2.5 / np.sqrt(2.0), rel=0.02)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fabricated", [False, True])
 def test_a_unit_that_was_on_the_bench_says_how_much_it_errs_to_the_ends_of_its_range(fabricated):
     skin = made(2, fabricated=fabricated, seed=5)

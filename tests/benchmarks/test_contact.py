@@ -17,6 +17,7 @@ from skin.options import Options
 from skin.sim.unit import UnitSimulator
 
 
+@pytest.mark.long
 def test_benchmark_gives_errors_beside_times(monkeypatch):
     monkeypatch.setattr(contact, "SHAPES", {64: "grid"})
     monkeypatch.setattr(contact, "CYCLES", 12)

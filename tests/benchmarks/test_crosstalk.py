@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import json
 
+import pytest
+
 from benchmarks import crosstalk
 
 
+@pytest.mark.long
 def test_benchmark_gives_errors_beside_times(monkeypatch):
     monkeypatch.setattr(crosstalk, "PLANS", ((2, 0.018, 0.0), (4, 0.039, crosstalk.ACCURATE_UT)))
     monkeypatch.setattr(crosstalk, "PITCHES_MM", (12.0,))

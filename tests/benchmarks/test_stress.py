@@ -101,6 +101,7 @@ def ends(cases):
     return skin, counts, told
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 def test_a_hundred_units_at_ends_are_held_and_right(ends, estimator):
     skin, counts, told = ends
@@ -112,6 +113,7 @@ def test_a_hundred_units_at_ends_are_held_and_right(ends, estimator):
     assert row["error_n"] < 1e-4
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "name", ["shear_gain_per_mm", "field_yx", "hall_offset_x_ut", "field_growth_per_mm2"]
 )
@@ -209,6 +211,7 @@ def test_both_sides_of_slowdown_do_the_same_work(dtype):
     np.testing.assert_allclose(old(counts[0]).force, calm(counts[0]).force, atol=1e-3)
 
 
+@pytest.mark.long
 def test_what_lasts_and_what_is_large_is_within_the_targets(monkeypatch):
     monkeypatch.setattr(stress_lasting, "CYCLES", {True: 2000})
     monkeypatch.setattr(stress_lasting, "SIZES", (1, 17, 129, 200, 201))

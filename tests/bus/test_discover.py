@@ -392,6 +392,17 @@ def test_a_live_listener_does_not_send_sync_unless_told():
     assert [finding.code for finding in diagnose(survey, ends)] == ["no-traffic"]
 
 
+def test_the_cycles_of_units_go_on_where_one_listens_again():
+    """A counter of SYNC that began at 0 each time would be a jump of up to 256 cycles."""
+    _, nodes, ends = open_skin(name="strip")
+    counter = 0
+    for _ in range(3):
+        counter = listen(Survey(nodes.topology), ends, 0.05, counter=counter)
+    nodes.close()
+    cycles = [cycle for cycle, _ in nodes.history]
+    assert cycles == list(range(counter))
+
+
 def test_losses_of_this_host_are_found():
     skin = make_topology("f3t-fd16", 4)
     near, far = MemoryTransport.pair(capacity=100)

@@ -1,9 +1,10 @@
 """All tests but the long ones: ``python -m tests.house.run [PYTEST ARGUMENTS]``, for `make test`.
 
-Kernels that many tests share are compiled first, once, or each worker would compile them. The tests
-on a vcan wait most of their time for the one processor of their guest: they run beside the others,
-and their report comes last, so that pytest's closing line ends the output. The exit status is that
-of the others, or of these where the others have passed.
+Kernels that many tests share are compiled first, once, or each worker would compile them. Workers
+get neighbouring tests, so that what the tests of a file share is made by one of them; one that has
+none left takes of another's. The tests on a vcan wait most of their time for the one processor of
+their guest: they run beside the others, and their report comes last, so that pytest's closing line
+ends the output. The exit status is that of the others, or of these where the others have passed.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ __all__ = ["run"]
 ROOT = Path(__file__).parents[2]
 SKINS = ("palm", "strip", "hand", "fingertip")
 """That most tests open."""
+SHARED_OUT = ("--ignore=tests/vcan", "-n", "auto", "--dist", "worksteal")
+"""Of all tests but those on a vcan, which share one guest."""
 WARM = """
 import itertools, sys
 import tests.conftest
@@ -53,7 +56,7 @@ def run(arguments: list[str]) -> int:
             [*pytest, "tests/vcan"], cwd=ROOT, stdout=said, stderr=subprocess.STDOUT
         )
         try:
-            tests = subprocess.call([*pytest, "--ignore=tests/vcan", "-n", "auto"], cwd=ROOT)
+            tests = subprocess.call([*pytest, *SHARED_OUT], cwd=ROOT)
             vcan = beside.wait()
         finally:
             beside.kill()

@@ -125,7 +125,10 @@ def assert_same(container, reports, normal):
         assert container.joinpath("work", name).read_bytes() == folder.joinpath(name).read_bytes()
 
 
-@pytest.mark.parametrize("home", [{}, {"HOME": "/nowhere"}], ids=["no home", "home is missing"])
+@pytest.mark.parametrize("home", [
+    pytest.param({}, id="no home"),
+    pytest.param({"HOME": "/nowhere"}, marks=pytest.mark.long, id="home is missing"),
+])  # fmt: skip
 def test_commands_run_in_a_read_only_image_with_its_code_compiled(home, container, user, normal):
     for folder in [*(container / "package").glob("**/")]:
         source = ROOT / folder.relative_to(container / "package")

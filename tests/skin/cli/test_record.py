@@ -77,7 +77,9 @@ def test_a_speed_is_not_negative(file, capsys):
     assert capsys.readouterr().err == "--speed: must be 0, or from 1e-06 to 1e+06; got -1\n"
 
 
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 0), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(("number", "status"), [
+    (signal.SIGINT, 0), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.long),
+])  # fmt: skip
 def test_a_run_that_is_interrupted_ends_its_recording_properly(tmp_path, number, status):
     """As Ctrl-C does it: the signal goes to the whole group of processes."""
     from mcap.reader import make_reader

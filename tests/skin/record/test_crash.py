@@ -86,14 +86,12 @@ def cycles_in(file):
     return found, recorded.damage
 
 
-@pytest.mark.parametrize("moment_s", MOMENTS[:2])
-def test_a_loop_that_is_killed_loses_nothing_that_it_has_shown(moment_s, tmp_path):
-    check_killed(tmp_path / "run.mcap", moment_s, "loop")
+def test_a_loop_that_is_killed_loses_nothing_that_it_has_shown(tmp_path):
+    check_killed(tmp_path / "run.mcap", MOMENTS[0], "loop")
 
 
-@pytest.mark.parametrize("moment_s", MOMENTS[2:4])
-def test_a_worker_that_is_killed_loses_less_than_a_second(moment_s, tmp_path):
-    check_killed(tmp_path / "run.mcap", moment_s, "both")
+def test_a_worker_that_is_killed_loses_less_than_a_second(tmp_path):
+    check_killed(tmp_path / "run.mcap", MOMENTS[2], "both")
 
 
 def test_a_loop_goes_on_without_its_worker(tmp_path):
