@@ -8,7 +8,8 @@ nothing is subtracted twice; what it had followed before belongs to the calibrat
 not restored on this one.
 
 What resting neighbours add is left out: decoders take it off themselves, by magnet theory or by
-the stencil that they are given.
+the stencil that they are given. What a stencil has beyond theory stands with the zeros
+(`tare_rest_x_ut`, `tare_rest_y_ut`), and a decoder that takes another field off warns of it.
 
 Bz at rest is no offset: its size tells the displacement (R from the angle of the field), and the
 bench has measured it. It is told beside the others, and left as it is.
@@ -105,9 +106,21 @@ class Tare:
             rest_ut=rest_ut,
         )  # fmt: skip
 
-    def applied(self) -> Topology:
-        """The skin with these zeros, without any file."""
+    def beyond_ut(self) -> np.ndarray:
+        """Of x and y, what is left out for neighbours at rest beyond magnet theory, to a nanotesla,
+        shape (2, n)."""
+        return np.round(self.rest_ut[:2] - neighbours_at_rest(self.topology)[:2], 3)
+
+    def applied(self, beyond_ut: np.ndarray | None = None) -> Topology:
+        """The skin with these zeros, without any file.
+
+        Parameters
+        ----------
+        beyond_ut : ndarray, shape (2, n), optional
+            As `beyond_ut` gives it, which takes some cycles.
+        """
         p = self.topology.parameters
+        x_ut, y_ut = self.beyond_ut() if beyond_ut is None else beyond_ut
         measured = self.offset_sigma_ut.max(axis=0)
         # of a unit without calibration it is the spread of offsets, which are known now
         left = np.where(self.topology.calibrated, p["field_sigma_ut"], 0.0)
@@ -115,7 +128,7 @@ class Tare:
         zeros = {
             "frequency_rest_hz": self.frequency_hz, "frequency_sigma_hz": self.frequency_sigma_hz,
             "hall_offset_x_ut": self.offset_ut[0], "hall_offset_y_ut": self.offset_ut[1],
-            "field_sigma_ut": sigma,
+            "field_sigma_ut": sigma, "tare_rest_x_ut": x_ut, "tare_rest_y_ut": y_ut,
         }  # fmt: skip
         changed = {name: np.where(self.taken, new, p[name]) for name, new in zeros.items()}
         return dataclasses.replace(
@@ -141,6 +154,7 @@ class Tare:
             By patch. Each file is there whole or not at all.
         """
         files = calibration_files(self.topology, self.taken, out)
+        beyond_ut = self.beyond_ut()
         for patch, path in files.items():
             source = named_file(self.topology, patch)
             before, units = read_calibration(source)
@@ -149,7 +163,7 @@ class Tare:
             for i in np.flatnonzero(self.taken & here):
                 unit = self.topology.unit_names[i].removeprefix(f"{patch}/")
                 known = units.setdefault(unit, [])
-                known.append(self._fit(int(i), known))
+                known.append(self._fit(int(i), known, beyond_ut))
                 tared.add(unit)
             path.parent.mkdir(parents=True, exist_ok=True)
             bench = TARED.sub("", before.get("bench", ""))
@@ -161,7 +175,7 @@ class Tare:
             )  # fmt: skip
         return files
 
-    def _fit(self, i: int, known: Sequence[Fit]) -> Fit:
+    def _fit(self, i: int, known: Sequence[Fit], beyond_ut: np.ndarray) -> Fit:
         """What the tare has found, beside what is `known` from a bench."""
         left_ut = [fit.values[fit.names.index("field_sigma_ut")] for fit in known
                    if "field_sigma_ut" in fit.names]  # fmt: skip
@@ -172,6 +186,12 @@ class Tare:
             "hall_offset_y_ut": (self.offset_ut[1, i], self.offset_sigma_ut[1, i]),
             "field_sigma_ut": (max(*left_ut, 0.0, self.offset_sigma_ut[:, i].max()), np.nan),
         }
+        stencil = {
+            f"tare_rest_{axis}_ut": (value, np.nan)
+            for axis, value in zip("xy", beyond_ut[:, i], strict=True)
+        }
+        if beyond_ut[:, i].any() or any(name in fit.names for fit in known for name in stencil):
+            values |= stencil
         return as_fit(values, int(self.cycles[i]))
 
 
