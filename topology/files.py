@@ -176,9 +176,9 @@ def sync(path: Path) -> None:
 @contextmanager
 def whole_path(path: Path, over: Kind | None = None) -> Iterator[Path]:
     """The path of a new file beside `path`, which takes its place at the end of the block, once the
-    disk has it, and is gone if an error ends it. Of several that write at once, the last one stays. An error of writing
-    names `path`. A device or pipe is refused, since a file would take its place; so is a file that
-    is not of the kind `over`, as of `check_over`."""
+    disk has it, and is gone if an error ends it. Of several that write at once, the last one stays.
+    An error of writing names `path`. A device or pipe is refused, since a file would take its
+    place; so is a file that is not of the kind `over`, as of `check_over`."""
     if over is not None:
         check_over(path, over)
     if path.exists() and not (path.is_file() or path.is_dir()):

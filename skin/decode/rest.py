@@ -17,8 +17,8 @@ from topology import Topology
 __all__ = ["check_zeros", "rest_of"]
 
 FAR = 3.0
-"""Root of the mean square of the difference over its units, in sigmas of the zeros (`field_sigma_ut`),
-from which a patch is named [derived: what differs by less is in sigma]."""
+"""Root of the mean square of the difference over the units of a patch, in sigmas of their zeros
+(`field_sigma_ut`), from which it is named [derived: what differs by less is in sigma]."""
 
 _log = logging.getLogger("skin")
 
