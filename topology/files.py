@@ -28,6 +28,7 @@ __all__ = [
     "open_regular",
     "read_arrays",
     "read_regular",
+    "sync",
     "whole_file",
     "whole_path",
 ]
@@ -156,12 +157,28 @@ def named(path: Path) -> Iterator[None]:
         raise
 
 
+def sync(path: Path) -> None:
+    """Let the disk have what was written into a file: what takes the place of another is whole then
+    after a loss of power, too, and an error of writing that came late is told.
+
+    Raises
+    ------
+    OSError
+        The disk does not take it.
+    """
+    file = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(file)
+    finally:
+        os.close(file)
+
+
 @contextmanager
 def whole_path(path: Path, over: Kind | None = None) -> Iterator[Path]:
-    """The path of a new file beside `path`, which takes its place at the end of the block, and is
-    gone if an error ends it. Of several that write at once, the last one stays. An error of writing
-    names `path`. A device or pipe is refused, since a file would take its place; so is a file that
-    is not of the kind `over`, as of `check_over`."""
+    """The path of a new file beside `path`, which takes its place at the end of the block, once the
+    disk has it, and is gone if an error ends it. Of several that write at once, the last one stays.
+    An error of writing names `path`. A device or pipe is refused, since a file would take its
+    place; so is a file that is not of the kind `over`, as of `check_over`."""
     if over is not None:
         check_over(path, over)
     if path.exists() and not (path.is_file() or path.is_dir()):
@@ -170,6 +187,7 @@ def whole_path(path: Path, over: Kind | None = None) -> Iterator[Path]:
     try:
         with named(path):
             yield beside
+            sync(beside)
             os.replace(beside, path)
     finally:
         beside.unlink(missing_ok=True)

@@ -262,6 +262,18 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
             le=1e6,
         ),
     ] = 0.0
+    tare_rest_x_ut: Annotated[
+        float,
+        _doc(
+            "Bx of resting neighbours that a zero taken in place leaves out, less that of magnet "
+            "theory: of the stencil that it was taken with [calibrated]",
+            ge=-1e6,
+            le=1e6,
+        ),
+    ] = 0.0
+    tare_rest_y_ut: Annotated[
+        float, _doc("By of resting neighbours, in the same way [calibrated]", ge=-1e6, le=1e6)
+    ] = 0.0
     hall_drift_x_ut_per_k: Annotated[
         float, _doc("Drift of the Bx offset [calibrated]", ge=-1e4, le=1e4)
     ] = 0.0

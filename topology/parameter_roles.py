@@ -31,6 +31,8 @@ ZEROS = (
     "hall_offset_x_ut",
     "hall_offset_y_ut",
     "hall_offset_z_ut",
+    "tare_rest_x_ut",
+    "tare_rest_y_ut",
     "field_sigma_ut",
     "axial_rest_ut",
     "axial_rest_sigma_ut",

@@ -10,7 +10,8 @@ With SYNC. A SYNC opens a cycle. Its 8-bit counter is unwrapped to the cycle's n
 SYNCs leave a gap in the numbers; the same counter on several buses is one cycle. The cycle closes
 when all frames are in that it waits for, on the next SYNC, or at the deadline. It waits for the
 frames of enabled units, but no longer for one that has not come for `stale_cycles` cycles; one
-that comes back is waited for again from the next cycle on. Data carry the counter of their SYNC as
+that comes back is waited for again from the next cycle on, and one that answers every k-th SYNC in
+the cycle in which its next answer is due. Data carry the counter of their SYNC as
 their sequence number, and belong to that cycle wherever they arrive: in another they are late.
 
 With SYNC, but counts of their own (``sequence = "own"`` of their layout), or without sequence

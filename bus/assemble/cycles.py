@@ -62,8 +62,9 @@ def open_cycle(number, stamp, tables, memory):
             source["heard"] = -1
             source["dropped"] = 0
         source["is_awaited"] = 0
+        is_due = source["came_at"] >= 0 and number - source["came_at"] == source["every"]
         returns = source["missed"] < stale_cycles or source["doubt"] == BELIEVED
-        if expected["is_awaited"] and returns:
+        if expected["is_awaited"] and (returns or is_due):
             source["is_awaited"] = 1
             waiting += 1
     state["number"] = number
@@ -125,7 +126,9 @@ def doubt(number, source):
             source["doubt"] = IN_DOUBT
             source["calm"] = 0
         return
-    after = number - source["came_at"] if source["came_at"] >= 0 else np.int64(1)
+    # what comes behind the end of its cycle is counted in the next one
+    sent_at = source["sent_at"]
+    after = sent_at - source["came_at"] if source["came_at"] >= 0 else np.int64(1)
     source["steady"] = source["steady"] + 1 if came == source["before"] else 0
     if source["steady"] >= STEADY:
         source["usual"] = came
@@ -133,15 +136,15 @@ def doubt(number, source):
         source["usual"] = max(source["usual"], min(came, source["before"]))
     if came > source["usual"]:
         source["calm"] = 0
-    else:
+    elif after > 0:
         source["calm"] = 1 if after > source["every"] else min(source["calm"] + 1, CALM)
-        source["every"] = max(after, 1)
+        source["every"] = after
     if source["doubt"] != NO_DOUBT:
         # one more than usual may have come behind the end of the cycle before
         is_over = source["taken_at"] == number and came <= source["usual"] + 1
         going = BELIEVED if source["calm"] >= CALM else IN_DOUBT
         source["doubt"] = NO_DOUBT if is_over else going
-    source["before"], source["came_at"], source["came"] = came, number, 0
+    source["before"], source["came_at"], source["came"] = came, sent_at, 0
 
 
 @jitable

@@ -10,7 +10,15 @@ from numba import typeof, types
 
 from bus.assemble.cycles import close_cycle_python, is_tick, open_cycle, sync_number
 from bus.assemble.gather import stage
-from bus.assemble.judge import accept_count, accept_echo, accept_plain, count, drop, is_old
+from bus.assemble.judge import (
+    accept_count,
+    accept_echo,
+    accept_plain,
+    count,
+    cycles_behind,
+    drop,
+    is_old,
+)
 from bus.assemble.memory import (
     BY_COMPLETE,
     BY_DEADLINE,
@@ -104,17 +112,19 @@ def take_data(f, row, views, tables, memory):
     ):
         drop(memory, f, Outcome.CRC.value)
         return False
-    source["came"] += 1
     sequence = np.int64(-1)
     if expected["sequence"]["mask"]:
         sequence = np.int64(read_bits(data, row, expected["sequence"]))
+    behind = cycles_behind(sequence, expected, state["number"])
+    source["came"] += 1
+    source["sent_at"] = max(source["sent_at"], state["number"] - behind)
     if is_old(f, sequence, expected, memory):
         drop(memory, f, Outcome.LATE.value)
         state["is_busy"] = 1  # the cycle has an end, which may end the doubt
         return False
     if expected["sequence"]["mask"]:
         if expected["echoes"]:
-            is_taken = accept_echo(f, sequence, row, data, tables, memory)
+            is_taken = accept_echo(f, behind, row, data, tables, memory)
         else:
             is_taken = accept_count(f, sequence, row, data, tables, memory)
     else:

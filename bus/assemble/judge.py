@@ -59,12 +59,22 @@ def lose(f, gap, limit, memory):
 
 
 @jitable
-def accept_echo(f, sequence, row, data, tables, memory):
-    """Judge a frame whose sequence number is the counter of its SYNC; True: take it."""
+def cycles_behind(sequence, expected, number):
+    """Cycles from that to which a frame belongs to the newest one: 0 where no counter of a SYNC
+    says which that is."""
+    if sequence < 0 or not expected["echoes"]:
+        return np.int64(0)
+    size = min(np.int64(expected["sequence"]["mask"]) + 1, 256)
+    return (number - sequence) & (size - 1)
+
+
+@jitable
+def accept_echo(f, behind, row, data, tables, memory):
+    """Judge a frame whose sequence number is the counter of its SYNC, which was sent `behind`
+    cycles before the newest; True: take it."""
     state, source = memory.state[0], memory.sources[f]
     size = min(np.int64(tables.frames[f]["sequence"]["mask"]) + 1, 256)
     number = state["number"]
-    behind = (number - sequence) & (size - 1)
     if number < 0:
         drop(memory, f, Outcome.LATE.value)
     elif behind == 0 and source["taken_at"] == number:
@@ -78,7 +88,7 @@ def accept_echo(f, sequence, row, data, tables, memory):
         # Closed without waiting for it: the next cycle shall wait.
         source["missed"] = 0
         drop(memory, f, Outcome.LATE.value)
-    elif number - behind == source["heard"]:
+    elif 0 <= source["heard"] == number - behind:
         repeat(f, row, data, tables, memory)
     else:
         drop(memory, f, Outcome.LATE.value)

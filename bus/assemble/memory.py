@@ -52,8 +52,9 @@ SOURCE = _integers(
     "back",  # sequence of the last frame that stepped back, -1: none
     "came",  # frames that came in this cycle, taken or not
     "before",  # in the last cycle before in which any came
-    "came_at",  # that cycle, -1: none
-    "every",  # cycles from one such cycle to the next
+    "sent_at",  # newest cycle to which a frame that came belongs, -1: none
+    "came_at",  # the same of that cycle in which frames came, -1: none
+    "every",  # cycles from one to which frames belong to the next
     "usual",  # frames that come in such a cycle where nothing was kept, at most
     "steady",  # such cycles in a row with as many frames
     "calm",  # such cycles in a row, up to CALM, with no more than is usual, and as soon
@@ -175,7 +176,8 @@ def new_memory(topology: Topology, table: FrameTable, stale_cycles: int) -> Memo
     syncs = np.array([(identifier, -1, -1) for identifier in identifiers], SYNC)
     sources = np.zeros(frames, SOURCE)
     sources["heard"] = sources["back"] = sources["taken_at"] = -1
-    sources["came_at"], sources["every"], sources["usual"] = -1, 1, 1
+    sources["sent_at"] = sources["came_at"] = -1
+    sources["every"] = sources["usual"] = 1
     sources["outage"] = _outages(table, stale_cycles)
     sets = np.zeros(len(table.tables.parts), SET)
     sets["key"] = sets["whole_at"] = sets["torn_at"] = -1

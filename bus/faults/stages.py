@@ -219,55 +219,59 @@ class _Truncate(_Stage):
         return frames
 
 
-class _Freeze(_Stage):
+class _InPlace(_Stage):
+    """Faults that write into whole frames of the topology."""
+
+    def apply(self, frames: np.ndarray, hits: np.ndarray) -> np.ndarray:
+        is_hit = np.zeros(frames.size, bool)
+        is_hit[hits] = True
+        for i in np.flatnonzero(self.matches(frames)):
+            expected = self.frame_of(frames[i])
+            if expected is None or frames["length"][i] != expected.layout.size:
+                continue
+            data = frames["data"][i]
+            if self.strike(data, expected, is_hit=bool(is_hit[i])):
+                expected.seal(data)
+                self.injected += 1
+        return frames
+
+    def strike(self, data: np.ndarray, expected: ExpectedFrame, *, is_hit: bool) -> bool:
+        """Write into a frame if it is hit; whether that was done. Asked for each frame."""
+        raise NotImplementedError
+
+
+class _Freeze(_InPlace):
     def __init__(self, *given) -> None:
         super().__init__(*given)
         self._last: dict[tuple[int, int | None], np.ndarray] = {}
 
-    def apply(self, frames: np.ndarray, hits: np.ndarray) -> np.ndarray:
-        is_hit = np.zeros(frames.size, bool)
-        is_hit[hits] = True
-        for i in np.flatnonzero(self.matches(frames)):
-            expected = self.frame_of(frames[i])
-            if expected is None or frames["length"][i] != expected.layout.size:
-                continue
-            data, key = frames["data"][i], (expected.can_id, expected.page)
-            if is_hit[i] and key in self._last:
-                held = expected.counts_of(self.units_in(expected))
-                data[:] = (data & ~held) | (self._last[key] & held)
-                expected.seal(data)
-                self.injected += 1
-            else:
-                self._last[key] = data.copy()
-        return frames
+    def strike(self, data: np.ndarray, expected: ExpectedFrame, *, is_hit: bool) -> bool:
+        key = expected.can_id, expected.page
+        if not is_hit or key not in self._last:
+            self._last[key] = data.copy()
+            return False
+        held = expected.counts_of(self.units_in(expected))
+        data[:] = (data & ~held) | (self._last[key] & held)
+        return True
 
 
-class _Wrong(_Stage):
-    """Faults that write other counts into whole frames."""
+class _Wrong(_InPlace):
+    """Faults that write other counts."""
 
     fault: Gain | Offset | Stuck | Lag
 
-    def apply(self, frames: np.ndarray, hits: np.ndarray) -> np.ndarray:
-        is_hit = np.zeros(frames.size, bool)
-        is_hit[hits] = True
-        for i in np.flatnonzero(self.matches(frames)):
-            expected = self.frame_of(frames[i])
-            if expected is None or frames["length"][i] != expected.layout.size:
-                continue
-            data, size, slots = frames["data"][i], expected.layout.size, self.units_in(expected)
-            struck = [
-                signal
-                for signal in expected.channels
-                if signal.slot in slots and self.fault.channel in (None, signal.name)
-            ]
-            for signal in struck:
-                wrong = self.wrong(count_in(data, signal, size), expected, signal)
-                if is_hit[i]:
-                    put_count(data, signal, size, wrong)
-            if struck and is_hit[i]:
-                expected.seal(data)
-                self.injected += 1
-        return frames
+    def strike(self, data: np.ndarray, expected: ExpectedFrame, *, is_hit: bool) -> bool:
+        size, slots = expected.layout.size, self.units_in(expected)
+        struck = [
+            signal
+            for signal in expected.channels
+            if signal.slot in slots and self.fault.channel in (None, signal.name)
+        ]
+        for signal in struck:
+            wrong = self.wrong(count_in(data, signal, size), expected, signal)
+            if is_hit:
+                put_count(data, signal, size, wrong)
+        return is_hit and bool(struck)
 
     def wrong(self, count: int, expected: ExpectedFrame, signal: Signal) -> int:
         """What is sent in place of a count; asked for each frame, whether it is hit or not."""

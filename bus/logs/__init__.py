@@ -22,7 +22,7 @@ from bus.logs.channels import buses_of
 from bus.logs.reader import LogReader, existing
 from bus.logs.recording import LoggedTransport, Recording
 from bus.logs.writer import LogWriter
-from topology.files import check_path, named
+from topology.files import check_path, named, sync
 
 __all__ = ["LogReader", "LogWriter", "LoggedTransport", "Recording", "buses_of", "open_writer",
            "read", "read_all", "write"]  # fmt: skip
@@ -131,6 +131,7 @@ def write(
             with open_writer(beside, **options) as writer:
                 for part in parts:
                     writer.write(part)
+            sync(beside)
             os.replace(beside, target)
     finally:
         beside.unlink(missing_ok=True)

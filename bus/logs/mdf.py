@@ -1,19 +1,23 @@
 """MdfReader: MDF 4 files with bus logging, through asammdf (the extra `mdf`).
 
 A file that is damaged may crash asammdf's C code, and with it the process. So it reads in a process
-of its own, ``python -m bus.logs.mdf FILE PIECE``, which hands the frames over piece by piece.
+of its own, ``python -m bus.logs.mdf FILE PIECE``, which hands the frames over piece by piece, as
+blocks: a byte for the kind, the count of bytes as a little-endian u64, then an array as of
+`numpy.lib.format`, or a text in UTF-8. A piece is an array of frames and one of their bus channels;
+the text is empty at the end of the file, or what went wrong. Nothing of it is ever unpickled.
 """
 
 from __future__ import annotations
 
 import os
-import pickle
+import struct
 import subprocess
 import sys
 from collections.abc import Generator, Iterator
 from datetime import UTC, datetime, timedelta
 from importlib import import_module
 from importlib.util import find_spec
+from io import BytesIO
 from pathlib import Path
 from signal import Signals
 from typing import IO, Any
@@ -44,6 +48,10 @@ _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _IDENTIFIER, _STANDARD = 0x1FFF_FFFF, 0x7FF
 _BUS_ERROR = 0x80
 _CLASSIC_BYTES, _FD_BYTES, _ERROR_BYTES = 8, 64, 8
+_HEAD = struct.Struct("<cQ")
+_ARRAY, _TEXT = b"a", b"t"
+_LARGEST = 2 * _PIECE * FRAME_DTYPE.itemsize
+"""Bytes of a block: a piece of frames and its header are less."""
 
 
 class MdfReader(LogReader):
@@ -79,15 +87,11 @@ class MdfReader(LogReader):
         assert reading.stdout is not None
         with reading:
             try:
-                while (told := _told(reading.stdout)) is not None:
-                    if not isinstance(told, str):
-                        yield told
-                    elif told:
-                        raise LogError(f"{self.path}: must be a whole MDF 4 file; got: {told}")
-                    else:
-                        return
-                why = _ended(reading.wait())
-                raise LogError(f"{self.path}: must be a whole MDF 4 file; got: {why}")
+                why = yield from _given(reading.stdout)
+                if why is None:
+                    why = _ended(reading.wait())
+                if why:
+                    raise LogError(f"{self.path}: must be a whole MDF 4 file; got: {why}")
             finally:
                 reading.kill()
 
@@ -105,12 +109,58 @@ class MdfReader(LogReader):
         return records[bus != LEFT_OUT]
 
 
-def _told(pipe: IO[bytes]) -> Any:
-    """What the process that reads says next; None where it has ended in the midst of it."""
-    try:
-        return pickle.load(pipe)
-    except (EOFError, pickle.UnpicklingError):
+def _given(pipe: IO[bytes]) -> Generator[tuple[np.ndarray, np.ndarray], None, str | None]:
+    """Yield what the process that reads hands over; return what went wrong, "" where nothing did,
+    None where it has ended in the midst of it."""
+    while True:
+        try:
+            first = _received(pipe)
+            if first is None or isinstance(first, str):
+                return first
+            second = _received(pipe)
+            if second is None:
+                return None
+        except ValueError as error:
+            return f"from the process that reads it, {error}"
+        if isinstance(second, str) or not (
+            (first.dtype, second.dtype) == (FRAME_DTYPE, np.int64)
+            and first.shape == second.shape == (first.size,)
+        ):
+            return "from the process that reads it, arrays that are no frames"
+        yield first, second
+
+
+def _received(pipe: IO[bytes]) -> np.ndarray | str | None:
+    """The next block of the process that reads; None where it ends in the midst of one.
+
+    Raises
+    ------
+    ValueError
+        It is no block.
+    """
+    head = pipe.read(_HEAD.size)
+    if len(head) < _HEAD.size:
         return None
+    kind, size = _HEAD.unpack(head)
+    if kind not in (_ARRAY, _TEXT) or size > _LARGEST:
+        raise ValueError("bytes that are no frames")
+    data = pipe.read(size)
+    if len(data) < size:
+        return None
+    if kind == _TEXT:
+        return data.decode(errors="replace")
+    return np.lib.format.read_array(BytesIO(data), allow_pickle=False)
+
+
+def _hand_over(out: IO[bytes], block: np.ndarray | str) -> None:
+    """Write a block."""
+    data = BytesIO()
+    if isinstance(block, str):
+        data.write(block.encode(errors="backslashreplace")[:_LARGEST])
+    else:
+        np.lib.format.write_array(data, block, allow_pickle=False)
+    out.write(_HEAD.pack(_TEXT if isinstance(block, str) else _ARRAY, data.tell()))
+    out.write(data.getbuffer())
 
 
 def _ended(status: int) -> str:
@@ -202,20 +252,21 @@ class _Group:
 
 
 def main() -> None:
-    """Hand the frames of a file over: pairs of arrays, then an empty text, or what went wrong."""
+    """Hand the frames of a file over."""
     path, size = Path(sys.argv[1]), int(sys.argv[2])
     with os.fdopen(os.dup(1), "wb") as out:
         os.dup2(2, 1)  # whatever a library prints is no part of what is handed over
         try:
             with import_module("asammdf").MDF(path) as file:
                 for pair in _pieces(file, size):
-                    pickle.dump(pair, out, pickle.HIGHEST_PROTOCOL)
-            told = ""
+                    for block in pair:
+                        _hand_over(out, block)
+            why = ""
         except BrokenPipeError:  # nobody reads on
             os._exit(0)
         except Exception as error:  # anything may come of reading a file that is damaged
-            told = repr(error)
-        pickle.dump(told, out)
+            why = repr(error)
+        _hand_over(out, why)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,8 @@ nothing is subtracted twice; what it had followed before belongs to the calibrat
 not restored on this one.
 
 What resting neighbours add is left out: decoders take it off themselves, by magnet theory or by
-the stencil that they are given.
+the stencil that they are given. What a stencil has beyond theory stands with the zeros
+(`tare_rest_x_ut`, `tare_rest_y_ut`), and a decoder that takes another field off warns of it.
 
 Bz at rest is no offset: its size tells the displacement (R from the angle of the field), and the
 bench has measured that of the film. What a unit reads beside that is of its neighbours at rest and
@@ -111,9 +112,21 @@ class Tare:
             rest_ut=rest_ut,
         )  # fmt: skip
 
-    def applied(self) -> Topology:
-        """The skin with these zeros, without any file."""
+    def beyond_ut(self) -> np.ndarray:
+        """Of x and y, what is left out for neighbours at rest beyond magnet theory, to a nanotesla,
+        shape (2, n)."""
+        return np.round(self.rest_ut[:2] - neighbours_at_rest(self.topology)[:2], 3)
+
+    def applied(self, beyond_ut: np.ndarray | None = None) -> Topology:
+        """The skin with these zeros, without any file.
+
+        Parameters
+        ----------
+        beyond_ut : ndarray, shape (2, n), optional
+            As `beyond_ut` gives it, which takes some cycles.
+        """
         p = self.topology.parameters
+        x_ut, y_ut = self.beyond_ut() if beyond_ut is None else beyond_ut
         measured = self.offset_sigma_ut.max(axis=0)
         # of a unit without calibration it is the spread of offsets, which are known now
         left = np.where(self.topology.calibrated, p["field_sigma_ut"], 0.0)
@@ -123,6 +136,7 @@ class Tare:
             "hall_offset_x_ut": self.offset_ut[0], "hall_offset_y_ut": self.offset_ut[1],
             "field_sigma_ut": sigma, "axial_rest_ut": self.axial_rest_ut,
             "axial_rest_sigma_ut": self.axial_rest_sigma_ut,
+            "tare_rest_x_ut": x_ut, "tare_rest_y_ut": y_ut,
         }  # fmt: skip
         changed = {name: np.where(self.taken & np.isfinite(new), new, p[name])
                    for name, new in zeros.items()}  # fmt: skip
@@ -149,6 +163,7 @@ class Tare:
             By patch. Each file is there whole or not at all.
         """
         files = calibration_files(self.topology, self.taken, out)
+        beyond_ut = self.beyond_ut()
         for patch, path in files.items():
             source = named_file(self.topology, patch)
             before, units = read_calibration(source)
@@ -157,7 +172,7 @@ class Tare:
             for i in np.flatnonzero(self.taken & here):
                 unit = self.topology.unit_names[i].removeprefix(f"{patch}/")
                 known = units.setdefault(unit, [])
-                known.append(self._fit(int(i), known))
+                known.append(self._fit(int(i), known, beyond_ut))
                 tared.add(unit)
             path.parent.mkdir(parents=True, exist_ok=True)
             bench = TARED.sub("", before.get("bench", ""))
@@ -169,7 +184,7 @@ class Tare:
             )  # fmt: skip
         return files
 
-    def _fit(self, i: int, known: Sequence[Fit]) -> Fit:
+    def _fit(self, i: int, known: Sequence[Fit], beyond_ut: np.ndarray) -> Fit:
         """What the tare has found, beside what is `known` from a bench."""
         left_ut = [fit.values[fit.names.index("field_sigma_ut")] for fit in known
                    if "field_sigma_ut" in fit.names]  # fmt: skip
@@ -183,6 +198,12 @@ class Tare:
         if np.isfinite(self.axial_rest_ut[i]):
             axial = self.axial_rest_ut[i], self.axial_rest_sigma_ut[i]
             values |= {"axial_rest_ut": axial, "axial_rest_sigma_ut": (axial[1], np.nan)}
+        stencil = {
+            f"tare_rest_{axis}_ut": (value, np.nan)
+            for axis, value in zip("xy", beyond_ut[:, i], strict=True)
+        }
+        if beyond_ut[:, i].any() or any(name in fit.names for fit in known for name in stencil):
+            values |= stencil
         return as_fit(values, int(self.cycles[i]))
 
 

@@ -218,7 +218,7 @@ class Zeros:
 
     def _apply(self, found: Tare) -> None:
         """Let the decoder have new zeros."""
-        self._decoder.retare(found.applied())
+        self._decoder.retare(found.applied(self._decoder.rest_beyond_ut))
         self._pending &= ~found.taken
 
     # -- from run to run --------------------------------------------------------------------------

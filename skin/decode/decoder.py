@@ -61,6 +61,8 @@ class Decoder:
         stencil: it is taken off, with `sweeps` or without, along z weighted with what a tare has
         measured (`skin.decode.resting`), and the offsets do not hold it, see `skin.calibrate.tare`.
         None where nothing is decoded that needs it.
+    rest_beyond_ut : ndarray, shape (2, n)
+        Of its Bx and By, what a learned stencil has beyond magnet theory.
     crosstalk, ambient : CrossTalk, Ambient, or None
     loop : Loop or None
         What takes these off; None where neither is there.
@@ -119,21 +121,16 @@ class Decoder:
         if self.crosstalk is not None:
             stencil = self.crosstalk.stencil
         self._alone = threading.Lock()
-        self.rest_ut = self._rest_of(stencil)
+        self.rest_ut: np.ndarray | None = None
+        self.rest_beyond_ut = np.zeros((2, topology.n))
+        if plan.reads_field:
+            from skin.decode.rest import check_zeros, rest_of
+
+            self.rest_ut, self.rest_beyond_ut = rest_of(topology, stencil)
+            check_zeros(topology, self.rest_beyond_ut)
         self._make_kernel()
         self._make_buffers(workers or sharing.processors())
         self.reset()
-
-    def _rest_of(self, stencil: Stencil | None) -> np.ndarray | None:
-        """`rest_ut`."""
-        if not self.plan.reads_field:
-            return None
-        from skin.physics.stencil import check_stencil, neighbours_at_rest
-
-        if stencil is None:
-            return neighbours_at_rest(self.topology)
-        check_stencil(self.topology, stencil)
-        return stencil.rest_ut
 
     def _make_kernel(self) -> None:
         """The kernel and its model."""

@@ -76,6 +76,10 @@ class _File:
         self.size += done
         self._waiting.clear()
 
+    def sync(self) -> None:
+        """Let the disk have what is in the file."""
+        os.fsync(self._file)
+
     def close(self) -> None:
         """Close the file."""
         os.close(self._file)
@@ -151,9 +155,10 @@ class Container:
         self._writer.flush()
 
     def finish(self) -> None:
-        """End the file: with an index, where there is room for one."""
+        """End the file: with an index, where there is room for one; the disk has it then."""
         self._writer.finish()
         self._file.flush()
+        self._file.sync()
 
     def close(self) -> None:
         """Close the file as it is."""

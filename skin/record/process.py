@@ -162,17 +162,21 @@ class SlotsToMessages:
 def main() -> None:
     """Write what comes, until the loop ends."""
     end = WorkerEnd()
-    request, file = end.request, None
+    request, path = end.request, Path(end.request["file"])
     try:
-        file = Container(Path(request["file"]), "f3t-skin")
+        file = Container(path, "f3t-skin")
         for name, data in request["attached"].items():
             attach(file, name, base64.b64decode(data))
         file.flush()
+    except OSError as error:
+        if not isinstance(error, FileExistsError):
+            path.unlink(missing_ok=True)  # a recording that has not begun is none
+        end.command(None)
+        end.answer(error=f"{path}: {error.strerror}")
+        sys.exit(error.errno)
+    try:
         _serve(end, file, SlotsToMessages(file, request))
     except OSError as error:
-        if file is None:
-            end.command(None)
-            end.answer(error=f"{request['file']}: {error.strerror}")
         sys.exit(error.errno)
 
 

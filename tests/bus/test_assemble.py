@@ -280,6 +280,14 @@ def test_a_lost_sync_leaves_a_gap_and_its_data_are_late():
     assert (assembler.counters.late, assembler.counters.lost) == (2, 0)
 
 
+def test_an_answer_of_before_the_first_sync_is_late():
+    """Its number is that of no frame before: one behind 0 is none that was ever heard."""
+    small = make_topology(units=1)
+    assembler = Assembler(small)
+    run(assembler, sync(14), data_frames(small, 0, 15))
+    assert (assembler.counters.late, assembler.counters.repeated) == (1, 0)
+
+
 @given(st.lists(st.tuples(st.integers(0, 1), st.booleans()), max_size=60))
 def test_a_sync_on_several_buses_is_one_cycle(order):
     small = make_topology(units=2, buses=2)

@@ -210,6 +210,62 @@ def test_a_unit_that_answers_every_kth_cycle_is_no_late_one(kind, every):
     assert assembler.counters.late <= 3
 
 
+ANSWERS, KNOWN = 9, 4
+"""Answers of a slow board, and those of them after which its rate is known."""
+
+
+def slow_board(kind, every, place_of):
+    """Answers of a board that are shown whole, from 0, of one that answers each `every`-th SYNC:
+    `place_of(answer, part)` is where a frame of it comes, 0 before those of the other boards, 1
+    behind them, 2 behind the next SYNC."""
+    small, cycles = make_topology(KINDS[kind], units=12), ANSWERS * every
+    parts, echoes = small.layouts[0].parts, small.layouts[0].sequence == "sync"
+    shown, held = [], []
+    for i in range(cycles):
+        number = i if echoes else i // every
+        frames = data_frames(small, i, i, stamp_ns=i * PERIOD_NS + 1000)
+        mine = data_frames(small, i, number, stamp_ns=i * PERIOD_NS + 1000)[:parts]
+        places = ([], [], [])
+        for part in range(parts if i % every == 0 else 0):
+            places[place_of(i // every, part)].append(mine[part : part + 1])
+        shown += [sync(i, stamp_ns=i * PERIOD_NS), *held, *places[0], frames[parts:], *places[1]]
+        held = places[2]
+    hit = small.frames.units[0][small.frames.units[0] >= 0]
+    closed = run(Assembler(small), *shown)
+    assert [cycle.number for cycle in closed] == list(range(cycles))
+    for cycle in closed:
+        right = (cycle.counts == counts_of(small, cycle.number)) | ~_carried(small)
+        assert right[:, hit].all() or not cycle.valid[hit].any()
+    valid = [cycle.number for cycle in closed if cycle.valid[hit].all()]
+    assert all(i % every == 0 for i in valid)
+    return [i // every for i in valid]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("every", [2, 5, 6, 10])
+@pytest.mark.parametrize("order", ["first", "last", "one part last", "now first, now last"])
+def test_a_board_that_answers_every_kth_cycle_is_waited_for_in_that_cycle(kind, every, order):
+    """Its frames are those that end the cycle: closed without waiting for them, they are late."""
+    place_of = {
+        "first": lambda answer, part: 0,
+        "last": lambda answer, part: 1,
+        "one part last": lambda answer, part: part,
+        "now first, now last": lambda answer, part: answer % 3 % 2,
+    }[order]
+    shown = slow_board(kind, every, place_of)
+    assert [answer for answer in shown if answer >= KNOWN] == list(range(KNOWN, ANSWERS))
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if "SYNC" in kind])
+@pytest.mark.parametrize("every", [2, 5, 6, 10])
+def test_a_board_whose_answer_comes_behind_the_next_sync_is_waited_for_when_the_next_is_due(
+    kind, every
+):
+    """What comes behind the next SYNC says by its number in which cycle the board answered."""
+    shown = slow_board(kind, every, lambda answer, part: 2 if answer in (5, 7) else 1)
+    assert [answer for answer in shown if answer >= KNOWN] == [4, 6, 8]
+
+
 @pytest.mark.parametrize("kind", ["its own count, 4 bits", "its own count, 8 bits", "no number"])
 @pytest.mark.parametrize("others_first", [True, False])
 def test_a_unit_that_sends_twice_a_cycle_returns_after_an_outage(kind, others_first):

@@ -16,6 +16,7 @@ def assemble(records, units, first_id=0x100, sync_id=0x80, stale_cycles=5):
     missed = dict.fromkeys(range(units), 0)
     dropped = dict.fromkeys(range(units), 0)
     heard = dict.fromkeys(range(units), 0)
+    newest = dict.fromkeys(range(units), -1)
     arrivals = {u: [] for u in range(units)}
     usual = dict.fromkeys(range(units), 1)
     calm = dict.fromkeys(range(units), 0)
@@ -45,13 +46,18 @@ def assemble(records, units, first_id=0x100, sync_id=0x80, stale_cycles=5):
             }
         )
 
+    def rate(u):
+        """Cycles to which frames of the unit belong, from one to the next."""
+        every = 1
+        for (before, _), (cycle, count) in itertools.pairwise(arrivals[u]):
+            if count <= usual[u] and cycle > before:
+                every = cycle - before if before >= 0 else 1
+        return every
+
     def judge(u):
         """Whether the unit is to be believed, by how many frames came when."""
-        when = [cycle for cycle, _ in arrivals[u]]
-        gaps = [b - a for a, b in itertools.pairwise(when)]
-        every = 1
-        for (_, count), gap in zip(arrivals[u][1:], gaps, strict=True):
-            every = gap if count <= usual[u] else every
+        when = [cycle for cycle, _ in arrivals[u][-1:] if cycle >= 0]
+        every = rate(u)
         if not heard[u]:
             if when and number - when[-1] >= max(RANGE, 2 * every + 1):
                 doubt[u], calm[u] = "old", 0
@@ -61,12 +67,12 @@ def assemble(records, units, first_id=0x100, sync_id=0x80, stale_cycles=5):
             usual[u] = heard[u]
         elif doubt[u] == "none":
             usual[u] = max(usual[u], min([*counts[-2:], heard[u]] if len(counts) > 1 else [0]))
-        after = number - when[-1] if when else 1
+        after = newest[u] - when[-1] if when else 1
         if heard[u] > usual[u]:
             calm[u] = 0
-        else:
+        elif after > 0:
             calm[u] = 1 if after > every else calm[u] + 1
-        arrivals[u].append((number, heard[u]))
+        arrivals[u].append((newest[u], heard[u]))
         if doubt[u] != "none":
             doubt[u] = "over" if calm[u] >= 2 else "old"
             if u in came and heard[u] <= usual[u] + 1:
@@ -88,15 +94,23 @@ def assemble(records, units, first_id=0x100, sync_id=0x80, stale_cycles=5):
                     dropped[u] = 0
             number = data[0] if number is None else number + step
             came, is_open = {}, True
-            waits = {u for u in range(units) if missed[u] < stale_cycles or doubt[u] == "over"}
+            waits = {
+                u
+                for u in range(units)
+                if missed[u] < stale_cycles
+                or doubt[u] == "over"
+                or any(number == cycle + rate(u) for cycle, _ in arrivals[u][-1:] if cycle >= 0)
+            }
             continue
         u = int(record["id"]) - first_id
         heard[u] += 1
+        values = {s.name: read(s, data) for s in LAYOUT.signals}
+        if number is not None:
+            newest[u] = max(newest[u], number - (number - values["sequence"]) % RANGE)
         if doubt[u] == "old":
             totals["late"] += 1
             dropped[u] += 1
             continue
-        values = {s.name: read(s, data) for s in LAYOUT.signals}
         last = None if known[u].get("restarted") else known[u]["cycle"]
         if u in came:
             last = number

@@ -1,4 +1,5 @@
-"""Each opening, write, closing and renaming of a file fails once: what stood there stays whole."""
+"""Each opening, write, sync, closing and renaming of a file fails once: what stood there stays
+whole."""
 
 from __future__ import annotations
 
@@ -7,6 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 import topology
@@ -22,6 +24,8 @@ from skin.errors import SkinError
 from skin.options import Options
 from skin.physics.stencil import Stencil
 from skin.pipeline import Pipeline
+from skin.record.container import RecordedFile
+from skin.record.topics import STATE
 from skin.sim.node import Nodes
 from skin.sim.scenes.load import open_scene
 from skin.sim.scenes.record import Recorder
@@ -98,6 +102,7 @@ WRITERS = {
     "ambient.npz": lambda run, path: run[3].decoder.ambient.save(path),
     "table.csv": tables(".csv"),
     "arrays.npz": tables(".npz"),
+    "table.parquet": tables(".parquet"),
     "truth.npz": truth,
     "dbc": lambda run, path: write_dbc(STRIP, path.parent),
     "frames.log": lambda run, path: write(path, run[0]),
@@ -158,7 +163,7 @@ def check(name, run, folder, which):
         told = f"{getattr(error, 'filename', '')} {error}"
         assert any(file.name in told or file.stem in told for file in good), told
         assert "No space left" in told
-    assert {"open", "write"} <= steps
+    assert {"open", "write", "fsync", "rename"} <= steps
 
 
 def is_whole(file: Path, data: bytes, good: bytes) -> bool:
@@ -171,12 +176,22 @@ def is_whole(file: Path, data: bytes, good: bytes) -> bool:
     return False
 
 
+def read_recording(file):
+    recorded = RecordedFile(file)
+    assert len(list(recorded.messages({STATE}))) > 0
+    assert not recorded.damage
+
+
+READS = {"npz": np.load, "parquet": pq.read_table, "mcap": read_recording}
+
+
 @pytest.mark.long
-def test_a_bulk_decoding_goes_on_after_each_failure(run, tmp_path):
+@pytest.mark.parametrize("format", ["npz", "parquet", "mcap"])
+def test_a_bulk_decoding_goes_on_after_each_failure(format, run, tmp_path):
     log = tmp_path / "a.log"
     write(log, run[0])
     (part,) = parts_of([log])
-    job = Job(STRIP, tmp_path / "out", {}, "npz", anew=True)
+    job = Job(STRIP, tmp_path / "out", {}, format, anew=True)
     assert decode_part(job, part)["state"] == "decoded"
     with pytest.MonkeyPatch.context() as patch:
         disk = FailingDisk(job.folder, EVERY, patch)
@@ -188,6 +203,6 @@ def test_a_bulk_decoding_goes_on_after_each_failure(run, tmp_path):
         assert summary["state"] == "failed"
         assert "No space left" in summary["error"]
         assert not [*job.folder.rglob("*.part")]
-        for file in job.folder.rglob("*.npz"):
-            np.load(file)
+        for file in job.folder.rglob(f"part-*.{format}"):
+            READS[format](file)
     assert decode_part(job, part)["state"] == "decoded"

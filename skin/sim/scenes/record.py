@@ -47,7 +47,7 @@ import numpy as np
 from skin.errors import SkinError
 from skin.sim.scenes.play import ScriptedScene
 from skin.sim.truth import Truth
-from topology.files import arrays_of, check_over, named
+from topology.files import arrays_of, check_over, named, sync
 
 __all__ = ["Recorder"]
 
@@ -143,6 +143,7 @@ class Recorder:
                     with open(self._folder / name, "rb") as rows:
                         shutil.copyfileobj(rows, entry)
         with named(self.path):
+            sync(partial)
             os.replace(partial, self.path)
 
     def _write(self, name: str, value: np.ndarray) -> None:

@@ -327,6 +327,35 @@ def test_a_crash_of_the_library_is_an_error_of_the_file(does, told, tmp_path, mo
     )
 
 
+def test_nothing_of_what_the_library_writes_is_unpickled(tmp_path, monkeypatch):
+    """A stand-in writes a pickle that creates a file into whatever is open."""
+    there = tmp_path / "unpickled"
+    (tmp_path / "asammdf.py").write_text(
+        f"""
+import os, pickle
+
+class Creates:
+    def __reduce__(self):
+        return os.mkdir, ({str(there)!r},)
+
+def MDF(path):
+    for file in range(3, 64):
+        try:
+            os.write(file, pickle.dumps(Creates()))
+        except OSError:
+            pass
+    os._exit(0)
+"""
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "asammdf", raising=False)
+    path = tmp_path / "some.mf4"
+    path.write_bytes(b"MDF     4.10")
+    with pytest.raises(LogError, match="from the process that reads it, bytes that are no frames"):
+        read_all(path)
+    assert not there.exists()
+
+
 def test_mf4_without_asammdf_names_the_extra(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "asammdf", None)
     path = tmp_path / "some.mf4"

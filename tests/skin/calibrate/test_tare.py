@@ -162,7 +162,7 @@ def test_tared_skin_reads_nothing(tmp_path):
 
 def test_every_other_value_is_kept(tmp_path):
     skin = pair(tmp_path, BEFORE)
-    found = tare(skin, simulated(skin), leave_out=["left/r0c2", "right/r0c0", "right/r0c1"])
+    found = tares.tare(skin, simulated(skin), leave_out=["left/r0c2", "right/r0c0", "right/r0c1"])
     assert found.write(date="2026-02-02") == {"left": tmp_path / "left.toml"}
     text = (tmp_path / "left.toml").read_text()
     table, before = tomllib.loads(text), tomllib.loads(BEFORE)
@@ -244,7 +244,7 @@ def test_sigmas_of_a_tare_stand_in_the_file(tmp_path):
     skin = pair(tmp_path, BEFORE)
     counts = simulated(skin)
     counts[:, BY] += (8 * (counts[:, BY] % 16)).astype(np.int16)  # more noise
-    found = tare(skin, counts)
+    found = tares.tare(skin, counts)
     found.write(tmp_path / "a" / "b")
     found.write(tmp_path / "a" / "b", date="2026-02-02")
     table, fits = read_calibration(tmp_path / "a" / "b" / "right.toml")
@@ -755,3 +755,57 @@ def test_command_refuses_wrong_use(arguments, message, tmp_path, monkeypatch, ca
     assert main(["tare", *arguments]) == 2
     assert message in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("taken_with", "decoded_with", "told"),
+    [
+        (None, None, None),
+        (80.0, 80.0, None),
+        (80.0, 81.0, None),  # refined by what was felt since: less than the sigma of the zeros
+        (80.0, None, "by a learned stencil; got another, 57 µT off"),
+        (80.0, -20.0, "by a learned stencil; got another, 71 µT off"),
+        (None, 80.0, "by magnet theory; got another, 57 µT off"),
+    ],
+)
+def test_zeros_that_were_taken_with_another_stencil_are_named(
+    taken_with, decoded_with, told, tmp_path, caplog
+):
+    """A stencil is theory, or so many µT along x beside it."""
+    skin = pair(tmp_path, BEFORE)
+    theory = Stencil.of(skin, degree=1)
+
+    def stencil(off_ut):
+        if off_ut is None:
+            return None
+        rest_ut = theory.rest_ut + np.array([[off_ut], [0.0], [0.0]])
+        return dataclasses.replace(theory, rest_ut=rest_ut, drawn=False)
+
+    with_it = stencil(taken_with)
+    right = [name for name in skin.unit_names if name.startswith("right/")]
+    found = tares.tare(
+        skin, simulated(skin), rest_ut=None if with_it is None else with_it.rest_ut,
+        leave_out=right,
+    )  # fmt: skip
+    found.write()
+    for tared in (topology.load(tmp_path / "pair.toml"), found.applied()):
+        caplog.clear()
+        Decoder(tared, stencil=stencil(decoded_with))
+        expected = [] if told is None else [
+            "pair: patch 'left': must be decoded with the stencil of its zeros, which leave out "
+            f"resting neighbours {told}: its units read as sheared (stencil = that of its zeros, "
+            "or tare it with this one)"
+        ]  # fmt: skip
+        assert [text for text in caplog.messages if "neighbours" in text] == expected
+
+
+def test_a_tare_by_theory_takes_the_place_of_one_by_a_stencil(tmp_path, caplog):
+    skin = pair(tmp_path, BEFORE)
+    rest_ut = Stencil.of(skin, degree=1).rest_ut + 80.0
+    right = [name for name in skin.unit_names if name.startswith("right/")]
+    for rest in (rest_ut, None):
+        tares.tare(skin, simulated(skin), rest_ut=rest, leave_out=right).write()
+        skin = topology.load(tmp_path / "pair.toml")
+    Decoder(skin)
+    assert not [text for text in caplog.messages if "neighbours" in text]
+    assert not skin.parameters["tare_rest_x_ut"].any()

@@ -27,35 +27,28 @@ name = "pair"
 name = "main"
 data_bitrate = 5_000_000
 cycle_rate_hz = 250
-[[patches]]
-name = "a"
-kind = "grid"
-rows = 4
-columns = 4
-pitch_m = 0.012
-bus = "main"
-layout = "f3t-fd16"
-first_id = 0x100
-[[patches]]
-name = "b"
-kind = "grid"
-rows = 4
-columns = 4
-pitch_m = 0.012
-bus = "main"
-layout = "f3t-fd16"
-first_id = 0x180
-[patches.pose]
-xyz_m = [0.0, 0.0, 0.1]
-rpy_deg = [180.0, 0.0, 0.0]
 """
+PAD = """[[patches]]
+name = "{name}"
+kind = "grid"
+rows = 4
+columns = 4
+pitch_m = 0.012
+bus = "main"
+layout = "f3t-fd16"
+first_id = {first_id}
+pose = {{ xyz_m = [0.0, 0.0, {z_m}], rpy_deg = [{roll_deg}, 0.0, 0.0] }}
+"""
+PADS = (("a", 0x100, 0.0, 0.0), ("b", 0x180, 0.1, 180.0))
 
 
 @pytest.fixture(scope="module")
 def pair(tmp_path_factory):
     """Two pads of 16 units that face each other, on one body."""
     file = tmp_path_factory.mktemp("pair") / "pair.toml"
-    file.write_text(PAIR)
+    pads = (PAD.format(name=name, first_id=first_id, z_m=z_m, roll_deg=roll_deg)
+            for name, first_id, z_m, roll_deg in PADS)  # fmt: skip
+    file.write_text(PAIR + "".join(pads))
     return topology.load(file).exact()
 
 

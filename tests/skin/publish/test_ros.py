@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import skin
+from bus.memory import MemoryTransport
 from skin.cli import main
 from skin.contact.record import Flag
 from skin.errors import LibraryError, OptionError, SkinError
@@ -22,6 +23,7 @@ from skin.publish.dds import LOCALHOST
 from skin.publish.snapshot import patch_poses
 from skin.state import Status
 from tests.fixtures.patience import LONG_S
+from tests.fixtures.robots import write_gripper
 from tests.house.sources import ROOT
 
 pytest.importorskip("cyclonedds", reason="cyclonedds is not installed")
@@ -225,6 +227,30 @@ def test_patches_that_move_are_told_with_every_state(palm, states):
     palm.move(at.position, at.rotation)
     place = list(told["transform"]["translation"].values())
     np.testing.assert_allclose(place, turn @ middle + [0.1, 0.0, 0.2], atol=1e-12)
+
+
+@pytest.mark.parametrize("want", [("force",), ("contacts",)])
+def test_patches_are_told_where_the_joints_have_moved_them(tmp_path, want):
+    """Fingers slide along x by the coordinate of their joint, whatever is wanted of the skin."""
+    near, _ = MemoryTransport.pair()
+    file = write_gripper(tmp_path)
+    with skin.open(file, transports=[near], pace=False, want=want) as gripper:
+        states, heard = iter(gripper), {}
+        assert (next(states).contacts is None) == ("contacts" not in want)
+        with ros(gripper, rate_hz=None, domain=DOMAIN, moving=True) as node:
+            with Listener({"rt/tf": "TFMessage"}) as listener:
+                listener.match()
+                for count, q in enumerate((0.0, 0.03), start=1):
+                    gripper.move_joints({"close": q})
+                    node.publish(next(states))
+                    listener.until(lambda count=count: len(listener.heard["rt/tf"]) == count)
+                    for told in listener.heard["rt/tf"][-1]["transforms"]:
+                        place = list(told["transform"]["translation"].values())
+                        heard.setdefault(told["child_frame_id"], []).append(place)
+    assert heard.keys() == {"left", "right"}
+    for name, way in (("left", 0.03), ("right", -0.03)):
+        before, after = map(np.array, heard[name])
+        np.testing.assert_allclose(after - before, [way, 0.0, 0.0], atol=1e-12)
 
 
 def test_the_rate_holds_in_the_mean(palm, states):

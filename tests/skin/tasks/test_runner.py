@@ -6,9 +6,13 @@ from types import SimpleNamespace
 
 import pytest
 
+from skin.behaviours.grip import GripControl
+from skin.behaviours.handover import Handover, Phase
 from skin.errors import OptionError
 from skin.tasks.runner import Runner
-from skin.tasks.task import Alarm, Step, Task
+from skin.tasks.task import Alarm, Step, Task, load_task
+from tests.skin.behaviours.held import Held, ramp
+from topology import load
 
 
 class Told:
@@ -150,3 +154,65 @@ def test_what_is_not_there_is_refused_before_anything_is_done(wrong, message):
 def test_a_field_that_is_none_is_not_known():
     told = Told([step("a")])
     assert told.go(0.5, value=None) == "a"
+
+
+ENDS = """\
+format = 1
+name = "until the word"
+
+[[steps]]
+name = "wait"
+do = "do"
+until = ["{field} == '{word}'"]
+next = "over"
+timeout_s = 86_400.0
+
+[[steps]]
+name = "over"
+do = "do"
+until = ["step.seconds >= 0"]
+ends = "done"
+"""
+
+
+def until_the_word(tmp_path, name, feel, field, word):
+    """The runner of a task file that ends where a field of a behaviour is a word."""
+    file = tmp_path / "task.toml"
+    file.write_text(ENDS.format(field=f"{name}.{field}", word=word), encoding="utf-8")
+    known = {f"{name}.{field}": getattr(feel, field)}
+    task = load_task(file, fields=known, actions={"do": ()})
+    return Runner(task, {name: feel}, {"do": lambda seconds, values: None})
+
+
+def test_a_task_file_waits_for_a_hand_that_takes(tmp_path):
+    """A phase is a word of its own, to a condition too."""
+    held = Held()
+    handover = Handover(held.topology)
+    handover.give()
+    runner = until_the_word(tmp_path, "handover", handover, "phase", "taken")
+    bears = ramp(held.weight_n, 0.2, 5.0)
+    steps = []
+    for cycle in range(round(2.0 / 0.004)):
+        seconds = 0.004 * cycle
+        phase = handover.update(held.cycle(force=(0.0, 0.0, bears(seconds - 0.6))))
+        runner.update(seconds)
+        steps.append((seconds, phase, runner.step))
+    taken_s = next(seconds for seconds, phase, _ in steps if phase is Phase.TAKEN)
+    assert all(step == "wait" for seconds, _, step in steps if seconds < taken_s)
+    assert 0.6 < taken_s < 1.1
+    assert runner.outcome == "done"
+    assert runner.timeline[0].why == "handover.phase == 'taken' (is taken)"
+
+
+def test_a_task_file_waits_for_a_grip_that_lets_go(tmp_path):
+    topology = load("gripper")
+    jaws = SimpleNamespace(squeeze=lambda wanted_n, felt_n: None, release=lambda: None)
+    grip = GripControl(topology, jaws)
+    runner = until_the_word(tmp_path, "grip", grip, "phase", "releasing")
+    for time_s in (0.0, 0.1):
+        runner.update(time_s)
+        assert (grip.phase, runner.step) == ("closing", "wait")
+    grip.release()
+    runner.update(0.2)
+    runner.update(0.3)
+    assert (grip.phase, runner.outcome) == ("releasing", "done")
