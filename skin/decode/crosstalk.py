@@ -180,11 +180,11 @@ class CrossTalk:
         self._film_model = self._films_of(topology, idle_mm)
         always = self._residues()
         self.residue_ut = np.sqrt(always)
-        self._films_ut2, self.axial_ut2 = films_ut2(topology, stencil)
-        always = always + self._films_ut2
+        self._by_tare_ut2, self.axial_ut2 = films_ut2(topology, stencil)
         if stencil.drawn:
-            always += placement_ut2(topology, stencil)
-        self._pair_model = self._pairs_of(always)
+            self._by_tare_ut2 = self._by_tare_ut2 + placement_ut2(topology, stencil)
+        self._off_ut2 = self._off_by(topology)
+        self._pair_model = self._pairs_of(always + self._off_ut2)
         self.residue_ut2 = self._pair_model.always_ut2.copy()
         stale, self._todo = np.zeros((2, topology.n), np.uint8)
         self._known = Known(np.ones(topology.n, real), stale, self.residue_ut2)
@@ -253,16 +253,20 @@ class CrossTalk:
         return Prediction(films, unknown, adding, out)
 
     def retare(self, topology: Topology) -> None:
-        """Count what films at rest may be off by only in units that are not tared now."""
-        now, _ = films_ut2(topology, self.stencil)
+        """Count what films and places at rest may be off by only in units that are not tared now."""
+        now = self._off_by(topology)
         for variance in (self._pair_model.always_ut2, self.residue_ut2):
-            np.add(variance, (now - self._films_ut2).astype(variance.dtype), out=variance)
-        self._films_ut2 = now
+            np.add(variance, (now - self._off_ut2).astype(variance.dtype), out=variance)
+        self._off_ut2 = now
 
     def warmup(self) -> None:
         """Compile what a cycle of this skin needs, or load it; nothing is predicted."""
         n, real = self.stencil.n, self.strength.dtype
         self.bound(np.zeros((3, n), real), np.zeros(n, bool), np.zeros((3, n), real))
+
+    def _off_by(self, topology: Topology) -> np.ndarray:
+        """Variance of x or y by films and places that are not as drawn, shape (n,)."""
+        return np.where(topology.tared, self._by_tare_ut2[1], self._by_tare_ut2[0])
 
     def _films_of(self, topology: Topology, idle_mm: float) -> FilmModel:
         """What the films are, and when they count."""
