@@ -18,9 +18,9 @@ span L and loads of variance V about their mean:
 - Faces that are tilted against each other move the centre along the normal, too: by Cauchy and
   Schwarz at most by the root of s² / 20 times the mean square of the tilt.
 
-Of bodies of any widths up to 4 s, flat or round, the mean square of the error is that variance: 1.0,
-1.2, 1.0 of one, two and three units, 0.5 of four and five, 0.6 of more, where the ends are known
-better than that (`tests/skin/contact/test_face.py`).
+Of bodies of any widths up to 4 s, flat or round, the mean square of the error is that variance:
+1.0, 1.2, 1.0 of one, two and three units, 0.5 of four and five, 0.6 of more, where the ends are
+known better than that (`tests/skin/contact/test_face.py`).
 """
 
 from __future__ import annotations

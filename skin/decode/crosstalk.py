@@ -253,7 +253,7 @@ class CrossTalk:
         return Prediction(films, unknown, adding, out)
 
     def retare(self, topology: Topology) -> None:
-        """Count what films and places at rest may be off by only in units that are not tared now."""
+        """Count what films and places at rest are off by only in units that are not tared now."""
         now = self._off_by(topology)
         for variance in (self._pair_model.always_ut2, self.residue_ut2):
             np.add(variance, (now - self._off_ut2).astype(variance.dtype), out=variance)

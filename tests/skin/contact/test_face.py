@@ -40,8 +40,8 @@ def points_of(rng, bodies):
 def found():
     """Numbers of units, and errors and sigmas along both axes, mm, of contacts without noise."""
     rng, rows = np.random.default_rng(17), []
-    for position, load, centre in points_of(rng, 1500):
-        load = np.where(load > SEEN, load, 0.0)
+    for position, share, centre in points_of(rng, 1500):
+        load = np.where(share > SEEN, share, 0.0)
         label = np.where(load > 0.0, 0, -1)
         force = np.zeros((3, load.size))
         force[2] = load

@@ -68,6 +68,7 @@ def test_the_variance_grows_with_the_square_of_the_error_and_is_none_without():
 def test_cross_talk_of_the_drawing_holds_it_and_that_of_a_stencil_that_is_given_does_not():
     """A stencil that was measured on the skin knows the places."""
     skin = placed(0.2, 0.01)
+    skin = dataclasses.replace(skin, tared=np.zeros(skin.n, bool))
     drawn, given = (
         CrossTalk(skin, dtype="float64"),
         CrossTalk(skin, dataclasses.replace(Stencil.of(skin), drawn=False), dtype="float64"),
