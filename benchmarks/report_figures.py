@@ -323,10 +323,10 @@ FIGURES = (
     Figure("trust", "wrench_coverage/all/at_most", "the same from above", "", "<= 0.72", False, "", "wrench_coverage/all/interval"),
     Figure("trust", "wrench_coverage/all/chi_square", "square of its error over sigma", "", "", spread="wrench_coverage/all/chi_span"),
     Figure("trust", "wrench_coverage/silent/rate", "share of runs whose wrench says 0 ± 0 while something presses", "", "<= 0", True, "wrench_coverage/silent/trials"),
-    Figure("trust", "centre_coverage/all/share", "share of the components of the centre within one sigma, loads of units taken in their middles", "", ">= 0.66", True, "", "centre_coverage/all/interval"),
+    Figure("trust", "centre_coverage/all/share", "share of the components of the centre of pressure within one sigma, wherever in a face it is", "", ">= 0.66", True, "", "centre_coverage/all/interval"),
     Figure("trust", "centre_coverage/all/at_most", "the same from above", "", "<= 0.72", False, "", "centre_coverage/all/interval"),
     Figure("trust", "centre_coverage/load/0 to 1 N/share", "the same below 1 N", "", "", False, "", "centre_coverage/load/0 to 1 N/interval"),
-    Figure("trust", "centre_coverage/face/all/share", "the same beside the centre of the pressure on the faces, wherever in a face it is", "", "", False, "", "centre_coverage/face/all/interval"),
+    Figure("trust", "centre_coverage/middles/all/share", "the same beside the centre of the true loads in the middles of their units", "", "", False, "", "centre_coverage/middles/all/interval"),
     *LIAR_ROWS,
     *(Figure("trust", f"films/all/{way}/mean", f"share of tangential errors of units within one sigma, pads of films as drawn and of two other kinds, {words}", "", target, False, "", f"films/all/{way}/interval")
       for way, words, target in (("untared", "never tared", "<= 0.80"), ("tared", "tared", "<= 0.72"), ("learned", "tared and learned from touch", "<= 0.72"), ("learned untared", "learned from touch of a skin that was not tared", "<= 0.72"))),

@@ -15,10 +15,10 @@ from benchmarks.trust_plant import Plant, Touch
 
 __all__ = ["Body", "Pressed", "pressed", "ramp"]
 
-FACE_MM = 5.0
-"""Radius of the part of a face on which a body is felt; the film below is 6 mm."""
-RINGS = ((0.0, 1), (0.5, 6), (1.0, 12))
-"""Radii, over `FACE_MM`, and numbers of the points of a face: about equal areas."""
+FACE_MM = 6.0
+"""Radius of a face, on which a body is felt."""
+RINGS = 5
+"""Of points around the middle one, 6 more in each: equal areas, a tenth of a face wide."""
 HALVES = 50
 FACING = 0.3
 """Cosine between the way in and the normal of a unit, below which the body does not touch it."""
@@ -126,9 +126,13 @@ def ramp(cycles: int, rate_hz: float, start_s: float, length_s: float) -> np.nda
 
 def _face() -> np.ndarray:
     """Points of a face, mm, shape (2, p)."""
+    counts = np.array([1, *(6 * ring for ring in range(1, RINGS + 1))])
+    within = np.cumsum(counts) / counts.sum()
+    radii = FACE_MM * np.sqrt(within - 0.5 * counts / counts.sum())
+    radii[0] = 0.0
     points = [
-        FACE_MM * radius * np.array([np.cos(angle), np.sin(angle)])
-        for radius, count in RINGS
+        radius * np.array([np.cos(angle), np.sin(angle)])
+        for radius, count in zip(radii, counts, strict=True)
         for angle in 2.0 * np.pi * np.arange(count) / count
     ]
     return np.array(points).T

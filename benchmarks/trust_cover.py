@@ -135,10 +135,11 @@ def wrench_coverage(found: list[Sample]) -> dict[str, Any]:
 
 
 def centre_coverage(found: list[Sample]) -> dict[str, Any]:
-    """Of the loads of units in their middles, as `State.centroid` has it, and, as ``face``, of the
-    pressure where it is: along axes in which the units' places differ, where there is a centre."""
-    out = _centre(found, "true_units_centre")
-    out["face"] = _centre(found, "true_centre")
+    """Of the pressure where it is, as the sigma of `State.centroid` is meant, and, as ``middles``,
+    of the true loads in the middles of the units: along axes in which the units' places differ,
+    where there is a centre."""
+    out = _centre(found, "true_centre")
+    out["middles"] = _centre(found, "true_units_centre")
     return out
 
 

@@ -132,16 +132,17 @@ class State(Lazy):
     wrench_sigma : ndarray, shape (6,), float64, or None
         One-sigma of each component of `wrench`: of the noise and the calibration of its units, of
         the ambient field that they share, and of what units that are not valid may bear (as much as
-        when they were last valid, or as their neighbours do; never 0 while any is silent). Where
-        nothing touches and all is heard it is 0: loads below the gate of a contact, three sigmas of
-        a unit, are taken for none, and are not in it.
+        when they were last valid, or as their neighbours do; never 0 while any is silent), and of
+        what units beside a contact bear below its gate, three sigmas of a unit, which is not in
+        `wrench`. Where nothing touches and all is heard it is 0: such loads are taken for none.
     centroid : ndarray, shape (3,), float64, or None
-        Centre of pressure of the normal loads of the units in contact, metre, skin frame; NaN where
-        nothing touches, or so lightly that the load is below 5 of its noise. What units beside a
-        contact read counts, below the gate, too.
+        Centre of pressure, metre, skin frame: estimated by the normal loads of the units in
+        contact, each in the middle of its unit, and by what units beside a contact read below the
+        gate. NaN where nothing touches, or so lightly that the load is below 5 of its noise.
     centroid_covariance : ndarray, shape (3, 3), float64, or None
-        Square metres: of the noise of the loads, of what is not seen, and of where in the faces of
-        the units the load acts.
+        Square metres, of `centroid` as the centre of the pressure itself, wherever in the faces of
+        the units it is (`skin.contact.face`): of that, of the noise of the loads, and of what is
+        not seen.
     contacts : list of Contact, or None
         What touches the skin, each with its identity, oldest first; see
         `skin.contact.contact.Contact`.

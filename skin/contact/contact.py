@@ -102,15 +102,15 @@ class Contact:
     wrench_covariance = _Vector("Shape (6, 6).")
     wrench_sigma = _Vector(
         "One-sigma of `wrench`, shape (6,): the ambient field counts as one error of all units, "
-        "and what silent units may bear is in it."
+        "and what silent units may bear is in it, as is what units beside it bear below the gate."
     )
     centroid = _Vector(
-        "Centre of pressure of the normal loads, with those below the gate that lie beside it; NaN "
-        "where WEAK; shape (3,)."
+        "Centre of pressure, estimated by the normal loads in the middles of its units, with those "
+        "below the gate that lie beside it; NaN where WEAK; shape (3,)."
     )
     centroid_covariance = _Vector(
-        "Shape (3, 3): of the noise of its units and of those beside them, of what silent ones "
-        "may bear, and of where in the faces of the units the load acts."
+        "Shape (3, 3), of the centre of the pressure itself: of where in the faces of its units it "
+        "is, of the noise of these and of those beside them, and of what silent ones may bear."
     )
     moment = _Vector("Moment about the centre of its units' loads, shape (3,).")
     moment_covariance = _Vector("Shape (3, 3).")

@@ -10,12 +10,13 @@ import numpy as np
 
 from bus.compiled.jit import compiled, jitable
 from skin.contact.common import add_common, spread_common
+from skin.contact.face import add_faces
 from skin.contact.path import walk
 from skin.contact.record import BORN, UNSEEN
 from skin.contact.shape import ROUND, arm, orient
 from skin.contact.sums import add_light, add_silence, add_total, add_units, clear, prepare_light
 from skin.contact.unseen import add_unseen
-from skin.contact.wrench import centre, total_wrench
+from skin.contact.wrench import add_missed, centre, total_wrench
 
 __all__ = ["describe", "describe_python"]
 
@@ -65,12 +66,13 @@ def _temperatures(s, record, m):
 
 
 @jitable
-def _conclude(s, record, origin, scratch):
-    """Everything that follows from the sums of one contact; `origin` is the array's middle."""
+def _conclude(s, faces, record, members, load_n, geometry, scratch):
+    """Everything that follows from the sums of one contact; `faces` are those of `members`."""
+    poses, origin = geometry
     load, area = s["load"], s["area"]
     record["flags"] = UNSEEN if s["hidden"] > 0.0 else 0
     record["load"] = load
-    record["load_sigma"] = np.sqrt(s["load_variance"] + s["unseen"])
+    record["load_sigma"] = np.sqrt(s["load_variance"] + s["unseen"] + s["missed"])
     record["area"] = area
     record["mean_pressure"] = load / area
     record["peak_pressure"] = s["peak"]
@@ -79,6 +81,7 @@ def _conclude(s, record, origin, scratch):
     total_wrench(s, record, origin, scratch)
     orient(s, record, scratch)
     _temperatures(s, record, scratch.first)
+    add_faces(faces, record, members, load_n, poses, s["face"])
     centre(s, record, origin, scratch)
 
 
@@ -113,6 +116,7 @@ def _add(k, total, members, model, data):
         add_common(k, members, common, poses)
     add_units(members, data.reading, poses, common.shared_n2, data.sums.rows[k])
     add_light(k, total, members, model, data)
+    add_missed(data.sums.rows[k], data.scratch.six)
 
 
 @jitable(fastmath=REORDERED)
@@ -129,7 +133,7 @@ def describe_python(count, silent, model, data):
     data : ContactData
         `contacts` and `paths` are written.
     """
-    (poses, origin), units, sums = model.geometry, data.units, data.sums
+    poses, units, sums = model.geometry.pose, data.units, data.sums
     load = data.reading.force[2]
     end = 0
     for k in range(count + 2):
@@ -146,6 +150,7 @@ def describe_python(count, silent, model, data):
     add_silence(count, units, model.graph, poses, sums)
     add_total(count + 1, sums)
     spread_common(count, data)
+    whole = sums.rows[count + 1]
     if silent > 0:
         add_unseen(count, model, data)
     for k in range(count):
@@ -153,10 +158,14 @@ def describe_python(count, silent, model, data):
         record = data.contacts[slot]
         if record["event"] & BORN:
             _forget(record)
-        _conclude(sums.rows[k], record, origin, data.scratch)
+        s, members = sums.rows[k], units.members[record["begin"] : record["end"]]
+        _conclude(s, s, record, members, load, model.geometry, data.scratch)
+        for row in range(6):
+            whole["face"][row] += s["face"][row]
         arm(record, units.members, load, model.geometry)
-        walk(record, sums.rows[k]["step_variance"], data.paths[slot])
-    _conclude(sums.rows[count + 1], data.contacts[data.contacts.size - 1], origin, data.scratch)
+        walk(record, s["step_variance"], data.paths[slot])
+    record, members = data.contacts[data.contacts.size - 1], units.members[end:untracked_end]
+    _conclude(whole, sums.rows[count], record, members, load, model.geometry, data.scratch)
 
 
 describe = compiled(describe_python, fastmath=REORDERED, allocates=False)

@@ -90,6 +90,7 @@ _ADDED = [
     ("light_variance", np.float64),
     ("light_variance_position", np.float64, (3,)),
     ("light_variance_square", np.float64, (6,)),
+    ("missed", np.float64),  # N², of what they bear, which is in no wrench
 ]
 _NOT_ADDED = [
     ("peak", np.float64),  # Pa
@@ -99,6 +100,7 @@ _NOT_ADDED = [
     ("unseen", np.float64),  # N², of what silent units may bear
     ("unseen_position", np.float64, (3,)),
     ("unseen_square", np.float64, (6,)),
+    ("face", np.float64, (6,)),  # N² m², of where in their faces units bear their loads
     ("step_variance", np.float64),  # m², of a step of the centre from one cycle to the next
     ("hidden", np.float64),  # 1 where such a unit makes the contact not whole
 ]

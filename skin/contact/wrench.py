@@ -10,7 +10,7 @@ from bus.compiled.jit import jitable
 from skin.contact.record import TORSION_BLIND, WEAK
 from skin.contact.shape import cross
 
-__all__ = ["centre", "total_wrench", "wrench_in_frame"]
+__all__ = ["add_missed", "centre", "total_wrench", "wrench_in_frame"]
 
 WEAK_SIGMAS = 5.0
 """Below this many sigmas of its load, a contact has no centre [assumed]."""
@@ -54,6 +54,36 @@ def _shift_covariance(covariance, shift, side, low):
         low[0, b] += y * r - z * q
         low[1, b] += z * p - x * r
         low[2, b] += x * q - y * p
+
+
+@jitable
+def add_missed(s, six):
+    """Add what neighbours bear below the gate, which is in no wrench, to the covariance of a
+    contact: the square of its most likely value.
+
+    That is what they read together, or 0 where noise makes it less; it acts where they are, and
+    along the force of the contact, as the same body bears on both [assumed].
+
+    Parameters
+    ----------
+    s : SUMS
+    six : ndarray, shape (6,)
+        Scratch.
+    """
+    light, place, load = s["light"], s["light_position"], s["load"]
+    if not (light > 0.0 and load > 0.0):
+        return
+    s["missed"] += light * light
+    x, y, z = s["wrench"][0] / load, s["wrench"][1] / load, s["wrench"][2] / load
+    six[0], six[1], six[2] = light * x, light * y, light * z
+    six[3] = place[1] * z - place[2] * y
+    six[4] = place[2] * x - place[0] * z
+    six[5] = place[0] * y - place[1] * x
+    row = 0
+    for a in range(6):
+        for b in range(a, 6):
+            s["wrench_covariance"][row] += six[a] * six[b]
+            row += 1
 
 
 @jitable
@@ -102,29 +132,10 @@ def _no_centre(record):
 
 
 @jitable
-def _face(square, extent2):
-    """Variance, along an axis, of where the load acts in the faces of the units, m².
-
-    The face of a unit, s wide, says nothing of where in it the load is. Let the pressure be even
-    over a width w, anywhere. Below s the centre of the units' loads is off by the centre's place in
-    the face, even over ±(s - w) / 2; where the load lies on two units, of shares f and 1 - f, by
-    (s - w) (1 - 2 f) / 2, with (1 - 2 f)² = 1 - 4 V / s² by the variance V of the loads' places.
-    With w even in 0 to s, as seen: one unit alone has w with the density 2 (s - w) / s², hence
-    s² / 24, two have 2 w / s², hence (1 - 2 f)² s² / 24. Beyond s only the outer units are filled
-    in part, f of each even in 0 to 1: the first moment is off by s² / 2 (f (1 - f) - f' (1 - f')),
-    of variance s⁴ / 360, over the width w, w² = 12 V [derived].
-    """
-    part = max(1.0 - 4.0 * extent2 / square, 0.0) * square / 24.0
-    return part + square * square / (360.0 * max(square, 12.0 * extent2))
-
-
-@jitable
 def _centre_covariance(s, about, load, record, scratch):
     """First order: of the noise of the loads and of what is not seen, Σ σ² (p - c) (p - c)' /
     load², and of where in the faces they act."""
-    covariance, axes, extent = record["centroid_covariance"], record["axes"], record["extent"]
-    face = s["area"] / s["units"]
-    first, second = _face(face, extent[0] ** 2), _face(face, extent[1] ** 2)
+    covariance, face = record["centroid_covariance"], s["face"]
     variance = s["load_variance"] + s["light_variance"] + s["unseen"]
     position, square = scratch.vectors[0], scratch.six
     for a in range(3):
@@ -142,7 +153,7 @@ def _centre_covariance(s, about, load, record, scratch):
             if a == b:
                 spread = max(spread, 0.0)
                 s["step_variance"] += spread
-            spread += first * axes[a, 0] * axes[b, 0] + second * axes[a, 1] * axes[b, 1]
+            spread += face[row] * inverse2
             covariance[a, b] = spread
             covariance[b, a] = spread
             row += 1

@@ -183,11 +183,11 @@ class CrossTalk:
         always = self._residues()
         self.residue_ut = np.sqrt(always)
         self._films_seen = FilmsSeen(topology, stencil) if stencil.drawn else None
-        self._films_ut2, self.axial_ut2 = self._films_off(topology)
-        always = always + self._films_ut2
+        self._by_tare_ut2, self._films_axial_ut2 = films_ut2(topology, stencil)
         if stencil.drawn:
-            always += placement_ut2(topology, stencil)
-        self._pair_model = self._pairs_of(always)
+            self._by_tare_ut2 = self._by_tare_ut2 + placement_ut2(topology, stencil)
+        self._off_ut2, self.axial_ut2 = self._off_by(topology)
+        self._pair_model = self._pairs_of(always + self._off_ut2)
         self.residue_ut2 = self._pair_model.always_ut2.copy()
         stale, self._todo = np.zeros((2, topology.n), np.uint8)
         self._known = Known(np.ones(topology.n, real), stale, self.residue_ut2)
@@ -256,23 +256,24 @@ class CrossTalk:
         return Prediction(films, unknown, adding, out)
 
     def retare(self, topology: Topology) -> None:
-        """Count what films at rest may be off by only in units that are not tared now, and what
-        they may be off by as they move as the tare has shown it."""
-        now, self.axial_ut2 = self._films_off(topology)
+        """Count what films and places at rest are off by only in units that are not tared now, and
+        what films may be off by as they move as the tare has shown it."""
+        now, self.axial_ut2 = self._off_by(topology)
         for variance in (self._pair_model.always_ut2, self.residue_ut2):
-            np.add(variance, (now - self._films_ut2).astype(variance.dtype), out=variance)
-        self._films_ut2 = now
-
-    def _films_off(self, topology: Topology) -> tuple[np.ndarray, np.ndarray]:
-        """`films_ut2`, with what a tare has shown of the films."""
-        lateral_ut2, axial_ut2 = films_ut2(topology, self.stencil)
-        seen = self._films_seen
-        return lateral_ut2, axial_ut2 if seen is None else axial_ut2 * seen.share2(topology)
+            np.add(variance, (now - self._off_ut2).astype(variance.dtype), out=variance)
+        self._off_ut2 = now
 
     def warmup(self) -> None:
         """Compile what a cycle of this skin needs, or load it; nothing is predicted."""
         n, real = self.stencil.n, self.strength.dtype
         self.bound(np.zeros((3, n), real), np.zeros(n, bool), np.zeros((3, n), real))
+
+    def _off_by(self, topology: Topology) -> tuple[np.ndarray, np.ndarray]:
+        """Variance by films and places that are not as drawn, with what a tare has shown of the
+        films: of x or y and of z, shape (n,) each."""
+        lateral_ut2 = np.where(topology.tared, self._by_tare_ut2[1], self._by_tare_ut2[0])
+        seen, axial_ut2 = self._films_seen, self._films_axial_ut2
+        return lateral_ut2, axial_ut2 if seen is None else axial_ut2 * seen.share2(topology)
 
     def _films_of(self, topology: Topology, idle_mm: float) -> FilmModel:
         """What the films are, and when they count."""

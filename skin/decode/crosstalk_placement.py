@@ -3,6 +3,9 @@
 A film that sits a little off its place adds there what it would add if it were displaced by that
 much: the slope of the stencil, times the error. A tilt moves a film and a chip by their distances
 from the unit's middle, and turns the field that a chip is in at rest.
+
+A tare takes off whatever that adds laterally while nothing touches the skin: what is left in a unit
+that was tared in its place is what it adds more once films have moved.
 """
 
 from __future__ import annotations
@@ -22,7 +25,7 @@ TURNED = 5.0 / 9.0
 
 
 def placement_ut2(topology: Topology, stencil: Stencil) -> np.ndarray:
-    """Variance of a lateral axis of the field by errors of places and tilts, µT², shape (n,).
+    """Variance of a lateral axis of the field by errors of places and tilts, µT².
 
     The mean over x and y, which tell the displacement, and over the range of all neighbours;
     `placement_sigma_mm` and `placement_sigma_rad` say how large errors are, which are taken to be
@@ -34,11 +37,23 @@ def placement_ut2(topology: Topology, stencil: Stencil) -> np.ndarray:
     topology : Topology
     stencil : Stencil
         Of the places as drawn.
+
+    Returns
+    -------
+    ndarray, shape (2, n)
+        Of units that are not tared, and of units that are.
     """
+    tilt2 = topology.parameters["placement_sigma_rad"] ** 2
+    untared, tared = (_moved_ut2(topology, stencil, since_rest=since) for since in (False, True))
+    return np.stack([untared + tilt2 * stencil.rest_ut[2] ** 2, tared])
+
+
+def _moved_ut2(topology: Topology, stencil: Stencil, *, since_rest: bool) -> np.ndarray:
+    """`placement_ut2` by films and chips that are moved, shape (n,)."""
     place2, tilt2 = (topology.parameters[f"placement_sigma_{unit}"] ** 2 for unit in ("mm", "rad"))
     at, by, film = stencil.unit, stencil.neighbour, load_film_table().film
     strength, rotation = stencil.strength[by], topology.rotation
-    mean, square = (each[stencil.kind] for each in _slopes(stencil))
+    mean, square = (each[stencil.kind] for each in _slopes(stencil, since_rest=since_rest))
     lever = film.middle_mm + film.chip_mm
     between = 1e3 * (topology.position[:, at] - topology.position[:, by])
     between += lever * rotation[:, 2, at]
@@ -60,22 +75,33 @@ def placement_ut2(topology: Topology, stencil: Stencil) -> np.ndarray:
     aside = place2 + lever**2 * tilt2
     variance = aside * (each[:, 0] + each[:, 1]) + place2 * each[:, 2]
     variance += np.bincount(at, other * strength**2, minlength=topology.n)
-    return 0.5 * variance + tilt2 * stencil.rest_ut[2] ** 2
+    return 0.5 * variance
 
 
 def films_ut2(topology: Topology, stencil: Stencil) -> tuple[np.ndarray, np.ndarray]:
     """Variance of the field by films that are not made as the stencil has it, of x or y and of z,
-    µT², shape (n,) each: the mean over the range of all neighbours.
+    µT²: the mean over the range of all neighbours.
 
     All films of a skin are made alike, so that what they add as they move is off by one and the
     same share, `stray_sigma_relative`; of films that were measured it is not. At rest it is off by
     `Stencil.rest_sigma_ut`, of which a tare takes the lateral part off; that along z is not in
     here, see `skin.decode.resting`.
+
+    Parameters
+    ----------
+    topology : Topology
+    stencil : Stencil
+
+    Returns
+    -------
+    lateral_ut2 : ndarray, shape (2, n)
+        Of units that are not tared, and of units that are.
+    axial_ut2 : ndarray, shape (n,)
     """
     rest = stencil.rest_sigma_ut**2
-    rest = np.where(topology.tared, 0.0, 0.5 * (rest[0] + rest[1]))
+    lateral = np.stack([0.5 * (rest[0] + rest[1]), np.zeros(stencil.n)])
     if not stencil.drawn:
-        return rest, np.zeros(topology.n)
+        return lateral, np.zeros(stencil.n)
     at, by = stencil.unit, stencil.neighbour
     strength = stencil.strength[by]
     mean = (stencil.coefficients @ stencil.mean)[stencil.kind] * strength[:, np.newaxis]
@@ -86,11 +112,12 @@ def films_ut2(topology: Topology, stencil: Stencil) -> tuple[np.ndarray, np.ndar
     variance = total**2
     np.add.at(variance, at, own)
     variance *= topology.parameters["stray_sigma_relative"][:, np.newaxis] ** 2
-    return rest + 0.5 * (variance[:, 0] + variance[:, 1]), variance[:, 2]
+    return lateral + 0.5 * (variance[:, 0] + variance[:, 1]), variance[:, 2]
 
 
-def _slopes(stencil: Stencil) -> tuple[np.ndarray, np.ndarray]:
-    """Slopes of each kind by (dx, dy, H), for a film of strength 1, over the range of the scan.
+def _slopes(stencil: Stencil, *, since_rest: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Slopes of each kind by (dx, dy, H), for a film of strength 1, over the range of the scan; or
+    what they are more than at rest.
 
     Returns
     -------
@@ -106,6 +133,8 @@ def _slopes(stencil: Stencil) -> tuple[np.ndarray, np.ndarray]:
         lower = exponents - np.eye(3, dtype=int)[axis]
         factors = moved[:, np.newaxis] ** np.maximum(lower, 0)
         each[axis] = (exponents[:, axis] * factors.prod(axis=2)).T
+        if since_rest:
+            each[axis, (lower == 0).all(axis=1)] = 0.0
     products = np.einsum("bpt,cqt,t->bcpq", each, each, share, optimize=True)
     c = stencil.coefficients[:, :2]
     square = np.einsum("kap,bcpq,kaq->kbc", c, products, c, optimize=True)

@@ -77,10 +77,21 @@ def wrench(units, force, sigma, position, rotation, about):
     return total, covariance
 
 
-def face_variance(area, extent, axes):
-    """Of where in the faces the load acts, shape (3, 3), along two axes, shape (3, 2)."""
-    each = area / 24.0 * np.clip(1.0 - 4.0 * extent**2 / area, 0.0, None)
-    each += area**2 / (360.0 * np.clip(12.0 * extent**2, area, None))
+def face_variance(units, load, area, position, rotation, axes):
+    """Of where in their faces units bear their loads, shape (3, 3); axes of shape (3, 3)."""
+    share, at, z = load[units] / load[units].sum(), position[:, units], rotation[:, 2, units]
+    n, side = len(share), np.sqrt(area)
+    tilt = 1.0 - np.sum((z @ share) ** 2)
+    each = np.array([area / 20.0, area / 20.0, max(tilt, 0.0) * area / 20.0])
+    for k in range(2 if n > 1 else 0):
+        along = axes[:, k] @ at
+        span = np.ptp(along)
+        spread = share @ (along - share @ along) ** 2
+        free = np.clip(1.0 - 4.0 * spread / span**2, 0.0, 1.0) if span > 1e-6 * side else 1.0
+        left = np.clip(2.0 - span / side, 0.0, 1.0)
+        rows = max(n / (1.0 + span / side), 1.0)
+        each[k] = area * free * left**2 / 40.0
+        each[k] += area**2 / (360.0 * max(span, side) ** 2) / rows
     return axes @ np.diag(each) @ axes.T
 
 

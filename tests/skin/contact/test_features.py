@@ -44,7 +44,7 @@ def test_wrench_centre_and_covariances_are_the_slow_sums(seed):
         np.testing.assert_allclose(contact["wrench_covariance"], covariance, atol=1e-12)
         centre, spread = naive.centre(units, force[2], sigma[2], position)
         np.testing.assert_allclose(contact["centroid"], centre, atol=1e-12)
-        face = naive.face_variance(AREA, contact["extent"], contact["axes"][:, :2])
+        face = naive.face_variance(units, force[2], AREA, position, rotation, contact["axes"])
         np.testing.assert_allclose(contact["centroid_covariance"], spread + face, atol=1e-15)
         wrench, covariance = naive.wrench(units, force, sigma, position, rotation, centre)
         np.testing.assert_allclose(contact["moment"], wrench[3:], atol=1e-12)

@@ -169,6 +169,35 @@ def test_no_wrench_is_zero_within_zero_while_units_are_silent():
     assert stream.total.wrench_sigma.tolist() == [0.0] * 6
 
 
+# -- what is below the gate ------------------------------------------------------------------------
+
+
+def test_what_is_below_the_gate_beside_a_contact_is_in_the_sigma_of_its_wrench():
+    """Round bodies that bear on many units lightly: all six rows of the wrench against that of all
+    units, whether they are in the contact or not."""
+    rng = np.random.default_rng(5)
+    position, rotation = naive.grid(8, 8, PITCH), naive.facing_down(64)
+    stream = stream_of(position, rotation)
+    ratios, stamp = [], 0
+    for _ in range(300):
+        x, y = rng.uniform(0.02, 0.06, 2)
+        away = (position[0] - x) ** 2 + (position[1] - y) ** 2
+        peak = 0.05 * 10.0 ** rng.uniform(0.0, 1.0)
+        load = peak * np.maximum(1.0 - away / rng.uniform(0.012, 0.035) ** 2, 0.0)
+        force = np.stack([0.2 * load, 0.1 * load, load])
+        for _ in range(2):
+            stamp += 1
+            stream.update(force + 0.01 * rng.standard_normal((3, 64)), 0.01, stamp_ns=stamp)
+        truth = naive.wrench(range(64), force, force, position, rotation, np.zeros(3))[0]
+        if stream.contacts:
+            ratios.append((stream.total.wrench - truth) / stream.total.wrench_sigma)
+        stamp += 1_000_000_000
+        stream.update(0.0 * force, 0.01, stamp_ns=stamp)
+    assert len(ratios) > 200
+    assert 0.64 < np.mean(np.abs(ratios) <= 1.0) < 0.78
+    assert np.mean(np.square(ratios)) < 1.5
+
+
 # -- the centre ------------------------------------------------------------------------------------
 
 
@@ -198,10 +227,10 @@ def pressed(rng, position, load):
 
 
 @pytest.mark.parametrize(
-    ("span", "most"), [((0.15, 0.5), 0.78), ((0.5, 1.0), 0.78), ((1.0, 5.0), 0.84)]
+    ("span", "most"), [((0.15, 0.5), 0.74), ((0.5, 1.0), 0.76), ((1.0, 5.0), 0.81)]
 )
 def test_the_centre_of_a_light_touch_is_as_uncertain_as_it_says(span, most):
-    """Above 1 N edges across several rows are better known than the faces that they cross say."""
+    """Above 1 N ends that are flat and such as fade count alike, so that most errors are less."""
     rng = np.random.default_rng(11)
     position = naive.grid(8, 8, PITCH)
     stream = stream_of(position, naive.facing_down(64), dtype="float64")
@@ -223,4 +252,4 @@ def test_the_centre_of_a_light_touch_is_as_uncertain_as_it_says(span, most):
         stamp += 1_000_000_000
         stream.update(0.0 * force, 0.01, stamp_ns=stamp)
     assert len(hits) > 150
-    assert 0.62 < np.mean(hits) < most, np.mean(hits)
+    assert 0.64 < np.mean(hits) < most, np.mean(hits)

@@ -31,8 +31,9 @@ def strayed(skin, moved, depth, reach_m):
     return both - own
 
 
+@pytest.mark.parametrize("tared", [False, True])
 @pytest.mark.parametrize("kind", PLACED)
-def test_units_off_their_places_add_what_the_variance_says(kind):
+def test_units_off_their_places_add_what_the_variance_says(kind, tared):
     """Root mean square over many skins; single units differ by their neighbours' directions."""
     place_mm, tilt_rad = PLACED[kind]
     drawn = placed(place_mm, tilt_rad)
@@ -48,8 +49,11 @@ def test_units_off_their_places_add_what_the_variance_says(kind):
         real = dataclasses.replace(drawn, position=place, rotation=turned)
         off = strayed(real, moved, depth, stencil.reach_m)
         off -= strayed(drawn, moved, depth, stencil.reach_m)
+        if tared:
+            off -= strayed(real, 0.0 * moved, 0.0 * depth, stencil.reach_m)
+            off += strayed(drawn, 0.0 * moved, 0.0 * depth, stencil.reach_m)
         square.append(np.mean(off[:2] ** 2, axis=0))
-    ratio = np.sqrt(np.mean(square, axis=0) / placement_ut2(drawn, stencil))
+    ratio = np.sqrt(np.mean(square, axis=0) / placement_ut2(drawn, stencil)[int(tared)])
     assert 0.7 < np.mean(ratio) < 1.2
     assert ((ratio > 0.45) & (ratio < 1.5)).all()
 
@@ -64,10 +68,18 @@ def test_the_variance_grows_with_the_square_of_the_error_and_is_none_without():
 def test_cross_talk_of_the_drawing_holds_it_and_that_of_a_stencil_that_is_given_does_not():
     """A stencil that was measured on the skin knows the places."""
     skin = placed(0.2, 0.01)
+    skin = dataclasses.replace(skin, tared=np.zeros(skin.n, bool))
     drawn, given = (
         CrossTalk(skin, dtype="float64"),
         CrossTalk(skin, dataclasses.replace(Stencil.of(skin), drawn=False), dtype="float64"),
     )
     added = drawn.residue_ut2 - given.residue_ut2
-    np.testing.assert_allclose(added, placement_ut2(skin, given.stencil), rtol=1e-9)
+    np.testing.assert_allclose(added, placement_ut2(skin, given.stencil)[0], rtol=1e-9)
     np.testing.assert_array_equal(drawn.residue_ut, given.residue_ut)
+    tared = dataclasses.replace(skin, tared=np.ones(skin.n, bool))
+    for each in (drawn, given):
+        each.retare(tared)
+        fresh = CrossTalk(tared, each.stencil, dtype="float64")
+        np.testing.assert_allclose(each.residue_ut2, fresh.residue_ut2, rtol=1e-9)
+    left = drawn.residue_ut2 - given.residue_ut2
+    np.testing.assert_allclose(left, placement_ut2(skin, given.stencil)[1], rtol=1e-9)
