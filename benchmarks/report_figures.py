@@ -231,6 +231,7 @@ FIGURES = (
     Figure("fig4a", "force_n", "the paper's Fig. 4a, every non-ideality on, all three loads: largest mean error of a component, single readings (the paper: 0.03, of its own hardware)", "N", "<= 0.03", True),
     Figure("fig4a", "force_second_n", "the same of means over a second (the paper: 0.03)", "N", "<= 0.03", True),
     Figure("fig4a", "fresh_n", "the same in the first 20 s after each load, worst load and component, means over a second; a material that creeps in another form than the decoder's laws", "N", "<= 0.03", True),
+    Figure("fig4a", "within_sigma", "share of the tangential components of single readings within one sigma there, all three loads on (0.683 if it is right): what the field along z and the stiff end of the shear law leave is in sigma", "", ">= 0.66", True, "", "field-angle/sigma/within_95"),
     Figure("fig4a", "temperature_c", "largest error of the temperature there, single readings (the paper: 0.8)", "°C", "<= 0.8"),
     Figure("foreign", "cases/the decoder's own/field-angle/rms/Fz", "error of the normal force of calibrated units whose laws are the decoder's", "mN rms"),
     Figure("foreign", "cases/force/field-angle/rms/Fz", "error of the normal force of calibrated units whose force law is that of a hyperelastic solid, not the decoder's", "mN rms", "", True),
@@ -326,7 +327,7 @@ FIGURES = (
     Figure("trust", "centre_coverage/all/share", "share of the components of the centre of pressure within one sigma, wherever in a face it is", "", ">= 0.66", True, "", "centre_coverage/all/interval"),
     Figure("trust", "centre_coverage/all/at_most", "the same from above", "", "<= 0.72", False, "", "centre_coverage/all/interval"),
     Figure("trust", "centre_coverage/load/0 to 1 N/share", "the same below 1 N", "", "", False, "", "centre_coverage/load/0 to 1 N/interval"),
-    Figure("trust", "centre_coverage/middles/all/share", "the same beside the centre of the true loads in the middles of their units", "", "", False, "", "centre_coverage/middles/all/interval"),
+    Figure("trust", "centre_coverage/middles/all/share", "the same against the centre of the true loads in the middles of their units", "", "", False, "", "centre_coverage/middles/all/interval"),
     *LIAR_ROWS,
     *(Figure("trust", f"films/all/{way}/mean", f"share of tangential errors of units within one sigma, pads of films as drawn and of two other kinds, {words}", "", target, False, "", f"films/all/{way}/interval")
       for way, words, target in (("untared", "never tared", "<= 0.80"), ("tared", "tared", "<= 0.72"), ("learned", "tared and learned from touch", "<= 0.72"), ("learned untared", "learned from touch of a skin that was not tared", "<= 0.72"))),
