@@ -120,13 +120,15 @@ def _add(k, total, members, model, data):
 
 
 @jitable(fastmath=REORDERED)
-def describe_python(count, silent, model, data):
+def describe_python(count, each, silent, model, data):
     """Describe the contacts that `find_contacts` has found, and their total.
 
     Parameters
     ----------
     count : int
-        Contacts; with 0 only the total is described.
+        Contacts.
+    each : bool
+        Whether they are described, too; if not, they count in the total all the same.
     silent : int
         Units that are not heard, and should be.
     model : ContactModel
@@ -156,14 +158,18 @@ def describe_python(count, silent, model, data):
     for k in range(count):
         slot = data.slots.present[k]
         record = data.contacts[slot]
-        if record["event"] & BORN:
-            _forget(record)
         s, members = sums.rows[k], units.members[record["begin"] : record["end"]]
-        _conclude(s, s, record, members, load, model.geometry, data.scratch)
+        if each:
+            if record["event"] & BORN:
+                _forget(record)
+            _conclude(s, s, record, members, load, model.geometry, data.scratch)
+            arm(record, units.members, load, model.geometry)
+            walk(record, s["step_variance"], data.paths[slot])
+        else:
+            orient(s, record, data.scratch)
+            add_faces(s, record, members, load, poses, s["face"])
         for row in range(6):
             whole["face"][row] += s["face"][row]
-        arm(record, units.members, load, model.geometry)
-        walk(record, s["step_variance"], data.paths[slot])
     record, members = data.contacts[data.contacts.size - 1], units.members[end:untracked_end]
     _conclude(whole, sums.rows[count], record, members, load, model.geometry, data.scratch)
 

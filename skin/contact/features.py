@@ -101,7 +101,7 @@ def contact_features(
     graph = checked_graph(n, neighbour_start, neighbour_index)
     model = ContactModel(graph, _NO_GATE, posed_units(position, rotation, area), _ALL)
     count, data = _labelled(np.asarray(label), silent, reading)
-    describe(count, 0 if silent is None else int(np.count_nonzero(silent)), model, data)
+    describe(count, True, 0 if silent is None else int(np.count_nonzero(silent)), model, data)
     return data.contacts[:count], data.contacts[-1]
 
 

@@ -41,7 +41,7 @@ def step_python(model, data):
         nothing_touches(silent, model, data)
     clock["silent"] = silent
     if count > 0 and wants.total:
-        describe_python(count if wants.each else 0, silent, model, data)
+        describe_python(count, wants.each, silent, model, data)
         if wants.slip:
             judge(count, dt_s, now_ns, model, data)
     same = count == clock["present"]

@@ -70,7 +70,14 @@ def test_the_ambient_field_counts_once_for_all_units_of_a_body(curved, bodies, d
     field, moved, force, sigma = (np.zeros((3, n)) for _ in range(4))
     residue = np.zeros(n)
     common = Common(
-        law, field, moved, covariance, residue, np.array([rest_ut**2]), np.zeros((0, 0, 6, 3))
+        law,
+        field,
+        moved,
+        covariance,
+        residue,
+        np.array([rest_ut**2]),
+        np.zeros((2, n)),
+        np.zeros((0, 0, 6, 3)),
     )
     stream = stream_of(position, rotation)
     take = stream.bind(force, sigma, moved, np.full((3, n), 0.01), common=common)

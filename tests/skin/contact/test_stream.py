@@ -126,7 +126,7 @@ def test_what_is_not_wanted_is_not_computed(monkeypatch, want, spared):
     for home, name, what in (
         (step, "describe_python", "describe"),
         (step, "judge", "judge"),
-        (module.Shocks, "update", "shock"),
+        (module.Shocks, "_take", "shock"),
     ):
         kernel = getattr(home, name)
 
