@@ -111,6 +111,12 @@ class NumpyContacts:
         wrench = to_wrench @ own.ravel()
         covariance = (to_wrench * sigma[:, units].ravel() ** 2) @ to_wrench.T
         load = own[2].sum()
+        light = np.setdiff1d(self._other[np.isin(self._one, units)], self._touched)
+        missed = force[2, light].sum()
+        if missed > 0.0:
+            along, at = wrench[:3] / load, skin.position[:, light] @ force[2, light]
+            six = np.concatenate([missed * along, np.cross(at, along)])
+            covariance = covariance + np.outer(six, six)
         place = skin.position[:, units]
         centre = place @ own[2] / load
         x, y, z = centre
@@ -127,17 +133,21 @@ class NumpyContacts:
             normal = outward / np.sqrt(outward @ outward)
         along = (moved @ covariance @ moved.T)[3:, 3:]
         area, aside = skin.area[units], wrench[:3] - normal * (normal @ wrench[:3])
-        light = np.setdiff1d(self._other[np.isin(self._one, units)], self._touched)
-        total = max(load, load + force[2, light].sum())
+        total = load + max(missed, 0.0)
         centre = (
             centre + (skin.position[:, light] - centre[:, np.newaxis]) @ force[2, light] / total
         )
         all_units = np.concatenate([units, light])
         away = (skin.position[:, all_units] - centre[:, np.newaxis]) * sigma[2, all_units] / total
         face, extent2 = area.mean(), np.maximum(square[:0:-1], 0.0)
-        spread = face / 24.0 * np.maximum(1.0 - 4.0 * extent2 / face, 0.0)
-        spread += face**2 / (360.0 * np.maximum(face, 12.0 * extent2))
         aslant = axes[:, :0:-1]
+        span = np.ptp(aslant.T @ place, axis=1)
+        wide = span / np.sqrt(face)
+        free = 1.0 - 4.0 * extent2 / np.maximum(span**2, 1e-12)
+        free = np.where(wide > 1e-6, np.clip(free, 0.0, 1.0), 1.0)
+        rows = np.maximum(units.size / (1.0 + wide), 1.0)
+        spread = face / 40.0 * free * np.clip(2.0 - wide, 0.0, 1.0) ** 2
+        spread += face / (360.0 * np.maximum(wide, 1.0) ** 2 * rows)
         return Found(
             name, units, load, wrench, covariance, centre,
             away @ away.T + aslant * spread @ aslant.T, about[3:], area.sum(),
