@@ -62,6 +62,7 @@ def decode_part(job: Job, part: Part) -> dict[str, Any]:
     except (BusError, SkinError, OSError) as error:
         return summary | sums.told() | {"state": "failed", "error": _words(error)}
     summary |= sums.told() | {"counters": asdict(source.counters), "faults": source.faults,
+                              "options": source.pipeline.options.report(),
                               "damage": getattr(source, "damage", None)}  # fmt: skip
     if part.log.stat().st_size != part.size:
         summary["faults"] = [*summary["faults"], _grown(part)]
