@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from skin.cli import options
-from skin.cli.run import Simulate, Tare, check_simulated, simulated
+from skin.cli.run import Simulate, Tare, check_simulated, lasting, note
 from skin.cli.table import facts
 
 if TYPE_CHECKING:
     from skin.publish import Publisher
-    from topology import Topology
 
 __all__ = ["publish"]
 
@@ -70,14 +69,12 @@ def publish(
     check_simulated(simulate, scene, seed, sync, interface, channel)
     loaded = load(file).on(interface=interface, channel=channel)
     if not simulate:
-        _note(file, loaded, tare)
-    transports = None
+        note(file, loaded, tare)
     with ExitStack() as ended:
-        if simulate:
-            transports, lasting, are_exact = simulated(ended, loaded, scene, seed)
-            seconds, loaded = seconds or lasting, loaded.exact() if are_exact else loaded
-        opened = skin.open(loaded, sync=sync, transports=transports, tare=tare)
-        ended.enter_context(opened)
+        opened = ended.enter_context(
+            skin.open(loaded, sync=sync, simulate=scene or simulate, seed=seed, tare=tare)
+        )
+        seconds = seconds or lasting(opened, scene)
         node = ros(
             opened, prefix=prefix, frame=frame, patch_frame=patch_frame, rate_hz=rate or None,
             reliable=not best_effort, domain=domain, network=network,
@@ -86,14 +83,6 @@ def publish(
         report = _loop(opened, node, seconds)
     print(json_text.dumps(report) if json else _table(report))
     return 0 if report["units_heard"] and report["publishing"] else 1
-
-
-def _note(file: str, topology: Topology, tare: bool) -> None:
-    notes = options.hints(file, topology, will_tare=tare)
-    if nobody := options.unreachable(file, topology):
-        notes.insert(0, f"nobody can answer: {nobody}")
-    for text in notes:
-        print(f"note: {text}", file=sys.stderr)
 
 
 def _loop(opened: Any, node: Publisher, seconds: float | None) -> dict[str, Any]:

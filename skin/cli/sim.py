@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from skin.sim.scenes.play import ScriptedScene
     from topology import Topology
 
-__all__ = ["own_faults", "sim"]
+__all__ = ["sim"]
 
 
 def sim(
@@ -83,6 +83,7 @@ def sim(
         raise SkinError(why)
     script = None if faults is None else load_script(faults, loaded)
     announcer()
+    from skin.sim.attached import own_faults
     from skin.sim.node import Nodes
     from skin.sim.scenes.load import open_scene
 
@@ -141,14 +142,6 @@ def _check_fast(fast: bool, scene: str | None, interface: str | None, channel: s
         raise SkinError("--fast: must be given with --scene; got none")
     options.refuse_both("--fast", "--interface", interface)
     options.refuse_both("--fast", "--channel", channel)
-
-
-def own_faults(played: ScriptedScene) -> FaultScript | None:
-    """What a scene itself does to the frames."""
-    from bus.faults import FaultScript
-
-    own = played.script
-    return FaultScript(seed=own.seed, faults=own.faults) if own.faults else None
 
 
 def _recording(opened: ExitStack, log: Path, topology: Topology) -> Recording:
