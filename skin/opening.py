@@ -89,15 +89,14 @@ def open(
         Attach simulated units: True for the scene "demo", a name of `skin.sim.scenes.names`, a
         file, a loaded one (`skin.sim.load_scene`), or your own; what is false: none.
     faults : FaultScript, str or Path, optional
-        What is done to the frames that come (`bus.faults`, docs/faults.md): a script, or a file of
-        one; those of the scene if not given. Those of simulated units strike by the scene's time.
+        What is done to the frames that come (docs/faults.md); a scene's own faults if not given.
     transports : iterable of Transport, optional
         Transports to use instead of opening the file's buses, one for each bus, in order.
     seed : int, optional
         Seed of the simulated noise, and of a scene's own faults; the scene's, or 0, if not given.
     log, record : path, optional
         Write down all frames as candump (.log, .log.gz) or BLF (.blf), or by a `Recording`; record
-        frames and states as MCAP (a new .mcap), for `skin.replay` and other people's viewers.
+        frames and states as MCAP (a new .mcap), for `skin.replay` and other viewers.
 
     Raises
     ------
@@ -113,14 +112,10 @@ def open(
             stencil=_stencil(stencil, loaded),
         )  # fmt: skip
         _check(sync, wait, pace, learn, seed, log)
-        script = _script(faults, loaded)
         undo.callback(announcer().hold().finish)
-        nodes = _nodes(undo, loaded, _scene(simulate), seed, transports is not None, sync)
-        loaded = loaded.exact() if nodes is not None and nodes.exact else loaded
-        if transports is None:
-            ends = [undo.enter_context(end) for end in _ends(loaded, nodes)]
-        _check_ends(ends, loaded)
-        ends = _faulty(ends, loaded, nodes, script)
+        loaded, nodes = _nodes(undo, loaded, _scene(simulate), seed, transports is not None, sync)
+        ends += [undo.enter_context(end) for end in _ends(loaded, nodes, transports)]
+        ends = _checked(ends, loaded, nodes, faults)
         pipeline = _pipeline(undo, loaded, options, ends, deadline_s, zeros, learn, record)
         recording = Recording(log, loaded) if isinstance(log, str | os.PathLike) else log
         undo.pop_all()  # all is well: the skin closes them
@@ -200,20 +195,23 @@ def _scene(simulate: Any) -> Any:
 def _nodes(
     undo: ExitStack, topology: Topology, scene: Any, seed: int | None, has_transports: bool,
     sync: Sync,
-) -> Nodes | None:  # fmt: skip
-    """Simulated units, where a scene is given."""
+) -> tuple[Topology, Nodes | None]:  # fmt: skip
+    """Simulated units, where a scene is given, and the topology as it is known of them."""
     if not scene:
-        return None
+        return topology, None
     _check_simulated(has_transports, sync, topology)
     from skin.sim.attached import nodes_of
 
     nodes = nodes_of(topology, scene, seed)
     undo.callback(nodes.close)
-    return nodes
+    return topology.exact() if nodes.exact else topology, nodes
 
 
-def _ends(topology: Topology, nodes: Nodes | None) -> Iterable[Transport]:
-    """This host's ends of the buses: of the file's, opened one by one, or of simulated units'."""
+def _ends(topology: Topology, nodes: Nodes | None, transports: object) -> Iterable[Transport]:
+    """This host's ends of the buses: of the file's, opened one by one, or of simulated units'; none
+    where transports are given."""
+    if transports is not None:
+        return ()
     if nodes is None:
         return (open_transport(bus, i) for i, bus in enumerate(topology.buses))
     from skin.sim.attached import in_process
@@ -234,10 +232,14 @@ def _script(faults: Any, topology: Topology) -> FaultScript | None:
     return script
 
 
-def _faulty(
-    ends: list[Transport], topology: Topology, nodes: Nodes | None, script: FaultScript | None
+def _checked(
+    ends: list[Transport], topology: Topology, nodes: Nodes | None, faults: Any
 ) -> list[Transport]:
-    """The ends with what a script, or else the scene, does to the frames that come from them."""
+    """One end for each bus, with what a script, or else the scene, does to the frames that come
+    from it: on simulated units by the time of the scene."""
+    if len(ends) != (buses := len(topology.buses)):
+        raise SkinError(f"transports: must be one for each of {buses} buses; got {len(ends)}")
+    script = _script(faults, topology)
     if script is None and nodes is not None:
         from skin.sim.attached import own_faults
 
@@ -260,8 +262,3 @@ def _check_simulated(has_transports: bool, sync: Sync, topology: Topology) -> No
         raise OptionError("transports: must not be given with simulate; got both")
     if sync != "host" and topology.buses[0].sync_id is not None:
         raise OptionError(f"sync: must be 'host' with simulate; got {sync!r}")
-
-
-def _check_ends(ends: list[Transport], topology: Topology) -> None:
-    if len(ends) != (buses := len(topology.buses)):
-        raise SkinError(f"transports: must be one for each of {buses} buses; got {len(ends)}")

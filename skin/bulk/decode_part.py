@@ -178,7 +178,7 @@ class _Sums:
         """Count a block."""
         self.cycles += len(block)
         self.valid += int(np.count_nonzero(block.units.valid))
-        self.readings += block.units.valid.size
+        self.readings += len(block) * int(block.topology.enabled.sum())
         self.overruns = int(block.overruns[-1])
         self.frames = int(block.totals[-1].sum())
         if self.first_ns is None:

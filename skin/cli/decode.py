@@ -102,27 +102,32 @@ def decode(
     from skin.cli.decode_file import decode_file
     from skin.errors import OptionError
 
+    topology, logs = _named(paths, topology)
+    asked = options.chosen(want=want or None, sweeps=sweeps, dtype=dtype)
+    into_file = output is not None and output.suffix != "" and not output.is_dir()
+    if len(logs) == 1 and (output is None or into_file):
+        _refuse_of_folders(output, want=want, jobs=jobs != 1, format=format != "parquet",
+                           share=share, cluster=cluster, anew=anew)  # fmt: skip
+        return decode_file(logs[0], topology=topology, output=output, asked=asked, json=json)
+    if output is None or into_file:
+        raise OptionError(f"--output: must be a folder for several logs; got {output}")
+    return _into_folder(
+        _shared(logs, share), topology, output, json,
+        {"options": asked, "jobs": jobs, "format": format, "anew": anew, "cluster": cluster},
+    )  # fmt: skip
+
+
+def _named(paths: tuple[str, ...], topology: str | None) -> tuple[str, list[Path]]:
+    """The topology and the logs that are named."""
+    from skin.errors import OptionError
+
     given = list(paths)
     if topology is None:
         if len(given) < 2:
             raise OptionError("decode: must be given a topology and a log; got "
                               f"{' '.join(given) or 'none'}")  # fmt: skip
         topology, *given = given
-    logs = [Path(log) for log in given]
-    into_file = output is not None and output.suffix != "" and not output.is_dir()
-    if len(logs) == 1 and (output is None or into_file):
-        _refuse_of_folders(output, want=want, jobs=jobs != 1, format=format != "parquet",
-                           share=share, cluster=cluster, anew=anew)  # fmt: skip
-        return decode_file(logs[0], topology=topology, output=output,
-                           options_given=options.chosen(sweeps=sweeps, dtype=dtype),
-                           json=json)  # fmt: skip
-    if output is None or into_file:
-        raise OptionError(f"--output: must be a folder for several logs; got {output}")
-    return _into_folder(
-        _shared(logs, share), topology, output, json,
-        {"options": options.chosen(want=want or None, sweeps=sweeps, dtype=dtype), "jobs": jobs,
-         "format": format, "anew": anew, "cluster": cluster},
-    )  # fmt: skip
+    return topology, [Path(log) for log in given]
 
 
 def _refuse_of_folders(output: Path | None, **given: object) -> None:

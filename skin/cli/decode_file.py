@@ -19,7 +19,7 @@ WANT = ("temperature", "force", "test_ratio", "wrench", "centroid", "contacts", 
 
 
 def decode_file(
-    log: Path, *, topology: str, output: Path | None, options_given: dict[str, Any], json: bool
+    log: Path, *, topology: str, output: Path | None, asked: dict[str, Any], json: bool
 ) -> int:
     """Decode a log, by these options of `skin.options.Options` and else its defaults; the exit
     status. See `skin.cli.decode`."""
@@ -33,7 +33,7 @@ def decode_file(
     options.check_folder("--output", output)
     loaded = load(topology)
     want = (*WANT, "sigma") if output is not None and output.suffix == ".parquet" else WANT
-    states = decode_log(loaded, log, want=want, **options_given)
+    states = decode_log(loaded, log, want=want, **asked)
     cycles, valid, peak = 0, 0, 0.0
     with writer_for(output, loaded, states.pipeline.options) as add:
         for state in states:
@@ -46,7 +46,7 @@ def decode_file(
         "topology": loaded.name,
         "units": loaded.n,
         "cycles": cycles,
-        "valid_share": valid / max(1, cycles * loaded.n),
+        "valid_share": valid / max(1, cycles * int(loaded.enabled.sum())),
         "peak_force_n": peak,
         "counters": counters,
         "options": states.pipeline.options.report(),

@@ -13,6 +13,7 @@ import tyro
 from skin.cli import options
 from skin.cli.run import Simulate, Tare, check_simulated, lasting, note
 from skin.cli.table import facts
+from skin.cli.tally import Tally
 
 if TYPE_CHECKING:
     from skin.publish import Publisher
@@ -87,22 +88,16 @@ def publish(
 
 def _loop(opened: Any, node: Publisher, seconds: float | None) -> dict[str, Any]:
     """Publish until the time is up, Ctrl-C, or the process that publishes ends."""
-    from skin.state import Status
-
-    cycles, heard, end, published = 0, 0, None, 0
-    silent = int(Status.NEVER | Status.DISABLED)
+    tally, end, published = Tally(opened.topology), None, 0
     try:
         for state in opened:
             node.publish(state)
-            if cycles % 256 == 0:
-                heard = max(heard, int((state.units.status & silent == 0).sum()))
-                if not node.alive:
-                    break
-            cycles += 1
+            tally.add(state, opened.timing.work_ns)
+            if tally.cycles % 256 == 1 and not node.alive:
+                break
             if end is None and seconds is not None:
                 end = time.monotonic() + seconds  # from the first cycle on
             if end is not None and time.monotonic() >= end:
-                heard = max(heard, int((state.units.status & silent == 0).sum()))
                 break
     except KeyboardInterrupt:
         pass
@@ -111,16 +106,15 @@ def _loop(opened: Any, node: Publisher, seconds: float | None) -> dict[str, Any]
         published = node.sent()
     else:
         print("publish: must go on to the end; got the end of its process", file=sys.stderr)
-    return {
-        "topology": opened.topology.name, "units": opened.topology.n, "units_heard": heard,
-        "cycles": cycles, "published": published, "left_out": node.left_out,
-        "publishing": alive, "overruns": opened.timing.overruns,
+    return tally.report() | {
+        "published": published, "left_out": node.left_out, "publishing": alive,
+        "overruns": opened.timing.overruns,
     }  # fmt: skip
 
 
 def _table(report: dict[str, Any]) -> str:
     rows = {
-        "units heard": "{units_heard} of {units}",
+        "units heard": "{units_heard} of {units_enabled}",
         "cycles": "{cycles}, {overruns} left out",
         "states published": "{published}, {left_out} left out",
     }

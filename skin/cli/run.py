@@ -211,7 +211,7 @@ def _table(report: dict[str, Any]) -> str:
     silent = report["silent_units"]
     shown = ", ".join(silent[:8]) + (f" and {len(silent) - 8} more" if len(silent) > 8 else "")
     rows = {
-        "units heard": "{units_heard} of {units}",
+        "units heard": "{units_heard} of {units_enabled}",
         "silent": "{shown}",
         "cycles, complete": "{cycles}, {complete_cycles}",
         "valid readings": "{valid_percent:.2f} %",

@@ -93,8 +93,7 @@ def sim(
         else:
             played = open_scene(scene, loaded, seed=seed, noise=noise)
             script = script or own_faults(played)
-            recorder = None if truth is None else _recorder(opened, played, truth)
-            nodes = Nodes(loaded, recorder or played, history=0)
+            nodes = Nodes(loaded, _recorded(opened, played, truth), history=0)
         recording = None if log is None else _recording(opened, log, filed)
         if fast:
             lasting = played.seconds if seconds is None else seconds
@@ -152,7 +151,10 @@ def _recording(opened: ExitStack, log: Path, topology: Topology) -> Recording:
     return recording
 
 
-def _recorder(opened: ExitStack, played: ScriptedScene, path: str) -> Scene:
+def _recorded(opened: ExitStack, played: ScriptedScene, path: str | None) -> Scene:
+    """The scene, whose truth is written where a file is given."""
+    if path is None:
+        return played
     from skin.sim.scenes.record import Recorder
 
     return opened.enter_context(Recorder(played, path))
