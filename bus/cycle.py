@@ -57,6 +57,10 @@ class FrameCounters:
     """Error frames that report a full controller (counted in `error` too)."""
 
 
+WRONG_FRAMES = ("lost", "late", "repeated", "torn", "short", "crc", "foreign", "error")
+"""Fields of `FrameCounters` that count something wrong: what tables and messages warn of."""
+
+
 @dataclass
 class RawCycle:
     """One cycle over all units. The arrays are the assembler's own, valid until its next cycle.

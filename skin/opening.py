@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Collection, Iterable
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
@@ -29,6 +30,7 @@ from skin.pipeline import Pipeline
 from topology import Topology
 
 if TYPE_CHECKING:
+    from bus.faults import FaultScript
     from skin.contact.slip import SlipSettings
     from skin.physics.stencil import Stencil
     from skin.sim.node import Nodes
@@ -59,8 +61,9 @@ def open(
     pace: bool = True,
     deadline_s: float | None = None,
     simulate: bool | str | Path | SceneFile | Scene | None = False,
+    faults: FaultScript | str | os.PathLike[str] | None = None,
     transports: Iterable[Transport] | None = None,
-    seed: int = 0,
+    seed: int | None = None,
     log: str | os.PathLike[str] | Recording | None = None,
     record: str | os.PathLike[str] | None = None,
 ) -> Skin:
@@ -85,17 +88,19 @@ def open(
     simulate : bool, str, Path, SceneFile or Scene
         Attach simulated units: True for the scene "demo", a name of `skin.sim.scenes.names`, a
         file, a loaded one (`skin.sim.load_scene`), or your own; what is false: none.
+    faults : FaultScript, str or Path, optional
+        What is done to the frames that come (docs/faults.md); a scene's own faults if not given.
     transports : iterable of Transport, optional
         Transports to use instead of opening the file's buses, one for each bus, in order.
-    seed : int
-        Seed of the simulated noise.
+    seed : int, optional
+        Seed of the simulated noise, and of a scene's own faults; the scene's, or 0, if not given.
     log, record : path, optional
         Write down all frames as candump (.log, .log.gz) or BLF (.blf), or by a `Recording`; record
-        frames and states as MCAP (a new .mcap), for `skin.replay` and other people's viewers.
+        frames and states as MCAP (a new .mcap), for `skin.replay` and other viewers.
 
     Raises
     ------
-    topology.TopologyError, bus.BusOpenError, bus.LogError, skin.errors.SkinError
+    topology.TopologyError, bus.BusOpenError, bus.FaultScriptError, bus.LogError, SkinError
         A file, a bus or an option that cannot be used; every problem of a file is listed.
     """
     loaded = source if isinstance(source, Topology) else topology_package.load(source)
@@ -108,11 +113,9 @@ def open(
         )  # fmt: skip
         _check(sync, wait, pace, learn, seed, log)
         undo.callback(announcer().hold().finish)
-        nodes = _nodes(undo, loaded, _scene(simulate), seed, transports is not None, sync)
-        loaded = loaded.exact() if nodes is not None and nodes.exact else loaded
-        if transports is None:
-            ends = [undo.enter_context(end) for end in _ends(loaded, nodes)]
-        _check_ends(ends, loaded)
+        loaded, nodes = _nodes(undo, loaded, _scene(simulate), seed, transports is not None, sync)
+        ends += [undo.enter_context(end) for end in _ends(loaded, nodes, transports)]
+        ends = _checked(ends, loaded, nodes, faults)
         pipeline = _pipeline(undo, loaded, options, ends, deadline_s, zeros, learn, record)
         recording = Recording(log, loaded) if isinstance(log, str | os.PathLike) else log
         undo.pop_all()  # all is well: the skin closes them
@@ -158,12 +161,13 @@ def _stencil(given: Any, topology: Topology) -> Stencil | None:
     return Stencil.load(Path(given), topology)
 
 
-def _check(sync: str, wait: str, pace: bool, learn: bool, seed: int, log: object) -> None:
+def _check(sync: str, wait: str, pace: bool, learn: bool, seed: int | None, log: object) -> None:
     for name, value, known in (("sync", sync, get_args(Sync)), ("wait", wait, get_args(Wait))):
         check_choice(name, value, known)
     check_flag("pace", pace)
     check_flag("learn", learn)
-    check_number("seed", seed, 0, MOST_SEED, whole=True)
+    if seed is not None:
+        check_number("seed", seed, 0, MOST_SEED, whole=True)
     if log is not None and not isinstance(log, str | os.PathLike):
         check_kind("log", log, Recording)
 
@@ -189,26 +193,67 @@ def _scene(simulate: Any) -> Any:
 
 
 def _nodes(
-    undo: ExitStack, topology: Topology, scene: Any, seed: int, has_transports: bool, sync: Sync
-) -> Nodes | None:
-    """Simulated units, where a scene is given."""
+    undo: ExitStack, topology: Topology, scene: Any, seed: int | None, has_transports: bool,
+    sync: Sync,
+) -> tuple[Topology, Nodes | None]:  # fmt: skip
+    """Simulated units, where a scene is given, and the topology as it is known of them."""
     if not scene:
-        return None
+        return topology, None
     _check_simulated(has_transports, sync, topology)
     from skin.sim.attached import nodes_of
 
     nodes = nodes_of(topology, scene, seed)
     undo.callback(nodes.close)
-    return nodes
+    return topology.exact() if nodes.exact else topology, nodes
 
 
-def _ends(topology: Topology, nodes: Nodes | None) -> Iterable[Transport]:
-    """This host's ends of the buses: of the file's, opened one by one, or of simulated units'."""
+def _ends(topology: Topology, nodes: Nodes | None, transports: object) -> Iterable[Transport]:
+    """This host's ends of the buses: of the file's, opened one by one, or of simulated units'; none
+    where transports are given."""
+    if transports is not None:
+        return ()
     if nodes is None:
         return (open_transport(bus, i) for i, bus in enumerate(topology.buses))
     from skin.sim.attached import in_process
 
     return in_process(nodes)
+
+
+def _script(faults: Any, topology: Topology) -> FaultScript | None:
+    """The faults that are given, read where that is their file."""
+    if faults is None:
+        return None
+    from bus.faults import FaultScript, load_script
+
+    if isinstance(faults, str | os.PathLike):
+        return load_script(Path(faults), topology)
+    check_kind("faults", faults, FaultScript)
+    script: FaultScript = faults
+    return script
+
+
+def _checked(
+    ends: list[Transport], topology: Topology, nodes: Nodes | None, faults: Any
+) -> list[Transport]:
+    """One end for each bus, with what a script, or else the scene, does to the frames that come
+    from it: on simulated units by the time of the scene."""
+    if len(ends) != (buses := len(topology.buses)):
+        raise SkinError(f"transports: must be one for each of {buses} buses; got {len(ends)}")
+    script = _script(faults, topology)
+    if script is None and nodes is not None:
+        from skin.sim.attached import own_faults
+
+        script = own_faults(nodes.scene)
+    if script is None or not script.faults:
+        return ends
+    from bus.faults import FaultyTransport
+
+    return [
+        FaultyTransport(
+            end, script, topology=topology,
+            clock=None if nodes is None else partial(nodes.time_ns, end.index),
+        ) for end in ends
+    ]  # fmt: skip
 
 
 def _check_simulated(has_transports: bool, sync: Sync, topology: Topology) -> None:
@@ -217,8 +262,3 @@ def _check_simulated(has_transports: bool, sync: Sync, topology: Topology) -> No
         raise OptionError("transports: must not be given with simulate; got both")
     if sync != "host" and topology.buses[0].sync_id is not None:
         raise OptionError(f"sync: must be 'host' with simulate; got {sync!r}")
-
-
-def _check_ends(ends: list[Transport], topology: Topology) -> None:
-    if len(ends) != (buses := len(topology.buses)):
-        raise SkinError(f"transports: must be one for each of {buses} buses; got {len(ends)}")

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
+import math
 from collections.abc import Collection, Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
@@ -105,6 +107,32 @@ class Options:
     def quantities(self) -> frozenset[str]:
         """The names in `want`."""
         return frozenset(self.want or ())
+
+    def report(self) -> dict[str, Any]:
+        """Every option as JSON holds it, for files that state how they were decoded.
+
+        Returns
+        -------
+        dict
+            By name. Names of quantities in order; settings of slip by name, None for NaN; of a
+            stencil the SHA-256 of its arrays. ``slip`` and ``stencil`` are there only if given.
+        """
+        found = {one.name: getattr(self, one.name) for one in fields(self)}
+        found["want"] = sorted(self.quantities)
+        for name in ("slip", "stencil"):
+            if found[name] is None:
+                del found[name]
+        if self.slip is not None:
+            found["slip"] = {
+                name: None if isinstance(value, float) and math.isnan(value) else value
+                for name, value in asdict(self.slip).items()
+            }
+        if self.stencil is not None:
+            digest = hashlib.sha256()
+            for one in fields(self.stencil):
+                digest.update(np.asarray(getattr(self.stencil, one.name)).tobytes())
+            found["stencil"] = digest.hexdigest()
+        return found
 
 
 def wanted(want: Any, known: Collection[str] = WANTS) -> frozenset[str]:

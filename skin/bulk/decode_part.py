@@ -62,6 +62,7 @@ def decode_part(job: Job, part: Part) -> dict[str, Any]:
     except (BusError, SkinError, OSError) as error:
         return summary | sums.told() | {"state": "failed", "error": _words(error)}
     summary |= sums.told() | {"counters": asdict(source.counters), "faults": source.faults,
+                              "options": source.pipeline.options.report(),
                               "damage": getattr(source, "damage", None)}  # fmt: skip
     if part.log.stat().st_size != part.size:
         summary["faults"] = [*summary["faults"], _grown(part)]
@@ -177,7 +178,7 @@ class _Sums:
         """Count a block."""
         self.cycles += len(block)
         self.valid += int(np.count_nonzero(block.units.valid))
-        self.readings += block.units.valid.size
+        self.readings += len(block) * int(block.topology.enabled.sum())
         self.overruns = int(block.overruns[-1])
         self.frames = int(block.totals[-1].sum())
         if self.first_ns is None:

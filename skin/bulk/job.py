@@ -107,15 +107,15 @@ class Job:
     def told(self, part: Part) -> dict[str, str]:
         """What results tell of where they come from, and what they are compared by."""
         topology, calibration = hashes_of(self.topology)
-        options = self.options if part.is_recording else self.of_logs
-        given = dict(options)
-        if "want" in given:
-            given["want"] = sorted(Options(**options).quantities)
+        if part.is_recording:  # the others are those of its run
+            report = Options(**self.options).report()
+            given = {name: report.get(name) for name in self.options}
+        else:
+            given = Options(**self.of_logs).report()
         return {
             "skin": self.topology.name, "log": part.log.name, "log_sha256": part.content,
             "topology_sha256": topology, "calibration_sha256": calibration,
-            "options": "of the recording" if part.is_recording and not given else json.dumps(
-                given, sort_keys=True, default=repr),
+            "options": json.dumps(given, sort_keys=True) if given else "of the recording",
             "version": _version(), "format": self.format,
             "partition_cycles": str(self.partition_cycles),
         }  # fmt: skip

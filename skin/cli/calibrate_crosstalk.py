@@ -6,7 +6,7 @@ import json as json_text
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -130,30 +130,21 @@ def _hearing(
     """Open the buses; gives a call for the counts and flags of the next so many seconds."""
     from bus.discover import listen
     from bus.errors import BusClosedError
-    from bus.open import open_transport
-    from skin.sim.attached import in_process
-    from skin.sim.node import Nodes
 
     import numpy as np  # isort: skip
+    import skin  # isort: skip
 
-    with ExitStack() as opened:
-        if simulate:
-            nodes = Nodes(topology, _Finger(topology.n), history=0)
-            opened.callback(nodes.close)
-            ends = [opened.enter_context(end) for end in in_process(nodes)]
-            clock: Callable[[], int] = Ticks(topology.cycle_rate_hz)
-        else:
-            ends = [
-                opened.enter_context(open_transport(bus, i)) for i, bus in enumerate(topology.buses)
-            ]
-            clock = time.monotonic_ns
-
+    clock: Callable[[], int] = Ticks(topology.cycle_rate_hz) if simulate else time.monotonic_ns
+    scene = _Finger(topology.n) if simulate else None
+    with skin.open(topology, want="temperature", tare=False, sync=sync, simulate=scene) as opened:
         counter = 0
 
         def hear(seconds: float) -> tuple[np.ndarray, np.ndarray]:
             nonlocal counter
             heard = Heard(topology, clock)
-            counter = listen(heard, ends, seconds, sync=sync, clock=clock, counter=counter)
+            counter = listen(
+                heard, opened.transports, seconds, sync=sync, clock=clock, counter=counter
+            )
             if heard.closed:
                 raise BusClosedError(heard.closed)
             shapes = (0, *topology.scale.shape), (0, topology.n)

@@ -51,6 +51,8 @@ def decode(
         options.quiet("what to decode into a folder; forces, temperatures, contacts and slip "
                       "otherwise; of recordings as their runs", metavar="NAME [NAME ...]"),
     ] = (),
+    sweeps: options.Sweeps = None,
+    dtype: options.DType = None,
     jobs: Annotated[
         int, tyro.conf.arg(metavar="N", help="logs that are decoded side by side")
     ] = 1,
@@ -75,9 +77,10 @@ def decode(
 
     Into a folder go Parquet files in parts: cycles, contacts, and spells of units in trouble
     (docs/bulk.md); with --format mcap what Foxglove shows, without frames. Every number is that of
-    the live skin. A log that was decoded before is left out, unless it, the topology, its
-    calibration, what is wanted or the version have changed; after an interruption the same call
-    goes on.
+    the live skin, into a folder or a file: logs are decoded by the defaults of `skin.open`, but for
+    --sweeps and --dtype, as the report and all files but .csv state. A log that was decoded before
+    is left out, unless it, the topology, its calibration, what is asked for or the version have
+    changed; after an interruption the same call goes on.
 
     A .csv has a row for each cycle and unit; beside it lie FILE.wrench.csv with a row for each
     cycle, FILE.contacts.csv with one for each cycle and contact, and FILE.events.csv with what
@@ -90,12 +93,32 @@ def decode(
     contact_load_n, contact_centroid_m (k, 3), contact_normal (k, 3), contact_slip, contact_margin,
     contact_friction and contact_whole; of e events event_time_s, event_contact and event. The
     contact of a unit is the identity of what touches it, the same as long as it stays, and 0 for
-    nothing. A .parquet has a row for each cycle; docs/connect.md has its columns.
+    nothing; _options are those of decoding, as JSON. A .parquet has a row for each cycle;
+    docs/connect.md has its columns.
 
     Exits with 1 if a log holds no cycle of this skin, is damaged, lacks SYNC or has time that
     runs back, or could not be decoded; all that can be decoded is.
     """
     from skin.cli.decode_file import decode_file
+    from skin.errors import OptionError
+
+    topology, logs = _named(paths, topology)
+    asked = options.chosen(want=want or None, sweeps=sweeps, dtype=dtype)
+    into_file = output is not None and output.suffix != "" and not output.is_dir()
+    if len(logs) == 1 and (output is None or into_file):
+        _refuse_of_folders(output, want=want, jobs=jobs != 1, format=format != "parquet",
+                           share=share, cluster=cluster, anew=anew)  # fmt: skip
+        return decode_file(logs[0], topology=topology, output=output, asked=asked, json=json)
+    if output is None or into_file:
+        raise OptionError(f"--output: must be a folder for several logs; got {output}")
+    return _into_folder(
+        _shared(logs, share), topology, output, json,
+        {"options": asked, "jobs": jobs, "format": format, "anew": anew, "cluster": cluster},
+    )  # fmt: skip
+
+
+def _named(paths: tuple[str, ...], topology: str | None) -> tuple[str, list[Path]]:
+    """The topology and the logs that are named."""
     from skin.errors import OptionError
 
     given = list(paths)
@@ -104,19 +127,7 @@ def decode(
             raise OptionError("decode: must be given a topology and a log; got "
                               f"{' '.join(given) or 'none'}")  # fmt: skip
         topology, *given = given
-    logs = [Path(log) for log in given]
-    into_file = output is not None and output.suffix != "" and not output.is_dir()
-    if len(logs) == 1 and (output is None or into_file):
-        _refuse_of_folders(output, want=want, jobs=jobs != 1, format=format != "parquet",
-                           share=share, cluster=cluster, anew=anew)  # fmt: skip
-        return decode_file(logs[0], topology=topology, output=output, json=json)
-    if output is None or into_file:
-        raise OptionError(f"--output: must be a folder for several logs; got {output}")
-    return _into_folder(
-        _shared(logs, share), topology, output, json,
-        {"want": want or None, "jobs": jobs, "format": format, "anew": anew,
-         "cluster": cluster},
-    )  # fmt: skip
+    return topology, [Path(log) for log in given]
 
 
 def _refuse_of_folders(output: Path | None, **given: object) -> None:
@@ -150,8 +161,7 @@ def _into_folder(
 
     if not output.is_dir():
         options.check_folder("--output", output)
-    asked = {} if how["want"] is None else {"want": how["want"]}
-    job = Job(load(topology), output, asked, how["format"], anew=how["anew"])
+    job = Job(load(topology), output, how["options"], how["format"], anew=how["anew"])
     if not logs:
         print(json_text.dumps({"logs": []}) if json else "no log for this share")
         return 0

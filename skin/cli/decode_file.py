@@ -6,6 +6,7 @@ import json as json_text
 import sys
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,8 +18,11 @@ __all__ = ["decode_file"]
 WANT = ("temperature", "force", "test_ratio", "wrench", "centroid", "contacts", "slip")
 
 
-def decode_file(log: Path, *, topology: str, output: Path | None, json: bool) -> int:
-    """Decode a log; the exit status. See `skin.cli.decode`."""
+def decode_file(
+    log: Path, *, topology: str, output: Path | None, asked: dict[str, Any], json: bool
+) -> int:
+    """Decode a log, by these options of `skin.options.Options` and else its defaults; the exit
+    status. See `skin.cli.decode`."""
     from skin.cli.decoded import writer_for
     from skin.errors import SkinError
     from skin.offline import decode_log
@@ -29,9 +33,9 @@ def decode_file(log: Path, *, topology: str, output: Path | None, json: bool) ->
     options.check_folder("--output", output)
     loaded = load(topology)
     want = (*WANT, "sigma") if output is not None and output.suffix == ".parquet" else WANT
-    states = decode_log(loaded, log, want=want, dtype="float64", sweeps=2)
+    states = decode_log(loaded, log, want=want, **asked)
     cycles, valid, peak = 0, 0, 0.0
-    with writer_for(output, loaded) as add:
+    with writer_for(output, loaded, states.pipeline.options) as add:
         for state in states:
             cycles += 1
             valid += int(state.units.valid.sum())
@@ -42,9 +46,10 @@ def decode_file(log: Path, *, topology: str, output: Path | None, json: bool) ->
         "topology": loaded.name,
         "units": loaded.n,
         "cycles": cycles,
-        "valid_share": valid / max(1, cycles * loaded.n),
+        "valid_share": valid / max(1, cycles * int(loaded.enabled.sum())),
         "peak_force_n": peak,
         "counters": counters,
+        "options": states.pipeline.options.report(),
         "damage": states.damage,
         "faults": states.faults,
         "output": str(output.resolve()) if output is not None and cycles else None,

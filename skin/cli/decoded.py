@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -15,6 +16,7 @@ from skin.export.parquet import StateTable
 from topology.files import Kind, arrays_of, check_over, whole_file
 
 if TYPE_CHECKING:
+    from skin.options import Options
     from skin.state import State
     from topology import Topology
 
@@ -40,7 +42,9 @@ ARRAYS = arrays_of("arrays of a decoded log", "time_s", "unit", "wrench", "event
 
 
 @contextmanager
-def writer_for(path: Path | None, topology: Topology) -> Iterator[Callable[[State], None]]:
+def writer_for(
+    path: Path | None, topology: Topology, options: Options
+) -> Iterator[Callable[[State], None]]:
     """A function that takes every state; the files are there at the end, if there was any state.
 
     Parameters
@@ -48,13 +52,16 @@ def writer_for(path: Path | None, topology: Topology) -> Iterator[Callable[[Stat
     path : Path or None
         Ends in .csv, .npz or .parquet; None: nothing is written.
     topology : Topology
+    options : Options
+        By which the states are decoded: arrays have them as JSON (``_options``), a Parquet file in
+        its metadata; a table of CSV has no place for them.
     """
     if path is None:
         yield lambda state: None
         return
     with ExitStack() as files:
         kinds = {".csv": _Tables, ".npz": _Arrays, ".parquet": StateTable}
-        written = kinds[path.suffix](path, topology, files)
+        written = kinds[path.suffix](path, topology, files, options)
         yield written.add
         written.finish()
 
@@ -82,7 +89,7 @@ class Events:
 class _Tables:
     """Four CSV files, written as the states come."""
 
-    def __init__(self, path: Path, topology: Topology, files: ExitStack) -> None:
+    def __init__(self, path: Path, topology: Topology, files: ExitStack, _options: Options) -> None:
         self._path, self._names, self._files = path, topology.unit_names, files
         self._start_ns: int | None = None
         self._events = Events()
@@ -147,8 +154,9 @@ class _Tables:
 class _Arrays:
     """One file of arrays, written at the end."""
 
-    def __init__(self, path: Path, topology: Topology, files: ExitStack) -> None:
+    def __init__(self, path: Path, topology: Topology, _files: ExitStack, options: Options) -> None:
         self._path, self._names = path, topology.unit_names
+        self._options = json.dumps(options.report(), sort_keys=True)
         self._cycles: list[dict[str, Any]] = []
         self._contacts: list[dict[str, Any]] = []
         self._events, self._happened = Events(), []
@@ -184,6 +192,7 @@ class _Arrays:
                 file,
                 time_s=(stamps - start) * 1e-9,
                 unit=np.array(self._names),
+                _options=np.array(self._options),
                 **arrays,
                 event_time_s=np.array([1e-9 * (at - start) for at, _, _ in self._happened]),
                 event_contact=np.array([one for _, one, _ in self._happened], np.int64),

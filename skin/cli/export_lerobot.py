@@ -18,8 +18,7 @@ __all__ = ["export_lerobot"]
 
 OF_LOGS: dict[str, Any] = {
     "want": ("temperature", "force", "wrench", "centroid", "contacts", "slip"),
-    "dtype": "float64", "sweeps": 2,
-}  # fmt: skip
+}
 """Options of a log; a recording has those of its run."""
 
 
@@ -60,6 +59,8 @@ def export_lerobot(
             metavar="SECONDS", help="what the clock of the log shows more than the camera's"
         ),
     ] = 0.0,
+    sweeps: options.Sweeps = None,
+    dtype: options.DType = None,
     json: options.Json = False,
 ) -> int:
     """Write recordings, or CAN logs, and the frames of a camera as a LeRobot v3 data set.
@@ -71,7 +72,7 @@ def export_lerobot(
     from skin.errors import SkinError, check_number
     from skin.export.frames import read_frames
     from skin.export.lerobot import Dataset
-    from skin.record.replay import replay
+    from skin.record.replay import replay, replay_anew
     from topology import load
 
     if len(frames) != len(logs):
@@ -82,10 +83,13 @@ def export_lerobot(
     options.check_folder("--output", output / "meta" if output.is_dir() else output)
     loaded: Topology = load(topology)
     tasks = task if len(task) == len(logs) else task * len(logs)
-    wrong = []
+    asked, wrong = options.chosen(sweeps=sweeps, dtype=dtype), []
     with Dataset(output, loaded, fps=fps, window=window) as written:
         for log, file, text in zip(logs, frames, tasks, strict=True):
-            states = replay(log, loaded, **({} if _is_recording(log) else OF_LOGS))
+            if _is_recording(log):
+                states = replay_anew(log, loaded, **asked) if asked else replay(log, loaded)
+            else:
+                states = replay(log, loaded, **OF_LOGS | asked)
             written.add_episode(states, read_frames(file, round(1e9 * offset_s)), text)
             wrong += states.faults
     report = written.report() | {"output": str(output.resolve()), "faults": wrong}

@@ -18,6 +18,7 @@ __all__ = [
     "FILE_HELP",
     "Calibration",
     "Channel",
+    "DType",
     "File",
     "FileOrNone",
     "Interface",
@@ -26,10 +27,12 @@ __all__ = [
     "Log",
     "Scene",
     "Seed",
+    "Sweeps",
     "Sync",
     "Until",
     "check_folder",
     "check_seconds",
+    "chosen",
     "given",
     "hints",
     "never_tared",
@@ -99,11 +102,36 @@ Seed = Annotated[
     ),
 ]
 
+Sweeps = Annotated[
+    Literal[0, 1, 2] | None,
+    quiet(
+        "how cross-talk of neighbours is taken off: 0 only at rest, the rest in sigma; 1 as of the "
+        "last cycle; 2 accurately; otherwise 1, or as in the run that was recorded",
+        metavar="{0,1,2}",
+        constructor=Literal[0, 1, 2],
+    ),
+]
+
+DType = Annotated[
+    Literal["float32", "float64"] | None,
+    quiet(
+        "type of the numbers and of the arithmetic that makes them; otherwise float32, or as in "
+        "the run that was recorded",
+        metavar="{float32,float64}",
+        constructor=Literal["float32", "float64"],
+    ),
+]
 
 Log = Annotated[
     Path | None,
     quiet("write down what the buses carry: .log, .log.gz or .blf", metavar="FILE"),
 ]
+
+
+def chosen(**given: Any) -> dict[str, Any]:
+    """The options of `skin.options.Options` that were given: the others keep their defaults, or,
+    of a recording, what they were in its run."""
+    return {name: value for name, value in given.items() if value is not None}
 
 
 def given(file: str | None, command: str) -> str:

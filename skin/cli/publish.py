@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from skin.cli import options
-from skin.cli.run import Simulate, Tare, check_simulated, simulated
+from skin.cli.run import Simulate, Tare, check_simulated, lasting, note
 from skin.cli.table import facts
+from skin.cli.tally import Tally
 
 if TYPE_CHECKING:
     from skin.publish import Publisher
-    from topology import Topology
 
 __all__ = ["publish"]
 
@@ -70,14 +70,12 @@ def publish(
     check_simulated(simulate, scene, seed, sync, interface, channel)
     loaded = load(file).on(interface=interface, channel=channel)
     if not simulate:
-        _note(file, loaded, tare)
-    transports = None
+        note(file, loaded, tare)
     with ExitStack() as ended:
-        if simulate:
-            transports, lasting, are_exact = simulated(ended, loaded, scene, seed)
-            seconds, loaded = seconds or lasting, loaded.exact() if are_exact else loaded
-        opened = skin.open(loaded, sync=sync, transports=transports, tare=tare)
-        ended.enter_context(opened)
+        opened = ended.enter_context(
+            skin.open(loaded, sync=sync, simulate=scene or simulate, seed=seed, tare=tare)
+        )
+        seconds = seconds or lasting(opened, scene)
         node = ros(
             opened, prefix=prefix, frame=frame, patch_frame=patch_frame, rate_hz=rate or None,
             reliable=not best_effort, domain=domain, network=network,
@@ -88,32 +86,18 @@ def publish(
     return 0 if report["units_heard"] and report["publishing"] else 1
 
 
-def _note(file: str, topology: Topology, tare: bool) -> None:
-    notes = options.hints(file, topology, will_tare=tare)
-    if nobody := options.unreachable(file, topology):
-        notes.insert(0, f"nobody can answer: {nobody}")
-    for text in notes:
-        print(f"note: {text}", file=sys.stderr)
-
-
 def _loop(opened: Any, node: Publisher, seconds: float | None) -> dict[str, Any]:
     """Publish until the time is up, Ctrl-C, or the process that publishes ends."""
-    from skin.state import Status
-
-    cycles, heard, end, published = 0, 0, None, 0
-    silent = int(Status.NEVER | Status.DISABLED)
+    tally, end, published = Tally(opened.topology), None, 0
     try:
         for state in opened:
             node.publish(state)
-            if cycles % 256 == 0:
-                heard = max(heard, int((state.units.status & silent == 0).sum()))
-                if not node.alive:
-                    break
-            cycles += 1
+            tally.add(state, opened.timing.work_ns)
+            if tally.cycles % 256 == 1 and not node.alive:
+                break
             if end is None and seconds is not None:
                 end = time.monotonic() + seconds  # from the first cycle on
             if end is not None and time.monotonic() >= end:
-                heard = max(heard, int((state.units.status & silent == 0).sum()))
                 break
     except KeyboardInterrupt:
         pass
@@ -122,16 +106,15 @@ def _loop(opened: Any, node: Publisher, seconds: float | None) -> dict[str, Any]
         published = node.sent()
     else:
         print("publish: must go on to the end; got the end of its process", file=sys.stderr)
-    return {
-        "topology": opened.topology.name, "units": opened.topology.n, "units_heard": heard,
-        "cycles": cycles, "published": published, "left_out": node.left_out,
-        "publishing": alive, "overruns": opened.timing.overruns,
+    return tally.report() | {
+        "published": published, "left_out": node.left_out, "publishing": alive,
+        "overruns": opened.timing.overruns,
     }  # fmt: skip
 
 
 def _table(report: dict[str, Any]) -> str:
     rows = {
-        "units heard": "{units_heard} of {units}",
+        "units heard": "{units_heard} of {units_enabled}",
         "cycles": "{cycles}, {overruns} left out",
         "states published": "{published}, {left_out} left out",
     }

@@ -101,7 +101,7 @@ class _Steps:
 
 def _table(report: dict[str, Any]) -> str:
     rows = {
-        "units heard": "{units_heard} of {units}",
+        "units heard": "{units_heard} of {units_enabled}",
         "cycles, complete": "{cycles}, {complete_cycles}",
         "the same as live": "{told}",
         "valid readings": "{valid_percent:.2f} %",

@@ -5,26 +5,24 @@ from __future__ import annotations
 import json as json_text
 import sys
 import time
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
 from skin.cli import options
-from skin.cli.sim import own_faults
 from skin.cli.table import counted, facts
 from skin.cli.tally import Tally
 
 if TYPE_CHECKING:
-    from bus.transport import Transport
     from skin.calibrate.background import Learning
+    from skin.live import Skin
     from skin.pipeline import Pipeline
     from topology import Topology
 
-__all__ = ["check_simulated", "run", "simulated"]
+__all__ = ["check_simulated", "lasting", "note", "run"]
 
 Wait = Annotated[
     Literal["event", "drain"],
@@ -57,8 +55,8 @@ Learn = Annotated[
 Faults = Annotated[
     Path | None,
     options.quiet(
-        "do to the frames that come what this script says (docs/faults.md): a test of what uses "
-        "the skin",
+        "do to the frames that come what this script says (docs/faults.md), in place of what the "
+        "scene does: a test of what uses the skin",
         metavar="FILE",
     ),
 ]
@@ -91,10 +89,9 @@ def run(
     """Listen to the buses of a topology, send SYNC, and show what the skin feels.
 
     With `--simulate` a sphere presses, slides and lifts all over simulated units, or a scene is
-    played to its end. `skin decode` takes the log as it is. Exits with 1 if no unit ever answered.
+    played to its end, with its own faults. `skin decode` takes the log as it is. Exits with 1 if no
+    unit ever answered.
     """
-    import skin
-    from bus.logs import Recording
     from skin.physics.stencil import STENCIL_FILE
     from skin.view.terminal import LiveTable
     from topology import load
@@ -108,21 +105,16 @@ def run(
     filed = load(file)
     loaded = filed.on(interface=interface, channel=channel)
     if not simulate:
-        _note(file, loaded, tare)
+        note(file, loaded, tare)
     table, tally = LiveTable(loaded), Tally(loaded)
-    end = transports = None
-    with ExitStack() as ended:
-        if simulate:
-            transports, lasting, are_exact = simulated(ended, loaded, scene, seed)
-            seconds, loaded = seconds or lasting, loaded.exact() if are_exact else loaded
-        if faults is not None:
-            transports = damaged(ended, loaded, faults, transports)
-        recording = None if log is None else Recording(log, filed)
-        opened = skin.open(
-            loaded, sync=sync, wait=wait, transports=transports, log=recording, tare=tare,
-            zeros=zeros, learn=learn is not None, record=record,
-        )  # fmt: skip
-        ended.enter_context(opened)
+    if faults is not None:
+        print(f"note: {faults} puts faults into what the buses carry", file=sys.stderr)
+    end = None
+    with _opened(
+        log, filed, loaded, sync=sync, wait=wait, simulate=scene or simulate, seed=seed,
+        faults=faults, tare=tare, zeros=zeros, learn=learn is not None, record=record,
+    ) as opened:  # fmt: skip
+        seconds = seconds or lasting(opened, scene)
         with suppress(KeyboardInterrupt):
             for state in opened:
                 table.show(state, opened.timing.work_ns)
@@ -159,7 +151,7 @@ def _recorded(pipeline: Pipeline) -> dict[str, Any] | None:
     return recorder.report()
 
 
-def _note(file: str, topology: Topology, tare: bool) -> None:
+def note(file: str, topology: Topology, tare: bool) -> None:
     """Say what is worth knowing before the first cycle."""
     notes = options.hints(file, topology, will_tare=tare)
     if nobody := options.unreachable(file, topology):
@@ -190,48 +182,36 @@ def check_simulated(
     options.refuse_both("--simulate", "--channel", channel)
 
 
-def damaged(
-    ended: ExitStack, topology: Topology, faults: Path, ends: list[Transport] | None
-) -> list[Transport]:
-    """The buses, with what a script does to the frames that come from them."""
-    from bus.faults import FaultyTransport, load_script
-    from bus.open import open_transport
+def _opened(log: Path | None, filed: Topology, loaded: Topology, **how: Any) -> Skin:
+    """An open skin that writes a log of the buses as the file names them; where it cannot be
+    opened, no log is left behind."""
+    import skin
+    from bus.logs import Recording
 
-    script = load_script(faults, topology)
-    if ends is None:
-        ends = [ended.enter_context(open_transport(bus, i)) for i, bus in enumerate(topology.buses)]
-    print(f"note: {faults} puts faults into what the buses carry", file=sys.stderr)
-    return [FaultyTransport(end, script, topology=topology) for end in ends]
+    if log is None:
+        return skin.open(loaded, **how)
+    recording = Recording(log, filed)
+    try:
+        return skin.open(loaded, log=recording, **how)
+    except BaseException:
+        recording.close()
+        log.unlink(missing_ok=True)
+        raise
 
 
-def simulated(
-    ended: ExitStack, topology: Topology, scene: str | None, seed: int | None
-) -> tuple[list[Transport], float | None, bool]:
-    """This host's ends of buses with simulated units, how many seconds the scene lasts, and whether
-    their constants are those of the topology."""
-    from bus.faults import FaultyTransport
-    from skin.sim.attached import in_process
-    from skin.sim.node import Nodes
-    from skin.sim.scenes.load import open_scene
-
-    played = None if scene is None else open_scene(scene, topology, seed=seed)
-    nodes = Nodes(topology, played, seed=seed or 0, history=0)
-    ended.callback(nodes.close)
-    ends = in_process(nodes)
-    if played is None:
-        return ends, None, nodes.exact
-    if faults := own_faults(played):
-        for i, end in enumerate(ends):
-            clock = partial(nodes.time_ns, i)
-            ends[i] = FaultyTransport(end, faults, topology=topology, clock=clock)
-    return ends, played.seconds, nodes.exact
+def lasting(opened: Skin, scene: str | None) -> float | None:
+    """How many seconds the scene lasts that was asked for."""
+    if scene is None or opened.nodes is None:
+        return None
+    seconds: float | None = getattr(opened.nodes.scene, "seconds", None)
+    return seconds
 
 
 def _table(report: dict[str, Any]) -> str:
     silent = report["silent_units"]
     shown = ", ".join(silent[:8]) + (f" and {len(silent) - 8} more" if len(silent) > 8 else "")
     rows = {
-        "units heard": "{units_heard} of {units}",
+        "units heard": "{units_heard} of {units_enabled}",
         "silent": "{shown}",
         "cycles, complete": "{cycles}, {complete_cycles}",
         "valid readings": "{valid_percent:.2f} %",

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from skin.sim.scenes.play import ScriptedScene
     from topology import Topology
 
-__all__ = ["own_faults", "sim"]
+__all__ = ["sim"]
 
 
 def sim(
@@ -83,6 +83,7 @@ def sim(
         raise SkinError(why)
     script = None if faults is None else load_script(faults, loaded)
     announcer()
+    from skin.sim.attached import own_faults
     from skin.sim.node import Nodes
     from skin.sim.scenes.load import open_scene
 
@@ -92,8 +93,7 @@ def sim(
         else:
             played = open_scene(scene, loaded, seed=seed, noise=noise)
             script = script or own_faults(played)
-            recorder = None if truth is None else _recorder(opened, played, truth)
-            nodes = Nodes(loaded, recorder or played, history=0)
+            nodes = Nodes(loaded, _recorded(opened, played, truth), history=0)
         recording = None if log is None else _recording(opened, log, filed)
         if fast:
             lasting = played.seconds if seconds is None else seconds
@@ -143,14 +143,6 @@ def _check_fast(fast: bool, scene: str | None, interface: str | None, channel: s
     options.refuse_both("--fast", "--channel", channel)
 
 
-def own_faults(played: ScriptedScene) -> FaultScript | None:
-    """What a scene itself does to the frames."""
-    from bus.faults import FaultScript
-
-    own = played.script
-    return FaultScript(seed=own.seed, faults=own.faults) if own.faults else None
-
-
 def _recording(opened: ExitStack, log: Path, topology: Topology) -> Recording:
     from bus.logs import Recording
 
@@ -159,7 +151,10 @@ def _recording(opened: ExitStack, log: Path, topology: Topology) -> Recording:
     return recording
 
 
-def _recorder(opened: ExitStack, played: ScriptedScene, path: str) -> Scene:
+def _recorded(opened: ExitStack, played: ScriptedScene, path: str | None) -> Scene:
+    """The scene, whose truth is written where a file is given."""
+    if path is None:
+        return played
     from skin.sim.scenes.record import Recorder
 
     return opened.enter_context(Recorder(played, path))

@@ -18,7 +18,10 @@ KEPT = 100_000
 
 
 class Tally:
-    """Counts cycles, contacts, forces and working time."""
+    """Counts cycles, contacts, forces and working time.
+
+    Units that the topology switches off are neither silent nor part of ``valid_share``.
+    """
 
     def __init__(self, topology: Topology) -> None:
         self.topology = topology
@@ -47,16 +50,18 @@ class Tally:
         self.work_us.append(work_ns * 1e-3)
 
     def report(self) -> dict[str, Any]:
-        silent = np.flatnonzero(~self.heard & self.topology.enabled)
+        enabled = self.topology.enabled
+        silent = np.flatnonzero(~self.heard & enabled)
         p50, p99 = np.percentile(self.work_us, [50, 99]) if self.work_us else (0.0, 0.0)
         return {
             "topology": self.topology.name,
             "units": self.topology.n,
+            "units_enabled": int(enabled.sum()),
             "units_heard": int(self.heard.sum()),
             "silent_units": [self.topology.unit_names[i] for i in silent],
             "cycles": self.cycles,
             "complete_cycles": int(self.complete),
-            "valid_share": float(self.valid.sum() / max(1, self.cycles * self.topology.n)),
+            "valid_share": float(self.valid.sum() / max(1, self.cycles * int(enabled.sum()))),
             "peak_force_n": self.load,
             "contacts": len(self.contacts),
             "contacts_slipped": len(self.slipped),

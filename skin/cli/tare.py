@@ -6,7 +6,6 @@ import json as json_text
 import sys
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from skin.cli import options
@@ -15,7 +14,6 @@ if TYPE_CHECKING:
     import numpy as np
 
     from bus.cycle import RawCycle
-    from skin.sim.node import Nodes
     from skin.sim.truth import Truth
     from topology import Topology
 
@@ -59,8 +57,7 @@ def tare(
     for unit in leave_out:
         loaded.unit_index(unit)
     calibration_files(loaded, chosen(loaded, leave_out), output)  # refused before, not after
-    simulated = _simulated(loaded) if simulate else None
-    counts, status = _listen(loaded, seconds, sync, simulated)
+    counts, status = _listen(loaded, seconds, sync, simulate)
     try:
         found = take(
             loaded, counts, status, rest_ut=neighbours_at_rest(loaded), leave_out=leave_out
@@ -120,31 +117,24 @@ class Heard:
 
 
 def _listen(
-    topology: Topology, seconds: float, sync: Literal["host", "bus"], nodes: Nodes | None
+    topology: Topology, seconds: float, sync: Literal["host", "bus"], simulate: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Counts, shape (t, c, n), and flags, shape (t, n), of all cycles of that time."""
     import numpy as np
 
+    import skin
     from bus.discover import listen
     from bus.errors import BusClosedError
-    from bus.open import open_transport
-    from skin.sim.attached import in_process
     from topology import CHANNELS
 
     # simulated units answer at once: nobody need wait for them, but where they send on their own
     synced = all(bus.sync_id is not None for bus in topology.buses)
-    clock = Ticks(topology.cycle_rate_hz) if nodes and synced else time.monotonic_ns
+    clock = Ticks(topology.cycle_rate_hz) if simulate and synced else time.monotonic_ns
     recording = Heard(topology, clock)
-    with ExitStack() as opened:
-        if nodes is not None:
-            opened.callback(nodes.close)
-            transports = [opened.enter_context(end) for end in in_process(nodes)]
-        else:
-            transports = [
-                opened.enter_context(open_transport(bus, i)) for i, bus in enumerate(topology.buses)
-            ]
+    scene = _Untouched(topology.n) if simulate else None
+    with skin.open(topology, want="temperature", tare=False, sync=sync, simulate=scene) as opened:
         print(f"listening for {seconds:g} s …", file=sys.stderr, flush=True)
-        listen(recording, transports, seconds, sync=sync, clock=clock)
+        listen(recording, opened.transports, seconds, sync=sync, clock=clock)
     if unsent := int(recording.unsent.sum()):
         print(f"note: {unsent} SYNCs were not taken by the buses", file=sys.stderr)
     if recording.closed:
@@ -154,13 +144,6 @@ def _listen(
             (0, topology.n), np.uint16
         )
     return np.stack(recording.counts), np.stack(recording.status)
-
-
-def _simulated(topology: Topology) -> Nodes:
-    """Units that nothing touches."""
-    from skin.sim.node import Nodes
-
-    return Nodes(topology, _Untouched(topology.n), history=0)
 
 
 class Ticks:

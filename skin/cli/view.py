@@ -15,13 +15,12 @@ import numpy as np
 import tyro
 
 from skin.cli import options
-from skin.cli.run import check_simulated, simulated
+from skin.cli.run import check_simulated
 from skin.cli.table import facts
 
 if TYPE_CHECKING:
     from skin.state import State
     from skin.view.browser import View
-    from topology import Topology
 
 __all__ = ["view"]
 
@@ -78,6 +77,7 @@ def view(
     recorded, or a log, is played as fast as it was; its last minute can be gone through then.
     Exits with 1 if the process of the view ends, or a recording holds no cycle or is damaged.
     """
+    import skin
     from skin.errors import SkinError
     from skin.view import show
     from skin.view.kinds import PAGE
@@ -98,7 +98,9 @@ def view(
             source: Any = replayed(topology, file)
         else:
             loaded = load(file).on(interface=interface, channel=channel)
-            source = _live(ended, loaded, simulate, scene, seed, sync)
+            source = ended.enter_context(
+                skin.open(loaded, sync=sync, simulate=scene or simulate, seed=seed)
+            )
         shown = ended.enter_context(show(source, host=host, port=port))
         print(f"{source.topology.name}: open {shown.address} in a browser; Ctrl-C ends",
               file=sys.stderr, flush=True)  # fmt: skip
@@ -145,24 +147,6 @@ def _faults(file: str, source: Any, tally: _Tally) -> list[str]:
     if not tally.cycles and not found:
         found.append(f"{file}: must hold cycles of {source.topology.name!r}; got none")
     return found
-
-
-def _live(
-    ended: ExitStack,
-    loaded: Topology,
-    is_simulated: bool,
-    scene: str | None,
-    seed: int | None,
-    sync: Any,
-) -> Any:
-    """An open skin, on its buses or on simulated units."""
-    import skin
-
-    transports = None
-    if is_simulated:
-        transports, _, are_exact = simulated(ended, loaded, scene, seed)
-        loaded = loaded.exact() if are_exact else loaded
-    return ended.enter_context(skin.open(loaded, sync=sync, transports=transports))
 
 
 def _go_on(

@@ -119,6 +119,7 @@ class Dataset:
         self._files = Files(library, self._beside, fps)
         self._is_open = True
         self.episodes: list[Alignment] = []
+        self._options: list[dict[str, Any] | None] = []
 
     def add_episode(self, states: Iterable[State], frames: Iterable[Frame], task: str) -> Alignment:
         """Add an episode.
@@ -126,7 +127,8 @@ class Dataset:
         Parameters
         ----------
         states : iterable of State
-            With temperature, force, wrench and contacts; in the order of time.
+            With temperature, force, wrench and contacts; in the order of time. Options by which
+            they were decoded are noted, where it has a `pipeline`.
         frames : iterable of Frame
             In the order of time. All have the cameras and values of the first one.
         task : str
@@ -173,6 +175,8 @@ class Dataset:
             )
         episode.finish(told)
         self.episodes.append(told)
+        options = getattr(getattr(states, "pipeline", None), "options", None)
+        self._options.append(None if options is None else options.report())
         return told
 
     def _row(
@@ -250,7 +254,7 @@ class Dataset:
             "rotation_skin_unit": np.moveaxis(at.rotation, 2, 0).tolist(),
             "area_m2": at.area.tolist(), "cycle_rate_hz": at.cycle_rate_hz,
             "window": self._sizes[1], "max_age_s": 1e-9 * self._sizes[3],
-            "contact_columns": list(CONTACT_COLUMNS),
+            "contact_columns": list(CONTACT_COLUMNS), "options": self._options,
             "measure": {"force": "N", "temperature": "degC", "wrench": "N, N m", "position": "m"},
         } | self.report()  # fmt: skip
 

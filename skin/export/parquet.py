@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterable
 from contextlib import ExitStack
@@ -16,6 +17,7 @@ from skin.export.columns import CONTACT_FIELDS, Block, blocks_of, contact_rows
 from topology.files import Kind, check_over, check_path, whole_file
 
 if TYPE_CHECKING:
+    from skin.options import Options
     from skin.state import State
     from topology import Topology
 
@@ -43,7 +45,8 @@ def write_parquet(states: Iterable[State], file: str | os.PathLike[str], topolog
     ``.temperature``, each with ``_sigma``, ``.test_ratio``, ``.status``, ``.valid`` and
     ``.contact`` (identity, 0 for none); ``wrench.fx`` … ``wrench.mz`` and ``centroid.x`` …;
     ``coverage``; ``contacts``, a list of structs. Units of measure are in the metadata of the
-    columns (``unit``). What is not in `want` has no column.
+    columns (``unit``). What is not in `want` has no column. The metadata of the file name the
+    ``skin`` and the ``options`` of `skin.options.Options` as JSON, where `states` has a `pipeline`.
 
     Parameters
     ----------
@@ -67,7 +70,8 @@ def write_parquet(states: Iterable[State], file: str | os.PathLike[str], topolog
     """
     check_path("file", file, OptionError)
     with ExitStack() as files:
-        table = StateTable(Path(file), topology, files)
+        options = getattr(getattr(states, "pipeline", None), "options", None)
+        table = StateTable(Path(file), topology, files, options)
         for state in states:
             table.add(state)
         table.finish()
@@ -83,6 +87,8 @@ class StateTable:
     topology : Topology
     files : ExitStack
         The file is open until it ends: then it is whole, or gone after an error.
+    options : Options, optional
+        By which the states were decoded, for the metadata of the file.
 
     Attributes
     ----------
@@ -90,8 +96,13 @@ class StateTable:
         Written so far, and waiting.
     """
 
-    def __init__(self, path: Path, topology: Topology, files: ExitStack) -> None:
+    def __init__(
+        self, path: Path, topology: Topology, files: ExitStack, options: Options | None = None
+    ) -> None:
         self._path, self._topology, self._files = path, topology, files
+        self._metadata = {"skin": topology.name}
+        if options is not None:
+            self._metadata["options"] = json.dumps(options.report(), sort_keys=True)
         self._library: Arrow = arrow_for(path, "written")
         check_over(path, TABLE)
         self._group: _Group | None = None
@@ -102,7 +113,7 @@ class StateTable:
         if self._group is None:
             self._group = _Group(self._library, list(blocks_of(self._topology, state)), state)
             file = self._files.enter_context(whole_file(self._path, over=TABLE))
-            schema = self._group.schema(self._topology.name)
+            schema = self._group.schema(self._metadata)
             self._writer = self._files.enter_context(
                 self._library.parquet.ParquetWriter(
                     file, schema, compression="zstd",
@@ -178,7 +189,7 @@ class _Group:
         """Columns of few words."""
         return ["closed_by", "contacts.list.element.slip"]
 
-    def schema(self, skin: str) -> Any:
+    def schema(self, metadata: dict[str, str]) -> Any:
         """Names, types and units of the columns."""
         arrow = self._library.arrow
         fields = [
@@ -204,7 +215,7 @@ class _Group:
                 ]
             )  # fmt: skip
             fields.append(arrow.field("contacts", arrow.list_(of_contact)))
-        self._schema = arrow.schema(fields, metadata={"skin": skin})
+        self._schema = arrow.schema(fields, metadata=metadata)
         return self._schema
 
 

@@ -32,8 +32,6 @@ RUN, ARRAYS, STENCIL, ZEROS = "run.json", "topology.npz", "stencil.npz", "zeros.
 DECODED = "decoded.json"
 """In place of the run: of what `skin decode` has made states, which came without frames."""
 LARGEST_SOURCE = 2_000_000
-OWN = ("want", "slip", "stencil")
-"""Options that are not what JSON holds."""
 
 
 def attachments(
@@ -50,15 +48,8 @@ def attachments(
     zeros : bytes or None
         The file that zeros were to be taken up from, empty if it was not there; None: none.
     """
-    given: dict[str, Any] = {
-        field.name: getattr(options, field.name)
-        for field in dataclasses.fields(options)
-        if field.name not in OWN
-    }
-    given["want"] = sorted(options.quantities)
-    if options.slip is not None:
-        values = dataclasses.asdict(options.slip)
-        given["slip"] = {name: _or_none(value) for name, value in values.items()}
+    given = options.report()
+    given.pop("stencil", None)  # a file of its own
     run = {"format": FORMAT, "topology": topology.name, "options": given,
            "deadline_s": deadline_s, "zeros": zeros is not None}  # fmt: skip
     found = {
@@ -166,10 +157,6 @@ def _slip(values: dict[str, Any]) -> Any:
 
     known: dict[str, Any] = {k: math.nan if v is None else v for k, v in values.items()}
     return SlipSettings(**known)
-
-
-def _or_none(value: Any) -> Any:
-    return None if isinstance(value, float) and math.isnan(value) else value
 
 
 def _archive(arrays: dict[str, np.ndarray]) -> bytes:

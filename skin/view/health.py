@@ -8,16 +8,15 @@ from html import escape
 
 import numpy as np
 
+from bus.cycle import WRONG_FRAMES
 from skin.state import INVALID, Status
 from skin.view.history import History
 from skin.view.snapshot import COUNTERS
 
-__all__ = ["Health", "flagged", "plotted"]
+__all__ = ["Health", "flagged", "is_on", "plotted"]
 
 LISTED = 12
 """Units that are named; of more, the number."""
-SHOWN = ("lost", "late", "repeated", "torn", "short", "crc", "foreign", "error")
-"""Counters of frames that tell of something wrong."""
 WORKS = 5000
 """Cycles over which working times are taken."""
 NOTHING = (np.nan, np.nan, np.nan)
@@ -29,6 +28,7 @@ def flagged(
     status: np.ndarray, names: Sequence[str], test_ratio: np.ndarray | None = None
 ) -> list[tuple[str, str]]:
     """Units that must not be trusted, and why: their flags, and the test ratio where there is one.
+    Those that the topology switches off are left out.
 
     Examples
     --------
@@ -36,13 +36,19 @@ def flagged(
     [('b', 'late, stale')]
     """
     found = []
-    for i in np.flatnonzero(status & int(INVALID)).tolist():
+    for i in np.flatnonzero((status & int(INVALID) != 0) & is_on(status)).tolist():
         flags = Status(int(status[i])) & INVALID
         why = [str(flag.name).lower() for flag in flags]
         if test_ratio is not None and np.isfinite(test_ratio[i]):
             why.append(f"test ratio {test_ratio[i]:.2f}")
         found.append((names[i], ", ".join(why)))
     return found
+
+
+def is_on(status: np.ndarray) -> np.ndarray:
+    """Units that the topology does not switch off, shape (n,), bool."""
+    on: np.ndarray = status & int(Status.DISABLED) == 0
+    return on
 
 
 class Health:
@@ -86,13 +92,14 @@ class Health:
     def rows(self, record: np.void) -> list[tuple[str, str]]:
         """Name and text of each line, for a snapshot."""
         status = record["status"]
-        bad = np.count_nonzero(status & int(INVALID))
+        on = np.count_nonzero(is_on(status))
+        bad = np.count_nonzero((status & int(INVALID) != 0) & is_on(status))
         cycles, frames, shown = self.rates_hz()
         counters = dict(zip(COUNTERS, record["counters"].tolist(), strict=True))
-        losses = [f"{name} {counters[name]}" for name in SHOWN if counters[name]]
+        losses = [f"{name} {counters[name]}" for name in WRONG_FRAMES if counters[name]]
         work = self.work_us()
         rows = [
-            ("units", f"{status.size - bad} of {status.size} valid"),
+            ("units", f"{on - bad} of {on} valid"),
             ("frames", f"{counters['data']}" + _rate(frames, "/s")),
             ("losses", ", ".join(losses) or "none"),
             ("cycles", f"{record['cycle'] + 1}"

@@ -10,8 +10,9 @@ from typing import TextIO
 
 import numpy as np
 
+from bus.cycle import WRONG_FRAMES
 from skin.state import INVALID, State
-from skin.view.health import flagged
+from skin.view.health import flagged, is_on
 from topology import Topology
 
 __all__ = ["LiveTable", "unit_map"]
@@ -122,9 +123,11 @@ class LiveTable:
         load = np.full(self._shape, np.nan)
         bad = np.zeros(self._shape, bool)
         row, column = self._cells
-        bad[row, column] = (state.units.status & int(INVALID)) != 0
+        on = is_on(state.units.status)
+        bad[row, column] = (state.units.status & int(INVALID) != 0) & on
         if state.units.force is not None:
             load[row, column] = np.where(bad[row, column], 0.0, state.units.force[2])
+            load[row[~on], column[~on]] = np.nan
         level = np.nan_to_num(load / FULL_SCALE_N).clip(0.0, 1.0)
         shade = np.rint(level * (len(SHADES) - 1)).astype(int)
         colour = np.rint(level * (len(RAMP) - 1)).astype(int)
@@ -162,10 +165,8 @@ class LiveTable:
             warm = units.temperature[units.valid]
             lines.append(f"warmth    {warm.mean():7.1f} mean, {warm.max():.1f} max  °C")
         lines.append(f"coverage  {100 * state.coverage:7.1f}  %")
-        lines.append(
-            f"frames    {counters.data:7d}, lost {counters.lost}, late {counters.late}, "
-            f"crc {counters.crc}, foreign {counters.foreign}"
-        )
+        wrong = [f"{name} {count}" for name in WRONG_FRAMES if (count := getattr(counters, name))]
+        lines.append(f"frames    {counters.data:7d}, {', '.join(wrong) or 'none wrong'}")
         if self._work_us:
             p50, p99 = np.percentile(self._work_us, [50, 99])
             lines.append(f"cycle     {p50:7.1f} µs p50, {p99:.1f} µs p99")

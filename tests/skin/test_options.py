@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
+import json
+
 import pytest
 
+import topology
+from skin.contact.slip import SlipSettings
 from skin.errors import OptionError
 from skin.options import Options
+from skin.physics.stencil import Stencil
 from skin.state import WANTS
 
 
@@ -16,6 +22,18 @@ def test_everything_is_wanted_unless_told_otherwise():
 
 def test_equal_options_are_one():
     assert len({Options(want=["slip", "force"]), Options(want={"force", "slip"})}) == 1
+
+
+def test_a_report_has_every_option_as_json_holds_it():
+    drawn = Stencil.of(topology.load("strip"))
+    given = Options(want={"slip", "force"}, sweeps=2, slip=SlipSettings(), stencil=drawn)
+    report = given.report()
+    assert json.loads(json.dumps(report, allow_nan=False)) == report
+    assert set(report) == {field.name for field in dataclasses.fields(Options)}
+    assert (report["want"], report["sweeps"]) == (["force", "slip"], 2)
+    moved = dataclasses.replace(drawn, rest_ut=drawn.rest_ut + 1.0)
+    assert dataclasses.replace(given, stencil=moved).report()["stencil"] != report["stencil"]
+    assert set(report) - set(Options().report()) == {"slip", "stencil"}
 
 
 @pytest.mark.parametrize(

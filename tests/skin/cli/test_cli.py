@@ -279,7 +279,7 @@ def recorded(tmp_path, monkeypatch):
                     data=frame["data"][: frame["length"]].tobytes(),
                 )
                 writer.on_message_received(message)
-    with skin.open(loaded, simulate=True, pace=False, seed=5, dtype="float64") as strip:
+    with skin.open(loaded, simulate=True, pace=False, seed=5) as strip:
         live = [state.units.force.copy() for state in itertools.islice(strip, 60)]
     return path, np.stack(live)
 

@@ -102,6 +102,7 @@ def test_numbers_shown(palm):
     assert f"{-0.5 * palm.n:+7.2f}" in text
     assert "31.5 mean" in text
     assert "lost 2" in text
+    assert "late" not in text
 
 
 def test_terminal_is_redrawn_in_place_and_seldom(palm):
