@@ -10,10 +10,11 @@ import numpy as np
 
 from skin.bulk.write import drop, place
 from skin.contact.record import CONTACT
+from skin.messages.record import COUNTERS, described
 from skin.record.attached import decoded_attachments
 from skin.record.container import Container, require
-from skin.record.process import SlotsToMessages, attach, described
-from skin.record.slot import COUNTERS, slot_dtype
+from skin.record.process import SlotsToMessages, attach
+from skin.record.slot import slot_dtype
 from topology.files import named, whole_path
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ class MessagePartitions:
             self._slots[name] = np.nan  # of what is not wanted
         self._slots["contact"] = self._slots["bus_states"] = -1
         self._slots["has_state"] = 1
-        self._counters = np.zeros(COUNTERS, np.int64)
+        self._counters = np.zeros(len(COUNTERS), np.int64)
         self._open: tuple[Container, SlotsToMessages] | None = None
         self._files = ExitStack()
 
@@ -103,6 +104,5 @@ class MessagePartitions:
         if block.contacts is not None:
             first, end = block.contact_start[t : t + 2].tolist()
             slots["contact_count"] = count = end - first
-            slots["contact_slots"][0, :count] = block.contact_slot[first:end]
             raw = block.contacts[first:end].view(np.uint8).reshape(count, CONTACT.itemsize)
             slots["contacts"][0, :count] = raw

@@ -9,13 +9,11 @@ from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Mapping
 from importlib.util import find_spec
 from typing import Any
 
 from skin.errors import LibraryError, SkinError
-from skin.messages import FIELDS, fields_of
-from skin.publish.cdr import encode
+from skin.messages.definitions import FIELDS, fields_of
 from skin.publish.names import dds_topic, dds_type
 
 __all__ = ["LOCALHOST", "Participant", "Writer", "check_library"]
@@ -87,7 +85,7 @@ class Participant:
         topic : str
             As ROS 2 names it, without the first slash.
         message : str
-            Of `skin.messages.FIELDS`.
+            Of `skin.messages.definitions.FIELDS`.
         latched : bool
             Readers that come later are given the last message ("transient local").
         reliable : bool
@@ -117,14 +115,12 @@ class Writer:
             Policy.DataRepresentation(use_cdrv0_representation=True),
         )  # fmt: skip
         kind = _idl_type(message)
-        self._message = message
         self._topic = Topic(participant, dds_topic(topic), kind, qos=qos)
         self._writer = DataWriter(participant, self._topic, qos=qos)
         self._sample = kind.__new__(kind)
 
-    def write(self, values: Mapping[str, Any]) -> None:
-        """Send a message; see `skin.publish.cdr.encode` for its values."""
-        data = encode(self._message, values)
+    def write(self, data: bytes) -> None:
+        """Send a message, as CDR."""
         # cyclonedds asks the sample for its bytes
         self._sample.serialize = lambda **_: data
         self._writer.write(self._sample)

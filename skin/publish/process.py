@@ -8,10 +8,20 @@ from typing import Any
 import numpy as np
 
 from skin.errors import SkinError
-from skin.publish import content
+from skin.messages.of_skin import SkinMessages
+from skin.messages.topics import (
+    CONTACT,
+    DIAGNOSTICS,
+    LAYOUT,
+    POSES,
+    SKIN,
+    STATE,
+    TF,
+    WRENCH,
+    type_of,
+)
 from skin.publish.dds import Participant, Writer
 from skin.publish.names import topic
-from skin.publish.snapshot import contacts_of
 from skin.worker import WorkerEnd
 
 __all__ = ["Topics", "main"]
@@ -22,10 +32,6 @@ SILENT_S = 2.0
 """Without a record after which the skin is told to be stale [assumed]."""
 SETTLES_S = 0.5
 """That readers have for what was sent last [assumed]."""
-
-STATE, WRENCH = "f3t_msgs/msg/SkinState", "geometry_msgs/msg/WrenchStamped"
-LAYOUT, TF = "f3t_msgs/msg/SkinLayout", "tf2_msgs/msg/TFMessage"
-DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 
 
 class Topics:
@@ -38,61 +44,51 @@ class Topics:
     """
 
     def __init__(self, request: dict[str, Any]) -> None:
-        self._request, self._frame = request, request["frame"]
+        self._request, self._moving = request, request["moving"]
+        self._messages = SkinMessages(
+            request, "publishing", name=request["name"], frame=request["frame"],
+            patch_frames=request["patch_frames"],
+        )  # fmt: skip
         self._participant = Participant(request["domain"], request["local"])
-        self._state = self._writer("state", STATE)
-        self._wrench = self._writer("wrench", WRENCH)
-        self._layout = self._writer("layout", LAYOUT, latched=True)
-        self._diagnostics = self._writer("/diagnostics", DIAGNOSTICS, reliable=True)
-        moves = request["moving"]
-        self._tf = self._writer("/tf" if moves else "/tf_static", TF, latched=not moves,
-                                reliable=True)  # fmt: skip
-        self._contacts: dict[int, Writer] = {}
-        self._slots, self._noted = content.Slots(), None
+        best = self._request["reliable"]
+        self._writers = {of: self._writer(of, reliable=best) for of in (STATE, WRENCH)}
+        self._writers[DIAGNOSTICS] = self._writer(DIAGNOSTICS)
+        for of in (LAYOUT, POSES):
+            self._writers[of] = self._writer(of, latched=True)
+        self._writers[TF] = self._writer(TF, latched=not self._moving)
         now_ns = time.time_ns()
-        self._layout.write(content.layout(now_ns, self._frame, request))
-        self._send_poses(now_ns, np.array(request["poses"]))
+        self._write(LAYOUT, self._messages.layout.message(now_ns))
+        self._write(TF, self._messages.layout.transforms(now_ns))
 
-    def _writer(
-        self, name: str, message: str, latched: bool = False, reliable: bool | None = None
-    ) -> Writer:
-        how = self._request["reliable"] or latched if reliable is None else reliable
+    def _writer(self, of: str, latched: bool = False, reliable: bool = True) -> Writer:
+        name = "/tf_static" if of == TF and latched else of.removeprefix(f"{SKIN}/")
         full = topic(self._request["prefix"], name)
-        return self._participant.writer(full, message, latched=latched, reliable=how)
+        return self._participant.writer(full, type_of(of), latched=latched, reliable=reliable)
 
-    def _send_poses(self, stamp_ns: int, poses: np.ndarray) -> None:
-        children = self._request["patch_frames"]
-        self._tf.write(content.transforms(stamp_ns, self._frame, children, poses))
+    def _write(self, of: str, data: bytes) -> None:
+        if of not in self._writers:
+            assert of.startswith(CONTACT)
+            self._writers[of] = self._writer(of, reliable=self._request["reliable"])
+        self._writers[of].write(data)
 
-    def send(self, record: np.void) -> None:
+    def send(self, record: np.ndarray) -> None:
         """Publish a record."""
-        stamp_ns = int(record["stamp_ns"])
-        self._state.write(content.state(record, self._frame))
-        if not np.isnan(record["wrench"][0]):
-            self._wrench.write(content.wrench(stamp_ns, self._frame, record["wrench"]))
-        present, ended = self._slots.take(contacts_of(record))
-        for slot, contact in present:
-            self._contact(slot).write(content.wrench(stamp_ns, self._frame, contact["wrench"]))
-        for slot in ended:  # else who reads takes the last load for one that lasts
-            self._contact(slot).write(content.wrench(stamp_ns, self._frame, np.zeros(6)))
-        if record["has_pose"]:
-            self._send_poses(stamp_ns, record["pose"])
-        if record["is_noted"]:
-            self._diagnostics.write(content.diagnostics(record, self._noted, self._request))
-            self._noted = record.copy()
+        stamp_ns, layout = int(record["stamp_ns"]), self._messages.layout
+        if record["has_moved"]:
+            layout.move(record["pose"])
+            self._write(POSES, layout.poses(stamp_ns))
+        for of, data in self._messages.of_state(record):
+            self._write(of, data)
+        if record["has_moved"] or self._moving:
+            self._write(TF, layout.transforms(stamp_ns))
 
     def tell_silence(self, seconds: float) -> None:
         """Say that the skin has no cycles."""
-        self._diagnostics.write(content.silence(time.time_ns(), seconds, self._request))
-
-    def _contact(self, slot: int) -> Writer:
-        if slot not in self._contacts:
-            self._contacts[slot] = self._writer(f"contact/{slot}", WRENCH)
-        return self._contacts[slot]
+        self._write(DIAGNOSTICS, self._messages.diagnostics.silence(time.time_ns(), seconds))
 
     def wait_for_readers(self) -> None:
         """Wait until readers have what was sent."""
-        for writer in (self._state, self._wrench, self._diagnostics, *self._contacts.values()):
+        for writer in self._writers.values():
             writer.wait_for_readers(SETTLES_S)
 
 

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from skin.errors import OptionError, check_flag, check_kind, check_number, shown
+from skin.messages.record import described, note
 from skin.publish import dds
 from skin.publish.names import check_frame, check_prefix
-from skin.publish.snapshot import fill, note, patch_poses, snapshot_dtype
+from skin.publish.snapshot import fill, snapshot_dtype
 from skin.worker import RingBuffer, Worker
 
 if TYPE_CHECKING:
     from skin.live import Skin
     from skin.state import State
-    from topology import Topology
 
 __all__ = ["Publisher", "ros"]
 
@@ -45,7 +45,8 @@ def ros(
 
     Topics: ``skin/state`` (all units), ``skin/layout`` (once, for late subscribers too),
     ``skin/wrench``, ``skin/contact/<slot>`` as long as it lasts and zeros once it has ended,
-    ``/tf_static``, ``/diagnostics`` once a second. docs/connect.md has the messages.
+    ``skin/poses`` and ``/tf_static`` as units move, ``/diagnostics`` once a second. docs/connect.md
+    has the messages.
 
     Parameters
     ----------
@@ -60,8 +61,8 @@ def ros(
     rate_hz : float, optional
         At which states are published, at most; every cycle if None.
     moving : bool
-        Patches move (`Skin.move`): their frames go to ``/tf`` with every state, not to
-        ``/tf_static``.
+        Frames of the patches go to ``/tf`` with every state, not to ``/tf_static`` when they move
+        (`Skin.move`): for patches that move all the time.
     reliable : bool
         Whether states are sent again where they are lost; subscribers of both kinds match then.
     domain : int, optional
@@ -98,15 +99,14 @@ def ros(
     check_flag("network", network)
     patches = _patch_frames(patch_frame, topology.patch_names)
     bare = check_prefix("prefix", prefix)
-    poses = patch_poses(topology, topology.position, topology.rotation)
     request = {
-        "prefix": bare,
+        **described(topology), "name": bare.replace("/", "_"), "prefix": bare,
         "frame": check_frame("frame", frame),
         "patch_frames": patches,
         "moving": moving, "reliable": reliable, "domain": _domain(domain),
-        "local": not (network or _reaches_out()), "poses": poses.tolist(),
+        "local": not (network or _reaches_out()),
     }  # fmt: skip
-    return Publisher(skin, request | _described(topology, bare), rate_hz)
+    return Publisher(skin, request, rate_hz)
 
 
 def _domain(domain: int | None) -> int:
@@ -122,17 +122,6 @@ def _domain(domain: int | None) -> int:
     return domain
 
 
-def _described(topology: Topology, name: str) -> dict[str, Any]:
-    """What messages say of a skin that does not change."""
-    return {
-        "name": name.replace("/", "_"), "topology": topology.name,
-        "names": list(topology.unit_names), "patches": list(topology.patch_names),
-        "patch": topology.patch.tolist(), "position": topology.position.reshape(-1).tolist(),
-        "rotation": topology.rotation.reshape(-1).tolist(),
-        "buses": [bus.name for bus in topology.buses],
-    }  # fmt: skip
-
-
 class Publisher:
     """The loop's end of what is published; made by `ros`.
 
@@ -144,10 +133,13 @@ class Publisher:
 
     def __init__(self, skin: Skin, request: dict[str, Any], rate_hz: float | None) -> None:
         dds.check_library()
-        self._skin, self._moving = skin, request["moving"]
+        self._skin, poses = skin, skin.pipeline.poses
+        # those of the topology stand in the layout
+        self._poses = poses if poses[0] is skin.topology.position else None
+        self._record = np.zeros(1, snapshot_dtype(skin.topology))
         self._period_ns = 0 if rate_hz is None else round(1e9 / rate_hz)
         rate = min(rate_hz or np.inf, skin.topology.cycle_rate_hz)
-        self._ring = RingBuffer(snapshot_dtype(skin.topology), max(8, round(WAITING_S * rate)))
+        self._ring = RingBuffer(self._record.dtype, max(8, round(WAITING_S * rate)))
         self._due_ns = self._note_ns = np.iinfo(np.int64).min
         self.left_out = 0
         self._worker = _started(self._ring, request)
@@ -166,21 +158,22 @@ class Publisher:
         self._due_ns = max(self._due_ns, stamp_ns - self._period_ns) + self._period_ns
         if self._due_ns - stamp_ns > self._period_ns:  # time ran back
             self._due_ns = stamp_ns + self._period_ns
-        record = self._ring.claim()
-        if record is None:
+        claimed = self._ring.claim()
+        if claimed is None:
             self.left_out += 1
             return
+        record, poses = self._record, self._skin.pipeline.poses
         fill(record, state)
-        if self._moving:
-            self._pose(record)
+        record["lost_cycles"] = self.left_out
+        record["has_moved"] = poses is not self._poses
+        if record["has_moved"]:
+            self._poses = poses
+            record["pose"][0, :3], record["pose"][0, 3:] = poses[0], poses[1].reshape(9, -1)
         if not 0 <= stamp_ns - self._note_ns < NOTED_NS:
             self._note_ns = stamp_ns
-            note(record, state, self._skin.transports, self.left_out)
+            note(record, state, self._skin.transports)
+        claimed[:] = record
         self._ring.publish()
-
-    def _pose(self, record: np.ndarray) -> None:
-        record["has_pose"] = True
-        record["pose"] = patch_poses(self._skin.topology, *self._skin.pipeline.poses)
 
     def sent(self) -> int:
         """States that the process has published so far; waits for its answer.

@@ -3,7 +3,7 @@
 ::
 
     loop     Pipeline ─► RecordedPipeline ─► Recorder ─► ring buffer
-    worker   ring buffer ─► Messages ─► Container ─► run.mcap
+    worker   ring buffer ─► SkinMessages ─► Container ─► run.mcap
     replay   run.mcap ─► events in their order ─► Pipeline ─► states
 
 A file holds what the pipeline was given, in its order (frames, cycles that the clock closed, new

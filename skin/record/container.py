@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 
 from bus.errors import LogError
 from skin.errors import LibraryError
-from skin.messages import Field, definitions, schema
-from skin.record.topics import FIXED, TOPICS
+from skin.messages.definitions import Field, definitions, schema
+from skin.messages.topics import FIXED, type_of
 from topology.files import open_regular
 
 __all__ = ["Container", "Message", "RecordedFile", "require"]
@@ -116,7 +116,7 @@ class Container:
         self._channels: dict[str, int] = {}
         self.count = self._newest_ns = 0
         for topic in FIXED.values():
-            self._channel(topic, topic)
+            self._channel(topic)
         self.flush()
 
     @property
@@ -129,18 +129,18 @@ class Container:
         now_ns = time.time_ns() if stamp_ns is None else stamp_ns
         self._writer.add_attachment(now_ns, now_ns, name, media_type, data)
 
-    def add(self, topic: str, kind: str, stamp_ns: int, data: bytes) -> None:
-        """Append a message: its topic, which of `TOPICS` it is of, its time, and its CDR."""
-        channel = self._channel(topic, kind)
+    def add(self, topic: str, stamp_ns: int, data: bytes) -> None:
+        """Append a message: its topic, its time, and its CDR."""
+        channel = self._channel(topic)
         back_ns = self._newest_ns - stamp_ns
         self._newest_ns = log_ns = self._newest_ns if 0 < back_ns < SET_BACK_NS else stamp_ns
         self._writer.add_message(channel, log_ns, data, stamp_ns)
         self.count += 1
 
-    def _channel(self, topic: str, kind: str) -> int:
+    def _channel(self, topic: str) -> int:
         if topic not in self._channels:
             self._channels[topic] = self._writer.register_channel(
-                topic, "cdr", self._schema(TOPICS[kind])
+                topic, "cdr", self._schema(type_of(topic))
             )
         return self._channels[topic]
 
@@ -187,7 +187,8 @@ class RecordedFile:
     damage : list of str
         What could not be read so far, and why.
     definitions : dict of str to dict
-        Of the messages of each topic that was read so far, as of `skin.messages.definitions`.
+        Of the messages of each topic that was read so far, as of
+        `skin.messages.definitions.definitions`.
 
     Raises
     ------

@@ -10,46 +10,26 @@ import base64
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from skin.messages.encode import frames_message
+from skin.messages.of_skin import SkinMessages
+from skin.messages.topics import FRAMES, LAYOUT, POSES, SCENE, TF
 from skin.record.container import Container
-from skin.record.encode import StateEncoder, WrenchEncoder, contacts_of, frames_message
-from skin.record.health import Health
-from skin.record.scene import Layout
 from skin.record.slot import Event
-from skin.record.topics import FRAMES, LAYOUT, POSES, STATE
 from skin.worker import WorkerEnd
 
-if TYPE_CHECKING:
-    from topology import Topology
-
-__all__ = ["SlotsToMessages", "attach", "described", "main"]
+__all__ = ["SlotsToMessages", "attach", "main"]
 
 FLUSH_S = 0.4
 POLL_S = 0.02
 AT_ONCE = 64
 """Slots that are given back together."""
 SCENE_NS = 50_000_000
-SLOW_NS = 1_000_000_000
-"""Times of the state between two scenes; two diagnostics, and frames of patches."""
+"""Time of the state between two scenes, and frames of patches."""
 MEDIA = {".toml": "application/toml", ".json": "application/json", ".npz": "application/x-npz"}
-
-
-def described(topology: Topology) -> dict[str, Any]:
-    """What messages tell of a skin, as JSON."""
-    rows = {
-        "position": topology.position, "rotation": topology.rotation.reshape(9, -1),
-        "patch": topology.patch, "enabled": topology.enabled,
-    }  # fmt: skip
-    return {
-        "topology": topology.name,
-        "names": topology.unit_names,
-        "patches": topology.patch_names,
-        "buses": [bus.name for bus in topology.buses],
-        **{name: values.tolist() for name, values in rows.items()},
-    }
 
 
 def attach(file: Container, name: str, data: bytes, stamp_ns: int | None = None) -> None:
@@ -65,28 +45,19 @@ class SlotsToMessages:
     ----------
     file : Container
     request : dict
-        As `described`.
+        As of `skin.messages.record.described`.
     counters : ndarray, shape (15,), int64, optional
-        Frames before the first slot, which diagnostics do not tell of.
+        Frames before the first slot, which diagnostics do not count.
     """
 
     def __init__(
         self, file: Container, request: dict[str, Any], counters: np.ndarray | None = None
     ) -> None:
         self._file = file
-        names = request["names"]
-        rotation = np.array(request["rotation"], float).reshape(3, 3, -1)
-        self._layout = Layout(
-            request["topology"], names, request["patches"], np.array(request["patch"], int),
-            np.array(request["position"], float), rotation,
-        )  # fmt: skip
-        enabled = np.array(request["enabled"], bool)
-        self._health = Health(request["topology"], names, enabled, request["buses"])
-        if counters is not None:
-            self._health.begin(counters)
-        self._state, self._wrench = StateEncoder(len(names)), WrenchEncoder()
+        self._messages = SkinMessages(request, "recording", counters=counters)
+        self._layout = self._messages.layout
         self._stamp_ns = 0
-        self._scene_ns = self._slow_ns = -(1 << 62)
+        self._scene_ns = -(1 << 62)
         self.cycles = self.frames = 0
         self._begun = False
 
@@ -97,7 +68,6 @@ class SlotsToMessages:
         has_state = bool(slot["has_state"])
         if has_state:
             self._stamp_ns = max(0, int(slot["stamp_ns"]))
-        self._health.hear(slot)
         for event, value in zip(
             slot["events"][:count].tolist(), slot["event_values"][:count].tolist(), strict=True
         ):
@@ -129,7 +99,7 @@ class SlotsToMessages:
         if not self._begun:
             self._begun = True
             self._add(LAYOUT, self._layout.message(self._stamp_ns))
-            self._add("/tf", self._layout.transforms(self._stamp_ns))
+            self._add(TF, self._layout.transforms(self._stamp_ns))
 
     def _move(self, slot: np.ndarray) -> None:
         self._begin()
@@ -139,24 +109,16 @@ class SlotsToMessages:
     def _show(self, slot: np.ndarray) -> None:
         stamp_ns = self._stamp_ns
         self._begin()
-        self._add(STATE, self._state(slot))
+        for topic, data in self._messages.of_state(slot):
+            self._add(topic, data)
         self.cycles += 1
-        if not np.isnan(slot["wrench"][0]):
-            self._add("/skin/wrench", self._wrench(stamp_ns, slot["wrench"]))
-        contacts = contacts_of(slot)
-        for place, contact in zip(slot["contact_slots"].tolist(), contacts, strict=False):
-            data = self._wrench(stamp_ns, contact["wrench"])
-            self._add(f"/skin/contact/{place}", data, "/skin/contact")
         if abs(stamp_ns - self._scene_ns) >= SCENE_NS:
             self._scene_ns = stamp_ns
-            self._add("/skin/scene", self._layout.scene(slot))
-            self._add("/tf", self._layout.transforms(stamp_ns))
-        if abs(stamp_ns - self._slow_ns) >= SLOW_NS:
-            self._slow_ns = stamp_ns
-            self._add("/diagnostics", self._health.message(slot))
+            self._add(SCENE, self._layout.scene(slot))
+            self._add(TF, self._layout.transforms(stamp_ns))
 
-    def _add(self, topic: str, data: bytes, kind: str = "") -> None:
-        self._file.add(topic, kind or topic, self._stamp_ns, data)
+    def _add(self, topic: str, data: bytes) -> None:
+        self._file.add(topic, self._stamp_ns, data)
 
 
 def main() -> None:

@@ -16,12 +16,11 @@ import numpy as np
 
 from bus.compiled.bound import Bound, direct
 from bus.frame import FRAME_DTYPE
-from bus.state import BusState
 from bus.transport import Transport
 from skin.contact.record import CONTACT
 from skin.errors import SkinError
+from skin.messages.record import described, note
 from skin.record.container import require
-from skin.record.process import described
 from skin.record.slot import EVENTS, Event, SlotWriter, slot_dtype
 from skin.record.staging import FULL, NO_ROOM, STAGED, Ring, Staged, hand_over, stage
 from skin.state import State
@@ -42,7 +41,6 @@ LEAST_SLOTS = 64
 LOOK_S = 0.5
 """Between two looks at the worker and the buses."""
 FED, FED_PART, MOVED = map(int, (Event.FED, Event.FED_PART, Event.MOVED))
-BUS_STATES = {state: number for number, state in enumerate(BusState)}
 MODULE = "skin.record.process"
 
 _log = logging.getLogger("skin")
@@ -97,7 +95,7 @@ class Recorder:
         self._stage, self._stage_part = (
             partial(direct(stage), *into, fed) for fed in (FED, FED_PART)
         )
-        self._pose, self._buses = of["pose"][0], of["bus_states"]
+        self._pose, self._slot = of["pose"][0], staged
         self._lost = of["lost_cycles"], of["lost_frames"]
         self._has_moved, self._is_open = np.zeros(1, bool), np.ones(1, bool)
         places = {name: place for name, (_, place, *_) in (dtype.fields or {}).items()}
@@ -115,7 +113,7 @@ class Recorder:
         self._publish = Bound(hand_over, *ends)
         self._writer.hand_over(*ends)
         self._write = self._writer.write
-        self._buses[:] = -1
+        of["bus_states"][:] = -1
         self._told = 0
         self.failure: str | None = None
         self._closed = False
@@ -175,10 +173,10 @@ class Recorder:
 
     def take(self, state: State) -> None:
         """This state has come of it."""
-        self._write(state)
         if (now := time.monotonic()) >= self._look_at:
             self._look_at = now + LOOK_S
-            self._look()
+            self._look(state)
+        self._write(state)
 
     def _add(self, event: int, value: int) -> None:
         count = int(self._event_count[0])
@@ -197,8 +195,8 @@ class Recorder:
         """Frames that were left out of the recording."""
         return int(self._lost[1][0])
 
-    def _look(self) -> None:
-        """See whether the worker is there, and tell what was lost; note the states of buses."""
+    def _look(self, state: State) -> None:
+        """See whether the worker is there, and tell what was lost; note what diagnostics have."""
         if self._closed:
             return
         if not self._worker.alive:
@@ -207,8 +205,7 @@ class Recorder:
         if self.lost_cycles + self.lost_frames > self._told:
             self._told = self.lost_cycles + self.lost_frames
             _log.warning("%s: %s", self.file, self._left_out())
-        if self._transports:
-            self._buses[0] = [BUS_STATES[end.state] for end in self._transports]
+        note(self._slot, state, self._transports)
 
     def _left_out(self) -> str:
         return (

@@ -24,14 +24,14 @@ from bus.frame import FRAME_DTYPE
 from bus.logs.reader import existing
 from skin.compiling import announcer
 from skin.errors import OptionError, check_number
+from skin.messages.cdr import HEAD
+from skin.messages.encode import FRAMES_AT, FRAMES_HEAD, StateEncoder
+from skin.messages.topics import FRAMES, POSES, STATE
 from skin.offline import DecodedLog, decode_log
 from skin.record.attached import Setup, read_setup
-from skin.record.cdr import HEAD
 from skin.record.container import RecordedFile
 from skin.record.differences import differences
-from skin.record.encode import FRAMES_AT, FRAMES_HEAD, StateEncoder
 from skin.record.slot import Event, SlotWriter, slot_dtype
-from skin.record.topics import FRAMES, POSES, STATE
 from topology import Topology
 
 if TYPE_CHECKING:
@@ -368,11 +368,13 @@ class Replay:
         )
 
     def _compare(self, told: bytes) -> None:
-        """Whether a state is the one of the recording, in all fields that its version has."""
+        """Whether a state is the one of the recording, in all fields that its version has, and in
+        its meaning of them."""
         if self._encoder is None:
             known = self._recorded.definitions.get(STATE)
             try:
-                self._encoder = StateEncoder(self.topology.n, known)
+                self._encoder = StateEncoder(self.topology.n, known=known)
+                self._encoder.write_as(told)
             except (LookupError, ValueError) as error:
                 self._compares, self._unknown = False, str(error)
                 return

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bus.cycle import FrameCounters
 from bus.frame import FRAME_DTYPE
 from skin.contact.record import CONTACT
+from skin.messages.record import CONTACTS, record_dtype
 from skin.state import State
 from topology import Topology
 
@@ -19,14 +18,11 @@ if TYPE_CHECKING:
     from skin.contact.stream import ContactStream
     from skin.record.staging import Ring, Staged
 
-__all__ = ["COUNTERS", "EVENTS", "Event", "SlotWriter", "slot_dtype"]
+__all__ = ["EVENTS", "Event", "SlotWriter", "slot_dtype"]
 
 EVENTS = 24
 """Events that a slot has room for; more go on in the next one."""
-CONTACTS = 16
-"""Contacts that a slot has room for: as many as a skin tells apart."""
 SPARE_FRAMES = 8
-COUNTERS = len(fields(FrameCounters))
 
 
 class Event(IntEnum):
@@ -50,41 +46,19 @@ def slot_dtype(topology: Topology) -> np.dtype[Any]:
     Events stand in their order, their frames one after the other. What may be filled in part, or
     not at all, stands last: frames, contacts, poses.
     """
-    n = topology.n
     expected = len(topology.frames) + len(topology.buses)
-    dtype = np.dtype(
-        [
+    frames = expected + expected // 2 + SPARE_FRAMES
+    return record_dtype(
+        topology,
+        (
             ("event_values", "i8", (EVENTS,)),
-            ("event_count", "i8"),
-            ("frame_count", "i8"),
-            ("lost_cycles", "i8"),  # left out of the recording until now
-            ("lost_frames", "i8"),
-            ("stamp_ns", "i8"),
-            ("cycle", "i8"),
-            ("whole", "i8"),  # 1 as of `State.whole`, else 0
-            ("counters", "i8", (COUNTERS,)),  # FrameCounters
-            ("wrench", "f8", (6,)),
-            ("force", "f4", (3, n)),
-            ("force_sigma", "f4", (3, n)),
-            ("temperature", "f4", (n,)),
-            ("test_ratio", "f4", (n,)),
-            ("contact", "i4", (n,)),
-            ("contact_slots", "i4", (CONTACTS,)),
-            ("contact_count", "i4"),
-            ("bus_states", "i4", (len(topology.buses),)),  # index of BusState, -1: not known
-            ("status", "u2", (n,)),
+            ("event_count", "i8", ()),
+            ("frame_count", "i8", ()),
             ("events", "u1", (EVENTS,)),  # Event
-            ("has_state", "u1"),
-            ("frames", "i8", (expected + expected // 2 + SPARE_FRAMES, FRAME_DTYPE.itemsize // 8)),
-            ("contacts", "u1", (CONTACTS, CONTACT.itemsize)),  # CONTACT records
-            ("pose", "f8", (12, n)),  # position, rotation
-        ]
+            ("has_state", "i8", ()),
+        ),
+        (("frames", "i8", (frames, FRAME_DTYPE.itemsize // 8)),),
     )
-    return np.dtype([*_fields(dtype), ("padding", "u1", (-dtype.itemsize % 8,))])
-
-
-def _fields(dtype: np.dtype[Any]) -> list[tuple[str, Any, tuple[int, ...]]]:
-    return [(name, dtype[name].base, dtype[name].shape) for name in dtype.names or ()]
 
 
 class SlotWriter:
@@ -119,10 +93,7 @@ class SlotWriter:
             present, every = contacts.data.slots.present, contacts.records
             records = every.view(np.uint8).reshape(every.size, CONTACT.itemsize)
         self._totals = totals
-        self._contacts = Contacts(
-            present, records, fields["contact_count"], fields["contact_slots"][0],
-            fields["contacts"][0],
-        )  # fmt: skip
+        self._contacts = Contacts(present, records, fields["contact_count"], fields["contacts"][0])
         told = np.zeros(4, np.int64)
         self._numbers = Numbers(told, (fields["stamp_ns"], fields["cycle"], fields["whole"]))
         self._told = told.data  # takes a number in half the time of the array

@@ -53,8 +53,6 @@ class Contacts(NamedTuple):
     """Bytes, shape (s, size)."""
     count: np.ndarray
     """Of the slot: how many to copy, int32, shape (1,)."""
-    places: np.ndarray
-    """Of the slot, int32, shape (k,)."""
     copies: np.ndarray
     """Of the slot, bytes, shape (k, size)."""
 
@@ -68,7 +66,7 @@ class Staged(NamedTuple):
     """How many, int64, shape (1,), a field of it, as are the next ones."""
     frames: np.ndarray
     has_state: np.ndarray
-    """uint8, shape (1,)."""
+    """int64, shape (1,)."""
     contacts: np.ndarray
     """How many, int32, shape (1,)."""
     lost_cycles: np.ndarray
@@ -121,9 +119,7 @@ def fill_python(numbers, given, fields, contacts):
     for k in range(len(given)):
         copy(given[k], fields[k], 0, given[k].size)
     for k in range(contacts.count[0]):
-        place = contacts.present[k]
-        contacts.places[k] = place
-        copy(contacts.records[place], contacts.copies[k], 0, contacts.copies.shape[1])
+        copy(contacts.records[contacts.present[k]], contacts.copies[k], 0, contacts.copies.shape[1])
 
 
 @jitable

@@ -39,7 +39,7 @@ PLACES = {
     "arrow": (0.0, 7),
     "physics": (1.2, 7),
     "worker": (2.42, 7),
-    "messages": (3.4, 7),
+    "messages": (3.7, 5),
     "bus": (2.0, 9.1),
     "topology": (2.0, 10.0),
 }

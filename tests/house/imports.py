@@ -28,7 +28,6 @@ ROOMS: dict[str, frozenset[str]] = {
     "physics": frozenset({"errors"}),
     "notebook": frozenset(),
     "owned": frozenset(),
-    "messages": frozenset(),
     "state": frozenset({"errors", "notebook", "owned"}),
     "options": frozenset({"errors", "state"}),
     "decode": COMMON | {"physics"},
@@ -37,6 +36,7 @@ ROOMS: dict[str, frozenset[str]] = {
     "sim": COMMON | {"physics"},
     "compiling": frozenset({"errors"}),
     "clock": frozenset(),
+    "messages": COMMON | {"contact"},
     "robot": COMMON | {"physics", "contact"},
     "pipeline": COMMON | {"physics", "decode", "contact", "calibrate", "clock", "robot"},
     "moving": COMMON | {"contact", "pipeline", "robot"},
@@ -47,7 +47,8 @@ ROOMS: dict[str, frozenset[str]] = {
     "opening": COMMON | {"physics", "contact", "pipeline", "compiling", "sim", "live", "record"},
     "blocks": COMMON | {"pipeline", "decode", "contact", "clock"},
     "offline": COMMON | {"pipeline", "compiling", "blocks"},
-    "bulk": COMMON | {"contact", "pipeline", "blocks", "offline", "record", "export", "arrow"},
+    "bulk": COMMON
+    | {"contact", "pipeline", "blocks", "offline", "record", "export", "arrow", "messages"},
     "view": COMMON | {"live", "pipeline", "calibrate", "contact", "worker"},
     "record": COMMON
     | {"physics", "contact", "pipeline", "compiling", "offline", "worker", "messages"},

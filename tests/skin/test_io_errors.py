@@ -21,11 +21,11 @@ from skin.bulk.job import Job, parts_of
 from skin.calibrate.tare import tare
 from skin.cli.decoded import writer_for
 from skin.errors import SkinError
+from skin.messages.topics import STATE
 from skin.options import Options
 from skin.physics.stencil import Stencil
 from skin.pipeline import Pipeline
 from skin.record.container import RecordedFile
-from skin.record.topics import STATE
 from skin.sim.node import Nodes
 from skin.sim.scenes.load import open_scene
 from skin.sim.scenes.record import Recorder

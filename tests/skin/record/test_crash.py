@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import skin
+from skin.messages.topics import STATE
 from skin.record.container import RecordedFile
-from skin.record.topics import STATE
 from tests.fixtures.patience import LONG_S
 
 pytest.importorskip("mcap", reason="mcap is not installed")

@@ -11,7 +11,13 @@ import numpy as np
 import pytest
 
 import skin
-from skin.record.topics import STATE
+import topology
+from bus.faults import FaultScript, FaultyTransport
+from bus.faults import script as kinds
+from skin.messages.topics import STATE
+from skin.sim.attached import in_process
+from skin.sim.node import Nodes
+from skin.sim.scenes.load import open_scene
 
 reading = pytest.importorskip("mcap.reader", reason="mcap is not installed")
 typesys = pytest.importorskip("rosbags.typesys", reason="rosbags is not installed")
@@ -32,6 +38,7 @@ float32 slip_probability
 float32 grip_force
 float32 grip_force_sigma
 uint16 units"""
+SECOND_CONTACT = FIRST_CONTACT + "\nbool whole"
 FIRST_STATE = """std_msgs/Header header    # stamp of the SYNC
 uint64 cycle
 float32[] force
@@ -39,6 +46,17 @@ float32[] force_sigma
 float32[] temperature
 uint16[] status
 int32[] contact
+f3t_msgs/Contact[] contacts"""
+SECOND_STATE = """std_msgs/Header header
+uint8 version
+uint64 cycle
+float32[] force
+float32[] force_sigma
+float32[] temperature
+float32[] test_ratio
+uint16[] status
+int32[] contact
+bool whole
 f3t_msgs/Contact[] contacts"""
 LATER = FIRST_STATE.replace("f3t_msgs/Contact[]", "float32[] charge\nf3t_msgs/Contact[]")
 PART = "\n" + "=" * 80 + "\nMSG: "
@@ -112,7 +130,7 @@ def rewritten(run, file, state, contact, spoil=lambda values: values):
 
 
 def old(stores, data, spoil):
-    """A state by the second definitions."""
+    """A state by other definitions."""
     new, other = stores
     told = new.deserialize_cdr(data, KIND)
 
@@ -127,7 +145,7 @@ def old(stores, data, spoil):
     return bytes(other.serialize_cdr(spoil(as_other(told, KIND, **given)), KIND))
 
 
-@pytest.mark.parametrize("contact", [FIRST_CONTACT, FIRST_CONTACT + "\nbool whole"])
+@pytest.mark.parametrize("contact", [FIRST_CONTACT, SECOND_CONTACT])
 def test_recordings_of_the_first_version_are_replayed_to_the_bit(run, contact, tmp_path):
     file = tmp_path / "old.mcap"
     rewritten(run, file, FIRST_STATE, contact)
@@ -151,6 +169,68 @@ def test_a_state_of_the_first_version_that_differs_is_reported(run, tmp_path):
     total = len(list(replayed))
     assert replayed.faults == [f"{file}: must give the states of the run; got 1 of {total} that "
                                "differ"]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def with_silent_unit(tmp_path_factory):
+    """A recording in which a unit falls silent, and its states."""
+    file = tmp_path_factory.mktemp("silent") / "run.mcap"
+    loaded = topology.load("strip")
+    nodes = Nodes(loaded, open_scene("press", loaded, seed=2), seed=2)
+    script = FaultScript(faults=(kinds.Kill(units=["strip/r0c1"], from_s=0.5, to_s=0.8),), seed=2)
+    ends = [FaultyTransport(end, script, topology=loaded) for end in in_process(nodes)]
+    with skin.open(loaded, transports=ends, deadline_s=0.001, pace=False, record=file) as strip:
+        states = list(itertools.islice(strip, CYCLES))
+    nodes.close()
+    return file, states
+
+
+def as_second(states, changed=None):
+    """What makes states of the second version: numbers in the sigma of invalid units."""
+    of, count = {state.cycle: state for state in states}, itertools.count()
+
+    def spoil(message):
+        message.version = 2
+        message.force_sigma = of[message.cycle].units.force_sigma.reshape(-1).copy()
+        if next(count) == changed:
+            message.force_sigma[1] += np.float32(0.5)
+        return message
+
+    return spoil
+
+
+@pytest.mark.parametrize("changed", [None, 150])
+def test_recordings_of_the_second_version_are_replayed_to_the_bit(
+    with_silent_unit, tmp_path, changed
+):
+    """A sigma of an invalid unit was a number then, and is compared as such."""
+    run, states = with_silent_unit
+    silent = [s for s in states if not s.units.valid[1] and np.isfinite(s.units.force_sigma[0, 1])]
+    assert len(silent) > 30
+    assert not states[150].units.valid[1]
+    file = tmp_path / "old.mcap"
+    rewritten(run, file, SECOND_STATE, SECOND_CONTACT, as_second(states, changed))
+    replayed = skin.replay(file)
+    total = len(list(replayed))
+    assert total == len(states)
+    if changed is None:
+        assert replayed.faults == []
+        assert replayed.same == total
+    else:
+        assert replayed.same == total - 1
+
+
+def test_states_of_a_later_meaning_are_played_and_not_compared(run, tmp_path):
+    def spoil(message):
+        message.version = 4
+        return message
+
+    file = tmp_path / "later.mcap"
+    rewritten(run, file, SECOND_STATE, SECOND_CONTACT, spoil)
+    replayed = skin.replay(file)
+    assert any(state.contacts for state in replayed)
+    assert replayed.faults == [f"{file}: /skin/state: must have fields that this version knows; "
+                               "got version 4: states were not compared"]  # fmt: skip
 
 
 def test_states_of_a_later_version_are_played_and_not_compared(run, tmp_path):

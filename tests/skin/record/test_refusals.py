@@ -15,10 +15,10 @@ import topology
 from bus.errors import LogError
 from skin.cli import main
 from skin.errors import LibraryError, OptionError, SkinError
+from skin.messages.topics import FRAMES, STATE
 from skin.record.attached import read_setup
 from skin.record.container import RecordedFile
 from skin.record.differences import differences
-from skin.record.topics import FRAMES, STATE
 from topology.packed import from_arrays, to_arrays
 
 pytest.importorskip("mcap", reason="mcap is not installed")

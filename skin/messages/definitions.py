@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 __all__ = ["FIELDS", "NUMBERS", "STATE_VERSION", "Field", "definitions", "fields_of", "schema"]
 
-STATE_VERSION = 2
+STATE_VERSION = 3
 """Of ``f3t_msgs/msg/SkinState`` and what is in it; 1 had neither `version`, `test_ratio` nor
-`whole`."""
+`whole`; up to 2 `force_sigma` was a number where the unit is invalid."""
 
 NUMBERS = {
     "bool": "?", "byte": "u1", "uint8": "u1", "uint16": "<u2", "int32": "<i4", "uint32": "<u4",
@@ -137,7 +137,7 @@ std_msgs/Header header    # stamp of the SYNC
 uint8 version             # VERSION of who wrote it
 uint64 cycle
 float32[] force           # 3 n: Fx of all units, Fy, Fz; N, unit frames; NaN where invalid
-float32[] force_sigma     # 3 n
+float32[] force_sigma     # 3 n; NaN where invalid
 float32[] temperature     # n, degree Celsius; NaN where invalid
 float32[] test_ratio      # n, field against its model, 1 is the limit; NaN where not checked
 uint16[] status           # n, flags; 0 is a good reading

@@ -6,6 +6,7 @@ Source: OMG Common Object Request Broker Architecture 3.3, part 2, 9.3; little e
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -68,7 +69,7 @@ class Cdr:
         self.raw += data
         return self
 
-    def texts(self, texts: tuple[str, ...]) -> None:
+    def texts(self, texts: Sequence[str]) -> None:
         """A list of texts."""
         self.number("I", len(texts))
         for text in texts:

@@ -1,4 +1,4 @@
-"""From slots to the messages that come every cycle: frames, state, wrenches.
+"""From records to the messages that come every cycle: frames, state, wrenches.
 
 Layouts are fixed once the skin is known: a template of each message is written once, and a cycle
 fills its numbers in.
@@ -13,13 +13,14 @@ import numpy as np
 from bus.frame import FRAME_DTYPE
 from bus.status import INVALID
 from skin.contact.record import CONTACT, Flag
-from skin.messages import NUMBERS, STATE_VERSION, Field, definitions, schema
-from skin.record.cdr import FRAME, HEAD, Cdr, seconds
+from skin.messages.cdr import FRAME, HEAD, Cdr, seconds
+from skin.messages.definitions import NUMBERS, STATE_VERSION, Field, definitions, schema
+from skin.messages.record import contacts_of
 
 __all__ = ["FRAMES_AT", "FRAMES_HEAD", "StateEncoder", "WrenchEncoder", "frames_message"]
 
 Definitions = Mapping[str, tuple[Field, ...]]
-"""The fields of messages, by name; see `skin.messages.definitions`."""
+"""The fields of messages, by name; see `skin.messages.definitions.definitions`."""
 Places = dict[str, tuple[str, tuple[int, ...], int]]
 """Kind, shape and place of each field of a template."""
 
@@ -86,7 +87,9 @@ ROWS = {"force": 3, "force_sigma": 3}
 """Rows of the arrays of a state; the others have one."""
 
 OF_STATE = ("force", "force_sigma", "temperature", "test_ratio", "status", "contact", "whole")
-"""Fields that are copied from a slot as they are."""
+"""Fields that are copied from a record."""
+NAN_SINCE = {"force": 1, "temperature": 1, "force_sigma": 3}
+"""Fields that are NaN where a unit is invalid, and since which version."""
 
 
 def _contact_record(known: Definitions) -> tuple[np.dtype, int]:
@@ -120,15 +123,17 @@ def _flat(known: Definitions, kind: str) -> tuple[str, int]:
 
 
 class StateEncoder:
-    """Slots to ``f3t_msgs/msg/SkinState``.
+    """Records to ``f3t_msgs/msg/SkinState``.
 
     Parameters
     ----------
     n : int
         Units.
+    frame : str
+        Of the skin.
     known : mapping, optional
-        Definitions of the message and of all in it, as of `skin.messages.definitions`: those of a
-        recording that an earlier version wrote. Those of today if not given.
+        Definitions of the message and of all in it, as of `skin.messages.definitions.definitions`:
+        those of a recording that an earlier version wrote. Those of today if not given.
 
     Raises
     ------
@@ -136,11 +141,11 @@ class StateEncoder:
         The definitions have a field that is not known here.
     """
 
-    def __init__(self, n: int, known: Definitions | None = None) -> None:
+    def __init__(self, n: int, frame: str = FRAME, known: Definitions | None = None) -> None:
         if known is None:
             known = definitions(STATE_KIND, schema(STATE_KIND))
         message = Cdr()
-        stamp = message.header(0)
+        stamp = message.header(0, frame)
         places: Places = {"sec": ("<i4", (), stamp), "nanosec": ("<u4", (), stamp + 4)}
         _, *fields, listed = known[STATE_KIND]
         for field in fields:
@@ -155,11 +160,10 @@ class StateEncoder:
         places["count"] = "<u4", (), message.number("I", 0)
         self._contact, last = _contact_record(known)
         self._tail = self._contact.itemsize - last
-        self._raw, record = message.raw, _at(message, places)
-        self._fields = {name: np.frombuffer(self._raw, record)[name] for name in places}
+        self._raw, self._record = message.raw, _at(message, places)
+        self._fields = {name: np.frombuffer(self._raw, self._record)[name] for name in places}
         self._padding = bytes(-(len(self._raw) - len(HEAD)) % 8)
-        if "version" in places:
-            self._fields["version"][0] = STATE_VERSION
+        self._write_as(STATE_VERSION if "version" in places else 1)
         self._copied = [name for name in OF_STATE if name in places]
         self._same = [name for name in CONTACT.names or () if name in (self._contact.names or ())]
         unknown = {*places} - {*OF_STATE, "sec", "nanosec", "version", "cycle", "count"}
@@ -167,17 +171,40 @@ class StateEncoder:
         if listed.kind != CONTACT_KIND or unknown:
             raise ValueError(", ".join(sorted(unknown | {listed.name} - {"contacts"})))
 
-    def __call__(self, slot: np.ndarray) -> bytes:
-        """The message of a slot that has a state."""
+    def _write_as(self, version: int) -> None:
+        if "version" in self._fields:
+            self._fields["version"][0] = version
+        self._nan = [
+            name for name, since in NAN_SINCE.items() if since <= version and name in self._fields
+        ]
+
+    def write_as(self, message: bytes) -> None:
+        """Write messages as of the version that wrote this one.
+
+        Raises
+        ------
+        ValueError
+            It is a later version than is known here.
+        """
+        size = self._record.itemsize
+        if "version" not in self._fields or len(message) < size:
+            return
+        version = int(np.frombuffer(message[:size], self._record)["version"][0])
+        if version > STATE_VERSION:
+            raise ValueError(f"version {version}")
+        self._write_as(version)
+
+    def __call__(self, record: np.ndarray) -> bytes:
+        """The message of the record of a cycle."""
         fields = self._fields
-        fields["sec"][0], fields["nanosec"][0] = seconds(int(slot["stamp_ns"]))
-        fields["cycle"][0] = max(0, int(slot["cycle"]))
+        fields["sec"][0], fields["nanosec"][0] = seconds(int(record["stamp_ns"]))
+        fields["cycle"][0] = max(0, int(record["cycle"]))
         for name in self._copied:
-            fields[name][0] = slot[name]
-        wrong = slot["status"] & int(INVALID) != 0
-        fields["force"][0][:, wrong] = np.nan
-        fields["temperature"][0][wrong] = np.nan
-        contacts = contacts_of(slot)
+            fields[name][0] = record[name]
+        wrong = record["status"] & int(INVALID) != 0
+        for name in self._nan:
+            fields[name][0][..., wrong] = np.nan
+        contacts = contacts_of(record)
         fields["count"][0] = contacts.size
         if not contacts.size:
             return bytes(self._raw)
@@ -192,11 +219,11 @@ class StateEncoder:
 
 
 class WrenchEncoder:
-    """Six numbers to ``geometry_msgs/msg/WrenchStamped`` in the skin frame."""
+    """Six numbers to ``geometry_msgs/msg/WrenchStamped`` in the frame of the skin."""
 
-    def __init__(self) -> None:
+    def __init__(self, frame: str = FRAME) -> None:
         message = Cdr()
-        stamp = message.header(0, FRAME)
+        stamp = message.header(0, frame)
         places = {
             "sec": ("<i4", (), stamp),
             "nanosec": ("<u4", (), stamp + 4),
@@ -211,8 +238,3 @@ class WrenchEncoder:
         fields["sec"][0], fields["nanosec"][0] = seconds(stamp_ns)
         fields["wrench"][0] = wrench
         return bytes(self._raw)
-
-
-def contacts_of(slot: np.ndarray) -> np.ndarray:
-    """The CONTACT records of a slot, shape (k,)."""
-    return slot["contacts"][: int(slot["contact_count"])].view(CONTACT)[:, 0]

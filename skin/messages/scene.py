@@ -6,15 +6,15 @@ of Foxglove is read by Foxglove alone.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from bus.status import INVALID
 from skin.contact.record import Flag
-from skin.record.cdr import Cdr, seconds
-from skin.record.encode import contacts_of
+from skin.messages.cdr import Cdr, seconds
+from skin.messages.record import contacts_of
 
 __all__ = ["Layout", "quaternion"]
 
@@ -44,32 +44,22 @@ class Layout:
 
     Parameters
     ----------
-    topology : str
-        Its name.
-    names, patches : sequence of str
-        Of n units, and of the patches.
-    patch : ndarray, shape (n,), int
-        Index of the patches.
-    position : ndarray, shape (3, n)
-    rotation : ndarray, shape (3, 3, n)
-        Columns are the axes of the units.
+    skin : mapping
+        As of `skin.messages.record.described`.
+    frame : str
+        Of the skin.
+    patch_frames : sequence of str
+        Of the patches.
     """
 
-    def __init__(
-        self,
-        topology: str,
-        names: Sequence[str],
-        patches: Sequence[str],
-        patch: np.ndarray,
-        position: np.ndarray,
-        rotation: np.ndarray,
-    ) -> None:
-        self._topology, self._names, self._patches = topology, tuple(names), tuple(patches)
-        self._patch = patch
-        self.position, self.rotation = position, rotation
+    def __init__(self, skin: Mapping[str, Any], frame: str, patch_frames: Sequence[str]) -> None:
+        self._skin, self._frame = skin, frame
+        self._patch = patch = np.array(skin["patch"], "<i4")
+        self.position = np.array(skin["position"], float).reshape(3, -1)
+        self.rotation = np.array(skin["rotation"], float).reshape(3, 3, -1)
         self._carriers = [
-            (name, _middle(position, np.flatnonzero(patch == i)))
-            for i, name in enumerate(patches)
+            (name, _middle(self.position, np.flatnonzero(patch == i)))
+            for i, name in enumerate(patch_frames)
             if (patch == i).any()
         ]
 
@@ -80,18 +70,18 @@ class Layout:
     def message(self, stamp_ns: int) -> bytes:
         """As ``f3t_msgs/msg/SkinLayout``."""
         message = Cdr()
-        message.header(stamp_ns)
-        message.text(self._topology)
-        message.texts(self._names)
-        message.texts(self._patches)
-        message.array(self._patch.astype("<i4"))
+        message.header(stamp_ns, self._frame)
+        message.text(self._skin["topology"])
+        message.texts(self._skin["names"])
+        message.texts(self._skin["patches"])
+        message.array(self._patch)
         self._poses(message)
         return bytes(message.raw)
 
     def poses(self, stamp_ns: int) -> bytes:
         """As ``f3t_msgs/msg/SkinPoses``."""
         message = Cdr()
-        message.header(stamp_ns)
+        message.header(stamp_ns, self._frame)
         self._poses(message)
         return bytes(message.raw)
 
@@ -104,20 +94,20 @@ class Layout:
         message = Cdr()
         message.number("I", len(self._carriers))
         for name, unit in self._carriers:
-            message.header(stamp_ns)
+            message.header(stamp_ns, self._frame)
             message.text(name)
             message.number("d", *self.position[:, unit], *quaternion(self.rotation[:, :, unit]))
         return bytes(message.raw)
 
-    def scene(self, slot: np.ndarray) -> bytes:
-        """A slot with a state as ``visualization_msgs/msg/MarkerArray``: a square for each unit, by
-        load; forces as lines; contacts as arrows with their names."""
-        message, stamp_ns = Cdr(), int(slot["stamp_ns"])
-        contacts = contacts_of(slot)
+    def scene(self, record: np.ndarray) -> bytes:
+        """A cycle as ``visualization_msgs/msg/MarkerArray``: a square for each unit, by load;
+        forces as lines; contacts as arrows with their names."""
+        message, stamp_ns = Cdr(), int(record["stamp_ns"])
+        contacts = contacts_of(record)
         message.number("I", 2 + 2 * contacts.size)
-        wrong = slot["status"] & int(INVALID) != 0
-        wrong |= np.isnan(slot["force"]).any(axis=0)
-        force = np.where(wrong, 0.0, slot["force"].astype(float))
+        wrong = record["status"] & int(INVALID) != 0
+        wrong |= np.isnan(record["force"]).any(axis=0)
+        force = np.where(wrong, 0.0, record["force"].astype(float))
         colours = np.where(wrong[:, np.newaxis], WRONG, _colours(force[2])).astype("<f4")
         at = self.position.T
         units = Marker("units", 0, CUBE_LIST, (SIDE_M,) * 3, WRONG, at, colours)
@@ -127,7 +117,7 @@ class Layout:
             units, Marker("forces", 0, LINE_LIST, (0.001, 0.0, 0.0), FORCES, lines),
             *(one for contact in contacts for one in _contact(contact)),
         ):  # fmt: skip
-            marker.write(message, stamp_ns)
+            marker.write(message, stamp_ns, self._frame)
         return bytes(message.raw)
 
 
@@ -147,9 +137,9 @@ class Marker(NamedTuple):
     place: Sequence[float] = (0.0, 0.0, 0.0)
     text: str = ""
 
-    def write(self, message: Cdr, stamp_ns: int) -> None:
+    def write(self, message: Cdr, stamp_ns: int, frame: str) -> None:
         """Append it to a message."""
-        message.header(stamp_ns)
+        message.header(stamp_ns, frame)
         message.text(self.group)
         message.number("i", self.number, self.kind, 0)
         message.number("d", *self.place, *UPRIGHT, *self.scale)
