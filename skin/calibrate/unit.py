@@ -10,10 +10,8 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -24,7 +22,7 @@ from skin.calibrate.normal import fit_frequency, fit_normal
 from skin.calibrate.read import as_fit
 from skin.calibrate.shear import fit_shear
 from skin.calibrate.spread import Spread, even_spread, law_spread
-from skin.calibrate.write import parameter_values, write_calibration
+from skin.calibrate.write import parameter_values
 from skin.errors import ScanError
 from skin.physics.force_law import (
     normal_law,
@@ -60,21 +58,6 @@ class Calibration:
     topology: Topology
     units: dict[str, tuple[Fit, ...]]
     films: dict[str, FilmFit]
-
-    def write(self, folder: str | os.PathLike[str], *, date: str = "", bench: str = "") -> None:
-        """Write one calibration file a patch, ``<patch>.toml``, as `topology.load` reads it.
-
-        Raises
-        ------
-        CalibrationError
-            A value that is not finite.
-        """
-        for patch in self.topology.patch_names:
-            head = f"{patch}/"
-            units = {name.removeprefix(head): fits for name, fits in self.units.items()
-                     if name.startswith(head)}  # fmt: skip
-            file = Path(folder) / f"{patch}.toml"
-            write_calibration(file, patch, units, date=date, bench=bench)
 
 
 def calibrate(topology: Topology, recordings: Recordings) -> Calibration:
