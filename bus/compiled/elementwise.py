@@ -34,7 +34,7 @@ def choose(condition: Any, yes: Any, no: Any) -> Any:
 
 def _in_kernels(of_arrays: Callable[..., Any], of_numbers: Callable[..., Any]) -> None:
     """Let kernels run another function in place of one of arrays; its code is put into theirs."""
-    options: dict[str, object] = {"forceinline": True}
+    options: Any = {"forceinline": True}
     if nested.pipeline is not None:
         options["pipeline_class"] = nested.pipeline
 
