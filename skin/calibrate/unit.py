@@ -10,10 +10,8 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -24,8 +22,15 @@ from skin.calibrate.normal import fit_frequency, fit_normal
 from skin.calibrate.read import as_fit
 from skin.calibrate.shear import fit_shear
 from skin.calibrate.spread import Spread, even_spread, law_spread
-from skin.calibrate.write import parameter_values, write_calibration
+from skin.calibrate.write import parameter_values
 from skin.errors import ScanError
+from skin.physics.force_law import (
+    normal_law,
+    normal_slope,
+    shear_law,
+    shear_slope,
+    stiffening,
+)
 from skin.physics.least_squares import Fit
 from skin.physics.scan import Recordings, Scan
 from topology import CHANNELS, Topology
@@ -53,21 +58,6 @@ class Calibration:
     topology: Topology
     units: dict[str, tuple[Fit, ...]]
     films: dict[str, FilmFit]
-
-    def write(self, folder: str | os.PathLike[str], *, date: str = "", bench: str = "") -> None:
-        """Write one calibration file a patch, ``<patch>.toml``, as `topology.load` reads it.
-
-        Raises
-        ------
-        CalibrationError
-            A value that is not finite.
-        """
-        for patch in self.topology.patch_names:
-            head = f"{patch}/"
-            units = {name.removeprefix(head): fits for name, fits in self.units.items()
-                     if name.startswith(head)}  # fmt: skip
-            file = Path(folder) / f"{patch}.toml"
-            write_calibration(file, patch, units, date=date, bench=bench)
 
 
 def calibrate(topology: Topology, recordings: Recordings) -> Calibration:
@@ -170,7 +160,7 @@ def calibrate_unit(
     values = {name: (s, relative * s) for name, s in spread.items()}
     values |= {f"field_angle_variance_relative[{i}]": (s, np.nan) for i, s in enumerate(film.shape)}
     deepest = float(slope * depth.max())
-    values["normal_max_n"] = float(_normal_law(known, np.array(deepest))[0]), force_n
+    values["normal_max_n"] = float(normal_law(known, np.array(deepest))), force_n
     told = as_fit(values, film.fit.samples)
     return (gel, frequency, normal, drift, chip, film.fit, amplitude, shear, told), film
 
@@ -214,26 +204,15 @@ def _depth_sigma_mm(p: Mapping[str, float], pressed: dict[str, np.ndarray]) -> f
 def _normal_spread(p: Mapping[str, float], pressed: dict[str, np.ndarray]) -> Spread:
     """What the normal force is off by, as it is decoded from the frequency."""
     fall = p["frequency_rest_hz"] - pressed["frequency_hz"]
-    law, slope = _normal_law(p, fall)
-    noise = slope * p["frequency_noise_hz"]
+    law, noise = normal_law(p, fall), normal_slope(p, fall) * p["frequency_noise_hz"]
     return law_spread(law - pressed["force_n"][:, 1], law, noise)
-
-
-def _normal_law(p: Mapping[str, float], fall_hz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Normal force at a fall of the frequency, N, and its slope, N/Hz."""
-    soft, knee, stiff = (p[f"normal_{name}"] for name in
-                         ("soft_n_per_hz", "break_hz", "stiff_n_per_hz"))  # fmt: skip
-    beyond = np.maximum(fall_hz - knee, 0.0)
-    return soft * np.minimum(fall_hz, knee) + stiff * beyond, np.where(beyond > 0.0, stiff, soft)
 
 
 def _shear_spread(p: Mapping[str, float], sheared: dict[str, np.ndarray]) -> Spread:
     """What the tangential force is off by at a displacement that is known."""
-    length, stiffer = sheared["displacement_mm"], p["shear_stiff_n_per_mm"]
-    beyond = np.maximum(length - p["shear_break_mm"], 0.0)
-    gain = 1.0 + p["shear_gain_per_mm"] * (sheared["depth_mm"] - p["field_reference_mm"])
-    law = (p["shear_soft_n_per_mm"] * length + stiffer * beyond) * gain
-    slope = gain * (p["shear_soft_n_per_mm"] + stiffer * (beyond > 0.0))
+    length = sheared["displacement_mm"]
+    gain = stiffening(sheared["depth_mm"], p["shear_gain_per_mm"], p["field_reference_mm"])
+    law, slope = shear_law(p, length) * gain, gain * shear_slope(p, length)
     # at rest, where the field is weakest, a reading knows the least of its displacement
     noise_mm = p["field_noise_ut"] / (p["field_amplitude_ut"] * p["field_wavenumber_rad_per_mm"])
     return law_spread(law - sheared["force_n"][:, 0], law, slope * noise_mm)

@@ -24,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bus.compiled.jit import jitable
+from skin.physics.force_law import secant
 from skin.physics.halbach import CHIP_AXES
 from topology import Topology
 
@@ -134,16 +135,16 @@ def _per_field(i, common):
         narrow = per_ut * (2.0 + c) * (1.0 / 3.0)
         along, upright = narrow * c, -narrow * strength * inverse
     stiffening = law["gain"] * depth + law["gain_offset"]
-    square, knee = x * x + y * y, law["knee"]
-    secant, fxx, fxy, fyy = stiffening * law["soft"], 0.0, 0.0, 0.0
-    if square > knee * knee:
-        stiffer = stiffening * law["stiffer"]
-        bent = stiffer * knee / math.sqrt(square)
-        secant += stiffer - bent  # the slope is secant + bent along the displacement
-        bent /= square
-        fxx, fxy, fyy = bent * x * x, bent * x * y, bent * y * y
-    fxx += secant
-    fyy += secant
+    square = x * x + y * y
+    across, steeper = secant(
+        square, stiffening * law["soft"], law["knee"], stiffening * law["stiffer"]
+    )
+    fxx = fxy = fyy = 0.0
+    if steeper != 0.0:
+        steeper /= square
+        fxx, fxy, fyy = steeper * x * x, steeper * x * y, steeper * y * y
+    fxx += across
+    fyy += across
     # the displacement by the field, then the force by the displacement
     xx, xy = along * wx * wx + per_ut * wy * wy, (along - per_ut) * wx * wy
     yy = along * wy * wy + per_ut * wx * wx

@@ -12,10 +12,10 @@ import numpy as np
 from bus.compiled.intrinsics import assume_noalias
 from bus.compiled.jit import jitable
 from skin.decode.functions import OCTAVES_MAX, asin, atan, exp2, sinc
-from skin.decode.normal import bent
 from skin.decode.parts import Parts
 from skin.decode.records import BX, BY, BZ, INVALID, MAGNETIC_ANOMALY, SATURATED, SILENT
 from skin.decode.span import lanes_of
+from skin.physics.force_law import force_with_added
 
 __all__ = ["FIELD_MIN", "GAIN_MIN", "amplitude_stage", "anomaly_stage", "field_law", "inversion"]
 
@@ -272,8 +272,8 @@ def doubt(beyond2, tile, unit, j):
     tile["displacement_sigma"][2, j] = np.sqrt(sigma * sigma + deeper2)
     deeper, soft = np.sqrt(deeper2), unit["normal_soft"][j]
     knee, stiffer = unit["normal_break"][j], unit["normal_stiffer"][j]
-    half = bent(depth + deeper, soft, knee, stiffer)
-    half = (half - bent(depth - deeper, soft, knee, stiffer)) * real(0.5)
+    half = force_with_added(depth + deeper, soft, knee, stiffer)
+    half = (half - force_with_added(depth - deeper, soft, knee, stiffer)) * real(0.5)
     force = tile["force_sigma"][2, j]
     tile["force_sigma"][2, j] = np.sqrt(force * force + half * half)
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from bus.status import Status
 from skin.decode import records as k
+from skin.physics.force_law import normal_fall
 from topology import CHANNELS, Topology
 from topology.gel import gel_share, gel_temperature
 
@@ -90,11 +91,7 @@ def frequency_sigma_hz(topology: Topology) -> np.ndarray:
 def tidy_drop(topology: Topology) -> tuple[np.ndarray, np.ndarray]:
     """Range of the frequency's fall, Hz, that is neither a lost tare nor beyond calibration."""
     p = topology.parameters
-    soft, stiff, knee = (p[f"normal_{part}"] for part in
-                         ("soft_n_per_hz", "stiff_n_per_hz", "break_hz"))  # fmt: skip
-    force = p["normal_max_n"]
-    most = np.where(force <= soft * knee, force / soft, knee + (force - soft * knee) / stiff)
-    return -PULL_SIGMAS * frequency_sigma_hz(topology), most
+    return -PULL_SIGMAS * frequency_sigma_hz(topology), normal_fall(p, p["normal_max_n"])
 
 
 def gel_rail_c(topology: Topology) -> np.ndarray:

@@ -12,14 +12,9 @@ from skin.decode.parts import Parts
 from skin.decode.records import FREQUENCY
 from skin.decode.span import lanes_of
 from skin.decode.temperature import EXTRAPOLATION
+from skin.physics.force_law import force_with_added
 
-__all__ = ["bent", "law_variance", "normal_stage"]
-
-
-@jitable(inline=True)
-def bent(x, soft, knee, stiffer):
-    """Force of a piecewise linear law; not clipped at zero."""
-    return soft * x + stiffer * max(x - knee, type(x)(0.0))
+__all__ = ["law_variance", "normal_stage"]
 
 
 @jitable(inline=True)
@@ -46,7 +41,7 @@ def normal_stage(parts: Parts) -> Callable:
                 depth -= unit["depth_per_hz"][j] * background[span.cycle, 0, first + j]
             soft, knee = unit["normal_soft"][j], unit["normal_break"][j]
             stiffer = unit["normal_stiffer"][j]
-            force = bent(depth, soft, knee, stiffer)
+            force = force_with_added(depth, soft, knee, stiffer)
             tile["displacement"][2, j] = depth
             tile["force"][2, j] = force
             if with_sigma:
@@ -55,8 +50,9 @@ def normal_stage(parts: Parts) -> Callable:
                 tile["displacement_sigma"][2, j] = unit["depth_sigma"][j] + beyond
                 # half of what the force changes over the interval of the frequency, and of the law
                 sigma = unit["normal_sigma"][j] + beyond
-                half = bent(depth + sigma, soft, knee, stiffer)
-                half = (half - bent(depth - sigma, soft, knee, stiffer)) * real(0.5)
+                half = force_with_added(depth + sigma, soft, knee, stiffer)
+                half -= force_with_added(depth - sigma, soft, knee, stiffer)
+                half *= real(0.5)
                 law2 = law_variance(force, unit["normal_variance"][j], unit["normal_floor"][j])
                 tile["force_sigma"][2, j] = np.sqrt(half * half + law2)
 

@@ -18,11 +18,12 @@ from skin.decode.field import (
     inversion,
 )
 from skin.decode.functions import atan2, sin_cos
-from skin.decode.normal import bent, law_variance
+from skin.decode.normal import law_variance
 from skin.decode.parts import Parts
 from skin.decode.records import EXTRAPOLATED, KNOTS, SILENT
 from skin.decode.span import lanes_of
 from skin.decode.temperature import EXTRAPOLATION
+from skin.physics.force_law import force_with_added
 
 __all__ = ["tangential_stage"]
 
@@ -55,8 +56,8 @@ class Shear(NamedTuple):
 def shear_variance(shear, along, depth_sigma, unit, j):
     """Variance of the tangential force along its direction."""
     soft, knee, stiffer = unit["shear_soft"][j], unit["shear_break"][j], unit["shear_stiffer"][j]
-    half = bent(shear.radius + along, soft, knee, stiffer)
-    half -= bent(shear.radius - along, soft, knee, stiffer)
+    half = force_with_added(shear.radius + along, soft, knee, stiffer)
+    half -= force_with_added(shear.radius - along, soft, knee, stiffer)
     half *= type(along)(0.5) * shear.stiffening
     deeper = shear.law * unit["shear_gain"][j] * depth_sigma
     force = shear.law * shear.stiffening
@@ -105,7 +106,7 @@ def shear_of(parts: Parts) -> Callable:
             x = dx * away
             y = dy * away
         soft, knee = unit["shear_soft"][j], unit["shear_break"][j]
-        law = bent(radius, soft, knee, unit["shear_stiffer"][j])
+        law = force_with_added(radius, soft, knee, unit["shear_stiffer"][j])
         depth = tile["displacement"][2, j]
         stiffening = unit["shear_gain"][j] * depth + unit["shear_gain_offset"][j]
         force = law * stiffening

@@ -28,7 +28,7 @@ FREQUENCY, BX = CHANNELS.index("frequency"), CHANNELS.index("bx")
 
 
 class Bench:
-    """Moves all units of a topology alike, and reads them.
+    """Moves all units of a topology alike, each alone on the bench, and reads them.
 
     Parameters
     ----------
@@ -42,8 +42,6 @@ class Bench:
         False: exact readings.
     quantised : bool
         Whether readings are rounded as on the wire.
-    reach_m : float
-        As of `HalbachField`; 0: every unit alone on the bench.
     counter, divider, converter
         As of `UnitSimulator`; exact where not given. Poses are held for longer than any gate.
     """
@@ -56,13 +54,12 @@ class Bench:
         seed: int = 0,
         noise: bool = True,
         quantised: bool = False,
-        reach_m: float = 0.0,
         counter: Counter | None = None,
         divider: Divider | None = None,
         converter: HallConverter | None = None,
     ) -> None:
         self.topology = topology
-        field = HalbachField(topology, fabrication=fabrication, reach_m=reach_m)
+        field = HalbachField(topology, fabrication=fabrication, reach_m=0.0)
         self._unit = UnitSimulator(
             topology, seed=seed, noise=noise, field=field,
             counter=counter, divider=divider, converter=converter,

@@ -34,6 +34,7 @@ from skin.calibrate.spread import even_spread
 from skin.calibrate.unit import fit_crest, left_of, with_fits
 from skin.decode.model import field_angle_ends
 from skin.errors import ScanError
+from skin.physics.force_law import normal_law, shear_law, stiffening
 from skin.physics.least_squares import Fit
 from topology import CHANNELS, Topology
 from topology.gel import gel_share
@@ -291,7 +292,7 @@ def _normal(work: _Work, blocks: Blocks, measured: bool, touch: dict[str, float]
     seen = blocks.of("normal", "circles")
     seen = seen.where(np.isfinite(seen.displacement[2]))
     fall = slope * np.maximum(seen.displacement[2] - touch["mm"], 0.0)
-    law = laws.normal_law(work.p, fall)
+    law = normal_law(work.p, fall)
     tilt = fit["turn_x"] * np.nan_to_num(seen.force[1])
     tilt = tilt - fit["turn_y"] * np.nan_to_num(seen.force[0])
     felt = np.isfinite(seen.force[2])
@@ -354,7 +355,7 @@ def _take_film(work: _Work, film: Fit, crest: Fit) -> None:
 
 def _shear(work: _Work, blocks: Blocks) -> None:
     slope = float(work.p["frequency_slope_hz_per_mm"])
-    normal_n = laws.normal_law(work.p, slope * blocks.displacement[2])
+    normal_n = normal_law(work.p, slope * blocks.displacement[2])
     posterior, deeper = laws.fit_shear(work.p, blocks, normal_n)
     fit = posterior.fit
     names = [name for name in fit.names if not name.startswith("turn")]
@@ -367,9 +368,8 @@ def _shear(work: _Work, blocks: Blocks) -> None:
     displacement = np.hypot(x, y)
     along = np.stack([x, y]) / np.maximum(displacement, 1e-9)
     p = work.p
-    law = p["shear_soft_n_per_mm"] * displacement
-    law = law + p["shear_stiff_n_per_mm"] * np.maximum(displacement - p["shear_break_mm"], 0.0)
-    law = law * (1.0 + float(p["shear_gain_per_mm"]) * (depth - float(p["field_reference_mm"])))
+    law = shear_law(p, displacement)
+    law = law * stiffening(depth, float(p["shear_gain_per_mm"]), float(p["field_reference_mm"]))
     tilt = np.stack([fit["turn_y"] * normal_n, -fit["turn_x"] * normal_n])
     force = blocks.force[:2] - tilt
     seen = np.isfinite(force).all(axis=0)
@@ -388,7 +388,7 @@ def _recorded(work: _Work, blocks: Blocks, gel_c: np.ndarray) -> None:
                    ("frequency_slope_hz_per_mm", "frequency_rest_hz"))  # fmt: skip
     pressed = blocks.of("normal")
     fall = rest - pressed.values[FREQUENCY]
-    work.plots["hysteresis"] = fall / slope, pressed.force[2], laws.normal_law(work.p, fall)
+    work.plots["hysteresis"] = fall / slope, pressed.force[2], normal_law(work.p, fall)
     work.plots["warming"] = blocks.time_s, gel_c, blocks.temperature
 
 

@@ -18,12 +18,13 @@ from skin.calibrate.film import FilmFit, fit_film
 from skin.calibrate.gel import MARGIN, ORDERS, gel_misfit, rises
 from skin.calibrate.learn import AMBIENT_UT
 from skin.errors import ScanError
+from skin.physics.force_law import normal_law, shear_law, stiffening
 from skin.physics.least_squares import Fit
 from topology import CHANNELS
 from topology.gel import gel_temperature as temperature_of
 
 __all__ = ["PRIOR", "fit_drift", "fit_gel", "fit_normal", "fit_shear",
-           "gel_temperature", "low_pass", "normal_law", "offsets",
+           "gel_temperature", "low_pass", "offsets",
            "prior_of", "robust_film", "widened"]  # fmt: skip
 
 GEL, FREQUENCY, BX = (CHANNELS.index(name) for name in ("gel", "frequency", "bx"))
@@ -147,9 +148,7 @@ def fit_normal(p: Parameters, blocks: Blocks, measured: bool) -> Posterior:
     def residual(at: Parameters) -> list[np.ndarray]:
         slope = at.get("frequency_slope_hz_per_mm", float(p["frequency_slope_hz_per_mm"]))
         fall = slope * np.maximum(way - at.get("touch_mm", 0.0), 0.0)
-        soft, knee = at["normal_soft_n_per_hz"], at["normal_break_hz"]
-        law = soft * np.minimum(fall, knee)
-        law = law + at["normal_stiff_n_per_hz"] * np.maximum(fall - knee, 0.0)
+        law = normal_law(at, fall)
         law = law + at["turn_x"] * sideways[1] - at["turn_y"] * sideways[0]
         return [
             (frequency - at["frequency_rest_hz"] + fall) / sigma_hz,
@@ -157,15 +156,6 @@ def fit_normal(p: Parameters, blocks: Blocks, measured: bool) -> Posterior:
         ]
 
     return fit_posterior(residual, prior)
-
-
-def normal_law(p: Parameters, fall_hz: np.ndarray) -> np.ndarray:
-    """Normal force at a fall of the frequency, newton."""
-    knee = float(p["normal_break_hz"])
-    beyond = np.maximum(fall_hz - knee, 0.0)
-    return float(p["normal_soft_n_per_hz"]) * np.minimum(fall_hz, knee) + (
-        float(p["normal_stiff_n_per_hz"]) * beyond
-    )
 
 
 def low_pass(time_s: np.ndarray, values: np.ndarray, lag_s: float) -> np.ndarray:
@@ -354,15 +344,14 @@ def fit_shear(p: Parameters, blocks: Blocks, normal_n: np.ndarray) -> tuple[Post
     (x, y, depth), force = seen.displacement, seen.force[:2]
     radius = np.hypot(x, y)
     along = np.stack([x, y]) / np.maximum(radius, 1e-9)
-    deeper = depth - float(p["field_reference_mm"])
+    reference_mm = float(p["field_reference_mm"])
     sigma = 0.005 / np.sqrt(seen.size)
     names = ("shear_soft_n_per_mm", "shear_break_mm", "shear_stiff_n_per_mm")
     turns = {f"turn_{axis}": (0.0, TURN_RAD) for axis in AXES}
 
     def misfit(at: Parameters) -> np.ndarray:
-        law = at["shear_soft_n_per_mm"] * radius
-        law = law + at["shear_stiff_n_per_mm"] * np.maximum(radius - at["shear_break_mm"], 0.0)
-        fx, fy = law * (1.0 + at.get("shear_gain_per_mm", 0.0) * deeper) * along
+        grown = stiffening(depth, at.get("shear_gain_per_mm", 0.0), reference_mm)
+        fx, fy = shear_law(at, radius) * grown * along
         seen_x = fx + at["turn_y"] * normal_n - at["turn_z"] * fy
         seen_y = fy + at["turn_z"] * fx - at["turn_x"] * normal_n
         return (force - np.stack([seen_x, seen_y])) / sigma

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from skin.physics.force_law import normal_fall
 from topology import Topology
 
 __all__ = ["ARRAY", "UNIT", "Step", "steps"]
@@ -77,9 +78,8 @@ def steps(topology: Topology) -> tuple[tuple[Step, ...], tuple[Step, ...]]:
         Neighbours are left out where a unit has none.
     """
     p = topology.parameters
-    deep = float(p["normal_max_n"].min() - (p["normal_soft_n_per_hz"] * p["normal_break_hz"]).max())
-    deep /= float((p["normal_stiff_n_per_hz"] * p["frequency_slope_hz_per_mm"]).max())
-    deep += float((p["normal_break_hz"] / p["frequency_slope_hz_per_mm"]).min())
+    fall_hz = normal_fall(p, p["normal_max_n"])
+    deep = float((fall_hz / p["frequency_slope_hz_per_mm"]).min())
     values = {
         "depth": round(deep, 2), "a": 0.25 * deep, "b": 0.6 * deep, "c": deep,
         "far": float(p["tangential_max_mm"].max()) + 0.3,

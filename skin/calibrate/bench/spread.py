@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from skin.calibrate.bench import laws
 from skin.calibrate.bench.posterior import robust_sigma
 from skin.calibrate.spread import even_spread, law_spread
+from skin.physics.force_law import normal_law, normal_slope, shear_slope
 from skin.physics.least_squares import Fit
 from topology.gel import gel_temperature
 
@@ -57,10 +57,8 @@ def normal_spread(
         Relative, beside the misfit.
     """
     fall = float(p["frequency_rest_hz"]) - frequency_hz
-    law = laws.normal_law(p, fall)
-    stiff = np.where(fall > p["normal_break_hz"], p["normal_stiff_n_per_hz"],
-                     p["normal_soft_n_per_hz"])  # fmt: skip
-    found = law_spread(law - force_n, law, stiff * float(p["frequency_noise_hz"]))
+    law, noise_hz = normal_law(p, fall), float(p["frequency_noise_hz"])
+    found = law_spread(law - force_n, law, normal_slope(p, fall) * noise_hz)
     return {
         "normal_sigma_relative": float(np.hypot(found.relative, unknown)),
         "normal_sigma_n": found.absolute,
@@ -87,10 +85,8 @@ def shear_spread(
     unknown : float
         Relative, beside the misfit.
     """
-    soft, stiffer = float(p["shear_soft_n_per_mm"]), float(p["shear_stiff_n_per_mm"])
-    slope = soft + stiffer * (length_mm > float(p["shear_break_mm"]))
     noise_mm = p["field_noise_ut"] / (p["field_amplitude_ut"] * p["field_wavenumber_rad_per_mm"])
-    found = law_spread(error, law, slope * float(noise_mm))
+    found = law_spread(error, law, shear_slope(p, length_mm) * float(noise_mm))
     return {
         "shear_sigma_relative": float(np.hypot(found.relative, unknown)),
         "shear_sigma_n": found.absolute,

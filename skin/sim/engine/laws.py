@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from bus.compiled.jit import jitable
+from skin.physics.force_law import inverse_integral, slope, stiffening
 from skin.sim.engine.vectors import add, dot
 from skin.sim.mechanics.springs import displacement, force
 
@@ -18,20 +19,10 @@ LEAST_STIFF = 0.1
 
 
 @jitable
-def _stored(target, below, beyond, knee):
-    """Energy of a spring with a knee that yields by `target` mm, N·mm."""
-    at_knee = below * knee
-    if target <= at_knee:
-        return 0.5 * target * target / below
-    past = target - at_knee
-    return 0.5 * at_knee * knee + knee * past + 0.5 * past * past / beyond
-
-
-@jitable
 def _laws(springs, i, deep_mm, soft_mm_per_n):
     """Stiffening with depth and its slope, compliances and knee of the shear there."""
     s, gain = springs.shear, springs.gain_per_mm[i]
-    stiff = 1.0 + gain * (deep_mm - springs.reference_mm[i])
+    stiff = stiffening(deep_mm, gain, springs.reference_mm[i])
     if stiff < LEAST_STIFF:
         stiff, gain = LEAST_STIFF, 0.0
     below, beyond = s[0, i] + soft_mm_per_n, s[1, i] + soft_mm_per_n
@@ -46,9 +37,9 @@ def elastic(springs, i, tip, soft_mm_per_n):
     stiff, gain, soft, hard, knee = _laws(springs, i, tip[2], soft_mm_per_n)
     way = math.sqrt(tip[0] * tip[0] + tip[1] * tip[1])
     across = force(way, soft, hard, knee) / way if way > 0.0 else 0.0
-    drag = _stored(way, soft, hard, knee)
+    drag = inverse_integral(way, soft, knee, hard)
     normal_n = force(tip[2], below, beyond, n[2, i]) + gain / stiff * drag
-    energy = _stored(tip[2], below, beyond, n[2, i]) + drag
+    energy = inverse_integral(tip[2], below, n[2, i], beyond) + drag
     return (across * tip[0], across * tip[1], normal_n), energy
 
 
@@ -80,10 +71,10 @@ def slid(springs, i, pull, soft_mm_per_n, deep_mm):
 def lost(springs, i, pull, tip, before, rate):
     """A force with what viscosity adds to it: stiffness times the rate of each displacement."""
     n = springs.normal
-    slope = 1.0 / (n[0, i] if pull[2] <= n[2, i] else n[1, i])
+    steep = 1.0 / slope(pull[2], n[0, i], n[2, i], n[1, i])
     way = math.sqrt(tip[0] * tip[0] + tip[1] * tip[1])
     size = math.sqrt(pull[0] * pull[0] + pull[1] * pull[1])
     across = size / way if way > 1e-9 else 1.0 / springs.shear[0, i]
     return (pull[0] + rate * across * (tip[0] - before[0]),
             pull[1] + rate * across * (tip[1] - before[1]),
-            pull[2] + rate * slope * (tip[2] - before[2]))  # fmt: skip
+            pull[2] + rate * steep * (tip[2] - before[2]))  # fmt: skip

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bus.compiled.jit import compiled, jitable
+from skin.physics.force_law import stiffening
 from skin.sim.mechanics.springs import displacement, force
 
 __all__ = ["SLIP_MM", "Faces", "Touched", "drag", "press"]
@@ -126,7 +127,7 @@ def drag_python(springs, touched, faces, body, tolerance, sweeps):
     for k in range(units.size):
         i = units[k]
         limit[k] = faces.load[i] * (faces.kinetic[i] if faces.slipping[i] else faces.static[i])
-        stiff[k] = 1.0 + springs.gain_per_mm[i] * (faces.depth_mm[i] - springs.reference_mm[i])
+        stiff[k] = stiffening(faces.depth_mm[i], springs.gain_per_mm[i], springs.reference_mm[i])
     for written in (faces.traction, faces.own_mm, faces.held_mm, faces.slip_mm):
         written[:] = 0.0
     most, at = 0, 0

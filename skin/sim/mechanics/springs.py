@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bus.compiled.jit import compiled, jitable
+from skin.physics import force_law
 from topology import Topology
 
 __all__ = ["Springs", "displacement", "force", "under"]
@@ -49,14 +50,13 @@ class Springs(NamedTuple):
 @jitable
 def force(target, below, beyond, knee):
     """Force under which two compliances, one below the knee and one beyond, yield by `target`."""
-    at_knee = below * knee
-    return target / below if target <= at_knee else knee + (target - at_knee) / beyond
+    return force_law.inverse(target, below, knee, beyond)
 
 
 @jitable
 def displacement(force, below, beyond, knee):
     """The inverse of `force`."""
-    return below * min(force, knee) + beyond * max(force - knee, 0.0)
+    return force_law.force(force, below, knee, beyond)
 
 
 def under_python(springs, force, depth_mm, displacement_mm):
@@ -79,7 +79,7 @@ def under_python(springs, force, depth_mm, displacement_mm):
         size = np.sqrt(x * x + y * y)
         share = 0.0
         if size > 0.0:
-            stiff = 1.0 + gain[i] * (depth - reference[i])
+            stiff = force_law.stiffening(depth, gain[i], reference[i])
             way = displacement(size, shear[0, i] / stiff, shear[1, i] / stiff, shear[2, i] * stiff)
             share = way / size
         depth_mm[i] = depth

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import re
 
 import numpy as np
 import pytest
@@ -115,3 +116,24 @@ def test_a_recording_without_force_is_refused():
 def test_the_protocol_of_the_lab_is_that_of_the_plan():
     told = [(step.kind, float(step.seconds)) for step in plan.UNIT if step.kind != "neighbours"]
     assert told == [(kind, lab_files.SECONDS[kind]) for kind in lab_files.ORDER]
+
+
+def test_the_plan_presses_the_weakest_unit_to_its_end_and_none_beyond():
+    """Of units of which one is soft for long, one stiffens early and one bears little."""
+    rest = Lab(3).nominal
+    own = {"normal_soft_n_per_hz": [0.6, 1.5, 1.0], "normal_break_hz": [2.0, 0.5, 1.0],
+           "normal_max_n": [1.0, 1.0, 0.8]}  # fmt: skip
+    p = rest.parameters | {name: rest.parameters[name] * own[name] for name in own}
+    (text,) = (step.text for step in plan.steps(dataclasses.replace(rest, parameters=p))[0]
+               if step.text.startswith("press straight down"))  # fmt: skip
+    depth_mm = float(re.search(r"to ([\d.]+) mm", text)[1])
+    share = []
+    for i in range(3):
+        soft, knee, stiff, most = (
+            p[f"normal_{name}"][i]
+            for name in ("soft_n_per_hz", "break_hz", "stiff_n_per_hz", "max_n")
+        )
+        fall = depth_mm * p["frequency_slope_hz_per_mm"][i]
+        force = soft * fall if fall < knee else soft * knee + stiff * (fall - knee)
+        share.append(force / most)
+    assert max(share) == pytest.approx(1.0, abs=0.02)  # the depth is given to 10 µm
