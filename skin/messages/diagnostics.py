@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from bus.cycle import WRONG_FRAMES
 from bus.state import BusState
 from bus.status import INVALID, Status
 from skin.messages.cdr import Cdr
@@ -16,7 +17,7 @@ __all__ = ["Diagnostics"]
 
 OK, WARN, ERROR, STALE = range(4)
 """Levels of diagnostic_msgs/DiagnosticStatus."""
-WRONG = ("late", "repeated", "torn", "short", "foreign", "error", "crc", "lost", "overruns")
+WRONG = (*WRONG_FRAMES, "overruns")
 """What is counted and is wrong: frames, and cycles that the host was too late for."""
 LEVELS = {BusState.ACTIVE: OK, BusState.WARNING: WARN, BusState.PASSIVE: WARN}
 Entry = tuple[int, str, str, dict[str, str]]
