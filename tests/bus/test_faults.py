@@ -520,7 +520,7 @@ def test_a_live_bus_is_given_wrong_channels_to_order(tmp_path, capsys, monkeypat
     script.write_text(f'[[faults]]\nkind = "stuck"\nunits = ["{name}"]\n')
     nodes = Nodes(topology.load("strip"))
     ends = iter(in_process(nodes))
-    monkeypatch.setattr(bus.open, "open_transport", lambda *_: next(ends))
+    monkeypatch.setattr("skin.opening.open_transport", lambda *_: next(ends))
     command = ["run", "strip", "--seconds", "0.3", "--no-tare", "--json"]
     assert main([*command, "--faults", str(script), "--log", str(tmp_path / "a.log")]) == 0
     assert "puts faults into" in capsys.readouterr().err

@@ -76,7 +76,7 @@ class Still:
 
 def tables(suffix):
     def save(run, path):
-        with writer_for(path.with_suffix(suffix), STRIP) as add:
+        with writer_for(path.with_suffix(suffix), STRIP, Options()) as add:
             for state in run[1]:
                 add(state)
 

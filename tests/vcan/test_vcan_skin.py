@@ -160,7 +160,8 @@ def test_candump_records_the_simulator_and_the_log_decodes(name, cycles, tmp_pat
         time.sleep(0.5)
         recorder.terminate()
         recorder.wait(10)
-    report = skin_json("decode", str(log), "--topology", name, "--output", str(output))
+    report = skin_json("decode", str(log), "--topology", name, "--output", str(output),
+                       "--dtype", "float64", "--sweeps", "2")  # fmt: skip
     assert report["counters"]["lost"] == 0
     with np.load(output, allow_pickle=False) as arrays:
         recorded = arrays["force_n"]
