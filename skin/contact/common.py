@@ -154,12 +154,20 @@ def _per_field(i, common):
     )  # fmt: skip
 
 
+@jitable(inline=True)
+def _add_wrench(gain, b, p, x, y, z):
+    """Add the wrench of a force (x, y, z) at p to column b."""
+    gain[0, b] += x
+    gain[1, b] += y
+    gain[2, b] += z
+    gain[3, b] += p[1] * z - p[2] * y
+    gain[4, b] += p[2] * x - p[0] * z
+    gain[5, b] += p[0] * y - p[1] * x
+
+
 @jitable
 def add_common(k, units, common, poses):
-    """Add to the gain of row k what the units add, and note their part of their own variances.
-
-    A force f of a unit at p has the wrench (f, p × f).
-    """
+    """Add to the gain of row k what the units add, and note their part of their own variances."""
     bodies = common.covariance_ut2.shape[0]
     for at in range(units.size):
         i = units[at]
@@ -167,29 +175,18 @@ def add_common(k, units, common, poses):
         axes, g = common.law[i]["axes"], common.law[i]["body"]
         gain, rest_gain = common.gain[k, g], common.gain[k, g + bodies]
         p, r = poses[i]["position"], poses[i]["rotation"]
-        px, py, pz = p[0], p[1], p[2]
         ax, ay, az, bx, by, bz = r[0, 0], r[1, 0], r[2, 0], r[0, 1], r[1, 1], r[2, 1]
         ux, uy, uz = ax * j02 + bx * j12, ay * j02 + by * j12, az * j02 + bz * j12
         for b in range(3):
             z = axes[b, 2]
             x, y, z = ux * z, uy * z, uz * z
-            rest_gain[0, b] += x
-            rest_gain[1, b] += y
-            rest_gain[2, b] += z
-            rest_gain[3, b] += py * z - pz * y
-            rest_gain[4, b] += pz * x - px * z
-            rest_gain[5, b] += px * y - py * x
+            _add_wrench(rest_gain, b, p, x, y, z)
             first = j00 * axes[b, 0] + j01 * axes[b, 1]
             second = j10 * axes[b, 0] + j11 * axes[b, 1]
             x += ax * first + bx * second
             y += ay * first + by * second
             z += az * first + bz * second
-            gain[0, b] += x
-            gain[1, b] += y
-            gain[2, b] += z
-            gain[3, b] += py * z - pz * y
-            gain[4, b] += pz * x - px * z
-            gain[5, b] += px * y - py * x
+            _add_wrench(gain, b, p, x, y, z)
         residue = np.float64(common.residue_ut2[i])
         common.shared_n2[0, i] = residue * (j00 * j00 + j01 * j01)
         common.shared_n2[1, i] = residue * (j10 * j10 + j11 * j11)

@@ -124,7 +124,7 @@ class Decoder:
         self.rest_ut: np.ndarray | None = None
         self.rest_beyond_ut = np.zeros((2, topology.n))
         if plan.reads_field:
-            from skin.decode.rest import check_zeros, rest_of
+            from skin.decode.resting import check_zeros, rest_of
 
             self.rest_ut, self.rest_beyond_ut = rest_of(topology, stencil)
             check_zeros(topology, self.rest_beyond_ut)

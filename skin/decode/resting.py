@@ -8,6 +8,8 @@ by as they move.
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
 
 from skin.physics.film_table import load_film_table
@@ -19,13 +21,15 @@ from skin.physics.stencil import (
     DISPLACEMENT_MAX_MM,
     NEAR_M,
     Stencil,
+    check_stencil,
     films_seen,
+    neighbours_at_rest,
     with_films_apart,
 )
 from skin.physics.stray import field_at_rest, near, scan_poses
 from topology import Topology
 
-__all__ = ["FilmsSeen", "axial_at_rest"]
+__all__ = ["FilmsSeen", "axial_at_rest", "check_zeros", "rest_of"]
 
 ALIKE_SIGMAS = 5.0
 """Sigmas by which a tare and theory may differ; a unit that reads farther off is not believed
@@ -35,6 +39,11 @@ AMBIENT_UT2 = 2500.0
 STEP_MM = 1e-3
 """Of differences: errors of truncation and rounding are both below 1e-4 of a slope."""
 DISTANCES = 24
+FAR = 3.0
+"""Root of the mean square of the difference over the units of a patch, in sigmas of their zeros
+(`field_sigma_ut`), from which it is named [derived: what differs by less is in sigma]."""
+
+_log = logging.getLogger("skin")
 
 
 def axial_at_rest(
@@ -162,3 +171,56 @@ def _moving(topology: Topology) -> np.ndarray:
         each = strength * np.interp(d, distance, row) / d**4
         out[:, k] = np.bincount(at, each, minlength=topology.n)
     return out
+
+
+def rest_of(topology: Topology, stencil: Stencil | None) -> tuple[np.ndarray, np.ndarray]:
+    """What is taken off for neighbours at rest.
+
+    Returns
+    -------
+    rest_ut : ndarray, shape (3, n)
+        µT, axes of the chips.
+    beyond_ut : ndarray, shape (2, n)
+        Of x and y, what a learned stencil has beyond magnet theory.
+
+    Raises
+    ------
+    SkinError
+        The stencil is none of these units.
+    """
+    if stencil is None:
+        rest_ut, is_theory = neighbours_at_rest(topology), True
+    else:
+        check_stencil(topology, stencil)
+        rest_ut, is_theory = stencil.rest_ut, stencil.drawn
+    if is_theory:
+        return rest_ut, np.zeros((2, topology.n))
+    return rest_ut, rest_ut[:2] - neighbours_at_rest(topology)[:2]
+
+
+def check_zeros(topology: Topology, beyond_ut: np.ndarray) -> None:
+    """Warn of patches whose zeros leave out the field of another stencil, by the logger "skin".
+
+    Parameters
+    ----------
+    topology : Topology
+    beyond_ut : ndarray, shape (2, n)
+        As of `rest_of`.
+    """
+    p = topology.parameters
+    off_ut = beyond_ut - np.stack([p["tare_rest_x_ut"], p["tare_rest_y_ut"]])
+    taken = topology.tared & topology.enabled & ~topology.counts_only
+    for number, patch in enumerate(topology.patch_names):
+        units = taken & (topology.patch == number)
+        if not units.any():
+            continue
+        sigma_ut = np.maximum(p["field_sigma_ut"][units], 1e-6)
+        if np.sqrt(np.mean((off_ut[:, units] / sigma_ut) ** 2)) > FAR:
+            learned = (p["tare_rest_x_ut"][units] != 0.0) | (p["tare_rest_y_ut"][units] != 0.0)
+            zeros = "a learned stencil" if learned.any() else "magnet theory"
+            _log.warning(
+                "%s: patch %r: must be decoded with the stencil of its zeros, which leave out "
+                "resting neighbours by %s; got another, %.0f µT off: its units read as sheared "
+                "(stencil = that of its zeros, or tare it with this one)",
+                topology.name, patch, zeros, np.sqrt(np.mean(off_ut[:, units] ** 2)),
+            )  # fmt: skip
