@@ -72,7 +72,8 @@ class Made:
         return Made(true, known, self.films)
 
     def misplaced(self, place_mm: float, tilt_rad: float, seed: int = 7) -> Made:
-        """The same units off their places and tilted, of which only the drawn places are known.
+        """The same units off their places and tilted, of which only the drawn places are known, and
+        which were not tared there.
 
         Parameters
         ----------
@@ -87,7 +88,9 @@ class Made:
         tilt = np.stack([from_rpy(x, y, 0.0) for x, y in turned.T], axis=2)
         rotation = np.einsum("abn,bcn->acn", self.true.rotation, tilt)
         return dataclasses.replace(
-            self, true=dataclasses.replace(self.true, position=position, rotation=rotation)
+            self,
+            true=dataclasses.replace(self.true, position=position, rotation=rotation),
+            known=dataclasses.replace(self.known, tared=np.zeros(n, bool)),
         )
 
     def told(self, place_mm: float, tilt_rad: float) -> Made:
