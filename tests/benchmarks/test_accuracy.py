@@ -181,7 +181,8 @@ def test_the_headline_of_the_papers_experiment_is_of_single_readings_with_all_lo
 @pytest.mark.long
 def test_the_papers_experiment_is_told_and_drawn(experiment):
     json.dumps(experiment)
-    assert len(fig4a.table(experiment).splitlines()) == 23
+    assert len(fig4a.table(experiment).splitlines()) == 26
+    assert 0.6 < experiment["within_sigma"] < 0.8
     with open(experiment["picture"], "rb") as picture:
         assert picture.read(4) == b"\x89PNG"
 
