@@ -1,4 +1,4 @@
-"""Counts from wires: frames in batches, transports, and the assembly of frames into cycles."""
+"""Counts from CAN buses: frames in batches, transports, and the assembly of frames into cycles."""
 
 from bus.assemble import Assembler
 from bus.codec import Packer, crc16

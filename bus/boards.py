@@ -1,4 +1,4 @@
-"""Boards: what the boards on the buses of a topology say of themselves, in their heartbeats."""
+"""Boards: status of the boards on the buses of a topology, from their heartbeats."""
 
 from __future__ import annotations
 
@@ -18,28 +18,32 @@ _NAMES = tuple(name for name, _ in FIELDS)
 
 @dataclass(slots=True)
 class Board:
-    """What the heartbeats of one node say.
+    """Contents of the heartbeats of one node.
 
     Attributes
     ----------
     heartbeats : int
-        How many came.
+        Number of heartbeats.
     last_s : float
-        When the last one came, in seconds of listening.
+        Time of the last one, in seconds of listening.
     state : str
-        Its state; a number where it has no name.
+        Its state; a number if it has no name.
     serials : set of int
-        Serial numbers; more than one only where two boards are the same node. At most MOST_SERIALS.
+        Serial numbers; more than one only if two boards have the same node number. At most
+        MOST_SERIALS.
+    firmwares : set of int
+        Values of `firmware_id`; more than one if it was updated meanwhile, or as of `serials`.
     """
 
     heartbeats: int = 0
     last_s: float = 0.0
     state: str = ""
     serials: set[int] = field(default_factory=set)
+    firmwares: set[int] = field(default_factory=set)
 
 
 class Boards:
-    """The boards that are heard; there cannot be more of them than there are identifiers.
+    """Boards whose heartbeats were received; their number is bounded by the identifiers.
 
     Parameters
     ----------
@@ -59,13 +63,13 @@ class Boards:
         self._buses = len(topology.buses)
 
     def hear(self, frames: np.ndarray, listened_s: np.ndarray) -> None:
-        """Take the heartbeats among frames; what is not one is left alone.
+        """Process the heartbeats among frames; others are ignored.
 
         Parameters
         ----------
         frames : ndarray, shape (m,), FRAME_DTYPE
         listened_s : ndarray, shape (m,)
-            When each one came, in seconds of listening.
+            Time of each frame, in seconds of listening.
         """
         is_beat = (frames["id"] > FIRST_ID) & (frames["id"] <= LAST_ID)
         is_beat &= (frames["length"] == LAYOUT.size) & (frames["bus"] < self._buses)
@@ -82,3 +86,4 @@ class Boards:
             board.state = STATES[state] if state < len(STATES) else str(state)
             if len(board.serials) < MOST_SERIALS:
                 board.serials.add(said["serial_number"])
+            board.firmwares.add(said["firmware_id"])

@@ -1,10 +1,10 @@
-"""ClockModel: the time of an interface's own clock, by the kernel's.
+"""ClockModel: the map from an interface's own clock to the kernel's.
 
-A controller that stamps frames itself is right to a few microseconds, but its clock starts
-anywhere and runs at a rate of its own; the kernel's stamp is of a known clock, but late by an
-interrupt, a queue, a USB transfer. The delay is never negative: the line below all pairs of stamps
-that is nearest to them is the map [Moon, Skelly, Towsley, INFOCOM 1999]. The least delay cannot be
-told from the offset and stays in it.
+Stamps by a controller are accurate to a few microseconds, but its clock has an unknown offset and
+its own rate; the kernel's stamp is of a known clock, but late by an interrupt, a queue, a USB
+transfer. The delay is never negative: the map is the line below all pairs of stamps that is nearest
+to them [Moon, Skelly, Towsley, INFOCOM 1999]. The smallest delay cannot be distinguished from the
+offset and remains in it.
 """
 
 from __future__ import annotations
@@ -16,34 +16,34 @@ import numpy as np
 __all__ = ["ClockModel"]
 
 SEGMENT_NS = 100_000_000
-"""Of each such stretch the pair with the least delay is kept [assumed]."""
+"""Length of a segment, of which the pair with the smallest delay is kept [assumed]."""
 KEPT = 100
-"""Stretches in the window: 10 s, in which rates of crystals stand still [assumed]."""
+"""Segments in the window: 10 s, in which rates of crystals are constant [assumed]."""
 LEAST = 5
-"""Stretches before the map is used [assumed]."""
+"""Segments before the map is used [assumed]."""
 STEP_NS = 2_000_000
-"""By which a whole stretch is above the line, or a pair below it, where a clock was set [assumed:
-more than a host that is late has of delay in all of 0.1 s]."""
+"""Distance of a whole segment above the line, or of a pair below it, where a clock was set
+[assumed: more than the delay of a late host in all of 0.1 s]."""
 STEPPED = 3
-"""Such stretches in a row above the line that show a step [assumed]."""
+"""Consecutive such segments above the line that show a step [assumed]."""
 FASTEST = 1e-3
-"""Rates of clocks do not differ by more [assumed: ten times a bad crystal]."""
+"""Largest difference of clock rates [assumed: ten times a bad crystal]."""
 
 
 class ClockModel:
-    """Maps stamps of one clock to another, from pairs of which the second is late.
+    """Maps stamps of one clock to another, from pairs whose second stamp is late.
 
     Attributes
     ----------
     origin_ns : int
         Stamp of the first clock at which `offset_ns` holds.
     offset_ns : int
-        Second clock less first one.
+        Second clock minus first one.
     drift : float
         Change of the offset per time.
     error_ns : float
-        One sigma of the map, root mean square of what the kept pairs are above it; NaN before it
-        is ready.
+        One sigma of the map, root mean square of the kept pairs' distance to it; NaN before it is
+        ready.
     steps : int
         How often a clock was set.
 
@@ -65,22 +65,22 @@ class ClockModel:
 
     @property
     def ready(self) -> bool:
-        """Whether there are pairs enough for a map."""
+        """Whether there are enough pairs for a map."""
         return len(self._pairs) >= LEAST
 
     def __call__(self, stamp_ns: int) -> int:
-        """A stamp of the first clock, as one of the second."""
+        """Convert a stamp of the first clock to one of the second."""
         return stamp_ns + self.offset_ns + round(self.drift * (stamp_ns - self.origin_ns))
 
     def report(self) -> dict[str, float | str]:
-        """Error, drift and steps, for people."""
+        """Error, drift and steps, as text and numbers."""
         return {"by": "interface", "error_ns": self.error_ns, "drift_ppm": 1e6 * self.drift,
                 "steps": self.steps}  # fmt: skip
 
     def learn(self, stamp_ns: int, late_ns: int) -> None:
-        """Take the pair of a stretch that has the least delay: stamps of one event by both clocks.
+        """Add the pair of a segment with the smallest delay: stamps of one event by both clocks.
 
-        Where a clock was set, what was learned before is forgotten.
+        Where a clock was set, earlier pairs are dropped.
         """
         if self.ready:
             off = late_ns - self(stamp_ns)
@@ -88,7 +88,7 @@ class ClockModel:
             if off < -STEP_NS or self._above >= STEPPED:
                 self._forget()
         if self._pairs and stamp_ns <= self._pairs[-1][0]:
-            self._forget()  # the first clock began anew
+            self._forget()  # the first clock was reset
         self._pairs.append((stamp_ns, late_ns))
         if self.ready:
             self._fit()
@@ -99,8 +99,8 @@ class ClockModel:
         self.steps += 1
 
     def _fit(self) -> None:
-        """The edge of the lower convex hull over the mean time: of all lines below the pairs the
-        one nearest to them."""
+        """The edge of the lower convex hull over the mean time: the line below all pairs that is
+        nearest to them."""
         self.origin_ns = self._pairs[0][0]
         first_ns = self._pairs[0][1] - self.origin_ns
         x = np.array([stamp - self.origin_ns for stamp, _ in self._pairs], float)

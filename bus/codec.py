@@ -65,8 +65,8 @@ class Packer:
     ) -> int:
         """Append one cycle's frames to `batch`; nothing is allocated.
 
-        A count beyond its signal's bits is written as the nearest one that fits, as a converter
-        at its rail would. Frames carry their bus in `bus`, and 0 in their status field.
+        A count beyond its signal's bits is clipped. Frames have their bus in `bus`, and 0 in their
+        status field.
 
         Parameters
         ----------
@@ -75,7 +75,7 @@ class Packer:
         batch : FrameBatch
             Appended to.
         sequence : int
-            Sequence number of all frames, cut to the bits of its field.
+            Sequence number of all frames, truncated to the bits of its field.
         fault_code : ndarray, shape (n,), uint8, optional
             Each unit's own status; 0 if not given.
         stamp_ns : int
@@ -91,7 +91,7 @@ class Packer:
         Raises
         ------
         IndexError
-            The batch has not room for all of them; none was appended.
+            The batch has no room for all of them; none was appended.
         ValueError
             An array of another shape or type.
         """

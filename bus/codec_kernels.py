@@ -71,7 +71,7 @@ def frame_crc_python(data, row, expected):
 
 @jitable
 def little_endian(data, row, byte):
-    """Four bytes of a record as one number, in one load: the compiler sees through the shifts."""
+    """Four bytes of a record as one number, in one load: the compiler merges the shifts."""
     return (
         np.uint32(data[row, byte])
         | (np.uint32(data[row, byte + np.uintp(1)]) << np.uint32(8))
@@ -196,9 +196,9 @@ _counts, _codes = types.int16[::1], types.uint8[::1]
 _counts_in = types.Array(types.int16, 2, "A", readonly=True)
 _codes_in = types.Array(types.uint8, 1, "A", readonly=True)
 
-# Without numba's run-time memory nothing can allocate, and no array's references are counted at
-# each use of a tuple, which costs several times the work itself. What kernels call goes into them,
-# since a call would hand over the insides of all arrays.
+# Without numba's run-time memory nothing can allocate, and references of arrays in a tuple are not
+# counted, which would cost several times the work itself. Functions that kernels call are inlined,
+# since a call would pass all fields of all arrays.
 crc16 = compiled(
     crc16_python, [_int(_int, _data_in, _int, _int, _int)], allocates=False, forceinline=True
 )

@@ -1,16 +1,16 @@
-"""Configuration: what the host tells boards to do, eight bytes, one identifier on every bus.
+"""Configuration: commands of the host to boards, eight bytes, one identifier on every bus.
 
-Boards are numbered as in their heartbeats (`bus.heartbeat`); sensors of another kind are no such
-boards. A board that is told what it does not know, or cannot do, stays as it is. The frame is not
-answered: that a tare or a rate was taken shows in the data.
+Boards are numbered as in their heartbeats (`bus.heartbeat`); sensors of another kind are not such
+boards. A board ignores unknown or impossible commands. The frame has no answer: the data show
+whether a tare or a rate was accepted.
 
-``tare`` makes the frequency and the lateral field of every unit of the board what they are to be
-at rest: the board takes the mean of its last readings for rest, and subtracts what is too much
-from then on. The axial field stays as it is, since its absolute value tells the displacement. A
-reading at its rail stays there.
+``tare`` zeroes the frequency and the lateral field of every unit of the board: the board takes the
+mean of its last readings as the values at rest, and subtracts the excess from then on. The axial
+field is unchanged, since its absolute value gives the displacement. A reading at its rail stays
+there.
 
-``rate`` makes the board answer every value-th SYNC only, all boards the same ones; without SYNC it
-sends at the value-th part of its rate. 1 is every cycle.
+``rate`` makes the board answer every value-th SYNC only, the same ones for all boards; without SYNC
+it divides its rate by the value. 1 is every cycle.
 """
 
 from __future__ import annotations
@@ -43,15 +43,15 @@ FIELDS = (
     ("command", 8),
     ("node", 8),  # 0: all boards of the bus
     ("value", 16),  # of `rate`: 1 to 65535; of `tare`: 0
-    ("reserved", 32),  # 0; a frame with anything else is of a later protocol, and not obeyed
+    ("reserved", 32),  # 0; other values are of a later protocol, and ignored
 )
-"""Unsigned integers, little endian, one after the other: name and bits."""
+"""Unsigned integers, little endian, in order: name and bits."""
 LAYOUT = struct.Struct("<" + "".join({8: "B", 16: "H", 32: "I"}[bits] for _, bits in FIELDS))
 ALL_NODES = 0
 
 
 class Command(IntEnum):
-    """What a board can be told."""
+    """Commands of boards."""
 
     TARE = 1
     RATE = 2
@@ -64,7 +64,7 @@ class Configuration:
     Attributes
     ----------
     command : int
-        A `Command`, or one that is not known here.
+        A `Command`, or an unknown number.
     node : int
         Number of the board on its bus; 0 for all.
     value : int
@@ -76,14 +76,14 @@ class Configuration:
 
     @property
     def valid(self) -> bool:
-        """Whether the command is known and has a value that it can have."""
+        """Whether the command is known and its value allowed."""
         if self.command == Command.RATE:
             return self.value >= 1
         return self.command == Command.TARE and self.value == 0
 
 
 def pack(command: Command, node: int = ALL_NODES, value: int = 0) -> np.ndarray:
-    """The frame that tells boards to do something, to be sent on their bus.
+    """The frame of a command, to be sent on the bus of the boards.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def pack(command: Command, node: int = ALL_NODES, value: int = 0) -> np.ndarray:
     node : int
         Number of the board on its bus, as in its heartbeats; 0 for all.
     value : int
-        Of ``rate``: every how manyth cycle.
+        Of ``rate``: the decimation.
 
     Returns
     -------
@@ -100,7 +100,7 @@ def pack(command: Command, node: int = ALL_NODES, value: int = 0) -> np.ndarray:
     Raises
     ------
     ValueError
-        No board can obey it.
+        No board can execute it.
 
     Examples
     --------
@@ -122,7 +122,7 @@ def pack(command: Command, node: int = ALL_NODES, value: int = 0) -> np.ndarray:
 
 
 def read(record: np.void) -> Configuration | None:
-    """What a frame tells boards to do; None where it is no configuration frame of this protocol.
+    """The command of a frame; None where it is not a configuration frame of this protocol.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def read(record: np.void) -> Configuration | None:
 
 
 def understands(topology: Topology, bus: int) -> bool:
-    """Whether the identifier is free for configuration on a bus, and not that of somebody's data.
+    """Whether the identifier is free for configuration on a bus, and not one of data.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""RawCycle: the counts of all units at one SYNC, with what is known about each."""
+"""RawCycle: the counts of all units at one SYNC, with their status."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["ClosedBy", "FrameCounters", "RawCycle"]
 
 
 class ClosedBy(StrEnum):
-    """What ended a cycle."""
+    """Reasons for the end of a cycle."""
 
     COMPLETE = "complete"
     SYNC = "sync"
@@ -22,10 +22,10 @@ class ClosedBy(StrEnum):
 
 @dataclass
 class FrameCounters:
-    """Frames by what became of them, since the assembler was made.
+    """Counts of frames by outcome, since the assembler was made.
 
-    Every received frame is counted once, in exactly one of these but `lost`, which counts frames
-    that never came.
+    Every received frame is counted once, in exactly one of these; `lost` counts frames that never
+    came.
     """
 
     data: int = 0
@@ -33,32 +33,33 @@ class FrameCounters:
     sync: int = 0
     heartbeat: int = 0
     configuration: int = 0
-    """What another host told boards to do; this host's own that came back are echoes."""
+    """Configuration by another host; this host's own frames that return are echoes."""
     late: int = 0
-    """Data frames of a cycle that was closed already."""
+    """Data frames of a cycle that was already closed."""
     repeated: int = 0
-    """The same sequence number a second time."""
+    """Repeated sequence numbers."""
     torn: int = 0
-    """Frames of units whose other frames of the cycle never came."""
+    """Frames of incomplete sets of a unit."""
     short: int = 0
     """Wrong length, or a classic frame where CAN FD is due (and the reverse)."""
     foreign: int = 0
-    """Identifiers that the topology does not know."""
+    """Unknown identifiers."""
     remote: int = 0
     error: int = 0
     """Error frames of the controller."""
     crc: int = 0
     """Data frames that failed their CRC."""
     echo: int = 0
-    """Frames of this host's own that came back."""
+    """This host's own frames that returned."""
     lost: int = 0
-    """Gaps in the sequence numbers."""
+    """Gaps in the sequence numbers. Where these are those of SYNC, a cycle whose SYNC did not come
+    is no gap: nobody was asked. Periods that a host left out are overruns of the skin."""
     controller_overflow: int = 0
     """Error frames that report a full controller (counted in `error` too)."""
 
 
 WRONG_FRAMES = ("lost", "late", "repeated", "torn", "short", "crc", "foreign", "error")
-"""Fields of `FrameCounters` that count something wrong: what tables and messages warn of."""
+"""Fields of `FrameCounters` that are faults, which tables and messages report."""
 
 
 @dataclass
@@ -68,15 +69,15 @@ class RawCycle:
     Attributes
     ----------
     number : int
-        SYNC number, counted on from the first one without wrapping.
+        SYNC number, unwrapped.
     stamp_ns : int
         Time stamp of the SYNC, or of the first frame where there is none.
     closed_by : ClosedBy
-        What ended the cycle.
+        Reason for the end of the cycle.
     counts : ndarray, shape (c, n), int16
-        Raw channels (`topology.CHANNELS`); a unit that is missing keeps its last counts.
+        Raw channels (`topology.CHANNELS`); a missing unit keeps its last counts.
     valid : ndarray, shape (n,), bool
-        Fresh, whole and healthy: no flag of `bus.status.INVALID`.
+        Fresh, complete and healthy: no flag of `bus.status.INVALID`.
     status : ndarray, shape (n,), uint16
         `bus.status.Status` flags.
     age : ndarray, shape (n,), int32
@@ -88,10 +89,10 @@ class RawCycle:
     counters : FrameCounters
         Totals up to this cycle.
     stuck : ndarray, shape (n,), uint8
-        Bit c: channel c stands still, by which the unit is FROZEN; see `bus.assemble.still`.
+        Bit c: channel c is stuck, so the unit is FROZEN; see `bus.assemble.stuck_channels`.
     sampled_ns : ndarray, shape (n,), int64
-        Time stamp of when each unit took what it shows: that of the SYNC of its bus, or, without
-        SYNC, of its frame; -1 for never.
+        Time stamp of the values of each unit: that of the SYNC of its bus or, without SYNC, of its
+        frame; -1 for never.
     """
 
     number: int

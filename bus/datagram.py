@@ -1,4 +1,4 @@
-"""DatagramTransport: frames between a datagram socket and batches, many a system call."""
+"""DatagramTransport: frames between a datagram socket and batches, many per system call."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ __all__ = ["DatagramTransport", "enlarge_queue"]
 
 _DROPS_IN_MEMINFO = 8
 _FRAME_CHARGE = 768
-"""Bytes that the kernel charges a receive buffer for one frame, of any length."""
+"""Receive buffer that the kernel charges per frame, of any length."""
 
 QUEUE_BYTES = 8 << 20
-"""Receive buffer asked for; the kernel doubles it. 20 000 frames, two seconds of a full bus."""
+"""Requested receive buffer; the kernel doubles it. 20 000 frames, two seconds of a full bus."""
 PATIENCE_S = 0.01
 """Longest wait for room in the transmit queue; ten frames of a full 1 Mbit/s bus go in 1.4 ms."""
 _RETRY_S = 0.0002
@@ -46,8 +46,8 @@ _LOOK_NS = 50_000_000
 class DatagramTransport(Transport):
     """Frames over a socket whose datagrams are `struct can_frame` or `struct canfd_frame`.
 
-    `SocketCanTransport` is one; over a pair of connected UDP sockets it stands in for a bus where
-    the kernel has no CAN.
+    `SocketCanTransport` is one; a pair of connected UDP sockets replaces a bus on kernels without
+    CAN.
 
     Parameters
     ----------
@@ -58,18 +58,18 @@ class DatagramTransport(Transport):
     index : int
         Written to `bus` of every received frame.
     queue_bytes : int
-        Receive buffer to ask the kernel for.
+        Requested receive buffer.
     patience_s : float
-        How long `send` waits while the interface takes no frame. A transmitter that stays stuck
-        costs that once, not at every call: after it, `send` no longer waits until a frame goes.
+        Timeout of `send` while the interface accepts no frame. After a timeout, `send` does not
+        wait again until a frame is accepted.
 
     Attributes
     ----------
     queue_frames : int
-        Frames that the receive buffer holds, as large as the kernel allowed.
+        Frames that fit into the granted receive buffer.
     clock : ClockModel
-        From the interface's own clock to the kernel's, where the driver stamps frames; then stamps
-        of frames are by it, and not late by what the host was.
+        From the interface's own clock to the kernel's, where the driver stamps frames; frames then
+        have these stamps, which do not contain delays of the host.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class DatagramTransport(Transport):
         self.clock = self._own_clock = ClockModel()
         self._stamped = self._incoming.clock["count"]
         self._learned_ns = 0
-        # Re-entrant, so that a signal's handler may close what its own thread is waiting for.
+        # Re-entrant, so that a signal handler may close the transport on which its thread waits.
         self._receiving, self._sending = threading.RLock(), threading.RLock()
         self._records = np.zeros(0, FRAME_DTYPE)
         self._words = as_words(self._records)
@@ -109,7 +109,7 @@ class DatagramTransport(Transport):
 
     @property
     def counters(self) -> TransportCounters:
-        """What has been counted; drops are the kernel's own count at this moment."""
+        """Counters so far; drops are the kernel's current count."""
         with self._dropping:
             if not self._is_closed:
                 size = 4 * (_DROPS_IN_MEMINFO + 1)
@@ -118,14 +118,13 @@ class DatagramTransport(Transport):
         return self._counters
 
     def fileno(self) -> int:
-        """Descriptor that `poll` can wait on; it stays the same until the transport is closed."""
+        """Descriptor for `poll`; it is constant until the transport is closed."""
         return self._fd
 
     def receive(self, batch: FrameBatch, timeout_s: float = 0.0) -> int:
         """Append waiting frames to `batch`; see `Transport.receive`.
 
-        The kernel writes straight into the batch. Returns early, with 0, when the state of the bus
-        changes meanwhile.
+        The kernel writes into the batch. Returns early, with 0, when the state of the bus changes.
         """
         with self._receiving:
             left_ns = int(min(timeout_s, 1e9) * 1e9)
@@ -167,7 +166,7 @@ class DatagramTransport(Transport):
         return taken
 
     def _learn_clock(self) -> None:
-        """Hand what was seen of the interface's clock to its model, once a stretch is over."""
+        """Pass the pair of stamps to the clock model, once a segment is over."""
         now_ns = time.monotonic_ns()
         if now_ns - self._learned_ns < SEGMENT_NS:
             return
@@ -184,8 +183,8 @@ class DatagramTransport(Transport):
     def send(self, records: np.ndarray) -> int:
         """Send frames, in order; see `Transport.send`.
 
-        Waits for room in the transmit queue (ENOBUFS) as long as frames go. A frame that the
-        interface cannot carry, such as CAN FD on a classic bus, is counted and left out.
+        Waits for room in the transmit queue (ENOBUFS) while frames are accepted. A frame that the
+        interface cannot carry, such as CAN FD on a classic bus, is counted and dropped.
         """
         words = as_words(np.ascontiguousarray(records, FRAME_DTYPE))
         total, at, sent, waiting_since = len(words), 0, 0, 0.0
@@ -220,8 +219,8 @@ class DatagramTransport(Transport):
         return sent
 
     def close(self) -> None:
-        """Close the socket; closing twice is fine, and a waiting `receive` ends."""
-        _ = self.counters  # the last word of the kernel on drops
+        """Close the socket; may be called twice; a waiting `receive` ends."""
+        _ = self.counters  # the kernel's last count of drops
         with self._dropping:
             if self._is_closed:
                 return
@@ -236,28 +235,28 @@ class DatagramTransport(Transport):
         return BusClosedError(f"{self.name}: closed at this end")
 
     def _count_drops(self, total: int) -> None:
-        # A frame carries the count of when it came, which may be older than the last one asked for.
+        # A frame has the count of its arrival, which may be older than the last one read.
         fresh = (total - self._drops_seen) & 0xFFFF_FFFF
         if fresh < 1 << 31:
             self._counters.queue_drops += fresh
             self._drops_seen = total
 
     def _fail(self, number: int) -> None:
-        """Handle an error that the socket reports; a plain socket's frames are just not taken."""
+        """Handle an error of the socket; on a plain socket frames are just refused."""
 
     def _look_again(self) -> None:
-        """Look at the interface, at most every _LOOK_NS."""
+        """Check the interface, at most every _LOOK_NS."""
         now = time.monotonic_ns()
         if now - self._looked_ns >= _LOOK_NS:
             self._looked_ns = now
             self._look()
 
     def _look(self) -> None:
-        """Compare `state` with the interface; a plain socket has none."""
+        """Update `state` from the interface; a plain socket has none."""
 
 
 def enlarge_queue(sock: socket.socket, wanted: int) -> int:
-    """Set the receive buffer to `wanted` bytes or what is allowed; return what the kernel has."""
+    """Set the receive buffer to `wanted` bytes or the limit; returns the actual size."""
     try:
         sock.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, wanted)
     except PermissionError:

@@ -1,8 +1,8 @@
-"""DBC files: what is on a bus, for every other CAN tool.
+"""DBC files: the messages of a bus, for other CAN tools.
 
-One file a bus, since identifiers are unique on a bus only. Names are C identifiers of 32 characters
-at most, and signals have one that no other signal of the file has: the unit's, and the channel's.
-The text is plain ASCII, and says nothing that some common tool cannot read.
+One file a bus, since identifiers are unique per bus only. Names are C identifiers of at most 32
+characters, and those of signals are unique in a file: the unit's, and the channel's. The text is
+plain ASCII, in the subset that common tools read.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _CRC = (
 
 @dataclass(frozen=True)
 class DbcFile:
-    """A file that was written.
+    """A written file.
 
     Attributes
     ----------
@@ -98,20 +98,20 @@ class _Message:
     receivers: str
     comment: str
     cycle_ms: int
-    """0: it comes when SYNC does, when the host will, or more often than each millisecond."""
+    """0: not periodic, or more often than each millisecond."""
     signals: list[_Signal]
 
 
 def write_dbc(topology: Topology, folder: str | os.PathLike[str] = ".") -> list[DbcFile]:
     """Write one DBC file for each bus, named after the skin and the bus: "palm-main.dbc".
 
-    Each file is written beside its place and then moved there, so that none is ever half written.
+    Each file is written under a temporary name and renamed, so that none is ever incomplete.
 
     Parameters
     ----------
     topology : Topology
     folder : str or path
-        Where to; made if it is not there.
+        Destination; made if it does not exist.
 
     Returns
     -------
@@ -233,7 +233,7 @@ def _messages(topology: Topology, index: int) -> list[_Message]:
 
 
 def _boards(topology: Topology, index: int) -> np.ndarray:
-    """Rows of `Topology.frames` that are the first of their set, on one bus."""
+    """Rows of `Topology.frames` that start a set, on one bus."""
     return np.flatnonzero((topology.frames.bus == index) & (topology.frames.part == 0))
 
 
@@ -312,7 +312,7 @@ def _signals(
 
 
 def _faults(signal: Signal) -> dict[int, str]:
-    """Words for the values of a status: 0 is fine, and a single bit says no more than a fault."""
+    """Texts for the values of a status: 0 is healthy, and a single bit is just a fault."""
     if signal.name not in ("status", "unit_status"):
         return {}
     return {0: "ok", 1: "fault"} if signal.length == 1 else {0: "ok"}
@@ -341,13 +341,13 @@ def _configuration(boards: list[str], names: _Names) -> _Message:
             values = {configure.ALL_NODES: "all"}
         signals.append(_Signal(names.signal(name, what), start, bits, values=values))
         start += bits
-    comment = "What the host tells a board, or all; reserved must be 0"
+    comment = "Command of the host to a board, or to all; reserved must be 0"
     return _Message(name, configure.IDENTIFIER, configure.LAYOUT.size, False, HOST,
                     ",".join(boards), comment, 0, signals)  # fmt: skip
 
 
 class _Names:
-    """Gives names of a file: C identifiers, short enough, each one once."""
+    """Makes names for a file: short, unique C identifiers."""
 
     def __init__(self) -> None:
         self._taken: set[str] = {HOST}
@@ -355,7 +355,7 @@ class _Names:
         self._units: set[str] = set()
 
     def message(self, owner: str, tail: str = "") -> str:
-        """A message's name, with room for the name of a field after it; the owner gives way."""
+        """A message's name, with room for the name of a field after it; the owner is shortened."""
         room = LONGEST - 1 - max(map(len, FRAME_FIELDS))
         return _once(_identifier(owner)[: room - len(tail)] + tail, room, self._taken)
 
@@ -363,7 +363,7 @@ class _Names:
         return _once(f"{owner}_{what}", LONGEST, self._signals)
 
     def unit(self, name: str) -> str:
-        """A unit's name, with room for the name of a channel after it; the patch gives way."""
+        """A unit's name, with room for the name of a channel after it; the patch is shortened."""
         room = LONGEST - 1 - max(map(len, CHANNELS))
         patch, _, unit = _identifier(name.replace("/", "\0")).partition("\0")
         unit = unit[-(room - 4) :]
@@ -376,7 +376,7 @@ def _identifier(text: str) -> str:
 
 
 def _once(name: str, room: int, taken: set[str]) -> str:
-    """A name cut to its room, and numbered where another one has it."""
+    """A name truncated to its room, and numbered if it is taken."""
     given, number = name[:room], 1
     while given.lower() in taken:
         number += 1
@@ -387,7 +387,7 @@ def _once(name: str, room: int, taken: set[str]) -> str:
 
 
 def _number(value: float) -> str:
-    """A number, to its last digit, without a point where it is whole."""
+    """A number with all digits, without a point if it is whole."""
     return str(int(value)) if value == int(value) and abs(value) < 1e15 else repr(float(value))
 
 
@@ -400,5 +400,5 @@ def _enum(words: tuple[str, ...]) -> str:
 
 
 def _ascii(quantity: str) -> str:
-    """A unit of measurement without letters that tools read in different ways."""
+    """A unit of measurement in ASCII, which all tools read alike."""
     return quantity.replace("µ", "u").replace("°", "deg")

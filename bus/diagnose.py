@@ -1,8 +1,8 @@
-"""Findings: where what is heard differs from what is expected, and the likely cause, in words.
+"""Findings: differences between received and expected traffic, with the likely cause, as text.
 
-Each rule looks at one thing. A cause explains what follows from it: on a bus where nobody is heard
-no unit is called missing, and a branch that is silent is one finding, however many units hang on
-it. Of many findings of one kind the first few are told and the others counted.
+Each rule checks one thing. A cause explains its consequences: on a silent bus no unit is reported
+as missing, and a silent branch is one finding for all of its units. Of many findings of one kind
+the first few are reported and the others counted.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from bus.diagnose_boards import same_serials
+from bus.diagnose_boards import other_firmwares, same_serials
 from bus.diagnose_bus import LONG_SILENCE, BusRules
 from bus.discover import Survey
 from bus.finding import Finding, some
@@ -19,20 +19,20 @@ from bus.state import BusState
 from bus.status import Status
 from bus.transport import Transport
 
-__all__ = ["TOLD", "Finding", "diagnose", "swapped_buses"]
+__all__ = ["MOST_REPORTED", "Finding", "diagnose", "swapped_buses"]
 
-TOLD = 8
-"""Findings of one kind that are told one by one."""
+MOST_REPORTED = 8
+"""Findings of one kind that are reported one by one."""
 
 
 def diagnose(survey: Survey, transports: Sequence[Transport] = ()) -> list[Finding]:
-    """What a survey has found, errors first.
+    """Findings of a survey, errors first.
 
     Parameters
     ----------
     survey : Survey
     transports : sequence of Transport
-        Those that were listened to, for what they have counted themselves.
+        Those of the survey, for their own counters.
     """
     found = list(_of_transports(survey, transports))
     instead = swapped_buses(survey)
@@ -41,28 +41,29 @@ def diagnose(survey: Survey, transports: Sequence[Transport] = ()) -> list[Findi
         found += BusRules(survey, b, instead.get(b)).findings()
     found += _of_units(survey)
     found += same_serials(survey)
+    found += other_firmwares(survey)
     found = [finding for code in dict.fromkeys(f.code for f in found)
              for finding in _few([f for f in found if f.code == code])]  # fmt: skip
     return sorted(found, key=lambda finding: finding.severity)
 
 
 def _few(findings: list[Finding]) -> Iterator[Finding]:
-    """The first findings of one kind, and how many more there are."""
-    if len(findings) <= TOLD:
+    """The first findings of one kind, and the number of further ones."""
+    if len(findings) <= MOST_REPORTED:
         yield from findings
         return
-    yield from findings[: TOLD - 1]
-    rest = findings[TOLD - 1 :]
+    yield from findings[: MOST_REPORTED - 1]
+    rest = findings[MOST_REPORTED - 1 :]
     count = sum(finding.count for finding in rest)
     yield Finding(rest[0].code, rest[0].severity, f"{len(rest)} more", count,
                   f"the same as above, {count} in all", rest[0].likely_cause)  # fmt: skip
 
 
 def swapped_buses(survey: Survey) -> dict[int, int]:
-    """Buses that hear each other's units, and whose each one hears.
+    """Buses that receive each other's units, and the bus whose units each one receives.
 
-    Identifiers tell: of those that another bus has and this one has not, at least half are heard,
-    and none that is this bus's alone. Buses with the same identifiers cannot be told apart.
+    By identifiers: at least half of those that only another bus has are received, and none that
+    only this bus has. Buses with the same identifiers cannot be distinguished.
     """
     skin, frames = survey.topology, survey.topology.frames
     buses = range(len(skin.buses))
@@ -76,7 +77,7 @@ def swapped_buses(survey: Survey) -> dict[int, int]:
                 (expected[here] - expected[there]) & heard[here]
             ):
                 instead[here] = there
-    # A round of buses in which each one's units are somewhere; not one that hears two others.
+    # A cycle of buses in which all units appear; not one bus that receives two others.
     while instead.keys() != set(instead.values()):
         instead = {
             here: there
@@ -107,12 +108,12 @@ def _of_swapped(survey: Survey, instead: dict[int, int]) -> Iterator[Finding]:
 
 
 def _of_units(survey: Survey) -> Iterator[Finding]:
-    """What units are flagged with."""
+    """Flags of units."""
     names = survey.topology.unit_names
     cases: tuple[tuple[Status, str, str, str], ...] = (
         (Status.DUPLICATE, "duplicate-id", "two senders with one identifier, by their sequence "
          "numbers and bytes", "two units set to the same address"),
-        (Status.FROZEN, "frozen", "counts stand still, bit by bit, though noise is due",
+        (Status.FROZEN, "frozen", "counts are constant, although noise is expected",
          "a stuck converter or sensor chip behind a live controller"),
         (Status.FAULT, "unit-fault", "the unit reports a fault of its own",
          "see the unit's manual for the code"),
@@ -120,9 +121,9 @@ def _of_units(survey: Survey) -> Iterator[Finding]:
     for flag, code, text, cause in cases:
         cycles = survey.flagged[flag]
         for unit in np.flatnonzero(cycles):
-            told = f" (code {survey.fault_code[unit]})" if flag is Status.FAULT else ""
+            fault = f" (code {survey.fault_code[unit]})" if flag is Status.FAULT else ""
             yield Finding(code, "error", names[unit], int(cycles[unit]),
-                          f"{text}{told}, in {cycles[unit]} of {survey.cycles} cycles",
+                          f"{text}{fault}, in {cycles[unit]} of {survey.cycles} cycles",
                           cause)  # fmt: skip
     for unit in np.flatnonzero(survey.longest_age >= LONG_SILENCE):
         silent_s = survey.longest_age[unit] / survey.topology.cycle_rate_hz
@@ -134,7 +135,7 @@ def _of_units(survey: Survey) -> Iterator[Finding]:
 
 
 def _of_transports(survey: Survey, transports: Iterable[Transport]) -> Iterator[Finding]:
-    """What the transports know of themselves."""
+    """Findings of the transports themselves."""
     if survey.closed:
         yield Finding(
             "closed", "error", "host", 1, f"listening ended early: {survey.closed}",

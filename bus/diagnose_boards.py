@@ -1,4 +1,4 @@
-"""The doctor's rules about boards: whose heartbeat is missing, strange, or that of two."""
+"""The doctor's rules about boards: missing, invalid or duplicate heartbeats, other firmware."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from bus.finding import Finding, hex_id, some
 from bus.heartbeat import FIRST_ID, PERIOD_S, beating_nodes
 from topology.wire import LAYOUTS
 
-__all__ = ["BoardRules", "same_serials"]
+__all__ = ["BoardRules", "other_firmwares", "same_serials"]
 
 PATIENCE_S = 2.5 * PERIOD_S
-"""A heartbeat that has not come for so long is missing."""
+"""Silence after which a heartbeat is missing."""
 
 
 class BoardRules:
@@ -43,7 +43,7 @@ class BoardRules:
         layouts = frames.layout[(frames.bus == index) & (frames.part == 0)]
         own = [skin.layouts[layouts[node - 1]] in LAYOUTS.values() for node in self.expected]
         self._promised = {node for node, is_own in zip(self.expected, own, strict=True) if is_own}
-        """Those with frames of this project's own, which send heartbeats; of others who knows."""
+        """Those with this project's frames, which send heartbeats; others may not."""
 
     def findings(self, gone: np.ndarray) -> Iterator[Finding]:
         """Everything about the boards of this bus.
@@ -51,7 +51,7 @@ class BoardRules:
         Parameters
         ----------
         gone : ndarray, shape (f,), bool
-            Frames of this bus that do not come.
+            Missing frames of this bus.
         """
         talking = set(self.nodes[~gone].tolist())
         missing = [node for node in self.expected if node in talking and self._misses(node)]
@@ -74,17 +74,17 @@ class BoardRules:
                 )  # fmt: skip
 
     def alive(self, gone: np.ndarray) -> str:
-        """Where frames do not come, though the boards that send them all live: the cause.
+        """The cause where frames are missing although the boards that send them are alive.
 
         Parameters
         ----------
         gone : ndarray, shape (f,), bool
-            Frames of this bus that do not come.
+            Missing frames of this bus.
 
         Returns
         -------
         str
-            Empty where one of the boards gives no sign of life.
+            Empty where one of the boards is silent.
         """
         nodes = np.unique(self.nodes[gone]).tolist()
         if not nodes or any(node not in self.heard or self._misses(node) for node in nodes):
@@ -123,7 +123,7 @@ class BoardRules:
             )  # fmt: skip
 
     def _unknown(self, node: int, board: Board, missing: list[int]) -> Finding:
-        cause = "a board that the file lacks, or that has another node number"
+        cause = "a board that is not in the file, or that has another node number"
         if missing:
             cause = f"a board with another node number: node {missing[0]} is missing"
         return Finding(
@@ -138,7 +138,7 @@ class BoardRules:
 
 
 def same_serials(survey: Survey) -> Iterator[Finding]:
-    """Boards of the whole skin that have a serial number in common."""
+    """Boards of the whole skin with the same serial number."""
     owners: dict[int, list[str]] = {}
     for (bus, node), board in sorted(survey.boards.heard.items()):
         name = survey.topology.buses[bus].name
@@ -152,6 +152,32 @@ def same_serials(survey: Survey) -> Iterator[Finding]:
                 "boards that were programmed with one image, or one board that is heard on two "
                 "identifiers or buses",
             )  # fmt: skip
+
+
+def other_firmwares(survey: Survey) -> Iterator[Finding]:
+    """Boards of one wire layout whose heartbeats name different firmware. Boards of different
+    layouts may need it."""
+    skin, frames = survey.topology, survey.topology.frames
+    owners: dict[int, dict[int, list[str]]] = {}
+    for bus, one in enumerate(skin.buses):
+        layouts = frames.layout[(frames.bus == bus) & (frames.part == 0)]
+        for node in beating_nodes(skin, bus):
+            if (board := survey.boards.heard.get((bus, node))) is None:
+                continue
+            for firmware in sorted(board.firmwares):
+                of_layout = owners.setdefault(int(layouts[node - 1]), {})
+                of_layout.setdefault(firmware, []).append(f"node {node} on bus {one.name!r}")
+    for layout, of_layout in sorted(owners.items()):
+        if len(of_layout) < 2:
+            continue
+        ranked = sorted(of_layout.items(), key=lambda one: (-len(one[1]), one[0]))
+        parts = [f"{firmware} on {_listed(names)}" for firmware, names in ranked]
+        yield Finding(
+            "firmware-mismatch", "warning", f"boards of layout {skin.layouts[layout].name!r}",
+            sum(len(names) for _, names in ranked[1:]),
+            f"their heartbeats have different values of firmware_id: {'; '.join(parts)}",
+            "a board that was replaced, or that an update did not reach",
+        )  # fmt: skip
 
 
 def _listed(words: Collection[object], most: int = 4) -> str:

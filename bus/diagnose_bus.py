@@ -1,4 +1,4 @@
-"""The doctor's rules about one bus: who is silent, who is strange, who is wrong or lost."""
+"""The doctor's rules about one bus: silent, unknown, invalid and lost frames."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["LONG_SILENCE", "BusRules"]
 Row = int | np.integer | np.ndarray
 
 LONG_SILENCE = 20
-"""Cycles without a reading that are more than losses in a row."""
+"""Consecutive cycles without a reading that are more than losses."""
 _RATE_TOLERANCE = 0.1
 _HEARTBEATS = range(FIRST_ID, LAST_ID + 1)
 
@@ -33,7 +33,7 @@ class BusRules:
     index : int
         Of the bus.
     instead : int, optional
-        Bus whose units are heard here, instead of this bus's own.
+        Bus whose units are received here, instead of this bus's own.
     """
 
     def __init__(self, survey: Survey, index: int, instead: int | None = None) -> None:
@@ -51,11 +51,11 @@ class BusRules:
         self.gone = (self.never | self.fell) & self.enabled
         self.interrupted = np.array([self._has_come_back(row) for row in self.rows], bool)
         self.slow = np.zeros(self.rows.size, bool)
-        """Frames that come evenly, at another rate: no losses."""
+        """Frames at a constant but wrong rate: no losses."""
         self.boards = BoardRules(survey, index)
 
     def findings(self) -> Iterator[Finding]:
-        """Everything about this bus."""
+        """All findings of this bus."""
         yield from self._errors()
         yield from self._sync()
         if self.instead is not None:
@@ -68,7 +68,7 @@ class BusRules:
         yield from self._losses()
         yield from self.boards.findings(self.never | self.fell)
 
-    # -- what the rows of this bus are ---------------------------------------------------------
+    # -- rows of this bus ---------------------------------------------------------
 
     def _units(self, row: Row) -> np.ndarray:
         units = self.skin.frames.units[row]
@@ -85,7 +85,7 @@ class BusRules:
         return self.survey.longest_age[self._units(row)].max(initial=0) >= LONG_SILENCE
 
     def _frame(self, place: Row) -> str:
-        """A frame of this bus in words, by its units."""
+        """A frame of this bus as text, by its units."""
         units = [self.skin.unit_names[u] for u in self._units(self.rows[place])]
         names = units[0] if len(units) == 1 else f"{units[0]} … {units[-1]}"
         return f"{names} ({hex_id(self.ids[place])})"
@@ -93,11 +93,11 @@ class BusRules:
     # -- rules ---------------------------------------------------------------------------------
 
     def _errors(self) -> Iterator[Finding]:
-        told = self.survey.errors[self.index]
-        count = sum(told.values())
+        errors = self.survey.errors[self.index]
+        count = sum(errors.values())
         if not count:
             return
-        words, most = max(told.items(), key=lambda item: item[1])
+        words, most = max(errors.items(), key=lambda item: item[1])
         if not self.survey.traffic[self.index]:
             yield Finding(
                 "wrong-bitrate", "error", self.name, count,
@@ -128,7 +128,7 @@ class BusRules:
         if survey.sends_sync and foreign:
             yield Finding(
                 "second-sync", "error", self.name, foreign,
-                f"{foreign} SYNCs of somebody else, beside this host's own",
+                f"{foreign} SYNCs of somebody else, in addition to this host's own",
                 "another host, or a second program on this one, sends SYNC too; listen with "
                 "--sync bus, or stop the other",
             )  # fmt: skip
@@ -228,11 +228,11 @@ class BusRules:
         )  # fmt: skip
 
     def _alive(self, places: Any) -> str:
-        """The likely cause where silent frames are those of boards that live; else empty."""
+        """The likely cause where boards with silent frames are alive; else empty."""
         return self.boards.alive(np.isin(np.arange(self.rows.size), places))
 
     def _how(self, places: np.ndarray) -> str:
-        """Never heard, or silent since when."""
+        """Never received, or silent since when."""
         if self.never[places].all():
             return "never heard"
         fallen = places[self.fell[places]]
@@ -267,7 +267,7 @@ class BusRules:
         frames = self.skin.frames
         for other in np.flatnonzero((frames.can_id == can_id) & (frames.bus != self.index)):
             name = self.skin.buses[frames.bus[other]].name
-            return f"a unit that hangs on the wrong bus: bus {name!r} expects it"
+            return f"a unit on the wrong bus: bus {name!r} expects it"
         missing = [hex_id(i) for i, gone in zip(self.ids, self.gone, strict=True) if gone]
         sizes = {(layout.size, layout.fd) for layout in self.skin.layouts}
         if missing and (kind.length, kind.is_fd) in sizes:
@@ -279,7 +279,7 @@ class BusRules:
             n for k, n in self.here.items() if k.can_id == can_id
         ):
             return "a babbling node: it fills a quarter of all frames"
-        return "another device on the bus, or a unit that the file lacks"
+        return "another device on the bus, or a unit that is not in the file"
 
     def _at(self, count: int) -> str:
         if not self.survey.seconds or count < LONG_SILENCE:
@@ -326,7 +326,7 @@ class BusRules:
         )  # fmt: skip
 
     def _rate(self) -> Iterator[Finding]:
-        """Units that send less or more often than once a cycle, and do it evenly."""
+        """Units that send at a constant rate other than once a cycle."""
         survey, cycles = self.survey, self.survey.cycles
         if cycles < LONG_SILENCE:
             return
@@ -372,7 +372,7 @@ class BusRules:
              "the bus is too full for the cycle rate, or this host is late"),
         ):  # fmt: skip
             if kind == "late" and self.bus.sync_id is not None and not survey.syncs[self.index]:
-                continue  # without a SYNC there is no cycle to be in time for
+                continue  # without a SYNC frames cannot be late
             explained = doubled | ((self.interrupted | self.slow) & (kind == "lost"))
             counts = survey.by_frame(kind)[self.rows] * ~explained
             if kind == "lost":  # a frame that came late was missed first

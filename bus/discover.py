@@ -1,8 +1,7 @@
-"""Survey: what is heard on the buses of a topology, for a comparison with what is expected.
+"""Survey: traffic on the buses of a topology, for a comparison with the expected one.
 
-`bus.diagnose` turns a survey into findings. Whatever comes, a survey stays small: frames are
-counted by bus, identifier, length and kind, and of kinds beyond the first few thousand only how
-many there were.
+`bus.diagnose` turns a survey into findings. Memory is bounded for any traffic: frames are counted
+by bus, identifier, length and kind; beyond the first few thousand kinds only the total is kept.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ _WATCHED = (Status.FROZEN, Status.FAULT, Status.DUPLICATE)
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """A kind of frame that was heard."""
+    """A kind of received frame."""
 
     bus: int
     can_id: int
@@ -43,43 +42,43 @@ class Heard:
 
 
 class Survey:
-    """What is heard on the buses of a topology.
+    """Traffic on the buses of a topology.
 
     Parameters
     ----------
     topology : Topology
     sends_sync : bool
-        Whether this host sends SYNC; a SYNC of somebody else is then one too many.
+        Whether this host sends SYNC; a SYNC of another node is then a fault.
 
     Attributes
     ----------
     cycles : int
-        Cycles that have ended.
+        Cycles so far.
     heard : dict of Heard to int
-        Frames of others, error and remote frames left out.
+        Frames of others, without error and remote frames.
     more_kinds : int
         Frames of kinds beyond those in `heard`.
     errors : list of dict of str to int
-        Error frames of each bus by what they say; those of a full controller left out.
+        Error frames of each bus by content, without those of a full controller.
     traffic, syncs : ndarray, shape (buses,), int64
-        Frames of others, error frames left out; SYNCs of anybody.
+        Frames of others, without error frames; SYNCs of all nodes.
     foreign_syncs : ndarray, shape (buses,), int64
         SYNCs of others.
     unsent : ndarray, shape (buses,), int64
-        SYNCs of this host that a bus would not take.
+        SYNCs of this host that a bus did not accept.
     flagged : dict of Status to ndarray, shape (n,), int64
         Cycles in which a unit had a flag.
     fault_code : ndarray, shape (n,), uint8
-        Last fault that a unit told of itself.
+        Last fault reported by a unit.
     age, longest_age : ndarray, shape (n,), int64
         Cycles since the last reading, -1 for never; the longest silence that ended.
     boards : Boards
-        What boards say in their heartbeats.
+        Contents of heartbeats.
     listened_s : ndarray, shape (buses,)
-        How long each bus was listened to, in seconds, by the time stamps of others' frames; steps
-        back, and on by more than a second, left out.
+        Listening time of each bus, in seconds, by the stamps of others' frames; steps back, and
+        steps of more than a second, are left out.
     closed : str
-        Why a bus could not be listened to until the end; empty if it could.
+        Why listening to a bus ended early; empty if it did not.
     """
 
     def __init__(self, topology: Topology, *, sends_sync: bool = False) -> None:
@@ -105,12 +104,12 @@ class Survey:
 
     @property
     def seconds(self) -> float:
-        """How long was listened, in seconds."""
+        """Listening time, in seconds."""
         return float(self.listened_s.max())
 
     @property
     def counters(self) -> FrameCounters:
-        """Frames by what became of them."""
+        """Counts of frames by outcome."""
         return self._assembler.counters
 
     def by_frame(self, kind: str) -> np.ndarray:
@@ -123,7 +122,7 @@ class Survey:
         Parameters
         ----------
         frames : ndarray, shape (m,), FRAME_DTYPE
-            From all buses; the host's own SYNC among them, marked as its own (`ECHO`).
+            From all buses, including the host's own SYNC, which is marked as such (`ECHO`).
         """
         if not frames.size:
             return
@@ -136,21 +135,21 @@ class Survey:
             self._see(cycle)
 
     def expire(self, now_ns: int) -> None:
-        """End the open cycle if its time is over, or a silent one; for a live bus."""
+        """Close the open cycle at its deadline, or a silent one; for a live bus."""
         cycle = self._assembler.expire(now_ns) or self._assembler.silence(now_ns)
         if cycle is not None:
             self._see(cycle)
 
     def finish(self) -> None:
-        """End the open cycle."""
+        """Close the open cycle."""
         cycle = self._assembler.flush()
         if cycle is not None:
             self._see(cycle)
 
     def _time(self, frames: np.ndarray) -> np.ndarray:
-        """When each frame came, in seconds of listening to its bus; 0 for this host's own.
+        """Time of each frame, in seconds of listening to its bus; 0 for this host's own.
 
-        Each bus by itself, since their stamps may be of different clocks, and come in turns.
+        Per bus, since stamps may be of different clocks, and buses are read in turn.
         """
         came_s = np.zeros(frames.size)
         of_others = (frames["origin"] & ECHO) == 0
@@ -200,25 +199,25 @@ class Survey:
                 words = "" if error.is_overflow else error.words
                 if len(self._words) < MOST_KINDS:
                     self._words[key] = words
-            if not words:  # a full controller is no error of the bus; the assembler counts it
+            if not words:  # a full controller is not an error of the bus; the assembler counts it
                 continue
-            told = self.errors[record["bus"]]
-            words = words if words in told or len(told) < MOST_KINDS else "other errors"
-            told[words] = told.get(words, 0) + 1
+            kinds = self.errors[record["bus"]]
+            words = words if words in kinds or len(kinds) < MOST_KINDS else "other errors"
+            kinds[words] = kinds.get(words, 0) + 1
 
     def _see(self, cycle: RawCycle) -> None:
         self.cycles += 1
         for flag in self.flagged:
             self.flagged[flag] += (cycle.status & int(flag)) != 0
-        told = cycle.fault_code != 0
-        self.fault_code[told] = cycle.fault_code[told]
+        reported = cycle.fault_code != 0
+        self.fault_code[reported] = cycle.fault_code[reported]
         is_back = (cycle.age == 0) & (self.age > 0)
         self.longest_age[is_back] = np.maximum(self.longest_age, self.age)[is_back]
         self.age[:] = cycle.age
 
 
 class Listener(Protocol):
-    """What `listen` feeds with all that it hears; `Survey` is one."""
+    """Receiver of `listen`, such as `Survey`."""
 
     topology: Topology
     sends_sync: bool
@@ -239,9 +238,9 @@ def listen(
     clock: Callable[[], int] = time.monotonic_ns,
     counter: int = 0,
 ) -> int:
-    """Let a survey listen to live buses.
+    """Feed a survey from live buses.
 
-    A bus that closes meanwhile ends it early, and the survey says so.
+    Ends early where a bus closes, which the survey records.
 
     Parameters
     ----------
@@ -249,7 +248,7 @@ def listen(
     transports : sequence of Transport
         One for each bus of the survey's topology, in order.
     seconds : float
-        How long.
+        Duration.
     sync : "host" or "bus"
         Who sends SYNC: this host, at the cycle rate, or another node.
     clock : callable
@@ -260,7 +259,7 @@ def listen(
     Returns
     -------
     int
-        Counter of the next SYNC, for a call that goes on: units count the cycles on.
+        Counter of the next SYNC, for another call: units continue counting.
     """
     skin, batch = survey.topology, FrameBatch(4096)
     period_ns = round(1e9 / skin.cycle_rate_hz)
@@ -298,7 +297,8 @@ def listen(
 def _send_sync(
     skin: Topology, transports: Sequence[Transport], counter: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Send SYNC on every bus; return it as the host's own frames, and which buses have taken it."""
+    """Send SYNC on every bus; returns it as the host's own frames, and the buses that accepted
+    it."""
     frames = np.zeros(len(skin.buses), FRAME_DTYPE)
     frames["stamp_ns"], frames["length"], frames["origin"] = time.time_ns(), 1, ECHO
     frames["data"][:, 0] = counter & 0xFF

@@ -2,12 +2,12 @@
 
 ::
 
-    BusError                 everything below
+    BusError                 base class
     ├── BusOpenError         a bus of the topology could not be opened
     ├── BusClosedError       the transport was closed, or its interface is gone
     ├── LayoutError          a wire layout that cannot be packed or unpacked
-    ├── LogError             a log file is not what it says it is
-    └── FaultScriptError     a script of faults to order cannot be used
+    ├── LogError             a log file is damaged or of another format
+    └── FaultScriptError     a fault script cannot be used
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ __all__ = [
 
 
 class BusError(Exception):
-    """Anything that goes wrong between wires and counts."""
+    """Base class of errors between wires and counts."""
 
 
 class BusOpenError(BusError):
@@ -31,7 +31,7 @@ class BusOpenError(BusError):
 
 
 class BusClosedError(BusError):
-    """The transport was closed, or its interface is gone for good."""
+    """The transport was closed, or its interface is permanently gone."""
 
 
 class LayoutError(BusError):
@@ -39,8 +39,9 @@ class LayoutError(BusError):
 
 
 class LogError(BusError):
-    """A log file is not what it says it is; the message names file and first offending position."""
+    """A log file is damaged or of another format; the message names file and first invalid
+    position."""
 
 
 class FaultScriptError(BusError):
-    """A script of faults to order cannot be used; the message has one problem a line."""
+    """A fault script cannot be used; the message has one problem a line."""

@@ -1,4 +1,4 @@
-"""Finding: one thing that is not as it should be, and the words that findings share."""
+"""Finding: one fault or deviation, and common texts of findings."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["Finding", "frame_kind", "hex_id", "rates", "some"]
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that is not as it should be.
+    """One fault or deviation.
 
     Attributes
     ----------
@@ -24,11 +24,11 @@ class Finding:
     subject : str
         Bus, unit, identifier or host.
     count : int
-        How often; frames, units or cycles, as the text says.
+        Occurrences: frames, units or cycles, as stated in the text.
     text : str
-        What was found, against what was expected.
+        Observation and expectation.
     likely_cause : str
-        What to look at first.
+        What to check first.
     """
 
     code: str

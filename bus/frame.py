@@ -50,21 +50,21 @@ FRAME_DTYPE = np.dtype(
     ]
 )
 """One frame, 80 bytes. From `id` on it is the kernel's `struct canfd_frame`, byte for byte, so that
-`recvmmsg` can write into a batch; `origin` and `bus` lie in that struct's two reserved bytes.
-Bytes of `data` past `length` are undefined."""
+`recvmmsg` can write into a batch; `origin` and `bus` are in that struct's two reserved bytes. Bytes
+of `data` past `length` are undefined."""
 LENGTH_AT, FLAGS_AT, ORIGIN_AT, BUS_AT, PAYLOAD = 12, 13, 14, 15, 16
-"""Places of these fields in the bytes of a record; PAYLOAD is that of the first data byte."""
+"""Offsets of these fields in a record; PAYLOAD is that of the first data byte."""
 _WORDS = np.dtype((np.int64, FRAME_DTYPE.itemsize // 8))
 _BYTES = np.dtype((np.uint8, FRAME_DTYPE.itemsize))
 
 
 class FrameBatch:
-    """A buffer of frames that is filled, read and cleared without allocating.
+    """A buffer of frames that is filled, read and cleared without allocation.
 
     Parameters
     ----------
     capacity : int
-        Frames that fit.
+        Maximum number of frames.
 
     Attributes
     ----------
@@ -99,7 +99,7 @@ class FrameBatch:
         return self.records[: self.count]
 
     def clear(self) -> None:
-        """Forget all frames."""
+        """Remove all frames."""
         self.count = 0
 
     def append(
@@ -136,14 +136,14 @@ class FrameBatch:
         self.count += 1
 
     def extend(self, records: np.ndarray) -> int:
-        """Copy as many of `records` as fit; return how many that were."""
+        """Copy as many of `records` as fit; returns their number."""
         taken = min(self.room, records.size)
         self.records[self.count : self.count + taken] = records[:taken]
         self.count += taken
         return taken
 
     def merge(self) -> None:
-        """Put the frames of several buses, received one bus after the other, in order of time.
+        """Sort the frames of several buses, received one bus after the other, by time.
 
         The order of each bus stays as it is, even where its stamps step back.
         """
@@ -158,7 +158,7 @@ class FrameBatch:
 
 
 class FrameViews(NamedTuple):
-    """Two views of the same m records, as kernels take them."""
+    """Two views of the same m records, for kernels."""
 
     words: np.ndarray
     """Shape (m, 10), int64: column 0 is the time stamp; column 1 holds identifier, length, flags,

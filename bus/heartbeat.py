@@ -1,8 +1,8 @@
-"""Heartbeats: what every board says of itself once a second, eight bytes.
+"""Heartbeats: status of every board, once a second, eight bytes.
 
-A board is what sends one set of data frames. Boards are nodes 1, 2, … of their bus in the order of
-their identifiers; there are as many heartbeats as there are identifiers for them. Sensors of
-another kind are boards too, but send none.
+A board sends one set of data frames. Boards are nodes 1, 2, … of their bus in the order of their
+identifiers; the number of heartbeats is limited by their identifiers. Sensors of another kind are
+boards without heartbeats.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ __all__ = ["FIELDS", "FIRST_ID", "LAST_ID", "LAYOUT", "PERIOD_S", "STATES", "bea
 FIRST_ID = 0x700
 """The heartbeat of node k has the identifier FIRST_ID + k."""
 LAST_ID = 0x7DF
-"""The last identifier that a heartbeat can have: configuration has the next one."""
+"""The last identifier of a heartbeat; configuration has the next one."""
 
 PERIOD_S = 1.0
 
 FIELDS = (
     ("state", 8),
-    ("uptime_s", 16),  # stays at its highest
+    ("uptime_s", 16),  # saturates
     ("firmware_id", 8),
     ("serial_number", 16),
     ("transmit_errors", 8),  # error counters of the CAN controller
     ("receive_errors", 8),
 )
-"""Unsigned integers, little endian, one after the other: name and bits."""
+"""Unsigned integers, little endian, in order: name and bits."""
 LAYOUT = struct.Struct("<" + "".join({8: "B", 16: "H"}[bits] for _, bits in FIELDS))
 STATES = ("starting", "running", "fault")
 """Names of the values of `state`."""

@@ -1,6 +1,6 @@
-"""Link: a network interface as the kernel describes it (rtnetlink), CAN controller included.
+"""Link: state of a network interface from the kernel (rtnetlink), including its CAN controller.
 
-One question, one answer, no privileges and no program: what `ip -details link show` prints.
+One request and one answer, without privileges or programs: the contents of `ip -details link show`.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Link:
     controller: BusState | None
     """State of the controller; None where there is none, or it is stopped."""
     bitrate: int | None
-    """bit/s; None where the interface has none of its own."""
+    """bit/s; None where the interface has none."""
     data_bitrate: int | None
 
 
@@ -52,7 +52,7 @@ def read_link(name: str) -> Link | None:
     Returns
     -------
     Link or None
-        None: there is none of that name.
+        None: no interface has that name.
     """
     encoded = name.encode()
     if not 0 < len(encoded) < 16:
@@ -107,7 +107,7 @@ def _number(data: bytes | None) -> int | None:
 
 
 def _rate(timing: bytes | None) -> int | None:
-    """Bit rate, at the head of a bit timing; drivers of serial adapters do not know theirs."""
+    """Bit rate, at the start of a bit timing; drivers of serial adapters do not know theirs."""
     rate = _number(timing)
     return None if rate in (0, _UNKNOWN_RATE) else rate
 

@@ -16,7 +16,7 @@ __all__ = ["MemoryTransport"]
 
 
 class _Channel:
-    """What the endpoints of one bus share: the list of them, and the order of its frames."""
+    """State shared by the endpoints of one bus: their list, and the order of frames."""
 
     def __init__(self, name: str | None) -> None:
         self.name = name
@@ -24,7 +24,7 @@ class _Channel:
         self.endpoints: list[MemoryTransport] = []
 
     def closed(self) -> BusClosedError:
-        """The error of an end that was closed."""
+        """The error of a closed end."""
         name = "" if self.name is None else f" {self.name!r}"
         return BusClosedError(f"memory bus{name}: closed at this end")
 
@@ -36,9 +36,9 @@ _channels_lock = threading.Lock()
 class MemoryTransport(Transport):
     """One end of a bus within this process.
 
-    Every end of a channel sees the frames of all others, in the same order. A frame whose
-    `stamp_ns` is 0 gets the time at which it is sent; any other stamp is kept, so that simulated
-    time passes through. There is no bit rate and no arbitration, and a frame always arrives.
+    Every end of a channel receives the frames of all others, in the same order. A frame whose
+    `stamp_ns` is 0 gets the time at which it is sent; any other stamp is kept, for simulated time.
+    There is no bit rate and no arbitration, and a frame always arrives.
 
     Parameters
     ----------
@@ -47,15 +47,15 @@ class MemoryTransport(Transport):
     index : int
         Written to `bus` of every received frame.
     capacity : int
-        Frames that wait for `receive`. As in a socket's queue, those waiting are kept when it is
-        full, and newcomers are dropped and counted in `ring_overflows`.
+        Capacity of the receive queue. As in a socket's queue, new frames are dropped when it is
+        full, and counted in `ring_overflows`.
 
     Attributes
     ----------
     listener : callable, or None
-        Takes the place of the queue: called with the records (a copy, shape (m,)) in the
-        sender's thread, before its `send` returns. It may send in turn, so that simulated units
-        answer a SYNC at once and in one thread.
+        Replaces the queue: called with the records (a copy, shape (m,)) in the sender's thread,
+        before its `send` returns. It may send in turn, so that simulated units answer a SYNC at
+        once and in one thread.
     """
 
     keeps_stamps = True
@@ -68,7 +68,7 @@ class MemoryTransport(Transport):
 
     @classmethod
     def pair(cls, index: int = 0, capacity: int = 8192) -> tuple[MemoryTransport, MemoryTransport]:
-        """Two ends of a bus of their own, which no name leads to."""
+        """Two ends of a private bus without a name."""
         shared = _Channel(None)
         ends = cls.__new__(cls), cls.__new__(cls)
         for end in ends:
@@ -85,6 +85,12 @@ class MemoryTransport(Transport):
         self._closed = False
         with shared.lock:
             shared.endpoints.append(self)
+
+    @property
+    def is_alone(self) -> bool:
+        """Whether no other end of the bus is open."""
+        with self._channel.lock:
+            return len(self._channel.endpoints) < 2
 
     def receive(self, batch: FrameBatch, timeout_s: float = 0.0) -> int:
         """Append waiting frames to `batch`; see `Transport.receive`."""
@@ -108,7 +114,7 @@ class MemoryTransport(Transport):
         return taken
 
     def send(self, records: np.ndarray) -> int:
-        """Give frames to all other ends; every frame is taken."""
+        """Send frames to all other ends; all are accepted."""
         channel = self._channel
         listeners = []
         stamped = np.array(records, FRAME_DTYPE)
@@ -145,7 +151,7 @@ class MemoryTransport(Transport):
         self._arrival.notify()
 
     def close(self) -> None:
-        """Leave the bus; frames that wait here are lost, and a waiting `receive` ends."""
+        """Leave the bus; queued frames are lost, and a waiting `receive` ends."""
         with _channels_lock, self._channel.lock:
             if self._closed:
                 return

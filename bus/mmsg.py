@@ -1,9 +1,9 @@
-"""Many frames a system call: `recvmmsg`, `sendmmsg` and `ppoll`, compiled, without the GIL.
+"""Many frames per system call: `recvmmsg`, `sendmmsg` and `ppoll`, compiled, without the GIL.
 
 The system calls are symbols of the C library, which only machine code can call: the functions that
-make them have no form in Python. What can be run as Python is kept apart from them (`settle`,
-`stage`): functions that turn what the kernel wrote into records, and records into what the kernel
-reads. No ctypes, whose addresses would keep numba from caching.
+call them have no Python version. Code that can run in Python is separate (`settle`, `stage`): it
+converts the kernel's structures into records, and back. ctypes is not used, since its addresses
+would prevent caching by numba.
 
 Frames are rows of FRAME_DTYPE, seen as words of int64, shape (m, 10) (`bus.frame.as_words`). The
 kernel writes its `struct canfd_frame` from the second word of a row on. A call moves up to BATCH
@@ -23,7 +23,7 @@ from bus.frame import CAN_ERR, ECHO, FD_BRS, FD_ESI, FD_FDF
 
 BATCH = 256
 CLASSIC_SIZE, FD_SIZE = 16, 72
-"""`struct can_frame` and `struct canfd_frame`: the size of a message tells the kind of frame."""
+"""`struct can_frame` and `struct canfd_frame`: the size of a message gives the kind of frame."""
 
 MESSAGE = np.dtype(
     [
@@ -40,29 +40,29 @@ VECTOR = np.dtype([("base", np.int64), ("size", np.int64)])
 REPORT = np.dtype(
     [
         ("drops", np.int64),  # the socket's drop counter, modulo 2^32; kept until it changes
-        ("errno", np.int64),  # why a call ended early, 0: it did not
+        ("errno", np.int64),  # reason of an early end, 0: none
         ("errors", np.int64),  # error frames among those received
     ]
 )
-"""What a call has to say beside the number of frames."""
+"""Results of a call in addition to the number of frames."""
 CLOCK = np.dtype(
     [
         ("origin", np.int64),  # of the map from hardware stamps to the kernel's, `bus.clock`
         ("offset", np.int64),
         ("drift", np.float64),
         ("is_mapped", np.int64),  # whether there is a map
-        ("count", np.int64),  # pairs of stamps in this stretch
+        ("count", np.int64),  # pairs of stamps in this segment
         ("stamp", np.int64),  # stamps of the pair with the least delay by the map
         ("late", np.int64),
     ]
 )
-"""Of the interface's own clock, and what was seen of it."""
+"""Map of the interface's own clock, and its current segment."""
 _CONTROL_BYTES = 128
 # Control messages as level | type << 32, level SOL_SOCKET.
 _TIME_STAMP = 1 | 35 << 32
 _DROPPED = 1 | 40 << 32
 _HARDWARE = 1 | 37 << 32
-_MSG_CONFIRM = 0x800  # on a frame that this very socket has sent
+_MSG_CONFIRM = 0x800  # on a frame sent by this socket
 _MSG_DONTWAIT = 0x40
 _POLLIN = 1
 _EINTR, _EAGAIN = 4, 11
@@ -70,7 +70,7 @@ _LOW = 0xFFFF_FFFF
 
 
 class Buffers(NamedTuple):
-    """The arrays of one direction of a socket, one row a message; not for two threads at a time."""
+    """The arrays of one direction of a socket, one row a message; for one thread at a time."""
 
     messages: np.ndarray
     """Shape (BATCH,), MESSAGE."""
@@ -87,7 +87,7 @@ class Buffers(NamedTuple):
 
 
 def new_buffers() -> Buffers:
-    """Buffers whose messages have their vectors."""
+    """Buffers whose messages point to their vectors."""
     into = Buffers(
         messages=np.zeros(BATCH, MESSAGE),
         vectors=np.zeros(BATCH, VECTOR),
@@ -104,8 +104,8 @@ def new_buffers() -> Buffers:
 
 @jitable
 def by_hardware(hardware, stamp, clock):
-    """The stamp of a frame by the interface's own clock, once that is mapped; the pair of stamps
-    counts for the map."""
+    """The stamp of a frame by the interface's own clock, once it is mapped; the pair of stamps
+    updates the segment."""
     ahead = np.int64(round(clock["drift"] * (hardware - clock["origin"])))
     mapped = hardware + clock["offset"] + ahead
     ahead = np.int64(round(clock["drift"] * (clock["stamp"] - clock["origin"])))
@@ -113,13 +113,13 @@ def by_hardware(hardware, stamp, clock):
     if clock["count"] == 0 or stamp - mapped < clock["late"] - best:
         clock["stamp"], clock["late"] = hardware, stamp
     clock["count"] += 1
-    # none is received before it was stamped: a clock was set
+    # a frame is never received before its stamp: a clock was set
     return min(mapped, stamp) if clock["is_mapped"] else stamp
 
 
 @jitable
 def settle_python(count, first, index, words, buffers):
-    """Complete `count` records that the kernel has written, from row `first` on."""
+    """Complete `count` records written by the kernel, from row `first` on."""
     # The bus index goes to the top byte of a signed word.
     bus = ((index ^ 0x80) - 0x80) << 56
     control, report = buffers.control, buffers.report[0]
@@ -151,10 +151,10 @@ def settle_python(count, first, index, words, buffers):
 
 @jitable
 def stage_python(count, first, words, buffers):
-    """Lay out `count` records, from row `first` on, as the messages of one call.
+    """Write `count` records, from row `first` on, into the messages of one call.
 
-    Origin and bus go, since the kernel has other uses for their bytes; so do the undefined bytes
-    past the length, which an FD frame could carry to the bus.
+    Origin and bus are removed, since the kernel uses their bytes otherwise; so are the undefined
+    bytes past the length, which an FD frame would carry to the bus.
     """
     staged = buffers.staged
     for i in range(count):
@@ -175,7 +175,7 @@ def stage_python(count, first, words, buffers):
         buffers.messages[i]["control_size"] = 0
 
 
-carray: Any = getattr(numba, "carray")  # noqa: B009, numba's stubs lack it
+carray: Any = getattr(numba, "carray")  # noqa: B009, missing in numba's stubs
 _int, _pointer, _unsigned = types.int32, types.intp, types.uint32
 _recvmmsg = types.ExternalFunction("recvmmsg", _int(_int, _pointer, _unsigned, _int, _pointer))
 _sendmmsg = types.ExternalFunction("sendmmsg", _int(_int, _pointer, _unsigned, _int))
@@ -185,7 +185,7 @@ _errno_place = types.ExternalFunction("__errno_location", types.CPointer(_int)()
 
 @jitable
 def _errno():
-    """Why the last call of this thread failed."""
+    """errno of the last call of this thread."""
     return carray(_errno_place(), 1)[0]
 
 
@@ -197,7 +197,7 @@ _buffers = typeof(new_buffers())
 
 @jitable
 def _wait(polled, timeout_ns):
-    """Wait until a descriptor has something to read.
+    """Wait until a descriptor is readable.
 
     Parameters
     ----------
@@ -208,7 +208,7 @@ def _wait(polled, timeout_ns):
     Returns
     -------
     int
-        Number of descriptors that have; 0 after the time-out, or when a signal came.
+        Number of readable descriptors; 0 after the timeout, or on a signal.
     """
     polled[0], polled[1] = timeout_ns // 1_000_000_000, timeout_ns % 1_000_000_000
     limit = polled.ctypes.data
@@ -216,11 +216,11 @@ def _wait(polled, timeout_ns):
 
 
 def _receive(fd, polled, timeout_ns, first, room, index, words, buffers):
-    """Receive what waits, at most `room` frames, into rows from `first` on.
+    """Receive waiting frames, at most `room`, into rows from `first` on.
 
-    Waits up to `timeout_ns` for the first frame, or until another descriptor of `polled` has
-    something to read. An error of the socket ends the call and is left in `report`, beside the
-    frames that had come before it.
+    Waits up to `timeout_ns` for the first frame, or until another descriptor of `polled` is
+    readable. An error of the socket ends the call; `report` has it, and earlier frames are
+    returned.
 
     Returns
     -------
@@ -264,7 +264,7 @@ def _send(fd, first, count, words, buffers):
     Returns
     -------
     int
-        Number of frames taken; where it is less than asked for, `report` has the reason, once the
+        Number of accepted frames; if it is less than `count`, `report` has the reason, once the
         first frame of a call is refused.
     """
     report = buffers.report[0]
@@ -286,7 +286,7 @@ send = compiled(_send, [_long(_long, _long, _long, _rows_in, _buffers)])
 
 
 def pollfds(*descriptors: int) -> np.ndarray:
-    """Room for a `struct timespec`, then a `struct pollfd` for each of m descriptors.
+    """A `struct timespec`, then a `struct pollfd` for each of m descriptors.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""From a bus of a topology to the transport that its `interface` names."""
+"""Opens the transport of a bus by its `interface`."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ __all__ = ["open_transport"]
 def open_transport(bus: Bus, index: int = 0, *, filters: np.ndarray | None = None) -> Transport:
     """Open one bus of a topology by its `interface`.
 
-    `memory` is in-process, `socketcan` the batch reader of Linux; any other name goes to
-    python-can, and so does `socketcan` where there is no batch reader.
+    `memory` is in-process, `socketcan` the batch reader of Linux; others, and `socketcan` without
+    the batch reader, use python-can.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ def open_transport(bus: Bus, index: int = 0, *, filters: np.ndarray | None = Non
         Written to `bus` of every received frame.
     filters : ndarray, shape (k, 2), uint32, optional
         Identifiers and masks that the kernel lets through, from `bus.socketcan.filters`; other
-        transports hear all frames.
+        transports receive all frames.
 
     Raises
     ------

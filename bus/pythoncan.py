@@ -1,4 +1,4 @@
-"""PythonCanTransport: any interface that python-can knows, one message at a time."""
+"""PythonCanTransport: any interface of python-can, one message at a time."""
 
 from __future__ import annotations
 
@@ -30,42 +30,43 @@ _SIZE = FRAME_DTYPE.itemsize
 _EFF_MASK, _SFF_MASK = 0x1FFF_FFFF, 0x7FF
 
 _SLICE_S = 0.1
-"""Longest wait within python-can, so that `close` need not wait for longer."""
+"""Longest wait within python-can, which limits the delay of `close`."""
 _PATIENCE_S, _RETRY_S = 0.05, 0.001
-"""How long `send` waits in all for room in a full transmit queue, and between two attempts."""
+"""Timeout of `send` for room in a full transmit queue, and interval of attempts."""
 _RECEIVE_BUFFER = 8 << 20
-_SO_RCVBUFFORCE = 33  # a name that Python's socket module lacks
+_SO_RCVBUFFORCE = 33  # missing in Python's socket module
 
 _NO_BITRATE = ("socketcan", "socketcand", "virtual", "udp_multicast", "serial")
-"""Interfaces whose bit rate is none of python-can's business."""
+"""Interfaces whose bit rate is not set through python-can."""
 _LINUX_ERRORS = ("socketcan", "socketcand", "virtual", "udp_multicast")
-"""Interfaces whose error frames are Linux's; those of others have a language of their own."""
+"""Interfaces with Linux error frames; others have formats of their own."""
 _UNMARKED_ECHOES = ("udp_multicast",)
-"""Interfaces that give back what this end has sent as if others had, but with its `channel`."""
+"""Interfaces that return own frames as received ones, but with their `channel`."""
 _PCAN_BITRATES = (5, 10, 20, 33, 47, 50, 83, 95, 100, 125, 250, 500, 800, 1000)
-"""kbit/s that PCAN knows by name; any other it would take for 500 without a word."""
+"""kbit/s that PCAN has constants for; python-can would silently use 500 for others."""
 _PCAN_CLOCK_HZ, _PCAN_FD_CLOCK_HZ = 8_000_000, 80_000_000
 _SAMPLE_POINT, _DATA_SAMPLE_POINT = 80.0, 75.0
-"""Per cent of a bit; CiA 601 recommends 80 for both phases, and less above 4 Mbit/s."""
+"""Sample point in per cent; CiA 601 recommends 80 for both phases, and less above 4 Mbit/s."""
 
 
 class PythonCanTransport(Transport):
     """One end of a bus, through python-can.
 
-    No configuration file or environment variable has a say, only the topology. Time stamps are
-    those of the driver, as exact as a float of seconds (0.2 µs), and of the driver's own epoch.
+    Configuration files and environment variables have no effect, only the topology. Time stamps are
+    those of the driver, with the precision of a float of seconds (0.2 µs), and with the driver's
+    own epoch.
 
     Parameters
     ----------
     bus : Bus
-        `options` are further keyword arguments of the interface.
+        `options` are additional keyword arguments of the interface.
     index : int
         Written to `bus` of every received frame.
 
     Attributes
     ----------
     receive_buffer_bytes : int or None
-        Size of the socket's receive queue as the system granted it; None where there is no socket.
+        Size of the socket's receive queue as granted; None without a socket.
 
     Raises
     ------
@@ -77,8 +78,8 @@ class PythonCanTransport(Transport):
         super().__init__(index)
         self._name = f"bus {bus.name!r} ({bus.interface} {bus.channel})"
         self._can = _open(bus)
-        # SocketCAN marks the frames of other programs on this host like a driver marks echoes,
-        # but delivers no echo unless asked to.
+        # SocketCAN marks the frames of other programs on this host like echoes, but delivers no
+        # echo by default.
         self._knows_echoes = bus.interface != "socketcan"
         self._mark = secrets.token_hex(8) if bus.interface in _UNMARKED_ECHOES else None
         self._error_mask = _EFF_MASK if bus.interface in _LINUX_ERRORS else 0
@@ -89,7 +90,7 @@ class PythonCanTransport(Transport):
         self._fault: Exception | None = None
 
     def fileno(self) -> int:
-        """Descriptor that `poll` can wait on for frames; -1 where there is none."""
+        """Descriptor for `poll`; -1 if there is none."""
         return self._descriptor
 
     def receive(self, batch: FrameBatch, timeout_s: float = 0.0) -> int:
@@ -137,7 +138,7 @@ class PythonCanTransport(Transport):
                     return None
                 self._enter(BusState.GONE, str(error))
                 self._fault = error
-                if has_frames:  # those first; the next call says what happened
+                if has_frames:  # those first; the next call raises the error
                     return None
                 raise self._gone(error) from error
 
@@ -179,7 +180,7 @@ class PythonCanTransport(Transport):
         return BusClosedError(f"{self._name}: {error}")
 
     def close(self) -> None:
-        """Release the interface; closing twice is fine, and a waiting `receive` ends."""
+        """Release the interface; may be called twice; a waiting `receive` ends."""
         if self._is_closed:
             return
         self._is_closed = True
@@ -192,7 +193,7 @@ def from_message(
 ) -> None:
     """Write a message of python-can into record i of FRAME_DTYPE records, seen as bytes.
 
-    `error_mask` says which bits of an error frame's identifier are a class as Linux has them.
+    `error_mask` has the bits of an error frame's identifier that are a class in Linux.
     """
     can_id, data = message.arbitration_id, message.data
     length = len(data) if not message.is_remote_frame else min(message.dlc, 64)
@@ -219,7 +220,7 @@ def from_message(
 
 
 def to_message(record: np.void) -> can.Message:
-    """Turn a record of FRAME_DTYPE into a message of python-can."""
+    """Convert a record of FRAME_DTYPE to a message of python-can."""
     import can
 
     can_id, length, flags = int(record["id"]), int(record["length"]), int(record["flags"])
@@ -239,7 +240,7 @@ def to_message(record: np.void) -> can.Message:
 
 
 def _open(bus: Bus) -> can.BusABC:
-    """Open an interface, or say what was wrong."""
+    """Open an interface, or raise with the reason."""
     import can
 
     known = sorted({"memory", *can.interfaces.VALID_INTERFACES})
@@ -254,7 +255,7 @@ def _open(bus: Bus) -> can.BusABC:
         opened = can.Bus(
             bus.channel or None, interface=bus.interface, ignore_config=True, **arguments
         )
-    # Drivers raise what they like: their own errors, those of ctypes, of missing modules, of types.
+    # Drivers raise any class: their own errors, those of ctypes, of missing modules, of types.
     except Exception as error:
         said = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
         remedies = {
@@ -273,7 +274,7 @@ def _open(bus: Bus) -> can.BusABC:
 
 
 def _arguments(bus: Bus) -> dict[str, Any]:
-    """Return what the interface wants to be told of bit rates and CAN FD, and the bus's options."""
+    """Arguments of the interface for bit rates and CAN FD, and the bus's options."""
     import can
 
     if bus.interface == "virtual":
@@ -297,7 +298,7 @@ def _arguments(bus: Bus) -> dict[str, Any]:
 
 
 def _pcan_timing(bus: Bus) -> can.BitTiming | can.BitTimingFd | None:
-    """Bit timing where PCAN has no name for the bit rate, as it has none for CAN FD."""
+    """Bit timing where PCAN has no constant for the bit rate, as for CAN FD."""
     import can
 
     if bus.data_bitrate is not None:
@@ -325,7 +326,7 @@ def _switch_on(bus: Bus) -> str:
 
 
 def _enlarge(opened: can.BusABC) -> int | None:
-    """Ask for a receive queue that outlasts a pause of this process; return what was granted."""
+    """Request a receive queue for a pause of this process; returns the granted size."""
     try:
         descriptor = os.dup(opened.fileno())
     except (NotImplementedError, OSError):  # no descriptor at all
@@ -340,13 +341,13 @@ def _enlarge(opened: can.BusABC) -> int | None:
             try:
                 sock.setsockopt(socket.SOL_SOCKET, option, _RECEIVE_BUFFER)
                 break
-            except OSError:  # not permitted to exceed the system's limit: then up to it
+            except OSError:  # no permission to exceed the system's limit: up to it
                 continue
         return sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
 
 
 def _number(error: Exception) -> int | None:
-    """Return the system's error number, where there is one."""
+    """The system's error number, if there is one."""
     return getattr(error, "error_code", None) or getattr(error, "errno", None)
 
 

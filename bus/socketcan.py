@@ -1,12 +1,12 @@
 """SocketCanTransport: a CAN interface of Linux, read and written in batches.
 
 Frames go between the kernel and a `FrameBatch` without an object for each (`bus.datagram`,
-`bus.mmsg`); here is what is CAN about it: opening in words, filters, the state of the bus, and
-the way back after the interface went down or away.
+`bus.mmsg`); this file has the CAN part: opening with messages, filters, the state of the bus, and
+recovery after the interface went down or away.
 
-An interface that goes away takes the socket's binding with it, but not the socket: it is bound
-again as soon as an interface of the same name is there. So the descriptor stays the same, and a
-thread that sends or polls meanwhile never holds that of another file.
+An interface that goes away removes the socket's binding, but not the socket: it is bound again as
+soon as an interface of the same name exists. So the descriptor stays the same, and a thread that
+sends or polls meanwhile never uses that of another file.
 """
 
 from __future__ import annotations
@@ -34,22 +34,22 @@ if TYPE_CHECKING:
 __all__ = ["FILTERS_MAX", "SocketCanTransport", "filters"]
 
 FILTERS_MAX = 512
-"""Filters that the kernel takes for one socket."""
+"""Limit of the kernel for the filters of a socket."""
 
 _EVERY_ERROR = 0x1FFF_FFFF
 _EXACT = CAN_EFF | CAN_RTR
 _UPPER, _UPPER_MASK = 0x700, 0x700
-"""Heartbeats and configuration, and what else is as little urgent as they are."""
+"""Base of heartbeats, configuration, and other low-priority identifiers."""
 _FD_MTU = 72
 _OPTIONS = ("queue_bytes", "patience_s")
 _RATE_TOLERANCE = 0.01
 
 
 def filters(topology: Topology, index: int) -> np.ndarray | None:
-    """Let only the expected frames of one bus through: data, SYNC, heartbeats, configuration.
+    """Filters of the expected frames of one bus: data, SYNC, heartbeats, configuration.
 
-    What is kept out costs nothing, but is not counted either: remote frames, and foreign
-    identifiers below 0x700.
+    Filtered frames cost nothing, but are not counted: remote frames, and foreign identifiers below
+    0x700.
 
     Parameters
     ----------
@@ -60,14 +60,14 @@ def filters(topology: Topology, index: int) -> np.ndarray | None:
     Returns
     -------
     ndarray, shape (k, 2), uint32, or None
-        Identifiers and masks; None where they are more than the kernel takes.
+        Identifiers and masks; None where they exceed the kernel's limit.
     """
     wanted = np.unique(topology.frames.can_id[topology.frames.bus == index])
     sync = topology.buses[index].sync_id
     wanted = np.union1d(wanted, [] if sync is None else [sync]).astype(np.uint32)
     if wanted.size + 1 > FILTERS_MAX:
         return None
-    # The kernel finds exact identifiers by a table, all others by trying one after the other.
+    # The kernel finds exact identifiers by a table, and tries all others one after the other.
     masks = np.where(wanted & CAN_EFF, 0x1FFF_FFFF, 0x7FF) | _EXACT
     exact = np.stack([wanted, masks], axis=1)
     return np.vstack([exact, [[_UPPER, _UPPER_MASK | _EXACT]]]).astype(np.uint32)
@@ -76,10 +76,10 @@ def filters(topology: Topology, index: int) -> np.ndarray | None:
 class SocketCanTransport(DatagramTransport):
     """A CAN interface of Linux.
 
-    Classic and CAN FD frames come mixed, with the kernel's time stamps and the controller's error
-    frames; frames of this socket do not come back, those of other programs of this host do.
-    `state` follows the interface and its controller. Where the interface goes down or away,
-    `receive` returns 0 and `send` takes nothing until it is back.
+    Classic and CAN FD frames are mixed, with the kernel's time stamps and the controller's error
+    frames; frames of this socket do not return, those of other programs of this host do. `state`
+    follows the interface and its controller. Where the interface goes down or away, `receive`
+    returns 0 and `send` accepts nothing until it is back.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ class SocketCanTransport(DatagramTransport):
     index : int
         Written to `bus` of every received frame.
     filters : ndarray, shape (k, 2), uint32, optional
-        Identifiers and masks that are let through; all if not given. Error frames always are.
+        Identifiers and masks that are received; all if not given. Error frames always are.
 
     Raises
     ------
@@ -122,7 +122,7 @@ class SocketCanTransport(DatagramTransport):
             sock.close()
             raise
         if link.controller is not None:
-            self._enter(link.controller, "found so when opened")
+            self._enter(link.controller, "state when opened")
 
     def _enter(self, state: BusState, reason: str, stamp_ns: int = 0) -> None:
         remedy = self._remedies.get(state)
@@ -140,7 +140,9 @@ class SocketCanTransport(DatagramTransport):
         with self._looking:
             try:
                 link = read_link(name)
-            except OSError:  # out of descriptors, say: no news, and no reason to end a cycle
+            except (
+                OSError
+            ):  # such as too many descriptors: state unknown, but no reason to end a cycle
                 return
             if link is None or not link.is_can:
                 self._enter(BusState.GONE, f"there is no CAN interface {name}")
@@ -148,7 +150,7 @@ class SocketCanTransport(DatagramTransport):
             if link.index != self._bound:
                 try:
                     self._bound = _bind(self._socket, link, self._filters)
-                except OSError:  # gone again: the next look will tell
+                except OSError:  # gone again: the next check shows it
                     return
                 self._counters.reopenings += 1
                 self._enter(BusState.DOWN, f"{name} is back")
@@ -157,12 +159,14 @@ class SocketCanTransport(DatagramTransport):
             elif self.state in (BusState.DOWN, BusState.GONE):
                 self._enter(link.controller or BusState.ACTIVE, f"{name} is up")
             elif link.controller is not None:
-                self._enter(link.controller, f"so says {name}")
+                self._enter(link.controller, f"reported by {name}")
 
 
 def _bind(sock: socket.socket, link: Link, filters: bytes) -> int:
-    """Hear an interface; all that an earlier one took with it is set again."""
-    sock.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)  # reading clears the earlier one's last
+    """Bind to an interface, and restore all settings that an earlier one had."""
+    sock.getsockopt(
+        socket.SOL_SOCKET, socket.SO_ERROR
+    )  # reading clears the pending error of the earlier one
     sock.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)
     sock.setsockopt(socket.SOL_CAN_RAW, CAN_RAW_ERR_FILTER, _EVERY_ERROR)
     sock.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, filters)
@@ -171,7 +175,7 @@ def _bind(sock: socket.socket, link: Link, filters: bytes) -> int:
 
 
 def _usable(bus: Bus) -> Link:
-    """Find the interface of a bus, set up as it needs, or say what to do."""
+    """The interface of a bus, set up as needed; raises with a remedy."""
     name = bus.channel
     link = read_link(name)
     if link is None or not link.is_can:
@@ -195,7 +199,7 @@ def _usable(bus: Bus) -> Link:
         rates.append(("data_bitrate", bus.data_bitrate, link.data_bitrate))
     for where, wanted, has in rates:
         if has is not None and abs(has - wanted) > _RATE_TOLERANCE * wanted:
-            expected = f"{has} as on {name}, or {name} be set up anew"
+            expected = f"{has} as on {name}, or {name} be set up again"
             remedy = f"remedy: sudo ip link set {name} down && {_switch_on(bus)}"
             raise BusOpenError(_must_be(bus, where, expected, f"{wanted}; {remedy}"))
     return link
@@ -211,7 +215,7 @@ def _switch_on(bus: Bus) -> str:
 
 
 def _checked_options(bus: Bus) -> dict[str, Any]:
-    """Return the options of a bus, all known and positive numbers."""
+    """The options of a bus, all known and positive numbers."""
     for option, value in bus.options.items():
         if option not in _OPTIONS:
             near = "".join(f"; nearest: {one}" for one in get_close_matches(option, _OPTIONS, n=1))
@@ -227,7 +231,7 @@ def _checked_options(bus: Bus) -> dict[str, Any]:
 
 
 def _no_can(bus: Bus, error: OSError) -> str:
-    """Words for a socket that cannot be had at all."""
+    """Message for a socket that cannot be created."""
     start = f"bus {bus.name!r}: socketcan {bus.channel}: "
     if error.errno in (errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT):
         return (

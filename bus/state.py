@@ -1,4 +1,4 @@
-"""BusState: how a bus is, what changed it, and the reading of the controller's error frames."""
+"""BusState: state of a bus, its changes, and decoding of the controller's error frames."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ __all__ = ["BusChange", "BusState", "ErrorFrame", "read_error_frame"]
 
 
 class BusState(StrEnum):
-    """State of one bus, as far as this host can know it.
+    """State of one bus, as known to this host.
 
-    The first four are the controller's own fault confinement (ISO 11898-1); a transport that hears
-    nothing of a controller stays ACTIVE.
+    The first four are the controller's fault confinement (ISO 11898-1); without a controller the
+    state stays ACTIVE.
     """
 
     ACTIVE = "error-active"
@@ -42,7 +42,7 @@ class BusChange:
     previous: BusState
     state: BusState
     reason: str
-    """What happened, in words."""
+    """Description of the event."""
 
     def __str__(self) -> str:
         return f"{self.previous} -> {self.state}: {self.reason}"
@@ -50,10 +50,10 @@ class BusChange:
 
 @dataclass(frozen=True, slots=True)
 class ErrorFrame:
-    """What an error frame says."""
+    """Contents of an error frame."""
 
     state: BusState | None
-    """The state that the bus is now in, where the frame tells."""
+    """The new state of the bus, if the frame contains it."""
     is_overflow: bool
     """The controller's own receive queue was full: a frame is lost."""
     words: str
@@ -84,7 +84,7 @@ _CONTROLLER_WORDS = {
 
 
 def read_error_frame(record: np.void) -> ErrorFrame:
-    """Read one error frame; whatever its content, this does not raise.
+    """Decode an error frame; never raises.
 
     Parameters
     ----------

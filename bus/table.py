@@ -1,4 +1,4 @@
-"""FrameTable: the wire layouts of a topology as the tables that the kernels read.
+"""FrameTable: the wire layouts of a topology as tables for kernels.
 
 n units, c channels, f frames, m signals, g sets of units, b buses.
 """
@@ -20,8 +20,8 @@ SWAPPED, BYTE_AT, SHIFT_MASK = 1 << 5, 6, (1 << 5) - 1
 FIELD = np.dtype([("where", np.uint32), ("mask", np.uint32)], align=True)
 """A bit field: four bytes of the record as one number, shifted right and masked. `where` has the
 first of the bytes from bit BYTE_AT on, SWAPPED where the high byte comes first, and the shift below
-that: in one number, since reading a signal takes about as long as its numbers are many. A mask of
-0: there is no such field."""
+that: in one number, since the time to read a signal is proportional to its fields. A mask of 0:
+there is no such field."""
 SIGNAL = np.dtype(
     [
         ("field", FIELD),
@@ -67,10 +67,10 @@ EXTENDED = np.dtype([("key", np.int64), ("frame", np.int64)])
 
 
 class Tables(NamedTuple):
-    """What a topology expects, as the kernels take it."""
+    """Expected frames of a topology, for kernels."""
 
     frames: np.ndarray
-    """Shape (f,), EXPECTED: what each frame looks like."""
+    """Shape (f,), EXPECTED: layout of each frame."""
     signals: np.ndarray
     """Shape (m,), SIGNAL."""
     units: np.ndarray
@@ -104,7 +104,7 @@ class FrameTable:
     Raises
     ------
     LayoutError
-        A signal that is not within its frame, or a crc of another shape.
+        A signal outside of its frame, or a crc of another shape.
     """
 
     def __init__(self, topology: Topology) -> None:
@@ -172,10 +172,10 @@ class FrameTable:
 
 
 def _field_of(signal: Signal, size: int) -> tuple[int, int]:
-    """Where a signal lies in a record, and its mask: a FIELD.
+    """Place of a signal in a record, and its mask: a FIELD.
 
-    The four bytes lie within the record, if not within the frame; the mask takes away what is not
-    the signal's.
+    The four bytes are within the record, if not within the frame; the mask removes bits outside of
+    the signal.
     """
     first, bit = divmod(signal.start, 8)
     if signal.order == "little":

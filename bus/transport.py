@@ -1,4 +1,4 @@
-"""The contract of a transport, and the way from a topology's bus to one."""
+"""The interface of a transport."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ from bus.state import BusChange, BusState, read_error_frame
 __all__ = ["Transport", "TransportCounters"]
 
 CHANGES_KEPT = 256
-"""Changes of state that a transport remembers; all of them are counted."""
+"""Stored changes of state; all of them are counted."""
 
 
 @dataclass
 class TransportCounters:
-    """What a transport has counted since it was opened."""
+    """Counters of a transport since it was opened."""
 
     received: int = 0
-    """Frames handed to the caller."""
+    """Frames received."""
     sent: int = 0
-    """Frames given to the interface."""
+    """Frames accepted by the interface."""
     send_failures: int = 0
-    """Frames that the interface would not take."""
+    """Frames refused by the interface."""
     send_waits: int = 0
-    """Times that `send` had to wait for room in the interface's transmit queue."""
+    """Waits of `send` for room in the interface's transmit queue."""
     queue_drops: int = 0
     """Frames lost in the interface's or the socket's receive queue."""
     ring_overflows: int = 0
-    """Frames lost in a ring of our own, because the caller did not read in time."""
+    """Frames lost in a ring buffer of this process, because they were not read in time."""
     controller_overflows: int = 0
-    """Times that the controller reported its own receive queue full; each lost a frame or more."""
+    """Reports of a full receive queue in the controller; each lost a frame or more."""
     error_frames: int = 0
     """Error frames of the controller; counted in `received` too."""
     state_changes: int = 0
@@ -49,27 +49,26 @@ class TransportCounters:
 class Transport(ABC):
     """One end of a CAN bus.
 
-    Every transport keeps this contract, and one set of tests holds all of them to it:
+    Every transport has these properties, which one set of tests checks:
 
     - frames arrive in the order of the bus, none twice, and a lost one is counted;
     - frames that this end sent itself do not come back;
     - error and remote frames come through with their bits set in `id`;
     - `receive` and `send` may be called from different threads, each from one;
-    - every change of the bus's state that the interface tells of is in `changes`.
+    - every change of the bus's state that the interface reports is in `changes`.
 
     Attributes
     ----------
     index : int
         Written to `bus` of every received frame.
     state : BusState
-        How the bus is; as it was when last heard of, so `receive` must be called for news.
+        State of the bus as last reported, so `receive` must be called for news.
     changes : deque of BusChange
-        The last CHANGES_KEPT changes of `state`, oldest first. The caller may take them out.
+        The last CHANGES_KEPT changes of `state`, oldest first. The caller may remove them.
     clock : ClockModel or None
         From the interface's own clock to the kernel's, for interfaces that may have one.
     keeps_stamps : bool
-        Whether frames arrive with the stamps that their senders gave them: simulated time passes
-        through such a bus.
+        Whether frames arrive with the stamps of their senders: such a bus carries simulated time.
     """
 
     clock: ClockModel | None = None
@@ -84,24 +83,23 @@ class Transport(ABC):
 
     @property
     def counters(self) -> TransportCounters:
-        """What has been counted since the transport was opened."""
+        """Counters since the transport was opened."""
         return self._counters
 
     def fileno(self) -> int:
-        """Descriptor that `poll` can wait on for frames; -1 where there is none."""
+        """Descriptor for `poll`; -1 if there is none."""
         return -1
 
     @abstractmethod
     def receive(self, batch: FrameBatch, timeout_s: float = 0.0) -> int:
         """Append waiting frames to `batch`, at most as many as fit.
 
-        Waits up to `timeout_s` seconds for the first one; what has arrived by then is taken
-        without waiting for more.
+        Waits up to `timeout_s` seconds for the first one; further ones are taken without waiting.
 
         Returns
         -------
         int
-            Number of frames appended; 0 after the time-out, or when `state` has changed.
+            Number of frames appended; 0 after the timeout, or when `state` has changed.
 
         Raises
         ------
@@ -120,7 +118,7 @@ class Transport(ABC):
         Returns
         -------
         int
-            Number of frames taken by the interface; the others are counted in `send_failures`.
+            Number of frames accepted by the interface; the others are counted in `send_failures`.
 
         Raises
         ------
@@ -130,10 +128,10 @@ class Transport(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Release the interface; closing twice is fine."""
+        """Release the interface; may be called twice."""
 
     def _enter(self, state: BusState, reason: str, stamp_ns: int = 0) -> None:
-        """Set `state`; a state that is new is noted, with the host's time if there is no stamp."""
+        """Set `state`; a change is recorded, with the host's time if there is no stamp."""
         with self._changing:
             if state is self.state:
                 return
@@ -143,10 +141,10 @@ class Transport(ABC):
             self.state = state
 
     def _hear(self, records: np.ndarray) -> None:
-        """Read the error frames among received records, shape (m,), in the order of the bus.
+        """Process the error frames among received records, shape (m,), in the order of the bus.
 
-        A controller that is off the bus receives nothing, so that a frame after its error frame
-        tells that it is back.
+        A controller in bus-off receives nothing, so a frame after its error frame shows that it is
+        back.
         """
         previous = -1
         for i in np.flatnonzero(records["id"] & CAN_ERR):

@@ -1,4 +1,4 @@
-"""Waiter: several buses received into one batch, in one of two ways to wait, or not yet at all."""
+"""Waiter: receives several buses into one batch, by event, by deadline, or without waiting."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ __all__ = ["Lull", "Waiter"]
 
 _SHARE_NS = 1_000_000
 _MARGIN_SHARE, _MARGIN_NS = 16, 200_000
-"""By which a lull ends before cycles are complete: share of a period, but no less than that; a
-sleep ends some 0.1 ms late [measured]."""
+"""Margin by which a lull ends before cycles are complete: a fraction of a period, with a lower
+bound; a sleep ends some 0.1 ms late [measured]."""
 _LULL_NS = 20_000_000
-"""Longest lull: whoever closes the buses waits for its end."""
+"""Longest lull, which limits the delay of closing the buses."""
 
 
 class Waiter:
@@ -27,19 +27,19 @@ class Waiter:
     Parameters
     ----------
     transports : sequence of Transport
-    wait : "event" or "drain"
-        "event" wakes as soon as frames arrive: the least latency. "drain" sleeps through, then
-        takes all that has arrived: the least work, one wake-up for the frames of a whole cycle.
+    wait : "event" or "deadline"
+        "event" wakes as soon as frames arrive: the least latency. "deadline" sleeps until the
+        deadline, then takes all frames that have arrived: the least work, one wake-up per cycle.
     """
 
     def __init__(
-        self, transports: Sequence[Transport], wait: Literal["event", "drain"] = "event"
+        self, transports: Sequence[Transport], wait: Literal["event", "deadline"] = "event"
     ) -> None:
-        if wait not in ("event", "drain"):
-            raise ValueError(f"wait: must be 'event' or 'drain'; got {wait!r}")
+        if wait not in ("event", "deadline"):
+            raise ValueError(f"wait: must be 'event' or 'deadline'; got {wait!r}")
         self._transports = list(transports)
         self._first = 0
-        self._drains = wait == "drain"
+        self._waits_for_deadline = wait == "deadline"
         self._polled = None
         if len(self._transports) > 1:
             descriptors = [transport.fileno() for transport in self._transports]
@@ -49,13 +49,13 @@ class Waiter:
                 self._wait, self._polled = mmsg.wait, mmsg.pollfds(*descriptors)
 
     def receive(self, batch: FrameBatch, wait_ns: int) -> int:
-        """Append the frames that have arrived, of all transports.
+        """Append the frames that have arrived, from all transports.
 
         Parameters
         ----------
         batch : FrameBatch
         wait_ns : int
-            How long to wait: for the first frame ("event"), or in any case ("drain").
+            How long to wait: for the first frame ("event"), or in any case ("deadline").
 
         Returns
         -------
@@ -67,7 +67,7 @@ class Waiter:
         BusClosedError
             One of the transports was closed.
         """
-        if self._drains and wait_ns > 0:
+        if self._waits_for_deadline and wait_ns > 0:
             time.sleep(wait_ns * 1e-9)
             wait_ns = 0
         if len(self._transports) == 1:
@@ -77,12 +77,13 @@ class Waiter:
             return taken if taken or wait_ns <= 0 else self._wait_in_turn(batch, wait_ns)
         if self._wait(self._polled, max(wait_ns, 0)) or wait_ns <= 0:
             return self._drain(batch, (self._polled[2:] >> 48).tolist())
-        return self._drain(batch)  # one that was closed says so
+        return self._drain(batch)  # a closed one raises
 
     def _drain(self, batch: FrameBatch, ready: Sequence[int] | None = None) -> int:
-        """Take what is there, of those that are `ready` or in trouble, of all if not given.
+        """Take waiting frames, from transports that are `ready` or have an error, from all if not
+        given.
 
-        The bus to start with changes, so that a full batch starves none.
+        The first bus changes, so that a full batch starves none.
         """
         self._first = (self._first + 1) % len(self._transports)
         taken = 0
@@ -106,9 +107,9 @@ class Waiter:
 
 
 class Lull:
-    """How long after its SYNC no cycle is complete yet: as long may a host sleep through arrivals.
+    """Time after SYNC in which no cycle is complete yet: a host may sleep through arrivals.
 
-    Learned from the cycles before, so that it holds for every bus, board and rate; it shrinks fast
+    Learned from earlier cycles, so that it holds for every bus, board and rate; it shrinks fast
     where frames come sooner, and grows slowly.
 
     Parameters
@@ -127,14 +128,14 @@ class Lull:
         self._margin_ns = max(period_ns // _MARGIN_SHARE, _MARGIN_NS)
 
     def learn(self, complete_ns: int, slept_too_long: bool) -> None:
-        """Take in a cycle.
+        """Process a cycle.
 
         Parameters
         ----------
         complete_ns : int
-            When it was complete, after its SYNC.
+            Time from its SYNC to its completion.
         slept_too_long : bool
-            Whether it was so already when the lull was over.
+            Whether it was complete before the lull was over.
         """
         if slept_too_long:
             self.ns -= self.ns // 4

@@ -1,4 +1,4 @@
-"""What hangs where: topology files, unit models and wire layouts, loaded into arrays."""
+"""Layout of a skin: topology files, unit models and wire layouts, loaded into arrays."""
 
 from topology.arrays import Frames, Topology
 from topology.errors import TopologyError

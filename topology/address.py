@@ -1,4 +1,4 @@
-"""Which bits of which frame on which bus belong to which unit."""
+"""Addresses: bus, frame and bits of each unit."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ EXTENDED = 0x8000_0000
 
 @dataclass(frozen=True)
 class Address:
-    """Where n units are found on the wires.
+    """Addresses of n units on the buses.
 
     Attributes
     ----------
@@ -36,7 +36,8 @@ class Address:
 
 
 def number(n: int, first_id: int, layout: WireLayout) -> tuple[np.ndarray, np.ndarray]:
-    """Identifiers and slots of n units in turn: `layout.units` a frame, `layout.ids` ids a frame.
+    """Identifiers and slots of n consecutive units: `layout.units` a frame, `layout.ids` ids a
+    frame.
 
     Returns
     -------
@@ -47,7 +48,7 @@ def number(n: int, first_id: int, layout: WireLayout) -> tuple[np.ndarray, np.nd
 
 
 def to_frames(address: Address, layouts: tuple[WireLayout, ...]) -> Frames:
-    """The frames that carry these units; addresses must not clash."""
+    """The frames of these units; addresses must not clash."""
     key = np.stack([address.bus, address.can_id, address.layout]).astype(np.int64)
     groups, member = np.unique(key, axis=1, return_inverse=True)
     member = member.reshape(-1)

@@ -1,4 +1,4 @@
-"""Topology: what hangs where, as arrays. The only thing that `bus` and `skin` know of a file."""
+"""Topology: the layout of a skin as arrays, the only result of a file that `bus` and `skin` use."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = ["Frames", "Topology", "seal"]
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """The data frames that are expected on the buses, f of them, ordered by (bus, id).
+    """The expected data frames, f of them, ordered by (bus, id).
 
     Attributes
     ----------
@@ -52,17 +52,17 @@ class Frames:
 class Topology:
     """A loaded topology: n units as a struct of arrays, unit axis last; all arrays read-only.
 
-    The skin frame is the root of the file's frames. The unit frame has its origin in the middle
-    of the sensing face, x and y tangential and **z into the skin**: the way a press goes, so that
-    the paper's Fz is positive when pressed and `rotation @ force` is a plain force vector, the
-    force that the world exerts on the skin. The outward normal is -z.
+    The skin frame is the root of the file's frames. The unit frame has its origin in the middle of
+    the sensing face, x and y tangential and **z into the skin**, the direction of a press, so that
+    the paper's Fz is positive when pressed and `rotation @ force` is a plain force vector, exerted
+    by the world on the skin. The outward normal is -z.
 
     Attributes
     ----------
     name : str
         Name of the skin.
     path : Path or None
-        The file it came from.
+        The source file.
     buses : tuple of Bus
         The buses, in the order of the file.
     layouts : tuple of WireLayout
@@ -76,7 +76,7 @@ class Topology:
     patch : ndarray, shape (n,), int32
         Index into `patch_names`.
     enabled : ndarray, shape (n,), bool
-        False for units that the file switches off.
+        False for units that are disabled in the file.
     position : ndarray, shape (3, n), float64
         Metre, skin frame.
     rotation : ndarray, shape (3, 3, n), float64
@@ -87,11 +87,11 @@ class Topology:
         Every parameter of `UnitModel` for each unit, calibration files applied;
         those of `topology.model.TABLES` have shape (length, n).
     calibrated, tared : ndarray, shape (n,), bool
-        Whether a file gives the laws of the unit, else they are those of its model and their sigma
-        is the spread from unit to unit; and whether its zeros were taken in its place on the skin.
+        Whether the laws of the unit come from a file, otherwise from its model with a sigma of the
+        spread between units; and whether its zeros were taken in its place on the skin.
     scale, offset : ndarray, shape (c, n), float64
         Physical value = scale * count + offset, channels as in `topology.CHANNELS`. A count is the
-        integer on the wire, but for 16 bits unsigned, which are 32768 above it.
+        integer on the wire, minus 32768 for 16 bits unsigned.
     wired : ndarray, shape (c, n), bool
         Whether the wire carries the channel.
     neighbour_start : ndarray, shape (n + 1,), int32
@@ -99,12 +99,11 @@ class Topology:
         Neighbour graph in compressed rows: the neighbours of unit i are
         ``neighbour_index[neighbour_start[i]:neighbour_start[i + 1]]``; symmetric, sorted.
     patch_frames : tuple of str
-        Frame or link that carries each patch; patches of one move together.
+        Frame or link of each patch; patches of the same one move together.
     patch_links : tuple of str
-        Link of the robot that carries each patch; "" where it hangs on the skin frame, which is
-        that of the robot's base.
+        Link of the robot of each patch; "" on the skin frame, which is that of the robot's base.
     robot : RobotModel or None
-        What the skin is on; `position` and `rotation` are those at its home.
+        The robot that carries the skin; `position` and `rotation` are those at its home.
     """
 
     name: str
@@ -132,7 +131,7 @@ class Topology:
     robot: RobotModel | None = None
 
     def __repr__(self) -> str:
-        """What hangs where, in a line."""
+        """Contents in a line."""
         n, quiet = self.n, int(np.count_nonzero(~self.enabled))
         parts = [
             f"{n} units" + (f", {quiet} disabled" if quiet else ""),
@@ -146,7 +145,7 @@ class Topology:
         return f"<Topology {self.name!r}: {', '.join(parts)}>"
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """As `multiprocessing` hands it to another process: read-only there, too."""
+        """Restore from a pickle (`multiprocessing`): read-only as before."""
         self.__dict__.update(state)
         seal(self)
 
@@ -162,7 +161,7 @@ class Topology:
 
     @property
     def counts_only(self) -> np.ndarray:
-        """Which units are sensors of another kind, known by their counts only; shape (n,), bool."""
+        """Sensors of another kind, of which only the counts are known; shape (n,), bool."""
         foreign = np.array([layout.counts_only for layout in self.layouts], bool)
         carried = self.frames.units[foreign[self.frames.layout]]
         found = np.zeros(self.n, bool)
@@ -170,7 +169,7 @@ class Topology:
         return found
 
     def exact(self) -> Topology:
-        """The same skin, of units whose constants are exactly its parameters, as simulated ones."""
+        """The same skin with units whose constants equal its parameters, as simulated ones."""
         none, known = np.zeros(self.n), np.ones(self.n, bool)
         none.flags.writeable = known.flags.writeable = False
         parameters = self.parameters | dict.fromkeys(SIGMAS, none)
@@ -182,10 +181,10 @@ class Topology:
         Parameters
         ----------
         interface : str, optional
-            For all buses; the file's `options` go with the interface they were written for.
+            For all buses; the file's `options` stay only if the interface does.
         channel : str, optional
-            One for each bus, in order, with commas between ("vcan0,vcan1"): identifiers are
-            unique on a bus only, so two buses cannot share a channel.
+            One for each bus, in order, separated by commas ("vcan0,vcan1"): identifiers are unique
+            per bus only, so two buses cannot share a channel.
 
         Raises
         ------
@@ -210,7 +209,7 @@ class Topology:
         Raises
         ------
         UnknownNameError
-            There is none; the message has the nearest name.
+            There is none; the message suggests the nearest name.
         """
         try:
             return self.unit_names.index(name)
@@ -228,7 +227,7 @@ def seal(topology: Topology) -> None:
 
 
 def _named(one: str, many: str, names: Sequence[str]) -> str:
-    """Names of a few things, the number of many."""
+    """Names of a few things, or the number of many."""
     if len(names) == 1:
         return f"{one} {names[0]!r}"
     listed = f" ({', '.join(names)})" if len(names) <= 4 else ""

@@ -1,7 +1,7 @@
-"""Exact worst-case bits of frames, and how much of a bus they fill.
+"""Exact worst-case length of frames in bits, and the load of a bus.
 
 Bit counts hold for ISO 11898-1:2015 and include stuff bits and the three bits of intermission.
-Stuffing is worst when, after the first five bits, every fourth one brings a stuff bit.
+Stuffing is worst when, after the first five bits, every fourth one causes a stuff bit.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from topology.wire import WireLayout
 __all__ = ["BusLoad", "bus_load", "classic_bits", "fd_bits", "frame_seconds"]
 
 HEARTBEAT_SIZE = 8
-"""Bytes of a heartbeat, a classic frame that every sender of data sends once a second; sensors of
-another kind do not."""
+"""Bytes of a heartbeat, a classic frame once a second from every sender of data; sensors of another
+kind send none."""
 
 SYNC_SIZE = 1
 
 
 def classic_bits(size: int, extended: bool = False) -> int:
-    """Most bits that a classic data frame of `size` bytes can take.
+    """Maximum bits of a classic data frame of `size` bytes.
 
     Start, identifier, control, data and CRC (34 bits and the data; 54 with a 29-bit identifier)
     are stuffed; CRC delimiter, ACK, end of frame and intermission (13 bits) are not.
@@ -40,12 +40,12 @@ def classic_bits(size: int, extended: bool = False) -> int:
 
 
 def fd_bits(size: int, extended: bool = False) -> tuple[int, int]:
-    """Most bits that a CAN FD data frame of `size` bytes can take, at either bit rate.
+    """Maximum bits of a CAN FD data frame of `size` bytes, at either bit rate.
 
-    From the start to the bit that switches the rate (17 bits, 36 with a 29-bit identifier) and
-    from the CRC delimiter on (13 bits) the nominal rate holds; ESI, length, data, stuff count and
-    CRC (17 or 21 bits, with fixed stuff bits) go at the data rate. Stuff bits that may fall on
-    either side of the switch are counted at the nominal rate.
+    The nominal rate holds from the start to the bit that switches the rate (17 bits, 36 with a
+    29-bit identifier) and from the CRC delimiter on (13 bits); ESI, length, data, stuff count and
+    CRC (17 or 21 bits, with fixed stuff bits) have the data rate. Stuff bits on either side of the
+    switch are counted at the nominal rate.
 
     Returns
     -------
@@ -66,7 +66,7 @@ def fd_bits(size: int, extended: bool = False) -> tuple[int, int]:
 
 
 def frame_seconds(size: int, fd: bool, bus: Bus, extended: bool = False) -> float:
-    """Longest time that a data frame of `size` bytes takes on a bus, s."""
+    """Longest time of a data frame of `size` bytes on a bus, s."""
     if not fd:
         return classic_bits(size, extended) / bus.bitrate
     nominal, data = fd_bits(size, extended)
@@ -75,16 +75,16 @@ def frame_seconds(size: int, fd: bool, bus: Bus, extended: bool = False) -> floa
 
 @dataclass(frozen=True)
 class BusLoad:
-    """What the expected frames of one bus take.
+    """Load of one bus by its expected frames.
 
     Attributes
     ----------
     frames : int
-        Data frames a cycle.
+        Data frames per cycle.
     cycle_s : float
         Time on the wire of SYNC and all data frames of a cycle, s.
     load : float
-        Share of the bus at its cycle rate, heartbeats included.
+        Fraction of the bus at its cycle rate, heartbeats included.
     highest_rate_hz : float
         Cycle rate at which the load is `max_load`; 0 where heartbeats alone exceed it.
     """
@@ -106,7 +106,7 @@ def bus_load(index: int, bus: Bus, frames: Frames, layouts: tuple[WireLayout, ..
     frames : Frames
         Of the skin.
     layouts : tuple of WireLayout
-        As `frames.layout` counts them.
+        Indexed by `frames.layout`.
     """
     here = frames.bus == index
     kinds = np.stack([frames.layout[here], (frames.can_id[here] & EXTENDED) != 0])

@@ -1,4 +1,4 @@
-"""Calibration files, format version 1: what was measured of the units of one patch.
+"""Calibration files, format version 1: measured parameters of the units of one patch.
 
 ::
 
@@ -12,8 +12,8 @@
     frequency_rest_hz = 4512.5
     field_amplitude_ut = 10980.0
 
-What a file does not give stays as the model has it; an exception in the topology file
-(`[[units]]`) stands above both.
+Other parameters stay those of the model; exceptions in the topology file (`[[units]]`) override
+both.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from topology.source import Key, Source
 __all__ = ["read_calibration"]
 
 NEIGHBOURS_INCLUDED = "tared in place, resting neighbours included"
-"""How `bench` ends where the offsets of Bx and By hold the field of resting neighbours, which every
-decoder subtracts: it would be subtracted twice."""
+"""End of `bench` where the offsets of Bx and By include the field of resting neighbours, which
+every decoder subtracts: it would be subtracted twice."""
 
 
 def read_calibration(
@@ -52,7 +52,7 @@ def read_calibration(
     source : Source
         The topology file.
     report : Report
-        Receives what is wrong.
+        Collects the errors.
 
     Returns
     -------
@@ -61,13 +61,13 @@ def read_calibration(
     parameters : dict of int to dict
         Parameters by index of the unit in its patch.
     tared : list of int
-        Units whose zeros were taken in their places.
+        Units whose zeros were taken in place.
     """
     given = source.data["patches"][key[1]]["calibration"]
     path = source.path.parent / given
     shown = str(Path(source.shown).parent / given)
     if missing(path):
-        report.add("no-file", source, key, path=shown)
+        report.add("no-calibration", source, key, path=shown, file=source.shown)
         return None, {}, []
     calibration = open_source(path, shown, report)
     if calibration is None:

@@ -14,7 +14,7 @@ _Share = Annotated[float, Meta(ge=-1e15, le=1e15)]
 
 
 class Covariance(Table, frozen=True, kw_only=True):
-    """How well parameters that were fitted together are known."""
+    """Covariance of parameters that were fitted together."""
 
     parameters: Annotated[tuple[str, ...], Meta(description='Names; "name[3]" is of a list')]
     sigma: Annotated[tuple[_Share, ...], Meta(description="One sigma of each")]
@@ -25,7 +25,7 @@ class Covariance(Table, frozen=True, kw_only=True):
 
 
 class Measured(Table, frozen=True, kw_only=True):
-    """Which unit it was, what was recorded of it, and how well the laws follow it."""
+    """Identity of a unit, its recordings, and the residuals of its laws."""
 
     serial: Annotated[str, Meta(description="Serial number")] = ""
     hash: Annotated[str, Meta(description="SHA-256 of the recordings")] = ""
@@ -42,7 +42,7 @@ class Measured(Table, frozen=True, kw_only=True):
 
 
 class CalibrationFile(Table, frozen=True, kw_only=True):
-    """A calibration file: what was measured of the units of one patch."""
+    """A calibration file: measured parameters of the units of one patch."""
 
     format: Annotated[Literal[1], Meta(description="Version of the file format")]
     patch: Annotated[str, Meta(description="Patch that it belongs to")]

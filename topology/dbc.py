@@ -1,7 +1,7 @@
-"""DBC files: the messages and signals in them, which is all that a wire layout needs.
+"""DBC files: their messages and signals, as far as a wire layout needs them.
 
-Read are messages (BO_) and their signals (SG_), what signals are no integers (SIG_VALTYPE_) and
-which messages are CAN FD frames (the attribute VFrameFormat). Everything else is passed over.
+The reader handles messages (BO_) and their signals (SG_), float signals (SIG_VALTYPE_) and CAN FD
+frames (the attribute VFrameFormat). Everything else is ignored.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _FORMAT = re.compile(r'^[ \t]*+BA_\s++"VFrameFormat"\s++BO_\s++(\d{1,10})\s+"?(\
 _FD_FORMATS = {"14", "15", "StandardCAN_FD", "ExtendedCAN_FD"}
 
 UNUSED = "VECTOR__INDEPENDENT_SIG_MSG"
-"""Message that some tools keep the signals of no message in."""
+"""Message of some tools for signals without a message."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class DbcSignal:
     scale, offset : float
         Physical value = scale * integer + offset.
     multiplexed : bool
-        It is not in every frame of its message.
+        Not in every frame of its message.
     """
 
     name: str
@@ -111,7 +111,7 @@ def read_dbc(path: Path, shown: str, report: Report) -> dict[str, DbcMessage] | 
     shown : str
         Its name in messages.
     report : Report
-        Receives what is wrong.
+        Collects the errors.
     """
     raw = read_text(path, shown, report, LARGEST_MB, MOST_LINES)
     if raw is None:
@@ -136,13 +136,13 @@ def read_dbc(path: Path, shown: str, report: Report) -> dict[str, DbcMessage] | 
 
 
 def _on_one_line(quoted: re.Match[str]) -> str:
-    """A quoted text, emptied of all but its line ends if it has any: no line of it is a line."""
+    """A quoted text without its contents, if it has line ends: no line of it is parsed."""
     lines = quoted[0].count("\n")
     return '"' + "\n" * lines + '"' if lines else quoted[0]
 
 
 def _messages(text: str, shown: str, report: Report) -> Iterator[DbcMessage]:
-    """Messages with their signals; lines that cannot be read are reported."""
+    """Messages with their signals; invalid lines are reported."""
     floats = {(int(m[1]), m[2]) for m in _FLOAT.finditer(text)}
     fd_ids, fd_usually = _fd_messages(text)
     message: DbcMessage | None = None
@@ -207,7 +207,7 @@ def _signal(row: str, number: int) -> DbcSignal | None:
 
 
 def _fd_messages(text: str) -> tuple[dict[int, bool], bool]:
-    """Whether messages, by identifier, are CAN FD frames; and those of which nothing is said."""
+    """Whether messages, by identifier, are CAN FD frames; and the default."""
     defined = _FORMATS.search(text)
     names = re.findall(r'"([^"]*)"', defined[1]) if defined else []
 

@@ -1,4 +1,4 @@
-"""Units in the making: what the file says of each, patch by patch, and then one by one."""
+"""Units while they are resolved: by patch, and then by exceptions."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from topology.check.addresses import Claim, check_ids
 from topology.check.models import given_parameters, parameter_faults, to_arrays
 from topology.check.names import all_named, entries, refer
 from topology.check.patches import Placed
+from topology.files import missing
 from topology.model import MODELS
 from topology.parameter_roles import ZEROS
 from topology.parts import Parts
@@ -25,7 +26,7 @@ __all__ = ["Draft"]
 
 
 class Draft:
-    """n units of all patches that could be placed, in the order of the file.
+    """n units of all placed patches, in the order of the file.
 
     Attributes
     ----------
@@ -34,9 +35,9 @@ class Draft:
     patch : ndarray, shape (n,), int32
         Index into `placed`.
     tables : list of Key, length n
-        What placed each unit: its patch, its entry in a list, or the exception that moved it.
+        Table that placed each unit: its patch, its entry in a list, or its exception.
     fixed : ndarray, shape (n,), bool
-        Whether the place is known.
+        Whether the place is valid.
     enabled : ndarray, shape (n,), bool
     position : ndarray, shape (3, n), float64
         Metre, skin frame.
@@ -48,13 +49,16 @@ class Draft:
     layouts : list of WireLayout
         Those in use.
     address : Address
-        Indices of bus and layout are -1 where they are wrong.
+        Indices of bus and layout are -1 where they are invalid.
     claims : list of Claim, length n
-        Who asked for the address.
+        Owners of the addresses.
     """
 
-    def __init__(self, parts: Parts, placed: list[Placed], report: Report) -> None:
+    def __init__(
+        self, parts: Parts, placed: list[Placed], report: Report, allow_no_calibration: bool = False
+    ) -> None:
         self.parts = parts
+        self._allow_no_calibration = allow_no_calibration
         self.placed = placed
         self.report = report
         sizes = [len(p.units.names) for p in placed]
@@ -90,7 +94,7 @@ class Draft:
         return self.address.slot >= 0
 
     def _number(self, index: int) -> None:
-        """Give the units of a patch their addresses."""
+        """Assign addresses to the units of a patch."""
         placed, source, report = self.placed[index], self.parts.source, self.report
         key, patch = placed.key, placed.patch
         if not report.sound(source, key, "bus", "layout"):
@@ -129,7 +133,7 @@ class Draft:
         self._claim(turn, can_id, slot, claim)
 
     def _address_one(self, unit: int, entry: ListUnit | UnitException, key: Key) -> None:
-        """Give one unit the address that its own table names."""
+        """Assign one unit the address of its own table."""
         source, report = self.parts.source, self.report
         if not report.sound(source, key, "id", "slot"):
             self.address.slot[unit] = -1
@@ -146,7 +150,7 @@ class Draft:
             report.add("slot-alone", source, (*key, "slot"))
 
     def _claim(self, units: np.ndarray, can_id: np.ndarray, slot: np.ndarray, claim: Claim):
-        """Enter the addresses of some units of one patch."""
+        """Store the addresses of some units of one patch."""
         index = self.address.layout[units[0]]
         if index < 0:
             return
@@ -167,7 +171,8 @@ class Draft:
         """Read the calibration file of a patch."""
         placed, source, report = self.placed[index], self.parts.source, self.report
         at = (*placed.key, "calibration")
-        if placed.patch.calibration is None:
+        named = placed.patch.calibration
+        if named is None or (self._allow_no_calibration and missing(source.path.parent / named)):
             return
         name, units = placed.patch.name, placed.units.names
         calibration, parameters, tared = read_calibration(name, units, at, source, report)
@@ -179,7 +184,7 @@ class Draft:
             self._given.setdefault(int(self.starts[index]) + unit, []).append(entry)
 
     def _except(self) -> None:
-        """Apply what the file says of single units."""
+        """Apply the exceptions of single units."""
         source, report = self.parts.source, self.report
         index = {name: unit for unit, name in enumerate(self.names)}
         first: dict[str, Key] = {}
@@ -195,7 +200,7 @@ class Draft:
             self._except_one(index[entry.unit], entry, key)
 
     def _known(self, name: str, index: dict[str, int], key: Key) -> bool:
-        """Whether a unit exists; silent where its patch is there but could not be placed."""
+        """Whether a unit exists; not reported where its patch could not be placed."""
         if name in index:
             return True
         patch, slash, unit = name.partition("/")
@@ -228,7 +233,7 @@ class Draft:
             self._given.setdefault(unit, []).append((source, key, given))
 
     def _resolve_parameters(self) -> dict[str, np.ndarray]:
-        """Parameters of all units; what does not go together is reported."""
+        """Parameters of all units; inconsistent ones are reported."""
         sound = {name: model for name, model in self.parts.models.items() if model is not None}
         default = next(iter(MODELS))
         row = {name: i for i, name in enumerate(sound)}

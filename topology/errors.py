@@ -1,4 +1,4 @@
-"""Errors of the package, and the wording of everything that can be wrong with a file.
+"""Errors of the package, and the messages for all faults of a file.
 
 ::
 
@@ -29,7 +29,9 @@ __all__ = [
 MESSAGES: dict[str, str] = {
     # -- the file itself
     "no-topology": "must be a file or a ready-made topology ({names}); got no such file",
+    "other-kind": "must be a topology file (TOML); got {kind}",
     "no-file": "must be an existing file; got none at {path}",
+    "no-calibration": "must be an existing file; got none at {path} (`skin tare {file}` writes it)",
     "unreadable": "must be a readable file; got: {reason}",
     "too-large": "must be at most {limit} MB; got {size:.0f} MB",
     "too-many-lines": "must be at most {limit} lines; got {got}",
@@ -79,7 +81,7 @@ MESSAGES: dict[str, str] = {
     "over; got {got:.4g} after knot {knot}",
     "creep-times": "must rise from 0 where a term has a weight; got {got:g} after {limit:g} at "
     "term {term}",
-    "scale": "must be from {least:g} to {most:g}, whatever its sign; got {got:g}",
+    "scale": "must be from {least:g} to {most:g}, positive or negative; got {got:g}",
     "calibration-patch": "must be {patch}, the patch that names this file (line {line} of {file}); "
     "got {got}",
     "tared-with-neighbours": "must be of a tare that leaves resting neighbours out, as decoders "
@@ -119,6 +121,8 @@ MESSAGES: dict[str, str] = {
     "home-limits": "must be within the joint's limits, {low:g} to {high:g}; got {got:g}",
     # -- geometry
     "too-many": "must be a skin of at most {limit} units; got {got}",
+    "pitch-round": "must be at most {most:.4g}, for which a {shape} with radius_m = {radius:g} has "
+    "room; got {got:g}",
     "around": "must be at most {limit}, once around the cylinder; got {got}",
     "far-side": "must be at most {limit}, before the far side of the sphere; got {got}",
     "same-place": "must be {minimum_mm:.3g} mm or more from every other unit; got {got_mm:.3g} mm "
@@ -132,27 +136,28 @@ MESSAGES: dict[str, str] = {
     "duplicate-slot": "must be a place of its own on bus {bus}; got slot {slot} of {id:#05x}, also "
     "of {other} (line {line})",
     "slot-range": "must be below {limit}, the units in a frame of {layout}; got {got}",
-    "slot-alone": "must stand beside an id; got a slot alone",
+    "slot-alone": "must be given with an id; got a slot alone",
 }
-"""Wording of every issue by its code."""
+"""Message of every issue by its code."""
 
 
 MANY_NAMES = 256
-"""Of more names only those that begin alike are compared: a patch may have thousands of units."""
+"""With more names, only those with the same beginning are compared: a patch may have thousands of
+units."""
 
 
 @dataclass(frozen=True)
 class Issue:
-    """One thing that is wrong with a file.
+    """One fault of a file.
 
     Attributes
     ----------
     code : str
         Key of `MESSAGES`.
     file : str
-        As the user wrote it.
+        As given by the user.
     line : int
-        From 1; 0 where it is about the file as a whole.
+        From 1; 0 for the whole file.
     where : str
         The table and key, e.g. "patches[0] 'palm' pitch_m"; may be empty.
     message : str
@@ -171,12 +176,12 @@ class Issue:
 
 
 class TopologyError(ValueError):
-    """A topology file, or a calibration file that it names, is wrong.
+    """A topology file, or one of its calibration files, is invalid.
 
     Attributes
     ----------
     issues : tuple of Issue
-        Everything that is wrong, in the order of the files' lines; the message has one a line.
+        All faults, in the order of the files' lines; the message has one a line.
     """
 
     def __init__(self, issues: Iterable[Issue]) -> None:
@@ -198,9 +203,9 @@ def unknown_unit(name: str, skin: str, units: Iterable[str]) -> UnknownNameError
 
 
 def nearest(name: object, names: Iterable[str], or_all: bool = True) -> str:
-    """Ending of a message: the valid name nearest to a wrong one, or all where they are few.
+    """Ending of a message: the nearest valid name, or all if they are few.
 
-    `or_all` is False where the message has them all anyway.
+    `or_all` is False where the message lists them anyway.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, and read only where they are files indeed."""
+"""Files that are written atomically, and read only if they are regular files."""
 
 from __future__ import annotations
 
@@ -33,22 +33,23 @@ __all__ = [
     "whole_path",
 ]
 
-LONGEST_TOLD = 1 << 20
-"""Bytes that are read of a file that is in the way, to say what it is [assumed]."""
+DESCRIBED_BYTES = 1 << 20
+"""Bytes that are read of an existing file, to describe it [assumed]."""
 LARGEST_ARRAYS = 1 << 31
-"""Bytes of all arrays of an archive, unpacked [assumed: the stencil of 100 000 units]."""
+"""Upper bound of the bytes of all arrays of an archive, unpacked [assumed: the stencil of 100 000
+units]."""
 
 _KINDS = {stat.S_IFIFO: "a FIFO", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device",
           stat.S_IFSOCK: "a socket"}  # fmt: skip
 
 
 class TooLargeError(OSError):
-    """A file has more bytes than it may have.
+    """A file is larger than allowed.
 
     Attributes
     ----------
     size : int
-        Bytes, as far as they are known.
+        Bytes, as far as known.
     """
 
     def __init__(self, size: int) -> None:
@@ -57,20 +58,20 @@ class TooLargeError(OSError):
 
 
 class Kind(NamedTuple):
-    """Files that a writer may put its own in place of, since it has written them."""
+    """A kind of files that a writer may replace, since it has written them."""
 
     name: str
-    """What one is, with its article: "a stencil"."""
+    """Description with its article: "a stencil"."""
     is_one: Callable[[Path], bool]
-    """Whether the file that is there is one; may raise anything about a file that is none."""
+    """Whether an existing file is of this kind; may raise anything for others."""
 
 
 NO_KIND = Kind("", lambda path: False)
-"""Of what is never written over: recordings."""
+"""Of files that are never replaced: recordings."""
 
 
 def marked(name: str, *marks: bytes, at_most: int = 1 << 16) -> Kind:
-    """Files whose first or last `at_most` bytes have each of these marks."""
+    """Files with each of these marks in their first or last `at_most` bytes."""
 
     def is_one(path: Path) -> bool:
         with open_regular(path) as file:
@@ -83,7 +84,7 @@ def marked(name: str, *marks: bytes, at_most: int = 1 << 16) -> Kind:
 
 
 def arrays_of(name: str, *arrays: str) -> Kind:
-    """Files of arrays (.npz), these among them."""
+    """Files of arrays (.npz) that include these."""
 
     def is_one(path: Path) -> bool:
         with open_regular(path) as file, zipfile.ZipFile(file) as archive:
@@ -93,33 +94,35 @@ def arrays_of(name: str, *arrays: str) -> Kind:
 
 
 def check_over(path: Path, kind: Kind) -> None:
-    """Refuse to write a file of `kind` over what is another: a writer replaces its own alone.
+    """Refuse to replace an existing file that is not of `kind`.
 
-    An empty file is nothing to lose; a folder, device or pipe is refused by who opens it.
+    Empty files may be replaced; folders, devices and pipes are refused when they are opened.
 
     Raises
     ------
     FileExistsError
-        It names what is there.
+        The message describes the existing file.
     """
     if not path.is_file() or not path.stat().st_size:
         return
     try:
         is_own = kind.is_one(path)
-    except Exception:  # anything may come of reading what is another
+    except Exception:  # another kind may raise anything
         is_own = False
     if not is_own:
         wanted = f"a new file, or {kind.name}" if kind.name else "a new file"
         raise FileExistsError(
-            errno.EEXIST, f"must be {wanted}; got {_told(path)} that is there already", str(path)
+            errno.EEXIST,
+            f"must be {wanted}; got {_described(path)} that is there already",
+            str(path),
         )
 
 
-def _told(path: Path) -> str:
-    """What a file is, as far as it shows, in a few words."""
+def _described(path: Path) -> str:
+    """Short description of a file by its contents."""
     try:
         with open_regular(path) as file:
-            head = file.read(LONGEST_TOLD)
+            head = file.read(DESCRIBED_BYTES)
     except OSError:
         return "a file"
     if head.startswith(b"PK"):
@@ -146,8 +149,8 @@ def _told(path: Path) -> str:
 
 @contextmanager
 def named(path: Path) -> Iterator[None]:
-    """Let errors of writing name `path`: where the disk is full they name none, and a file that is
-    to take its place means nothing to the user."""
+    """Add `path` to errors of writing: a full disk reports no path, and that of a temporary file
+    means nothing to the user."""
     try:
         yield
     except OSError as error:
@@ -158,13 +161,13 @@ def named(path: Path) -> Iterator[None]:
 
 
 def sync(path: Path) -> None:
-    """Let the disk have what was written into a file: what takes the place of another is whole then
-    after a loss of power, too, and an error of writing that came late is told.
+    """Sync a file to the disk, so that it is complete after a loss of power when it replaces
+    another one, and late errors of writing are reported.
 
     Raises
     ------
     OSError
-        The disk does not take it.
+        The disk reports an error.
     """
     file = os.open(path, os.O_RDONLY)
     try:
@@ -175,36 +178,36 @@ def sync(path: Path) -> None:
 
 @contextmanager
 def whole_path(path: Path, over: Kind | None = None) -> Iterator[Path]:
-    """The path of a new file beside `path`, which takes its place at the end of the block, once the
-    disk has it, and is gone if an error ends it. Of several that write at once, the last one stays.
-    An error of writing names `path`. A device or pipe is refused, since a file would take its
-    place; so is a file that is not of the kind `over`, as of `check_over`."""
+    """A temporary path next to `path`, which is synced and renamed to it at the end of the block,
+    and removed after an error. Of several concurrent writers, the last one wins. An error of
+    writing has `path`. Devices and pipes are refused, since a file would replace them; so are files
+    of other kinds than `over`, see `check_over`."""
     if over is not None:
         check_over(path, over)
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise OSError(errno.EINVAL, "must be a regular file, or a new one", str(path))
-    beside = path.with_name(f".{path.name}.{uuid.uuid4().hex[:12]}.part")
+    draft = path.with_name(f".{path.name}.{uuid.uuid4().hex[:12]}.part")
     try:
         with named(path):
-            yield beside
-            sync(beside)
-            os.replace(beside, path)
+            yield draft
+            sync(draft)
+            os.replace(draft, path)
     finally:
-        beside.unlink(missing_ok=True)
+        draft.unlink(missing_ok=True)
 
 
 @contextmanager
 def whole_file(
     path: Path, mode: str = "wb", *, over: Kind | None = None, **how: Any
 ) -> Iterator[IO[Any]]:
-    """Open a file that takes the place of `path` at the end of the block, as of `whole_path`; `how`
-    is for `open`."""
-    with whole_path(path, over) as beside, beside.open(mode, **how) as file:
+    """Open a file that replaces `path` at the end of the block, see `whole_path`; `how` is for
+    `open`."""
+    with whole_path(path, over) as draft, draft.open(mode, **how) as file:
         yield file
 
 
 def check_path(where: str, value: object, error: Callable[[str], Exception]) -> None:
-    """Refuse, with this error, what is no path of a file.
+    """Require a path of a file, or raise this error.
 
     Examples
     --------
@@ -220,7 +223,7 @@ def check_path(where: str, value: object, error: Callable[[str], Exception]) -> 
 
 
 def missing(path: str | os.PathLike[str]) -> bool:
-    """Whether there is nothing of that name; what is there may be unreadable all the same."""
+    """Whether nothing has that name; an existing file may be unreadable."""
     try:
         os.stat(path)
     except (FileNotFoundError, NotADirectoryError):
@@ -231,12 +234,12 @@ def missing(path: str | os.PathLike[str]) -> bool:
 
 
 def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
-    """Open a regular file for reading, without ever waiting for what is none.
+    """Open a regular file for reading; never blocks on other kinds.
 
     Raises
     ------
     OSError
-        It cannot be opened, or is a directory, FIFO, device or socket; `strerror` says it.
+        It cannot be opened, or is a directory, FIFO, device or socket; see `strerror`.
     """
     try:
         _check_regular(os.stat(path).st_mode)
@@ -257,9 +260,9 @@ def read_regular(path: str | os.PathLike[str], at_most: int) -> bytes:
     Raises
     ------
     TooLargeError
-        They are more than `at_most`.
+        There are more than `at_most`.
     OSError
-        As of `open_regular`.
+        See `open_regular`.
     """
     with open_regular(path) as file:
         size = os.fstat(file.fileno()).st_size
@@ -275,9 +278,9 @@ def read_arrays(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
     Raises
     ------
     ValueError
-        It is none, or has more bytes than any that was saved.
+        It is not one, or is larger than any that was saved.
     OSError
-        As of `open_regular`.
+        See `open_regular`.
     """
     try:
         with open_regular(path) as file:
@@ -290,7 +293,7 @@ def read_arrays(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
                 return dict(arrays)
     except OSError:
         raise
-    except Exception as error:  # anything may come of reading what is damaged
+    except Exception as error:  # a damaged file may raise anything
         raise ValueError(str(error) or type(error).__name__) from None
 
 

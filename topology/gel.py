@@ -1,8 +1,8 @@
-"""The law of the gel: its temperature is a polynomial of the logarithm of its current.
+"""The law of the gel: its temperature is a polynomial in the logarithm of its current.
 
 ``T = 20 + 60 x + b x (x - 1) + c x (x - 1) (2 x - 1)`` in °C, with ``x = ln(I / I20) / ln(ratio)``,
-`b` and `c` being `gel_bend_c` and `gel_twist_c`: they leave 20 and 80 °C where `gel_current_20c_ua`
-and `gel_current_ratio` have them. Without them the current is exponential.
+`b` and `c` are `gel_bend_c` and `gel_twist_c`: they do not change 20 and 80 °C, which are given by
+`gel_current_20c_ua` and `gel_current_ratio`. Without them the current is exponential.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 __all__ = ["gel_ends", "gel_octaves", "gel_share", "gel_slope", "gel_temperature"]
 
 STEPS = 12
-"""Of Newton's method, or halves of what is left where that leads astray."""
+"""Newton iterations, or bisections where Newton fails."""
 FARTHEST = 20.0
 """Of x: 1200 K from 20 °C."""
 
@@ -58,8 +58,8 @@ def gel_slope(p: Parameters, share: np.ndarray) -> np.ndarray:
 
 
 def gel_share(p: Parameters, temperature: np.ndarray) -> np.ndarray:
-    """Current over that at 20 °C: the inverse of `gel_temperature`, where that rises; beyond, as
-    much as where it ends to.
+    """Current over that at 20 °C: the inverse of `gel_temperature` where it is monotonic; beyond,
+    the value at the end.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def gel_ends(p: Parameters) -> tuple[np.ndarray, np.ndarray]:
     first, second, third = _powers(p)
     with np.errstate(divide="ignore", invalid="ignore"):
         root = np.sqrt(second**2 - 3.0 * first * third)
-        # in the form that has a limit where the law is no cubic
+        # in the form with a limit where the cubic term vanishes
         ends = [first / -(second + root), first / (root - second)]
     low, high = np.full((2, *first.shape), FARTHEST) * np.array([-1.0, 1.0]).reshape(
         2, *(1 for _ in first.shape)

@@ -1,8 +1,8 @@
-"""Where the units of a patch sit: grid, hex, cylinder, dome, list.
+"""Places of the units of a patch: grid, hex, cylinder, dome, list.
 
-Every patch is centred: the middle of its units (the apex, of a curved patch) lies in the origin of
-the patch frame, and the outward normal there is the patch's +z. So a curved patch turns into the
-flat one as its radius grows. The unit frame has z *into* the skin:
+Every patch is centred: the middle of its units (the apex of a curved patch) is at the origin of the
+patch frame, and the outward normal there is the patch's +z. So a curved patch becomes the flat one
+as its radius grows. The unit frame has z *into* the skin:
 
 - grid, hex: x_unit = x_patch, y_unit = -y_patch, z_unit = -z_patch;
 - cylinder (axis along y_patch): x_unit goes around, y_unit = -y_patch;
@@ -18,7 +18,7 @@ import numpy as np
 from topology.pose import from_axes
 from topology.schema import Cylinder, Dome, Grid, Hex, List, Patch
 
-__all__ = ["Placement", "count", "overfull", "place"]
+__all__ = ["Placement", "count", "overfull", "place", "widest_pitch_m"]
 
 HEX_ROW = np.sqrt(0.75)
 
@@ -54,7 +54,7 @@ def count(patch: Patch) -> int:
 
 
 def overfull(patch: Patch) -> tuple[str, int] | None:
-    """The key of a curved patch that is more than its shape has room for, and what it has."""
+    """The key of a curved patch with more units than its shape has room for, and that room."""
     match patch:
         case Cylinder():
             around = int(2 * np.pi * patch.radius_m / patch.pitch_m + 1e-6)
@@ -63,6 +63,11 @@ def overfull(patch: Patch) -> tuple[str, int] | None:
             far = max(int(np.pi * patch.radius_m / patch.pitch_m - 0.5), 0)
             return ("rings", far) if patch.rings > far else None
     return None
+
+
+def widest_pitch_m(patch: Cylinder | Dome) -> float:
+    """The widest pitch that leaves room for one column around a cylinder, or one ring of a dome."""
+    return np.pi * patch.radius_m * (2.0 if isinstance(patch, Cylinder) else 1.0 / 1.5)
 
 
 def place(patch: Patch) -> Placement:
@@ -123,7 +128,7 @@ def _place_dome(patch: Dome) -> Placement:
     rings = _rings(patch)
     ring = np.repeat(np.arange(rings.size), rings)
     turn = np.concatenate([np.arange(m) / m for m in rings])
-    # Odd rings start half a step on, so that their units sit in the gaps of the ring before.
+    # Odd rings are rotated by half a step, so that their units sit in the gaps of the ring before.
     longitude = 2 * np.pi * (turn + 0.5 * (ring % 2) / rings[ring])
     polar = patch.pitch_m / patch.radius_m * ring
     cos, sin = np.cos(longitude), np.sin(longitude)

@@ -1,4 +1,4 @@
-"""From a file, or the name of a ready-made topology, to arrays."""
+"""Loads a file or a ready-made topology into arrays."""
 
 from __future__ import annotations
 
@@ -24,18 +24,31 @@ from topology.schema import File, Patch
 from topology.source import Source
 from topology.wire import CHANNELS
 
-__all__ = ["builtin", "load"]
+__all__ = ["builtin", "is_builtin", "load"]
 
 _FOLDER = Path(__file__).parent / "builtin"
 
 builtin: tuple[str, ...] = tuple(sorted(path.stem for path in _FOLDER.glob("*.toml")))
 """Names of the ready-made topologies."""
 
+_MODEL = 'a model of a robot: a topology file names it ([robot] model = "{file}")'
+_LOG = "a recording or log, which `skin replay {file}` plays"
+OTHER_KINDS = {
+    **dict.fromkeys((".urdf", ".xml", ".mjcf"), _MODEL),
+    **dict.fromkeys((".mcap", ".log", ".blf", ".asc", ".trc", ".mf4"), _LOG),
+}
+"""What a file of another suffix is, and where it is used."""
+
 NEIGHBOUR_REACH = 1.5
-"""Neighbours are nearer than this many times the distance of nearest neighbours in their patch."""
+"""Reach of neighbours, relative to the distance of nearest neighbours in their patch."""
 
 
-def load(file: str | os.PathLike[str], *, allow_overload: bool = False) -> Topology:
+def load(
+    file: str | os.PathLike[str],
+    *,
+    allow_overload: bool = False,
+    allow_no_calibration: bool = False,
+) -> Topology:
     """Load a topology file, and the calibration files that it names.
 
     Parameters
@@ -43,7 +56,9 @@ def load(file: str | os.PathLike[str], *, allow_overload: bool = False) -> Topol
     file : str or path
         A file, or the name of a ready-made topology (`topology.builtin`).
     allow_overload : bool
-        Accept buses that cannot carry their frames at their cycle rate, for a look at them.
+        Accept overloaded buses, to inspect them.
+    allow_no_calibration : bool
+        Accept names of calibration files that do not exist, for commands that write them.
 
     Returns
     -------
@@ -52,7 +67,7 @@ def load(file: str | os.PathLike[str], *, allow_overload: bool = False) -> Topol
     Raises
     ------
     TopologyError
-        With every problem of the files, each with its line.
+        With all faults of the files, each with its line.
 
     Examples
     --------
@@ -62,9 +77,9 @@ def load(file: str | os.PathLike[str], *, allow_overload: bool = False) -> Topol
     report = Report()
     source = _open(file, report)
     report.raise_if_any()
-    assert source is not None  # or the report had said why
+    assert source is not None  # otherwise the report has raised
     parts = resolve(read(File, source, report), source, report)
-    draft = Draft(parts, place_patches(parts, report), report)
+    draft = Draft(parts, place_patches(parts, report), report, allow_no_calibration)
     known = draft.addressed
     if not known.any():
         report.raise_if_any()
@@ -77,6 +92,11 @@ def load(file: str | os.PathLike[str], *, allow_overload: bool = False) -> Topol
     return _finish(frames, draft, parts)
 
 
+def is_builtin(path: Path | None) -> bool:
+    """Whether a file is that of a ready-made topology."""
+    return path is not None and path.parent == _FOLDER
+
+
 def _open(file: str | os.PathLike[str], report: Report) -> Source | None:
     check_path("file", file, _no_path)
     shown = os.fspath(file)
@@ -86,8 +106,11 @@ def _open(file: str | os.PathLike[str], report: Report) -> Source | None:
     path = Path(file)
     if missing(path):
         names = ", ".join(builtin)
-        hint = "" if path.suffix or path.name != shown else nearest(shown, builtin)
+        hint = nearest(path.stem, builtin, or_all=not path.suffix) if path.name == shown else ""
         report.about_file("no-topology", shown, hint=hint, names=names)
+        return None
+    if kind := OTHER_KINDS.get(path.suffix.lower()):
+        report.about_file("other-kind", shown, kind=kind.format(file=path.name))
         return None
     return open_source(path, shown, report)
 
@@ -98,7 +121,7 @@ def _no_path(text: str) -> TopologyError:
 
 
 def _check_units(draft: Draft, parts: Parts, report: Report) -> None:
-    """Rules that no unit can break alone: one place and one address for each."""
+    """Rules for all units together: unique places and addresses."""
     fixed, known = np.flatnonzero(draft.fixed), np.flatnonzero(draft.addressed)
     check_places(
         draft.position[:, fixed],
@@ -119,7 +142,7 @@ def _check_units(draft: Draft, parts: Parts, report: Report) -> None:
 
 
 def _check_load(frames: Frames, draft: Draft, parts: Parts, report: Report) -> None:
-    """A bus must carry its frames at its cycle rate, whatever their bits are."""
+    """A bus must carry its frames at its cycle rate, in the worst case of their bits."""
     for key in parts.buses.values():
         bus = parts.bus(key)
         if not report.sound(parts.source, key):
@@ -176,15 +199,15 @@ def _finish(frames: Frames, draft: Draft, parts: Parts) -> Topology:
 
 
 def _link(patch: Patch, parts: Parts) -> str:
-    """Link that carries a patch, itself or through its frame; "" where none does."""
+    """Link of a patch, its own or that of its frame; "" without one."""
     return patch.link or parts.link_of_frame.get(patch.frame, "")
 
 
 def _typical(distance: np.ndarray, alone: np.ndarray) -> np.ndarray | float:
-    """Distance of nearest neighbours in a patch: the median, but not far off the least.
+    """Distance of nearest neighbours in a patch: the median, limited by the smallest one.
 
-    The limit keeps the neighbours few in a patch that is dense here and sparse there. A unit alone
-    in its patch counts with its diameter.
+    The limit bounds the neighbours of a patch with different densities. A single unit in its patch
+    counts with its diameter.
     """
     if distance.size < 2:
         return alone

@@ -1,14 +1,14 @@
 """Unit models: every constant of an F3T unit, with its unit in its name and its source in its doc.
 
-A `UnitModel` is what a unit *nominally* is. A topology file may override any parameter for a model,
-a calibration file for a single unit; the loaded `Topology` holds the outcome as one array a
-parameter (`Topology.parameters`). The simulator turns these parameters into counts, the decoder
-turns them into the coefficients of its kernel; neither holds a constant of its own.
+A `UnitModel` describes a *nominal* unit. A topology file may override any parameter for a model, a
+calibration file for a single unit; the loaded `Topology` has the results as one array a parameter
+(`Topology.parameters`). The simulator converts these parameters to counts, the decoder to the
+coefficients of its kernel; neither has constants of its own.
 
-Sources: [paper] stands in Yang et al., "F3T: A soft tactile unit with 3D force and temperature
-mathematical decoupling ability for robots"; [derived] follows from the paper's figures;
-[assumed] is a preset chosen here because the paper does not say; [calibrated] is a property of the
-single unit, without effect until a calibration gives it.
+Sources: [paper] is in Yang et al., "F3T: A soft tactile unit with 3D force and temperature
+mathematical decoupling ability for robots"; [derived] follows from the paper's figures; [assumed]
+is a preset chosen here because the paper has none; [calibrated] is a property of the single unit,
+without effect until a calibration sets it.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ FIELD_ANGLE_TERMS = 16
 VARIANCE_TERMS = 6
 """Coefficients of a film's variance over R and H in mm: entry 2 i + j is of R^(3 i) H^(2 j)."""
 CREEP_TERMS = 3
-"""Terms of a relaxation; those that are not needed have weight 0."""
+"""Terms of a relaxation; unused ones have weight 0."""
 CREEP = ("relative", "s", "sigma_relative")
 """Parts of it, after ``normal_creep_`` and ``shear_creep_``."""
 TABLES = {
@@ -45,7 +45,7 @@ TABLES = {
     "field_angle_variance_relative": VARIANCE_TERMS,
     **{f"{law}_creep_{part}": CREEP_TERMS for law in ("normal", "shear") for part in CREEP[:2]},
 }
-"""Parameters that are tables, and how long; an empty one reads as zeros."""
+"""Parameters that are tables, and their lengths; an empty one stands for zeros."""
 
 
 def _doc(text: str, **bounds: Any) -> Meta:
@@ -55,7 +55,7 @@ def _doc(text: str, **bounds: Any) -> Meta:
 _Shares = tuple[Annotated[float, Meta(ge=0, le=10)], ...]
 _Times = tuple[Annotated[float, Meta(ge=0, le=1e6)], ...]
 _LAW_LEFT = _doc(
-    "The same beside it in newton: law of another form, at most the force itself [calibrated]",
+    "Additional one-sigma in newton: law of another form, at most the force itself [calibrated]",
     ge=0, le=1000,
 )  # fmt: skip
 _CREEP_LEFT = _doc("One-sigma that the terms leave, of what relaxes [calibrated]", ge=0, le=1)
@@ -122,6 +122,11 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     normal_stiff_n_per_hz: Annotated[
         float, _doc("Normal force per Hz above the break (Fig. 3e) [paper]", ge=1e-7, le=0.1)
     ] = 1.0 / 200.0
+    normal_cubic_n_per_hz3: Annotated[
+        float,
+        _doc("Normal force per cube of what the fall is above the break, which it adds to that of "
+             "both slopes: rubber stiffens; 0: none [calibrated]", ge=0, le=1e-3),
+    ] = 0.0  # fmt: skip
     normal_max_n: Annotated[
         float, _doc("Upper end of the calibrated normal force [paper]", ge=1e-3, le=1000)
     ] = 7.2
@@ -159,6 +164,11 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     shear_stiff_n_per_mm: Annotated[
         float, _doc("Slope added beyond the break: 2 N at 2.348 mm [derived]", ge=0, le=1e4)
     ] = 2.375
+    shear_cubic_n_per_mm3: Annotated[
+        float,
+        _doc("Ft per cube of what the displacement is beyond the break, added; 0: none "
+             "[calibrated]", ge=0, le=1e4),
+    ] = 0.0  # fmt: skip
     shear_gain_per_mm: Annotated[
         float,
         _doc(
@@ -305,8 +315,8 @@ class UnitModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         ),
     ] = ()
 
-    # -- one-sigma of the constants themselves: beside noise, the same in every reading. These are
-    # the spread from unit to unit, which a calibration of the unit replaces by what it leaves -----
+    # -- one-sigma of the constants, equal in all readings, in addition to noise: the spread between
+    # units, or the residual of a unit's calibration -----------------------------------------------
     temperature_sigma_c: Annotated[
         float,
         _doc("Of the temperature: current and ratio evenly spread by 5 % [assumed]", ge=0, le=100),

@@ -1,8 +1,8 @@
-"""Who sits beside whom: pairs of near points, and the neighbour graph of a skin.
+"""Neighbours: pairs of near points, and the neighbour graph of a skin.
 
 All of it is one sweep: the points are ordered along a slanted line, and each is compared with the
-next, the next but one and so on, until the gap along the line alone is too large. On a surface that
-takes about n^1.5 comparisons, all of them in numpy, and never more memory than a few rows of n.
+next, the next but one and so on, until the gap along the line alone is too large. On a surface this
+takes about n^1.5 comparisons, all of them in numpy, with memory for a few rows of n.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ import numpy as np
 
 __all__ = ["compressed_rows", "nearest_distance", "neighbour_pairs", "pairs_within"]
 
-# No row, column or diagonal of a regular patch lies square to this line: few points share a gap.
+# No row, column or diagonal of a regular patch is perpendicular to this line: few points share a
+# gap.
 _LINE = np.array([0.8017, 0.5153, 0.3029])
 
 
@@ -57,7 +58,7 @@ def pairs_within(
 
 
 def nearest_distance(position: np.ndarray) -> np.ndarray:
-    """Distance of each point to the nearest other one; inf where there is no other.
+    """Distance of each point to the nearest other one; inf for a single point.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""A topology as named arrays, for a recording or another process: every field as it is in memory.
+"""A topology as named arrays, for a recording or another process, with all fields as in memory.
 
-What was changed there goes along: other buses, exact units, zeros. Nothing is pickled, and what
-comes back is checked, since files can be damaged.
+Changes after loading are included: other buses, exact units, zeros. Nothing is pickled, and
+unpacking checks all fields, since files can be damaged.
 """
 
 from __future__ import annotations
@@ -22,7 +22,10 @@ from topology.robot.model import RobotModel
 from topology.schema import Bus
 from topology.wire import CHANNELS, WireLayout
 
-__all__ = ["PARAMETER", "TEXTS", "from_arrays", "packed", "to_arrays", "unpacked"]
+__all__ = [
+    "PARAMETER", "TEXTS", "from_arrays", "packed", "robot_of", "robot_text", "to_arrays",
+    "unpacked",
+]  # fmt: skip
 
 TEXTS = "texts"
 FRAMES, PARAMETER = "frames_", "parameter_"
@@ -39,7 +42,7 @@ PARAMETERS = tuple(field.name for field in msgspec.structs.fields(UnitModel))
 
 
 class _Texts(msgspec.Struct, forbid_unknown_fields=True):
-    """What is no array."""
+    """Fields other than arrays."""
 
     name: str
     path: str | None
@@ -53,8 +56,8 @@ class _Texts(msgspec.Struct, forbid_unknown_fields=True):
 
 
 def to_arrays(topology: Topology) -> dict[str, np.ndarray]:
-    """Arrays, by name; what is none is one of them, as JSON. Options of a bus that JSON has no form
-    for become strings."""
+    """Arrays, by name; all other fields are one of them, as JSON. Options of a bus without a form
+    in JSON become strings."""
     texts = {name: getattr(topology, name) for name in _Texts.__struct_fields__}
     found: dict[str, Any] = {TEXTS: np.array(msgspec.json.encode(texts, enc_hook=_plain).decode())}
     for name in KINDS:
@@ -64,12 +67,12 @@ def to_arrays(topology: Topology) -> dict[str, np.ndarray]:
 
 
 def from_arrays(arrays: Mapping[str, np.ndarray]) -> Topology:
-    """The topology of arrays, which become read-only.
+    """The topology of such arrays, which become read-only.
 
     Raises
     ------
     ValueError
-        They are not those of a topology, or of one of another version.
+        They are not those of a topology, or of another version.
     """
 
     def refuse(name: str, expected: str, got: object) -> ValueError:
@@ -111,18 +114,28 @@ def from_arrays(arrays: Mapping[str, np.ndarray]) -> Topology:
     for array in arrays.values():
         array.flags.writeable = False
     of_units: dict[str, Any] = {name: arrays[name] for name in KINDS if not name.startswith(FRAMES)}
-    told: dict[str, Any] = {name: getattr(texts, name) for name in texts.__struct_fields__}
-    told["path"] = None if texts.path is None else Path(texts.path)
+    fields: dict[str, Any] = {name: getattr(texts, name) for name in texts.__struct_fields__}
+    fields["path"] = None if texts.path is None else Path(texts.path)
     return Topology(
-        **told,
+        **fields,
         frames=Frames(*(arrays[f"{FRAMES}{name}"] for name in OF_FRAMES)),
         parameters={name: arrays[f"{PARAMETER}{name}"] for name in PARAMETERS},
         **of_units,
     )
 
 
+def robot_text(robot: RobotModel) -> str:
+    """A robot as JSON, for another process; NaN is null."""
+    return msgspec.json.encode(robot, enc_hook=_plain).decode()
+
+
+def robot_of(text: str) -> RobotModel:
+    """The robot of such a text."""
+    return msgspec.json.decode(text.encode(), type=RobotModel, dec_hook=_own)
+
+
 def _robot_fault(texts: _Texts) -> str | None:
-    """What a robot that goes along lacks; None if nothing, or if there is none."""
+    """The fault of an included robot; None if there is none, or no robot."""
     robot, links = texts.robot, texts.patch_links
     if robot is None:
         return "links without one" if any(links) else None
@@ -147,7 +160,7 @@ def _robot_fault(texts: _Texts) -> str | None:
 
 
 def _plain(value: object) -> object:
-    """What JSON has a form for: lists for the arrays of a robot, where null is NaN."""
+    """A value in the form for JSON: lists for the arrays of a robot, where null is NaN."""
     return value.tolist() if isinstance(value, np.ndarray) else str(value)
 
 
@@ -163,7 +176,7 @@ def _own(kind: type, value: Any) -> Any:
 
 
 def _shapes(n: int, arrays: Mapping[str, np.ndarray]) -> dict[str, tuple[int, ...]]:
-    """Shape of each array; those of f frames, and how many neighbours there are, are free."""
+    """Shape of each array; the numbers of frames and of neighbours are free."""
     f = arrays["frames_bus"].size if "frames_bus" in arrays else 0
     units = arrays.get("frames_units", np.zeros((f, 1)))
     slots = units.shape[1] if units.ndim == 2 else 1
@@ -194,7 +207,7 @@ def unpacked(text: str) -> Topology:
     Raises
     ------
     ValueError
-        It is none.
+        It is not one.
 
     Examples
     --------

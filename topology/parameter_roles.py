@@ -1,4 +1,4 @@
-"""Parameters of units by what they tell."""
+"""Parameters of units by their role."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SIGMAS = (
     "placement_sigma_rad",
     "stray_sigma_relative",
 )
-"""Parameters that say how well the others are known."""
+"""Parameters that are uncertainties of others."""
 ZEROS = (
     "frequency_rest_hz",
     "frequency_sigma_hz",
@@ -42,5 +42,5 @@ ZEROS = (
     "frozen_cycles",
     *(f"{law}_creep_{part}" for law in ("normal", "shear") for part in CREEP),
 )
-"""Parameters that say nothing of a unit's elastic laws: a unit of which only these are known is not
-calibrated. The frequency at rest and its sigma come from a tare."""
+"""Parameters unrelated to a unit's elastic laws: a unit with only these is not calibrated. The
+frequency at rest and its sigma come from a tare."""

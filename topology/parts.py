@@ -1,4 +1,4 @@
-"""What a file names, resolved: buses, frames, models and wire layouts."""
+"""Parts of a file, resolved: buses, frames, models and wire layouts."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = ["Parts", "resolve"]
 
 @dataclass(frozen=True)
 class Parts:
-    """Everything that patches and units may refer to; None where it is wrong, and reported.
+    """Parts that patches and units refer to; None where one is invalid, and reported.
 
     Attributes
     ----------
@@ -31,17 +31,17 @@ class Parts:
     file : File
         Its tables.
     buses : dict of str to Key
-        Where in the file each bus stands.
+        Place of each bus in the file.
     frames : dict of str to Transform or None
         T_skin_frame.
     robot : RobotModel or None
     links : dict of str to Transform
         T_skin_link of the robot's links at home.
     link_of_frame : dict of str to str
-        Link that carries each frame that hangs on one.
+        Link of each frame on a robot.
     models : dict of str to UnitModel or None
     scales : dict of str to dict of str to Scale
-        Physical scales that a model has of its own, by channel.
+        Physical scales of a model's own, by channel.
     layouts : dict of str to WireLayout or None
     """
 
@@ -57,12 +57,12 @@ class Parts:
     layouts: dict[str, WireLayout | None]
 
     def bus(self, key: Key) -> Bus:
-        """The bus that stands at a key."""
+        """The bus at a key."""
         return self.file.buses[int(key[1])]
 
 
 def resolve(file: File, source: Source, report: Report) -> Parts:
-    """Resolve what a file names, and report what is wrong with it."""
+    """Resolve the parts of a file, and report faults."""
     buses = resolve_buses(file, source, report)
     robot = resolve_robot(file, source, report)
     links = link_poses(robot)

@@ -24,14 +24,14 @@ __all__ = [
 Transform = tuple[np.ndarray, np.ndarray]
 
 IDENTITY: Transform = (np.eye(3), np.zeros(3))
-"""The transform of a frame onto itself."""
+"""The identity."""
 
 ROTATION_TOLERANCE = 1e-6
-"""How far the scalar products of a rotation's columns may be off [assumed: above the rounding of
-float32, far below what an angle is measured to]."""
+"""Tolerance of the scalar products of a rotation's columns [assumed: above the rounding of float32,
+far below the accuracy of measured angles]."""
 
 FARTHEST_M = 1000.0
-"""No unit of a robot is farther from its frame [assumed]."""
+"""Largest distance of a unit from its frame [assumed]."""
 
 
 def from_rpy(roll: float, pitch: float, yaw: float) -> np.ndarray:
@@ -89,7 +89,7 @@ def from_quaternion(w: float, x: float, y: float, z: float) -> np.ndarray:
 
 
 def from_axes(normal: np.ndarray, x_axis: np.ndarray) -> np.ndarray:
-    """Unit frames from outward normals: z is -normal, x is `x_axis` made square to it.
+    """Unit frames from outward normals: z is -normal, x is `x_axis` orthogonalised to it.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def pose_fault(
         Metre.
     rotation : ndarray, shape (3, 3, m)
     name : str
-        What the position is called where it is given.
+        Name of the position in messages.
 
     Examples
     --------
@@ -152,7 +152,7 @@ def pose_fault(
         if not near[i]:
             return int(i), f"{name}: must be within {FARTHEST_M:g} m; got {far[i]:g}"
         if not orthonormal[i]:
-            told = f"must be orthonormal within {ROTATION_TOLERANCE:g}; got columns that are off"
-            return int(i), f"rotation: {told} by {off[i]:g}"
+            fault = f"must be orthonormal within {ROTATION_TOLERANCE:g}; got columns that are off"
+            return int(i), f"rotation: {fault} by {off[i]:g}"
         return int(i), "rotation: must be right-handed; got a mirror"
     return None

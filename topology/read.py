@@ -1,4 +1,4 @@
-"""From a file to structs, naming every key that does not fit."""
+"""From a file to structs; every invalid key is reported."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ __all__ = ["open_source", "read", "read_text"]
 LARGEST_MB = 2
 """Larger files are refused before they are parsed; a thousand explicit units are 0.2 MB."""
 MOST_LINES = 200_000
-"""Longer ones are, too; a thousand explicit units are 5000 lines."""
+"""Maximum number of lines; a thousand explicit units are 5000 lines."""
 MOST_VALUES = 200_000
-"""And those with more commas; a thousand explicit units have 4000."""
+"""Maximum number of commas; a thousand explicit units have 4000."""
 
 DEEPEST = 64
 MOST_PARTS = 8
 _TOO_DEEP = f"values nested over {DEEPEST} deep"
 _PART = r"""(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')"""
 _DEEP_KEY = re.compile(rf"(?<![A-Za-z0-9_-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{MOST_PARTS}}}")
-"""A dotted key of more parts: the parser takes the square of them."""
+"""A dotted key with more parts: the parser's time is quadratic in them."""
 _MANY_DIGITS = re.compile(rb"[0-9][0-9_]{4300}")
 INTEGER_BITS = 63
 
@@ -49,7 +49,7 @@ def open_source(path: Path, shown: str, report: Report) -> Source | None:
     shown : str
         Its name in messages.
     report : Report
-        Receives what is wrong.
+        Collects the errors.
 
     Returns
     -------
@@ -76,7 +76,7 @@ def open_source(path: Path, shown: str, report: Report) -> Source | None:
         return report.about_file("syntax", shown, line, reason=reason)
     except RecursionError:
         return report.about_file("syntax", shown, reason=_TOO_DEEP)
-    except ValueError:  # Python refuses to convert so many digits
+    except ValueError:  # Python refuses integers of so many digits
         digits = _MANY_DIGITS.search(raw)
         line = raw.count(b"\n", 0, digits.start()) + 1 if digits else 0
         return report.about_file("syntax", shown, line, reason="an integer of thousands of digits")
@@ -93,9 +93,9 @@ def read_text(
     Parameters
     ----------
     path, shown, report
-        As of `open_source`.
+        See `open_source`.
     most_mb, most_lines : int
-        That it may have.
+        Limits.
     """
     try:
         raw = read_regular(path, most_mb * 1_000_000)
@@ -128,9 +128,8 @@ def _shallow(node: Any, levels: int) -> bool:
 def read(struct: type[_Struct], source: Source, report: Report) -> _Struct:
     """Convert a parsed file to a struct.
 
-    Every key that does not fit is reported. What is left still comes back, so that the checks
-    between the parts can go on: a wrong key has its default there, or None, and `report.sound`
-    says which ones are not to be used.
+    Every invalid key is reported. The rest is returned, so that further checks can run: an invalid
+    key has its default, or None, and `report.sound` excludes it.
     """
     try:
         if _tame(source.data):
@@ -152,7 +151,7 @@ def _tame(node: Any) -> bool:
 
 
 class _Reader:
-    """Checks a tree of values against a type, item by item."""
+    """Converts a tree of values to a type, item by item."""
 
     def __init__(self, source: Source, report: Report) -> None:
         self.source = source
@@ -180,7 +179,7 @@ class _Reader:
         return info.cls(**{fields[name].name: value for name, value in values.items()})
 
     def value(self, info: Any, value: Any, key: Key) -> Any:
-        """The value converted, or None where it does not fit (and is reported)."""
+        """The converted value, or None where it is invalid (and reported)."""
         info = _plain(info)
         match info, value:
             case inspect.UnionType(types=types), _ if not any(map(_is_table, types)):
@@ -213,17 +212,19 @@ class _Reader:
         if _fits(info, value):
             return float(value) if isinstance(info, inspect.FloatType) else value
         names: Any = info
-        hint = nearest(value, names.values, or_all=False) if _has_names(info) else ""
+        hint = _in_millimetres(info, value, key)
+        if _has_names(info):
+            hint = nearest(value, names.values, or_all=False)
         self.report.add("value", self.source, key, hint, expected=describe(info), got=show(value))
         return None
 
     def all_of(self, items: tuple[Any, ...], kind: inspect.Type) -> tuple[Any, ...] | None:
-        """Numbers are of use together or not at all; tables one by one."""
+        """Numbers are valid together or not at all; tables one by one."""
         tables = isinstance(_plain(kind), inspect.StructType | inspect.UnionType)
         return items if tables or None not in items else None
 
     def tagged(self, info: Any, data: dict[str, Any], key: Key) -> Any:
-        """A table whose tag (`kind`) says which struct it is."""
+        """A table whose tag (`kind`) selects the struct."""
         structs = {struct.tag: struct for struct in info.types}
         tag = info.types[0].tag_field
         given = data.get(tag)
@@ -261,7 +262,7 @@ def _is_table(info: inspect.Type) -> bool:
 
 
 def _shape(info: inspect.Type) -> type | None:
-    """What a value of a type is in a parsed file, as far as unions need it."""
+    """The parsed type of a value, as far as unions need it."""
     match _plain(info):
         case inspect.StrType():
             return str
@@ -300,12 +301,24 @@ def _fits(info: inspect.Type, value: Any) -> bool:
     return False
 
 
+def _in_millimetres(info: Any, value: Any, key: Key) -> str:
+    """The end of a message about a length that would do if it were in millimetres."""
+    name = next((part for part in reversed(key) if isinstance(part, str)), "")
+    if not name.endswith("_m") or not isinstance(info, inspect.FloatType):
+        return ""
+    if not isinstance(value, int | float) or not _tame(value):
+        return ""
+    if info.le is None or abs(value) <= info.le or not _fits(info, 1e-3 * value):
+        return ""
+    return f"; in millimetres? {1e-3 * value:.4g} is that in metres"
+
+
 def _has_names(info: inspect.Type) -> bool:
     return isinstance(info, inspect.LiteralType) and isinstance(info.values[0], str)
 
 
 def describe(info: inspect.Type) -> str:
-    """What a key takes, in words: "an integer from 1 to 64"."""
+    """The valid values of a key, as text: "an integer from 1 to 64"."""
     info = _plain(info)
     match info:
         case inspect.StrType(pattern=str()):
@@ -350,7 +363,7 @@ def _bounds(info: inspect.IntType | inspect.FloatType) -> str:
 
 
 def show(value: Any) -> str:
-    """A value as a message shows it: as in TOML, and short.
+    """A value as text for messages: as in TOML, and short.
 
     Examples
     --------

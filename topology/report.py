@@ -1,4 +1,4 @@
-"""Collects everything that is wrong, so that one look at the messages is enough to mend a file."""
+"""Collects all faults of a file, so that one run of messages suffices to correct it."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from topology.source import Key, Source
 __all__ = ["Report"]
 
 MOST_ISSUES = 1000
-"""Of a file that has more of them no more are looked for."""
+"""Maximum number of issues; the check stops there."""
 
 
 class Report:
-    """Issues found so far, and what they make unfit for further checks.
+    """Issues so far, and the values that they exclude from further checks.
 
     Attributes
     ----------
     issues : list of Issue
-        In the order in which they were found.
+        In order of discovery.
     """
 
     def __init__(self) -> None:
@@ -34,7 +34,7 @@ class Report:
         where: str = "",
         **values: object,
     ):
-        """Report a file that could not be read at all, or that is no TOML."""
+        """Report a file that cannot be read, or that is not TOML."""
         self._enter(Issue(code, file, line, where, MESSAGES[code].format(**values) + hint))
 
     def add(
@@ -46,14 +46,14 @@ class Report:
         part: str | None = None,
         **values: object,
     ) -> None:
-        """Report the value at `key`, or what its table lacks under the key `part`.
+        """Report the value at `key`, or the missing key `part` of its table.
 
-        `hint` is what follows the message: the nearest valid name.
+        `hint` follows the message: the nearest valid name.
 
         Raises
         ------
         TopologyError
-            Too much is wrong to go on.
+            There are too many issues.
         """
         message = MESSAGES[code].format(**values) + hint
         self._enter(Issue(code, source.shown, source.line(key), source.where(key), message))
@@ -61,7 +61,7 @@ class Report:
         self.spoil(source, key)
 
     def spoil(self, source: Source, key: Key) -> None:
-        """Make a value unfit for further checks, as another file says what is wrong with it."""
+        """Exclude a value from further checks, since another file's issue covers it."""
         self._touched.update((source.shown, key[: i + 1]) for i in range(len(key)))
 
     def _enter(self, issue: Issue) -> None:
@@ -72,17 +72,17 @@ class Report:
             self.raise_if_any()
 
     def sound(self, source: Source, key: Key, *parts: str) -> bool:
-        """Whether nothing has been said yet against these keys of a table (or against any)."""
+        """Whether there is no issue with these keys of a table (or with any)."""
         wanted = [(*key, part) for part in parts] or [key]
         return not any((source.shown, part) in self._touched for part in wanted)
 
     def raise_if_any(self) -> None:
-        """Raise everything at once, ordered by file and line.
+        """Raise all issues, ordered by file and line.
 
         Raises
         ------
         TopologyError
-            Something is wrong.
+            There are issues.
         """
         if self.issues:
             files = {issue.file: turn for turn, issue in reversed(list(enumerate(self.issues)))}

@@ -44,16 +44,23 @@ Name = Annotated[
         description="Letters, digits, `_`, `-` and `.`",
     ),
 ]
+FARTHEST_M, WIDEST_M = 5.0, 0.5
+"""Of a place and of a radius, and of units next to each other [assumed: the longest arms reach
+4.7 m, a unit is some millimetres wide]. What is more is likely meant in millimetres."""
+_Far = Annotated[float, Meta(ge=-FARTHEST_M, le=FARTHEST_M)]
 Coordinate = Annotated[float, Meta(ge=-1000, le=1000)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
+"""A direction, of any length."""
+Place = tuple[_Far, _Far, _Far]
 Angle = Annotated[float, Meta(ge=-36_000, le=36_000)]
-Length = Annotated[float, Meta(ge=1e-6, le=100)]
+Radius = Annotated[float, Meta(ge=1e-6, le=FARTHEST_M)]
+Pitch = Annotated[float, Meta(ge=1e-6, le=WIDEST_M)]
 Count = Annotated[int, Meta(ge=1, le=100_000)]
 Identifier = Annotated[int, Meta(ge=0, le=0x1FFFFFFF)]
 
 
 class Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A table of the file: no key but the ones it names."""
+    """A table of the file without unknown keys."""
 
 
 class Bus(Table, frozen=True, kw_only=True):
@@ -94,9 +101,9 @@ class Bus(Table, frozen=True, kw_only=True):
 
 
 class Pose(Table, frozen=True, kw_only=True):
-    """Where a frame or a patch sits in its parent: turned first, then moved."""
+    """Pose of a frame or a patch in its parent: rotated first, then translated."""
 
-    xyz_m: Annotated[Vector, Meta(description="Origin in the parent, metres")] = (0.0, 0.0, 0.0)
+    xyz_m: Annotated[Place, Meta(description="Origin in the parent, metres")] = (0.0, 0.0, 0.0)
     rpy_deg: Annotated[
         tuple[Angle, Angle, Angle] | None,
         Meta(description="Roll, pitch, yaw about the parent's fixed x, y, z, degrees (as in URDF)"),
@@ -129,7 +136,7 @@ class Robot(Table, frozen=True, kw_only=True):
     home: Annotated[
         dict[str, Annotated[float, Meta(ge=-1000, le=1000)]],
         Meta(
-            description="Joint to radians or metres, until the joints are told; absent: 0 or the "
+            description="Joint to radians or metres, until joints are reported; absent: 0 or the "
             "model's reference, within the limits"
         ),
     ] = msgspec.field(default_factory=dict)
@@ -148,7 +155,7 @@ PARAMETERS: tuple[str, ...] = UnitModel.__struct_fields__
 if TYPE_CHECKING:
 
     class Overrides(Table, frozen=True, kw_only=True):
-        """What is made below: a type checker knows no classes that are."""
+        """Replaced below, for type checkers, which do not know classes made at run time."""
 
 else:
     Overrides = msgspec.defstruct(
@@ -167,7 +174,7 @@ Overrides.__doc__ = "Any parameters of `UnitModel`; an absent one (None) is left
 
 
 class Model(Overrides, frozen=True, kw_only=True):
-    """A unit model of one's own (`[[models]]`): a base and what differs from it."""
+    """A user's unit model (`[[models]]`): a base and its differences."""
 
     name: Name
     base: Annotated[str, Meta(description="A built-in model, or one further up in the file")] = (
@@ -180,7 +187,7 @@ class Model(Overrides, frozen=True, kw_only=True):
 
 
 class Layout(Table, frozen=True, kw_only=True):
-    """A wire layout of one's own (`[[layouts]]`): its bits, or a message of a DBC file."""
+    """A user's wire layout (`[[layouts]]`): its bits, or a message of a DBC file."""
 
     name: Annotated[str, Meta(description="Name of the layout")]
     size: Annotated[
@@ -256,9 +263,9 @@ class Grid(_Numbered, frozen=True, kw_only=True, tag="grid"):
 
     rows: Count
     columns: Count
-    pitch_m: Annotated[Length, Meta(description="Distance of neighbours in a row, metres")]
+    pitch_m: Annotated[Pitch, Meta(description="Distance of neighbours in a row, metres")]
     row_pitch_m: Annotated[
-        Length | None, Meta(description="Distance of the rows; absent: `pitch_m`")
+        Pitch | None, Meta(description="Distance of the rows; absent: `pitch_m`")
     ] = None
 
 
@@ -267,18 +274,18 @@ class Hex(_Numbered, frozen=True, kw_only=True, tag="hex"):
 
     rows: Count
     columns: Count
-    pitch_m: Annotated[Length, Meta(description="Distance of nearest neighbours, metres")]
+    pitch_m: Annotated[Pitch, Meta(description="Distance of nearest neighbours, metres")]
 
 
 class Cylinder(_Numbered, frozen=True, kw_only=True, tag="cylinder"):
     """A grid or hexagonal grid bent about an axis along y, at z = -radius."""
 
-    radius_m: Annotated[Length, Meta(description="Radius of the cylinder, metres")]
+    radius_m: Annotated[Radius, Meta(description="Radius of the cylinder, metres")]
     rows: Annotated[Count, Meta(description="Rows along the axis")]
     columns: Annotated[Count, Meta(description="Columns around the axis")]
-    pitch_m: Annotated[Length, Meta(description="Distance of neighbours along the arc, metres")]
+    pitch_m: Annotated[Pitch, Meta(description="Distance of neighbours along the arc, metres")]
     row_pitch_m: Annotated[
-        Length | None,
+        Pitch | None,
         Meta(description="Distance of the rows; absent: `pitch_m`, or hexagonal if staggered"),
     ] = None
     stagger: Annotated[bool, Meta(description="Move odd rows half a pitch: hexagonal")] = False
@@ -287,12 +294,11 @@ class Cylinder(_Numbered, frozen=True, kw_only=True, tag="cylinder"):
 class Dome(_Numbered, frozen=True, kw_only=True, tag="dome"):
     """A spherical cap: one unit on top, in the origin, and rings around it.
 
-    Ring k has 6 k units, or as many as keep the straight distance of the rings where the sphere
-    has less room: with r rings 1 + 3 r (r + 1) units at most (7, 19, 37, 61, …). `skin check` says
-    how many there are.
+    Ring k has 6 k units, or fewer where the sphere has less room for the distance of the rings:
+    with r rings at most 1 + 3 r (r + 1) units (7, 19, 37, 61, …). `skin check` prints their number.
     """
 
-    radius_m: Annotated[Length, Meta(description="Radius of the sphere, metres")]
+    radius_m: Annotated[Radius, Meta(description="Radius of the sphere, metres")]
     rings: Annotated[
         int,
         Meta(
@@ -302,13 +308,13 @@ class Dome(_Numbered, frozen=True, kw_only=True, tag="dome"):
             "keep the straight distance of the rings: 7, 19, 37, 61, … units in all, at most",
         ),
     ]
-    pitch_m: Annotated[Length, Meta(description="Distance of the rings along the arc, metres")]
+    pitch_m: Annotated[Pitch, Meta(description="Distance of the rings along the arc, metres")]
 
 
 class ListUnit(Table, frozen=True, kw_only=True):
     """One unit of a list (`[[patches.units]]`)."""
 
-    xyz_m: Annotated[Vector, Meta(description="Middle of the sensing face, patch frame, metres")]
+    xyz_m: Annotated[Place, Meta(description="Middle of the sensing face, patch frame, metres")]
     normal: Annotated[Vector, Meta(description="Outward normal, patch frame, any length")]
     x_axis: Annotated[
         Vector | None,
@@ -341,13 +347,13 @@ Patch = Union[Grid, Hex, Cylinder, Dome, List]  # noqa: UP007 - evaluated by msg
 
 
 class UnitException(Overrides, frozen=True, kw_only=True):
-    """What differs for one unit (`[[units]]`); any parameter of its model may stand here too."""
+    """Exceptions for one unit (`[[units]]`); any parameter of its model is allowed."""
 
     unit: Annotated[str, Meta(description="Patch and unit, e.g. `palm/r3c4`")]
     enabled: Annotated[bool, Meta(description="False: the unit is left out everywhere")] = True
     model: Annotated[str | None, Meta(description="Another model than its patch's")] = None
     xyz_m: Annotated[
-        Vector, Meta(description="Moves it from its nominal place, patch frame, metres")
+        Place, Meta(description="Moves it from its nominal place, patch frame, metres")
     ] = (0.0, 0.0, 0.0)
     id: Annotated[Identifier | None, Meta(description="Another frame than its turn gives")] = None
     slot: Annotated[

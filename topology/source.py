@@ -1,7 +1,7 @@
-"""The text of a TOML file, and on which line each of its keys stands.
+"""The text of a TOML file, with the line of each key.
 
-`tomllib` says what a file holds but not where. The second look at the text is taken only when
-something has to be reported, so it costs nothing while all is well.
+`tomllib` does not keep lines. The text is scanned for them only when an issue is reported, so that
+valid files cost nothing.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any
 __all__ = ["Key", "Source"]
 
 Key = tuple[str | int, ...]
-"""Way into a file: ("patches", 0, "pose", "xyz_m", 1)."""
+"""Path of a value in a file: ("patches", 0, "pose", "xyz_m", 1)."""
 
 _SPACE = re.compile(r"(?:[ \t\n]|#[^\n]*)*")
 _STRING = re.compile(
@@ -31,14 +31,14 @@ _SCALAR = re.compile(r"[^,\]}\n#]+")
 
 
 class Source:
-    """A parsed file that can say where its keys stand.
+    """A parsed file with the lines of its keys.
 
     Parameters
     ----------
     path : Path
         The file.
     text : str
-        TOML, as `tomllib` takes it.
+        TOML, as parsed by `tomllib`.
     shown : str
         The file's name in messages.
     """
@@ -54,13 +54,13 @@ class Source:
         return _Scanner(self.text).lines
 
     def line(self, key: Key) -> int:
-        """Line of a key, or of the nearest table around it that the file has; from 1."""
+        """Line of a key, or of the innermost table around it in the file; from 1."""
         while key and key not in self._lines:
             key = key[:-1]
         return self._lines.get(key, 1)
 
     def where(self, key: Key) -> str:
-        """A key in words: "patches[0] 'palm' pitch_m"."""
+        """A key as text: "patches[0] 'palm' pitch_m"."""
         words: list[str] = []
         node: Any = self.data
         for part in key:

@@ -29,10 +29,10 @@ CHANNELS = ("gel", "frequency", "bx", "by", "bz", "hall_temperature")
 """Rows of every raw array, in order: `raw` is int16, shape (6, n)."""
 
 UNIT_FIELDS = ("unit_status",)
-"""What a unit says of itself beside its channels; not 0 means a self-reported fault."""
+"""Status of a unit; not 0 is a self-reported fault."""
 
 FRAME_FIELDS = ("sequence", "status", "crc")
-"""What a frame carries once, whatever its number of units."""
+"""Fields of a frame, for all of its units."""
 
 QUANTITIES = {
     "gel": "µA",
@@ -42,7 +42,7 @@ QUANTITIES = {
     "bz": "µT",
     "hall_temperature": "°C",
 }
-"""What each channel is measured in, scale and offset applied."""
+"""Physical unit of each channel, after scale and offset."""
 
 
 SMALLEST_SCALE, LARGEST_SCALE = 1e-9, 1e9
@@ -73,7 +73,7 @@ class Signal(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
     @property
     def bias(self) -> int:
-        """What the integer on the wire is above the count: 16 bits unsigned do not fit in int16."""
+        """Integer on the wire minus count: 16 bits unsigned do not fit in int16."""
         return 0 if self.signed or self.length < 16 else 1 << 15
 
     @property
@@ -115,7 +115,7 @@ class WireLayout(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     @property
     def ids(self) -> int:
-        """Identifiers that one set of units takes."""
+        """Number of identifiers of one set of units."""
         return 1 if self.pages else self.parts
 
     def frame_field(self, name: str, part: int = 0) -> Signal | None:

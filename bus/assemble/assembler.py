@@ -42,11 +42,11 @@ class Assembler:
     ----------
     topology : Topology
     stale_cycles : int
-        Cycles without a reading after which a unit is STALE, and not waited for.
+        Cycles without a reading after which a unit is STALE, and no longer awaited.
     deadline_s : float, optional
         Seconds from the opening of a cycle to its end by `expire`; 0.9 periods if not given.
     clock : callable
-        Monotonic clock, in ns, that dates the opening of cycles for `expire`.
+        Monotonic clock, in ns, for the opening time of cycles.
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ class Assembler:
 
     @property
     def counters(self) -> FrameCounters:
-        """Frames by what became of them until now."""
+        """Counts of frames by outcome so far."""
         return FrameCounters(*self._memory.totals.tolist())
 
     @property
@@ -121,17 +121,17 @@ class Assembler:
 
     @property
     def arrays(self) -> tuple[Tables, Memory, Shown]:
-        """What the kernels of `bus.assemble.feed` take after the frames."""
+        """Arguments of the kernels of `bus.assemble.feed` after the frames."""
         return self._arrays
 
     @property
     def pending(self) -> bool:
-        """Whether a cycle is open: with SYNC, one that waits for frames; without, always."""
+        """Whether a cycle is open: with SYNC, one that awaits frames; without, always."""
         return bool(self._state.is_open[0])
 
     @property
     def waiting(self) -> int:
-        """Frames that the open cycle waits for; 0 without SYNC."""
+        """Frames that the open cycle awaits; 0 without SYNC."""
         return int(self._state.waiting[0]) if self.pending else 0
 
     def by_frame(self, kind: str) -> np.ndarray:
@@ -140,12 +140,12 @@ class Assembler:
         Returns
         -------
         ndarray, shape (f,), int64
-            Order of `Topology.frames`. Kinds that no data frame can be of are 0.
+            Order of `Topology.frames`. Kinds that do not apply to data frames are 0.
         """
         return self._memory.tallies[:, _KINDS.index(kind)].copy()
 
     def by_unit(self, kind: str) -> np.ndarray:
-        """Running totals of one kind of all frames that carry each unit.
+        """Running totals of one kind over all frames that carry each unit.
 
         Returns
         -------
@@ -159,13 +159,13 @@ class Assembler:
     def feed(self, frames: np.ndarray) -> Iterator[RawCycle]:
         """Take frames, in the order of the bus, and yield every cycle as it closes.
 
-        Nothing is taken before the iterator asks for it: go through to its end. The arrays of a
-        cycle are valid until the next one.
+        Consume the whole iterator: frames are taken only as it advances. The arrays of a cycle are
+        valid until the next one.
 
         Parameters
         ----------
         frames : ndarray, shape (m,), FRAME_DTYPE
-            From all buses; the host's own SYNC among them.
+            From all buses, including the host's own SYNC.
         """
         if frames.dtype != FRAME_DTYPE or frames.ndim != 1:
             got = f"{frames.dtype} of shape {frames.shape}"
@@ -183,10 +183,10 @@ class Assembler:
                 yield self.cycle()
 
     def expire(self, now_ns: int) -> RawCycle | None:
-        """Close the open cycle if its time is over.
+        """Close the open cycle if its deadline has passed.
 
-        With SYNC that is the deadline; without, the end of the period, and if the caller was away
-        for several, the number of the next cycle says so.
+        Without SYNC, its period; if the caller was away for several periods, the number of the next
+        cycle counts them.
 
         Parameters
         ----------
@@ -211,11 +211,11 @@ class Assembler:
         return self.cycle()
 
     def silence(self, now_ns: int) -> RawCycle | None:
-        """Give a cycle without data if no SYNC has come for longer than `stale_cycles` periods.
+        """Return a cycle without data if no SYNC has come for longer than `stale_cycles` periods.
 
-        For a listener: so that units go STALE also where the host that sends SYNC falls silent,
-        or has never been heard. Then once a period; without SYNC on any bus, and while a cycle is
-        open, never.
+        For a listener: so that units go STALE also where the host that sends SYNC falls silent, or
+        was never heard. Then once a period; never without SYNC on any bus, nor while a cycle is
+        open.
 
         Parameters
         ----------
@@ -237,7 +237,7 @@ class Assembler:
         return self.cycle()
 
     def flush(self) -> RawCycle | None:
-        """Close what is open, at the end of a log or of a session; None if nothing is."""
+        """Close the open cycle, at the end of a log or of a session; None if none is."""
         state = self._state
         if not self.pending or (state.is_free[0] and not state.is_busy[0]):
             return None
@@ -255,15 +255,15 @@ class Assembler:
         Returns
         -------
         row : int
-            To go on from.
+            Next row.
         cycle : RawCycle or None
-            None where the frames end before.
+            None where the frames end first.
         """
         row = self._feed(row, rows, *self._arrays)
         return row, self.cycle() if self._state.closed_by[0] else None
 
     def cycle(self) -> RawCycle:
-        """The cycle that has closed last; of its kernels' callers."""
+        """The cycle that closed last; for callers of the kernels."""
         state, shown = self._state, self._shown
         return RawCycle(
             int(state.closed_number[0]),

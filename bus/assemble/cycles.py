@@ -1,4 +1,4 @@
-"""Cycles: which SYNC opens one, what closes it, and what is shown of each unit then.
+"""Cycles: which SYNC opens one, what closes it, and the counts and status of each unit then.
 
 Compiled into `bus.assemble.feed`.
 """
@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from bus.assemble.accept import ENOUGH
 from bus.assemble.gather import tear
-from bus.assemble.judge import ENOUGH
 from bus.assemble.memory import BELIEVED, BY_END, CALM, IN_DOUBT, NO_DOUBT
 from bus.compiled.jit import jitable
 from bus.status import INVALID, Status
@@ -19,14 +19,15 @@ NEVER, LATE, STALE, FROZEN, FAULT, DUPLICATE, DISABLED, TORN = (
 )
 INVALID_BITS = int(INVALID)
 LONGEST = 2**31 - 2
-"""Readings in a row that are counted."""
+"""Upper bound of the count of equal readings."""
 STEADY = 16
-"""Cycles with as many frames each that show what is usual: no link keeps so many [assumed]."""
+"""Cycles with equally many frames that establish the usual number: no link buffers so many
+[assumed]."""
 
 
 @jitable
 def sync_number(bus, counter, stamp, memory):
-    """Cycle number that a SYNC gives; `counter` is -1 where it carries none."""
+    """Cycle number of a SYNC; `counter` is -1 where it has none."""
     state, sync = memory.state[0], memory.syncs[bus]
     synced, before = state["synced"], sync["number"]
     if counter < 0:
@@ -51,13 +52,15 @@ def sync_number(bus, counter, stamp, memory):
 
 @jitable
 def open_cycle(number, stamp, tables, memory):
-    """Begin the cycle of a SYNC."""
+    """Open the cycle of a SYNC."""
     state = memory.state[0]
     stale_cycles = state["stale_cycles"]
     has_restarted = number - state["number"] > stale_cycles
+    unasked = number - state["number"] - 1
     waiting = 0
     for f in range(memory.sources.size):
         expected, source = tables.frames[f], memory.sources[f]
+        source["unasked"] += unasked
         if has_restarted and expected["echoes"]:
             source["heard"] = -1
             source["dropped"] = 0
@@ -80,7 +83,7 @@ def is_tick(stamp, memory):
     state = memory.state[0]
     period, tick = state["period"], state["tick"]
     if tick == 0:
-        # Half a period off the first frame, so that no tick cuts a burst that comes each period.
+        # Half a period after the first frame, so that no tick divides a periodic burst.
         state["tick"] = stamp + period + period // 2
     elif stamp < tick - 2 * period:
         state["tick"] = stamp + period // 2
@@ -96,7 +99,7 @@ def is_tick(stamp, memory):
 
 @jitable
 def close_cycle_python(why, tables, memory, shown):
-    """End the open cycle: whole sets are shown, all others age; `why` is a BY_…."""
+    """Close the open cycle: complete sets are shown, all others age; `why` is a BY_…."""
     state = memory.state[0]
     close_sources(why, tables, memory)
     show_units(memory, shown)
@@ -116,9 +119,9 @@ def close_cycle_python(why, tables, memory, shown):
 
 @jitable
 def doubt(number, source):
-    """After an outage a link may deliver at once what it had kept: frames of before, whose sequence
-    numbers no longer tell their cycle. A source is believed again once `CALM` cycles with frames
-    had no more of them than is usual, at its usual rate: what was kept comes in a crowd."""
+    """After an outage a link may deliver buffered frames at once, whose sequence numbers are
+    ambiguous. A source is trusted again once `CALM` cycles with frames had no more of them than
+    usual, at its usual rate: buffered frames come in a burst."""
     came = source["came"]
     if came == 0:
         silent = number - source["came_at"]
@@ -126,7 +129,7 @@ def doubt(number, source):
             source["doubt"] = IN_DOUBT
             source["calm"] = 0
         return
-    # what comes behind the end of its cycle is counted in the next one
+    # frames after the end of their cycle are counted in the next one
     sent_at = source["sent_at"]
     after = sent_at - source["came_at"] if source["came_at"] >= 0 else np.int64(1)
     source["steady"] = source["steady"] + 1 if came == source["before"] else 0
@@ -140,7 +143,7 @@ def doubt(number, source):
         source["calm"] = 1 if after > source["every"] else min(source["calm"] + 1, CALM)
         source["every"] = after
     if source["doubt"] != NO_DOUBT:
-        # one more than usual may have come behind the end of the cycle before
+        # one more than usual may have come after the end of the cycle before
         is_over = source["taken_at"] == number and came <= source["usual"] + 1
         going = BELIEVED if source["calm"] >= CALM else IN_DOUBT
         source["doubt"] = NO_DOUBT if is_over else going
@@ -149,7 +152,7 @@ def doubt(number, source):
 
 @jitable
 def close_sources(why, tables, memory):
-    """What the end of a cycle means to the frames and sets of the topology."""
+    """Update the frames and sets of the topology at the end of a cycle."""
     state, sets = memory.state[0], memory.sets
     for g in range(sets.size):
         sets[g]["is_twice"] = 0
@@ -184,19 +187,19 @@ def show_units(memory, shown):
 
 
 @jitable
-def is_stuck(count, still):
-    """Take a count of a channel: 1 if it has stood still for too long, else 0."""
-    off = np.int64(count) - np.int64(still["count"])
-    if still["cycles"] == 0 or abs(off) > still["band"]:
-        still["count"] = count
-        still["cycles"] = 0
-    still["cycles"] = min(still["cycles"] + 1, LONGEST)
-    return 1 if 0 < still["stuck_after"] <= still["cycles"] else 0
+def is_stuck(count, channel):
+    """Update a channel with a count: 1 if it has been constant for too long, else 0."""
+    off = np.int64(count) - np.int64(channel["count"])
+    if channel["cycles"] == 0 or abs(off) > channel["band"]:
+        channel["count"] = count
+        channel["cycles"] = 0
+    channel["cycles"] = min(channel["cycles"] + 1, LONGEST)
+    return 1 if 0 < channel["stuck_after"] <= channel["cycles"] else 0
 
 
 @jitable
 def show_unit(u, memory, shown):
-    """Show the counts of a unit, if they are of this cycle; return its flags."""
+    """Show the counts of a unit, if they are of this cycle; returns its flags."""
     state, unit, g = memory.state[0], memory.units[u], memory.units[u]["set"]
     number = state["number"]
     flags = 0 if unit["is_enabled"] else DISABLED
@@ -208,7 +211,7 @@ def show_unit(u, memory, shown):
             if count != shown.counts[c, u]:
                 is_same = False
                 shown.counts[c, u] = count
-            stuck |= is_stuck(count, memory.still[c, u]) << c
+            stuck |= is_stuck(count, memory.stuck[c, u]) << c
         shown.stuck[u] = stuck
         unit["run"] = unit["run"] + 1 if is_same else 1
         unit["seen_at"] = number
@@ -224,7 +227,7 @@ def show_unit(u, memory, shown):
         else:
             age = min(number - unit["seen_at"], 0x7FFF_FFFF)
             shown.age[u] = age
-            # Units and ticks are not in step where no SYNC is.
+            # Without SYNC units and ticks are not synchronous.
             if age >= (2 if state["is_free"] else 1):
                 flags |= LATE
             if age >= state["stale_cycles"]:

@@ -1,6 +1,6 @@
-"""The compiled way of a frame: from the batch to the cycle that it belongs to.
+"""The compiled path of a frame: from the batch to its cycle.
 
-Frames are `bus.frame.FrameViews`, what is expected `bus.table.Tables`.
+Frames are `bus.frame.FrameViews`, the expected ones `bus.table.Tables`.
 """
 
 from __future__ import annotations
@@ -8,9 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numba import typeof, types
 
-from bus.assemble.cycles import close_cycle_python, is_tick, open_cycle, sync_number
-from bus.assemble.gather import stage
-from bus.assemble.judge import (
+from bus.assemble.accept import (
     accept_count,
     accept_echo,
     accept_plain,
@@ -19,6 +17,8 @@ from bus.assemble.judge import (
     drop,
     is_old,
 )
+from bus.assemble.cycles import close_cycle_python, is_tick, open_cycle, sync_number
+from bus.assemble.gather import stage
 from bus.assemble.memory import (
     BY_COMPLETE,
     BY_DEADLINE,
@@ -27,7 +27,7 @@ from bus.assemble.memory import (
     SET,
     SOURCE,
     STATE,
-    STILL,
+    STUCK,
     SYNC,
     UNIT,
     Memory,
@@ -44,7 +44,7 @@ from bus.heartbeat import LAST_ID as LAST_HEARTBEAT
 __all__ = ["close_cycle", "feed"]
 
 STAMP_MAX = 1 << 61
-"""Time stamps beyond are not believed; sums of those below cannot overflow."""
+"""Stamps beyond are invalid; sums of those below cannot overflow."""
 
 
 @jitable
@@ -67,7 +67,7 @@ def find(bus, can_id, tables):
 
 @jitable
 def page_of(f, row, data, frames):
-    """The frame that its first byte says, of those with the identifier of f; -1: none of them."""
+    """The frame given by the first byte, of those with the identifier of f; -1 for none."""
     pages = np.int64(frames[f]["pages"])
     for k in range(pages):
         if frames[f + k]["page"] == data[row, PAYLOAD]:
@@ -77,7 +77,7 @@ def page_of(f, row, data, frames):
 
 @jitable
 def take_sync(bus, row, views, tables, memory):
-    """Handle a SYNC; False: it ends the open cycle, to be closed first."""
+    """Handle a SYNC; False: it ends the open cycle, which must be closed first."""
     state, sync = memory.state[0], memory.syncs[bus]
     header = views.words[row, 1]
     length = (header >> 32) & 0xFF
@@ -100,7 +100,7 @@ def take_sync(bus, row, views, tables, memory):
 
 @jitable
 def take_data(f, row, views, tables, memory):
-    """Handle a frame of the topology; True: it was the last that the open cycle waited for."""
+    """Handle a frame of the topology; True: it was the last one that the open cycle awaited."""
     state, source, expected = memory.state[0], memory.sources[f], tables.frames[f]
     data, header = views.data, views.words[row, 1]
     is_fd = ((header >> 40) & FD_FDF) != 0
@@ -120,7 +120,7 @@ def take_data(f, row, views, tables, memory):
     source["sent_at"] = max(source["sent_at"], state["number"] - behind)
     if is_old(f, sequence, expected, memory):
         drop(memory, f, Outcome.LATE.value)
-        state["is_busy"] = 1  # the cycle has an end, which may end the doubt
+        state["is_busy"] = 1  # the cycle is closed later, which may end the doubt
         return False
     if expected["sequence"]["mask"]:
         if expected["echoes"]:
@@ -149,7 +149,7 @@ def take_data(f, row, views, tables, memory):
 
 
 def feed_python(row, views, tables, memory, shown):
-    """Frames from `row` on; stops when a cycle closes, and returns the row to go on from."""
+    """Process frames from `row` on; stops when a cycle closes, and returns the next row."""
     state, totals, words = memory.state[0], memory.totals, views.words
     state["closed_by"] = BY_NOTHING
     while row < words.shape[0]:
@@ -210,7 +210,7 @@ _memory = typeof(
         staged_codes=np.zeros(0, np.uint8),
         staged_sequence=np.zeros(0, np.uint8),
         staged_stamp=np.zeros(0, np.int64),
-        still=np.zeros((0, 0), STILL),
+        stuck=np.zeros((0, 0), STUCK),
     )
 )
 _shown = typeof(new_shown(1))

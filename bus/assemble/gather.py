@@ -1,4 +1,4 @@
-"""Frames that were taken: units wait for the other parts of their set, then for the cycle's end.
+"""Taken frames: units wait for the other parts of their set, then for the end of the cycle.
 
 Compiled into `bus.assemble.feed`.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bus.assemble.judge import count
+from bus.assemble.accept import count
 from bus.assemble.memory import Outcome
 from bus.codec_kernels import unpack_frame_python
 from bus.compiled.jit import jitable
@@ -15,7 +15,7 @@ from bus.compiled.jit import jitable
 
 @jitable
 def tear(g, tables, memory):
-    """Drop the parts of a set whose others never came."""
+    """Drop the parts of an incomplete set."""
     group = memory.sets[g]
     for part in range(tables.groups.shape[1]):
         if (group["parts_in"] >> part) & 1:
@@ -29,7 +29,7 @@ def tear(g, tables, memory):
 
 @jitable
 def clear_codes(f, tables, codes):
-    """Forget the fault codes of a frame's units."""
+    """Clear the fault codes of a frame's units."""
     for slot in range(tables.units.shape[1]):
         if tables.units[f, slot] >= 0:
             codes[tables.units[f, slot]] = 0
@@ -37,7 +37,7 @@ def clear_codes(f, tables, codes):
 
 @jitable
 def gather(f, sequence, stamp, row, data, tables, memory):
-    """Take a part of a set; True: the set is whole."""
+    """Take a part of a set; True: the set is complete."""
     state, expected = memory.state[0], tables.frames[f]
     g, part = np.int64(expected["group"]), np.int64(expected["part"])
     group = memory.sets[g]
@@ -69,8 +69,8 @@ def gather(f, sequence, stamp, row, data, tables, memory):
 
 @jitable
 def sampled_at(f, stamp, tables, memory):
-    """When the units of a frame sampled: at the SYNC of their bus, or, without one, about when the
-    first frame of their set came."""
+    """Sampling time of the units of a frame: the SYNC of their bus, or, without one, about the
+    arrival of the first frame of their set."""
     state, g = memory.state[0], np.int64(tables.frames[f]["group"])
     if state["is_free"]:
         return stamp if tables.parts[g] == 1 else memory.sets[g]["stamp"]
@@ -80,7 +80,7 @@ def sampled_at(f, stamp, tables, memory):
 
 @jitable
 def stage(f, sequence, stamp, row, data, tables, memory):
-    """Take a frame: its units are shown at the end of the cycle, once their set is whole."""
+    """Take a frame: its units are shown at the end of the cycle, once their set is complete."""
     g = np.int64(tables.frames[f]["group"])
     if tables.parts[g] == 1:
         clear_codes(f, tables, memory.staged_codes)

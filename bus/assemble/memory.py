@@ -1,4 +1,4 @@
-"""What an assembler remembers and shows.
+"""State of an assembler, and the arrays that it shows.
 
 n units, c channels, f frames of the topology, g sets of units, b buses. Time stamps in ns.
 """
@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bus.assemble.still import still_limits
+from bus.assemble.stuck_channels import stuck_limits
 from bus.compiled.aligned import zeros
 from bus.table import FrameTable
 from topology import CHANNELS, Topology
 
-__all__ = ["SET", "SOURCE", "STATE", "STILL", "SYNC", "UNIT", "Memory", "Outcome", "Shown"]
+__all__ = ["SET", "SOURCE", "STATE", "STUCK", "SYNC", "UNIT", "Memory", "Outcome", "Shown"]
 
 
 def _integers(*names: str) -> np.dtype:
@@ -24,15 +24,15 @@ def _integers(*names: str) -> np.dtype:
 
 STATE = _integers(
     "number",  # of the open cycle, or of the last one; -1 before the first SYNC
-    "synced",  # largest number that a SYNC has given
+    "synced",  # largest number of a SYNC
     "is_open",
-    "waiting",  # frames that the open cycle waits for
+    "waiting",  # frames that the open cycle awaits
     "stamp",  # time stamp of the open cycle, -1: none yet
     "tick",  # time stamp at which a free-running cycle closes, 0: none yet
     "idle",  # free-running cycles in a row without any data
     "is_busy",  # whether data came in the open cycle
     "last_stamp",
-    "has_clock",  # whether the caller closes free-running cycles by a clock of its own
+    "has_clock",  # whether the caller's clock closes free-running cycles
     "closed_by",  # a BY_…
     "closed_number",
     "closed_stamp",
@@ -45,29 +45,31 @@ SYNC = _integers("identifier", "number", "stamp")
 """The SYNC of a bus: identifier (-1: none), last number, its time stamp."""
 SOURCE = _integers(
     "heard",  # sequence of the last frame taken (SYNC number where it echoes that), -1: none
-    "dropped",  # frames that came since then and were not taken, for whatever reason
+    "unasked",  # cycles since then without a SYNC
+    "dropped",  # frames since then that were not taken
     "missed",  # cycles in a row without a frame taken
-    "is_awaited",  # whether the open cycle still waits for it
+    "is_awaited",  # whether the open cycle awaits it
     "taken_at",  # cycle in which a frame was last taken
     "back",  # sequence of the last frame that stepped back, -1: none
     "came",  # frames that came in this cycle, taken or not
     "before",  # in the last cycle before in which any came
     "sent_at",  # newest cycle to which a frame that came belongs, -1: none
-    "came_at",  # the same of that cycle in which frames came, -1: none
-    "every",  # cycles from one to which frames belong to the next
-    "usual",  # frames that come in such a cycle where nothing was kept, at most
-    "steady",  # such cycles in a row with as many frames
-    "calm",  # such cycles in a row, up to CALM, with no more than is usual, and as soon
-    "outage",  # cycles of silence from which on frames that come may be old ones
+    "came_at",  # newest cycle in which frames came, -1: none
+    "every",  # interval of cycles with frames
+    "usual",  # largest number of frames in such a cycle without buffered ones
+    "steady",  # consecutive such cycles with equally many frames
+    "calm",  # consecutive such cycles, up to CALM, with no more than usual, at the usual rate
+    "outage",  # cycles of silence after which frames may be old
     "doubt",  # one of the below
     "evidence",  # of two senders with this identifier
-    "is_duplicate",  # whether there was enough of it
+    "is_duplicate",  # whether there is enough of it
 )
 CALM = 2
-"""Cycles with frames, as many and as often as usual, after which a source is believed [assumed: the
-first frame of a crowd may come alone, before a SYNC that cuts it off]."""
+"""Cycles with the usual number and rate of frames after which a source is trusted [assumed: the
+first frame of a burst may come alone, before a SYNC that cuts it off]."""
 NO_DOUBT, IN_DOUBT, BELIEVED = range(3)
-"""Of a source after an outage: whose frames are late, and whose next frame is taken."""
+"""States of a source after an outage: its frames are late in doubt; its next frame is taken when
+trusted."""
 SET = _integers(
     "parts_in",  # bit for each part that is in
     "key",  # sequence number of the parts, -1: none has one
@@ -84,18 +86,18 @@ UNIT = _integers(
     "set",  # -1: none
 )
 
-STILL = np.dtype(
+STUCK = np.dtype(
     [
-        ("count", np.int16),  # at which a channel stands still
-        ("band", np.int16),  # by how much it may be off that
-        ("cycles", np.int32),  # readings in a row within the band
-        ("stuck_after", np.int32),  # such readings that make it stuck, 0: none do
+        ("count", np.int16),  # first count of the constant channel
+        ("band", np.int16),  # largest deviation from it
+        ("cycles", np.int32),  # consecutive readings within the band
+        ("stuck_after", np.int32),  # number of them that shows a stuck channel, 0: not tested
     ]
 )
 
 
 class Outcome(IntEnum):
-    """What becomes of a frame: the order of `FrameCounters`."""
+    """Outcomes of a frame: the order of `FrameCounters`."""
 
     DATA = 0
     SYNC = 1
@@ -115,7 +117,7 @@ class Outcome(IntEnum):
 
 
 class Memory(NamedTuple):
-    """What an assembler remembers."""
+    """State of an assembler."""
 
     state: np.ndarray
     """Shape (1,), STATE."""
@@ -134,19 +136,19 @@ class Memory(NamedTuple):
     tallies: np.ndarray
     """Shape (f, outcomes), int64: the same by frame of the topology."""
     gathered: np.ndarray
-    """Shape (c * n,), int16: counts of sets that are not whole yet."""
+    """Shape (c * n,), int16: counts of incomplete sets."""
     gathered_codes: np.ndarray
     """Shape (n,), uint8: their fault codes."""
     staged: np.ndarray
-    """Shape (c * n,), int16: counts that are whole, for the open cycle."""
+    """Shape (c * n,), int16: counts of complete sets, for the open cycle."""
     staged_codes: np.ndarray
     """Shape (n,), uint8: their fault codes."""
     staged_sequence: np.ndarray
     """Shape (n,), uint8: their sequence numbers."""
     staged_stamp: np.ndarray
-    """Shape (n,), int64: time stamps of when they sampled."""
-    still: np.ndarray
-    """Shape (c, n), STILL."""
+    """Shape (n,), int64: time stamps of their sampling."""
+    stuck: np.ndarray
+    """Shape (c, n), STUCK."""
 
 
 class Shown(NamedTuple):
@@ -163,7 +165,7 @@ class Shown(NamedTuple):
 
 
 def new_memory(topology: Topology, table: FrameTable, stale_cycles: int) -> Memory:
-    """An assembler's memory before the first frame."""
+    """The state of an assembler before the first frame."""
     n, frames = topology.n, len(topology.frames)
     is_free = all(bus.sync_id is None for bus in topology.buses)
     state = np.zeros(1, STATE)
@@ -186,8 +188,8 @@ def new_memory(topology: Topology, table: FrameTable, stale_cycles: int) -> Memo
     units["frozen_after"] = topology.parameters["frozen_cycles"]
     units["is_enabled"] = topology.enabled
     units["set"] = table.unit_group
-    still = np.zeros((len(CHANNELS), n), STILL)
-    still["band"], still["stuck_after"] = still_limits(topology)
+    stuck = np.zeros((len(CHANNELS), n), STUCK)
+    stuck["band"], stuck["stuck_after"] = stuck_limits(topology)
     return Memory(
         state=state,
         syncs=syncs,
@@ -203,13 +205,13 @@ def new_memory(topology: Topology, table: FrameTable, stale_cycles: int) -> Memo
         staged_codes=np.zeros(n, np.uint8),
         staged_sequence=np.zeros(n, np.uint8),
         staged_stamp=np.zeros(n, np.int64),
-        still=still,
+        stuck=stuck,
     )
 
 
 def _outages(table: FrameTable, stale_cycles: int) -> np.ndarray:
-    """Cycles of silence after which a frame may be one of before: those that its sequence number
-    tells apart where that is the counter of its SYNC."""
+    """Cycles of silence after which a frame may be old: the range of its sequence number where that
+    is the counter of its SYNC."""
     frames = table.tables.frames
     range_of = np.minimum(frames["sequence"]["mask"].astype(np.int64) + 1, 256)
     counted = (frames["sequence"]["mask"] > 0) & (frames["echoes"] != 0)
@@ -217,7 +219,7 @@ def _outages(table: FrameTable, stale_cycles: int) -> np.ndarray:
 
 
 def new_shown(n: int) -> Shown:
-    """What n units show before the first cycle."""
+    """Arrays of n units before the first cycle."""
     return Shown(
         counts=zeros((len(CHANNELS), n), np.int16),
         valid=np.zeros(n, bool),

@@ -1,12 +1,12 @@
 """Calls of kernels whose arguments stay the same.
 
-Numba looks at every argument of a call anew: some 60 ns for each array, which for a kernel with
+Numba looks at every argument of every call: some 60 ns for each array, which for a kernel with
 twenty of them is as long as its work on a hundred units. Here they are looked at once and written
 down as the words that the compiled function takes, addresses among them; a call then has one
 argument.
 
 It stands on private parts of numba and llvmlite: how a function takes its arguments, and where it
-lies. Where a version lacks them, a bound kernel calls the kernel as anybody would.
+lies. Where a version has none of them, a bound kernel calls the kernel as anybody would.
 """
 
 from __future__ import annotations
@@ -15,13 +15,14 @@ import functools
 import struct
 from collections.abc import Callable, Iterator
 from hashlib import blake2b
-from typing import Any
+from typing import Any, NamedTuple
+from weakref import WeakSet
 
 import numpy as np
 from numba import njit, typeof, types
 from numba.extending import intrinsic
 
-from bus.compiled import nested
+from bus.compiled import nested, pool
 from bus.compiled.cache import cache_on_disk
 
 try:
@@ -35,12 +36,13 @@ except ImportError:  # numba or llvmlite of another version
     cgutils: Any = None
     OF_NUMBA = ()
 
-__all__ = ["Bound", "calling_at", "direct"]
+__all__ = ["Bound", "Callers", "calling_at", "direct", "prepare", "ready_all"]
 
 TUPLE: Any = types.BaseTuple
 DATA = 4
 """Which of an array's words is the address of its data."""
-_callers: dict[object, Callable] = {}
+_queued: WeakSet[Bound] = WeakSet()
+_callers: dict[object, tuple[Callable, int | None, object]] = {}
 
 
 def direct(kernel: Any) -> Callable[..., Any]:
@@ -61,7 +63,8 @@ def direct(kernel: Any) -> Callable[..., Any]:
 class Bound(functools.partial):
     """A kernel and its arguments, as a function without any.
 
-    It is a partial of the compiled function, so that Python runs no line of its own in a call.
+    It is a partial of the compiled function, so that Python runs no line of its own in a call. Of a
+    kernel without a result it may return 0, and of truth values their bits, see `chained.call`.
 
     Parameters
     ----------
@@ -69,7 +72,7 @@ class Bound(functools.partial):
         As of `bus.compiled.jit.compiled`; anything else is called as it is.
     *arguments
         Arrays, numbers, truth values, None, and tuples of these, named ones too. What a kernel is
-        to be told anew with every call stands in an array.
+        to be given with every call stands in an array.
 
     """
 
@@ -82,26 +85,58 @@ class Bound(functools.partial):
     """Which of `_words` is the address of an array, by the path that leads to it."""
     _kernel: Any
     """Kept, or its code would go with it."""
+    _kinds: tuple[types.Type, ...] | None
+    """Types of the arguments of a kernel that has not been compiled or loaded yet."""
+    entry: int | None = None
+    """Address of a function of the address of `_words`, whose result is an integer; None where
+    there is none."""
 
     def __new__(cls, kernel: Any, *arguments: Any) -> Bound:
         kept = list(arguments)
-        words, places, found = [0], {}, None
-        if hasattr(kernel, "overloads") and ir is not None and cgutils is not None:
+        words, places, kinds = [0], {}, None
+        if hasattr(kernel, "overloads") and _has_private_parts():
             kinds = tuple(typeof(argument) for argument in arguments)
             for position, (kind, argument) in enumerate(zip(kinds, arguments, strict=True)):
                 places |= _places(kind, argument, (position,), len(words))
                 words += _words(kind, argument)
-            found = _found(kernel, kinds)
-        if found is None:
-            self = super().__new__(cls, lambda: kernel(*kept))
-            self._words = None
-        else:
-            words[0], caller = found
-            kept_words = np.array(words, np.int64)
-            self = super().__new__(cls, caller, kept_words.ctypes.data)
-            self._words = kept_words
+        self = super().__new__(cls, lambda: kernel(*kept))
+        self._words = None if kinds is None else np.array(words, np.int64)
         self._arguments, self._exchanged, self._places, self._kernel = kept, {}, places, kernel
+        self._kinds = kinds
+        if kinds is not None:
+            if pool.submit(kernel, kinds):
+                self._turn_into(self._first)
+                _queued.add(self)
+            else:
+                self.ready()
         return self
+
+    def ready(self) -> None:
+        """Compile the kernel or load it, where that is not done yet: within `pool.together` it is
+        when it is needed."""
+        if self._kinds is None:
+            return
+        kinds, words = self._kinds, self._words
+        _queued.discard(self)
+        pool.wait(self._kernel, kinds)
+        found = prepare(self._kernel, kinds)
+        if found is None or words is None:
+            kernel, self._words = self._kernel, None
+            self._turn_into(lambda: kernel(*self.arguments))
+        else:
+            words[0] = found.code
+            self._turn_into(found.caller, words.ctypes.data)
+            self.entry = found.entry
+        self._kinds = None
+
+    def _first(self) -> Any:
+        self.ready()
+        return self()
+
+    def _turn_into(self, function: Callable[..., Any], *arguments: Any) -> None:
+        """Be a partial of another function."""
+        state = function, arguments, {}, self.__dict__
+        self.__setstate__(state)  # pyright: ignore[reportAttributeAccessIssue]
 
     @property
     def arguments(self) -> list[Any]:
@@ -133,18 +168,39 @@ class Bound(functools.partial):
         raise TypeError("a bound kernel knows the addresses of its arrays: it cannot be copied")
 
 
-def _found(kernel: Any, kinds: tuple[types.Type, ...]) -> tuple[int, Callable] | None:
-    """Where the code of a kernel lies, and what calls it; None where numba does not tell."""
+def ready_all() -> None:
+    """Compile or load all kernels that were bound within `pool.together` and are still held."""
+    for bound in list(_queued):
+        bound.ready()
+
+
+def _has_private_parts() -> bool:
+    """Whether kernels can be called by their addresses; without unique names code is not found."""
+    return ir is not None and cgutils is not None and nested.kernel_pipeline is not None
+
+
+class Callers(NamedTuple):
+    """Where the code of a kernel lies, and what calls it: from Python, and by an address."""
+
+    code: int
+    caller: Callable[..., Any]
+    entry: int | None
+
+
+def prepare(kernel: Any, kinds: tuple[types.Type, ...]) -> Callers | None:
+    """Compile a kernel, or load it, and what calls it; None where numba has no address."""
     if kinds not in kernel.overloads:
         kernel.compile(kinds)
     found = kernel.overloads[kinds]
-    if nested.kernel_pipeline is None:  # code is found by names then that need not be unique
-        return None
     try:
-        code = found.library.get_pointer_to_function(found.fndesc.llvm_func_name)
-        return code, _caller(found.signature)
+        return Callers(_address_of(found), *_caller(found.signature))
     except (AttributeError, *OF_NUMBA):  # private parts of another version
         return None
+
+
+def _address_of(compiled: Any) -> int:
+    """Where the code of a compiled function lies."""
+    return compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
 
 
 def _places(kind: Any, value: Any, path: tuple, first: int) -> dict[Any, int]:
@@ -209,26 +265,49 @@ def _value(context: Any, builder: Any, kind: Any, words: Iterator[Any]) -> Any:
     return next(words)
 
 
-def _caller(signature) -> Callable:
+def _caller(signature) -> tuple[Callable[..., Any], int | None]:
     """The compiled function that calls any function of a signature, given where that function's
-    address and, after it, its arguments stand."""
+    address and, after it, its arguments stand, and its own address where its result is an integer:
+    0 for none, and truth values as bits from the lowest up."""
     key = signature.return_type, signature.args
     if key in _callers:
-        return _callers[key]
-    calling = calling_at(signature)
-
-    def call(place):
-        return calling(place)
-
+        return _callers[key][:2]
+    call = _as_integer(calling_at(signature), signature.return_type)
     # a name, and so a file of the cache, for each signature: they are compiled side by side
     digest = blake2b(repr(key).encode(), digest_size=12).hexdigest()
     call.__qualname__ = f"{_caller.__qualname__}.{digest}"
     kernel: Any = njit(nogil=True)(call)
-    cache_on_disk(kernel)
+    cache_on_disk(kernel, {"nogil": True})
     kernel.compile((types.int64,))
     (found,) = kernel.overloads.values()
-    _callers[key] = found.entry_point
-    return found.entry_point
+    entry = _address_of(found) if found.signature.return_type == types.int64 else None
+    _callers[key] = found.entry_point, entry, kernel
+    return _callers[key][:2]
+
+
+def _as_integer(calling: Any, result: Any) -> Callable[[int], Any]:
+    """A function of one number whose result is an integer where what it calls gives none, an
+    integer, or truth values."""
+
+    def nothing(place):
+        calling(place)
+        return np.int64(0)
+
+    def two_bits(place):
+        first, second = calling(place)
+        return np.int64(first) | np.int64(second) << 1
+
+    def number(place):
+        return np.int64(calling(place))
+
+    def other(place):
+        return calling(place)
+
+    if isinstance(result, types.NoneType):
+        return nothing
+    if isinstance(result, types.UniTuple) and result == types.UniTuple(types.boolean, 2):
+        return two_bits
+    return number if isinstance(result, types.Integer | types.Boolean) else other
 
 
 def calling_at(signature) -> Any:

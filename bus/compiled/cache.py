@@ -1,373 +1,313 @@
-"""The cache of compiled kernels on disk: compiled anew when anything changes that they are made of.
+"""The cache of compiled kernels on disk: each is compiled once by all processes of a user.
 
-Numba's own cache looks at the kernel's file and at nothing else. Here the key of the cache holds a
-stamp of all that the kernel stands on: the files of all functions that it calls, at any depth, and
-the values of all constants that these name, wherever they were imported from.
+A file holds the machine code of one kernel for one signature. Its name follows from all that the
+code depends on: the digest of what the kernel is made of (`bus.compiled.stamps`), the signature,
+the processor and its features, and the versions of Python, numba, llvmlite and numpy. So all
+virtual environments of a user share the folder (`bus.compiled.places`), processes may write at the
+same time, and there is no index that could mix two files up, as numba's own does.
 
-Numba numbers the files of a kernel and keeps an index of them; two processes that compile two
-variants at the same time may give both the same number, and the index of one leads to the code of
-the other from then on. Here the name of a file follows from its key, and there is no index.
+Processes that need the same kernel at the same time wait for each other: who compiles holds a lock
+on a file of its own, which the system releases when the process ends, however it ends. Where files
+cannot be locked or nothing can be written, each compiles for itself.
 
-It lies where numba would keep its own: in NUMBA_CACHE_DIR, beside the kernel, or in the user's
-folder for caches. Where none of them can be written, it lies in a folder of the user's own among
-temporary files, and where that cannot be written either, nothing is kept; the logger "bus" says so.
-What lies beside the kernel or in NUMBA_CACHE_DIR is read in any case: a read-only image may hold
-code that was compiled when it was built.
-
-Stands on private parts of numba (`FunctionCache`, its places, `IndexDataCacheFile`); where a
-version lacks them, kernels are compiled anew in every process.
+Stands on private parts of numba (how a compiled function becomes bytes and is restored, and the
+protocol between a dispatcher and its cache); where a version has none of them, kernels are
+compiled in every process.
 """
 
 from __future__ import annotations
 
 import contextlib
-import enum
 import logging
 import os
+import pickle
+import re
+import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, cached_property
 from hashlib import blake2b
+from importlib.util import MAGIC_NUMBER
 from pathlib import Path
-from pickle import UnpicklingError
-from stat import S_IRWXG, S_IRWXO, S_ISDIR, S_ISVTX
-from types import CodeType, FunctionType, ModuleType
-from typing import Any
+from threading import local
+from typing import Any, NamedTuple
 
+import llvmlite
+import numba
 import numpy as np
-from numba import config, types
+from numba import config
+
+from bus.compiled import places
+from bus.compiled.stamps import layout, options_of, size_of, stamp
 
 try:
-    from numba.core.caching import FunctionCache, IndexDataCacheFile
+    from numba.core.compiler import CompileResult
+    from numba.core.serialize import dumps
 except ImportError:  # a numba of another version
-    FunctionCache = IndexDataCacheFile = None
+    CompileResult = dumps = None
+try:
+    import fcntl
+except ImportError:  # not on this system
+    fcntl = None
 
-__all__ = ["cache_on_disk", "stamp", "watch"]
+__all__ = ["KernelCache", "cache_on_disk", "report_planned", "reporting", "watch"]
 
-OUTSIDE = frozenset({"builtins", "llvmlite", "math", "numba", "numpy"})
-"""Packages whose versions numba's cache, or ours, does not look at."""
-DAMAGED = (AttributeError, EOFError, ImportError, IndexError, UnpicklingError, ValueError)
+DAMAGED = (AttributeError, EOFError, ImportError, IndexError, TypeError, ValueError,
+           pickle.UnpicklingError)  # fmt: skip
 """What a file raises that was cut off, as by a loss of power."""
 UNUSED_S = 30 * 24 * 3600.0
-"""Files of a kernel that nobody has read for so long go when another one is written [assumed]."""
-PRIVATE = ((FunctionCache, "_index_key"), (getattr(FunctionCache, "_impl_class", None),
-           "_locator_classes"), (IndexDataCacheFile, "_load_data"),
-           (IndexDataCacheFile, "_save_data"))  # fmt: skip
+"""Files that nobody has read for so long go when another one is written [assumed]."""
+LONGEST_S = 600.0
+"""That a process waits for another one to compile [assumed: one that is stopped never ends]."""
+LOOK_S = 0.02
+"""Between two looks whether a kernel has been compiled."""
+VERSIONS = (numba.__version__, llvmlite.__version__, np.__version__, sys.implementation.cache_tag,
+            MAGIC_NUMBER)  # fmt: skip
 
 _log = logging.getLogger("bus")
-_watchers: list[tuple[Callable[[str], None], Callable[[str], None]]] = []
+_watchers: list[Watcher] = []
+_held = local()
+"""Locks that the compilations of a thread hold: ``locks``, the innermost last."""
 
 
 @contextmanager
 def watch(
-    told: Callable[[str], None], done: Callable[[str], None] = lambda kernel: None
+    begun: Callable[[str], None],
+    done: Callable[[str], None] = lambda kernel: None,
+    planned: Callable[[str, int], None] = lambda kernel, size: None,
 ) -> Iterator[None]:
-    """Be told the name of every kernel that the cache lacks, before it is compiled.
+    """Hear of every kernel that is not in the cache, before it is compiled for this process.
 
     Parameters
     ----------
-    told : callable
-        Takes the name of the kernel. To compile takes from a tenth of a second to several.
+    begun : callable
+        Takes the name of the kernel. To compile takes from a tenth of a second to half a minute.
     done : callable, optional
         Takes the name when it is compiled and kept.
+    planned : callable, optional
+        Takes, before, the name and the size of the byte code, to which the time is about
+        proportional.
     """
-    _watchers.append(watcher := (told, done))
+    _watchers.append(watcher := Watcher(begun, done, planned))
     try:
         yield
     finally:
         _watchers.remove(watcher)
 
 
-def cache_on_disk(kernel: Any) -> None:
+def report_planned(kernel: str, size: int) -> None:
+    """Report to all that watch that a kernel will be compiled."""
+    for watcher in _watchers:
+        watcher.planned(kernel, size)
+
+
+@contextmanager
+def reporting(kernel: str) -> Iterator[None]:
+    """Report to all that watch that another process compiles a kernel, and then that it has."""
+    for watcher in _watchers:
+        watcher.begun(kernel)
+    try:
+        yield
+    finally:
+        for watcher in _watchers:
+            watcher.done(kernel)
+
+
+def cache_on_disk(kernel: Any, options: Mapping[str, object]) -> None:
     """Keep what a dispatcher compiles from now on on disk, and look there first.
 
-    Nothing is kept of a kernel without a file, and where no folder can be written.
+    Parameters
+    ----------
+    kernel : Dispatcher
+    options : mapping
+        With which it is compiled.
     """
-    if not all(hasattr(holder, name) for holder, name in PRIVATE):
+    parts = (CompileResult, "_reduce"), (CompileResult, "_rebuild"), (kernel, "_cache")
+    if dumps is None or not all(hasattr(holder, name) for holder, name in parts):
         return
-    with contextlib.suppress(RuntimeError):  # numba finds no place
-        kernel._cache = _stamped_cache()(kernel.py_func)
+    kernel._cache = KernelCache(kernel.py_func, options)
+    numbas = kernel.compile
+
+    def compile_alone(signature: Any) -> Any:
+        locks = _held.__dict__.setdefault("locks", [])
+        before = len(locks)
+        try:
+            return numbas(signature)
+        finally:  # compiled or not
+            while len(locks) > before:
+                _release(*locks.pop())
+
+    kernel.compile = compile_alone
 
 
-class _Spare:
-    """Among temporary files: where a kernel is kept that no place of numba's can take."""
+class Watcher(NamedTuple):
+    """See `watch`."""
 
-    def __init__(self, function: FunctionType) -> None:
-        self._line = function.__code__.co_firstlineno
-
-    @classmethod
-    def from_function(cls, function: FunctionType, file: str) -> _Spare | None:
-        return cls(function) if Path(file).exists() else None
-
-    def ensure_cache_path(self) -> None:
-        folder = _temporary_folder()
-        if folder is None:
-            raise OSError("no folder can be written; set NUMBA_CACHE_DIR to one that can")
-        _kept_in(folder)
-
-    def get_cache_path(self) -> str:
-        return _temporary_folder() or os.devnull
-
-    def get_source_stamp(self) -> None:
-        return None
-
-    def get_disambiguator(self) -> str:
-        return str(self._line)
+    begun: Callable[[str], None]
+    done: Callable[[str], None]
+    planned: Callable[[str, int], None]
 
 
-@cache
-def _kept_in(folder: str) -> None:
-    """Say, once, where compiled code goes."""
-    _log.warning(
-        "f3t-skin: compiled kernels are kept in %s: no other folder can be written; "
-        "set NUMBA_CACHE_DIR to one that can",
-        folder,
-    )
-
-
-def _places(numbas: list[Any]) -> tuple[Any, ...]:
-    """Numba's and then ours. Of a user without a home numba would take a folder of the working
-    one."""
-    home = os.path.expanduser("~")
-    has_home = os.path.isabs(os.environ.get("XDG_CACHE_HOME", home)) and Path(home).is_dir()
-    return (*(one for one in numbas if has_home or "UserWide" not in one.__name__), _Spare)
-
-
-def _temporary_folder() -> str | None:
-    """A folder that nobody else can write: what is read from it is run. Not in the working folder,
-    which `tempfile` takes where it finds no other."""
-    user = os.getuid() if os.name == "posix" else 0
-    try:
-        place = Path(tempfile.gettempdir())
-        if place.samefile(Path.cwd()) and not place.stat().st_mode & S_ISVTX:
-            return None
-        folder = place / f"f3t-skin-{user}"
-        folder.mkdir(mode=0o700, exist_ok=True)
-        found = folder.lstat()
-    except OSError:
-        return None
-    if os.name == "posix" and (found.st_uid != user or found.st_mode & (S_IRWXG | S_IRWXO)):
-        return None
-    return str(folder) if S_ISDIR(found.st_mode) else None
-
-
-@cache
-def _stamped_cache() -> type:
-    cache: Any = FunctionCache
-    files: Any = IndexDataCacheFile
-    settings: Any = config
-    places = _places(cache._impl_class._locator_classes)
-
-    class Places(cache._impl_class):
-        """Numba's, and ours after them."""
-
-        _locator_classes = places
-
-    class KeyedFiles(files):
-        """A file for each key, named by it: processes may write at once."""
-
-        def __init__(self, path, kernel, ready):
-            super().__init__(path, kernel, None)
-            self._folder, self._kernel, self._ready = Path(path), kernel, ready
-
-        def load(self, key):
-            name = self._name(key)
-            for file in (self._folder / name, *(folder / name for folder in self._ready)):
-                try:
-                    found = self._load_data(str(file))
-                except OSError:
-                    continue
-                except DAMAGED:
-                    with contextlib.suppress(OSError):
-                        file.unlink()
-                    continue
-                with contextlib.suppress(OSError):  # a folder that may be read only
-                    os.utime(file)
-                return found
-            return None
-
-        def save(self, key, data):
-            self._save_data(self._name(key), data)
-            for file in self._folder.glob(f"{self._kernel}.*.nbc"):
-                with contextlib.suppress(OSError):
-                    if time.time() - file.stat().st_mtime > UNUSED_S:
-                        file.unlink()
-
-        def _name(self, key):
-            told = blake2b(repr((self._version, key)).encode(), digest_size=16).hexdigest()
-            return f"{self._kernel}.{told}.nbc"
-
-    class StampedCache(cache):
-        """Numba's cache, with `stamp` in its key."""
-
-        _impl_class = Places
-        _stamp: str | None = None
-
-        def __init__(self, function):
-            super().__init__(function)
-            file = function.__code__.co_filename
-            ready = [Path(file).with_name("__pycache__")]
-            if given := settings.CACHE_DIR:
-                ready.append(Path(given, places[0].get_suitable_cache_subpath(file)))
-            self._cache_file = KeyedFiles(self._cache_path, self._impl.filename_base, ready)
-
-        def _index_key(self, sig, codegen):
-            if self._stamp is None:
-                self._stamp = stamp(self._py_func)
-            return sig, _layout(sig), codegen.magic_tuple(), self._stamp
-
-        def load_overload(self, sig, target_context):
-            found = super().load_overload(sig, target_context)
-            if found is None:
-                for told, _ in _watchers:
-                    told(self._py_func.__qualname__)
-            return found
-
-        def save_overload(self, sig, data):
-            try:
-                super().save_overload(sig, data)
-            except OSError as error:  # the disk is full, or the folder has gone
-                _not_kept(error.strerror or str(error))
-            for _, done in _watchers:
-                done(self._py_func.__qualname__)
-
-    return StampedCache
-
-
-@cache
-def _not_kept(why: str) -> None:
-    """Say, once for each reason, that a kernel could not be kept."""
-    _log.warning("f3t-skin: compiled kernels cannot be kept: %s", why)
-
-
-def stamp(function: Callable[..., Any]) -> str:
-    """A digest of all that a kernel is made of.
+class KernelCache:
+    """What numba asks for a kernel's machine code, and gives it to keep.
 
     Parameters
     ----------
     function : callable
-        Not compiled.
+        The kernel, not compiled.
+    options : mapping
+        With which it is compiled.
 
-    Returns
-    -------
-    str
-        Changes with the file of any function that it calls, at any depth, and with the value of any
-        constant that one of them names, and with how this package compiles. Modules of `OUTSIDE`
-        are not looked into.
+    Attributes
+    ----------
+    name : str
+        Qualified name of the kernel.
     """
-    walk = _Walk()
-    for file in ("jit.py", "nested.py"):
-        walk.file(str(Path(__file__).with_name(file)))
-    walk.value(function)
-    return walk.digest.hexdigest()
+
+    def __init__(self, function: Any, options: Mapping[str, object]) -> None:
+        self._function, self._options = function, options_of(options)
+        name = f"{function.__module__}.{function.__qualname__}".replace("<locals>.", "")
+        self._name = re.sub(r"[^\w.-]", "_", name)[-120:]
+        self._stamp: str | None = None
+        self.name: str = function.__qualname__
+
+    @cached_property
+    def size(self) -> int:
+        """Bytes of byte code that the kernel is made of."""
+        return size_of(self._function)
+
+    @property
+    def cache_path(self) -> str:
+        """The folder for new kernels, empty for none: of numba's statistics."""
+        return str(places.written() or "")
+
+    def flush(self) -> None:
+        """Of numba's protocol: nothing is kept whose name does not say what it is."""
+
+    def file_of(self, signature: Any, codegen: Any) -> str:
+        """Name of the file of a signature."""
+        if self._stamp is None:
+            self._stamp = stamp(self._function)
+        settings: Any = config
+        key = (VERSIONS, self._stamp, self._options, signature, layout(signature),
+               codegen.magic_tuple(), bool(settings.BOUNDSCHECK))  # fmt: skip
+        digest = blake2b(repr(key).encode(), digest_size=16).hexdigest()
+        return f"{self._name}.{digest}.nbc"
+
+    def holds(self, signature: Any, codegen: Any) -> bool:
+        """Whether there is a file of a signature."""
+        name = self.file_of(signature, codegen)
+        return any((folder / name).exists() for folder in places.read())
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Of numba's protocol: the compiled function of a signature; None if it is to be compiled,
+        by this process alone where files can be locked."""
+        target_context.refresh()
+        name = self.file_of(sig, target_context.codegen())
+        found = self._load(name, target_context)
+        if found is None and (folder := places.written()) is not None:
+            lock = _lock(folder / f"{name}.lock")
+            if lock is not None:
+                _held.__dict__.setdefault("locks", []).append(lock)
+                found = self._load(name, target_context)  # of who held it before
+        if found is None:
+            for watcher in _watchers:
+                watcher.planned(self.name, self.size)
+                watcher.begun(self.name)
+        return found
+
+    def save_overload(self, sig: Any, cres: Any) -> None:
+        """Of numba's protocol: keep a compiled function."""
+        try:
+            folder = places.written()
+            if folder is None:
+                raise OSError("no folder can be written; set NUMBA_CACHE_DIR to one that can")
+            if not (cres.library.has_dynamic_globals or any(not x.can_cache for x in cres.lifted)):
+                self._save(folder / self.file_of(sig, cres.codegen), cres)
+        except OSError as error:  # the disk is full, or the folder has gone
+            _say_not_kept(error.strerror or str(error))
+        for watcher in _watchers:
+            watcher.done(self.name)
+
+    def _load(self, name: str, target_context: Any) -> Any:
+        rebuild: Any = CompileResult
+        for folder in places.read():
+            file = folder / name
+            try:
+                parts = pickle.loads(file.read_bytes())
+                found = rebuild._rebuild(target_context, *parts)
+            except OSError:
+                continue
+            except DAMAGED:
+                with contextlib.suppress(OSError):
+                    file.unlink()
+                continue
+            with contextlib.suppress(OSError):  # a folder that may be read only
+                os.utime(file)
+            return found
+        return None
+
+    def _save(self, file: Path, cres: Any) -> None:
+        bytes_of: Any = dumps
+        code = bytes_of(cres._reduce())
+        handle, partial = tempfile.mkstemp(dir=file.parent, prefix=f"{file.name}.")
+        try:
+            with os.fdopen(handle, "wb") as out:
+                out.write(code)
+            os.chmod(partial, 0o644)  # another user may run a read-only image
+            os.replace(partial, file)
+        except BaseException:
+            with contextlib.suppress(OSError):
+                os.unlink(partial)
+            raise
+        for old in file.parent.glob("*.nbc*"):  # those that a killed process has left as well
+            with contextlib.suppress(OSError):
+                if time.time() - old.stat().st_mtime > UNUSED_S:
+                    old.unlink()
 
 
-TUPLE: Any = types.BaseTuple
-NAMED_TUPLE: Any = types.BaseNamedTuple
+def _lock(path: Path) -> tuple[int, Path] | None:
+    """Lock a file, once no other process has it; None where that cannot be done, or takes longer
+    than any compilation."""
+    lock: Any = fcntl
+    if lock is None:
+        return None
+    until = time.monotonic() + LONGEST_S
+    while time.monotonic() < until:
+        try:
+            handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        except OSError:
+            return None
+        try:
+            lock.flock(handle, lock.LOCK_EX | lock.LOCK_NB)
+            if os.path.samestat(os.fstat(handle), os.stat(path)):
+                return handle, path
+        except (BlockingIOError, FileNotFoundError):  # held, or just released
+            pass
+        except OSError:  # a file system without locks
+            os.close(handle)
+            return None
+        except BaseException:
+            os.close(handle)
+            raise
+        os.close(handle)
+        time.sleep(LOOK_S)
+    return None
 
 
-def _layout(kind: Any) -> object:
-    """Names of the fields of all named tuples in a type. Compiled code knows a field by its place;
-    numba's own name of the type tells the class and the types of the fields, not their names."""
-    if isinstance(kind, NAMED_TUPLE):
-        whose = kind.instance_class
-        return whose.__module__, whose.__qualname__, kind.fields, _layout(tuple(kind.types))
-    if isinstance(kind, TUPLE):
-        return _layout(tuple(kind.types))
-    return tuple(map(_layout, kind)) if isinstance(kind, tuple) else None
-
-
-class _Walk:
-    """Visits what a function stands on, and adds it to a digest."""
-
-    def __init__(self) -> None:
-        self.digest = blake2b(digest_size=16)
-        self._seen: set[object] = set()
-
-    def value(self, value: Any, names: tuple[str, ...] = ()) -> None:
-        """Add a value; `names` are attributes that may be read of it, if it is a module."""
-        value = getattr(value, "py_func", value)  # a kernel
-        value = getattr(value, "_defn", value)  # an intrinsic
-        if isinstance(value, FunctionType):
-            self._function(value)
-        elif isinstance(value, ModuleType):
-            if _top(value.__name__) not in OUTSIDE:
-                for name in names:
-                    if hasattr(value, name):
-                        self._named(name, getattr(value, name), names)
-        elif isinstance(value, np.ndarray):
-            self._add(value.dtype.descr, value.shape, value.tobytes())
-        elif isinstance(value, np.dtype):
-            self._add(value.descr, value.itemsize)
-        elif isinstance(value, enum.EnumType):
-            members: Any = value
-            self._add([(member.name, member.value) for member in members])
-        elif isinstance(value, type):
-            self._add(value.__qualname__, getattr(value, "_fields", ()))
-        elif isinstance(value, tuple | list):
-            self._add(type(value).__name__, len(value), getattr(value, "_fields", ()))
-            for part in value:
-                self.value(part)
-        elif isinstance(value, set | frozenset):
-            self._add(sorted(map(repr, value)))
-        elif isinstance(value, types.Type):
-            self._add(repr(value), _layout(value))
-        elif isinstance(value, bool | int | float | str | bytes | np.generic | enum.Enum | None):
-            self._add(repr(value))
-        else:
-            self._add(type(value).__qualname__)
-
-    def file(self, path: str) -> None:
-        """Add the text of a file."""
-        self._add(_file_digest(path))
-
-    def _named(self, name: str, value: Any, names: tuple[str, ...]) -> None:
-        self._add(name)
-        self.value(value, names)
-
-    def _function(self, function: FunctionType) -> None:
-        if _top(function.__module__ or "") in OUTSIDE:
-            return
-        cells = [cell.cell_contents for cell in function.__closure__ or ()]
-        key = (function.__code__, tuple(map(id, cells)))
-        if key in self._seen:
-            return
-        self._seen.add(key)
-        self.file(function.__code__.co_filename)
-        self._add(function.__code__.co_code)
-        for constant in function.__code__.co_consts:
-            if not isinstance(constant, CodeType):
-                self.value(constant)
-        names = tuple(_names(function.__code__))
-        for name in names:
-            if name in function.__globals__:
-                self._named(name, function.__globals__[name], names)
-        for given in (*cells, *(function.__defaults__ or ())):
-            self.value(given, names)
-
-    def _add(self, *parts: object) -> None:
-        for part in parts:
-            self.digest.update(part if isinstance(part, bytes) else repr(part).encode())
-            self.digest.update(b"\0")
-
-
-def _top(module: str) -> str:
-    return module.partition(".")[0]
-
-
-def _names(code: CodeType) -> Iterator[str]:
-    """Names that a function reads of its module, or as attributes, functions within it included."""
-    yield from code.co_names
-    for constant in code.co_consts:
-        if isinstance(constant, CodeType):
-            yield from _names(constant)
+def _release(handle: int, path: Path) -> None:
+    """Release a lock. The file goes first: who has opened it meanwhile sees that it is gone."""
+    with contextlib.suppress(OSError):
+        path.unlink()
+    with contextlib.suppress(OSError):  # the lock of a forked process would stay
+        lock: Any = fcntl
+        lock.flock(handle, lock.LOCK_UN)
+    os.close(handle)
 
 
 @cache
-def _file_digest(path: str) -> bytes:
-    try:
-        return blake2b(Path(path).read_bytes(), digest_size=16).digest()
-    except OSError:  # typed in, or generated
-        return path.encode()
+def _say_not_kept(why: str) -> None:
+    """Say, once for each reason, that a kernel could not be kept."""
+    _log.warning("f3t-skin: compiled kernels cannot be kept: %s", why)

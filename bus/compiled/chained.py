@@ -7,16 +7,15 @@ and gives the same numbers to the last bit.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from hashlib import blake2b
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numba import njit, types
-from numba.extending import intrinsic
+from numba import types
+from numba.extending import intrinsic, overload
 
-from bus.compiled.bound import Bound, calling_at
-from bus.compiled.cache import cache_on_disk
+from bus.compiled import nested
+from bus.compiled.bound import Bound
 
 try:
     from llvmlite import ir
@@ -25,11 +24,7 @@ except ImportError:  # numba or llvmlite of another version
     ir: Any = None
     cgutils: Any = None
 
-__all__ = ["NOTHING", "address", "call_at", "copy_bytes", "words"]
-
-NOTHING = np.zeros(2, np.int64)
-"""In place of the address of what is not there."""
-_entries: dict[object, tuple[int, object]] = {}
+__all__ = ["address", "addresses", "call", "call_each", "copy_bytes", "words"]
 
 
 def address(bound: object) -> np.ndarray | None:
@@ -43,13 +38,56 @@ def address(bound: object) -> np.ndarray | None:
     Returns
     -------
     ndarray, shape (2,), int64, or None
-        None where numba does not tell, and of what is no `Bound`.
+        None where numba has no address, and of what is no `Bound`.
     """
-    words = getattr(bound, "_words", None)
-    if not isinstance(bound, Bound) or words is None or ir is None or cgutils is None:
+    if not isinstance(bound, Bound):
         return None
-    (found,) = (one for one in bound._kernel.overloads.values() if _lies_at(one, int(words[0])))
-    return np.array([_entry(found.signature), words.ctypes.data])
+    bound.ready()
+    return None if bound.entry is None else np.array([bound.entry, words(bound).ctypes.data])
+
+
+def addresses(calls: Sequence[object]) -> np.ndarray | None:
+    """Where bound kernels are called, for `call`.
+
+    Parameters
+    ----------
+    calls : sequence of Bound or None
+
+    Returns
+    -------
+    ndarray, shape (m, 2), int64, or None
+        Zeros for None; None where one of the others has no address.
+    """
+    found = [np.zeros(2, np.int64) if one is None else address(one) for one in calls]
+    if any(one is None for one in found):
+        return None
+    return np.array(found, np.int64).reshape(-1, 2)
+
+
+def call(calls: Any, which: Any) -> int:
+    """Call one of some bound kernels.
+
+    Parameters
+    ----------
+    calls : ndarray or sequence of callable
+        What `addresses` gave; in Python the kernels themselves.
+    which : int
+
+    Returns
+    -------
+    int
+        Its result: 0 for none, and truth values as bits from the lowest up.
+    """
+    found = calls[which]()
+    if isinstance(found, tuple):
+        return int(found[0]) | int(found[1]) << 1
+    return int(found) if isinstance(found, int | np.integer | np.bool_) else 0
+
+
+def call_each(calls: Any) -> None:
+    """Call all of some bound kernels, in their order; see `call`."""
+    for one in calls:
+        one()
 
 
 def words(bound: Bound) -> np.ndarray:
@@ -58,47 +96,6 @@ def words(bound: Bound) -> np.ndarray:
     found = bound._words
     assert found is not None  # it has no address otherwise
     return found
-
-
-def _lies_at(overload: Any, place: int) -> bool:
-    """Whether the code of a compiled function is at this address."""
-    return overload.library.get_pointer_to_function(overload.fndesc.llvm_func_name) == place
-
-
-def _entry(signature: Any) -> int:
-    """Address of the function that calls any of a signature and gives its result as an integer:
-    0 for none, and truth values as bits from the lowest up."""
-    key = signature.return_type, signature.args
-    if key not in _entries:
-        call = _as_integer(calling_at(signature), signature.return_type)
-        digest = blake2b(repr(key).encode(), digest_size=12).hexdigest()
-        call.__qualname__ = f"{_entry.__qualname__}.{digest}"
-        kernel: Any = njit(nogil=True)(call)
-        cache_on_disk(kernel)
-        kernel.compile((types.int64,))
-        (found,) = kernel.overloads.values()
-        code = found.library.get_pointer_to_function(found.fndesc.llvm_func_name)
-        _entries[key] = code, kernel
-    return _entries[key][0]
-
-
-def _as_integer(calling: Any, result: Any) -> Callable[[int], Any]:
-    """A function of one number whose result is an integer, whatever it calls gives."""
-
-    def nothing(place):
-        calling(place)
-        return 0
-
-    def two_bits(place):
-        first, second = calling(place)
-        return np.int64(first) | np.int64(second) << 1
-
-    def number(place):
-        return np.int64(calling(place))
-
-    if isinstance(result, types.NoneType):
-        return nothing
-    return two_bits if isinstance(result, types.BaseTuple) else number
 
 
 def _call_at(typing, function, place):
@@ -131,3 +128,25 @@ def _copy_bytes(typing, into, source, size):
 
 call_at: Any = intrinsic(_call_at)
 copy_bytes: Any = intrinsic(_copy_bytes)
+
+
+def _call_one(calls, which):
+    return call_at(calls[which, 0], calls[which, 1])
+
+
+def _call_all(calls):
+    for i in range(calls.shape[0]):
+        call_at(calls[i, 0], calls[i, 1])
+
+
+def _in_kernels(python: Callable[..., Any], compiled: Callable[..., Any]) -> None:
+    """Let kernels run another function in place of one of Python."""
+    options: Any = {} if nested.pipeline is None else {"pipeline_class": nested.pipeline}
+
+    @overload(python, jit_options=options, strict=False)
+    def _overload(*_arguments: object) -> Callable[..., Any]:
+        return compiled
+
+
+_in_kernels(call, _call_one)
+_in_kernels(call_each, _call_all)

@@ -14,7 +14,7 @@ from numba.extending import overload
 
 from bus.compiled import nested
 
-__all__ = ["above_zero", "choose", "lesser"]
+__all__ = ["above_zero", "anywhere", "choose", "lesser"]
 
 
 def above_zero(x: Any) -> Any:
@@ -25,6 +25,11 @@ def above_zero(x: Any) -> Any:
 def lesser(x: Any, y: Any) -> Any:
     """The lesser of two: min(x, y)."""
     return np.minimum(x, y)
+
+
+def anywhere(condition: Any) -> Any:
+    """Whether a condition holds anywhere; in a kernel, the condition."""
+    return bool(np.any(condition))
 
 
 def choose(condition: Any, yes: Any, no: Any) -> Any:
@@ -51,10 +56,15 @@ def _lesser_number(x, y):
     return min(x, y)
 
 
+def _of_number(condition):
+    return condition
+
+
 def _chosen_number(condition, yes, no):
     return yes if condition else no
 
 
 _in_kernels(above_zero, _number_above_zero)
 _in_kernels(lesser, _lesser_number)
+_in_kernels(anywhere, _of_number)
 _in_kernels(choose, _chosen_number)

@@ -23,7 +23,7 @@ _barrier = Lock()
 
 
 def assume_noalias() -> None:
-    """Tell the compiler that no two arrays of the calling kernel overlap.
+    """Promise the compiler that no two arrays of the calling kernel overlap.
 
     It would ask at run time, for every pair of them, and beyond a few pairs give up vectors. A
     kernel with so many arrays is also better off with the widest vectors that there are, which the

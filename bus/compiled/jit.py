@@ -20,6 +20,7 @@ from numba.extending import register_jitable
 
 from bus.compiled import nested
 from bus.compiled.cache import cache_on_disk
+from bus.compiled.stamps import mark
 
 __all__ = ["compiled", "jitable"]
 
@@ -31,6 +32,7 @@ def compiled(
     fastmath: Iterable[str] = (),
     cache: bool = True,
     allocates: bool = True,
+    made_by: tuple[Any, ...] | None = None,
     **options: object,
 ) -> Callable[..., Any]:
     """Compile a kernel: divisions as numpy's, without the interpreter's lock, kept on disk.
@@ -69,13 +71,14 @@ def compiled(
     options["_nrt"] = allocates
     if nested.kernel_pipeline is not None:
         options["pipeline_class"] = nested.kernel_pipeline
+    options |= {"error_model": "numpy", "nogil": True, "fastmath": flags or False}
     compile_it: Any = njit
-    flagged = compile_it(error_model="numpy", nogil=True, fastmath=flags or False, **options)
-    kernel = flagged(function)
+    kernel = compile_it(**options)(function)
     if not hasattr(kernel, "overloads"):
         return kernel
+    kernel.made_by = made_by
     if cache:
-        cache_on_disk(kernel)
+        cache_on_disk(kernel, options)
     compiled_at_once = list(signatures)
     for signature in compiled_at_once:
         kernel.compile(signature)
@@ -103,4 +106,5 @@ def jitable(
         options = {"forceinline": True, **options}
     if nested.pipeline is not None:
         options = {"pipeline_class": nested.pipeline, **options}
+    mark(function, options)
     return register_jitable(**options)(function) if options else register_jitable(function)

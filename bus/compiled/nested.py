@@ -6,24 +6,36 @@ many levels is optimised as often as it has levels. Here a function that only ke
 intermediate code, which is optimised where it ends up: in the kernel. Those that are put into every
 caller are optimised before, for vectors are found in small loops only.
 
-Numba finds machine code by a name, made unique by a number that each process counts anew: two
+Numba finds machine code by a name, made unique by a number that each process counts from zero: two
 variants of a kernel that two processes have compiled first have one name, and a third process that
 loads both from the cache finds the code of one for both. Here the number follows from what a
 function is made of.
 
+Numba lets every index count from the end: where it is negative, the length is added. Unless the
+compiler can rule that out, a load of many neighbours becomes a load of each at an address of its
+own. Kernels count from the front, and so their code adds nothing; an index that is negative and no
+constant would read memory of somebody else. With ``NUMBA_BOUNDSCHECK=1`` kernels raise IndexError
+at such an index; numba's own functions that they call are compiled as numba would.
+
 It stands on numba's interface for compilers of one's own, and on private parts (the library of
 code, and how a compiled function is made known); where a version lacks them, `pipeline` and
-`kernel_pipeline` are None, and numba's own way is used.
+`kernel_pipeline` are None, and numba's own way is used. Where it reads an index in another way,
+that stays as it is.
 """
 
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Iterator
+from inspect import signature
 from typing import Any
 
-from bus.compiled.cache import stamp
+from bus.compiled.stamps import stamp
 
 __all__ = ["kernel_pipeline", "pipeline"]
+
+OF_INDEX = "context", "builder", "idxty", "idx", "size"
+"""What numba's function that reads an index takes, in the versions that are known here."""
 
 pipeline: Any = None
 """Of functions that only kernels call: numba's option ``pipeline_class``; None where this numba has
@@ -40,6 +52,7 @@ def _build() -> Any:
     from numba.core.typed_passes import NativeLowering
 
     base_library: Any = JITCodeLibrary
+    front_lower: Any = _front_lower()
     for name in ("_optimize_final_module", "_finalize_final_module", "_finalize_dynamic_globals",
                  "_get_compiled_object"):  # fmt: skip
         getattr(base_library, name)
@@ -58,7 +71,7 @@ def _build() -> Any:
             self._finalized = True
 
     class KernelLibrary(base_library):
-        """Code of a kernel, to be kept on disk whatever happened while it was compiled."""
+        """Code of a kernel, to be kept on disk even if something failed while it was compiled."""
 
         def _get_compiled_object(self):
             # LLVM hands machine code to a callback, and what is raised there, as by Ctrl-C or by a
@@ -72,6 +85,7 @@ def _build() -> Any:
         """Lower to intermediate code, without machine code and wrappers."""
 
         _name = "nested_lowering"
+        lowering_class = front_lower
 
         def run_pass(self, state):
             name = state.func_id.func_qualname
@@ -97,19 +111,58 @@ def _build() -> Any:
         """As numba's, and set what `print` and errors with arguments of nested functions use."""
 
         _name = "kernel_lowering"
+        lowering_class = front_lower
 
         def run_pass(self, state):
-            codegen = state.targetctx.codegen()
-            state.library = KernelLibrary(codegen, state.func_id.func_qualname)
+            name = state.func_id.func_qualname
+            state.library = KernelLibrary(state.targetctx.codegen(), name)
             state.library.enable_object_caching()
             super().run_pass(state)
             for variable in state.library._final_module.global_variables:
-                environment = lookup_environment(variable.name)
-                if environment is not None:
+                if (environment := lookup_environment(variable.name)) is not None:
                     state.library.codegen.set_env(variable.name, environment)
             return True
 
     return _compiler(NestedLowering), _compiler(KernelLowering)
+
+
+def _front_lower() -> type:
+    """Numba's lowering of a function, whose indices count from the front."""
+    from numba.core.lowering import Lower
+
+    class FrontLower(Lower):
+        """Numba's, with `_front_indices`."""
+
+        def lower(self):
+            with _front_indices(self.module):
+                super().lower()
+
+    return FrontLower
+
+
+@contextlib.contextmanager
+def _front_indices(module: Any) -> Iterator[None]:
+    """Do not add the length to the indices of the functions of a module of intermediate code; only
+    one thread compiles at a time."""
+    from llvmlite import ir
+    from numba.core import types
+    from numba.np import arrayobj
+
+    from_end = getattr(arrayobj, "fix_integer_index", None)
+    if from_end is None or tuple(signature(from_end).parameters) != OF_INDEX:
+        yield  # a numba of another version
+        return
+
+    def from_front(context, builder, idxty, idx, size):
+        if builder.module is not module or isinstance(idx, ir.Constant):
+            return from_end(context, builder, idxty, idx, size)
+        return context.cast(builder, idx, idxty, types.intp if idxty.signed else types.uintp)
+
+    arrayobj.fix_integer_index = from_front
+    try:
+        yield
+    finally:
+        arrayobj.fix_integer_index = from_end
 
 
 def _compiler(lowering: Any) -> Any:

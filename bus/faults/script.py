@@ -301,9 +301,9 @@ def problems(
     buses = () if topology is None else tuple(bus.name for bus in topology.buses)
     for i, fault in enumerate(script.faults):
         if fault.probability is not None and fault.every is not None:
-            yield i, "every", "", _must("absent beside probability", fault.every)
+            yield i, "every", "", _must("absent next to probability", fault.every)
         if fault.at_s is not None and (fault.from_s or fault.to_s is not None):
-            yield i, "at_s", "", _must("absent beside from_s and to_s", fault.at_s)
+            yield i, "at_s", "", _must("absent next to from_s and to_s", fault.at_s)
         if fault.to_s is not None and fault.to_s <= fault.from_s:
             yield i, "to_s", "", _must(f"above from_s, {fault.from_s:g}", fault.to_s)
         if isinstance(fault, Babble) and fault.id in fault.ids:

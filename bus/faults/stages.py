@@ -87,7 +87,7 @@ class _Stage:
         return [s for s, unit in enumerate(expected.units) if named is None or unit in named]
 
     def matches(self, frames: np.ndarray) -> np.ndarray:
-        """Which frames are among those of this fault, whatever the time; shape (m,), bool."""
+        """Which frames are among those of this fault, at any time; shape (m,), bool."""
         found = (frames["id"] & np.uint32(CAN_ERR | CAN_RTR)) == 0
         found &= (frames["origin"] & (ECHO | _PUT_IN)) == 0
         if self._ids is not None:

@@ -19,7 +19,7 @@ from bus.logs import blf_kernels as kernels
 from bus.logs.reader import LogReader
 
 try:
-    from isal import isal_zlib as _isal  # the extra `blf`: inflates half as fast again
+    from isal import isal_zlib as _isal  # the extra `blf`: inflates 1.5 times as fast
 except ImportError:
     _isal = None
 
@@ -44,16 +44,15 @@ _AHEAD = 2 * _THREADS
 _END = "the end of the file"
 
 Fault = tuple[str, str] | None
-"""What must be there, and what is."""
+"""Expected and actual content."""
 
 
 class BlfReader(LogReader):
     """Reads all frames of CAN and CAN FD, error frames and overload frames of a BLF file.
 
-    Objects may lie in containers, compressed or not, or outside. Channel 1 is can0, as python-can
-    and can-utils have it. Stamps are UTC, or count from the beginning where the file has no date.
-    Error frames get the class and the details of SocketCAN. Objects that are no frames are counted
-    in `skipped`.
+    Objects may be in containers, compressed or not, or outside. Channel 1 is can0, as in python-can
+    and can-utils. Stamps are UTC, or relative to the beginning where the file has no date. Error
+    frames get the class and the details of SocketCAN. Other objects are counted in `skipped`.
     """
 
     def _fill(self, batch: FrameBatch) -> Generator[None]:
@@ -61,7 +60,7 @@ class BlfReader(LogReader):
         self._buses = np.full(1 << 16, kernels.UNKNOWN, np.int16)
         self._left_out = np.zeros(1 << 16, np.int64)
         self._types = np.zeros(kernels.TYPES, np.int64)
-        self._told_objects = self._told_bytes = 0
+        self._stated_objects = self._stated_bytes = 0
         self._end = _END
         self._views = as_words(batch.records), as_bytes(batch.records)
         try:
@@ -105,21 +104,21 @@ class BlfReader(LogReader):
         if not objects.is_whole:
             raise self._damage(objects.place, "a whole object", self._end)
         length = objects.place + len(objects.rest)
-        if self._told_bytes > length or self._end != _END:
-            raise self._damage(length, f"more, up to byte {self._told_bytes}", self._end)
+        if self._stated_bytes > length or self._end != _END:
+            raise self._damage(length, f"more, up to byte {self._stated_bytes}", self._end)
 
     def _read_head(self, file: BinaryIO) -> int:
-        """Read what stands before the first object; return its length."""
+        """Read the file's head; returns its length."""
         head = self._read_up_to(file, FILE_HEAD.size)
         if not head.startswith(b"LOGG"):
             raise self._damage(0, "'LOGG'", _shown(head) if head else self._end)
         if len(head) < FILE_HEAD.size:
             raise self._damage(len(head), f"a head of {FILE_HEAD.size} bytes", self._end)
-        _, length, *_, told_bytes, _, told_objects, _ = (fields := FILE_HEAD.unpack(head))[:14]
+        _, length, *_, stated_bytes, _, stated_objects, _ = (fields := FILE_HEAD.unpack(head))[:14]
         if not FILE_HEAD.size <= length <= _LARGEST_FILE_HEAD:
             expected = f"a length of {FILE_HEAD.size} to {_LARGEST_FILE_HEAD}"
             raise self._damage(4, expected, f"{length}")
-        self._told_bytes, self._told_objects = told_bytes, told_objects
+        self._stated_bytes, self._stated_objects = stated_bytes, stated_objects
         self._state["start_ns"][0] = _to_ns(*fields[14:22])
         there = len(head) + len(self._read_up_to(file, length - len(head)))
         if there < length:
@@ -141,7 +140,7 @@ class BlfReader(LogReader):
         return True
 
     def _take(self, file: BinaryIO, objects: _Objects) -> tuple[int, bytes, Fault]:
-        """Take the container that `objects` begin with: compression, contents, what is wrong."""
+        """Take the container at the start of `objects`: compression, contents, fault."""
         head = CONTAINER_HEAD.size
         if len(objects.rest) < head:
             objects.drop(len(objects.rest))
@@ -160,7 +159,7 @@ class BlfReader(LogReader):
     def _parse(
         self, objects: _Objects, data: bytes, batch: FrameBatch
     ) -> Generator[None, None, int]:
-        """Parse objects, the rest of those before first; return why it ended."""
+        """Parse objects, remaining ones first; returns why it ended."""
         state, rest = self._state, objects.rest + data if objects.rest else data
         blob = np.frombuffer(rest, np.uint8) if rest else np.zeros(0, np.uint8)
         state["position"][0], state["skip"][0] = 0, objects.skip
@@ -186,7 +185,7 @@ class BlfReader(LogReader):
         return status
 
     def _read_some(self, file: BinaryIO, size: int) -> bytes:
-        """Read at most `size` bytes; none at the end, where `_end` tells what ended it."""
+        """Read at most `size` bytes; none at the end, with the reason in `_end`."""
         if self._end != _END:
             return b""
         try:
@@ -198,7 +197,7 @@ class BlfReader(LogReader):
         return got
 
     def _read_up_to(self, file: BinaryIO, size: int) -> bytes:
-        """Read `size` bytes, fewer at the end alone."""
+        """Read `size` bytes, fewer only at the end."""
         parts = [b""]
         while size and (more := self._read_some(file, size)):
             parts.append(more)
@@ -206,10 +205,10 @@ class BlfReader(LogReader):
         return b"".join(parts)
 
     def _damage(self, place: int, expected: str, got: str, inside: int | None = None) -> LogError:
-        """Say what is wrong at a place of the file, and how much was read."""
+        """The error at a place of the file, with the amount that was read."""
         where = f"byte {place}" if inside is None else f"byte {place}: byte {inside} of contents"
         read = f"{self._state['objects'][0]} "
-        read += f"of {self._told_objects} objects" if self._told_objects else "objects"
+        read += f"of {self._stated_objects} objects" if self._stated_objects else "objects"
         if self.path.suffix.lower() != ".gz":
             size = os.path.getsize(self.path)
             read += f", up to the last {size - place} of {size} bytes"
@@ -217,14 +216,14 @@ class BlfReader(LogReader):
 
 
 def _inflate(method: int, packed: bytes, fault: Fault) -> tuple[bytes, Fault]:
-    """Return what is in a container, as far as it is sure, and what is wrong with it."""
+    """Contents of a container, as far as they are certain, and its fault."""
     if method == PLAIN:
         return packed, fault
     inflater = inflating.decompressobj()
     try:
         inside = inflater.decompress(packed, _LARGEST_CONTAINER)
     except inflating.error as error:
-        # None of it is sure, as the checksum comes last.
+        # Nothing is certain, since the checksum comes last.
         return b"", ("a container with whole contents", str(error))
     if not inflater.eof and not fault:
         expected = f"contents of at most {_LARGEST_CONTAINER} bytes, with their end"
@@ -233,16 +232,16 @@ def _inflate(method: int, packed: bytes, fault: Fault) -> tuple[bytes, Fault]:
 
 
 class _Objects:
-    """Objects one after the other, of a file or in its containers: what is not parsed yet."""
+    """Consecutive objects, of a file or in its containers, that are not yet parsed."""
 
     def __init__(self, place: int) -> None:
         self.place = place  # of the first byte of `rest`
         self.rest = b""
-        self.skip = 0  # bytes to come of an object that is no frame
+        self.skip = 0  # remaining bytes of an object that is not a frame
 
     @property
     def is_whole(self) -> bool:
-        """Whether nothing but padding is left."""
+        """Whether only padding is left."""
         begun = self.rest and b"LOBJ".startswith(self.rest)
         return not self.skip and not begun and len(self.rest) <= _MOST_PADDING
 
@@ -258,7 +257,7 @@ def _name(channel: int) -> str:
 def _to_ns(
     year: int, month: int, _: int, day: int, hour: int, minute: int, second: int, millisecond: int
 ) -> int:
-    """Time since 1970 of a SYSTEMTIME; 0 where it is none."""
+    """Time since 1970 of a SYSTEMTIME; 0 where it is invalid."""
     try:
         date = datetime(year, month, day, hour, minute, second, 1000 * millisecond, tzinfo=UTC)
     except ValueError:

@@ -41,7 +41,7 @@ from bus.logs.blf_kernels import (
 )  # fmt: skip
 
 MOST_OBJECT_BYTES = 128
-"""No object that `build` writes is longer."""
+"""Upper bound of the size of an object."""
 _LENGTHS = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64], np.uint8)
 
 
@@ -95,7 +95,7 @@ def build_object(blob, p, words, data, i, start):
 
 
 def build_python(blob, words, data, start):
-    """Write frames as objects, one after the other; return the bytes written.
+    """Write frames as objects, one after the other; returns the bytes written.
 
     Parameters
     ----------

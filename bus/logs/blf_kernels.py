@@ -2,8 +2,8 @@
 
 `words` and `data` are those of `bus.frame.FrameViews`. All numbers of the format are little-endian.
 An object begins with "LOBJ", the length of its header, the header's version, its own length and its
-type; then come flags and a time stamp, at the same places in both versions, and behind the header
-what the type has to tell.
+type; then come flags and a time stamp, at the same offsets in both versions, and after the header
+the content of the type.
 """
 
 from __future__ import annotations
@@ -37,28 +37,28 @@ FRAMES = (
     CAN_FD_MESSAGE_64, CAN_FD_ERROR_64,
 )  # fmt: skip
 TYPES = 256
-"""Of types from the last one on, one count is kept."""
+"""Types from the last one on share a count."""
 
 STATE = np.dtype(
     [
         (name, np.int64)
         for name in (
             "position",  # of the next object
-            "skip",  # bytes still to come of an object that is no frame
+            "skip",  # remaining bytes of an object that is not a frame
             "count",  # frames in the batch
             "objects",  # read so far
             "start_ns",  # of the measurement
-            "channel",  # that is new
+            "channel",  # new channel
         )
     ]
 )
-"""From where reading goes on."""
-# What `parse` returns beside a fault.
+"""Position of the reader."""
+# Return values of `parse` other than faults.
 MORE, FULL, CONTAINER, NEW_CHANNEL = range(4)
 SIGNATURE, SIZE, HEADER, SHORT, STAMP, LENGTH = range(-6, 0)
 LARGEST_OBJECT = 1 << 16
 MOST_PADDING = 8
-"""Places behind an object where the next one may begin."""
+"""Offsets after an object at which the next one may begin."""
 EXPECTED = {
     CONTAINER: "an object other than a container, in a container",
     SIGNATURE: "the beginning of an object, 'LOBJ'",
@@ -68,12 +68,12 @@ EXPECTED = {
     STAMP: "a time before the year 2262",
     LENGTH: "at most 64 data bytes",
 }
-"""What must stand at the place of each fault."""
+"""Expected content at the place of each fault."""
 UNKNOWN = -2
-"""Bus of the channels that did not appear yet."""
+"""Bus of channels that have not appeared yet."""
 _OBJECT_HEAD, FRAME_HEAD = 16, 32
 MAGIC = int.from_bytes(b"LOBJ", "little")
-# Contents of objects, as long as they have to be.
+# Contents of objects, with their required length.
 CLASSIC_SIZE, _ERROR_SIZE, ERROR_EXT_SIZE, FD_SIZE, _FD_64_SIZE, _FD_ERROR_64_SIZE = (
     16, 2, 32, 20, 40, 44,
 )  # fmt: skip
@@ -90,16 +90,16 @@ _ECC_VALID, _ECC_RECEIVING, _ECC_PLACE = 1, 0x20, 0x1F
 ERROR_BYTES = 8
 _CLASSIC_BYTES, FD_BYTES = 8, 64
 _MASKS = np.array([(1 << 8 * k) - 1 for k in range(8)] + [-1], np.int64)
-"""Of as many bytes, from the lowest on."""
+"""Masks of as many bytes, from the lowest on."""
 _LATEST_NS = (1 << 63) - 1
 _NONE, _CUT, _CONTAINER, _OTHER = range(-103, -99)
-"""What `read_object` finds in place of a frame: nothing, no whole object, a container, an object of
-another type."""
+"""Results of `read_object` other than a frame: nothing, an incomplete object, a container, an
+object of another type."""
 
 
 @jitable
 def u16(blob, p):
-    # Unsigned places, which cannot count from the end, let the compiler make one load of it all.
+    # Unsigned offsets, which cannot count from the end, let the compiler merge the loads.
     p = np.uintp(p)
     return np.int64(blob[p]) | np.int64(blob[p + np.uintp(1)]) << 8
 
@@ -116,7 +116,7 @@ def u64(blob, p):
 
 @jitable
 def find_object(blob, p, end):
-    # How many bytes pad an object depends on who wrote it. Returns the place, _CUT or _NONE.
+    # The padding of an object depends on its writer. Returns the offset, _CUT or _NONE.
     for k in range(MOST_PADDING):
         if p + k + 4 > end:
             return _CUT
@@ -138,7 +138,7 @@ def put(words, data, i, identifier, length, flags, origin):
 
 @jitable
 def identify(number):
-    # An identifier that only an extended frame can have is one, whatever the file says.
+    # An identifier that only an extended frame can have is one, independent of the file.
     extended = number & CAN_EFF or number & IDENTIFIER_BITS > _STANDARD
     return number & IDENTIFIER_BITS | (CAN_EFF if extended else 0)
 
@@ -180,7 +180,7 @@ def read_fd_64(blob, p, size, head, words, data, i):
     length, bits = np.int64(blob[p + 2]), u32(blob, p + 12)
     if length > FD_BYTES:
         return LENGTH
-    # Where less is there than is told, what is missing is 0, as CANoe shows it.
+    # Data beyond the given length are 0, as in CANoe.
     more = np.int64(blob[p + 35])
     there = (min(size, more - head) if more else size) - _FD_64_SIZE
     identifier, flags = identify(u32(blob, p + 4)), 0
@@ -198,7 +198,7 @@ def read_fd_64(blob, p, size, head, words, data, i):
 
 @jitable
 def put_error(words, data, i, valid, code):
-    # What the error code of an SJA 1000 tells, in the words of SocketCAN.
+    # The error code of an SJA 1000, converted to SocketCAN.
     put(words, data, i, CAN_ERR | _BUS_ERROR, ERROR_BYTES, 0, 0)
     if valid:
         words[i, 1] |= _PROTOCOL
@@ -210,9 +210,9 @@ def put_error(words, data, i, valid, code):
 
 @jitable
 def read_error(blob, p, words, data, i):
-    # With nothing but an identifier and data it comes from SocketCAN: error class and details.
-    told = u32(blob, p + 4) | np.int64(blob[p + 8]) | np.int64(blob[p + 9]) | u32(blob, p + 12)
-    if told:
+    # Without other fields it comes from SocketCAN: error class and details.
+    described = u32(blob, p + 4) | np.int64(blob[p + 8]) | np.int64(blob[p + 9]) | u32(blob, p + 12)
+    if described:
         put_error(words, data, i, u32(blob, p + 4) & _ECC_VALID, np.int64(blob[p + 8]))
         return u16(blob, p)
     kind = u32(blob, p + 16) & IDENTIFIER_BITS
@@ -252,7 +252,7 @@ def read_frame(blob, p, size, head, kind, words, data, i):
 
 @jitable
 def read_object(blob, p, end, words, data, i, state):
-    # Returns the channel, a fault, or what it is in place of a frame.
+    # Returns the channel, a fault, or another result.
     size, kind = u32(blob, p + 8), u32(blob, p + 12)
     if size < _OBJECT_HEAD:
         return SIZE
@@ -278,19 +278,19 @@ def read_object(blob, p, end, words, data, i, state):
 
 
 def parse_python(blob, end, buses, left_out, skipped, words, data, states):
-    """Read objects into frames until a batch is full or no whole object is left.
+    """Read objects into frames until a batch is full or no complete object is left.
 
     Parameters
     ----------
     blob : ndarray, uint8
     end : int
-        Place behind its last byte.
+        Offset of its end.
     buses : ndarray, shape (65536,), int16
         Bus of each channel, UNKNOWN or LEFT_OUT.
     left_out : ndarray, shape (65536,), int64
         Counts the frames of each channel left out.
     skipped : ndarray, shape (TYPES,), int64
-        Counts the objects of each type that are no frames.
+        Counts the objects of each type other than frames.
     words, data : ndarray
         Views of the batch.
     states : ndarray, shape (1,), STATE

@@ -19,7 +19,7 @@ __all__ = ["BlfWriter"]
 
 HEAD_BYTES = 144
 CONTAINER_BYTES = 128 * 1024
-"""Uncompressed contents of a container, at most, as Vector's tools write them."""
+"""Largest uncompressed contents of a container, as in Vector's tools."""
 FORMAT = (2, 6, 8, 1)
 _MS = 1_000_000
 
@@ -28,9 +28,9 @@ class BlfWriter(LogWriter):
     """Writes CAN and CAN FD frames and error frames as CANoe, CANalyzer and python-can read them.
 
     Bus 0 is channel 1. The measurement begins at the earliest stamp of the first frames written,
-    cut to 1 ms; a later frame with a stamp before that gets that of the beginning, as the format
-    has no other, and counts in `early`. The totals in the file's head are written on closing; a
-    file without them can be read all the same.
+    truncated to 1 ms; a later frame with an earlier stamp gets that of the beginning, since the
+    format has no negative times, and counts in `early`. The totals in the file's head are written
+    on closing; a file without them can still be read.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ class BlfWriter(LogWriter):
             self._write_container()
 
     def _write_container(self) -> None:
-        """Write one container of what waits."""
+        """Write the buffered objects as a container."""
         contents = self._objects[:CONTAINER_BYTES]
         del self._objects[:CONTAINER_BYTES]
         packed = zlib.compress(contents, self._level)
@@ -99,12 +99,12 @@ class BlfWriter(LogWriter):
             CONTAINER_HEAD.pack(b"LOBJ", 16, 1, size, LOG_CONTAINER, DEFLATED, len(contents))
         )
         self._file.write(packed)
-        # So many, and not as many as reach a multiple of 4: every reader knows it this way.
+        # This padding, and not up to a multiple of 4, is what all readers accept.
         self._file.write(bytes(size % 4))
         self._unpacked_bytes += CONTAINER_HEAD.size + len(contents)
 
     def _write_head(self) -> None:
-        """Write the file's head with the totals as they are now, and go back to the end."""
+        """Write the file's head with the current totals, and return to the end."""
         end = max(HEAD_BYTES, self._file.tell())
         dates = _to_date(self._start_ns or 0), _to_date(self._stop_ns)
         head = FILE_HEAD.pack(
@@ -117,7 +117,7 @@ class BlfWriter(LogWriter):
 
 
 def _to_date(stamp_ns: int) -> tuple[int, ...]:
-    """Return a time since 1970 as a SYSTEMTIME, cut to 1 ms."""
+    """A time since 1970 as a SYSTEMTIME, truncated to 1 ms."""
     date: datetime = EPOCH + timedelta(milliseconds=stamp_ns // _MS)
     return (
         date.year, date.month, date.isoweekday() % 7, date.day,

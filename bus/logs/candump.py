@@ -15,15 +15,15 @@ from bus.logs.reader import LogReader
 __all__ = ["CandumpReader"]
 
 CHUNK_BYTES = 1 << 20
-"""Read at a time; a line must fit in."""
+"""Chunk size; a line must fit in."""
 _SHOWN = 60
 
 
 class CandumpReader(LogReader):
-    """Reads what candump writes with -L or -l, and what it shows with -t a, each also with -x.
+    """Reads the output of candump with -L or -l, and that with -t a, each also with -x.
 
-    Lines may be blank or end in CR LF; stamps may have up to nine digits behind the point. What
-    candump shows to people tells the BRS and ESI flags of a CAN FD frame with -x alone.
+    Lines may be blank or end in CR LF; stamps may have up to nine digits after the point. Without
+    -x the output of -t a does not contain the BRS and ESI flags of a CAN FD frame.
     """
 
     def _fill(self, batch: FrameBatch) -> Generator[None]:
@@ -54,7 +54,7 @@ class CandumpReader(LogReader):
 
     @property
     def _line(self) -> int:
-        """Number of the line that is being read, from 1 on."""
+        """Number of the current line, from 1 on."""
         return int(self._state["line"][0]) + 1
 
     def _parse(self, buffer: bytearray, end: int, batch: FrameBatch) -> Generator[None]:
@@ -81,7 +81,7 @@ class CandumpReader(LogReader):
                 self.skipped[f"frame of {name}"] = int(count)
 
     def _add(self, name: bytes) -> str:
-        """Give a new interface its bus; return what is wrong with it."""
+        """Assign a bus to a new interface; returns the fault, if any."""
         k = int(self._state["names"][0])
         try:
             self._buses[k] = self._channels.index(name.decode("utf-8", "backslashreplace"))
@@ -92,7 +92,7 @@ class CandumpReader(LogReader):
         return ""
 
     def _error(self, buffer: bytearray, message: str) -> LogError:
-        """Say where in the line that was not read something is wrong."""
+        """The error at a place in the current line."""
         begin, place = int(self._state["position"][0]), int(self._state["start"][0])
         rest = buffer[place : buffer.index(b"\n", place)]
         return LogError(
@@ -101,6 +101,6 @@ class CandumpReader(LogReader):
 
 
 def _shown(text: bytes | bytearray) -> str:
-    """Return the beginning of a text, as a message shows it."""
+    """The beginning of a text, for messages."""
     shown = repr(text[:_SHOWN].decode("utf-8", "backslashreplace"))
     return shown if len(text) <= _SHOWN else f"{shown}..."

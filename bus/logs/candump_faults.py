@@ -1,8 +1,8 @@
-"""What the reading of a candump log ends with: codes of the kernels, and words for people."""
+"""Faults of a candump log: codes of the kernels, and texts."""
 
 from __future__ import annotations
 
-# What `parse` returns beside a fault.
+# Return values of `parse` other than faults.
 MORE, FULL = 0, 1
 NEW_NAME = -19
 (
@@ -30,4 +30,4 @@ EXPECTED = {
     LENGTH: "the length in brackets, one digit, or two in a CAN FD frame",
     LINE_END: "the end of the line",
 }
-"""What must stand at the place of each fault."""
+"""Expected content at the place of each fault."""

@@ -27,7 +27,7 @@ from bus.logs.candump_kernels import (
 )  # fmt: skip
 
 LINE_BYTES = 256
-"""Room that the longest line fits in: stamp 20, name 64, identifier 9, flags 2, data 128."""
+"""Upper bound of the length of a line: stamp 20, name 64, identifier 9, flags 2, data 128."""
 _MICROSECOND, _MICROSECOND_DIGITS = 1000, 6
 _NEWLINE, _BLANK, _OPEN, _CLOSE, _POINT, _ZERO, _HASH, _R, _T = b"\n ().0#RT"
 _DIGITS = np.frombuffer(b"0123456789ABCDEF", np.uint8)
@@ -92,7 +92,7 @@ def format_frame(text, p, words, data, i, names, lengths, directed):
 
 
 def format_frames_python(text, words, data, names, lengths, directed):
-    """Write frames as lines of candump -L; return the bytes written.
+    """Write frames as lines of candump -L; returns the bytes written.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def format_frames_python(text, words, data, names, lengths, directed):
     lengths : ndarray, shape (buses,), int64
         Bytes of each name.
     directed : int
-        Whether R or T ends each line, as of candump -x.
+        Whether R or T ends each line, as with candump -x.
     """
     p = 0
     for i in range(words.shape[0]):

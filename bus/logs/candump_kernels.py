@@ -1,8 +1,8 @@
 """Compiled code that reads candump logs: lines to frames.
 
 `words` and `data` are those of `bus.frame.FrameViews`. A function that reads a part of a line
-returns the place behind it, or a fault, less than 0, whose place is then in `state["start"]`. No
-part of a line holds a newline, and each text ends in one, so that nothing reads past its end.
+returns the offset of its end, or a fault, less than 0, whose place is then in `state["start"]`. No
+part of a line contains a newline, and each text ends in one, so that nothing reads past its end.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ STATE = np.dtype(
         )
     ]
 )
-"""From where reading goes on."""
+"""Position of the reader."""
 MOST_NAMES = 1024
 
 S = 1_000_000_000
@@ -121,7 +121,7 @@ def read_stamp(text, p, words, i, state):
 
 @jitable
 def find_name(text, start, end, names, state):
-    # That of the frame before first: mostly it is the same.
+    # The interface of the frame before first: it is usually the same.
     length = end - start
     for k in range(-1, state["names"]):
         j = state["last"] if k < 0 else k
@@ -317,19 +317,19 @@ def read_line(text, p, names, words, data, i, state):
 
 
 def parse_python(text, end, names, buses, left_out, words, data, states):
-    """Read lines into frames until a batch is full or no whole line is left.
+    """Read lines into frames until a batch is full or no complete line is left.
 
     Parameters
     ----------
     text : ndarray, uint8
     end : int
-        Place behind the last newline.
+        Offset after the last newline.
     names : ndarray, shape (names, NAME_BYTES), uint8
-        Interfaces known, each with zeros behind it.
+        Known interfaces, padded with zeros.
     buses : ndarray, shape (names,), int64
         Their buses; less than 0 leaves their frames out.
     left_out : ndarray, shape (names,), int64
-        Counts those.
+        Counts of those.
     words, data : ndarray
         Views of the batch.
     states : ndarray, shape (1,), STATE

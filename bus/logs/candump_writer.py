@@ -17,10 +17,10 @@ __all__ = ["CandumpWriter"]
 
 
 class CandumpWriter(LogWriter):
-    """Writes the bytes that candump -L writes, or candump -L -x.
+    """Writes the same bytes as candump -L, or candump -L -x.
 
-    Stamps are cut to 1 µs. Without `directed` the log does not tell the frames that this host sent
-    itself from those it received, as that of candump -L does not.
+    Stamps are truncated to 1 µs. Without `directed` the log does not distinguish sent frames from
+    received ones, as that of candump -L does not.
 
     Parameters
     ----------

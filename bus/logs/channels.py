@@ -1,4 +1,4 @@
-"""Channels: which bus a frame of a log belongs to."""
+"""Channels: the bus of each frame of a log."""
 
 from __future__ import annotations
 
@@ -14,30 +14,31 @@ from topology.files import check_path
 __all__ = ["LEFT_OUT", "Channels", "buses_of", "is_numbered", "names_of", "numbers_of"]
 
 LEFT_OUT = -1
-"""Index for the frames of a channel that nobody asked for."""
+"""Index of unwanted channels."""
 MOST_BUSES = 256
 """`bus` of a frame is one byte."""
 MOST_CHANNELS = 1024
 NAME = re.compile(r"[!-~]{1,63}")
-"""What every log can have for a name."""
+"""Name of the channels of every log."""
 NUMBERED = re.compile(r"can(\d{1,2})")
 
 
 def names_of(topology: Topology) -> list[str]:
-    """Names of the buses in a log: their channels, or their own where channels do not tell them."""
+    """Names of the buses in a log: their channels, or their own names where channels are not
+    unique."""
     channels = [bus.channel for bus in topology.buses]
-    is_told = len(set(channels)) == len(channels) and all(map(NAME.fullmatch, channels))
-    return channels if is_told else [bus.name for bus in topology.buses]
+    are_unique = len(set(channels)) == len(channels) and all(map(NAME.fullmatch, channels))
+    return channels if are_unique else [bus.name for bus in topology.buses]
 
 
 def numbers_of(topology: Topology) -> list[int]:
-    """Numbers of the buses, from 0, in a log that has no names: n of "cann", else their order."""
+    """Numbers of the buses, from 0, in a log without names: n of "cann", else their order."""
     found = [NUMBERED.fullmatch(name) for name in names_of(topology)]
     return [int(one[1]) if all(found) and one else i for i, one in enumerate(found)]
 
 
 def is_numbered(path: str | os.PathLike[str]) -> bool:
-    """Whether a log, by its suffix, has numbers for its channels and no names."""
+    """Whether a log, by its suffix, numbers its channels and has no names."""
     check_path("log", path, LogError)
     return Path(path).name.lower().removesuffix(".gz").endswith(".blf")
 
@@ -49,7 +50,7 @@ def buses_of(topology: Topology, path: str | os.PathLike[str] | None = None) -> 
     ----------
     topology : Topology
     path : path, optional
-        The log, by whose suffix it is known whether its channels have names.
+        The log, whose suffix decides whether its channels have names.
 
     Examples
     --------
@@ -70,7 +71,7 @@ class Channels:
     Parameters
     ----------
     buses : mapping of str to int, optional
-        Bus index of each channel that counts; frames of others are left out. Without it the first
+        Bus index of each wanted channel; frames of others are left out. Without it the first
         channel that appears is bus 0, the next one bus 1, and so on.
 
     Attributes
@@ -89,7 +90,7 @@ class Channels:
         Raises
         ------
         ValueError
-            More channels than a frame can tell apart.
+            More channels than a frame can index.
         """
         found = self.seen.get(name)
         if found is None:
@@ -101,7 +102,7 @@ class Channels:
         return found
 
     def missing(self) -> str:
-        """What is wrong where a log has frames, but none of the channels asked for; or nothing."""
+        """The fault of a log with frames, but none of the wanted channels; or nothing."""
         if self.buses is None or not self.seen or any(i != LEFT_OUT for i in self.seen.values()):
             return ""
         asked, got = (", ".join(map(repr, names)) for names in (self.buses, self.seen))

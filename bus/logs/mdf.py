@@ -1,10 +1,10 @@
 """MdfReader: MDF 4 files with bus logging, through asammdf (the extra `mdf`).
 
-A file that is damaged may crash asammdf's C code, and with it the process. So it reads in a process
-of its own, ``python -m bus.logs.mdf FILE PIECE``, which hands the frames over piece by piece, as
-blocks: a byte for the kind, the count of bytes as a little-endian u64, then an array as of
-`numpy.lib.format`, or a text in UTF-8. A piece is an array of frames and one of their bus channels;
-the text is empty at the end of the file, or what went wrong. Nothing of it is ever unpickled.
+A damaged file may crash asammdf's C code, and with it the process. So it runs in a process of its
+own, ``python -m bus.logs.mdf FILE PIECE``, which sends the frames in pieces, as blocks: a byte for
+the kind, the count of bytes as a little-endian u64, then an array in `numpy.lib.format`, or a UTF-8
+text. A piece is an array of frames and one of their bus channels; the text is empty at the end of
+the file, or an error. Nothing is ever unpickled.
 """
 
 from __future__ import annotations
@@ -51,14 +51,15 @@ _CLASSIC_BYTES, _FD_BYTES, _ERROR_BYTES = 8, 64, 8
 _HEAD = struct.Struct("<cQ")
 _ARRAY, _TEXT = b"a", b"t"
 _LARGEST = 2 * _PIECE * FRAME_DTYPE.itemsize
-"""Bytes of a block: a piece of frames and its header are less."""
+"""Upper bound of the bytes of a block."""
 
 
 class MdfReader(LogReader):
     """Reads the frames of all buses from MDF 4 files that follow ASAM's bus logging.
 
-    The frames of all groups come in the order of their stamps, which are as exact as the file's
-    floats. Bus channel 1 is can1. In memory are some ten thousand frames and the stamps of all.
+    The frames of all groups come in the order of their stamps, which have the precision of the
+    file's floats. Bus channel 1 is can1. Memory holds some ten thousand frames and the stamps of
+    all.
     """
 
     def _fill(self, batch: FrameBatch) -> Generator[None]:
@@ -78,7 +79,7 @@ class MdfReader(LogReader):
                     yield
 
     def _pairs(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Frames and their bus channels, piece by piece, from the process that reads."""
+        """Frames and their bus channels, in pieces, from the reading process."""
         reading = subprocess.Popen(
             [sys.executable, "-P", "-m", __name__, str(self.path), str(_PIECE)],
             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
@@ -96,7 +97,7 @@ class MdfReader(LogReader):
                 reading.kill()
 
     def _assign(self, records: np.ndarray, channels: np.ndarray) -> np.ndarray:
-        """Give each frame its bus; return those of buses that count."""
+        """Assign buses to frames; returns those of wanted buses."""
         found, first, inverse = np.unique(channels, return_index=True, return_inverse=True)
         buses = np.zeros(found.size, np.int64)
         for k in np.argsort(first):
@@ -110,8 +111,8 @@ class MdfReader(LogReader):
 
 
 def _given(pipe: IO[bytes]) -> Generator[tuple[np.ndarray, np.ndarray], None, str | None]:
-    """Yield what the process that reads hands over; return what went wrong, "" where nothing did,
-    None where it has ended in the midst of it."""
+    """Yield the pieces from the reading process; returns its error, "" for none, None where it
+    ended early."""
     while True:
         try:
             first = _received(pipe)
@@ -131,12 +132,12 @@ def _given(pipe: IO[bytes]) -> Generator[tuple[np.ndarray, np.ndarray], None, st
 
 
 def _received(pipe: IO[bytes]) -> np.ndarray | str | None:
-    """The next block of the process that reads; None where it ends in the midst of one.
+    """The next block of the reading process; None where it ended within one.
 
     Raises
     ------
     ValueError
-        It is no block.
+        It is not a block.
     """
     head = pipe.read(_HEAD.size)
     if len(head) < _HEAD.size:
@@ -164,7 +165,7 @@ def _hand_over(out: IO[bytes], block: np.ndarray | str) -> None:
 
 
 def _ended(status: int) -> str:
-    """How the process that reads has ended, in words."""
+    """How the reading process ended, as text."""
     how = f"signal {Signals(-status).name}" if status < 0 else f"status {status}"
     return f"the end of the process that reads it, {how}"
 
@@ -223,7 +224,7 @@ class _Group:
             full = f"{self._kind}.{name}"
             if full not in rows.dtype.names:
                 return np.zeros(count, np.int64)
-            if rows[full].dtype.kind == "S":  # the direction, in words
+            if rows[full].dtype.kind == "S":  # the direction, as text
                 return (np.char.lower(rows[full]) == b"tx").astype(np.int64)
             return rows[full].astype(np.int64)
 
@@ -252,19 +253,19 @@ class _Group:
 
 
 def main() -> None:
-    """Hand the frames of a file over."""
+    """Send the frames of a file."""
     path, size = Path(sys.argv[1]), int(sys.argv[2])
     with os.fdopen(os.dup(1), "wb") as out:
-        os.dup2(2, 1)  # whatever a library prints is no part of what is handed over
+        os.dup2(2, 1)  # output of libraries goes to stderr
         try:
             with import_module("asammdf").MDF(path) as file:
                 for pair in _pieces(file, size):
                     for block in pair:
                         _hand_over(out, block)
             why = ""
-        except BrokenPipeError:  # nobody reads on
+        except BrokenPipeError:  # the reader has closed
             os._exit(0)
-        except Exception as error:  # anything may come of reading a file that is damaged
+        except Exception as error:  # a damaged file may raise anything
             why = repr(error)
         _hand_over(out, why)
 

@@ -1,4 +1,4 @@
-"""PythonCanReader: the formats that are read through python-can's readers."""
+"""PythonCanReader: formats that are read by python-can."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FORMATS: dict[str, tuple[type[MessageReader], re.Pattern[bytes], str]] = {
     ".db": (can.SqliteReader, re.compile(rb"SQLite format 3\0"), "'SQLite format 3'"),
     ".trc": (can.TRCReader, re.compile(rb"\s*;"), "';'"),
 }
-"""Reader and beginning of each format; python-can's readers take any text for an empty log."""
+"""Reader and first bytes of each format; python-can's readers accept any text as an empty log."""
 
 _HEAD_BYTES = 4096
 _ASC_BASE = re.compile(r"\s*base\s+(hex|dec)(\s+timestamps\s+(?P<stamps>\w+))?", re.I)
@@ -43,9 +43,9 @@ _ERROR_LENGTH = 8
 class PythonCanReader(LogReader):
     """Reads ASC, TRC, CSV and SQLite logs.
 
-    Stamps are as exact as python-can's floats, and rounded to 1 µs. Those of ASC count from the
-    start of the measurement. Lines that hold no frame and are no comment are counted as skipped.
-    CSV and SQLite hold no FD flag; a frame of more than 8 bytes can be nothing else.
+    Stamps have the precision of python-can's floats, and are rounded to 1 µs. Those of ASC count
+    from the start of the measurement. Lines without a frame that are no comment are counted as
+    skipped. CSV and SQLite have no FD flag; a frame of more than 8 bytes is CAN FD.
     """
 
     def _fill(self, batch: FrameBatch) -> Generator[None]:
@@ -61,14 +61,14 @@ class PythonCanReader(LogReader):
                 return
             file.seek(0)
             lines = _Lines(file, self.path)
-            text: Any = lines  # as good as a file of text to python-can
+            text: Any = lines  # python-can reads it like a text file
             with reader(text) as messages:
                 yield from self._take(batch, iter(messages), lines)
 
     def _take(
         self, batch: FrameBatch, messages: Iterator[can.Message], lines: _Lines | None
     ) -> Generator[None]:
-        """Fill the batch from messages; `lines` are those that they come from."""
+        """Fill the batch from messages; `lines` are their source."""
         number = 0
         while True:
             number += 1
@@ -84,7 +84,7 @@ class PythonCanReader(LogReader):
                     batch.count += 1
             except LogError:
                 raise
-            except Exception as error:  # anything may come of feeding a parser what it cannot parse
+            except Exception as error:  # a parser may raise anything on invalid input
                 place, what = (f":{lines.number}", "line") if lines else (f": row {number}", "row")
                 got = f"{lines.text.strip()[:80]!r} ({error})" if lines else str(error)
                 raise LogError(
@@ -96,12 +96,12 @@ class PythonCanReader(LogReader):
             self.skipped["line"] = lines.without_frame
 
     def _fields(self, message: can.Message) -> tuple[Any, ...] | None:
-        """Return what a record is packed from, or None for a bus left out."""
+        """Fields of a record, or None for an unwanted bus."""
         channel = message.channel
         if channel is None:
             name = "can0"
         elif isinstance(channel, int):
-            # TRC counts buses from 1, and its reader leaves it at that.
+            # TRC numbers buses from 1, and its reader does not change that.
             name = f"can{channel - (self.format_suffix == '.trc')}"
         else:
             name = str(channel)
@@ -125,9 +125,9 @@ class PythonCanReader(LogReader):
             if message.is_remote_frame and not flags:
                 can_id |= CAN_RTR
             elif len(data) != length:
-                # The reader of TRC gives the length code of a CAN FD frame for its length.
+                # The reader of TRC returns the length code of a CAN FD frame as its length.
                 if not (message.is_fd and length < 16 and len(data) == dlc2len(length)):
-                    raise ValueError(f"{len(data)} data bytes where {length} are told")
+                    raise ValueError(f"{len(data)} data bytes where {length} are reported")
                 length = len(data)
         if length > 64:
             raise ValueError(f"{length} data bytes")
@@ -137,8 +137,9 @@ class PythonCanReader(LogReader):
 
 
 def _rows(path: Path) -> Iterator[can.Message]:
-    """Messages of a database, as python-can's logger writes them. Its own reader runs views, which
-    may have no end, makes as many bytes as an integer in place of data says, and opens to write."""
+    """Messages of a database, as written by python-can's logger. Its own reader executes views,
+    which may be endless, allocates as many bytes as an integer in place of data says, and opens the
+    file for writing."""
     with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as database:
         found = database.execute("SELECT type FROM sqlite_master WHERE name = 'messages'")
         if (kind := found.fetchone()) != ("table",):
@@ -155,7 +156,7 @@ def _rows(path: Path) -> Iterator[can.Message]:
 
 
 class _Lines:
-    """Lines of a text file, as python-can's readers take them; knows how far they came."""
+    """Lines of a text file for python-can's readers; counts them."""
 
     def __init__(self, file: BinaryIO, path: object) -> None:
         self._file = io.TextIOWrapper(file, encoding="utf-8", errors="replace")
@@ -196,7 +197,7 @@ class _Lines:
                     f"{self._path}:{self.number}: must be a log with absolute time stamps; got "
                     f"{self.text.strip()!r}"
                 )
-            # The ASC reader swallows one line after the header, be it a frame.
+            # The ASC reader drops one line after the header, even a frame.
             self._insert_blank = True
         return self.text
 

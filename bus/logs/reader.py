@@ -1,4 +1,4 @@
-"""LogReader: what the readers of all formats have in common."""
+"""LogReader: base class of all readers."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ __all__ = ["LogReader", "existing"]
 
 
 def existing(path: str | os.PathLike[str]) -> Path:
-    """The path of a log, which must be a file.
+    """The path of a log, which must be a readable file.
 
     Raises
     ------
     LogError
-        There is none, or it is no regular file that may be read.
+        There is none, or it is not a regular file.
     """
     check_path("log", path, LogError)
     if missing(path):
@@ -39,37 +39,37 @@ def existing(path: str | os.PathLike[str]) -> Path:
 class LogReader(ABC):
     """Frames of a log file, batch by batch, from the first one each time it is iterated.
 
-    Nothing that is good before a damage is lost: those frames come first, then the error.
+    Valid frames before a damage come first, then the error.
 
     Parameters
     ----------
     path : path
         The file; compressed if it ends in .gz.
     buses : mapping of str to int, optional
-        Bus index of each channel that counts; frames of others are left out. Without it the first
+        Bus index of each wanted channel; frames of others are left out. Without it the first
         channel that appears is bus 0, the next one bus 1, and so on.
     batch : int
-        Most frames of a batch; of those given by default a processor's cache holds all.
+        Maximum frames of a batch; the default fits into a processor's cache.
     strict : bool
-        Whether damage is raised. If not, reading ends there all the same, and `damage` tells.
+        Whether damage is raised. If not, reading ends there, and `damage` has the error.
 
     Attributes
     ----------
     channels : dict of str to int
-        Bus index of every channel that appeared so far; -1 for those left out.
+        Bus index of every channel so far; -1 for unwanted ones.
     count : int
         Frames read so far.
     read_bytes : int
-        Bytes read so far, unpacked; 0 where a library reads the file.
+        Uncompressed bytes read so far; 0 where a library reads the file.
     skipped : dict of str to int
-        What was read and is no frame, or of no bus asked for: kinds and how many so far.
+        Counts by kind of objects that are not frames, and of frames of unwanted buses.
     damage : LogError or None
-        Where reading had to end, and what was lost.
+        Where reading ended, and what was lost.
 
     Raises
     ------
     LogError
-        There is no such file; from iterating: it is not what its name says, or it is damaged.
+        There is no such file; when iterating: its format is another one, or it is damaged.
     """
 
     def __init__(
@@ -90,12 +90,12 @@ class LogReader(ABC):
 
     @property
     def channels(self) -> dict[str, int]:
-        """Bus index of every channel that appeared so far."""
+        """Bus index of every channel so far."""
         return self._channels.seen
 
     @property
     def format_suffix(self) -> str:
-        """Suffix that tells the format, in small letters: ".log" of "run.LOG.gz"."""
+        """Suffix of the format, in lower case: ".log" of "run.LOG.gz"."""
         name = self.path.with_suffix("") if self.path.suffix.lower() == ".gz" else self.path
         return name.suffix.lower()
 
@@ -121,7 +121,7 @@ class LogReader(ABC):
 
     @abstractmethod
     def _fill(self, batch: FrameBatch) -> Generator[None]:
-        """Fill the batch, yielding whenever it is full, and raise what is wrong."""
+        """Fill the batch, yielding whenever it is full; raises faults."""
 
     def _start(self) -> None:
         self._channels = Channels(self._asked)
@@ -138,9 +138,9 @@ class LogReader(ABC):
             raise LogError(f"{self.path}: must be a readable file; got: {error}") from error
 
     def _read_into(self, file: BinaryIO, view: memoryview) -> int:
-        """Read some bytes into `view`; return their number, 0 at the end."""
+        """Read some bytes into `view`; returns their number, 0 at the end."""
         try:
-            # What one read gives, so that a damage takes nothing along that came before it.
+            # One read at a time, so that damage loses nothing before it.
             got: int = file.readinto1(view)  # type: ignore[attr-defined]
         except (OSError, EOFError, zlib.error) as error:
             raise LogError(f"{self.path}: must be readable to its end; got: {error}") from error

@@ -1,4 +1,4 @@
-"""Recordings: what the buses of a skin carry, written as it comes, by whichever thread."""
+"""Recordings: frames of the buses of a skin, written as they come, from any thread."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from bus.frame import FrameBatch
 from bus.logs.channels import is_numbered, names_of, numbers_of
+from bus.logs.formats import open_writer
 from bus.logs.writer import LogWriter
 from bus.transport import Transport, TransportCounters
 from topology import Topology
@@ -20,14 +21,14 @@ __all__ = ["LoggedTransport", "Recording"]
 
 
 class Recording:
-    """A log of the buses of a topology, named as `bus.logs.buses_of` finds them again.
+    """A log of the buses of a topology, with channels that `bus.logs.buses_of` maps back.
 
-    What stands in it when a process ends is kept: it is a log up to there.
+    A crash of the process leaves a valid log up to there.
 
     Parameters
     ----------
     path : path
-        Ends in .log, .log.gz or .blf; a new file: no recording is written over.
+        Ends in .log, .log.gz or .blf; must be a new file.
     topology : Topology
 
     Raises
@@ -35,12 +36,10 @@ class Recording:
     LogError
         No writer for the suffix, or the file cannot be written.
     FileExistsError
-        There is such a file already.
+        The file exists.
     """
 
     def __init__(self, path: str | os.PathLike[str], topology: Topology) -> None:
-        from bus.logs import open_writer
-
         numbered = is_numbered(path)
         check_over(Path(path), NO_KIND)
         self._buses = np.array(numbers_of(topology) if numbered else range(len(topology.buses)))
@@ -50,7 +49,7 @@ class Recording:
         self._is_closed = False
 
     def write(self, frames: np.ndarray) -> None:
-        """Append frames, shape (m,), FRAME_DTYPE; those without a stamp get the time it is."""
+        """Append frames, shape (m,), FRAME_DTYPE; those without a stamp get the current time."""
         records = np.array(frames)
         records["bus"] = self._buses[records["bus"]]
         records["stamp_ns"][records["stamp_ns"] == 0] = time.time_ns()
@@ -59,7 +58,7 @@ class Recording:
                 self._writer.write(records)
 
     def close(self) -> None:
-        """Write what is left and close the file; frames that come later are left out."""
+        """Write the rest and close the file; later frames are dropped."""
         with self._lock:
             self._is_closed = True
             with named(self._writer.path):
@@ -67,12 +66,12 @@ class Recording:
 
 
 class LoggedTransport(Transport):
-    """A transport that records the frames of another as it hands them on.
+    """A transport that records the frames of another one.
 
     Parameters
     ----------
     inner : Transport
-        Where frames come from and go to; closed with this one.
+        Source and destination of frames; closed with this one.
     recording : Recording
     """
 
@@ -100,7 +99,7 @@ class LoggedTransport(Transport):
         return taken
 
     def send(self, records: np.ndarray) -> int:
-        """Send frames, in order; those that were taken are recorded."""
+        """Send frames, in order; accepted ones are recorded."""
         taken = self.inner.send(records)
         sent = np.array(records[:taken])
         sent["bus"] = self.index

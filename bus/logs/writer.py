@@ -1,4 +1,4 @@
-"""LogWriter: what the writers of both formats have in common."""
+"""LogWriter: base class of all writers."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from topology.files import named
 __all__ = ["PIECE", "LogWriter"]
 
 PIECE = 4096
-"""Frames handed to `_append` at once, at most."""
+"""Maximum number of frames per call of `_append`."""
 _CLASSIC_BYTES, _FD_BYTES = 8, 64
 
 
@@ -25,7 +25,7 @@ class LogWriter(ABC):
     Parameters
     ----------
     path : path
-        A file that is there already is overwritten.
+        An existing file is overwritten.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class LogWriter(ABC):
         Raises
         ------
         LogError
-            One of them is no CAN frame, or its bus has no name; none is written then.
+            One of them is not a CAN frame, or its bus has no name; none is written then.
         OSError
             The disk is full; it names the file.
         """
@@ -68,15 +68,15 @@ class LogWriter(ABC):
 
     @abstractmethod
     def flush(self) -> None:
-        """Hand everything to the operating system, so that it outlives this process."""
+        """Pass all data to the operating system, so that they survive a crash of this process."""
 
     @abstractmethod
     def close(self) -> None:
-        """Write what is left and close the file; again does nothing."""
+        """Write the rest and close the file; may be called twice."""
 
     @abstractmethod
     def _append(self, records: np.ndarray) -> None:
-        """Write good frames, `PIECE` at most."""
+        """Write valid frames, at most `PIECE`."""
 
     def _check(self, records: np.ndarray) -> None:
         fd = records["flags"] & FD_FDF > 0
@@ -91,7 +91,7 @@ class LogWriter(ABC):
         )  # fmt: skip
 
     def _refuse(self, wrong: np.ndarray, expected: str, values: np.ndarray) -> None:
-        """Raise for the first wrong frame."""
+        """Raise for the first invalid frame."""
         if wrong.any():
             i = int(wrong.argmax())
             where = f"frame {self.count + i}"

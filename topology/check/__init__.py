@@ -1,1 +1,1 @@
-"""Rules of a topology file: each room checks one kind of part and gives back what is sound."""
+"""Rules of a topology file: each file checks one kind of part and returns the valid ones."""

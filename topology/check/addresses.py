@@ -1,4 +1,4 @@
-"""Addresses: identifiers within their ranges, and no place in a frame given away twice."""
+"""Addresses: identifiers within their ranges, and unique places in frames."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from topology.schema import Bus
 from topology.source import Key, Source
 from topology.wire import LAYOUTS, WireLayout
 
-__all__ = ["DATA_IDS", "Claim", "check_clashes", "check_ids", "spell"]
+__all__ = ["DATA_IDS", "Claim", "check_clashes", "check_ids", "format_ids"]
 
 DATA_IDS = (0x100, 0x6FF)
-"""Identifiers of data frames in the project's own protocol: below are SYNC and what is more urgent,
+"""Identifiers of data frames in the project's own protocol: below are SYNC and more urgent frames,
 above heartbeats (0x700) and configuration (0x7E0)."""
 
 LARGEST_STANDARD = 0x7FF
@@ -25,7 +25,7 @@ LARGEST_EXTENDED = 0x1FFF_FFFF
 
 @dataclass(frozen=True)
 class Claim:
-    """Who asks for identifiers: a patch by its first_id, or one unit by its id.
+    """Owner of identifiers: a patch by its first_id, or one unit by its id.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class Claim:
     owner : str
         "patch 'palm'" or "'palm/r3c4'".
     single : bool
-        It is one unit's own.
+        It belongs to a single unit.
     """
 
     key: Key
@@ -42,8 +42,8 @@ class Claim:
     single: bool
 
 
-def spell(ids: Iterable[int]) -> str:
-    """Identifiers as a message shows them: "0x100 to 0x10c"."""
+def format_ids(ids: Iterable[int]) -> str:
+    """Identifiers as text for messages: "0x100 to 0x10c"."""
     low, high = min(ids := [i & ~EXTENDED for i in ids]), max(ids)
     return f"{low:#05x}" if low == high else f"{low:#05x} to {high:#05x}"
 
@@ -65,10 +65,10 @@ def check_ids(
     ids : ndarray, shape (m,), int64
         Without the bit of 29-bit ones.
     bus : Bus or None
-        None where its SYNC is not known.
+        None where its SYNC is unknown.
     """
     low, high = int(ids.min()), int(ids.max())
-    got = spell([low, high])
+    got = format_ids([low, high])
     if not extended and high > LARGEST_STANDARD:
         report.add("id-extended", source, claim.key, got=got)
         return
@@ -92,14 +92,14 @@ def check_clashes(
     source: Source,
     report: Report,
 ) -> None:
-    """Report frames and slots that two units claim, once for each pair of claims.
+    """Report frames and slots of two units, once for each pair of claims.
 
     Parameters
     ----------
     address : Address
         Of n units.
     claims : list of Claim, length n
-        Who asked for each.
+        Owner of each.
     """
     shared: dict[tuple[Key, Key], list[tuple[int, int, bool]]] = {}
     for one, two, same_frame in _clashes(address, layouts):
@@ -118,7 +118,7 @@ def check_clashes(
             report.add("duplicate-slot", source, blamed.key, slot=int(address.slot[j]), id=can_id,
                        **values)  # fmt: skip
         else:
-            got = spell(int(address.can_id[j]) for _, j, _ in found)
+            got = format_ids(int(address.can_id[j]) for _, j, _ in found)
             report.add("duplicate-id", source, blamed.key, got=got, **values)
 
 

@@ -1,4 +1,4 @@
-"""Buses: one clock for all of a skin, and one wire for each."""
+"""Buses: one cycle rate for a skin, and one channel for each bus."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def resolve_buses(file: File, source: Source, report: Report) -> dict[str, Key]:
 
 
 def _check_channels(buses: list[tuple[Key, Bus]], source: Source, report: Report) -> None:
-    """Two buses on one wire would each read the other's frames as foreign."""
+    """Two buses on one channel would read each other's frames as foreign."""
     seen: dict[tuple[str, str], tuple[Key, Bus]] = {}
     for key, bus in buses:
         if not bus.channel or not report.sound(source, key, "interface", "channel"):
@@ -40,7 +40,7 @@ def _check_channels(buses: list[tuple[Key, Bus]], source: Source, report: Report
 
 
 def _check_clock(buses: list[tuple[Key, Bus]], source: Source, report: Report) -> None:
-    """A cycle of a skin takes in every bus, so all of them beat together."""
+    """A cycle of a skin includes all buses, so all have the same rate."""
     timed = [(k, b) for k, b in buses if report.sound(source, k, "cycle_rate_hz", "sync_id")]
     for key, bus in timed[1:]:
         other_key, other = timed[0]

@@ -1,4 +1,4 @@
-"""Wire layouts taken from a message of a DBC file: signals that exist, and that fit a count."""
+"""Wire layouts from a message of a DBC file: signals that exist, and that fit a count."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LARGEST_BITS = 16
 
 
 DbcFiles = dict[Path, dict[str, DbcMessage] | None]
-"""Messages of the DBC files that were read, None where one is wrong."""
+"""Messages of the DBC files read so far, None for invalid files."""
 
 
 def from_dbc(
@@ -34,17 +34,17 @@ def from_dbc(
     layout : Layout
         Its table, with a `dbc`.
     key : Key
-        Where it stands in `source`.
+        Its place in `source`.
     report : Report
-        Receives what is wrong.
+        Collects the errors.
     files : DbcFiles
-        Those that were read for other layouts; this one's is entered.
+        Files read for other layouts; this one's is added.
 
     Returns
     -------
     (WireLayout, list of Key) or None
-        The layout and where the file names each of its signals. None where there is no message to
-        make it of; a layout that lacks the signals that are wrong is not to be used.
+        The layout and the places of its signals in the file. None without a message; a layout
+        without its invalid signals must not be used.
     """
     for name in ("size", "parts", "pages"):
         if name in source.data["layouts"][key[1]]:
@@ -88,13 +88,13 @@ def from_dbc(
 
 
 class _Finder:
-    """Finds what a layout names in a message.
+    """Finds the signals of a layout in a message.
 
     Attributes
     ----------
     signals : list of Signal
     places : list of Key
-        Where the topology file names each of them.
+        Their places in the topology file.
     """
 
     def __init__(
@@ -109,7 +109,7 @@ class _Finder:
         self.places: list[Key] = []
 
     def take(self, name: str, given: str | tuple[str, ...] | None, at: Key) -> None:
-        """Enter the signals that carry a channel or field, one for each slot."""
+        """Add the signals of a channel or field, one for each slot."""
         if name in FRAME_FIELDS:
             if isinstance(given, tuple):
                 self._refuse(at, "the name of one signal", given)

@@ -1,4 +1,4 @@
-"""Frames: a tree that hangs on `skin`, with poses that are rigid."""
+"""Frames: a tree with the root `skin`, and rigid poses."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from topology.source import Key, Source
 __all__ = ["ROOT", "resolve_frames", "to_transform"]
 
 ROOT = "skin"
-"""The frame that everything hangs on."""
+"""The root frame."""
 
 QUATERNION_TOLERANCE = 1e-3
 
@@ -104,7 +104,7 @@ def resolve_frames(
 
 
 def _carriers(frames: dict[str, Frame], parents: dict[str, str]) -> dict[str, str]:
-    """Link that carries each frame, itself or through its parents."""
+    """Link of each frame, its own or that of its parents."""
     found: dict[str, str] = {}
     for name in frames:
         at = name

@@ -1,4 +1,4 @@
-"""Unit models: parameters that make sense together."""
+"""Unit models: consistency of parameters."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ __all__ = ["Fault", "given_parameters", "parameter_faults", "resolve_models", "t
 
 @dataclass(frozen=True)
 class Fault:
-    """A rule that the parameters of some units break.
+    """A rule that the parameters of some units violate.
 
     Attributes
     ----------
     code : str
         Of the message.
     field : str
-        Parameter to blame.
+        Parameter that is reported.
     broken : ndarray, shape (n,), bool
     values : dict of str to ndarray, shape (n,)
-        What the message says.
+        Values for the message.
     """
 
     code: str
@@ -44,7 +44,7 @@ class Fault:
 def resolve_models(
     file: File, source: Source, report: Report
 ) -> tuple[dict[str, UnitModel | None], dict[str, dict[str, Scale]]]:
-    """Models by name, None where one is wrong, and the physical scales that they bring along."""
+    """Models by name, None where one is invalid, and their own physical scales."""
     first: dict[str, Key] = {}
     models: dict[str, UnitModel | None] = dict(MODELS)
     scales: dict[str, dict[str, Scale]] = {name: {} for name in MODELS}
@@ -82,7 +82,7 @@ def resolve_models(
 
 
 def given_parameters(table: Any, key: Key, source: Source, report: Report) -> dict[str, Any]:
-    """The parameters that a table gives, if all of them are sound."""
+    """The parameters in a table, if all of them are valid."""
     if not report.sound(source, key, *PARAMETERS):
         return {}
     given = {name: value for name in PARAMETERS if (value := getattr(table, name)) is not None}
@@ -142,9 +142,7 @@ def parameter_faults(p: Mapping[str, np.ndarray]) -> Iterator[Fault]:
     yield Fault("normal-break", "normal_break_hz", at_break >= limit,
                 {"limit": limit, "got": at_break})  # fmt: skip
 
-    stiff = (p["normal_max_n"] - at_break * p["normal_soft_n_per_hz"]) / p["normal_stiff_n_per_hz"]
-    fall = at_break + np.maximum(stiff, 0)
-    rest = p["frequency_rest_hz"]
+    fall, rest = _fall_at_most(p), p["frequency_rest_hz"]
     yield Fault("frequency-range", "frequency_rest_hz", rest <= fall,
                 {"fall": fall, "got": rest})  # fmt: skip
 
@@ -173,7 +171,7 @@ def parameter_faults(p: Mapping[str, np.ndarray]) -> Iterator[Fault]:
 
     for law in ("normal", "shear"):
         weights, times = p[f"{law}_creep_relative"], p[f"{law}_creep_s"]
-        # a term without weight counts for nothing, whatever its time
+        # a term without weight has no effect
         before = np.maximum.accumulate(np.where(weights > 0.0, times, 0.0), axis=0)
         limit = np.vstack([np.zeros_like(before[:1]), before[:-1]])
         wrong = (weights > 0.0) & (times <= limit)
@@ -186,7 +184,8 @@ def parameter_faults(p: Mapping[str, np.ndarray]) -> Iterator[Fault]:
 
 
 def _least_slope(table: np.ndarray, reach_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where R(psi, H) rises least, within the range of R and 0 to 2 mm of depth, and how steeply.
+    """Place and value of the smallest slope of R(psi, H), within the range of R and 0 to 2 mm of
+    depth.
 
     Units without a table rise by 1 mm/rad.
     """
@@ -203,3 +202,14 @@ def _least_slope(table: np.ndarray, reach_mm: np.ndarray) -> tuple[np.ndarray, n
     at = np.argmin(slope, axis=0)
     least = np.take_along_axis(slope, at[np.newaxis], axis=0)[0]
     return angle[at, 0, 0], np.where(table.any(axis=0), least, 1.0)
+
+
+def _fall_at_most(p: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Fall of the frequency at `normal_max_n`, Hz, shape (n,)."""
+    at_break, steep = p["normal_break_hz"], p["normal_stiff_n_per_hz"]
+    beyond_n = np.maximum(p["normal_max_n"] - at_break * p["normal_soft_n_per_hz"], 0)
+    lines = beyond_n / steep
+    # of y + q y³ = 1, in units of the lines' fall
+    q = p["normal_cubic_n_per_hz3"] * lines**2 / steep
+    w = 1.5 * np.sqrt(3.0 * np.maximum(q, 1e-12))
+    return at_break + lines * np.where(q > 0, 3.0 * np.sinh(np.arcsinh(w) / 3.0) / w, 1.0)

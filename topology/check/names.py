@@ -1,4 +1,4 @@
-"""Names: each one used once, and each reference to one that exists."""
+"""Names: unique, and references to existing ones."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ __all__ = ["all_named", "check_name", "entries", "refer"]
 
 
 def entries(file: File, table: str) -> Iterator[tuple[Key, Any]]:
-    """Key and struct of every item of an array of tables that could be read."""
+    """Key and struct of every readable item of an array of tables."""
     for index, entry in enumerate(getattr(file, table) or ()):
         if entry is not None:
             yield (table, index), entry
 
 
 def all_named(table: str, file: File, source: Source, report: Report) -> bool:
-    """Whether every item of an array of tables has a name: if not, a reference may be right."""
+    """Whether every item of an array of tables has a name: otherwise a reference may be valid."""
     items = getattr(file, table)
     return items is not None and all(
         item is not None and report.sound(source, (table, index), "name")

@@ -1,4 +1,4 @@
-"""Patches: references that exist, and shapes that can be built."""
+"""Patches: valid references and shapes."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from topology import pose
 from topology.check.frames import to_transform
 from topology.check.names import all_named, check_name, entries, refer
 from topology.check.robot import place_on_link
-from topology.layout import Placement, count, overfull, place
+from topology.layout import Placement, count, overfull, place, widest_pitch_m
 from topology.parts import Parts
 from topology.report import Report
-from topology.schema import List, ListUnit, Patch
+from topology.schema import Cylinder, Dome, List, ListUnit, Patch
 from topology.source import Key, Source
 
 __all__ = ["MOST_UNITS", "Placed", "place_patches"]
 
 MOST_UNITS = 100_000
-"""More units are refused: at 250 Hz a bus carries 90, so a file that has more is mistaken."""
+"""Upper bound of units: at 250 Hz a bus carries 90, so a larger number is a mistake."""
 
 SHORTEST_AXIS = 1e-6
 
@@ -36,7 +36,7 @@ _NOT_SHAPE = {"name", "bus", "layout", "model", "frame", "link", "pose", "extend
 
 @dataclass(frozen=True)
 class Placed:
-    """A patch whose units stand.
+    """A patch with its units.
 
     Attributes
     ----------
@@ -44,9 +44,9 @@ class Placed:
         Its table in the file.
     patch : Patch
     units : Placement
-        In the skin frame; in the patch frame where the pose is wrong.
+        In the skin frame; in the patch frame where the pose is invalid.
     fixed : ndarray, shape (n,), bool
-        Whether the place of each unit is known.
+        Whether the place of each unit is valid.
     turn : ndarray, shape (3, 3), float64
         R_skin_patch.
     """
@@ -59,7 +59,7 @@ class Placed:
 
 
 def place_patches(parts: Parts, report: Report) -> list[Placed]:
-    """Place every patch whose shape is sound; whatever else is wrong with it is reported too."""
+    """Place every patch with a valid shape; other faults are reported as well."""
     source = parts.source
     known = {
         "bus": parts.buses,
@@ -106,7 +106,7 @@ def place_patches(parts: Parts, report: Report) -> list[Placed]:
 
 
 def _carrier(patch: Patch, key: Key, parts: Parts, report: Report) -> pose.Transform | None:
-    """T_skin_frame of what the patch hangs on; None where it is wrong."""
+    """T_skin_frame of a patch's parent; None where it is invalid."""
     source = parts.source
     if patch.link is not None:
         robot = parts.file.robot
@@ -121,7 +121,7 @@ def _check_unit_names(names: tuple[str, ...], key: Key, source: Source, report: 
 
 
 def _check_shape(patch: Patch, key: Key, source: Source, report: Report) -> bool:
-    """Whether a patch can be built: a list if it has units at all, whatever is wrong with them."""
+    """Whether a patch can be built: a list if it has units, valid or not."""
     if isinstance(patch, List):
         for index, unit in enumerate(patch.units or ()):
             if unit is not None:
@@ -132,8 +132,13 @@ def _check_shape(patch: Patch, key: Key, source: Source, report: Report) -> bool
         return False
     if (over := overfull(patch)) is not None:
         name, limit = over
-        code = "around" if name == "columns" else "far-side"
-        report.add(code, source, (*key, name), limit=limit, got=getattr(patch, name))
+        if limit < 1 and isinstance(patch, Cylinder | Dome):  # no number of them would do
+            report.add("pitch-round", source, (*key, "pitch_m"), most=widest_pitch_m(patch),
+                       shape=type(patch).__name__.lower(), radius=patch.radius_m,
+                       got=patch.pitch_m)  # fmt: skip
+        else:
+            code = "around" if name == "columns" else "far-side"
+            report.add(code, source, (*key, name), limit=limit, got=getattr(patch, name))
     return report.sound(source, key, *shape)
 
 

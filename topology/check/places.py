@@ -1,4 +1,4 @@
-"""Places: no two units in one."""
+"""Places: no two units in one place."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from topology.source import Key, Source
 __all__ = ["CLOSEST", "check_places", "overlapping"]
 
 CLOSEST = 0.1
-"""Units nearer than this share of their radius are one unit entered twice."""
+"""Fraction of their radius within which two units are the same one entered twice."""
 
 MOST_BATCHES = 250
-"""Of a heap of thousands of units in one place most are found, in the time of a breath."""
+"""Limit that bounds the time for thousands of units in one place; most are found."""
 
 
 def check_places(

@@ -1,4 +1,4 @@
-"""The robot of a file: its model, the link that is the skin frame, and where it is at home."""
+"""The robot of a file: its model, its base link, and its home."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def resolve_robot(file: File, source: Source, report: Report) -> RobotModel | No
 
 
 def _home(robot: Robot, model: RobotModel, source: Source, report: Report) -> np.ndarray:
-    """Coordinates of all joints at home: those that the file does not name are the model's."""
+    """Coordinates of all joints at home: those not in the file are the model's."""
     home = model.home.copy()
     for name, value in (robot.home or {}).items():
         at = (*AT, "home", name)
@@ -89,7 +89,7 @@ def place_on_link(
     source: Source,
     report: Report,
 ) -> pose.Transform | None:
-    """T_skin_link of the link that a frame or patch hangs on; None where it is wrong, and reported.
+    """T_skin_link of the link of a frame or patch; None where it is wrong, and reported.
 
     Parameters
     ----------
@@ -97,11 +97,11 @@ def place_on_link(
     key : Key
         Table of the frame or patch.
     instead_of : str
-        Key that says the same without a robot: ``frame`` or ``parent``.
+        Key that is used without a robot: ``frame`` or ``parent``.
     robot : Robot or None
         That of the file.
     links : dict of str to Transform
-        Empty where the model is wrong.
+        Empty where the model is invalid.
     """
     at = (*key, "link")
     table = source.data[str(key[0])][key[1]]

@@ -1,4 +1,4 @@
-"""Wire layouts: signals that fit into their frame, and carry what a unit needs."""
+"""Wire layouts: signals within their frame, and all channels of a unit."""
 
 from __future__ import annotations
 

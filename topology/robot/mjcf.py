@@ -1,8 +1,8 @@
-"""MJCF to a `RobotModel`, read and compiled by MuJoCo; the one file that imports it.
+"""MJCF to a `RobotModel`, read and compiled by MuJoCo; the only file that imports it.
 
-Bodies are links. A body with several joints stands on links without name, one for each joint but
-the last. A free joint stays where the model has it, and a ball joint is refused. What an equality
-couples by a straight line follows.
+Bodies are links. A body with several joints has unnamed links, one for each joint but the last. A
+free joint stays at its place in the model, and a ball joint is refused. Joints coupled by a linear
+equality are mimic joints.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ SHAPES = {
     "CYLINDER": ("cylinder", 2),
     "BOX": ("box", 3),
 }
-"""What MuJoCo calls a shape: our word, and how many numbers it has."""
+"""Our name for MuJoCo's shapes, and their numbers of sizes."""
 
 
 class MissingMujocoError(ImportError):
@@ -78,7 +78,7 @@ def read_mjcf(text: bytes, path: Path, report: ModelReport) -> RobotModel | None
 
 
 def _line(text: bytes, tag: str, name: str) -> int:
-    """Line of the element of that name; 0 where the file has it not, but one that it includes."""
+    """Line of the element of that name; 0 where it is in an included file."""
     pattern = rf"<{tag}\b[^<>]*?\bname=[\"']{re.escape(name)}[\"']".encode()
     found = re.search(pattern, text)
     return 0 if found is None else text.count(b"\n", 0, found.start()) + 1
@@ -144,7 +144,7 @@ class _Reader:
         return self.m.joint(joint).name or f"joint{joint}"
 
     def _couplings(self) -> dict[int, tuple[int, float, float]]:
-        """Joints that an equality ties to another by a straight line, or holds (-1)."""
+        """Joints that an equality couples linearly to another, or fixes (-1)."""
         m, found = self.m, {}
         tied = int(self.mujoco.mjtEq.mjEQ_JOINT)
         for e in range(m.neq):
@@ -197,7 +197,7 @@ class _Reader:
     def _drive(
         self, row: dict[str, Any], follows: dict[int, tuple[int, float, float]], free: list[int]
     ) -> None:
-        """Which coordinate a link follows; MuJoCo counts them from `qpos0`."""
+        """The coordinate that a link follows; MuJoCo measures them from `qpos0`."""
         joint = row["joint"]
         row.update(driver=-1, multiplier=0.0, offset=0.0)
         if joint < 0:
@@ -210,7 +210,7 @@ class _Reader:
             row.update(driver=free.index(other), multiplier=multiplier, offset=offset - rest)
 
     def _hold(self, row: dict[str, Any], at: float) -> None:
-        """Let a joint that an equality holds be part of where its link is fixed."""
+        """Make a joint fixed by an equality part of its link's pose."""
         held = RobotModel.motion(row["kind"], row["axis"], row["anchor"], at)
         row["xyz"] = row["xyz"] + row["rotation"] @ held[:3, 3]
         row["rotation"] = row["rotation"] @ held[:3, :3]

@@ -1,4 +1,4 @@
-"""RobotModel: the tree of links of a robot, as arrays, whatever file it came from."""
+"""RobotModel: the tree of links of a robot as arrays, from any file format."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ class Geom:
     xyz, rotation : tuple of float
         T_link_geom: metre, and nine numbers row by row.
     visual : bool
-        It is only seen, and touches nothing.
+        Visual only, without contacts.
     mesh : str or None
         File of a mesh; it need not exist.
     scale : tuple of float
         Of the mesh's vertices.
     line : int
-        Where the model has it; 0 where that is not known.
+        Line in the model; 0 where unknown.
     """
 
     link: int
@@ -51,48 +51,48 @@ class Geom:
 
 @dataclass(frozen=True, eq=False)
 class RobotModel:
-    """L links in a tree, each hanging on its parent by one joint; J joints move of themselves.
+    """L links in a tree, each connected to its parent by one joint; J independent joints.
 
-    A body of MJCF with several joints stands on links without mass and name, one for each joint
-    but the last.
+    A body of MJCF with several joints has massless links without name, one for each joint but the
+    last.
 
     Attributes
     ----------
     name : str
     path : Path
-        The file it came from.
+        The source file.
     link_names : tuple of str, length L
-        Parents first; "" for links that only part the joints of a body.
+        Parents first; "" for links between the joints of a body.
     parent : tuple of int, length L
         -1 for the root.
     joints : tuple of str, length L
-        Name of the joint that carries each link; "" where there is none.
+        Name of the joint of each link; "" without one.
     kinds : tuple of str, length L
-        What that joint is: `JointKind`.
+        Kind of that joint: `JointKind`.
     driver : tuple of int, length L
-        Index of the joint whose coordinate it follows; -1 where it is fixed.
+        Index of the joint whose coordinate it follows; -1 if fixed.
     multiplier, offset : ndarray, shape (L,), float64
-        It stands at multiplier * q[driver] + offset, rad or m.
+        Coordinate of the joint: multiplier * q[driver] + offset, rad or m.
     axis : ndarray, shape (3, L), float64
         Unit vector in the link's frame.
     anchor : ndarray, shape (3, L), float64
         A point of the axis in the link's frame, metre; 0 in URDF.
     xyz : ndarray, shape (3, L), float64
     rotation : ndarray, shape (3, 3, L), float64
-        T_parent_link where the joint stands at 0, metre.
+        T_parent_link for a coordinate of 0, metre.
     joint_names : tuple of str, length J
-        Joints that move of themselves, in the model's order; others follow one (mimic).
+        Independent joints, in the model's order; others are mimic joints.
     lower, upper : ndarray, shape (J,), float64
-        Limits, rad or m; NaN where there are none.
+        Limits, rad or m; NaN without limits.
     mass : ndarray, shape (L,), float64
-        kg; NaN where the model does not say.
+        kg; NaN where the model has none.
     geoms : tuple of Geom
     lines : tuple of int, length L
-        Line of each link in the file; 0 where that is not known.
+        Line of each link in the file; 0 where unknown.
     base : int
-        Link whose frame poses are given in, which is the skin frame.
+        Link whose frame is the skin frame.
     home : ndarray, shape (J,), float64
-        Coordinates at which a topology gives its poses.
+        Coordinates of the poses in a topology.
     """
 
     name: str
@@ -128,7 +128,7 @@ class RobotModel:
         return tuple(filter(None, self.link_names))
 
     def forward(self, q: np.ndarray) -> np.ndarray:
-        """Poses of all links, plainly: what the compiled kinematics are tested against.
+        """Poses of all links, without compiled code: the reference of tests.
 
         Parameters
         ----------
@@ -154,7 +154,8 @@ class RobotModel:
 
     @staticmethod
     def motion(kind: str, axis: np.ndarray, anchor: np.ndarray, at: float) -> np.ndarray:
-        """What a joint adds at a coordinate, shape (4, 4): Rodrigues' formula about its anchor."""
+        """Transform of a joint at a coordinate, shape (4, 4): Rodrigues' formula about its
+        anchor."""
         if kind == "prismatic":
             return _transform(np.eye(3), axis * at)
         cross = np.cross(np.eye(3), axis)

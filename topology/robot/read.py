@@ -52,7 +52,7 @@ def read_model(file: str | os.PathLike[str]) -> RobotModel:
     else:
         model = try_model(Path(file), shown, report)
     report.raise_if_any()
-    assert model is not None  # or the report had said why
+    assert model is not None  # otherwise the report has raised
     return model
 
 

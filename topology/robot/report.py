@@ -1,4 +1,4 @@
-"""What is wrong with a model file, with its name and line, in the wording of the topology's."""
+"""Reports faults of a model file, with its name and line, by the topology's messages."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["ModelReport"]
 
 
 class ModelReport:
-    """Enters issues of one model file into a report.
+    """Adds issues of one model file to a report.
 
     Parameters
     ----------
@@ -25,15 +25,15 @@ class ModelReport:
         self.shown = shown
 
     def add(self, code: str, line: int = 0, where: str = "", hint: str = "", **values: object):
-        """Report what is wrong at a line."""
+        """Report a fault at a line."""
         self.report.about_file(code, self.shown, line, hint, where=where, **values)
 
     def unknown(self, kind: str, name: str, known: Iterable[str], line: int, where: str) -> None:
-        """Report a name that is none of the known ones, with the nearest."""
+        """Report an unknown name, with the nearest known one."""
         names = list(known)
         self.add("unknown-name", line, where, nearest(name, names), kind=kind, name=repr(name))
 
     def value(self, expected: str, got: str | None, line: int, where: str) -> None:
-        """Report a value that does not fit."""
+        """Report an invalid value."""
         shown = "none" if got is None else repr(got if len(got) <= 60 else got[:57] + "...")
         self.add("value", line, where, expected=expected, got=shown)

@@ -1,7 +1,7 @@
 """URDF to a `RobotModel`: links and joints by the standard library's XML parser.
 
-Conventions are those of the format: a child's frame is at the joint's `origin`, moves about or
-along `axis`, angles are radians, `rpy` turns about the parent's fixed axes.
+Conventions are those of the format: a child's frame is at the joint's `origin`, rotates about or
+moves along `axis`, angles are radians, `rpy` is about the parent's fixed axes.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ SHAPES = {
 
 @dataclass
 class _Joint:
-    """A joint of the file; a name that follows nothing is its own driver."""
+    """A joint of the file; an independent one is its own driver."""
 
     name: str
     kind: str
@@ -54,7 +54,7 @@ def read_urdf(text: bytes, path: Path, report: ModelReport) -> RobotModel | None
     ----------
     text : bytes
     path : Path
-        Its file, where meshes are looked for.
+        Its file, from which meshes are located.
     report : ModelReport
     """
     try:
@@ -107,7 +107,7 @@ class _Reader:
         return found
 
     def _numbers(self, element: Element | None, name: str, count: int, default: str, where: str):
-        """Numbers of an attribute; the default where it is absent, zeros where it is wrong."""
+        """Numbers of an attribute; the default where it is absent, zeros where it is invalid."""
         given = None if element is None else element.get(name)
         try:
             values = np.array([float(word) for word in (given or default).split()])
@@ -173,7 +173,7 @@ class _Reader:
         joint.offset = float(self._numbers(mimic, "offset", 1, "0", f"{where} mimic")[0])
 
     def _tree(self, joints: list[_Joint]) -> list[tuple[str, _Joint | None]] | None:
-        """Links with the joints that carry them, parents first."""
+        """Links with their joints, parents first."""
         carrier: dict[str, _Joint] = {}
         for joint in joints:
             first = carrier.setdefault(joint.child, joint)
@@ -200,7 +200,7 @@ class _Reader:
         return order
 
     def _drivers(self, joints: dict[str, _Joint]) -> dict[str, tuple[str, float, float]]:
-        """What each joint that moves follows in the end: name, multiplier and offset."""
+        """Driver of each joint that moves: name, multiplier and offset."""
         found: dict[str, tuple[str, float, float]] = {}
         movable = {name: joint for name, joint in joints.items() if joint.kind != "fixed"}
         for name, joint in movable.items():
@@ -253,7 +253,7 @@ class _Reader:
         return Geom(link, shape.tag, tuple(size), **at)
 
     def _mass(self, link: str) -> float:
-        """Of a link, kg; NaN where the file does not say."""
+        """Mass of a link, kg; NaN where the file has none."""
         inertial = self.links[link].first("inertial")
         mass = None if inertial is None else inertial.first("mass")
         if mass is None:
@@ -262,10 +262,10 @@ class _Reader:
 
 
 def resolve_mesh(name: str, model: Path) -> Path:
-    """File of a mesh that a URDF names: relative to it, or in a package around it.
+    """File of a mesh in a URDF: relative to it, or in a package around it.
 
-    Without ROS a package is the folder of that name that holds the model, or a folder beside one
-    that does; a file that is not there is given as the first of these.
+    Without ROS a package is a folder of that name that contains the model, or a sibling of such a
+    folder; for a missing file the first candidate is returned.
     """
     if name.startswith("file://"):
         return Path(name.removeprefix("file://"))
@@ -274,9 +274,9 @@ def resolve_mesh(name: str, model: Path) -> Path:
     package, _, rest = name.removeprefix("package://").partition("/")
     around = model.absolute().parents
     named = [folder / rest for folder in around if folder.name == package]
-    beside = [folder / package / rest for folder in around]
+    candidates = [folder / package / rest for folder in around]
     inside = [folder / rest for folder in around[:3]]
-    tried = [*named, *beside, *inside]
+    tried = [*named, *candidates, *inside]
     return next((path for path in tried if path.is_file()), tried[0])
 
 

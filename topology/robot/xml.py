@@ -1,4 +1,5 @@
-"""XML as a tree of elements that know their lines; no document type, so no entity is ever read."""
+"""XML as a tree of elements with their lines; document types are refused, so no entities are
+read."""
 
 from __future__ import annotations
 
@@ -9,11 +10,11 @@ from xml.parsers import expat
 __all__ = ["Element", "XmlError", "parse"]
 
 DEEPEST = 200
-"""Elements may be nested so deep [assumed: far above any robot's description]."""
+"""Largest depth of nesting [assumed: far above any robot's description]."""
 
 
 class XmlError(ValueError):
-    """The text is no XML that is read here.
+    """The text is not XML, or not allowed here.
 
     Attributes
     ----------
@@ -27,17 +28,17 @@ class XmlError(ValueError):
 
 @dataclass(eq=False)
 class Element:
-    """An element: its tag, attributes and children, and the lines and bytes where it stands."""
+    """An element: its tag, attributes and children, and its lines and bytes in the text."""
 
     tag: str
     attributes: dict[str, str]
     line: int
     children: list[Element] = field(default_factory=list)
     end: int = -1
-    """Byte at which its end tag begins."""
+    """First byte of its end tag."""
 
     def get(self, name: str) -> str | None:
-        """Value of an attribute; None where it has none of that name."""
+        """Value of an attribute; None without it."""
         return self.attributes.get(name)
 
     def all(self, tag: str) -> list[Element]:
@@ -49,7 +50,7 @@ class Element:
         return next(iter(self.all(tag)), None)
 
     def walk(self) -> Iterator[Element]:
-        """The element and all below it, as they stand in the text."""
+        """The element and its descendants, in text order."""
         yield self
         for child in self.children:
             yield from child.walk()

@@ -1,10 +1,10 @@
-"""How long a channel may stand still: longer, and it is stuck, for its noise would have moved it.
+"""Stuck channels: counts that stay constant for longer than noise allows.
 
-A channel stands still while its counts stay within a band about where it began to. The band is
-narrow against the noise of a working unit, and the time so long that noise alone stays in it no
-more than `FALSE_ALARMS_PER_DAY` times a day on the whole skin, on white Gaussian noise [derived].
-A channel whose noise is far below its count stands still by nature: it is not watched, nor is the
-chip's temperature, whose noise nothing states.
+A channel counts as constant while its counts stay within a band about the first one. The band is
+narrow against the noise of a working unit, and the time is so long that noise alone stays in it at
+most `FALSE_ALARMS_PER_DAY` times a day on the whole skin, for white Gaussian noise [derived]. A
+channel whose noise is far below one count is normally constant: it is not tested, nor is the chip's
+temperature, whose noise is unknown.
 """
 
 from __future__ import annotations
@@ -14,27 +14,27 @@ import numpy as np
 from topology import CHANNELS, Topology
 from topology.gel import gel_share
 
-__all__ = ["FALSE_ALARMS_PER_DAY", "noise_counts", "still_limits"]
+__all__ = ["FALSE_ALARMS_PER_DAY", "noise_counts", "stuck_limits"]
 
 FALSE_ALARMS_PER_DAY = 0.5
-"""Healthy channels that are found stuck, on the whole skin [assumed]."""
+"""Rate of healthy channels that are reported as stuck, on the whole skin [assumed]."""
 LEAST_NOISE = 0.5
-"""Share of the noise that the unit's model states, at least, that a working unit has [assumed]."""
+"""Smallest noise of a working unit, relative to that of its model [assumed]."""
 BAND = 0.25
-"""Half the width of the band, in sigmas of that [assumed]: a converter that is stuck may still turn
-its last bits over."""
+"""Half the width of the band, in sigmas of that [assumed]: a stuck converter may still toggle its
+last bits."""
 LONGEST_S = 600.0
-"""A channel that would have to be watched for longer is not watched [assumed]."""
+"""A channel that needs a longer test is not tested [assumed]."""
 SOON_S = 1.0
-"""A band of the last bit is wanted where that is no longer to wait [assumed]."""
+"""A band of the last bit is used where the test is no longer than this [assumed]."""
 DAY_S = 86400.0
 
 
 def noise_counts(topology: Topology) -> np.ndarray:
     """One-sigma of the noise of each channel, in counts, shape (c, n); 0 where none is known.
 
-    Of the gel, whose noise is a share of its current, that at the lower end of the calibrated
-    range of temperature.
+    For the gel, whose noise is relative to its current, at the lower end of the calibrated range of
+    temperature.
     """
     p = topology.parameters
     coldest = gel_share(p, p["temperature_min_c"])
@@ -54,23 +54,23 @@ def noise_counts(topology: Topology) -> np.ndarray:
     return out
 
 
-def still_limits(topology: Topology) -> tuple[np.ndarray, np.ndarray]:
+def stuck_limits(topology: Topology) -> tuple[np.ndarray, np.ndarray]:
     """Bands and times of all channels.
 
     Returns
     -------
     band : ndarray, shape (c, n), int16
-        Counts by which a channel that stands still may be off where it began.
+        Largest deviation of a constant channel from its first count.
     cycles : ndarray, shape (c, n), int32
-        Readings in a row within the band that make it stuck; 0: not watched. None is judged before
-        the unit's `frozen_cycles`, and none where that is 0.
+        Readings within the band that show a stuck channel; 0: not tested. Never before the unit's
+        `frozen_cycles`, and 0 where that is 0.
     """
     from scipy.special import log_ndtr
 
     sigma, rate_hz = LEAST_NOISE * noise_counts(topology), topology.cycle_rate_hz
 
     def cycles_of(band: np.ndarray) -> np.ndarray:
-        # of noise about the middle of the band, which is where it stays longest
+        # noise about the middle of the band, where it stays longest
         with np.errstate(divide="ignore", invalid="ignore"):
             beyond = np.log(2.0) + log_ndtr(-(band + 0.5) / sigma)
             alarms = sigma.size * rate_hz * DAY_S / FALSE_ALARMS_PER_DAY

@@ -1,7 +1,7 @@
-"""Which data frames are taken: sequence numbers, repeats, gaps, steps back, second senders.
+"""Acceptance of data frames: sequence numbers, repeats, gaps, steps back, second senders.
 
-Compiled into `bus.assemble.feed`. `f` is a frame of the topology, `row` where the frame
-that came lies in the batch.
+Compiled into `bus.assemble.feed`. `f` is a frame of the topology, `row` the index of the received
+frame in the batch.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from bus.compiled.jit import jitable
 from bus.frame import PAYLOAD
 
 PIECE, ENOUGH = 8, 24
-"""Each piece of evidence for a duplicate identifier counts 8, each cycle takes 1 away: three
-pieces within a few cycles are enough, and as many cycles without any clear it. [assumed]"""
+"""Weight of a piece of evidence for a duplicate identifier, which decays by 1 a cycle: three pieces
+within a few cycles suffice, and as many cycles without any clear it. [assumed]"""
 
 
 @jitable
@@ -26,7 +26,7 @@ def count(memory, f, outcome):
 
 @jitable
 def drop(memory, f, outcome):
-    """Count a frame of source f that came but is not taken."""
+    """Count a frame of source f that is not taken."""
     count(memory, f, outcome)
     memory.sources[f]["dropped"] += 1
 
@@ -42,7 +42,7 @@ def is_other_payload(f, row, data, tables, memory):
 
 @jitable
 def repeat(f, row, data, tables, memory):
-    """Count a sequence number that came again; other bytes under it mean another sender."""
+    """Count a repeated sequence number; other bytes under it show another sender."""
     count(memory, f, Outcome.REPEATED.value)
     if is_other_payload(f, row, data, tables, memory):
         memory.sources[f]["evidence"] += PIECE
@@ -50,7 +50,7 @@ def repeat(f, row, data, tables, memory):
 
 @jitable
 def lose(f, gap, limit, memory):
-    """Count a gap in the sequence; `limit` and longer is silence or a restart, not loss."""
+    """Count a gap in the sequence; from `limit` on it is silence or a restart, not loss."""
     source = memory.sources[f]
     if 0 < gap < limit and not source["is_duplicate"]:
         lost = max(gap - source["dropped"], 0)
@@ -60,8 +60,8 @@ def lose(f, gap, limit, memory):
 
 @jitable
 def cycles_behind(sequence, expected, number):
-    """Cycles from that to which a frame belongs to the newest one: 0 where no counter of a SYNC
-    says which that is."""
+    """Cycles from that of a frame to the newest one: 0 where the sequence number is not the counter
+    of a SYNC."""
     if sequence < 0 or not expected["echoes"]:
         return np.int64(0)
     size = min(np.int64(expected["sequence"]["mask"]) + 1, 256)
@@ -70,8 +70,8 @@ def cycles_behind(sequence, expected, number):
 
 @jitable
 def accept_echo(f, behind, row, data, tables, memory):
-    """Judge a frame whose sequence number is the counter of its SYNC, which was sent `behind`
-    cycles before the newest; True: take it."""
+    """Accept or reject a frame whose sequence number is the counter of its SYNC, which was sent
+    `behind` cycles before the newest; True: take it."""
     state, source = memory.state[0], memory.sources[f]
     size = min(np.int64(tables.frames[f]["sequence"]["mask"]) + 1, 256)
     number = state["number"]
@@ -81,11 +81,13 @@ def accept_echo(f, behind, row, data, tables, memory):
         repeat(f, row, data, tables, memory)
     elif behind == 0 and state["is_open"]:
         if source["heard"] >= 0:
-            lose(f, number - source["heard"] - 1, max(size // 2, 1), memory)
+            asked = number - source["heard"] - 1 - source["unasked"]
+            lose(f, asked, max(size // 2, 1), memory)
         source["heard"] = number
+        source["unasked"] = 0
         return True
     elif behind == 0:
-        # Closed without waiting for it: the next cycle shall wait.
+        # The cycle was closed without it: the next one awaits it again.
         source["missed"] = 0
         drop(memory, f, Outcome.LATE.value)
     elif 0 <= source["heard"] == number - behind:
@@ -97,14 +99,14 @@ def accept_echo(f, behind, row, data, tables, memory):
 
 @jitable
 def accept_count(f, sequence, row, data, tables, memory):
-    """Judge a frame whose sequence number is the sender's own count; True: take it."""
+    """Accept or reject a frame whose sequence number is the sender's own count; True: take it."""
     state, source = memory.state[0], memory.sources[f]
     mask = np.int64(tables.frames[f]["sequence"]["mask"])
     heard, back = source["heard"], source["back"]
     was_silent = heard < 0 or source["missed"] >= state["stale_cycles"]
     step = (sequence - heard) & mask
     if heard >= 0 and step == 0:
-        # The same number after a silence may be chance, but not if all bytes are the same.
+        # The same number after a silence may be chance, unless all bytes are equal.
         if not was_silent or not is_other_payload(f, row, data, tables, memory):
             repeat(f, row, data, tables, memory)
             return False
@@ -116,8 +118,8 @@ def accept_count(f, sequence, row, data, tables, memory):
         if step < max((mask + 1) // 2, 2):
             lose(f, step - 1, mask + 1, memory)
         else:
-            # A count that goes on from a step back: restarted, or there are two of them; one that
-            # does while others come as well is none that has restarted.
+            # A count that continues from a step back: a restart, or two senders; while others
+            # arrive as well it is no restart.
             goes_on = back >= 0 and sequence == (back + 1) & mask
             if goes_on:
                 source["evidence"] += PIECE
@@ -131,9 +133,9 @@ def accept_count(f, sequence, row, data, tables, memory):
 
 @jitable
 def is_old(f, sequence, expected, memory):
-    """Whether a frame is one of before, that a link has kept: it is in doubt after an outage; or,
-    of a sender's own count, the count is behind the cycles since the last frame that was taken, and
-    frames do not come as they usually do."""
+    """Whether a frame is an old one that a link has buffered: it is in doubt after an outage; or,
+    for a sender's own count, the count is behind the cycles since the last frame that was taken,
+    and frames do not come as usual."""
     state, source = memory.state[0], memory.sources[f]
     if source["doubt"] == IN_DOUBT:
         return True
@@ -151,7 +153,7 @@ def is_old(f, sequence, expected, memory):
 
 @jitable
 def accept_plain(f, memory):
-    """Judge a frame without a sequence number; True: take it."""
+    """Accept or reject a frame without a sequence number; True: take it."""
     state, source = memory.state[0], memory.sources[f]
     if not state["is_open"]:
         source["missed"] = 0
